@@ -1,0 +1,387 @@
+"""URDF: read, check and explain a robot description before any library sees it.
+
+Only the standard library's XML parser is used. What passes is handed to Pinocchio as a
+plain text that holds nothing but links and joints, so that harmless gaps (no robot name,
+no effort limit) do no harm and real faults have been told in one line before.
+"""
+
+from __future__ import annotations
+
+import math
+import re
+import xml.etree.ElementTree as ET
+from collections.abc import Iterable
+from dataclasses import dataclass
+from difflib import get_close_matches
+from pathlib import Path
+
+from .errors import RobotError
+
+MAX_BYTES = 50_000_000
+MAX_JOINTS = 1_000  # Pinocchio recurses along the chain and overflows its stack beyond
+
+Vector = tuple[float, float, float]
+
+MOVABLE = ("revolute", "continuous", "prismatic")
+_NUMBER = re.compile(r"[+-]?(\d+\.?\d*|\.\d+)([eE][+-]?\d+)?")
+_INFINITE = re.compile(r"([+-]?)inf(inity)?", re.IGNORECASE)
+
+
+@dataclass(frozen=True)
+class Mimic:
+    """A joint's coupling to another: value = multiplier * leader + offset."""
+
+    leader: str
+    multiplier: float
+    offset: float
+
+
+@dataclass(frozen=True)
+class Joint:
+    """One joint of a URDF; `limits` are its lower and upper value [rad or m], if stated."""
+
+    name: str
+    kind: str
+    parent: str
+    child: str
+    xyz: Vector
+    rpy: Vector
+    axis: Vector
+    limits: tuple[float, float] | None
+    mimic: Mimic | None
+
+    @property
+    def movable(self) -> bool:
+        """Whether the joint moves at all."""
+        return self.kind in MOVABLE
+
+    @property
+    def revolute(self) -> bool:
+        """Whether the joint turns (rad) rather than slides (m)."""
+        return self.kind != "prismatic"
+
+
+@dataclass(frozen=True)
+class Urdf:
+    """A checked tree of links and joints.
+
+    `notes` are things that were mended and should be said aloud.
+    """
+
+    name: str
+    root: str
+    links: tuple[str, ...]
+    joints: tuple[Joint, ...]
+    notes: tuple[str, ...]
+
+    def joint(self, name: str) -> Joint | None:
+        """Return the joint of that name, or None."""
+        return next((joint for joint in self.joints if joint.name == name), None)
+
+    def path(self, link: str) -> tuple[Joint, ...]:
+        """Joints from the root to a link, in that order."""
+        above = {joint.child: joint for joint in self.joints}
+        path: list[Joint] = []
+        while link in above:
+            path.append(above[link])
+            link = above[link].parent
+        return tuple(reversed(path))
+
+    def below(self, link: str) -> tuple[Joint, ...]:
+        """Joints that a link carries directly, in file order."""
+        return tuple(joint for joint in self.joints if joint.parent == link)
+
+    def plain(self) -> str:
+        """Return a URDF of links and joints only, which Pinocchio reads without objection.
+
+        Continuous joints are written as revolute ones, so that every joint has one value.
+        """
+        robot = ET.Element("robot", name="robot")
+        for link in self.links:
+            ET.SubElement(robot, "link", name=link)
+        for joint in self.joints:
+            kind = "revolute" if joint.kind == "continuous" else joint.kind
+            node = ET.SubElement(robot, "joint", name=joint.name, type=kind)
+            ET.SubElement(node, "parent", link=joint.parent)
+            ET.SubElement(node, "child", link=joint.child)
+            ET.SubElement(node, "origin", xyz=_written(joint.xyz), rpy=_written(joint.rpy))
+            if joint.movable:
+                ET.SubElement(node, "axis", xyz=_written(joint.axis))
+                ET.SubElement(node, "limit", lower="-1", upper="1", effort="0", velocity="0")
+        return ET.tostring(robot, encoding="unicode")
+
+
+def read_urdf(path: Path) -> str:
+    """Read a URDF file as text.
+
+    Raises
+    ------
+    RobotError
+        If it is missing, a folder, empty, not UTF-8, or larger than `MAX_BYTES`.
+    """
+    try:
+        if path.is_dir():
+            raise RobotError(f"{path}: is a folder, expected a URDF file")
+        if path.stat().st_size > MAX_BYTES:
+            raise RobotError(
+                f"{path}: {path.stat().st_size / 1e6:.0f} MB is no URDF (limit "
+                f"{MAX_BYTES // 1_000_000} MB): give the robot description, not its meshes"
+            )
+        text = path.read_bytes().decode("utf-8-sig")
+    except FileNotFoundError:
+        raise RobotError(f"{path}: no such file; expected a URDF or a bundled robot") from None
+    except UnicodeDecodeError as error:
+        raise RobotError(
+            f"{path}: byte {error.start} is not UTF-8: save the URDF as UTF-8 text"
+        ) from None
+    except (OSError, ValueError) as error:
+        reason = getattr(error, "strerror", None) or error
+        raise RobotError(f"{path}: cannot be read: {reason}") from None
+    if not text.strip():
+        raise RobotError(f"{path}: is empty, expected a URDF")
+    return text
+
+
+def parse_urdf(text: str, name: str = "robot") -> Urdf:
+    """Check the text of a URDF and return its links and joints.
+
+    Parameters
+    ----------
+    text : str
+        The URDF.
+    name : str
+        Name to use where the URDF gives its robot none.
+
+    Raises
+    ------
+    RobotError
+        In one line: what is wrong, what was expected and what to do.
+    """
+    robot = _parse_xml(text)
+    notes: list[str] = []
+    own_name = (robot.get("name") or "").strip()
+    if not own_name:
+        notes.append(f"the URDF gives the robot no name: {name} is used")
+    links = _names(robot, "link")
+    joint_names = _names(robot, "joint")
+    if len(joint_names) > MAX_JOINTS:
+        raise RobotError(f"the URDF has {len(joint_names)} joints, expected {MAX_JOINTS} at most")
+    joints = tuple(_read_joint(node, set(links), notes) for node in robot.findall("joint"))
+    for joint in joints:
+        if joint.mimic and joint.mimic.leader not in joint_names:
+            raise RobotError(
+                f"joint {quoted(joint.name)} mimics {quoted(joint.mimic.leader)}, "
+                f"which does not exist: name one of {listed(joint_names)}"
+            )
+    incomplete = sum(_lacks_effort(node) for node in robot.findall("joint"))
+    if incomplete:
+        notes.append(
+            f"the URDF states no effort or velocity for {incomplete} of its joints: "
+            "not needed here, but Pinocchio and ROS refuse it"
+        )
+    root = _find_root(links, joints)
+    return Urdf(own_name or name, root, tuple(links), joints, tuple(notes))
+
+
+def quoted(name: str) -> str:
+    """Return a name from a file or a user, safe to print in one line."""
+    return repr(name if len(name) <= 60 else name[:57] + "...")
+
+
+def listed(names: Iterable[str], most: int = 12) -> str:
+    """Names in one line, cut after `most` of them."""
+    items = list(names)
+    if not items:
+        return "(none)"
+    more = f", ... ({len(items)} in all)" if len(items) > most else ""
+    return ", ".join(items[:most]) + more
+
+
+def suggestion(name: str, names: Iterable[str]) -> str:
+    """Say what may have been meant by a name, and which names there are."""
+    items = list(names)
+    close = get_close_matches(name, items, n=1)
+    meant = f"did you mean {close[0]}? " if close else ""
+    return f"{meant}choose from {listed(items)}"
+
+
+def _parse_xml(text: str) -> ET.Element:
+    upper = text.upper()
+    for mark in ("<!DOCTYPE", "<!ENTITY"):
+        if mark in upper:
+            raise RobotError(
+                f"the URDF holds {mark}: document types and entities are refused; remove it "
+                "and write its values out"
+            )
+    try:
+        robot = ET.fromstring(text)  # noqa: S314 - entities were refused above
+    except (ET.ParseError, ValueError) as error:
+        if "unbound prefix" in str(error) and "<xacro:" in text:
+            raise _xacro_error("<xacro:...>") from None
+        raise RobotError(
+            f"the URDF is not well-formed XML ({error}): is the file truncated?"
+        ) from None
+    if robot.tag != "robot":
+        hint = " (SDF: convert it to URDF first)" if robot.tag == "sdf" else ""
+        raise RobotError(f"the file's root element is <{robot.tag}>, expected <robot>{hint}")
+    for node in robot.iter():
+        if isinstance(node.tag, str) and "xacro}" in node.tag:
+            raise _xacro_error(f"<xacro:{node.tag.split('}')[1]}>")
+        for value in node.attrib.values():
+            if "${" in value:
+                raise _xacro_error(value)
+    return robot
+
+
+def _xacro_error(found: str) -> RobotError:
+    return RobotError(
+        f"the URDF still holds xacro ({quoted(found)}): expand it first, "
+        "for example: xacro robot.xacro > robot.urdf"
+    )
+
+
+def _names(robot: ET.Element, tag: str) -> list[str]:
+    """Names of all elements of one kind: stated, and each only once."""
+    names: dict[str, None] = {}
+    for number, node in enumerate(robot.findall(tag), 1):
+        name = node.get("name", "")
+        if not name.strip():
+            raise RobotError(f"{tag} number {number} of the URDF has no name: give it one")
+        if name in names:
+            raise RobotError(f"two {tag}s are named {quoted(name)}: rename one of them")
+        names[name] = None
+    if not names and tag == "link":
+        raise RobotError("the URDF has no links: expected a robot with links and joints")
+    return list(names)
+
+
+def _read_joint(node: ET.Element, links: set[str], notes: list[str]) -> Joint:
+    name = node.get("name", "")
+    where = f"joint {quoted(name)}"
+    kind = node.get("type", "")
+    if kind in ("floating", "planar"):
+        raise RobotError(
+            f"{where} is {kind}: only fixed, revolute, continuous and prismatic joints are "
+            "supported; make it fixed"
+        )
+    if kind not in (*MOVABLE, "fixed"):
+        raise RobotError(
+            f"{where} has type {quoted(kind)}, expected one of fixed, {', '.join(MOVABLE)}"
+        )
+    parent, child = (_end(node, tag, where, links) for tag in ("parent", "child"))
+    origin = node.find("origin")
+    xyz = _vector(origin, "xyz", where, (0.0, 0.0, 0.0))
+    rpy = _vector(origin, "rpy", where, (0.0, 0.0, 0.0))
+    axis = (1.0, 0.0, 0.0)
+    if kind != "fixed":
+        if node.find("axis") is None:
+            notes.append(f"{where} has no <axis>: URDF's default, x, is used")
+        axis = _vector(node.find("axis"), "xyz", where, axis)
+        if math.hypot(*axis) < 1e-6:
+            raise RobotError(f"{where} has the axis 0 0 0: give the direction it moves about")
+    limits = _limits(node, where) if kind in ("revolute", "prismatic") else None
+    return Joint(name, kind, parent, child, xyz, rpy, axis, limits, _mimic(node, where))
+
+
+def _end(node: ET.Element, tag: str, where: str, links: set[str]) -> str:
+    ends = node.findall(tag)
+    if len(ends) != 1:
+        raise RobotError(f"{where} has {len(ends)} <{tag}> elements, expected one")
+    link = ends[0].get("link", "")
+    if link not in links:
+        raise RobotError(
+            f"{where} has the {tag} link {quoted(link)}, which does not exist: "
+            f"{suggestion(link, sorted(links))}"
+        )
+    return link
+
+
+def _limits(node: ET.Element, where: str) -> tuple[float, float] | None:
+    limit = node.find("limit")
+    if limit is None:
+        return None
+    lower, upper = (
+        _number(limit.get(key, "0"), f"{where}: limit {key}", infinite=True)
+        for key in ("lower", "upper")
+    )
+    return lower, upper
+
+
+def _lacks_effort(node: ET.Element) -> bool:
+    limit = node.find("limit")
+    return (
+        node.get("type") in ("revolute", "prismatic")
+        and limit is not None
+        and not {"effort", "velocity"} <= set(limit.attrib)
+    )
+
+
+def _mimic(node: ET.Element, where: str) -> Mimic | None:
+    mimic = node.find("mimic")
+    if mimic is None:
+        return None
+    multiplier, offset = (
+        _number(mimic.get(key, default), f"{where}: mimic {key}")
+        for key, default in (("multiplier", "1"), ("offset", "0"))
+    )
+    return Mimic(mimic.get("joint", ""), multiplier, offset)
+
+
+def _vector(node: ET.Element | None, key: str, where: str, default: Vector) -> Vector:
+    text = None if node is None else node.get(key)
+    if node is None or text is None:
+        return default
+    parts = text.split()
+    if len(parts) != 3:
+        raise RobotError(f"{where}: <{node.tag} {key}={quoted(text)}>, expected three numbers")
+    x, y, z = (_number(part, f"{where}: {node.tag} {key}") for part in parts)
+    return x, y, z
+
+
+def _number(text: str, where: str, *, infinite: bool = False) -> float:
+    """Read a number as URDF libraries do, not as Python does (1_000, nan)."""
+    text = text.strip()
+    if infinite and _INFINITE.fullmatch(text):
+        return -math.inf if text.startswith("-") else math.inf
+    value = float(text) if _NUMBER.fullmatch(text) else math.nan
+    if not (math.isfinite(value) or (infinite and math.isinf(value))):
+        raise RobotError(f"{where} is {quoted(text)}, expected a finite number")
+    return value
+
+
+def _find_root(links: list[str], joints: tuple[Joint, ...]) -> str:
+    """Return the one link without a parent, or say why the links are no tree."""
+    above: dict[str, Joint] = {}
+    for joint in joints:
+        if joint.child in above:
+            raise RobotError(
+                f"link {quoted(joint.child)} has two parents, joints "
+                f"{quoted(above[joint.child].name)} and {quoted(joint.name)}: remove one"
+            )
+        above[joint.child] = joint
+    roots = [link for link in links if link not in above]
+    if len(roots) > 1:
+        raise RobotError(
+            f"the URDF has {len(roots)} root links, {listed(map(quoted, roots), 4)}: "
+            "expected one; join them with fixed joints"
+        )
+    children: dict[str, list[str]] = {}
+    for joint in joints:
+        children.setdefault(joint.parent, []).append(joint.child)
+    reached: set[str] = set()
+    waiting = list(roots)
+    while waiting:
+        link = waiting.pop()
+        reached.add(link)
+        waiting.extend(children.get(link, []))
+    loop = next((link for link in links if link not in reached), None)
+    if loop is not None:
+        raise RobotError(
+            f"link {quoted(loop)} is part of a loop of joints: a URDF must be a tree; "
+            f"remove joint {quoted(above[loop].name)}"
+        )
+    return roots[0]
+
+
+def _written(vector: Vector) -> str:
+    return " ".join(map(repr, vector))

@@ -1,0 +1,1 @@
+"""The bundled robots: plain URDF files, listed by `calib robots`."""
