@@ -1,0 +1,1 @@
+"""calib: sensorimotor calibration of robot arms."""

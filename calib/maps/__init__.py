@@ -1,0 +1,1 @@
+"""Maps: lattices of nodes that learn the motor and the sensory space."""

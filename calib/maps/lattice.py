@@ -1,0 +1,102 @@
+"""The lattice of a map: where its nodes stand relative to each other."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ..errors import OptionError
+
+Array = NDArray[np.float64]
+
+MAX_NODES = 4_000_000
+"""Largest lattice that is built: some 2 GB while training."""
+
+
+@dataclass(frozen=True)
+class Lattice:
+    """A rectangular grid of nodes with unit spacing, of any dimension.
+
+    Attributes
+    ----------
+    shape : tuple of int
+        Nodes along each axis; node ``i`` stands at ``np.unravel_index(i, shape)``.
+    """
+
+    shape: tuple[int, ...]
+
+    def __post_init__(self) -> None:
+        shape = "x".join(str(n) for n in self.shape)
+        if not self.shape or any(n < 2 for n in self.shape):
+            raise OptionError(
+                f"size {shape or 0}: a lattice needs at least 2 nodes along each axis"
+            )
+        if math.prod(self.shape) > MAX_NODES:
+            raise OptionError(
+                f"size {shape}: {math.prod(self.shape):,} nodes are more than the {MAX_NODES:,} "
+                "that fit into memory, give a smaller --size"
+            )
+
+    @property
+    def size(self) -> int:
+        """Number of nodes."""
+        return math.prod(self.shape)
+
+    @property
+    def dim(self) -> int:
+        """Number of axes."""
+        return len(self.shape)
+
+    def positions(self) -> Array:
+        """Lattice position r of each node, (size, dim) [nodes] (eq. 3)."""
+        axes = np.meshgrid(*(np.arange(n, dtype=float) for n in self.shape), indexing="ij")
+        return np.stack([a.ravel() for a in axes], axis=1)
+
+    def neighbours(self) -> Array:
+        """Fraction of the lattice neighbours that each node has, (size,), 1 inside.
+
+        Diagonal neighbours count: inside a plane lattice a node has 8, on an edge 5,
+        in a corner 3.
+        """
+        counts = np.ones(self.shape)
+        for axis, n in enumerate(self.shape):
+            along = np.full(n, 3.0)
+            along[[0, -1]] = 2.0
+            counts *= along.reshape([-1 if a == axis else 1 for a in range(self.dim)])
+        return (counts.ravel() - 1.0) / (3.0**self.dim - 1.0)
+
+    def edges(self) -> NDArray[np.intp]:
+        """Pairs of nodes that are neighbours along an axis, (m, 2)."""
+        index = np.arange(self.size).reshape(self.shape)
+        pairs = []
+        for axis in range(self.dim):
+            ahead = np.moveaxis(index, axis, 0)
+            pairs.append(np.stack([ahead[:-1].ravel(), ahead[1:].ravel()], axis=1))
+        return np.concatenate(pairs)
+
+    def adjacent(self, i: NDArray[np.intp], j: NDArray[np.intp]) -> NDArray[np.bool_]:
+        """Whether nodes `i` and `j` are neighbours, diagonal ones included, (n,)."""
+        steps = [
+            np.abs(a - b)
+            for a, b in zip(
+                np.unravel_index(i, self.shape), np.unravel_index(j, self.shape), strict=True
+            )
+        ]
+        return np.asarray(np.max(steps, axis=0) <= 1)
+
+    def resample(self, weights: Array, finer: Lattice) -> Array:
+        """Multilinear interpolation of `weights` (size, d) onto another lattice.
+
+        The nodes keep the middle of their cells: node i of n stands at (i + 1/2) / n of
+        the axis, and beyond the outermost nodes the lattice is continued linearly.
+        """
+        grid = weights.reshape(*self.shape, -1)
+        for axis, (old, new) in enumerate(zip(self.shape, finer.shape, strict=True)):
+            place = (np.arange(new) + 0.5) * (old / new) - 0.5
+            low = np.clip(np.floor(place).astype(int), 0, old - 2)
+            rest = (place - low).reshape([-1 if a == axis else 1 for a in range(grid.ndim)])
+            grid = np.take(grid, low, axis) * (1 - rest) + np.take(grid, low + 1, axis) * rest
+        return np.ascontiguousarray(grid.reshape(finer.size, -1))

@@ -1,0 +1,101 @@
+"""A trained map: nodes that stand in a space, joined to their lattice neighbours."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from functools import cached_property
+from typing import TYPE_CHECKING
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ..scale import Scale
+from .lattice import Lattice
+
+if TYPE_CHECKING:
+    from scipy.spatial import cKDTree
+
+Array = NDArray[np.float64]
+
+HISTORY = ("nodes", "sigma", "quantization_error", "topographic_error")
+"""Columns of a map's history: one row per epoch, errors in the unit box."""
+
+
+@dataclass(frozen=True)
+class Map:
+    """Nodes in the motor or the sensory space.
+
+    Attributes
+    ----------
+    units : (nodes, d) array
+        Weights of the nodes in the unit box of `scale`.
+    lattice : Lattice
+        How the nodes are joined.
+    scale : Scale
+        From the space's own units to the unit box.
+    history : (epochs, 4) array
+        Nodes, sigma [nodes], quantization and topographic error of each epoch.
+    """
+
+    units: Array
+    lattice: Lattice
+    scale: Scale
+    history: Array
+
+    @property
+    def weights(self) -> Array:
+        """Weights of the nodes, (nodes, d) [rad, m or the sensor's unit]."""
+        return self.scale.from_unit(self.units)
+
+    @property
+    def size(self) -> int:
+        """Number of nodes."""
+        return len(self.units)
+
+    @cached_property
+    def tree(self) -> cKDTree:
+        """Search tree of the nodes in the unit box."""
+        return search_tree(self.units, self.scale)
+
+    @cached_property
+    def edges(self) -> NDArray[np.intp]:
+        """Pairs of joined nodes, (m, 2)."""
+        return self.lattice.edges()
+
+    @cached_property
+    def spacing(self) -> float:
+        """Mean distance of joined nodes in the unit box: the unit of every radius."""
+        a, b = self.edges.T
+        gap = self.scale.difference(self.units[a], self.units[b])
+        return float(np.linalg.norm(gap, axis=1).mean())
+
+    def nearest(self, u: Array, k: int = 1) -> tuple[Array, NDArray[np.intp]]:
+        """Distances and indices, (n, k), of the `k` nodes nearest to `u` in the unit box."""
+        distance, index = self.tree.query(u, k=np.arange(1, k + 1))
+        return np.asarray(distance), np.asarray(index, dtype=np.intp)
+
+    def winners(self, x: Array) -> NDArray[np.intp]:
+        """Best matching node of each row of `x` (n, d), in the space's own units (eq. 1)."""
+        return self.nearest(self.scale.to_unit(np.atleast_2d(x)))[1][:, 0]
+
+    def quantization_error(self, x: Array) -> float:
+        """Mean distance of the rows of `x` to their winners, in the space's own units."""
+        u = self.scale.to_unit(np.atleast_2d(x))
+        index = self.nearest(u)[1][:, 0]
+        gap = self.scale.difference(u, self.units[index]) * self.scale.span
+        return float(np.linalg.norm(gap, axis=1).mean())
+
+    def topographic_error(self, x: Array) -> float:
+        """Share of the rows of `x` whose two nearest nodes are no lattice neighbours."""
+        index = self.nearest(self.scale.to_unit(np.atleast_2d(x)), 2)[1]
+        return float(np.mean(~self.lattice.adjacent(index[:, 0], index[:, 1])))
+
+
+def search_tree(points: Array, scale: Scale) -> cKDTree:
+    """A k-d tree of points in the unit box that knows its periodic coordinates."""
+    from scipy.spatial import cKDTree
+
+    if scale.boxsize is not None:
+        points = np.where(scale.periodic, points % 1.0, points)
+        points = np.where(scale.periodic & (points >= 1.0), 0.0, points)
+    return cKDTree(points, boxsize=scale.boxsize, compact_nodes=False, balanced_tree=False)

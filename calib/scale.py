@@ -1,0 +1,66 @@
+"""The unit box: every coordinate divided by its range, so that rad, m and pixels never mix."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+Array = NDArray[np.float64]
+
+TURN = 2 * np.pi
+
+
+@dataclass(frozen=True)
+class Scale:
+    """An affine map of a box onto [0, 1] along each coordinate.
+
+    Attributes
+    ----------
+    lower, span : (d,) array
+        Lower end and width of the box, in the coordinate's own unit.
+    periodic : (d,) bool array
+        Coordinates whose box is one full turn: its two ends are the same place.
+    """
+
+    lower: Array
+    span: Array
+    periodic: NDArray[np.bool_]
+
+    @staticmethod
+    def of_range(lower: Array, upper: Array, revolute: tuple[bool, ...]) -> Scale:
+        """Scale of joints with these limits; a revolute range of a full turn is periodic."""
+        span = upper - lower
+        return Scale(lower, span, np.asarray(revolute) & (np.abs(span - TURN) < 1e-9))
+
+    @staticmethod
+    def of_data(x: Array) -> Scale:
+        """Scale of the box that holds the rows of `x` (n, d)."""
+        lower, span = x.min(axis=0), np.ptp(x, axis=0)
+        return Scale(lower, np.where(span > 0, span, 1.0), np.zeros(x.shape[1], dtype=bool))
+
+    def to_unit(self, x: Array) -> Array:
+        """Coordinates (n, d) in the unit box; periodic ones are wrapped into [0, 1)."""
+        u = (x - self.lower) / self.span
+        if self.periodic.any():
+            u[:, self.periodic] %= 1.0
+            u[u == 1.0] = np.where(self.periodic, 0.0, 1.0)[np.nonzero(u == 1.0)[1]]
+        return u
+
+    def from_unit(self, u: Array) -> Array:
+        """Coordinates (n, d) of points of the unit box."""
+        return self.lower + u * self.span
+
+    def difference(self, u: Array, v: Array) -> Array:
+        """U - v in the unit box, the short way round where it is periodic."""
+        delta = u - v
+        if self.periodic.any():
+            turns = np.round(delta)
+            delta = delta - np.where(self.periodic, turns, 0.0)
+        return delta
+
+    @property
+    def boxsize(self) -> Array | None:
+        """What ``scipy.spatial.cKDTree`` wants to know of the periodic coordinates."""
+        return self.periodic.astype(float) if self.periodic.any() else None

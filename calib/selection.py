@@ -1,0 +1,214 @@
+"""Cross-validation: how smooth the trend and how wide the local models should be.
+
+Folds are contiguous blocks of rows, because neighbouring rows of a real log can be
+near-repeats that would flatter a model split row by row.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from . import local
+from .local import NO_MODELS, LocalModels, Neighbourhood
+from .maps.map import Map
+from .predictor import Predictor
+from .scale import Scale
+from .trend import Basis, Trend, exponents, largest_degree
+
+Array = NDArray[np.float64]
+
+FOLDS = 10
+_TERMS = (80, 300)  # largest trends
+_RIDGES = (1e-12, 1e-6)  # shares of the mean power of a term
+_FLOOR = 1e-6  # share of the extent that counts as exact for a trend
+_HELD_OUT = 1000  # rows on which local models are compared
+_CANDIDATES = ((0, 30), (1, 50), (1, 200), (2, 24), (2, 60), (3, 40))
+
+
+@dataclass(frozen=True)
+class Selected:
+    """A predictor and what cross-validation found of it.
+
+    Attributes
+    ----------
+    predictor : Predictor
+        Fitted to all samples.
+    rows : (m,) int array
+        Rows that were held out in turn.
+    errors : (m,) array
+        Distance between their positions and what a predictor said that had not seen them.
+    """
+
+    predictor: Predictor
+    rows: NDArray[np.intp]
+    errors: Array
+
+
+def blocks(n: int, folds: int = FOLDS) -> list[NDArray[np.intp]]:
+    """Contiguous blocks of the rows 0 ... n - 1."""
+    return np.array_split(np.arange(n), min(folds, n))
+
+
+def select(motor: Map, u: Array, x: Array) -> Selected:
+    """Fit trend and local models whose complexity cross-validation prefers.
+
+    Parameters
+    ----------
+    motor : Map
+        Nodes that will carry the local models.
+    u, x : (n, d), (n, 2) array
+        Samples: joints in the unit box, positions.
+
+    Returns
+    -------
+    Selected
+    """
+    folds = blocks(len(u))
+    for terms in _TERMS:  # a larger basis only where the smaller one is exhausted
+        basis = _largest_basis(motor.scale, min(terms, len(u) // 5))
+        features = basis.values(u)
+        sums = [(features[b].T @ features[b], features[b].T @ x[b]) for b in folds]
+        errors_of = _trend_errors(basis, features, x, folds, sums)
+        degree, ridge = _simplest(errors_of)
+        if degree < basis.degree - 1:
+            break
+    t = basis.terms(degree)
+    gram, moment = (np.sum(part, axis=0) for part in zip(*sums, strict=True))
+    small = Basis(basis.periodic, degree)
+    trend = Trend(small, _solve(gram, moment, t, ridge))
+    without = [Trend(small, _solve(gram - g, moment - m, t, ridge)) for g, m in sums]
+
+    shape, rows, errors = _compare(motor, u, x, folds, without)
+    models = NO_MODELS
+    if shape is not None:
+        residual = x - trend.value(u)
+        models = local.fit(motor.units, u, residual, motor.scale, *shape)
+    return Selected(Predictor(motor, trend, models), rows, errors)
+
+
+def _largest_basis(scale: Scale, terms: int) -> Basis:
+    """Largest basis with at most so many terms."""
+    periodic = tuple(bool(p) for p in scale.periodic)
+    basis = Basis(periodic, max(1, largest_degree(len(periodic), max(3, terms))))
+    while basis.degree > 1 and len(basis.orders) > terms:
+        basis = Basis(periodic, basis.degree - 1)
+    return basis
+
+
+def _trend_errors(
+    basis: Basis,
+    features: Array,
+    x: Array,
+    folds: list[NDArray[np.intp]],
+    sums: list[tuple[Array, Array]],
+) -> dict[tuple[int, float], Array]:
+    """Mean distance in each held-out fold of each (degree, ridge), at least what is exact."""
+    gram, moment = (np.sum(part, axis=0) for part in zip(*sums, strict=True))
+    floor = _FLOOR * float(np.linalg.norm(np.ptp(x, axis=0)))
+    errors = {}
+    for degree in range(1, basis.degree + 1):
+        t = basis.terms(degree)
+        for ridge in _RIDGES:
+            said = [
+                features[rows, :t] @ _solve(gram - g, moment - m, t, ridge)
+                for rows, (g, m) in zip(folds, sums, strict=True)
+            ]
+            errors[degree, ridge] = np.array(
+                [
+                    max(float(np.linalg.norm(x[rows] - y, axis=1).mean()), floor)
+                    for rows, y in zip(folds, said, strict=True)
+                ]
+            )
+    return errors
+
+
+def _simplest(errors: dict[tuple[int, float], Array]) -> tuple[int, float]:
+    """Lowest degree that is as good as the best but for chance (one standard error)."""
+    best = errors[min(errors, key=lambda c: float(errors[c].mean()))]
+
+    def as_good(error: Array) -> bool:
+        worse = error - best
+        return bool(worse.mean() <= worse.std() / np.sqrt(len(worse)))
+
+    degree = min(d for (d, _), error in errors.items() if as_good(error))
+    return degree, min(_RIDGES, key=lambda ridge: float(errors[degree, ridge].mean()))
+
+
+def _solve(gram: Array, moment: Array, terms: int, ridge: float) -> Array:
+    """Least squares from the moments of the first `terms` functions."""
+    a = gram[:terms, :terms].copy()
+    diagonal = np.einsum("ii->i", a)
+    diagonal += ridge * diagonal.mean()
+    return np.asarray(np.linalg.solve(a, moment[:terms]))
+
+
+def _compare(
+    motor: Map,
+    u: Array,
+    x: Array,
+    folds: list[NDArray[np.intp]],
+    without: list[Trend],
+) -> tuple[tuple[int, int] | None, NDArray[np.intp], Array]:
+    """Best (degree, samples) of the local models, None for no correction at all.
+
+    Each fold is held out in turn (a few of them where samples abound); only the nodes that
+    speak for its rows are fitted.
+    """
+    use = range(len(folds)) if len(u) <= 5 * _HELD_OUT else range(0, len(folds), 3)
+    quota = max(1, _HELD_OUT // len(use))
+    size = local.blend_size(u.shape[1])
+    candidates = [
+        c for c in _CANDIDATES if 1.2 * len(exponents(u.shape[1], c[0])) <= c[1] < len(u) // 4
+    ]
+    held: list[NDArray[np.intp]] = []
+    plain: list[Array] = []
+    found: dict[tuple[int, int], list[Array]] = {c: [] for c in candidates}
+    for fold in use:
+        rows = folds[fold][:: max(1, len(folds[fold]) // quota)]
+        others = np.setdiff1d(np.arange(len(u)), folds[fold], assume_unique=True)
+        trend = without[fold]
+        target = x[rows] - trend.value(u[rows])
+        held.append(rows)
+        plain.append(np.linalg.norm(target, axis=1))
+        if not candidates:
+            continue
+        residual = x[others] - trend.value(u[others])
+        index, weight = local.blend(motor, u[rows], size)
+        nodes, place = np.unique(index, return_inverse=True)
+        most = max(k for _, k in candidates)
+        around = Neighbourhood.of(motor.units[nodes], u[others], motor.scale, most)
+        for degree, k in candidates:
+            models = local.fit(
+                motor.units[nodes], u[others], residual, motor.scale, degree, k, around
+            )
+            said = _blended(models, motor, u[rows], index, place.reshape(index.shape), weight)
+            found[degree, k].append(np.linalg.norm(target - said, axis=1))
+    rows = np.concatenate(held)
+    errors = np.concatenate(plain)
+    choice: tuple[int, int] | None = None
+    for c, parts in found.items():
+        tried = np.concatenate(parts)
+        gain = errors - tried
+        # a correction has to be better by more than chance
+        if gain.mean() > 2.0 * gain.std() / np.sqrt(len(gain)):
+            choice, errors = c, tried
+    return choice, rows, errors
+
+
+def _blended(
+    models: LocalModels,
+    motor: Map,
+    u: Array,
+    index: NDArray[np.intp],
+    place: NDArray[np.intp],
+    weight: Array,
+) -> Array:
+    """What the local models of some nodes say, blended; `place` finds them in `models`."""
+    scale: Scale = motor.scale
+    z = scale.difference(u[:, None], motor.units[index]) / models.radius[place][..., None]
+    c = models.coefficients[place] * weight[..., None, None]
+    value: Array = np.einsum("nmt,nmto->no", local.monomials(z, models.degree), c)
+    return value
