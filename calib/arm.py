@@ -21,7 +21,9 @@ from .plane import Plane, plane_of
 from .posture import Kinematics, Posture
 from .ranges import Range, fixed_by_limits, full_range, neutral, one_turn, travel, unit_of
 from .robots import resolve_robot
-from .urdf import Joint, Urdf, listed, parse_urdf, quoted, read_urdf, suggestion
+from .tree import Joint, Urdf
+from .urdf import parse_urdf, read_urdf
+from .wording import listed, quoted, suggestion
 
 __all__ = ["PlanarArm", "arm_from_urdf", "load_arm"]
 
@@ -273,9 +275,14 @@ def _check_moves(last: Joint, chain: Chain, plane: Plane, tip: str, urdf: Urdf) 
     """Refuse a tip on the axis of the last turning joint: that joint would not move it."""
     if last.revolute and float(np.linalg.norm(chain.links(plane)[-1])) < MIN_LEVER:
         beyond = [link for link in urdf.links if last in urdf.path(link) and link != tip]
+        remedy = (
+            f"choose a tip off the axis from {listed(beyond)}"
+            if beyond
+            else "add a tip link on a fixed joint to the URDF"
+        )
         raise RobotError(
             f"joint {quoted(last.name)} does not move the tip {quoted(tip)}, which lies on its "
-            f"axis: leave the joint out or choose a tip beyond it from {listed(beyond)}"
+            f"axis: leave the joint out or {remedy}"
         )
 
 

@@ -17,7 +17,8 @@ from .chain import lever_lengths
 from .errors import RobotError
 from .posture import Posture
 from .ranges import full_range, limits_fault
-from .urdf import Joint, Urdf, listed
+from .tree import Joint, Urdf
+from .wording import listed
 
 Array = NDArray[np.float64]
 
@@ -32,7 +33,8 @@ MIN_SHARE = 0.05
 #: A candidate with less than this share of the best one's area is no rival to it.
 RIVAL = 0.5
 
-_TIP_NAMES = ("tool0", "tcp", "tool", "tip", "ee", "ee_link", "end_effector", "gripper_frame_link")
+#: Usual names (their ends) of the frame that a robot's maker means by its tip.
+_TIP_NAMES = ("tool0", "tcp", "tool", "tip", "ee_link", "ee", "end_effector", "gripper_frame_link")
 
 
 @dataclass(frozen=True)
@@ -50,16 +52,26 @@ class Candidate:
 def find_tip(urdf: Urdf, link: str) -> str:
     """Follow a link outwards to the tip it leads to: a leaf, or where it branches.
 
-    At a branching, a child with a tool's usual name (tool0, tcp, ...) is followed.
+    At a branching, a child with a tool's usual name (tool0, tcp, ...) is followed, or else
+    the only child that carries further joints (its siblings are sensors and covers).
     """
     while True:
         below = urdf.below(link)
-        named = [joint for joint in below if joint.child.lower().endswith(_TIP_NAMES)]
+        if len(below) > 1:
+            below = _named_tip(below) or tuple(
+                joint for joint in below if joint.movable or urdf.carries(joint.child)
+            )
         if len(below) != 1:
-            below = tuple(named) if len(named) == 1 else ()
-        if not below:
             return link
         link = below[0].child
+
+
+def _named_tip(joints: Sequence[Joint]) -> tuple[Joint, ...]:
+    for name in _TIP_NAMES:
+        named = tuple(joint for joint in joints if joint.child.lower().endswith(name))
+        if named:
+            return named if len(named) == 1 else ()
+    return ()
 
 
 def find_candidates(
@@ -92,7 +104,7 @@ def find_candidates(
             key = tuple(joint.name for joint in candidate.joints)
             if key not in best or best[key].area < candidate.area:
                 best[key] = candidate
-    return sorted(best.values(), key=lambda found: (-found.area, str(found)))
+    return sorted(best.values(), key=lambda found: (-round(found.area, 9), str(found)))
 
 
 def choose(candidates: Sequence[Candidate]) -> tuple[Candidate, str | None]:
@@ -125,9 +137,13 @@ def nothing_found(urdf: Urdf, tip: str | None) -> RobotError:
     ]
     left_out = f"; left out {'; '.join(faults[:3])} (--range JOINT=LO:HI)" if faults else ""
     to_tip = f" that moves {tip!r}" if tip else ""
+    if len(movable) < 2:
+        return RobotError(
+            f"a planar arm needs two movable joints or more{to_tip}, found {listed(movable)}"
+        )
     return RobotError(
-        f"no planar arm of two or more joints{to_tip} was found: name --joints and --tip; "
-        f"movable joints: {listed(movable)}{left_out}"
+        f"no planar arm of two or more joints{to_tip} was found: name --joints and --tip (a "
+        f"frame off the last joint's axis); movable joints: {listed(movable)}{left_out}"
     )
 
 

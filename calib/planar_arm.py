@@ -12,7 +12,7 @@ from .chain import Chain, chunks
 from .errors import OptionError, QueryError
 from .plane import Plane
 from .ranges import TURN, Range, checked_range, one_turn
-from .urdf import quoted, suggestion
+from .wording import quoted, suggestion
 
 Array = NDArray[np.float64]
 

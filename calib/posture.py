@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from .errors import RobotError
-from .urdf import Urdf
+from .tree import Urdf
 
 Array = NDArray[np.float64]
 

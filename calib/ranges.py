@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 
 from .errors import OptionError, RobotError
-from .urdf import Joint
+from .tree import Joint
 
 TURN = 2.0 * math.pi
 #: A sliding joint that claims to travel further than this [m] states no usable limit.

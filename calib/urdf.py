@@ -10,105 +10,17 @@ from __future__ import annotations
 import math
 import re
 import xml.etree.ElementTree as ET
-from collections.abc import Iterable
-from dataclasses import dataclass
-from difflib import get_close_matches
 from pathlib import Path
 
 from .errors import RobotError
+from .tree import MOVABLE, Joint, Mimic, Urdf, Vector
+from .wording import listed, quoted, suggestion
 
 MAX_BYTES = 50_000_000
 MAX_JOINTS = 1_000  # Pinocchio recurses along the chain and overflows its stack beyond
 
-Vector = tuple[float, float, float]
-
-MOVABLE = ("revolute", "continuous", "prismatic")
 _NUMBER = re.compile(r"[+-]?(\d+\.?\d*|\.\d+)([eE][+-]?\d+)?")
 _INFINITE = re.compile(r"([+-]?)inf(inity)?", re.IGNORECASE)
-
-
-@dataclass(frozen=True)
-class Mimic:
-    """A joint's coupling to another: value = multiplier * leader + offset."""
-
-    leader: str
-    multiplier: float
-    offset: float
-
-
-@dataclass(frozen=True)
-class Joint:
-    """One joint of a URDF; `limits` are its lower and upper value [rad or m], if stated."""
-
-    name: str
-    kind: str
-    parent: str
-    child: str
-    xyz: Vector
-    rpy: Vector
-    axis: Vector
-    limits: tuple[float, float] | None
-    mimic: Mimic | None
-
-    @property
-    def movable(self) -> bool:
-        """Whether the joint moves at all."""
-        return self.kind in MOVABLE
-
-    @property
-    def revolute(self) -> bool:
-        """Whether the joint turns (rad) rather than slides (m)."""
-        return self.kind != "prismatic"
-
-
-@dataclass(frozen=True)
-class Urdf:
-    """A checked tree of links and joints.
-
-    `notes` are things that were mended and should be said aloud.
-    """
-
-    name: str
-    root: str
-    links: tuple[str, ...]
-    joints: tuple[Joint, ...]
-    notes: tuple[str, ...]
-
-    def joint(self, name: str) -> Joint | None:
-        """Return the joint of that name, or None."""
-        return next((joint for joint in self.joints if joint.name == name), None)
-
-    def path(self, link: str) -> tuple[Joint, ...]:
-        """Joints from the root to a link, in that order."""
-        above = {joint.child: joint for joint in self.joints}
-        path: list[Joint] = []
-        while link in above:
-            path.append(above[link])
-            link = above[link].parent
-        return tuple(reversed(path))
-
-    def below(self, link: str) -> tuple[Joint, ...]:
-        """Joints that a link carries directly, in file order."""
-        return tuple(joint for joint in self.joints if joint.parent == link)
-
-    def plain(self) -> str:
-        """Return a URDF of links and joints only, which Pinocchio reads without objection.
-
-        Continuous joints are written as revolute ones, so that every joint has one value.
-        """
-        robot = ET.Element("robot", name="robot")
-        for link in self.links:
-            ET.SubElement(robot, "link", name=link)
-        for joint in self.joints:
-            kind = "revolute" if joint.kind == "continuous" else joint.kind
-            node = ET.SubElement(robot, "joint", name=joint.name, type=kind)
-            ET.SubElement(node, "parent", link=joint.parent)
-            ET.SubElement(node, "child", link=joint.child)
-            ET.SubElement(node, "origin", xyz=_written(joint.xyz), rpy=_written(joint.rpy))
-            if joint.movable:
-                ET.SubElement(node, "axis", xyz=_written(joint.axis))
-                ET.SubElement(node, "limit", lower="-1", upper="1", effort="0", velocity="0")
-        return ET.tostring(robot, encoding="unicode")
 
 
 def read_urdf(path: Path) -> str:
@@ -169,9 +81,9 @@ def parse_urdf(text: str, name: str = "robot") -> Urdf:
     joints = tuple(_read_joint(node, set(links), notes) for node in robot.findall("joint"))
     for joint in joints:
         if joint.mimic and joint.mimic.leader not in joint_names:
-            raise RobotError(
+            notes.append(
                 f"joint {quoted(joint.name)} mimics {quoted(joint.mimic.leader)}, "
-                f"which does not exist: name one of {listed(joint_names)}"
+                "which does not exist: it is held where it is"
             )
     incomplete = sum(_lacks_effort(node) for node in robot.findall("joint"))
     if incomplete:
@@ -181,28 +93,6 @@ def parse_urdf(text: str, name: str = "robot") -> Urdf:
         )
     root = _find_root(links, joints)
     return Urdf(own_name or name, root, tuple(links), joints, tuple(notes))
-
-
-def quoted(name: str) -> str:
-    """Return a name from a file or a user, safe to print in one line."""
-    return repr(name if len(name) <= 60 else name[:57] + "...")
-
-
-def listed(names: Iterable[str], most: int = 12) -> str:
-    """Names in one line, cut after `most` of them."""
-    items = list(names)
-    if not items:
-        return "(none)"
-    more = f", ... ({len(items)} in all)" if len(items) > most else ""
-    return ", ".join(items[:most]) + more
-
-
-def suggestion(name: str, names: Iterable[str]) -> str:
-    """Say what may have been meant by a name, and which names there are."""
-    items = list(names)
-    close = get_close_matches(name, items, n=1)
-    meant = f"did you mean {close[0]}? " if close else ""
-    return f"{meant}choose from {listed(items)}"
 
 
 def _parse_xml(text: str) -> ET.Element:
@@ -298,7 +188,7 @@ def _end(node: ET.Element, tag: str, where: str, links: set[str]) -> str:
 
 def _limits(node: ET.Element, where: str) -> tuple[float, float] | None:
     limit = node.find("limit")
-    if limit is None:
+    if limit is None or not {"lower", "upper"} & set(limit.attrib):
         return None
     lower, upper = (
         _number(limit.get(key, "0"), f"{where}: limit {key}", infinite=True)
@@ -381,7 +271,3 @@ def _find_root(links: list[str], joints: tuple[Joint, ...]) -> str:
             f"remove joint {quoted(above[loop].name)}"
         )
     return roots[0]
-
-
-def _written(vector: Vector) -> str:
-    return " ".join(map(repr, vector))
