@@ -15,7 +15,7 @@ from .samples import Samples
 from .simulation import Simulation
 
 if TYPE_CHECKING:
-    from .arm import PlanarArm
+    from .planar_arm import PlanarArm
 
 Array = NDArray[np.float64]
 

@@ -19,7 +19,7 @@ from .samples import Samples
 from .tables import write_table
 
 if TYPE_CHECKING:
-    from .arm import PlanarArm
+    from .planar_arm import PlanarArm
 
 Array = NDArray[np.float64]
 
@@ -82,6 +82,7 @@ def read_log(
     source = open_source(path)
     roles = find_roles(source, arm, joints, columns)
     names, axes = roles.joints, roles.axes
+    revolute = _revolute(arm, names, prismatic)
     values = read_columns(source, roles.columns)
     total = len(values)
     rows = np.flatnonzero(np.isfinite(values).all(axis=1))
@@ -89,7 +90,6 @@ def read_log(
     if len(rows) < total:
         values = values[rows]
     _check_values(source, values, names, axes)
-    revolute = _revolute(arm, names, prismatic)
     q = np.ascontiguousarray(values[:, : len(names)])
     if degrees:
         q[:, list(revolute)] = np.deg2rad(q[:, list(revolute)])

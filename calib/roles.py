@@ -10,7 +10,7 @@ from .columns import Source
 from .errors import OptionError
 
 if TYPE_CHECKING:
-    from .arm import PlanarArm
+    from .planar_arm import PlanarArm
 
 POSITION = ("x", "y", "z")
 

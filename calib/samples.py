@@ -11,7 +11,7 @@ from numpy.typing import ArrayLike, NDArray
 from .errors import LogError
 
 if TYPE_CHECKING:
-    from .arm import PlanarArm
+    from .planar_arm import PlanarArm
     from .plane import Plane
     from .simulation import Simulation
 
@@ -108,7 +108,9 @@ class Samples:
         Samples
             The same in everything but the rows.
         """
-        rows = index if isinstance(index, slice) else np.asarray(index)
+        rows = index if isinstance(index, slice) else np.atleast_1d(np.asarray(index))
+        if not isinstance(rows, slice) and not rows.size:
+            rows = rows.astype(np.intp)  # an empty list has no type that could index
         return replace(self, q=self.q[rows], x=self.x[rows])
 
     def _check_shapes(self) -> None:

@@ -16,7 +16,7 @@ from .changes import Change, parse_changes
 from .errors import OptionError
 
 if TYPE_CHECKING:
-    from .arm import PlanarArm
+    from .planar_arm import PlanarArm
 
 Array = NDArray[np.float64]
 

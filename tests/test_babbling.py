@@ -1,0 +1,124 @@
+"""Babbling covers the range, repeats with its seed and keeps its streams apart."""
+
+import numpy as np
+import pytest
+
+from calib.arm import load_arm
+from calib.babbling import MAX_SAMPLES, METHODS, babble, smooth_points
+from calib.errors import OptionError
+
+
+@pytest.fixture(scope="module")
+def arm():
+    return load_arm("two_link")
+
+
+def cells(q, arm, k):
+    """Number of samples in each of k x k cells of the range."""
+    unit = (q - arm.lower) / (arm.upper - arm.lower)
+    return np.histogram2d(*unit.T, bins=k, range=[[0, 1], [0, 1]])[0]
+
+
+@pytest.mark.parametrize("method", METHODS)
+def test_every_method_stays_within_and_covers_the_range(arm, method):
+    log = babble(arm, 4000, method=method)
+    assert log.q.shape == (4000, 2)
+    assert (log.q >= arm.lower).all()
+    assert (log.q <= arm.upper).all()
+    assert cells(log.q, arm, 20).min() >= 1  # 10 a cell on average
+    np.testing.assert_allclose(log.x, arm.forward(log.q), atol=1e-15)
+
+
+@pytest.mark.parametrize("method", METHODS)
+def test_the_seed_decides(arm, method):
+    one, same, other = (babble(arm, 50, seed=s, noise=0.01, method=method) for s in (4, 4, 5))
+    assert (one.q == same.q).all()
+    assert (one.x == same.x).all()
+    assert (one.q != other.q).any(axis=1).all()
+
+
+def test_low_discrepancy_is_more_even_than_chance(arm):
+    spread = {m: cells(babble(arm, 4096, method=m).q, arm, 16).std() for m in METHODS}
+    assert spread["uniform"] == pytest.approx(4.0, abs=0.8)  # Poisson with 16 a cell
+    assert spread["halton"] < 1.5
+    assert spread["sobol"] < 1.5
+
+
+def test_noise_changes_neither_joints_nor_the_outliers_rows(arm):
+    plain = babble(arm, 300, seed=2)
+    noisy = babble(arm, 300, seed=2, noise=0.01, changes=["sensor.outliers=0.1"])
+    wrong = babble(arm, 300, seed=2, changes=["sensor.outliers=0.1"])
+    assert (plain.q == noisy.q).all()
+    hit = (plain.x != wrong.x).any(axis=1)
+    assert 10 < hit.sum() < 60
+    assert (noisy.x[hit] == wrong.x[hit]).all()
+
+
+@pytest.mark.parametrize(("n", "dof"), [(20_000, 2), (5000, 3), (1000, 1), (100, 2), (2, 2)])
+def test_smooth_motion_keeps_the_bounds_that_its_docstring_states(n, dof):
+    d = 2 * np.pi * n ** (-1 / dof)
+    path = smooth_points(n, dof, np.random.default_rng(0))
+    assert np.abs(np.diff(path, axis=0)).max() <= 0.38 * d
+    if n > 2:
+        assert np.abs(np.diff(path, 2, axis=0)).max() <= 1.22 * d**2
+
+
+def test_smooth_motion_moves_far_less_than_random_motion(arm):
+    smooth, uniform = (babble(arm, 20_000, method=m).q for m in ("smooth", "uniform"))
+    step = np.abs(np.diff(smooth, axis=0)).max(axis=0) / (arm.upper - arm.lower)
+    assert step.max() < 0.018
+    assert np.abs(np.diff(uniform, axis=0)).mean() > 20 * np.abs(np.diff(smooth, axis=0)).mean()
+
+
+def test_ranges_narrow_the_babbling_and_the_samples_say_so(arm):
+    log = babble(arm, 500, ranges={"elbow": (1.0, 1.5)})
+    assert log.lower.tolist() == [0.0, 1.0]
+    assert log.upper.tolist() == [arm.upper[0], 1.5]
+    assert (log.q[:, 1] >= 1.0).all()
+    assert (log.q[:, 1] <= 1.5).all()
+    assert log.simulation.draw(100, np.random.default_rng(0))[:, 1].max() <= 1.5
+    assert log.arm.lower.tolist() == [0.0, 1.0]
+
+
+def test_the_samples_carry_what_draws_fresh_exact_ones(arm):
+    log = babble(arm, 50, noise=0.01, changes="elbow.length=+20%")
+    truth = arm.with_link_length("elbow", 0.3).forward(log.q)
+    np.testing.assert_allclose(log.simulation.exact(log.q), truth, atol=1e-12)
+    assert np.abs(log.x - truth).max() > 1e-3
+    assert (log.joint_names, log.revolute, log.unit, log.dropped) == (
+        ("shoulder", "elbow"),
+        (True, True),
+        "m",
+        0,
+    )
+
+
+def test_one_sample_is_enough_here(arm):
+    assert [len(babble(arm, np.int64(1), method=m)) for m in METHODS] == [1] * 4
+
+
+@pytest.mark.parametrize(
+    ("arguments", "message"),
+    [
+        ({"n": 0}, "samples is 0, expected 1 to"),
+        ({"n": -5}, "samples is -5"),
+        ({"n": MAX_SAMPLES + 1}, "10,000,000"),
+        ({"n": True}, "samples is True, expected a whole number"),
+        ({"n": 10.0}, "samples is 10.0, expected a whole number"),
+        ({"seed": -1}, "seed is -1"),
+        ({"seed": 1.5}, "seed is 1.5"),
+        ({"noise": -0.1}, "noise is -0.1"),
+        ({"noise": float("nan")}, "noise is nan"),
+        ({"method": "sine"}, "uniform, halton, sobol, smooth"),
+        ({"ranges": {"elbow": (0.0, 1.0)}}, "elbow"),  # below the limit of 15 degrees
+        ({"ranges": {"elbow": (1.5, 1.0)}}, "elbow"),
+        ({"ranges": {"elbow": (1.0, 1.0)}}, "elbow"),
+        ({"ranges": {"elbow": (1.0, float("nan"))}}, "elbow"),
+        ({"ranges": {"knee": (1.0, 1.5)}}, "knee"),
+        ({"changes": ["knee.lock=1"]}, "knee"),
+    ],
+)
+def test_impossible_arguments_are_refused_in_one_line(arm, arguments, message):
+    with pytest.raises(OptionError, match=message) as caught:
+        babble(arm, **{"n": 10, **arguments})
+    assert "\n" not in str(caught.value)

@@ -1,0 +1,191 @@
+"""The simulated arm and sensor against closed forms."""
+
+import numpy as np
+import pytest
+
+from calib.arm import load_arm
+from calib.changes import parse_changes
+from calib.errors import OptionError
+from calib.simulation import Simulation, _play
+
+L1, L2 = 0.30, 0.25
+
+
+@pytest.fixture(scope="module")
+def arm():
+    return load_arm("two_link")
+
+
+@pytest.fixture(scope="module")
+def q(arm):
+    return np.random.default_rng(1).uniform(arm.lower, arm.upper, (500, 2))
+
+
+def planar(q, l1=L1, l2=L2, tip=(0.0, 0.0)):
+    """Tip of the 2R arm, the textbook's formula, with the tip moved in the last link's frame."""
+    a, b = q[:, 0], q[:, 0] + q[:, 1]
+    x = l1 * np.cos(a) + (l2 + tip[0]) * np.cos(b) - tip[1] * np.sin(b)
+    y = l1 * np.sin(a) + (l2 + tip[0]) * np.sin(b) + tip[1] * np.cos(b)
+    return np.stack([x, y], axis=1)
+
+
+def rotation(angle):
+    return np.array([[np.cos(angle), -np.sin(angle)], [np.sin(angle), np.cos(angle)]])
+
+
+def simulate(arm, *changes, noise=0.0):
+    return Simulation(arm, noise, parse_changes(changes))
+
+
+@pytest.mark.parametrize(
+    ("change", "truth"),
+    [
+        ("elbow.length=+20%", lambda q: planar(q, l2=1.2 * L2)),
+        ("elbow.length=0.1", lambda q: planar(q, l2=0.1)),
+        ("shoulder.length=-10%", lambda q: planar(q, l1=0.9 * L1)),
+        ("shoulder.offset=0.05", lambda q: planar(q + np.array([0.05, 0]))),
+        ("elbow.gear=1.02", lambda q: planar(q * [1, 1.02])),
+        ("elbow.lock=1.0", lambda q: planar(q * [1, 0] + [0, 1.0])),
+        ("tip.offset=0.01,0.02", lambda q: planar(q, tip=(0.01, 0.02))),
+        ("sensor.mirror=x", lambda q: planar(q) * [-1, 1]),
+        ("sensor.mirror=y", lambda q: planar(q) * [1, -1]),
+        ("sensor.scale=1.05", lambda q: 1.05 * planar(q)),
+        ("sensor.rotate=0.14", lambda q: planar(q) @ rotation(0.14).T),
+        ("sensor.shift=0.03,-0.02", lambda q: planar(q) + np.array([0.03, -0.02])),
+        ("elbow.noise=0.1", planar),
+        ("elbow.backlash=0.1", planar),
+        ("sensor.outliers=0.5", planar),
+    ],
+)
+def test_each_change_in_closed_form(arm, q, change, truth):
+    sim = simulate(arm, change, noise=0.01)
+    np.testing.assert_allclose(sim.exact(q), truth(q), atol=1e-12)
+    np.testing.assert_allclose(sim.exact(q[3]), truth(q)[3], atol=1e-12)
+
+
+def test_sensor_changes_apply_as_mirror_scale_rotate_shift_in_any_order_given(arm, q):
+    given = ["sensor.shift=1,2", "sensor.rotate=0.5", "sensor.scale=3", "sensor.mirror=y"]
+    expected = (3 * planar(q) * [1, -1]) @ rotation(0.5).T + [1, 2]
+    for order in (given, given[::-1]):
+        np.testing.assert_allclose(simulate(arm, *order).exact(q), expected, atol=1e-12)
+
+
+def test_gear_acts_before_offset_and_a_lock_holds_against_both(arm, q):
+    sim = simulate(arm, "elbow.offset=0.1", "elbow.gear=1.1")
+    np.testing.assert_allclose(sim.exact(q), planar(q * [1, 1.1] + [0, 0.1]), atol=1e-12)
+    sim = simulate(
+        arm,
+        "elbow.lock=1",
+        "elbow.offset=9e-1",
+        "elbow.gear=2",
+        "elbow.noise=1",
+        "elbow.backlash=1",
+    )
+    held = planar(q * [1, 0] + [0, 1.0])
+    np.testing.assert_allclose(sim.measure(q, np.random.default_rng(0)), held, atol=1e-12)
+
+
+def test_no_noise_measures_the_exact_position(arm, q):
+    sim = simulate(arm, "elbow.offset=0.1")
+    assert (sim.measure(q, np.random.default_rng(0)) == sim.exact(q)).all()
+    assert (sim.measure(q[0], np.random.default_rng(0)) == sim.exact(q[0])).all()
+
+
+def test_sensor_noise_has_the_stated_deviation_on_each_axis(arm, q):
+    many = np.repeat(q, 100, axis=0)
+    sim = simulate(arm, noise=2e-3)
+    error = sim.measure(many, np.random.default_rng(0)) - sim.exact(many)
+    np.testing.assert_allclose(error.std(axis=0), 2e-3, rtol=0.02)
+    np.testing.assert_allclose(error.mean(axis=0), 0.0, atol=4e-5)
+    assert abs(np.corrcoef(error.T)[0, 1]) < 0.02
+
+
+def test_joint_noise_moves_the_tip_along_the_joints_circle(arm, q):
+    sim = simulate(arm, "shoulder.noise=0.01")
+    x = sim.measure(q, np.random.default_rng(0))
+    np.testing.assert_allclose(np.hypot(*x.T), np.hypot(*planar(q).T), atol=1e-12)
+    turn = np.arctan2(*x.T[::-1]) - np.arctan2(*planar(q).T[::-1])
+    assert turn.std() == pytest.approx(0.01, rel=0.1)
+
+
+def test_more_of_one_kind_of_noise_leaves_the_others_as_they_are(arm, q):
+    def measure(noise, *changes):
+        return simulate(arm, *changes, noise=noise).measure(q, np.random.default_rng(3))
+
+    exact = planar(q)
+    one, two = measure(0.001), measure(0.002)
+    np.testing.assert_allclose(two - exact, 2 * (one - exact), atol=1e-12)
+    wrong = measure(0.0, "sensor.outliers=0.2")
+    both = measure(0.001, "sensor.outliers=0.2")
+    hit = (wrong != measure(0.0)).any(axis=1)
+    assert (both[hit] == wrong[hit]).all()
+    assert (both[~hit] == one[~hit]).all()
+    few = (measure(0.0, "sensor.outliers=0.1") != measure(0.0)).any(axis=1)
+    assert hit[few].all()  # the rows hit by fewer outliers are hit by more as well
+
+
+def test_outliers_hit_the_stated_share_and_stay_in_the_box(arm, q):
+    many = np.repeat(q, 40, axis=0)
+    sim = simulate(arm, "sensor.outliers=0.05", "sensor.shift=5,5")
+    x = sim.measure(many, np.random.default_rng(0))
+    hit = (x != sim.exact(many)).any(axis=1)
+    assert hit.mean() == pytest.approx(0.05, abs=0.005)
+    low, high = sim._box
+    assert (x[hit] >= low).all()
+    assert (x[hit] <= high).all()
+    assert np.ptp(x[hit], axis=0) == pytest.approx(high - low, rel=0.02)
+
+
+def test_backlash_follows_by_half_the_play_and_rests_on_small_moves():
+    np.testing.assert_allclose(_play(np.array([0.0, 1, 0.9, 0]), 0.4), [0, 0.8, 0.8, 0.2])
+    theta = np.random.default_rng(0).normal(size=300)
+    assert (_play(theta, 0.0) == theta).all()
+    assert np.abs(_play(theta, 0.3) - theta).max() == pytest.approx(0.15)
+    assert _play(np.array([]), 1.0).shape == (0,)
+
+
+def test_backlash_delays_the_joint_in_a_measurement(arm):
+    q = np.array([[0.2, 1.0], [0.2, 1.5], [0.2, 1.45], [0.2, 1.0]])
+    x = simulate(arm, "elbow.backlash=0.2").measure(q, np.random.default_rng(0))
+    np.testing.assert_allclose(
+        x, planar(np.array([[0.2, 1.0], [0.2, 1.4], [0.2, 1.4], [0.2, 1.1]]))
+    )
+
+
+def test_draws_fill_the_babbled_range(arm):
+    narrow = arm.with_range({"elbow": (1.0, 1.5)})
+    q = Simulation(narrow).draw(5000, np.random.default_rng(0))
+    np.testing.assert_allclose(q.min(axis=0), narrow.lower, atol=2e-3)
+    np.testing.assert_allclose(q.max(axis=0), narrow.upper, atol=2e-3)
+    assert (q >= narrow.lower).all()
+    assert (q <= narrow.upper).all()
+
+
+def test_plain_data_rebuild_the_simulation(arm, q):
+    sim = simulate(arm, "elbow.length=+20%", "sensor.mirror=x", noise=0.001)
+    data = sim.to_json()
+    assert data == {"noise": 0.001, "changes": ["elbow.length=+20%", "sensor.mirror=x"]}
+    again = Simulation.from_json(arm, data)
+    assert again.changes == sim.changes
+    one, two = (s.measure(q, np.random.default_rng(5)) for s in (sim, again))
+    assert (one == two).all()
+
+
+@pytest.mark.parametrize(
+    ("change", "message"),
+    [
+        ("wrist.length=1", "no joint 'wrist'; choices: shoulder, elbow, sensor, tip"),
+        ("elbow.lock=57", "--degrees"),
+        ("elbow.offset=-90", "--degrees"),
+    ],
+)
+def test_impossible_changes_are_refused_when_made(arm, change, message):
+    with pytest.raises(OptionError, match=message) as caught:
+        simulate(arm, change)
+    assert "\n" not in str(caught.value)
+
+
+@pytest.mark.parametrize("noise", [-1e-9, float("nan"), float("inf"), True, "1", None])
+def test_noise_is_a_number_of_metres(arm, noise):
+    with pytest.raises(OptionError, match="noise is"):
+        Simulation(arm, noise)
