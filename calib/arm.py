@@ -13,11 +13,12 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
-from .candidates import MIN_LEVER, choose, find_candidates, find_tip, fits, nothing_found
+from .candidates import choose, find_candidates, find_tip, nothing_found
 from .chain import Chain
 from .errors import OptionError, RobotError
 from .planar_arm import PlanarArm
-from .plane import Plane, plane_of
+from .planarity import check_tip, common_normal
+from .plane import plane_of
 from .posture import Kinematics, Posture
 from .ranges import Range, fixed_by_limits, full_range, neutral, one_turn, travel, unit_of
 from .robots import resolve_robot
@@ -91,8 +92,14 @@ def arm_from_urdf(
     values = _held_values(urdf, lock)
     active, tip = _select(urdf, kinematics.posture(values), joints, tip, lock, ranges, notes)
     path = urdf.path(tip)
+    for joint in path:
+        if joint.mimic and any(joint.mimic.leader == other.name for other in active):
+            raise RobotError(
+                f"joint {quoted(joint.name)} mimics the active {quoted(joint.mimic.leader)} on "
+                "the way to the tip: coupled joints are not supported; choose others"
+            )
     posture = kinematics.posture({**values, **{joint.name: 0.0 for joint in active}})
-    normal = _common_normal(active, posture)
+    normal = common_normal(active, posture)
     chain = Chain(
         axes=np.array([posture.axes[joint.name] for joint in active]),
         points=np.array([posture.points[joint.name] for joint in active]),
@@ -100,7 +107,7 @@ def arm_from_urdf(
         revolute=tuple(joint.revolute for joint in active),
     )
     plane = plane_of(normal, chain.tip)
-    _check_moves(active[-1], chain, plane, tip, urdf)
+    check_tip(active[-1], chain, plane, tip, urdf)
     held = {j.name: values[j.name] for j in path if j.movable and j not in active}
     notes += _lock_notes(urdf, held, lock)
     arm = PlanarArm(
@@ -160,20 +167,14 @@ def _select(
     if tip is None:
         last = max(active, key=lambda joint: len(urdf.path(joint.child)))
         tip = find_tip(urdf, last.child)
-        if len(urdf.below(last.child)) > 0:
-            notes.append(f"tip {tip!r} was chosen (--tip to change)")
+        if sum(last in urdf.path(link) for link in urdf.links) > 2:  # more than link and tip
+            notes.append(f"tip {quoted(tip)} was chosen (--tip to change)")
     path = urdf.path(tip)
     for joint in active:
         if joint not in path:
             raise RobotError(
                 f"joint {quoted(joint.name)} does not move the tip {quoted(tip)}: joints that "
                 f"do: {listed(j.name for j in path if j.movable)}"
-            )
-    for joint in path:
-        if joint.mimic and any(joint.mimic.leader == other.name for other in active):
-            raise RobotError(
-                f"joint {quoted(joint.name)} mimics the active {quoted(joint.mimic.leader)} on "
-                "the way to the tip: coupled joints are not supported; choose others"
             )
     return [joint for joint in path if joint in active], tip
 
@@ -234,56 +235,11 @@ def _held_values(urdf: Urdf, lock: Mapping[str, float]) -> dict[str, float]:
                     f"[{unit_of(joint)}]"
                 )
     for joint in urdf.joints:
-        if joint.movable and joint.mimic and joint.name not in lock:
-            leader = values.get(joint.mimic.leader, 0.0)
+        leads = joint.mimic and joint.mimic.leader in values
+        if joint.movable and joint.mimic and leads and joint.name not in lock:
+            leader = values[joint.mimic.leader]
             values[joint.name] = joint.mimic.multiplier * leader + joint.mimic.offset
     return values
-
-
-def _common_normal(active: Sequence[Joint], posture: Posture) -> Array:
-    """Return the direction all active joints agree on, or name the one that does not."""
-    axes = {joint.name: posture.axes[joint.name] for joint in active}
-    turning = [axes[joint.name] for joint in active if joint.revolute]
-    if turning:
-        # The direction that most joints share; the first of them where several tie.
-        votes = [sum(fits(joint, axes[joint.name], axis) for joint in active) for axis in turning]
-        normal = turning[int(np.argmax(votes))]
-    else:
-        crossed = [np.cross(turning_axis, axes[active[0].name]) for turning_axis in axes.values()]
-        normal = max(crossed, key=lambda vector: float(np.linalg.norm(vector)))
-        length = float(np.linalg.norm(normal))
-        if length < 1e-4:
-            raise RobotError(
-                f"joints {listed(axes)} all slide along {_shown(axes[active[0].name])}: "
-                "they move the tip along a line, not over a plane"
-            )
-        normal = normal / length
-    for joint in active:
-        axis = axes[joint.name]
-        if not fits(joint, axis, normal):
-            wanted = "parallel to" if joint.revolute else "perpendicular to"
-            raise RobotError(
-                f"the arm is not planar: joint {quoted(joint.name)} has the axis {_shown(axis)} "
-                f"in the root frame, expected one {wanted} the others' normal {_shown(normal)}; "
-                "choose other --joints"
-            )
-    aligned = [axis if axis @ normal > 0 else -axis for axis in turning]
-    return np.mean(aligned, axis=0) if aligned else normal
-
-
-def _check_moves(last: Joint, chain: Chain, plane: Plane, tip: str, urdf: Urdf) -> None:
-    """Refuse a tip on the axis of the last turning joint: that joint would not move it."""
-    if last.revolute and float(np.linalg.norm(chain.links(plane)[-1])) < MIN_LEVER:
-        beyond = [link for link in urdf.links if last in urdf.path(link) and link != tip]
-        remedy = (
-            f"choose a tip off the axis from {listed(beyond)}"
-            if beyond
-            else "add a tip link on a fixed joint to the URDF"
-        )
-        raise RobotError(
-            f"joint {quoted(last.name)} does not move the tip {quoted(tip)}, which lies on its "
-            f"axis: leave the joint out or {remedy}"
-        )
 
 
 def _lock_notes(urdf: Urdf, held: Mapping[str, float], lock: Mapping[str, float]) -> list[str]:
@@ -304,7 +260,3 @@ def _lock_notes(urdf: Urdf, held: Mapping[str, float], lock: Mapping[str, float]
     if idle:
         notes.append(f"locked joints that do not move the tip: {listed(idle)}")
     return notes
-
-
-def _shown(vector: Array) -> str:
-    return "(" + ", ".join(f"{value + 0.0:.4g}" for value in np.round(vector, 6)) + ")"

@@ -15,6 +15,7 @@ from numpy.typing import NDArray
 
 from .chain import lever_lengths
 from .errors import RobotError
+from .planarity import MIN_LEVER, PARALLEL, fits
 from .posture import Posture
 from .ranges import full_range, limits_fault
 from .tree import Joint, Urdf
@@ -22,10 +23,6 @@ from .wording import listed
 
 Array = NDArray[np.float64]
 
-#: Two axes closer than this [rad] count as parallel (or across each other).
-PARALLEL = 1e-4
-#: A tip nearer than this [m] to the last joint's axis is not moved by it.
-MIN_LEVER = 1e-6
 #: Joints that are chosen without being asked: at most so many, and none whose link is
 #: shorter than this share of the arm's reach.
 MOST_JOINTS = 3
@@ -142,8 +139,8 @@ def nothing_found(urdf: Urdf, tip: str | None) -> RobotError:
             f"a planar arm needs two movable joints or more{to_tip}, found {listed(movable)}"
         )
     return RobotError(
-        f"no planar arm of two or more joints{to_tip} was found: name --joints and --tip (a "
-        f"frame off the last joint's axis); movable joints: {listed(movable)}{left_out}"
+        f"no planar arm of two or more joints{to_tip} was found: name the joints, and as tip a "
+        f"frame off the last one's axis; movable joints: {listed(movable)}{left_out}"
     )
 
 
@@ -163,13 +160,6 @@ def _planar_sets(path: list[Joint], posture: Posture) -> list[tuple[list[Joint],
         if length > PARALLEL and not any(set(pair) <= set(members) for members, _ in sets):
             sets.append((list(pair), normal / length))
     return sets
-
-
-def fits(joint: Joint, axis: Array, normal: Array) -> bool:
-    """Whether a joint moves within the plane across a normal."""
-    if joint.revolute:
-        return bool(np.linalg.norm(np.cross(axis, normal)) <= PARALLEL)
-    return bool(abs(axis @ normal) <= PARALLEL)
 
 
 def _trim(members: list[Joint], normal: Array, tip: str, posture: Posture) -> Candidate | None:

@@ -1,10 +1,10 @@
 """Plane: where in space a planar arm's tip moves, and the axes it is measured along.
 
 The axes follow one rule wherever a plane comes from: project the reference frame's x, y
-and z axes onto the plane, take in that order the first two that lie more than 45 degrees
-from the normal, and orthonormalise them with their signs kept. The origin is the reference
-frame's origin, moved along the normal into the plane. A plane parallel to xy therefore
-keeps the reference frame's own x and y.
+and z axes onto the plane, take in that order the first two that lie 45 degrees or more
+from the normal (and not on one line), and orthonormalise them with their signs kept. The
+origin is the reference frame's origin, moved along the normal into the plane. A plane
+parallel to xy therefore keeps the reference frame's own x and y.
 """
 
 from __future__ import annotations
@@ -19,7 +19,7 @@ from .errors import LogError, RobotError
 Array = NDArray[np.float64]
 
 #: Axes closer to the normal than this (cosine of 45 degrees, rounding apart) are skipped.
-_NEAR_NORMAL = np.cos(np.pi / 4) - 1e-9
+_NEAR_NORMAL = np.cos(np.pi / 4) + 1e-6
 #: A second axis that leaves less than this across the first one is skipped too.
 _MIN_ACROSS = 0.1
 #: Points whose second spread is below this share of the first lie on a line.
@@ -111,7 +111,7 @@ def plane_of(normal: ArrayLike, through: ArrayLike) -> Plane:
     n = n / np.linalg.norm(n)
     x: Array | None = None
     for axis in np.eye(3):
-        if abs(axis @ n) >= _NEAR_NORMAL:
+        if abs(axis @ n) > _NEAR_NORMAL:
             continue
         flat = axis - (axis @ n) * n
         if x is None:

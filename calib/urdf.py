@@ -76,8 +76,11 @@ def parse_urdf(text: str, name: str = "robot") -> Urdf:
         notes.append(f"the URDF gives the robot no name: {name} is used")
     links = _names(robot, "link")
     joint_names = _names(robot, "joint")
-    if len(joint_names) > MAX_JOINTS:
-        raise RobotError(f"the URDF has {len(joint_names)} joints, expected {MAX_JOINTS} at most")
+    if max(len(joint_names), len(links) - 1) > MAX_JOINTS:
+        raise RobotError(
+            f"the URDF has {len(links)} links and {len(joint_names)} joints, expected at most "
+            f"{MAX_JOINTS} joints"
+        )
     joints = tuple(_read_joint(node, set(links), notes) for node in robot.findall("joint"))
     for joint in joints:
         if joint.mimic and joint.mimic.leader not in joint_names:
@@ -108,12 +111,12 @@ def _parse_xml(text: str) -> ET.Element:
     except (ET.ParseError, ValueError) as error:
         if "unbound prefix" in str(error) and "<xacro:" in text:
             raise _xacro_error("<xacro:...>") from None
-        raise RobotError(
-            f"the URDF is not well-formed XML ({error}): is the file truncated?"
-        ) from None
+        cut = any(word in str(error) for word in ("no element", "unclosed", "no closing"))
+        remedy = "the file seems truncated, fetch it again" if cut else "correct it there"
+        raise RobotError(f"the URDF is not well-formed XML ({error}): {remedy}") from None
     if robot.tag != "robot":
         hint = " (SDF: convert it to URDF first)" if robot.tag == "sdf" else ""
-        raise RobotError(f"the file's root element is <{robot.tag}>, expected <robot>{hint}")
+        raise RobotError(f"the file's root element is <{robot.tag[:60]}>, expected <robot>{hint}")
     for node in robot.iter():
         if isinstance(node.tag, str) and "xacro}" in node.tag:
             raise _xacro_error(f"<xacro:{node.tag.split('}')[1]}>")
@@ -233,7 +236,7 @@ def _number(text: str, where: str, *, infinite: bool = False) -> float:
     text = text.strip()
     if infinite and _INFINITE.fullmatch(text):
         return -math.inf if text.startswith("-") else math.inf
-    value = float(text) if _NUMBER.fullmatch(text) else math.nan
+    value = float(text) if len(text) <= 64 and _NUMBER.fullmatch(text) else math.nan
     if not (math.isfinite(value) or (infinite and math.isinf(value))):
         raise RobotError(f"{where} is {quoted(text)}, expected a finite number")
     return value

@@ -1,0 +1,440 @@
+"""Planar arms: kinematics against closed forms, Pinocchio and finite differences."""
+
+from __future__ import annotations
+
+import sys
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+from reference import pinocchio_forward, random_joints
+
+from calib.arm import arm_from_urdf, load_arm
+from calib.errors import CalibError, OptionError, QueryError, RobotError
+from calib.robots import list_robots
+
+BUNDLED = [entry.name for entry in list_robots()]
+ANGLE = st.floats(-np.pi, np.pi)
+
+
+def chain_urdf(*joints: str, tip: str = "0.2 0 0") -> str:
+    """A serial robot: joints j1, j2, ... given by the inside of their elements, and a tip."""
+    text = '<robot name="chain"><link name="l0"/>'
+    for k, inside in enumerate(joints, 1):
+        kind = "prismatic" if "<!--slide-->" in inside else "revolute"
+        if "<!--endless-->" in inside:
+            kind = "continuous"
+        text += (
+            f'<link name="l{k}"/><joint name="j{k}" type="{kind}"><parent link="l{k - 1}"/>'
+            f'<child link="l{k}"/>{inside}</joint>'
+        )
+    return text + (
+        f'<link name="tip"/><joint name="mount" type="fixed"><parent link="l{len(joints)}"/>'
+        f'<child link="tip"/><origin xyz="{tip}"/></joint></robot>'
+    )
+
+
+def turning(axis="0 0 1", xyz="0.3 0 0", lower="-1", upper="1", more="") -> str:
+    return (
+        f'<origin xyz="{xyz}"/><axis xyz="{axis}"/>'
+        f'<limit lower="{lower}" upper="{upper}" effort="1" velocity="1"/>{more}'
+    )
+
+
+SLIDE, ENDLESS = "<!--slide-->", "<!--endless-->"
+
+
+# --- kinematics -------------------------------------------------------------------------
+
+
+@given(ANGLE, ANGLE)
+def test_two_links_follow_the_closed_form(q1, q2):
+    expected = [
+        0.30 * np.cos(q1) + 0.25 * np.cos(q1 + q2),
+        0.30 * np.sin(q1) + 0.25 * np.sin(q1 + q2),
+    ]
+    np.testing.assert_allclose(load_arm("two_link").forward([q1, q2]), expected, atol=1e-15)
+
+
+@pytest.mark.parametrize("name", BUNDLED)
+def test_forward_agrees_with_pinocchio(name):
+    arm = load_arm(name)
+    q = random_joints(arm, 500)
+    assert np.abs(arm.forward(q) - pinocchio_forward(arm, q)).max() <= 1e-12
+
+
+@pytest.mark.parametrize("name", BUNDLED)
+def test_the_jacobian_agrees_with_finite_differences(name):
+    arm = load_arm(name)
+    q, step = random_joints(arm, 50), 1e-6
+    numeric = np.stack(
+        [
+            (arm.forward(q + step * unit) - arm.forward(q - step * unit)) / (2 * step)
+            for unit in np.eye(arm.dof)
+        ],
+        axis=-1,
+    )
+    np.testing.assert_allclose(arm.jacobian(q), numeric, atol=1e-9)
+
+
+@pytest.mark.parametrize("name", BUNDLED)
+def test_the_skeleton_ends_at_the_tip_and_keeps_the_links_lengths(name):
+    arm = load_arm(name)
+    q = random_joints(arm, 20)
+    points = arm.points(q)
+    assert points.shape == (20, arm.dof + 1, 3)
+    np.testing.assert_allclose(arm.plane.project(points[:, -1]), arm.forward(q), atol=1e-14)
+    flat = arm.plane.project(points)
+    links = np.linalg.norm(np.diff(flat, axis=1), axis=2)
+    for k, length in enumerate(arm.link_lengths.values()):
+        if not (k + 1 < arm.dof and not arm.revolute[k + 1]):  # a slide changes the link before
+            np.testing.assert_allclose(links[:, k], length, atol=1e-14)
+
+
+def test_a_nearly_parallel_axis_is_computed_as_it_is():
+    text = chain_urdf(turning(), turning(axis="0.00005 0 1"), tip="0.2 0 0.1")
+    arm = arm_from_urdf(text)
+    q = random_joints(arm, 200)
+    assert np.abs(arm.forward(q) - pinocchio_forward(arm, q)).max() <= 1e-12
+
+
+def test_one_vector_is_a_row_of_the_batch():
+    arm = load_arm("three_link")
+    q = random_joints(arm, 3)
+    assert arm.forward(q[1]).shape == (2,)
+    assert arm.jacobian(q[1]).shape == (2, 3)
+    assert arm.points(q[1]).shape == (4, 3)
+    np.testing.assert_array_equal(arm.forward(q[1]), arm.forward(q)[1])
+    np.testing.assert_array_equal(arm.jacobian(q[1]), arm.jacobian(q)[1])
+
+
+def test_large_batches_are_the_small_ones_in_a_row():
+    arm = load_arm("two_link")
+    q = random_joints(arm, 70_000)  # more than one chunk
+    rows = [0, 65_535, 65_536, 69_999]
+    np.testing.assert_array_equal(arm.forward(q)[rows], arm.forward(q[rows]))
+    assert arm.forward(q[:0]).shape == (0, 2)
+
+
+@given(ANGLE, st.integers(0, 2**32 - 1))
+def test_turning_the_first_joint_turns_the_workspace(turn, seed):
+    arm = load_arm("three_link")
+    q = random_joints(arm, 5, seed)
+    rotation = np.array([[np.cos(turn), -np.sin(turn)], [np.sin(turn), np.cos(turn)]])
+    turned = arm.forward(q + np.array([turn, 0, 0]))
+    np.testing.assert_allclose(turned, arm.forward(q) @ rotation.T, atol=1e-14)
+
+
+@settings(max_examples=30, deadline=None)
+@given(*[st.floats(-1, 1)] * 6)
+def test_where_the_base_stands_does_not_change_the_arm(x, y, z, roll, pitch, yaw):
+    """In the plane's frame, an arm mounted anywhere moves as a rigid copy of itself."""
+    text = load_arm("two_link").urdf.replace(
+        '<origin xyz="0 0 0" rpy="0 0 0"/>\n    <axis',
+        f'<origin xyz="{x} {y} {z}" rpy="{roll} {pitch} {yaw}"/>\n    <axis',
+    )
+    moved, arm = arm_from_urdf(text), load_arm("two_link")
+    q = random_joints(arm, 10)
+    one, other = moved.forward(q), arm.forward(q)
+    distances = [np.linalg.norm(p[:, None] - p[None], axis=2) for p in (one, other)]
+    np.testing.assert_allclose(*distances, atol=1e-12)
+    # and the tip never leaves the plane
+    np.testing.assert_allclose(moved.plane.distances(moved.points(q)[:, -1]), 0, atol=1e-12)
+
+
+@pytest.mark.parametrize(
+    ("q", "word"),
+    [
+        ([1.0], "expected (n, 2)"),
+        ([[1.0, 2.0, 3.0]], "expected (n, 2)"),
+        (np.zeros((2, 2, 2)), "expected (n, 2)"),
+        (3.0, "expected (n, 2)"),
+        ([[0.1, 0.2], [np.nan, 0]], "row 1"),
+        ([np.inf, 0], "row 0"),
+        (["a", "b"], "numbers"),
+        ([[1], [1, 2]], "numbers"),
+    ],
+)
+@pytest.mark.parametrize("method", ["forward", "jacobian", "points"])
+def test_wrong_joint_values_are_refused(method, q, word):
+    with pytest.raises(QueryError) as caught:
+        getattr(load_arm("two_link"), method)(q)
+    assert word in str(caught.value)
+
+
+# --- altered arms -----------------------------------------------------------------------
+
+
+def test_a_longer_link_is_longer_and_nothing_else_changes():
+    arm = load_arm("three_link")
+    longer = arm.with_link_length("elbow", 0.30)
+    assert longer.link_lengths == pytest.approx({"shoulder": 0.3, "elbow": 0.3, "wrist": 0.15})
+    q = random_joints(arm, 50)
+    angle = q[:, 0] + q[:, 1]
+    shift = 0.05 * np.stack([np.cos(angle), np.sin(angle)], axis=1)
+    np.testing.assert_allclose(longer.forward(q) - arm.forward(q), shift, atol=1e-14)
+    assert arm.link_lengths["elbow"] == pytest.approx(0.25)  # the old arm is left as it was
+
+
+@pytest.mark.parametrize("name", BUNDLED)
+def test_a_link_of_its_own_length_is_the_same_arm(name):
+    arm = load_arm(name)
+    q = random_joints(arm, 20)
+    for joint, length in arm.link_lengths.items():
+        same = arm.with_link_length(joint, length)
+        np.testing.assert_allclose(same.forward(q), arm.forward(q), atol=1e-15)
+        doubled = arm.with_link_length(joint, 2 * length)
+        assert doubled.link_lengths[joint] == pytest.approx(2 * length)
+
+
+def test_a_slides_link_is_what_it_carries():
+    arm = load_arm("polar").with_link_length("slide", 0.2)
+    np.testing.assert_allclose(arm.forward([0, 0.1]), [0.15 + 0.1 + 0.2, 0], atol=1e-15)
+
+
+def test_a_moved_tip_moves_along_and_across_the_last_link():
+    arm = load_arm("two_link").with_tip_offset(0.01, 0.02)
+    q1, q2 = 0.4, 0.9
+    along = np.array([np.cos(q1 + q2), np.sin(q1 + q2)])
+    across = np.array([-along[1], along[0]])
+    expected = load_arm("two_link").forward([q1, q2]) + 0.01 * along + 0.02 * across
+    np.testing.assert_allclose(arm.forward([q1, q2]), expected, atol=1e-15)
+
+
+@pytest.mark.parametrize(("joint", "length"), [("nope", 1.0), ("elbow", -1.0), ("elbow", np.nan)])
+def test_impossible_lengths_are_refused(joint, length):
+    with pytest.raises(OptionError, match=r"nope|-1|nan"):
+        load_arm("two_link").with_link_length(joint, length)
+
+
+def test_a_link_without_length_cannot_be_stretched():
+    arm = arm_from_urdf(chain_urdf(turning(), turning(xyz="0 0 0.1"), turning()), ["j1", "j2"])
+    with pytest.raises(OptionError, match="no length"):
+        arm.with_link_length("j1", 0.2)
+
+
+# --- ranges -----------------------------------------------------------------------------
+
+
+def test_a_range_narrows_one_joint():
+    arm = load_arm("two_link", ranges={"elbow": (0.5, 1.0)})
+    np.testing.assert_allclose(arm.lower, [0, 0.5])
+    np.testing.assert_allclose(arm.upper, [np.pi / 2, 1.0])
+    again = arm.with_range({"elbow": (0.3, 2.0)})  # limits are the joint's, not the last range
+    assert again.lower[1] == 0.3
+
+
+def test_a_rounded_range_is_clipped_into_the_limits():
+    assert load_arm("two_link", ranges={"shoulder": (0, 1.5708)}).upper[0] == np.pi / 2
+
+
+@pytest.mark.parametrize(
+    ("ranges", "words"),
+    [
+        ({"elbow": (0, 1)}, ["elbow=0:1", "0.261799:2.61799"]),
+        ({"elbow": (1, 0.5)}, ["elbow=1:0.5", "lower one first"]),
+        ({"elbow": (1, 1)}, ["elbow=1:1"]),
+        ({"elbow": (np.nan, 1)}, ["nan"]),
+        ({"elbw": (0, 1)}, ["'elbw'", "did you mean elbow?"]),
+    ],
+)
+def test_impossible_ranges_are_refused(ranges, words):
+    with pytest.raises(OptionError) as caught:
+        load_arm("two_link", ranges=ranges)
+    for word in words:
+        assert word in str(caught.value)
+
+
+def test_more_than_one_turn_becomes_one_turn_said_aloud():
+    arm = arm_from_urdf(chain_urdf(turning(lower="-6.3", upper="6.3"), turning()))
+    assert (arm.lower[0], arm.upper[0]) == (-np.pi, np.pi)
+    assert arm.periodic == (True, False)
+    assert any("'j1' can turn more than once" in note for note in arm.notes)
+    # another turn than the one around 0 may be asked for
+    other = arm.with_range({"j1": (3.0, 3.0 + np.pi)})
+    assert other.periodic == (False, False)
+
+
+def test_one_turn_stays_within_limits_that_do_not_hold_zero_in_their_middle():
+    arm = arm_from_urdf(chain_urdf(turning(lower="-1", upper="1e16"), turning()))
+    assert arm.lower[0] == pytest.approx(-1)
+    assert arm.upper[0] == pytest.approx(2 * np.pi - 1)
+
+
+@pytest.mark.parametrize("upper", ["1e16", "inf", "INF"])
+def test_a_continuous_or_boundless_joint_gets_one_turn(upper):
+    endless = arm_from_urdf(chain_urdf(turning(more=ENDLESS), turning()))
+    boundless = arm_from_urdf(chain_urdf(turning(lower="-" + upper, upper=upper), turning()))
+    for arm in (endless, boundless):
+        assert (arm.lower[0], arm.upper[0]) == (-np.pi, np.pi)
+        assert any("one turn" in note for note in arm.notes)
+    q = random_joints(endless, 100)
+    assert np.abs(endless.forward(q) - pinocchio_forward(endless, q)).max() <= 1e-12
+
+
+def test_a_range_mends_limits_that_are_missing():
+    text = chain_urdf(turning(), turning(lower="2", upper="-2"))
+    with pytest.raises(RobotError, match=r"inverted.*--range j2=LOWER:UPPER \[rad\]"):
+        arm_from_urdf(text)
+    assert arm_from_urdf(text, ranges={"j2": (-2, 2)}).upper[1] == 2
+
+
+# --- which joints, which tip ------------------------------------------------------------
+
+
+def test_the_order_of_the_joints_does_not_matter():
+    arm = load_arm("three_link", ["wrist", "shoulder", "elbow"])
+    assert arm.joint_names == ("shoulder", "elbow", "wrist")
+    assert load_arm("three_link", "elbow,shoulder").joint_names == ("shoulder", "elbow")
+
+
+def test_other_joints_are_locked_at_neutral_or_where_told():
+    arm = load_arm("three_link", ["shoulder", "wrist"])
+    assert arm.locked == {"elbow": pytest.approx(np.deg2rad(15))}  # 0 clipped into its limits
+    assert any("elbow=0.2618" in note for note in arm.notes)
+    told = load_arm("three_link", ["shoulder", "wrist"], lock={"elbow": 1.0})
+    assert told.locked == {"elbow": 1.0}
+    full = load_arm("three_link")
+    expected = full.forward([0.3, 1.0, -0.2])
+    np.testing.assert_allclose(told.forward([0.3, -0.2]), expected, atol=1e-15)
+
+
+def test_a_locked_joint_is_not_chosen():
+    arm = load_arm("three_link", lock={"wrist": 0.5})
+    assert arm.joint_names == ("shoulder", "elbow")
+    assert arm.locked == {"wrist": 0.5}
+
+
+def test_a_follower_is_held_where_its_leader_is():
+    mimic = '<mimic joint="j2" multiplier="-2" offset="0.1"/>'
+    text = chain_urdf(turning(), turning(), turning(more=mimic), turning())
+    arm = arm_from_urdf(text, ["j1", "j4"], lock={"j2": 0.2})
+    assert arm.locked == {"j2": 0.2, "j3": pytest.approx(-0.3)}
+
+
+def test_an_arm_is_preferred_to_its_fingers():
+    text = chain_urdf(
+        turning(xyz="0 0 0.1"),
+        turning(axis="0 1 0"),
+        turning(axis="0 1 0"),
+        turning(xyz="0.25 0 0", axis="1 0 0"),
+        turning(xyz="0.02 0 0", axis="0 0 1"),
+        tip="0.04 0 0",
+    )
+    assert arm_from_urdf(text).joint_names == ("j2", "j3")
+
+
+def test_two_slides_make_a_plane():
+    arm = arm_from_urdf(chain_urdf(turning(axis="1 0 0") + SLIDE, turning(axis="0 2 0") + SLIDE))
+    assert arm.revolute == (False, False)
+    np.testing.assert_allclose(arm.forward([0.1, 0.2]), [0.6 + 0.2 + 0.1, 0.2], atol=1e-15)
+    np.testing.assert_allclose(arm.jacobian([0.1, 0.2]), np.eye(2), atol=1e-15)
+
+
+def test_what_had_to_be_chosen_is_said_aloud():
+    text = chain_urdf(turning(), turning(), turning(axis="0 1 0"))
+    assert arm_from_urdf(text, ["j1", "j2"]).notes == (
+        "tip 'tip' was chosen (--tip to change)",
+        "locked at neutral: j3=0 (--lock JOINT=VALUE to change)",
+    )
+    assert arm_from_urdf(text, ["j1", "j2"], "tip", lock={"j3": 9}).notes == (
+        "--lock j3=9 lies outside the joint's limits -1:1 [rad]",
+    )
+    assert load_arm("two_link", ["shoulder", "elbow"]).notes == ()
+
+
+def test_a_tip_may_be_named_by_its_joint():
+    assert load_arm("two_link", tip="tip_mount").tip == "tip"
+
+
+def test_an_arm_can_be_built_again_from_its_own_text():
+    arm = load_arm("scara", ranges={"elbow": (0.1, 1)})
+    ranges = dict(zip(arm.joint_names, zip(arm.lower, arm.upper, strict=True), strict=True))
+    again = arm_from_urdf(arm.urdf, arm.joint_names, arm.tip, lock=arm.locked, ranges=ranges)
+    q = random_joints(arm, 10)
+    np.testing.assert_array_equal(again.forward(q), arm.forward(q))
+    np.testing.assert_array_equal(again.lower, arm.lower)
+    np.testing.assert_array_equal(again.upper, arm.upper)
+
+
+@pytest.mark.parametrize(
+    ("options", "words"),
+    [
+        ({"joints": ["sholder", "elbow"]}, ["'sholder'", "did you mean shoulder?"]),
+        ({"joints": ["shoulder", "tip_mount"]}, ["'tip_mount' is fixed", "shoulder, elbow"]),
+        ({"joints": ["elbow"]}, ["two or more"]),
+        ({"joints": []}, ["two or more"]),
+        ({"joints": ["elbow", "elbow"]}, ["'elbow' is named twice"]),
+        ({"tip": "tp"}, ["'tp'", "did you mean tip?"]),
+        ({"tip": "upper_arm"}, ["'upper_arm'", "shoulder"]),
+        ({"joints": ["shoulder", "elbow"], "tip": "upper_arm"}, ["'elbow'", "'upper_arm'"]),
+        ({"joints": ["shoulder", "elbow"], "tip": "forearm"}, ["'elbow'", "'forearm'", "axis"]),
+        ({"lock": {"nope": 1}}, ["--lock", "'nope'"]),
+        ({"lock": {"elbow": np.inf}, "joints": ["shoulder", "elbow"]}, ["elbow=inf"]),
+        ({"lock": {"elbow": 1.0}, "joints": ["shoulder", "elbow"]}, ["active and locked"]),
+        ({"lock": {"elbow": 1.0}}, ["no planar arm", "shoulder, elbow"]),
+    ],
+)
+def test_joints_and_tips_that_cannot_be_are_told_in_one_line(options, words):
+    with pytest.raises(CalibError) as caught:
+        load_arm("two_link", **options)
+    message = str(caught.value)
+    assert "\n" not in message
+    for word in words:
+        assert word in message
+
+
+def test_an_arm_that_is_not_planar_is_refused_naming_the_joint_and_its_axis():
+    text = chain_urdf(turning(), turning(axis="0 1 0"), turning())
+    with pytest.raises(RobotError, match=r"not planar: joint 'j2' has the axis \(0, 1, 0\)"):
+        arm_from_urdf(text, ["j1", "j2", "j3"])
+    sliding = chain_urdf(turning(), turning() + SLIDE)
+    with pytest.raises(RobotError, match=r"'j2' has the axis \(0, 0, 1\).*perpendicular"):
+        arm_from_urdf(sliding, ["j1", "j2"])
+    in_line = chain_urdf(turning() + SLIDE, turning() + SLIDE)
+    with pytest.raises(RobotError, match="all slide along"):
+        arm_from_urdf(in_line, ["j1", "j2"])
+
+
+@pytest.mark.parametrize(("angle", "planar"), [(0.9e-4, True), (1.1e-4, False)])
+def test_axes_may_differ_by_a_ten_thousandth(angle, planar):
+    text = chain_urdf(turning(), turning(axis=f"{np.sin(angle)} 0 {-np.cos(angle)}"))
+    if planar:
+        assert arm_from_urdf(text, ["j1", "j2"]).joint_names == ("j1", "j2")
+    else:
+        with pytest.raises(RobotError, match="not planar"):
+            arm_from_urdf(text, ["j1", "j2"])
+
+
+def test_like_arms_are_listed_and_every_suggestion_works():
+    text = '<robot name="pair"><link name="base"/>'
+    for side in "lr":
+        one = chain_urdf(turning(), turning()).removeprefix('<robot name="chain">')
+        one = one.removesuffix("</robot>").replace('name="', f'name="{side}_')
+        text += one.replace('link="', f'link="{side}_') + (
+            f'<joint name="{side}_base" type="fixed"><parent link="base"/>'
+            f'<child link="{side}_l0"/></joint>'
+        )
+    text += "</robot>"
+    with pytest.raises(RobotError) as caught:
+        arm_from_urdf(text)
+    assert "--joints l_j1,l_j2 --tip l_tip; --joints r_j1,r_j2 --tip r_tip" in str(caught.value)
+    assert arm_from_urdf(text, ["r_j1", "r_j2"], "r_tip").joint_names == ("r_j1", "r_j2")
+    assert arm_from_urdf(text, tip="l_tip").joint_names == ("l_j1", "l_j2")
+
+
+def test_an_active_follower_or_leader_is_refused():
+    mimic = '<mimic joint="j2"/>'
+    text = chain_urdf(turning(), turning(), turning(more=mimic))
+    with pytest.raises(RobotError, match=r"'j3' mimics 'j2' and cannot move on its own"):
+        arm_from_urdf(text, ["j1", "j3"])
+    for joints in (["j1", "j2"], None):
+        with pytest.raises(RobotError, match=r"'j3' mimics the active 'j2'"):
+            arm_from_urdf(text, joints)
+
+
+def test_without_pinocchio_the_remedy_is_told(monkeypatch):
+    monkeypatch.setitem(sys.modules, "pinocchio", None)
+    with pytest.raises(RobotError, match="pip install pin"):
+        load_arm("two_link")

@@ -1,0 +1,213 @@
+"""URDF input that cannot be used: one line each, naming the value and the remedy."""
+
+from __future__ import annotations
+
+import pytest
+from hypothesis import example, given, settings
+from hypothesis import strategies as st
+
+from calib.arm import arm_from_urdf, load_arm
+from calib.errors import RobotError
+from calib.robots import resolve_robot
+from calib.urdf import MAX_BYTES, parse_urdf, read_urdf
+
+GOOD = read_urdf(resolve_robot("two_link"))
+ELBOW = '<joint name="elbow" type="revolute">'
+ELBOW_LIMITS = 'lower="0.2617993877991494" upper="2.6179938779914944"'
+LIMIT_ELEMENT = f'<limit {ELBOW_LIMITS} effort="10" velocity="3"/>'
+AXIS = '<axis xyz="0 0 1"/>'
+SECOND_PARENT = (
+    '<joint name="extra" type="fixed"><parent link="base"/><child link="forearm"/></joint></robot>'
+)
+
+
+def changed(old: str, new: str) -> str:
+    assert old in GOOD
+    return GOOD.replace(old, new)
+
+
+BAD = {
+    "truncated": (GOOD[:-40], ["well-formed", "truncated", "line"]),
+    "truncated early": (GOOD[:300], ["well-formed", "truncated"]),
+    "not xml": ("hello", ["well-formed"]),
+    "control character": (GOOD.replace("base", "ba\0se"), ["well-formed"]),
+    "dtd": (changed("<robot", "<!DOCTYPE robot []>\n<robot"), ["<!DOCTYPE", "remove"]),
+    "entity": (
+        changed("<robot", '<!DOCTYPE r [<!ENTITY a "aaa">]>\n<robot'),
+        ["<!DOCTYPE", "remove"],
+    ),
+    "entity in lower case": (changed("<robot", "<!doctype robot>\n<robot"), ["<!DOCTYPE"]),
+    "unknown entity": (changed('name="tip"', 'name="&tip;"'), ["well-formed", "entity"]),
+    "xacro element": (
+        changed("</robot>", '<xacro:include filename="x"/></robot>'),
+        ["xacro", "expand"],
+    ),
+    "xacro element with namespace": (
+        changed("<robot ", '<robot xmlns:xacro="http://ros.org/wiki/xacro" ').replace(
+            "</robot>", '<xacro:macro name="m"/></robot>'
+        ),
+        ["<xacro:macro>", "expand"],
+    ),
+    "xacro value": (changed("0.25 0 0", "${length} 0 0"), ["${length}", "expand"]),
+    "sdf": ('<sdf version="1.7"><model name="m"/></sdf>', ["<sdf>", "<robot>", "convert"]),
+    "no links": ('<robot name="r"/>', ["no links"]),
+    "one link": ('<robot name="r"><link name="a"/></robot>', ["two movable joints", "(none)"]),
+    "link without name": (changed('<link name="base">', "<link>"), ["link number 1", "no name"]),
+    "joint without name": (changed(ELBOW, '<joint type="revolute">'), ["joint number 2"]),
+    "joint without type": (changed(ELBOW, '<joint name="elbow">'), ["'elbow'", "type", "fixed"]),
+    "unknown type": (changed(ELBOW, ELBOW.replace("revolute", "hinge")), ["'elbow'", "'hinge'"]),
+    "floating": (changed(ELBOW, ELBOW.replace("revolute", "floating")), ["'elbow'", "floating"]),
+    "planar": (changed(ELBOW, ELBOW.replace("revolute", "planar")), ["'elbow'", "planar"]),
+    "duplicate joint": (changed('name="tip_mount"', 'name="elbow"'), ["two joints", "'elbow'"]),
+    "duplicate link": (changed('<link name="tip"', '<link name="forearm"'), ["'forearm'"]),
+    "two parents": (
+        changed("</robot>", SECOND_PARENT),
+        ["'forearm' has two parents", "'elbow'", "'extra'"],
+    ),
+    "two roots": (changed("</robot>", '<link name="loose"/></robot>'), ["'base'", "'loose'"]),
+    "a loop and no root": (
+        changed(
+            "</robot>",
+            '<joint name="back" type="fixed"><parent link="tip"/><child link="base"/></joint>'
+            "</robot>",
+        ),
+        ["'base'", "loop", "remove joint 'back'"],
+    ),
+    "a loop beside the root": (
+        changed('<parent link="upper_arm"/>', '<parent link="tip"/>'),
+        ["loop", "remove joint"],
+    ),
+    "unknown parent": (
+        changed('<parent link="upper_arm"/>', '<parent link="uper_arm"/>'),
+        ["'elbow'", "'uper_arm'", "did you mean upper_arm?"],
+    ),
+    "no child": (changed('<child link="forearm"/>', ""), ["'elbow'", "<child>", "expected one"]),
+    "axis 0 0 0": (changed(AXIS, '<axis xyz="0 0 0"/>'), ["'shoulder'", "0 0 0", "direction"]),
+    "axis of two numbers": (changed(AXIS, '<axis xyz="0 1"/>'), ["'0 1'", "three numbers"]),
+    "axis nan": (changed(AXIS, '<axis xyz="0 0 nan"/>'), ["'nan'", "finite"]),
+    "origin nan": (changed("0.3 0 0", "nan 0 0"), ["'elbow'", "origin xyz", "'nan'"]),
+    "origin inf": (changed("0.3 0 0", "inf 0 0"), ["'elbow'", "'inf'"]),
+    "origin overflows": (changed("0.3 0 0", "1e999 0 0"), ["'elbow'", "'1e999'"]),
+    "origin text": (changed("0.3 0 0", "0,3 0 0"), ["'0,3'"]),
+    "origin as Python writes it": (changed("0.3 0 0", "1_0 0 0"), ["'1_0'"]),
+    "endless number": (changed("0.3 0 0", "1" * 100_000 + "x 0 0"), ["'111", "finite"]),
+    "limit nan": (changed(ELBOW_LIMITS, 'lower="nan" upper="1"'), ["'elbow'", "'nan'"]),
+    "no limit": (changed(LIMIT_ELEMENT, ""), ["'elbow'", "no limits", "--range elbow="]),
+    "limit without ends": (
+        changed(ELBOW_LIMITS, ""),
+        ["'elbow'", "no limits", "--range elbow="],
+    ),
+    "inverted limits": (
+        changed(ELBOW_LIMITS, 'lower="2" upper="-2"'),
+        ["'elbow'", "inverted", "2 > -2", "--range elbow="],
+    ),
+    "zero-wide limits": (
+        changed(ELBOW_LIMITS, 'lower="1" upper="1"'),
+        ["elbow", "no room (1 to 1)", "--range"],
+    ),
+    "1e16 slide": (
+        changed(ELBOW, ELBOW.replace("revolute", "prismatic"))
+        .replace(ELBOW_LIMITS, 'lower="-1e16" upper="1e16"')
+        .replace("0.3 0 0", "0.3 0 0.1"),
+        ["elbow"],
+    ),
+    "too many joints": (
+        '<robot name="r"><link name="l0"/>'
+        + "".join(
+            f'<link name="l{k + 1}"/><joint name="j{k}" type="fixed"><parent link="l{k}"/>'
+            f'<child link="l{k + 1}"/></joint>'
+            for k in range(1_001)
+        )
+        + "</robot>",
+        ["1001 joints", "at most 1000"],
+    ),
+}
+
+
+@pytest.mark.parametrize("case", BAD)
+def test_each_bad_urdf_gets_one_line(case):
+    text, words = BAD[case]
+    with pytest.raises(RobotError) as caught:
+        arm_from_urdf(text)
+    message = str(caught.value)
+    assert "\n" not in message
+    assert len(message) < 500
+    for word in words:
+        assert word in message
+
+
+def test_a_slide_without_end_asks_for_a_range():
+    text = read_urdf(resolve_robot("polar")).replace('upper="0.25"', 'upper="1e16"')
+    with pytest.raises(RobotError, match=r"'slide'.*unusable.*--range slide=LOWER:UPPER \[m\]"):
+        arm_from_urdf(text)
+    assert arm_from_urdf(text, ranges={"slide": (0, 0.2)}).upper[1] == 0.2
+
+
+def test_the_file_is_named_in_the_line(tmp_path):
+    path = tmp_path / "broken.urdf"
+    path.write_text(GOOD[:-40])
+    with pytest.raises(RobotError, match=r"^broken\.urdf: "):
+        load_arm(path)
+
+
+def test_files_that_cannot_be_read(tmp_path):
+    latin, empty, huge = (tmp_path / name for name in ("latin", "empty", "huge"))
+    latin.write_bytes(GOOD.replace("base", "bäse").encode("latin-1"))
+    empty.write_text(" \n")
+    with huge.open("wb") as file:
+        file.truncate(MAX_BYTES + 1)  # a hole, not 50 MB of disk
+    cases = {
+        latin: "not UTF-8",
+        empty: "is empty",
+        huge: "50 MB",
+        tmp_path: "is a folder",
+        tmp_path / "missing.urdf": "no such file",
+    }
+    for path, words in cases.items():
+        with pytest.raises(RobotError) as caught:
+            read_urdf(path)
+        assert str(path) in str(caught.value)
+        assert words in str(caught.value)
+        assert "\n" not in str(caught.value)
+
+
+def test_utf_16_cannot_hide_a_document_type(tmp_path):
+    path = tmp_path / "hidden.urdf"
+    path.write_bytes(BAD["entity"][0].encode("utf-16"))
+    with pytest.raises(RobotError, match="not UTF-8"):
+        load_arm(path)
+
+
+def test_a_billion_laughs_are_refused_before_parsing(monkeypatch):
+    def parsed(_text):
+        raise AssertionError("the XML parser was called")
+
+    monkeypatch.setattr("xml.etree.ElementTree.fromstring", parsed)
+    with pytest.raises(RobotError, match="<!DOCTYPE"):
+        parse_urdf(BAD["entity"][0])
+
+
+def test_names_with_line_breaks_do_not_break_the_line():
+    text = changed(ELBOW, '<joint name="el&#10;bow" type="hinge">')
+    with pytest.raises(RobotError) as caught:
+        parse_urdf(text)
+    assert "\n" not in str(caught.value)
+
+
+def test_deeply_nested_text_is_no_danger():
+    text = '<robot name="r">' + "<a>" * 200_000 + "</a>" * 200_000 + "</robot>"
+    with pytest.raises(RobotError, match="no links"):
+        parse_urdf(text)
+
+
+@settings(max_examples=150, deadline=None)
+@given(st.integers(0, len(GOOD) - 1), st.integers(0, 60), st.text(max_size=8))
+@example(0, 0, "")
+def test_damaged_text_loads_or_is_refused_in_one_line(start, length, inserted):
+    text = GOOD[:start] + inserted + GOOD[start + length :]
+    message = ""
+    try:
+        assert arm_from_urdf(text).dof >= 2
+    except RobotError as error:
+        message = str(error)
+    assert "\n" not in message

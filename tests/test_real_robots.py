@@ -1,0 +1,129 @@
+"""Real robots from example-robot-data (PyPI): they load as they are, or say why not."""
+
+from __future__ import annotations
+
+import re
+from pathlib import Path
+
+import numpy as np
+import pinocchio
+import pytest
+from reference import pinocchio_forward, random_joints
+
+from calib.arm import load_arm
+from calib.errors import OptionError, RobotError
+
+FOLDER = Path(pinocchio.__file__).parents[4] / "share/example-robot-data/robots"
+FILES = sorted(FOLDER.rglob("*.urdf"))
+
+pytestmark = pytest.mark.skipif(
+    not FILES, reason="example-robot-data is not installed: pip install example-robot-data"
+)
+
+UR = "ur_description/urdf/"
+NAMED = {
+    "ur10": (UR + "ur10_robot.urdf", "shoulder_lift_joint,elbow_joint", "wrist_1_link"),
+    "ur5": (UR + "ur5_robot.urdf", "shoulder_lift_joint,elbow_joint,wrist_1_joint", "tool0"),
+    "panda": (
+        "panda_description/urdf/panda.urdf",
+        "panda_joint2,panda_joint4,panda_joint6",
+        "panda_hand_tcp",
+    ),
+    "tiago": (
+        "tiago_description/robots/tiago.urdf",
+        "torso_lift_joint,arm_2_joint,arm_4_joint",
+        "wrist_ft_tool_link",
+    ),
+}
+
+
+@pytest.mark.parametrize("name", NAMED)
+def test_named_arms_agree_with_pinocchio(name):
+    file, joints, tip = NAMED[name]
+    arm = load_arm(FOLDER / file, joints.split(","), tip)
+    assert arm.joint_names == tuple(joints.split(","))
+    q = random_joints(arm, 300)
+    assert np.abs(arm.forward(q) - pinocchio_forward(arm, q)).max() <= 1e-9
+
+
+def test_ur10_has_its_data_sheets_links_and_an_upright_plane():
+    file, joints, tip = NAMED["ur10"]
+    arm = load_arm(FOLDER / file, joints.split(","), tip)
+    assert arm.link_lengths["shoulder_lift_joint"] == pytest.approx(0.612)
+    assert arm.link_lengths["elbow_joint"] == pytest.approx(0.5723)
+    np.testing.assert_allclose(arm.plane.x, [1, 0, 0], atol=1e-7)
+    np.testing.assert_allclose(arm.plane.y, [0, 0, 1], atol=1e-7)
+    # the tip lies on the axis of wrist_1_joint, which therefore is held, too
+    assert arm.locked == {"shoulder_pan_joint": 0.0, "wrist_1_joint": 0.0}
+
+
+def test_tiago_slides_first():
+    file, joints, tip = NAMED["tiago"]
+    arm = load_arm(FOLDER / file, joints.split(","), tip)
+    assert arm.revolute == (False, True, True)
+    np.testing.assert_allclose(arm.jacobian(arm.lower)[:, 0], [0, 1], atol=1e-9)
+
+
+@pytest.mark.parametrize(
+    ("file", "joints", "tip"),
+    [
+        ("ur_description/urdf/ur5_robot.urdf", NAMED["ur5"][1], "tool0"),
+        ("panda_description/urdf/panda.urdf", NAMED["panda"][1], "panda_hand_tcp"),
+        (
+            "so_arm_description/urdf/so101.urdf",
+            "shoulder_lift,elbow_flex,wrist_flex",
+            "gripper_frame_link",
+        ),
+        ("asr_twodof_description/urdf/TwoDofs.urdf", "J1,J2", "Tip"),
+    ],
+)
+def test_the_arm_is_found_and_not_its_fingers(file, joints, tip):
+    arm = load_arm(FOLDER / file)
+    assert (",".join(arm.joint_names), arm.tip) == (joints, tip)
+
+
+@pytest.mark.parametrize("path", FILES, ids=lambda path: path.stem)
+def test_every_file_loads_truly_or_is_refused_in_one_line(path):
+    """A refusal that lists choices lists choices that work."""
+    try:
+        arms = [load_arm(path)]
+    except RobotError as error:
+        message = str(error)
+        choices = re.findall(r"--joints (\S+) --tip ([^\s;]+)", message)
+        arms = [load_or_give_ranges(path, joints.split(","), tip) for joints, tip in choices]
+    else:
+        message = ""
+    assert "\n" not in message
+    assert arms or re.search("no links|two movable|no planar arm", message)
+    for arm in arms:
+        assert 2 <= arm.dof <= 3
+        assert np.isfinite([arm.lower, arm.upper]).all()
+        assert (arm.lower < arm.upper).all()
+        q = random_joints(arm, 20)
+        assert np.abs(arm.forward(q) - pinocchio_forward(arm, q)).max() <= 1e-9
+
+
+def load_or_give_ranges(path, joints, tip):
+    """Load an arm; where a joint states no limits, do as the message says."""
+    ranges: dict[str, tuple[float, float]] = {}
+    while True:
+        try:
+            return load_arm(path, joints, tip, ranges=ranges)
+        except RobotError as error:
+            asked = re.search(r"--range (\S+)=LOWER:UPPER", str(error))
+            if asked is None or asked[1] in ranges:
+                raise
+            ranges[asked[1]] = (-1, 1)
+
+
+def test_a_joint_out_of_the_plane_is_named():
+    with pytest.raises(RobotError, match="'shoulder_pan_joint' has the axis"):
+        load_arm(
+            FOLDER / NAMED["ur10"][0], ["shoulder_pan_joint", "shoulder_lift_joint", "elbow_joint"]
+        )
+
+
+def test_a_range_goes_no_further_than_the_limits():
+    file, joints, tip = NAMED["panda"]
+    with pytest.raises(OptionError, match=r"panda_joint4=-1:1.*-3\.0718:-0\.0698"):
+        load_arm(FOLDER / file, joints.split(","), tip, ranges={"panda_joint4": (-1, 1)})

@@ -1,0 +1,117 @@
+"""The bundled robots: what issue and tables promise about them."""
+
+from __future__ import annotations
+
+import subprocess
+import sys
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from calib.arm import load_arm
+from calib.errors import RobotError
+from calib.robots import list_robots, resolve_robot
+
+PROMISED = {
+    "two_link": (("shoulder", "elbow"), [(0, 90), (15, 150)], [0.30, 0.25]),
+    "two_link_full": (("shoulder", "elbow"), [(0, 90), (-150, 150)], [0.30, 0.25]),
+    "three_link": (
+        ("shoulder", "elbow", "wrist"),
+        [(0, 90), (15, 150), (-90, 90)],
+        [0.30, 0.25, 0.15],
+    ),
+    "scara": (("shoulder", "elbow"), [(-120, 120), (-140, 140)], [0.35, 0.35]),
+    "tilted": (("shoulder", "elbow"), [(0, 90), (15, 150)], [0.30, 0.25]),
+}
+
+
+def test_the_catalogue_holds_what_was_promised():
+    assert {entry.name for entry in list_robots()} == {*PROMISED, "polar"}
+
+
+@pytest.mark.parametrize("entry", list_robots(), ids=lambda entry: entry.name)
+def test_every_entry_is_what_its_file_says(entry):
+    arm = load_arm(entry.name)
+    assert arm.name == entry.name
+    assert arm.joint_names == entry.joints
+    assert arm.dof == entry.dof
+    assert entry.description
+    assert arm.notes == ()  # nothing had to be assumed
+    assert arm.locked == {}
+    assert "<visual>" in arm.urdf
+
+
+@pytest.mark.parametrize("name", PROMISED)
+def test_joints_ranges_and_lengths(name):
+    joints, degrees, lengths = PROMISED[name]
+    arm = load_arm(name)
+    assert arm.joint_names == joints
+    assert all(arm.revolute)
+    np.testing.assert_array_equal(arm.lower, np.deg2rad([low for low, _ in degrees]))
+    np.testing.assert_array_equal(arm.upper, np.deg2rad([high for _, high in degrees]))
+    np.testing.assert_allclose(list(arm.link_lengths.values()), lengths, atol=1e-15)
+
+
+def test_polar_turns_and_slides():
+    arm = load_arm("polar")
+    assert arm.joint_names == ("shoulder", "slide")
+    assert arm.revolute == (True, False)
+    angle, out = 0.7, 0.2
+    expected = 0.45 * np.array([np.cos(angle), np.sin(angle)])  # 0.15 + 0.20 + 0.10 m
+    np.testing.assert_allclose(arm.forward([angle, out]), expected, atol=1e-15)
+
+
+def test_the_tool_of_scara_lies_beyond_its_wrist():
+    tool, wrist = load_arm("scara"), load_arm("scara", tip="wrist_flange")
+    assert tool.tip == "tool"
+    gap = tool.forward([0.3, 0.8]) - wrist.forward([0.3, 0.8])
+    assert np.linalg.norm(gap) == pytest.approx(0.05, abs=1e-15)
+
+
+def test_tilted_is_neither_horizontal_nor_through_the_origin():
+    plane = load_arm("tilted").plane
+    assert np.abs(plane.basis).max() < 0.99  # no axis or normal is one of the root's
+    assert np.linalg.norm(plane.origin) > 0.1
+
+
+def test_a_name_or_a_path_is_resolved(tmp_path):
+    entry = list_robots()[0]
+    assert resolve_robot(entry.name) == entry.path
+    copy = tmp_path / "mine.urdf"
+    copy.write_text(entry.path.read_text())
+    assert resolve_robot(str(copy)) == copy
+    assert load_arm(copy).joint_names == entry.joints
+
+
+@pytest.mark.parametrize(
+    ("robot", "words"),
+    [
+        ("two_lnk", ["'two_lnk'", "did you mean two_link?"]),
+        ("robots/nowhere.urdf", ["'robots/nowhere.urdf'", "scara", "three_link"]),
+        ("", ["''", "polar"]),
+        ("a\0b", ["polar"]),
+        ("x" * 5_000, ["xxx...", "polar"]),
+        ("two\nlines", [r"'two\nlines'", "polar"]),
+    ],
+)
+def test_an_unknown_robot_is_told_in_one_line(robot, words):
+    with pytest.raises(RobotError) as caught:
+        resolve_robot(robot)
+    message = str(caught.value)
+    assert "\n" not in message
+    assert len(message) < 500
+    for word in words:
+        assert word in message
+
+
+def test_listing_robots_loads_no_heavy_library():
+    code = (
+        "import sys; from calib.robots import list_robots; list_robots(); "
+        "print([m for m in ('numpy', 'pinocchio', 'yourdfpy', 'scipy') if m in sys.modules])"
+    )
+    root = Path(__file__).parent.parent
+    run = subprocess.run(
+        [sys.executable, "-c", code], cwd=root, capture_output=True, text=True, check=True
+    )
+    assert run.stdout.strip() == "[]"

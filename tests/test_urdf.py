@@ -1,0 +1,124 @@
+"""URDF text that is accepted: what is read from it, and what is mended aloud."""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+import pinocchio as pin
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+from reference import random_joints
+
+from calib.arm import arm_from_urdf
+from calib.robots import list_robots
+from calib.urdf import MAX_JOINTS, parse_urdf, read_urdf
+
+TWO = """<robot name="two">
+  <link name="a"/><link name="b"/><link name="c"/><link name="d"/>
+  <joint name="j1" type="revolute"><parent link="a"/><child link="b"/>
+    <axis xyz="0 0 1"/><limit lower="-1" upper="1" effort="1" velocity="1"/></joint>
+  <joint name="j2" type="revolute"><parent link="b"/><child link="c"/>
+    <origin xyz="0.3 0 0" rpy="0.1 0.2 0.3"/>
+    <axis xyz="0 0 1"/><limit lower="-1" upper="1" effort="1" velocity="1"/></joint>
+  <joint name="j3" type="fixed"><parent link="c"/><child link="d"/>
+    <origin xyz="0.2 0 0"/></joint>
+</robot>"""
+
+
+def test_the_tree_is_read():
+    urdf = parse_urdf(TWO)
+    assert (urdf.name, urdf.root, urdf.links) == ("two", "a", ("a", "b", "c", "d"))
+    assert [joint.kind for joint in urdf.joints] == ["revolute", "revolute", "fixed"]
+    j2 = urdf.joint("j2")
+    assert j2 is not None
+    assert (j2.xyz, j2.rpy, j2.axis) == ((0.3, 0, 0), (0.1, 0.2, 0.3), (0, 0, 1))
+    assert j2.limits == (-1, 1)
+    assert [joint.name for joint in urdf.path("d")] == ["j1", "j2", "j3"]
+    assert [joint.name for joint in urdf.below("b")] == ["j2"]
+    assert [urdf.carries(link) for link in "abcd"] == [True, True, False, False]
+    assert urdf.notes == ()
+
+
+@pytest.mark.parametrize("entry", list_robots(), ids=lambda entry: entry.name)
+def test_the_plain_text_has_the_kinematics_of_the_original(entry):
+    text = read_urdf(entry.path)
+    whole, plain = (pin.buildModelFromXML(t) for t in (text, parse_urdf(text).plain()))
+    assert list(whole.names) == list(plain.names)
+    for one, other in zip(whole.jointPlacements, plain.jointPlacements, strict=True):
+        np.testing.assert_array_equal(one.homogeneous, other.homogeneous)
+
+
+@given(st.lists(st.floats(-10, 10), min_size=3, max_size=3))
+def test_numbers_reach_pinocchio_unchanged(xyz):
+    text = TWO.replace("0.3 0 0", " ".join(map(repr, xyz)))
+    model = pin.buildModelFromXML(parse_urdf(text).plain())
+    assert model.jointPlacements[2].translation.tolist() == xyz
+
+
+@pytest.mark.parametrize(
+    ("old", "new", "word"),
+    [
+        (' name="two"', "", "no name: file_name is used"),
+        (' effort="1" velocity="1"', "", "no effort or velocity for 2 of its joints"),
+        ('<origin xyz="0.2 0 0"/>', '<mimic joint="no"/>', "'no', which does not exist"),
+    ],
+)
+def test_harmless_gaps_are_mended_aloud(old, new, word):
+    urdf = parse_urdf(TWO.replace(old, new), "file_name")
+    assert len(urdf.notes) == 1
+    assert word in urdf.notes[0]
+    assert pin.buildModelFromXML(urdf.plain()).nq == 2
+
+
+def test_a_missing_axis_is_x_as_in_pinocchio():
+    text = TWO.replace('<axis xyz="0 0 1"/>', "")
+    assert all(joint.axis == (1, 0, 0) for joint in parse_urdf(text).joints)
+    assert any("no <axis>" in note for note in parse_urdf(text).notes)
+    original = pin.buildModelFromXML(text)
+    assert [joint.shortname() for joint in original.joints][1] == "JointModelRX"
+
+
+def test_an_axis_of_any_length_is_a_direction():
+    long = arm_from_urdf(TWO.replace("0.1 0.2 0.3", "0 0 0").replace("0 0 1", "0 0 7"))
+    unit = arm_from_urdf(TWO.replace("0.1 0.2 0.3", "0 0 0"))
+    q = random_joints(unit, 10)
+    np.testing.assert_allclose(long.forward(q), unit.forward(q), atol=1e-15)
+
+
+@pytest.mark.parametrize(
+    ("written", "read"),
+    [
+        ('lower="-inf" upper="inf"', (-math.inf, math.inf)),
+        ('lower="-1e16" upper="1e16"', (-1e16, 1e16)),
+        ('upper="2"', (0, 2)),
+        ("", None),
+    ],
+)
+def test_limits_are_read_as_stated(written, read):
+    text = TWO.replace('lower="-1" upper="1"', written)
+    assert parse_urdf(text).joints[0].limits == read
+
+
+def test_expanded_xacro_may_keep_its_namespace():
+    text = TWO.replace("<robot", '<robot xmlns:xacro="http://www.ros.org/wiki/xacro"')
+    assert parse_urdf(text).joints == parse_urdf(TWO).joints
+
+
+def test_a_byte_order_mark_and_an_encoding_are_no_obstacle(tmp_path):
+    path = tmp_path / "bom.urdf"
+    path.write_bytes(b"\xef\xbb\xbf" + b'<?xml version="1.0" encoding="utf-8"?>' + TWO.encode())
+    assert parse_urdf(read_urdf(path)).name == "two"
+
+
+def test_the_longest_chain_that_is_allowed_is_loaded():
+    n = MAX_JOINTS - 3  # fixed joints from a new root to the arm's three
+    text = TWO.replace("</robot>", "").replace("0.1 0.2 0.3", "0 0 0")
+    for k in range(n):
+        child = "a" if k == n - 1 else f"f{k + 1}"
+        text += (
+            f'<link name="f{k}"/><joint name="k{k}" type="fixed"><parent link="f{k}"/>'
+            f'<child link="{child}"/></joint>'
+        )
+    assert arm_from_urdf(text + "</robot>").joint_names == ("j1", "j2")
