@@ -43,6 +43,8 @@ def atomic_write(path: str | os.PathLike[str], data: bytes | Callable[[BinaryIO]
     >>> atomic_write("numbers.txt", lambda file: file.write(b"4 5 6"))
     """
     try:
+        if "\0" in os.fspath(path):
+            raise OSError(errno.EINVAL, "its name holds a null character")
         target = Path(os.path.realpath(path))
         mode = _mode(target)
         if mode is not None and not stat.S_ISREG(mode):
@@ -54,7 +56,7 @@ def atomic_write(path: str | os.PathLike[str], data: bytes | Callable[[BinaryIO]
         if mode is not None and not os.access(target, os.W_OK):
             raise PermissionError(errno.EACCES, "write-protected")
         _replace(target, mode, data)
-    except (OSError, ValueError) as error:
+    except OSError as error:
         raise CalibError(f"cannot write {os.fspath(path)!r}: {_reason(path, error)}") from error
 
 
@@ -101,9 +103,7 @@ def _sync_folder(folder: Path) -> None:
             os.close(handle)
 
 
-def _reason(path: str | os.PathLike[str], error: OSError | ValueError) -> str:
-    if isinstance(error, ValueError):
-        return f"{error}; give another name"
+def _reason(path: str | os.PathLike[str], error: OSError) -> str:
     if isinstance(error, IsADirectoryError):
         return "it is a folder; name a file in it"
     if isinstance(error, FileNotFoundError):
@@ -112,4 +112,4 @@ def _reason(path: str | os.PathLike[str], error: OSError | ValueError) -> str:
         return "permission denied; choose another place with -o or change its permissions"
     if error.errno in (errno.ENOSPC, errno.EDQUOT):
         return "the disk is full; make room or choose another place"
-    return f"{error.strerror or error}; choose another place"
+    return f"{error.strerror or error}; choose another name or place"

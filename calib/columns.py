@@ -9,7 +9,7 @@ import sys
 from array import array
 from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from difflib import get_close_matches
 from pathlib import Path
 from typing import IO
@@ -17,15 +17,15 @@ from typing import IO
 import numpy as np
 from numpy.typing import NDArray
 
+from .cells import parse_cell
 from .errors import LogError
+from .parquet import parquet_header, read_parquet
 
 Array = NDArray[np.float64]
 
-MISSING = ("", "na", "n/a", "nan", "null", "none", "-", "?")
 PARQUET = (".parquet", ".pq")
 
 _LONGEST_HEADER = 1 << 20  # [bytes]; a file without line ends must not fill the memory
-_NAN = float("nan")
 
 
 @dataclass(frozen=True)
@@ -88,7 +88,8 @@ def open_source(path: str | os.PathLike[str]) -> Source:
     except (OSError, ValueError) as error:
         raise LogError(f"cannot read {label!r}: {error}") from None
     if start.startswith(b"PAR1"):
-        return Source(label, data, _parquet_header(label, data))
+        parquet = Source(label, data, ())
+        return replace(parquet, header=parquet_header(label, parquet.binary))
     if Path(path).suffix.lower() in PARQUET:
         raise LogError(f"{label} is no Parquet file; name it .csv if it is CSV")
     if len(start) == _LONGEST_HEADER:
@@ -125,7 +126,7 @@ def read_columns(source: Source, names: Sequence[str], *, lenient: bool = False)
     """
     _check_columns(source, names)
     if not source.separator:
-        return _read_parquet(source, names, lenient)
+        return read_parquet(source.label, source.binary, names, lenient=lenient)
     index = [source.header.index(name) for name in names]
     values = _read_csv_fast(source, index)
     return _read_csv(source, index, lenient) if values is None else values
@@ -149,7 +150,7 @@ def _read_csv_fast(source: Source, index: Sequence[int]) -> Array | None:
     """Read clean CSV in Polars; None sends every doubtful file to `_read_csv`."""
     import polars as pl
 
-    if source.skip != 1:
+    if source.skip != 1 or not _is_plain(source):
         return None
     wanted = sorted(set(index))
     schema = {
@@ -173,6 +174,17 @@ def _read_csv_fast(source: Source, index: Sequence[int]) -> Array | None:
     return frame.to_numpy()
 
 
+def _is_plain(source: Source) -> bool:
+    """Whether every line has as many fields as the header, and none is quoted.
+
+    Versions of Polars differ in what they make of the others.
+    """
+    mark, count = source.separator.encode(), len(source.header) - 1
+    with _open_binary(source.data) as file:
+        file.readline()
+        return all(line.count(mark) == count and b'"' not in line for line in file)
+
+
 def _read_csv(source: Source, index: Sequence[int], lenient: bool) -> Array:
     """Read CSV row by row: slower, with an opinion on every cell."""
     width = len(source.header)
@@ -191,53 +203,10 @@ def _read_csv(source: Source, index: Sequence[int], lenient: bool) -> Array:
             )
         for i in index:
             text = row[i].strip() if i < len(row) and not surplus else ""
-            values.append(_number(text, f"{where}, column {source.header[i]!r}", lenient))
-    return np.array(values, dtype=np.float64).reshape(number, len(index))
-
-
-def _number(text: str, where: str, lenient: bool) -> float:
-    try:
-        if text.isascii() and "_" not in text:  # float() also takes 1_0 and other digits
-            return float(text)
-    except ValueError:
-        pass
-    if lenient or text.lower() in MISSING:
-        return _NAN
-    shown = repr(text if len(text) <= 40 else text[:37] + "...")
-    remedy = "write decimals with a point" if "," in text else "empty the cell if it is missing"
-    raise LogError(f"{where}: {shown} is not a number; {remedy}")
-
-
-def _read_parquet(source: Source, names: Sequence[str], lenient: bool) -> Array:
-    import polars as pl
-
-    try:
-        frame = pl.read_parquet(source.binary, columns=list(dict.fromkeys(names)))
-    except (pl.exceptions.PolarsError, pl.exceptions.PanicException, OSError, ValueError) as error:
-        raise LogError(f"{source.label} is a damaged Parquet file: {_first_line(error)}") from None
-    values = np.empty((frame.height, len(names)))
-    for i, name in enumerate(names):
-        column = frame[name]
-        if column.dtype.is_numeric() or column.dtype == pl.Null:
-            values[:, i] = column.cast(pl.Float64).fill_null(_NAN).to_numpy()
-        elif column.dtype == pl.String:
-            where = f"{source.label}, row {{}}, column {name!r}"
-            for row, text in enumerate(column):
-                values[row, i] = _number((text or "").strip(), where.format(row + 1), lenient)
-        else:
-            raise LogError(
-                f"{source.label}, column {name!r} holds {column.dtype} values, expected numbers"
+            values.append(
+                parse_cell(text, f"{where}, column {source.header[i]!r}", lenient=lenient)
             )
-    return values
-
-
-def _parquet_header(label: str, data: Path | bytes) -> tuple[str, ...]:
-    import polars as pl
-
-    try:
-        return tuple(pl.read_parquet_schema(io.BytesIO(data) if isinstance(data, bytes) else data))
-    except (pl.exceptions.PolarsError, pl.exceptions.PanicException, OSError, ValueError) as error:
-        raise LogError(f"{label} is a damaged Parquet file: {_first_line(error)}") from None
+    return np.array(values, dtype=np.float64).reshape(number, len(index))
 
 
 def _rows(source: Source) -> Iterator[tuple[int, list[str]]]:
@@ -269,10 +238,6 @@ def _standard_input() -> bytes:
 
 def _printable(text: str) -> str:
     return text if text.isprintable() else ascii(text)
-
-
-def _first_line(error: BaseException) -> str:
-    return (str(error).strip().splitlines() or ["unreadable"])[0]
 
 
 def _listed(names: Sequence[str], most: int = 12) -> str:
