@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Iterable
+from collections.abc import Collection, Iterable
 from dataclasses import dataclass
 from typing import Literal
 
@@ -72,7 +72,7 @@ class Change:
         return self.values[0]
 
 
-def parse_change(text: str, *, degrees: bool = False) -> Change:
+def parse_change(text: str, *, degrees: Collection[str] = ()) -> Change:
     """Read one change.
 
     The last dot before the last `=` divides the name from what is changed, so a joint's
@@ -84,9 +84,8 @@ def parse_change(text: str, *, degrees: bool = False) -> Change:
     text : str
         Such as `elbow.length=+20%`, `wrist.offset=0.05`, `tip.offset=0.01,0.02` or
         `sensor.mirror=x` (the sign of x turns).
-    degrees : bool
-        Whether offset, noise, backlash and lock of a joint are typed in degrees. Only
-        for joints that turn.
+    degrees : collection of str
+        The joints whose offset, noise, backlash and lock are typed in degrees.
 
     Returns
     -------
@@ -116,14 +115,16 @@ def parse_change(text: str, *, degrees: bool = False) -> Change:
     values = _values(text, part, what, value)
     _check(text, part, what, values)
     joint = target if part == "joint" else ""
-    if degrees and part == "joint" and what in ("offset", "noise", "backlash", "lock"):
+    if joint and joint in degrees and what in ("offset", "noise", "backlash", "lock"):
         values = (math.radians(values[0]),)
         text = f"{target}.{what}={values[0]!r}"
     return Change(part, joint, what, values, relative, text.strip())
 
 
-def parse_changes(changes: Iterable[str | Change]) -> tuple[Change, ...]:
-    """Read several changes; the same thing changed twice is refused.
+def parse_changes(
+    changes: Iterable[str | Change], *, degrees: Collection[str] = ()
+) -> tuple[Change, ...]:
+    """Read several changes; the same thing changed twice is refused. See `parse_change`.
 
     Examples
     --------
@@ -134,7 +135,7 @@ def parse_changes(changes: Iterable[str | Change]) -> tuple[Change, ...]:
         changes = (changes,)
     parsed: dict[tuple[str, str, str], Change] = {}
     for item in changes:
-        change = item if isinstance(item, Change) else parse_change(item)
+        change = item if isinstance(item, Change) else parse_change(item, degrees=degrees)
         key = (change.part, change.joint, change.what)
         if key in parsed:
             raise OptionError(

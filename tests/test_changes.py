@@ -78,11 +78,12 @@ def test_refused_with_what_was_expected(text, expected):
 
 
 def test_degrees_are_for_joints_alone_and_the_text_is_in_rad_then():
-    change = parse_change("elbow.lock=90", degrees=True)
+    change = parse_change("elbow.lock=90", degrees=["elbow"])
     assert change.value == math.radians(90)
     assert parse_change(change.text) == change
-    assert parse_change("sensor.rotate=0.14", degrees=True).value == 0.14
-    assert parse_change("elbow.gear=1.02", degrees=True).value == 1.02
+    assert parse_change("sensor.rotate=0.14", degrees=["elbow"]).value == 0.14
+    assert parse_changes(["slide.lock=90"], degrees=["elbow"])[0].value == 90
+    assert parse_change("elbow.gear=1.02", degrees=["elbow"]).value == 1.02
 
 
 def test_the_same_thing_changed_twice_is_refused():
