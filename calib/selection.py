@@ -16,14 +16,13 @@ from .local import NO_MODELS, LocalModels, Neighbourhood
 from .maps.map import Map
 from .predictor import Predictor
 from .scale import Scale
-from .trend import Basis, Trend, exponents, largest_degree
+from .trend import Trend, exponents
+from .trend_choice import choose_trend
 
 Array = NDArray[np.float64]
 
 FOLDS = 10
-_TERMS = (80, 300)  # largest trends
-_RIDGES = (1e-12, 1e-6)  # shares of the mean power of a term
-_FLOOR = 1e-6  # share of the extent that counts as exact for a trend
+_ROUNDING = 1e-9  # share of the extent that is no improvement
 _HELD_OUT = 1000  # rows on which local models are compared
 _CANDIDATES = ((0, 30), (1, 50), (1, 200), (2, 24), (2, 60), (3, 40))
 
@@ -52,13 +51,15 @@ def blocks(n: int, folds: int = FOLDS) -> list[NDArray[np.intp]]:
     return np.array_split(np.arange(n), min(folds, n))
 
 
-def select(motor: Map, u: Array, x: Array) -> Selected:
+def select(motor: Map, turning: tuple[bool, ...], u: Array, x: Array) -> Selected:
     """Fit trend and local models whose complexity cross-validation prefers.
 
     Parameters
     ----------
     motor : Map
         Nodes that will carry the local models.
+    turning : tuple of bool
+        Joints that turn, rather than slide.
     u, x : (n, d), (n, 2) array
         Samples: joints in the unit box, positions.
 
@@ -67,82 +68,14 @@ def select(motor: Map, u: Array, x: Array) -> Selected:
     Selected
     """
     folds = blocks(len(u))
-    for terms in _TERMS:  # a larger basis only where the smaller one is exhausted
-        basis = _largest_basis(motor.scale, min(terms, len(u) // 5))
-        features = basis.values(u)
-        sums = [(features[b].T @ features[b], features[b].T @ x[b]) for b in folds]
-        errors_of = _trend_errors(basis, features, x, folds, sums)
-        degree, ridge = _simplest(errors_of)
-        if degree < basis.degree - 1:
-            break
-    t = basis.terms(degree)
-    gram, moment = (np.sum(part, axis=0) for part in zip(*sums, strict=True))
-    small = Basis(basis.periodic, degree)
-    trend = Trend(small, _solve(gram, moment, t, ridge))
-    without = [Trend(small, _solve(gram - g, moment - m, t, ridge)) for g, m in sums]
-
-    shape, rows, errors = _compare(motor, u, x, folds, without)
+    choice = choose_trend(motor.scale, turning, u, x, folds)
+    trend = choice.trend
+    shape, rows, errors = _compare(motor, u, x, folds, choice.without)
     models = NO_MODELS
     if shape is not None:
         residual = x - trend.value(u)
         models = local.fit(motor.units, u, residual, motor.scale, *shape)
     return Selected(Predictor(motor, trend, models), rows, errors)
-
-
-def _largest_basis(scale: Scale, terms: int) -> Basis:
-    """Largest basis with at most so many terms."""
-    periodic = tuple(bool(p) for p in scale.periodic)
-    basis = Basis(periodic, max(1, largest_degree(len(periodic), max(3, terms))))
-    while basis.degree > 1 and len(basis.orders) > terms:
-        basis = Basis(periodic, basis.degree - 1)
-    return basis
-
-
-def _trend_errors(
-    basis: Basis,
-    features: Array,
-    x: Array,
-    folds: list[NDArray[np.intp]],
-    sums: list[tuple[Array, Array]],
-) -> dict[tuple[int, float], Array]:
-    """Mean distance in each held-out fold of each (degree, ridge), at least what is exact."""
-    gram, moment = (np.sum(part, axis=0) for part in zip(*sums, strict=True))
-    floor = _FLOOR * float(np.linalg.norm(np.ptp(x, axis=0)))
-    errors = {}
-    for degree in range(1, basis.degree + 1):
-        t = basis.terms(degree)
-        for ridge in _RIDGES:
-            said = [
-                features[rows, :t] @ _solve(gram - g, moment - m, t, ridge)
-                for rows, (g, m) in zip(folds, sums, strict=True)
-            ]
-            errors[degree, ridge] = np.array(
-                [
-                    max(float(np.linalg.norm(x[rows] - y, axis=1).mean()), floor)
-                    for rows, y in zip(folds, said, strict=True)
-                ]
-            )
-    return errors
-
-
-def _simplest(errors: dict[tuple[int, float], Array]) -> tuple[int, float]:
-    """Lowest degree that is as good as the best but for chance (one standard error)."""
-    best = errors[min(errors, key=lambda c: float(errors[c].mean()))]
-
-    def as_good(error: Array) -> bool:
-        worse = error - best
-        return bool(worse.mean() <= worse.std() / np.sqrt(len(worse)))
-
-    degree = min(d for (d, _), error in errors.items() if as_good(error))
-    return degree, min(_RIDGES, key=lambda ridge: float(errors[degree, ridge].mean()))
-
-
-def _solve(gram: Array, moment: Array, terms: int, ridge: float) -> Array:
-    """Least squares from the moments of the first `terms` functions."""
-    a = gram[:terms, :terms].copy()
-    diagonal = np.einsum("ii->i", a)
-    diagonal += ridge * diagonal.mean()
-    return np.asarray(np.linalg.solve(a, moment[:terms]))
 
 
 def _compare(
@@ -189,11 +122,12 @@ def _compare(
     rows = np.concatenate(held)
     errors = np.concatenate(plain)
     choice: tuple[int, int] | None = None
+    least = _ROUNDING * float(np.linalg.norm(np.ptp(x, axis=0)))
     for c, parts in found.items():
         tried = np.concatenate(parts)
         gain = errors - tried
-        # a correction has to be better by more than chance
-        if gain.mean() > 2.0 * gain.std() / np.sqrt(len(gain)):
+        # a correction has to be better by more than chance, and than rounding
+        if gain.mean() > max(2.0 * float(gain.std()) / np.sqrt(len(gain)), least):
             choice, errors = c, tried
     return choice, rows, errors
 

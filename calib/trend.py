@@ -9,6 +9,8 @@ from functools import cached_property
 import numpy as np
 from numpy.typing import NDArray
 
+from .scale import TURN
+
 Array = NDArray[np.float64]
 Exponents = NDArray[np.int_]
 
@@ -38,53 +40,59 @@ def largest_degree(dim: int, terms: int) -> int:
 class Basis:
     """Products of one-dimensional functions up to a total degree, on the unit box.
 
-    Legendre polynomials along ordinary coordinates (orthogonal for uniform samples), and
-    cosines and sines of whole turns along periodic ones.
+    Along a coordinate either Legendre polynomials, or the harmonics of a joint that turns:
+    1, cos, sin, cos 2, sin 2, ... of its angle, made orthogonal over its range.  All that
+    is known of the arm is that a whole turn brings a joint back to where it was.
 
     Attributes
     ----------
-    periodic : tuple of bool
-        One flag per coordinate.
+    turns : tuple of float [rad]
+        Angle that each coordinate's unit interval spans, 0 for polynomials.
     degree : int
-        Largest total degree; the harmonic k of a periodic coordinate has degree k.
+        Largest total degree; the harmonic k has degree k.
     """
 
-    periodic: tuple[bool, ...]
+    turns: tuple[float, ...]
     degree: int
 
     @cached_property
     def orders(self) -> Exponents:
         """Index of the one-dimensional function of each term and coordinate, (terms, d)."""
         rows = []
-        for term in exponents(len(self.periodic), self.degree):
+        for term in exponents(len(self.turns), self.degree):
             # a harmonic has two functions, cos and sin
             choices = [
                 ((2 * e - 1, 2 * e) if p and e else (e,))
-                for e, p in zip(term.tolist(), self.periodic, strict=True)
+                for e, p in zip(term.tolist(), self.turns, strict=True)
             ]
             rows += list(itertools.product(*choices))
-        return np.array(rows, dtype=int).reshape(-1, len(self.periodic))
+        return np.array(rows, dtype=int).reshape(-1, len(self.turns))
 
     def terms(self, degree: int) -> int:
         """Number of terms up to a total degree; they come first."""
-        periodic = np.array(self.periodic)
-        total = np.where(periodic, (self.orders + 1) // 2, self.orders).sum(axis=1)
-        return int(np.count_nonzero(total <= degree))
+        return int(np.count_nonzero(self.totals <= degree))
+
+    @cached_property
+    def totals(self) -> Exponents:
+        """Total degree of each term, (terms,)."""
+        harmonic = np.array(self.turns) > 0
+        total = np.where(harmonic, (self.orders + 1) // 2, self.orders).sum(axis=1)
+        return np.asarray(total, dtype=int)
 
     def values(self, u: Array) -> Array:
         """Value of each term at the points `u` (n, d), (n, terms)."""
+        parts = [self._along(k, u[:, k])[0] for k in range(len(self.turns))]
         result: Array = np.ones((len(u), len(self.orders)))
-        for k, periodic in enumerate(self.periodic):
-            result *= _functions(u[:, k], self.degree, periodic)[0][:, self.orders[:, k]]
+        for part, order in zip(parts, self.orders.T, strict=True):
+            result *= part[:, order]
         return result
 
     def gradients(self, u: Array) -> Array:
         """Derivative of each term by each coordinate, (d, n, terms)."""
-        parts = [_functions(u[:, k], self.degree, p) for k, p in enumerate(self.periodic)]
-        columns = [
-            (value[:, order], slope[:, order])
-            for (value, slope), order in zip(parts, self.orders.T, strict=True)
-        ]
+        columns = []
+        for k, order in enumerate(self.orders.T):
+            value, slope = self._along(k, u[:, k])
+            columns.append((value[:, order], slope[:, order]))
         return np.stack(
             [
                 np.prod([c[1 if k == j else 0] for k, c in enumerate(columns)], axis=0)
@@ -92,17 +100,48 @@ class Basis:
             ]
         )
 
+    def _along(self, k: int, u: Array) -> tuple[Array, Array]:
+        """One-dimensional functions of coordinate `k` and their slopes, each (n, orders)."""
+        if not self.turns[k]:
+            return _polynomials(u, self.degree)
+        value, slope = _harmonics(u, self.degree, self.turns[k])
+        return value @ self._orthogonal[k], slope @ self._orthogonal[k]
 
-def _functions(u: Array, degree: int, periodic: bool) -> tuple[Array, Array]:
-    """One-dimensional functions and their derivatives at `u` (n,), each (n, orders)."""
-    if periodic:
-        angle = 2 * np.pi * np.outer(u, np.arange(1, degree + 1))
-        value = np.ones((len(u), 2 * degree + 1))
-        slope = np.zeros_like(value)
-        value[:, 1::2], value[:, 2::2] = np.cos(angle), np.sin(angle)
-        turns = 2 * np.pi * np.arange(1, degree + 1)
-        slope[:, 1::2], slope[:, 2::2] = -turns * value[:, 2::2], turns * value[:, 1::2]
-        return value, slope
+    @cached_property
+    def _orthogonal(self) -> list[Array]:
+        """Combinations of harmonics that are orthonormal over each range."""
+        grid = (np.arange(400) + 0.5) / 400
+        result = []
+        for turns in self.turns:
+            raw = _harmonics(grid, self.degree, turns or TURN)[0] / np.sqrt(len(grid))
+            triangle = np.linalg.qr(raw, mode="r")
+            triangle *= np.sign(np.diag(triangle))[:, None]
+            result.append(np.asarray(np.linalg.inv(triangle)))
+        return result
+
+
+def largest_harmonic(turns: float) -> int:
+    """Highest harmonic that is told apart from the lower ones over an angle `turns` [rad]."""
+    for degree in range(1, 12):
+        raw = _harmonics((np.arange(400) + 0.5) / 400, degree, turns)[0]
+        if np.abs(np.diag(np.linalg.qr(raw, mode="r"))).min() < 1e-5:
+            return degree - 1
+    return 11
+
+
+def _harmonics(u: Array, degree: int, turns: float) -> tuple[Array, Array]:
+    """1, cos, sin, cos 2, sin 2 ... of the angle turns * (u - 1/2), and their slopes."""
+    rate = turns * np.arange(1, degree + 1)
+    angle = np.outer(u - 0.5, rate)
+    value = np.ones((len(u), 2 * degree + 1))
+    slope = np.zeros_like(value)
+    value[:, 1::2], value[:, 2::2] = np.cos(angle), np.sin(angle)
+    slope[:, 1::2], slope[:, 2::2] = -rate * value[:, 2::2], rate * value[:, 1::2]
+    return value, slope
+
+
+def _polynomials(u: Array, degree: int) -> tuple[Array, Array]:
+    """Legendre polynomials of 2 u - 1 and their slopes, each (n, degree + 1)."""
     z = 2.0 * u - 1.0
     p = np.ones((degree + 1, len(u)))
     dp = np.zeros_like(p)
