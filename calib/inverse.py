@@ -20,6 +20,9 @@ _REACH = 2.0  # a start's first step is at most so many node spacings long
 _CELL = 1.5  # starts closer than so many node spacings count as one
 _STEPS = 40  # most iterations
 _TOLERANCE = 1e-12  # of the extent, below which a target is met
+_MET = 1e-9  # of the extent, below which redundant joints may slide
+_SLIDES = 12  # most slides towards the joints that are wished for
+_SETTLED = 1e-6  # of the joints' range, below which a slide is the last
 
 
 @dataclass(frozen=True)
@@ -160,22 +163,26 @@ class Solver:
         if u.shape[1] <= 2:
             return u, left
         scale = self._motor.scale
+        away = np.linalg.norm(scale.difference(near, u), axis=1)
         share = np.ones(len(u))
-        for _ in range(12):
-            slope = self.predictor.value_and_slope(u)[1]
-            pull = scale.difference(near, u)
-            pull *= self._free(u, slope, np.zeros((len(u), 2)), pull)
+        active = np.flatnonzero(left <= _MET * self.extent)
+        for _ in range(_SLIDES):
+            if not len(active):
+                break
+            at = u[active]
+            slope = self.predictor.value_and_slope(at)[1]
+            pull = scale.difference(near[active], at)
+            pull *= self._free(at, slope, np.zeros((len(at), 2)), pull)
             inverse = _damped_inverse(slope, 1e-9 * _power(slope))
             pull -= np.einsum("nij,njk,nk->ni", inverse, slope, pull)
-            trial, after = self.refine(u + share[:, None] * pull, x)
-            closer = np.linalg.norm(scale.difference(near, trial), axis=1) < np.linalg.norm(
-                scale.difference(near, u), axis=1
-            ) * (1 - 1e-6)
-            good = closer & (after <= np.maximum(left, 1e-9 * self.extent))
-            u[good], left[good] = trial[good], after[good]
-            share = np.where(good, np.minimum(1.0, 2 * share), share / 3)
-            if not good.any() and share.max() < 0.02:
-                break
+            trial, after = self.refine(at + share[active, None] * pull, x[active])
+            now = np.linalg.norm(scale.difference(near[active], trial), axis=1)
+            gain = away[active] - now
+            good = (gain > 0) & (after <= np.maximum(left[active], _MET * self.extent))
+            rows = active[good]
+            u[rows], left[rows], away[rows] = trial[good], after[good], now[good]
+            share[active] = np.where(good, np.minimum(1.0, 2 * share[active]), share[active] / 4)
+            active = active[(share[active] > 0.02) & ~(good & (gain < _SETTLED))]
         return u, left
 
     def clip(self, u: Array) -> Array:

@@ -74,6 +74,8 @@ class Model:
         Nodes that training samples have visited.
     history : tuple of dict
         Earlier states of this model: trained, adapted, with their errors.
+    seconds : dict
+        How long the steps of its training took; not stored in a file.
     """
 
     about: About
@@ -82,6 +84,7 @@ class Model:
     bounds: Array
     visited: NDArray[np.bool_]
     history: tuple[dict[str, Any], ...] = field(default=())
+    seconds: dict[str, float] = field(default_factory=dict)
 
     @property
     def motor(self) -> Map:

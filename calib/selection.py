@@ -17,7 +17,7 @@ from .maps.map import Map
 from .predictor import Predictor
 from .scale import Scale
 from .trend import Trend, exponents
-from .trend_choice import choose_trend
+from .trend_choice import TrendChoice, choose_trends
 
 Array = NDArray[np.float64]
 
@@ -68,14 +68,25 @@ def select(motor: Map, turning: tuple[bool, ...], u: Array, x: Array) -> Selecte
     Selected
     """
     folds = blocks(len(u))
-    choice = choose_trend(motor.scale, turning, u, x, folds)
-    trend = choice.trend
-    shape, rows, errors = _compare(motor, u, x, folds, choice.without)
+    best: tuple[TrendChoice, tuple[int, int] | None, NDArray[np.intp], Array] | None = None
+    for choice in choose_trends(motor.scale, turning, u, x, folds):
+        shape, rows, errors = _compare(motor, u, x, folds, choice.without)
+        if best is None or better(errors, best[3]):
+            best = (choice, shape, rows, errors)
+    assert best is not None  # noqa: S101
+    choice, shape, rows, errors = best
     models = NO_MODELS
     if shape is not None:
-        residual = x - trend.value(u)
+        residual = x - choice.trend.value(u)
         models = local.fit(motor.units, u, residual, motor.scale, *shape)
-    return Selected(Predictor(motor, trend, models), rows, errors)
+    return Selected(Predictor(motor, choice.trend, models), rows, errors)
+
+
+def better(errors: Array, others: Array, least: float = 0.0) -> bool:
+    """Whether paired held-out errors are smaller by more than chance and than `least`."""
+    gain = others - errors
+    chance = 2.0 * float(gain.std()) / np.sqrt(len(gain))
+    return bool(gain.mean() > max(chance, least, 0.03 * float(others.mean())))
 
 
 def _compare(
@@ -125,9 +136,7 @@ def _compare(
     least = _ROUNDING * float(np.linalg.norm(np.ptp(x, axis=0)))
     for c, parts in found.items():
         tried = np.concatenate(parts)
-        gain = errors - tried
-        # a correction has to be better by more than chance, and than rounding
-        if gain.mean() > max(2.0 * float(gain.std()) / np.sqrt(len(gain)), least):
+        if better(tried, errors, least):
             choice, errors = c, tried
     return choice, rows, errors
 

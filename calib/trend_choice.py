@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from functools import cached_property
 
 import numpy as np
 from numpy.typing import NDArray
@@ -34,7 +35,7 @@ class TrendChoice:
     without: list[Trend]
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, eq=False)
 class _Moments:
     """Second moments of one basis, in all and per fold."""
 
@@ -49,12 +50,17 @@ class _Moments:
             basis, features, [(features[b].T @ features[b], features[b].T @ x[b]) for b in folds]
         )
 
+    @cached_property
+    def _all(self) -> tuple[Array, Array]:
+        gram, moment = (np.sum(part, axis=0) for part in zip(*self.folds, strict=True))
+        return gram, moment
+
     def solve(self, degree: int, ridge: float, without: int | None = None) -> Array:
         """Coefficients of the functions up to a total degree, by ridge regression.
 
         The ridge is steep in the degree of a function: a smooth trend is likelier.
         """
-        gram, moment = (np.sum(part, axis=0) for part in zip(*self.folds, strict=True))
+        gram, moment = self._all
         if without is not None:
             gram, moment = gram - self.folds[without][0], moment - self.folds[without][1]
         t = self.basis.terms(degree)
@@ -81,10 +87,14 @@ class _Moments:
         return result
 
 
-def choose_trend(
+def choose_trends(
     scale: Scale, turning: tuple[bool, ...], u: Array, x: Array, folds: Folds
-) -> TrendChoice:
-    """Fit the simplest trend that predicts held-out folds as well as the best but for chance.
+) -> list[TrendChoice]:
+    """Fit the simplest trends that predict held-out folds as well as the best, or nearly.
+
+    The first may be half again as far off as the best, which local models often mend
+    without its risk between and beyond the samples; the second is as good as the best
+    but for chance.
 
     Parameters
     ----------
@@ -104,12 +114,12 @@ def choose_trend(
         moments = _Moments.of(_largest_basis(turns, min(most, len(u) // 2)), u, x, folds)
         for choice, error in moments.errors(x, folds).items():
             tried.append((moments, *choice, np.maximum(error, floor)))
-    moments, degree, ridge = _simplest(tried)
-    small = Basis(moments.basis.turns, degree)
-    return TrendChoice(
-        Trend(small, moments.solve(degree, ridge)),
-        [Trend(small, moments.solve(degree, ridge, fold)) for fold in range(len(folds))],
-    )
+    choices = []
+    for moments, degree, ridge in dict.fromkeys((_simplest(tried, 0.5), _simplest(tried, 0.0))):
+        small = Basis(moments.basis.turns, degree)
+        without = [Trend(small, moments.solve(degree, ridge, fold)) for fold in range(len(folds))]
+        choices.append(TrendChoice(Trend(small, moments.solve(degree, ridge)), without))
+    return choices
 
 
 def _families(scale: Scale, turning: tuple[bool, ...]) -> list[tuple[float, ...]]:
@@ -129,13 +139,16 @@ def _largest_basis(turns: tuple[float, ...], terms: int) -> Basis:
     return basis
 
 
-def _simplest(tried: list[tuple[_Moments, int, float, Array]]) -> tuple[_Moments, int, float]:
-    """Fewest terms that are as good as the best but for chance (one standard error)."""
+def _simplest(
+    tried: list[tuple[_Moments, int, float, Array]], slack: float
+) -> tuple[_Moments, int, float]:
+    """Fewest terms that are as good as the best but for slack and chance (standard error)."""
     best = min(tried, key=lambda c: float(c[3].mean()))[3]
 
     def as_good(error: Array) -> bool:
         worse = error - best
-        return bool(worse.mean() <= worse.std() / np.sqrt(len(worse)))
+        chance = worse.std() / np.sqrt(len(worse))
+        return bool(worse.mean() <= slack * best.mean() + chance)
 
     good = [c for c in tried if as_good(c[3])]
     moments, degree, ridge, _ = min(

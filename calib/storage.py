@@ -1,0 +1,249 @@
+"""The model file: safetensors, one canonical JSON string, a checksum; nothing that can run."""
+
+from __future__ import annotations
+
+import hashlib
+import json
+import os
+from collections.abc import Mapping
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from .about import About
+from .atomic import atomic_write
+from .errors import CalibError, ModelError
+from .local import LocalModels
+from .maps.lattice import Lattice
+from .maps.map import Map
+from .predictor import Predictor
+from .readout import Association
+from .scale import Scale
+from .trend import Basis, Trend
+
+if TYPE_CHECKING:
+    from .model import Model
+
+FORMAT = 1
+"""Version of the format; ``docs/format.md`` describes it."""
+
+_KEY = "calib"
+_LARGEST = 2_000_000_000  # bytes
+
+
+def save(model: Model, path: str | os.PathLike[str]) -> None:
+    """Write a model into one file, whole or not at all.
+
+    The same model gives the same bytes: there are no times, dates or paths inside.
+    """
+    atomic_write(path, to_bytes(model))
+
+
+def to_bytes(model: Model) -> bytes:
+    """Content of a model file."""
+    from safetensors.numpy import save as pack
+
+    tensors = {name: np.ascontiguousarray(a) for name, a in _tensors(model).items()}
+    header = {
+        "format": FORMAT,
+        "sha256": _checksum(tensors),
+        "about": model.about.to_json(),
+        "history": list(model.history),
+        "motor": {"lattice": list(model.motor.lattice.shape)},
+        "sensory": {"lattice": list(model.sensory.lattice.shape)},
+        "trend": {
+            "turns": list(model.predictor.trend.basis.turns),
+            "degree": model.predictor.trend.basis.degree,
+        },
+        "local": {
+            "degree": model.predictor.models.degree,
+            "samples": model.predictor.models.samples,
+        },
+    }
+    text = json.dumps(header, sort_keys=True, separators=(",", ":"), ensure_ascii=False)
+    return bytes(pack(tensors, metadata={_KEY: text}))
+
+
+def _tensors(model: Model) -> dict[str, NDArray[Any]]:
+    links = model.links
+    tensors: dict[str, NDArray[Any]] = {
+        "links.data": links.data.astype(np.float32),
+        "links.indices": links.indices.astype(_unsigned(model.sensory.size)),
+        "links.counts": np.diff(links.indptr).astype(np.uint32),
+        "trend.coefficients": model.predictor.trend.coefficients,
+        "local.radius": model.predictor.models.radius,
+        "local.coefficients": model.predictor.models.coefficients,
+        "bounds": model.bounds,
+        "visited": model.visited.astype(np.uint8),
+    }
+    for name, part in (("motor", model.motor), ("sensory", model.sensory)):
+        tensors[f"{name}.units"] = part.units
+        tensors[f"{name}.history"] = part.history
+        tensors[f"{name}.lower"] = part.scale.lower
+        tensors[f"{name}.span"] = part.scale.span
+        tensors[f"{name}.periodic"] = part.scale.periodic.astype(np.uint8)
+    return tensors
+
+
+def _unsigned(count: int) -> type[np.unsignedinteger[Any]]:
+    return np.uint16 if count <= 1 << 16 else np.uint32
+
+
+def _checksum(tensors: Mapping[str, NDArray[Any]]) -> str:
+    digest = hashlib.sha256()
+    for name in sorted(tensors):
+        array = tensors[name]
+        digest.update(f"{name} {array.dtype.str} {array.shape};".encode())
+        digest.update(np.ascontiguousarray(array).tobytes())
+    return digest.hexdigest()
+
+
+def load(path: str | os.PathLike[str]) -> Model:
+    """Read a model from its file; neither Pinocchio nor yourdfpy is needed.
+
+    Raises
+    ------
+    ModelError
+        If the file is missing, damaged, edited, of another format or of a newer version.
+    """
+    path = Path(path)
+    try:
+        size = path.stat().st_size
+        if size > _LARGEST:
+            raise ModelError(f"{path}: {size:,} bytes are too many for a model")
+        data = path.read_bytes()
+    except FileNotFoundError as error:
+        raise ModelError(
+            f"{path}: no such file, expected a model written by 'calib train'"
+        ) from error
+    except (OSError, ValueError) as error:
+        reason = getattr(error, "strerror", None) or error
+        raise ModelError(f"{path}: cannot be read ({reason})") from error
+    return from_bytes(data, str(path))
+
+
+def from_bytes(data: bytes, name: str = "model") -> Model:
+    """Read a model from the content of its file; `name` is for messages."""
+    header, tensors = _unpack(data, name)
+    version = header.get("format")
+    if not isinstance(version, int) or version < 1:
+        raise ModelError(f"{name}: model format {version!r} is unknown, train the model again")
+    if version > FORMAT:
+        raise ModelError(
+            f"{name}: model format {version} is newer than {FORMAT}, the newest that this "
+            "program reads: upgrade it with 'pip install -U calib-arm'"
+        )
+    if header.get("sha256") != _checksum(tensors):
+        raise ModelError(
+            f"{name}: damaged, its numbers do not match its checksum: restore or train it again"
+        )
+    try:
+        return _build(header, tensors)
+    except CalibError:
+        raise
+    except (KeyError, TypeError, ValueError, IndexError, AttributeError, OverflowError) as error:
+        reason = " ".join(str(error).split())[:120]
+        raise ModelError(f"{name}: not a complete model ({reason}), train it again") from error
+
+
+def _unpack(data: bytes, name: str) -> tuple[dict[str, Any], dict[str, NDArray[Any]]]:
+    """Split a safetensors file into the JSON header and the tensors."""
+    from safetensors import SafetensorError
+    from safetensors.numpy import load as unpack
+
+    try:
+        tensors = unpack(data)
+        length = int.from_bytes(data[:8], "little")
+        metadata = json.loads(data[8 : 8 + length]).get("__metadata__") or {}
+    except (SafetensorError, ValueError, KeyError, TypeError, RecursionError) as error:
+        raise ModelError(
+            f"{name}: not a model file, or damaged: expected what 'calib train' writes"
+        ) from error
+    if _KEY not in metadata:
+        raise ModelError(f"{name}: a safetensors file, but not one that 'calib train' wrote")
+    try:
+        header = json.loads(metadata[_KEY])
+    except (ValueError, RecursionError) as error:
+        raise ModelError(f"{name}: damaged, its description is not JSON") from error
+    if not isinstance(header, dict):
+        raise ModelError(f"{name}: damaged, its description is not a JSON object")
+    return header, tensors
+
+
+def _build(header: Mapping[str, Any], tensors: Mapping[str, NDArray[Any]]) -> Model:
+    from scipy.sparse import csr_array
+
+    from .model import Model
+
+    about = About.from_json(header["about"])
+    dof = len(about.joint_names)
+    motor = _map("motor", header, tensors, dof)
+    sensory = _map("sensory", header, tensors, 2)
+    counts = tensors["links.counts"].astype(np.int64)
+    indices = tensors["links.indices"].astype(np.int32)
+    _expect("links.counts", counts, (motor.size,))
+    if counts.sum() != len(indices) or len(indices) != len(tensors["links.data"]):
+        raise ValueError("the links' lengths differ")
+    if len(indices) and indices.max() >= sensory.size:
+        raise ValueError("a link points outside of the sensory map")
+    indptr = np.concatenate([[0], np.cumsum(counts)]).astype(np.int32)
+    links = csr_array(
+        (tensors["links.data"].astype(float), indices, indptr), shape=(motor.size, sensory.size)
+    )
+    turns = tuple(float(t) for t in header["trend"]["turns"])
+    if len(turns) != dof:
+        raise ValueError("the trend is of another arm")
+    basis = Basis(turns, _small(header["trend"]["degree"], 60))
+    _expect("trend.coefficients", tensors["trend.coefficients"], (len(basis.orders), 2))
+    degree = _small(header["local"]["degree"], 3, least=-1)
+    models = LocalModels(
+        degree,
+        int(header["local"]["samples"]),
+        tensors["local.radius"],
+        tensors["local.coefficients"],
+    )
+    if degree >= 0:
+        from .trend import exponents
+
+        _expect("local.radius", models.radius, (motor.size,))
+        terms = len(exponents(dof, degree))
+        _expect("local.coefficients", models.coefficients, (motor.size, terms, 2))
+    _expect("bounds", tensors["bounds"], (motor.size,))
+    _expect("visited", tensors["visited"], (motor.size,))
+    return Model(
+        about,
+        Association(motor, sensory, links),
+        Predictor(motor, Trend(basis, tensors["trend.coefficients"]), models),
+        tensors["bounds"],
+        tensors["visited"].astype(bool),
+        tuple(header["history"]),
+    )
+
+
+def _map(
+    name: str, header: Mapping[str, Any], tensors: Mapping[str, NDArray[Any]], dim: int
+) -> Map:
+    lattice = Lattice(tuple(int(n) for n in header[name]["lattice"]))
+    units = tensors[f"{name}.units"]
+    _expect(f"{name}.units", units, (lattice.size, dim))
+    lower, span = tensors[f"{name}.lower"], tensors[f"{name}.span"]
+    _expect(f"{name}.lower", lower, (dim,))
+    _expect(f"{name}.span", span, (dim,))
+    periodic = tensors[f"{name}.periodic"].astype(bool)
+    _expect(f"{name}.periodic", periodic, (dim,))
+    return Map(units, lattice, Scale(lower, span, periodic), tensors[f"{name}.history"])
+
+
+def _expect(name: str, array: NDArray[Any], shape: tuple[int, ...]) -> None:
+    if array.shape != shape:
+        raise ValueError(f"{name} has the shape {array.shape}, expected {shape}")
+    if array.dtype.kind == "f" and not np.isfinite(array).all():
+        raise ValueError(f"{name} holds a value that is not finite")
+
+
+def _small(value: Any, most: int, least: int = 0) -> int:
+    if not isinstance(value, int) or not least <= value <= most:
+        raise ValueError(f"{value!r} is not a degree")
+    return value

@@ -1,0 +1,299 @@
+"""Training: from samples to a calibrated model."""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Callable, Mapping
+from dataclasses import asdict, dataclass, replace
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+from numpy.random import SeedSequence
+from numpy.typing import NDArray
+
+from .about import About
+from .bounds import learn_bounds
+from .errors import LogError, OptionError
+from .evaluation import Residuals, evaluate_residuals, summarise
+from .links import activity, link
+from .maps.density import Gain
+from .maps.som import SOM
+from .model import Model
+from .readout import Association
+from .samples import Samples
+from .scale import Scale
+from .selection import blocks, select
+from .sizes import Size, lattice_sizes
+from .teacher import MOST_ROWS, learn_teacher
+
+if TYPE_CHECKING:
+    from .maps.map import Map
+
+Array = NDArray[np.float64]
+Progress = Callable[[float, str, float], None]
+"""Called with the share of the work done, the stage, and the current error (or NaN)."""
+
+LEAST_ROWS = 10
+"""Fewest rows that anything can be learned and checked from."""
+
+_STREAMS = {"motor": 0, "sensory": 1, "teacher": 2, "bounds": 3, "evaluation": 4}
+_BOUND_SAMPLES = 6000
+_TEST_SAMPLES = 10_000
+
+
+@dataclass(frozen=True)
+class Options:
+    """How a model is trained.
+
+    Attributes
+    ----------
+    motor_size, sensory_size : tuple of int
+        Lattices.
+    map : str or gain function
+        Network, see :class:`calib.SOM`.
+    rule : {"batch", "online"}
+        Training rule.
+    epochs : int or None
+        Passes over the samples, None for coarse to fine.
+    sigma : (float, float) or None
+        Neighbourhood radius at the start and the end [nodes].
+    seed : int
+        Seed of everything that is drawn.
+    taught : bool
+        Whether a teacher's imagination is learned in place of the rows.
+    """
+
+    motor_size: tuple[int, ...]
+    sensory_size: tuple[int, ...]
+    map: str | Gain
+    rule: str
+    epochs: int | None
+    sigma: tuple[float, float] | None
+    seed: int
+    taught: bool
+
+    def to_json(self) -> dict[str, Any]:
+        """Plain data for a model file."""
+        data = asdict(self)
+        if callable(self.map):
+            data["map"] = getattr(self.map, "__name__", "custom")
+        return data
+
+    def stream(self, name: str) -> SeedSequence:
+        """Seed of one of the independent random streams."""
+        return SeedSequence(self.seed, spawn_key=(_STREAMS[name],))
+
+
+def train(
+    samples: Samples,
+    *,
+    size: Size = None,
+    motor_size: Size = None,
+    sensory_size: Size = None,
+    map: str | Gain = "vdsom",  # noqa: A002
+    rule: str = "batch",
+    epochs: int | None = None,
+    sigma: tuple[float, float] | None = None,
+    seed: int = 0,
+    progress: Progress | None = None,
+) -> Model:
+    """Learn a model from babbled or measured samples.
+
+    Parameters
+    ----------
+    samples : Samples
+        Joint values and positions.
+    size : int or tuple of int, optional
+        Nodes along each axis of both lattices.  70 by default, which stands for 70x70 and,
+        with three joints, a 17x17x17 motor map; for a log about five rows per node.
+    motor_size, sensory_size : int or tuple of int, optional
+        Where they differ from `size`.
+    map : {"vdsom", "som", "vdsom:border", "vdsom:error", "vdsom:density", "vdsom:lattice"}
+        Network, or a gain function (:mod:`calib.maps.density`).
+    rule : {"batch", "online"}
+        Kohonen's batch map, or the paper's eq. 1 to 4, sample by sample.
+    epochs : int, optional
+        Passes over the samples; with `sigma` it trains the full lattice alone, without
+        the coarse lattices that come first by default.
+    sigma : (float, float), optional
+        Neighbourhood radius at the start and at the end [nodes].
+    seed : int
+        The same seed gives the same model, byte for byte.
+    progress : callable, optional
+        Called with the share of the work done, the stage and the current error.
+
+    Returns
+    -------
+    Model
+
+    Raises
+    ------
+    LogError
+        If there are too few samples.
+    OptionError
+        If an option is out of range.
+
+    Examples
+    --------
+    >>> import calib
+    >>> samples = calib.babble(calib.load_arm("two_link"), 2000, seed=0)
+    >>> model = calib.train(samples, size=20)
+    >>> model.about.errors["local"]["forward"]["distance"]["mean"] < 1e-6
+    True
+    """
+    from threadpoolctl import threadpool_limits
+
+    if isinstance(seed, bool) or not isinstance(seed, (int, np.integer)) or seed < 0:
+        raise OptionError(f"seed {seed!r}: expected a whole number, 0 or more")
+    if len(samples) < LEAST_ROWS:
+        raise LogError(
+            f"{len(samples)} samples are too few to learn from: give at least {LEAST_ROWS}"
+        )
+    motor, sensory, notes = lattice_sizes(samples, size, motor_size, sensory_size)
+    taught = len(samples) < min(MOST_ROWS, int(np.prod(motor)))
+    options = Options(motor, sensory, map, rule, epochs, sigma, int(seed), taught)
+    # a BLAS that splits sums over threads would change the last bits
+    with threadpool_limits(1, user_api="blas"):
+        return _Trainer(samples, options, notes, progress or (lambda *_: None)).run()
+
+
+@dataclass
+class _Trainer:
+    """One training: the steps in the order of the data flow, with their times."""
+
+    samples: Samples
+    options: Options
+    notes: list[str]
+    progress: Progress
+
+    def run(self) -> Model:
+        started = time.perf_counter()
+        self.seconds: dict[str, float] = {}
+        samples, options = self.samples, self.options
+        scale = Scale.of_range(samples.lower, samples.upper, samples.revolute)
+        simulation = samples.simulation
+        model = self._learn(scale, samples.q, samples.x, share=0.75 if simulation else 0.2)
+        with self._timed("evaluation"):
+            if simulation is not None:
+                rng = np.random.default_rng(options.stream("bounds"))
+                q = simulation.draw(_BOUND_SAMPLES, rng)
+                held = Residuals.of(model, q, simulation.exact(q), readouts=("local",))
+                q = simulation.draw(
+                    _TEST_SAMPLES, np.random.default_rng(options.stream("evaluation"))
+                )
+                self.progress(0.8, "evaluation", float("nan"))
+                tested = evaluate_residuals(model, q, simulation.exact(q), simulation.exact)
+            else:
+                held = tested = self._held_out(scale)
+            doubt = None
+            u = scale.to_unit(held.q)
+            if self.teacher is not None:
+                nodes = np.concatenate([np.clip(model.motor.units, 0, 1), u])
+                doubt = self.teacher.deviation(nodes)
+            bounds = learn_bounds(model.motor, u, held.errors["local"], doubt)
+        self.seconds["total"] = time.perf_counter() - started
+        about = replace(model.about, errors=summarise(tested), notes=tuple(self.notes))
+        self.progress(1.0, "done", float("nan"))
+        return replace(model, about=about, bounds=bounds, seconds=self.seconds)
+
+    def _learn(self, scale: Scale, q: Array, x: Array, share: float) -> Model:
+        """Maps, links and local models from some of the samples."""
+        options, samples = self.options, self.samples
+        u = scale.to_unit(q)
+        turning = samples.revolute
+        self.teacher = None
+        if options.taught:
+            rng = np.random.default_rng(options.stream("teacher"))
+            self.teacher = learn_teacher(scale, turning, u, x, rng)
+            u = self.teacher.imagine(rng)
+            x = self.teacher.value(u)
+        maps: list[Map] = []
+        parts = (
+            ("motor", options.motor_size, scale.from_unit(u), scale),
+            ("sensory", options.sensory_size, x, Scale.of_data(x)),
+        )
+        for k, (name, size, points, box) in enumerate(parts):
+            stage = f"{name} map"
+
+            def tell(done: float, error: float, k: int = k, stage: str = stage) -> None:
+                self.progress(share * (k + done) * 0.35, stage, error)
+
+            with self._timed(stage):
+                som = SOM(
+                    size,
+                    options.map,
+                    options.rule,
+                    options.epochs,
+                    options.sigma,
+                    options.stream(name),
+                )
+                maps.append(som.fit(points, scale=box, progress=tell))
+        motor, sensory = maps
+        self.progress(share * 0.7, "links", float("nan"))
+        with self._timed("links"):
+            v = sensory.scale.to_unit(x)
+            links = link(activity(motor, u), activity(sensory, v))
+            association = Association(motor, sensory, links)
+        self.progress(share * 0.8, "local models", float("nan"))
+        with self._timed("local models"):
+            selected = select(motor, turning, u, x)
+        visited = np.bincount(motor.nearest(u)[1][:, 0], minlength=motor.size) > 0
+        empty = np.zeros(motor.size)
+        return Model(self._about(), association, selected.predictor, empty, visited)
+
+    def _held_out(self, scale: Scale) -> Residuals:
+        """Errors on contiguous blocks of the log that training has not seen."""
+        q, x = self.samples.q, self.samples.x
+        taught, seconds = self.teacher, dict(self.seconds)
+        parts = []
+        folds = blocks(len(q))[::2]
+        for k, rows in enumerate(folds):
+            self.progress(0.2 + 0.75 * k / len(folds), "evaluation", float("nan"))
+            others = np.setdiff1d(np.arange(len(q)), rows, assume_unique=True)
+            model = self._learn(scale, q[others], x[others], share=0.0)
+            parts.append(evaluate_residuals(model, q[rows], x[rows], None))
+        self.teacher, self.seconds = taught, seconds
+        return Residuals.join(parts)
+
+    def _about(self) -> About:
+        samples, options = self.samples, self.options
+        arm, simulation = samples.arm, samples.simulation
+        plane = samples.plane or (arm.plane if arm is not None else None)
+        stated: Mapping[str, Any] | None = None
+        if plane is not None:
+            stated = {k: getattr(plane, k).tolist() for k in ("origin", "x", "y")}
+        return About(
+            robot=arm.name if arm is not None else "",
+            tip=arm.tip if arm is not None else "",
+            joint_names=samples.joint_names,
+            revolute=samples.revolute,
+            lower=samples.lower,
+            upper=samples.upper,
+            locked=dict(arm.locked) if arm is not None else {},
+            plane=stated,
+            unit=samples.unit,
+            bound_of="true position" if simulation is not None else "sensor reading",
+            source="simulation" if simulation is not None else "log",
+            taught=options.taught,
+            samples=len(samples),
+            seed=options.seed,
+            options=options.to_json(),
+            simulation=simulation.to_json() if simulation is not None else None,
+            urdf=arm.urdf if arm is not None else "",
+        )
+
+    def _timed(self, stage: str) -> _Timer:
+        return _Timer(self.seconds, stage)
+
+
+@dataclass
+class _Timer:
+    seconds: dict[str, float]
+    stage: str
+
+    def __enter__(self) -> None:
+        self.start = time.perf_counter()
+
+    def __exit__(self, *_: object) -> None:
+        spent = time.perf_counter() - self.start
+        self.seconds[self.stage] = self.seconds.get(self.stage, 0.0) + spent
