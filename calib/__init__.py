@@ -17,8 +17,13 @@ from importlib import import_module
 from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
-    from .arm import load_arm as load_arm
-    from .babbling import babble as babble
+    from .arm.loading import load_arm as load_arm
+    from .arm.planar_arm import PlanarArm as PlanarArm
+    from .data.babbling import babble as babble
+    from .data.logs import read_log as read_log
+    from .data.logs import write_log as write_log
+    from .data.samples import Samples as Samples
+    from .data.simulation import Simulation as Simulation
     from .errors import CalibError as CalibError
     from .errors import LogError as LogError
     from .errors import ModelError as ModelError
@@ -27,15 +32,10 @@ if TYPE_CHECKING:
     from .errors import RobotError as RobotError
     from .evaluation import Evaluation as Evaluation
     from .evaluation import evaluate as evaluate
-    from .logs import read_log as read_log
-    from .logs import write_log as write_log
     from .maps.som import SOM as SOM
     from .model import Answer as Answer
     from .model import Model as Model
-    from .planar_arm import PlanarArm as PlanarArm
     from .robots import list_robots as list_robots
-    from .samples import Samples as Samples
-    from .simulation import Simulation as Simulation
     from .storage import load as load
     from .training import train as train
 
@@ -50,20 +50,20 @@ _HOME = {
     "Model": "model",
     "ModelError": "errors",
     "OptionError": "errors",
-    "PlanarArm": "planar_arm",
+    "PlanarArm": "arm.planar_arm",
     "QueryError": "errors",
     "RobotError": "errors",
     "SOM": "maps.som",
-    "Samples": "samples",
-    "Simulation": "simulation",
-    "babble": "babbling",
+    "Samples": "data.samples",
+    "Simulation": "data.simulation",
+    "babble": "data.babbling",
     "evaluate": "evaluation",
     "list_robots": "robots",
     "load": "storage",
-    "load_arm": "arm",
-    "read_log": "logs",
+    "load_arm": "arm.loading",
+    "read_log": "data.logs",
     "train": "training",
-    "write_log": "logs",
+    "write_log": "data.logs",
 }
 
 __all__ = ["__version__", *_HOME]  # pyright: ignore[reportUnsupportedDunderAll]

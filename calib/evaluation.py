@@ -10,11 +10,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 from .errors import LogError, OptionError
-from .readout import READOUTS
+from .readouts.linked import READOUTS
 
 if TYPE_CHECKING:
+    from .data.samples import Samples
     from .model import Model
-    from .samples import Samples
 
 Array = NDArray[np.float64]
 
@@ -219,8 +219,8 @@ def evaluate(model: Model, samples: Samples | None = None) -> Evaluation:
         return Evaluation(
             dict(about.errors), about.samples, 0, "rows held out in contiguous blocks"
         )
-    from .arm import arm_from_urdf
-    from .simulation import Simulation
+    from .arm.loading import arm_from_urdf
+    from .data.simulation import Simulation
 
     ranges = {
         name: (float(low), float(high))

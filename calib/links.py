@@ -85,6 +85,7 @@ def link(a_motor: csr_array, a_sensory: csr_array, beta: float = 1.0) -> csr_arr
         (together.data[keep], (rows[keep], together.indices[keep])), shape=together.shape
     )
     kept.sort_indices()
+    kept.data = kept.data.astype(np.float32).astype(float)  # as a model file keeps them
     return kept
 
 

@@ -9,12 +9,12 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from .bounds import blend_nodes
 from .errors import QueryError
-from .inverse import Solver
 from .maps.map import Map
-from .predictor import Predictor
-from .readout import Association, check_readout
+from .readouts.bounds import blend_nodes
+from .readouts.inverse import Solver
+from .readouts.linked import Association, check_readout
+from .readouts.predictor import Predictor
 
 if TYPE_CHECKING:
     import os
@@ -22,8 +22,8 @@ if TYPE_CHECKING:
     from scipy.sparse import csr_array
 
     from .about import About
+    from .data.samples import Samples
     from .evaluation import Evaluation
-    from .samples import Samples
 
 Array = NDArray[np.float64]
 
@@ -54,6 +54,16 @@ class Answer(NamedTuple):
     distance: Array
     expected_error: Array
     reachable: NDArray[np.bool_]
+
+    def take(self, rows: list[int]) -> Answer:
+        """Some of the rows."""
+        return Answer(
+            self.q[rows],
+            self.position[rows],
+            self.distance[rows],
+            self.expected_error[rows],
+            self.reachable[rows],
+        )
 
 
 @dataclass(frozen=True, eq=False)
@@ -224,7 +234,7 @@ class Model:
                 gaps = self.motor.scale.difference(u[kept], u[row])
                 if not kept or np.abs(gaps).max(axis=1).min() > _SAME:
                     kept.append(row)
-            result.append(Answer(*(part[kept] for part in answer)))
+            result.append(answer.take(kept))
         return result
 
     def inverse_all(self, x: ArrayLike) -> list[Array]:
@@ -279,10 +289,11 @@ class Model:
         """Whether points of the unit box are within what was learned, (n,)."""
         margin = self.motor.spacing
         inside = (u >= -margin) & (u <= 1.0 + margin) | self.motor.scale.periodic
-        known: NDArray[np.bool_] = inside.all(axis=1)
+        known: NDArray[np.bool_] = np.asarray(inside.all(axis=1))
         if not self.visited.all() and known.any():
             tree = self._visited_tree
-            known[known] = tree.query(u[known])[0] <= _SUPPORT * self.motor.spacing
+            near = np.asarray(tree.query(u[known])[0]) <= _SUPPORT * self.motor.spacing
+            known[known] = near
         return known
 
     @cached_property

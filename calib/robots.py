@@ -7,8 +7,8 @@ from dataclasses import dataclass
 from difflib import get_close_matches
 from pathlib import Path
 
+from .arm.urdf import parse_urdf, read_urdf
 from .errors import RobotError
-from .urdf import parse_urdf, read_urdf
 
 _DESCRIPTION = re.compile(r"<!--\s*calib:\s*(.*?)\s*-->", re.DOTALL)
 

@@ -7,10 +7,10 @@ from collections.abc import Sequence
 
 import numpy as np
 
+from .data.samples import Samples
 from .errors import OptionError
 from .maps.lattice import Lattice
-from .samples import Samples
-from .teacher import MOST_ROWS
+from .readouts.teacher import MOST_ROWS
 
 Size = int | Sequence[int] | None
 

@@ -15,13 +15,13 @@ from numpy.typing import NDArray
 from .about import About
 from .atomic import atomic_write
 from .errors import CalibError, ModelError
-from .local import LocalModels
 from .maps.lattice import Lattice
 from .maps.map import Map
-from .predictor import Predictor
-from .readout import Association
+from .readouts.linked import Association
+from .readouts.local import LocalModels
+from .readouts.predictor import Predictor
+from .readouts.trend import Basis, Trend
 from .scale import Scale
-from .trend import Basis, Trend
 
 if TYPE_CHECKING:
     from .model import Model
@@ -205,7 +205,7 @@ def _build(header: Mapping[str, Any], tensors: Mapping[str, NDArray[Any]]) -> Mo
         tensors["local.coefficients"],
     )
     if degree >= 0:
-        from .trend import exponents
+        from .readouts.trend import exponents
 
         _expect("local.radius", models.radius, (motor.size,))
         terms = len(exponents(dof, degree))

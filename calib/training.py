@@ -12,19 +12,19 @@ from numpy.random import SeedSequence
 from numpy.typing import NDArray
 
 from .about import About
-from .bounds import learn_bounds
+from .data.samples import Samples
 from .errors import LogError, OptionError
 from .evaluation import Residuals, evaluate_residuals, summarise
 from .links import activity, link
 from .maps.density import Gain
 from .maps.som import SOM
 from .model import Model
-from .readout import Association
-from .samples import Samples
+from .readouts.bounds import learn_bounds
+from .readouts.linked import Association
+from .readouts.selection import blocks, select
+from .readouts.teacher import MOST_ROWS, learn_teacher
 from .scale import Scale
-from .selection import blocks, select
 from .sizes import Size, lattice_sizes
-from .teacher import MOST_ROWS, learn_teacher
 
 if TYPE_CHECKING:
     from .maps.map import Map

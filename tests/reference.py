@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pinocchio as pin
 
-from calib.planar_arm import PlanarArm
+from calib.arm.planar_arm import PlanarArm
 
 
 def pinocchio_forward(arm: PlanarArm, q: np.ndarray) -> np.ndarray:

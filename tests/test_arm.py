@@ -10,7 +10,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from reference import pinocchio_forward, random_joints
 
-from calib.arm import arm_from_urdf, load_arm
+from calib.arm.loading import arm_from_urdf, load_arm
 from calib.errors import CalibError, OptionError, QueryError, RobotError
 from calib.robots import list_robots
 

@@ -3,8 +3,8 @@
 import numpy as np
 import pytest
 
-from calib.arm import load_arm
-from calib.babbling import MAX_SAMPLES, METHODS, babble, smooth_points
+from calib.arm.loading import load_arm
+from calib.data.babbling import MAX_SAMPLES, METHODS, babble, smooth_points
 from calib.errors import OptionError
 
 

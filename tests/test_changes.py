@@ -6,7 +6,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from calib.changes import JOINT_CHANGES, SENSOR_CHANGES, Change, parse_change, parse_changes
+from calib.data.changes import JOINT_CHANGES, SENSOR_CHANGES, Change, parse_change, parse_changes
 from calib.errors import CalibError, OptionError
 
 

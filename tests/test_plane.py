@@ -8,7 +8,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from calib.errors import LogError, RobotError
-from calib.plane import Plane, fit_plane, plane_of
+from calib.arm.plane import Plane, fit_plane, plane_of
 
 ROOT_HALF = np.sqrt(0.5)
 

@@ -10,7 +10,7 @@ import pinocchio
 import pytest
 from reference import pinocchio_forward, random_joints
 
-from calib.arm import load_arm
+from calib.arm.loading import load_arm
 from calib.errors import OptionError, RobotError
 
 FOLDER = Path(pinocchio.__file__).parents[4] / "share/example-robot-data/robots"

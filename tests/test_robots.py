@@ -9,7 +9,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from calib.arm import load_arm
+from calib.arm.loading import load_arm
 from calib.errors import RobotError
 from calib.robots import list_robots, resolve_robot
 

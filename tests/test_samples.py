@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from calib.errors import LogError
-from calib.samples import Samples
+from calib.data.samples import Samples
 
 
 def make(n=4, **changes):

@@ -3,10 +3,10 @@
 import numpy as np
 import pytest
 
-from calib.arm import load_arm
-from calib.changes import parse_changes
+from calib.arm.loading import load_arm
+from calib.data.changes import parse_changes
 from calib.errors import OptionError
-from calib.simulation import Simulation, _play
+from calib.data.simulation import Simulation, _play
 
 L1, L2 = 0.30, 0.25
 

@@ -1,0 +1,1 @@
+"""Arms: planar chains of joints, from a URDF to vectorised kinematics."""

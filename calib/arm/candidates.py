@@ -1,0 +1,181 @@
+"""Candidates: the planar arms within a robot, for users who did not name theirs.
+
+A candidate is a set of joints that move a tip within one plane. Among them the one that
+reaches over the largest area is an arm; fingers, wrists and wheels reach over little.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Collection, Sequence
+from dataclasses import dataclass
+from itertools import combinations
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ..errors import RobotError
+from ..wording import listed
+from .chain import lever_lengths
+from .planarity import MIN_LEVER, PARALLEL, fits
+from .posture import Posture
+from .ranges import full_range, limits_fault
+from .tree import Joint, Urdf
+
+Array = NDArray[np.float64]
+
+#: Joints that are chosen without being asked: at most so many, and none whose link is
+#: shorter than this share of the arm's reach.
+MOST_JOINTS = 3
+MIN_SHARE = 0.05
+#: A candidate with less than this share of the best one's area is no rival to it.
+RIVAL = 0.5
+
+#: Usual names (their ends) of the frame that a robot's maker means by its tip.
+_TIP_NAMES = ("tool0", "tcp", "tool", "tip", "ee_link", "ee", "end_effector", "gripper_frame_link")
+
+
+@dataclass(frozen=True)
+class Candidate:
+    """A planar arm: joints from base to tip, its tip link, and the area it reaches over [m2]."""
+
+    joints: tuple[Joint, ...]
+    tip: str
+    area: float
+
+    def __str__(self) -> str:
+        return f"--joints {','.join(joint.name for joint in self.joints)} --tip {self.tip}"
+
+
+def find_tip(urdf: Urdf, link: str) -> str:
+    """Follow a link outwards to the tip it leads to: a leaf, or where it branches.
+
+    At a branching, a child with a tool's usual name (tool0, tcp, ...) is followed, or else
+    the only child that carries further joints (its siblings are sensors and covers).
+    """
+    while True:
+        below = urdf.below(link)
+        if len(below) > 1:
+            below = _named_tip(below) or tuple(
+                joint for joint in below if joint.movable or urdf.carries(joint.child)
+            )
+        if len(below) != 1:
+            return link
+        link = below[0].child
+
+
+def _named_tip(joints: Sequence[Joint]) -> tuple[Joint, ...]:
+    for name in _TIP_NAMES:
+        named = tuple(joint for joint in joints if joint.child.lower().endswith(name))
+        if named:
+            return named if len(named) == 1 else ()
+    return ()
+
+
+def find_candidates(
+    urdf: Urdf, posture: Posture, tip: str | None, excluded: Collection[str]
+) -> list[Candidate]:
+    """Return the planar arms of a robot, the one with most reach first.
+
+    Parameters
+    ----------
+    urdf : Urdf
+    posture : Posture
+        Of all joints at their locked values.
+    tip : str or None
+        The tip, if the user named it.
+    excluded : collection of str
+        Joints that are not to be used (locked, or fixed by their limits).
+    """
+    joints = [joint for joint in urdf.joints if joint.movable and not joint.mimic]
+    usable = {joint.name for joint in joints if joint.name not in excluded}
+    tips = [tip] if tip else sorted({find_tip(urdf, joint.child) for joint in joints})
+    best: dict[tuple[str, ...], Candidate] = {}
+    for link in tips:
+        path = [joint for joint in urdf.path(link) if joint.name in usable]
+        for members, normal in _planar_sets(path, posture):
+            candidate = _trim(members, normal, link, posture)
+            if candidate is None:
+                continue
+            if tip is None and find_tip(urdf, candidate.joints[-1].child) != link:
+                continue
+            key = tuple(joint.name for joint in candidate.joints)
+            if key not in best or best[key].area < candidate.area:
+                best[key] = candidate
+    return sorted(best.values(), key=lambda found: (-round(found.area, 9), str(found)))
+
+
+def choose(candidates: Sequence[Candidate]) -> tuple[Candidate, str | None]:
+    """Return the one candidate that makes sense, and what to say about it.
+
+    Raises
+    ------
+    RobotError
+        If there are several of like reach, with the options that name each.
+    """
+    best = candidates[0]
+    rivals = [found for found in candidates if found.area >= RIVAL * best.area]
+    if len(rivals) > 1:
+        shown = "; ".join(map(str, rivals[:6])) + ("; ..." if len(rivals) > 6 else "")
+        raise RobotError(f"the robot has {len(rivals)} planar arms, choose one: {shown}")
+    if len(candidates) == 1:
+        return best, None
+    others = "; ".join(map(str, candidates[1:4])) + ("; ..." if len(candidates) > 4 else "")
+    return best, f"chosen by reach: {best} (others: {others})"
+
+
+def nothing_found(urdf: Urdf, tip: str | None) -> RobotError:
+    """Explain that a robot (or a tip) has no planar arm."""
+    joints = urdf.path(tip) if tip else urdf.joints
+    movable = [joint.name for joint in joints if joint.movable]
+    faults = [
+        f"{joint.name}: {limits_fault(joint)}"
+        for joint in joints
+        if joint.movable and limits_fault(joint)
+    ]
+    left_out = f"; left out {'; '.join(faults[:3])} (--range JOINT=LO:HI)" if faults else ""
+    to_tip = f" that moves {tip!r}" if tip else ""
+    if len(movable) < 2:
+        return RobotError(
+            f"a planar arm needs two movable joints or more{to_tip}, found {listed(movable)}"
+        )
+    return RobotError(
+        f"no planar arm of two or more joints{to_tip} was found: name the joints, and as tip a "
+        f"frame off the last one's axis; movable joints: {listed(movable)}{left_out}"
+    )
+
+
+def _planar_sets(path: list[Joint], posture: Posture) -> list[tuple[list[Joint], Array]]:
+    """Find sets of joints along a path that share a plane, each with its normal."""
+    sets: list[tuple[list[Joint], Array]] = []
+    left = [joint for joint in path if joint.revolute]
+    while left:
+        normal = posture.axes[left[0].name]
+        members = [joint for joint in path if fits(joint, posture.axes[joint.name], normal)]
+        sets.append((members, normal))
+        left = [joint for joint in left if joint not in members]
+    slides = [joint for joint in path if not joint.revolute]
+    for pair in combinations(slides, 2):
+        normal = np.cross(posture.axes[pair[0].name], posture.axes[pair[1].name])
+        length = np.linalg.norm(normal)
+        if length > PARALLEL and not any(set(pair) <= set(members) for members, _ in sets):
+            sets.append((list(pair), normal / length))
+    return sets
+
+
+def _trim(members: list[Joint], normal: Array, tip: str, posture: Posture) -> Candidate | None:
+    """Leave out joints that hardly move the tip, and more than `MOST_JOINTS`."""
+    members = list(members)
+    while len(members) >= 2:
+        points = np.array([posture.points[joint.name] for joint in members])
+        levers = lever_lengths(points, posture.links[tip], normal)
+        for k, joint in enumerate(members):
+            if not joint.revolute:
+                lower, upper = (0.0, 1.0) if limits_fault(joint) else full_range(joint)
+                levers[k] = max(levers[k], upper - lower)
+        weakest = int(np.argmin(levers))
+        small = levers[weakest] < max(MIN_SHARE * levers.sum(), MIN_LEVER)
+        if not small and len(members) <= MOST_JOINTS:
+            pairs = combinations(levers, 2)
+            return Candidate(tuple(members), tip, float(4 * np.pi * sum(a * b for a, b in pairs)))
+        del members[weakest]
+    return None

@@ -1,0 +1,262 @@
+"""Arm: find a planar arm in a robot and load it, its kinematics computed by Pinocchio.
+
+A planar arm is a serial chain whose active revolute axes are all parallel to one normal and
+whose active prismatic axes are all perpendicular to it. Every other joint is locked.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ..errors import OptionError, RobotError
+from ..robots import resolve_robot
+from ..wording import listed, quoted, suggestion
+from .candidates import choose, find_candidates, find_tip, nothing_found
+from .chain import Chain
+from .planar_arm import PlanarArm
+from .planarity import check_tip, common_normal
+from .plane import plane_of
+from .posture import Kinematics, Posture
+from .ranges import Range, fixed_by_limits, full_range, neutral, one_turn, travel, unit_of
+from .tree import Joint, Urdf
+from .urdf import parse_urdf, read_urdf
+
+__all__ = ["PlanarArm", "arm_from_urdf", "load_arm"]
+
+Array = NDArray[np.float64]
+
+
+def load_arm(
+    robot: str | Path,
+    joints: Sequence[str] | None = None,
+    tip: str | None = None,
+    *,
+    lock: Mapping[str, float] | None = None,
+    ranges: Mapping[str, Range] | None = None,
+) -> PlanarArm:
+    """Load a planar arm from a URDF file or from the bundled robots.
+
+    Parameters
+    ----------
+    robot : str or Path
+        Path to a URDF, or the name of a bundled robot.
+    joints : sequence of str, optional
+        Active joints in any order; found automatically if only one choice makes sense.
+    tip : str, optional
+        The link (or the fixed joint) whose position is sensed.
+    lock : mapping of str to float, optional
+        Values [rad or m] at which other joints are held (default: neutral).
+    ranges : mapping of str to (lower, upper), optional
+        Part of a joint's range [rad or m] to babble and learn.
+
+    Raises
+    ------
+    RobotError, OptionError
+        In one line, naming what was given, what was expected and what to do.
+    """
+    path = resolve_robot(robot)
+    text = read_urdf(path)
+    try:
+        return arm_from_urdf(text, joints, tip, lock=lock, ranges=ranges, name=path.stem)
+    except RobotError as error:
+        raise RobotError(f"{path.name}: {error}") from None
+
+
+def arm_from_urdf(
+    text: str,
+    joints: Sequence[str] | None = None,
+    tip: str | None = None,
+    *,
+    lock: Mapping[str, float] | None = None,
+    ranges: Mapping[str, Range] | None = None,
+    name: str = "robot",
+) -> PlanarArm:
+    """Build a planar arm from the text of a URDF; see `load_arm`.
+
+    `name` is used where the URDF gives its robot none.
+    """
+    urdf = parse_urdf(text, name)
+    notes = list(urdf.notes)
+    lock, ranges = dict(lock or {}), dict(ranges or {})
+    if isinstance(joints, str):
+        joints = [joint.strip() for joint in joints.split(",")]
+    for locked in lock:
+        _movable(urdf, locked, "--lock")
+    tip = None if tip is None else _find_link(urdf, tip)
+    kinematics = Kinematics(urdf)
+    values = _held_values(urdf, lock)
+    active, tip = _select(urdf, kinematics.posture(values), joints, tip, lock, ranges, notes)
+    path = urdf.path(tip)
+    for joint in path:
+        if joint.mimic and any(joint.mimic.leader == other.name for other in active):
+            raise RobotError(
+                f"joint {quoted(joint.name)} mimics the active {quoted(joint.mimic.leader)} on "
+                "the way to the tip: coupled joints are not supported; choose others"
+            )
+    posture = kinematics.posture({**values, **{joint.name: 0.0 for joint in active}})
+    normal = common_normal(active, posture)
+    chain = Chain(
+        axes=np.array([posture.axes[joint.name] for joint in active]),
+        points=np.array([posture.points[joint.name] for joint in active]),
+        tip=posture.links[tip],
+        revolute=tuple(joint.revolute for joint in active),
+    )
+    plane = plane_of(normal, chain.tip)
+    check_tip(active[-1], chain, plane, tip, urdf)
+    held = {j.name: values[j.name] for j in path if j.movable and j not in active}
+    notes += _lock_notes(urdf, held, lock)
+    arm = PlanarArm(
+        name=urdf.name,
+        joint_names=tuple(joint.name for joint in active),
+        lower=np.zeros(len(active)),
+        upper=np.zeros(len(active)),
+        revolute=chain.revolute,
+        tip=tip,
+        plane=plane,
+        locked=held,
+        urdf=text,
+        notes=tuple(notes),
+        chain=chain,
+        limits=tuple(travel(joint) for joint in active),
+    )
+    return _with_ranges(arm, active, ranges)
+
+
+def _with_ranges(arm: PlanarArm, active: Sequence[Joint], ranges: Mapping[str, Range]) -> PlanarArm:
+    """Return the arm with the ranges that were chosen, or else its joints' limits."""
+    arm = arm.with_range(ranges)
+    lower, upper, notes = arm.lower.copy(), arm.upper.copy(), list(arm.notes)
+    for k, joint in enumerate(active):
+        if joint.name in ranges:
+            continue
+        lower[k], upper[k] = full_range(joint)
+        if joint.revolute:
+            (lower[k], upper[k]), note = one_turn(joint.name, (lower[k], upper[k]))
+            notes += [note] if note else []
+    return replace(arm, lower=lower, upper=upper, notes=tuple(notes))
+
+
+def _select(
+    urdf: Urdf,
+    posture: Posture,
+    joints: Sequence[str] | None,
+    tip: str | None,
+    lock: Mapping[str, float],
+    ranges: Mapping[str, Range],
+    notes: list[str],
+) -> tuple[list[Joint], str]:
+    """Return the active joints, base to tip, and the tip link: as named, or found."""
+    if joints is None:
+        excluded = set(lock) | {
+            joint.name
+            for joint in urdf.joints
+            if fixed_by_limits(joint) and joint.name not in ranges
+        }
+        candidates = find_candidates(urdf, posture, tip, excluded)
+        if not candidates:
+            raise nothing_found(urdf, tip)
+        chosen, note = choose(candidates)
+        notes += [note] if note else []
+        return list(chosen.joints), chosen.tip
+    active = _named_joints(urdf, joints, lock)
+    if tip is None:
+        last = max(active, key=lambda joint: len(urdf.path(joint.child)))
+        tip = find_tip(urdf, last.child)
+        if sum(last in urdf.path(link) for link in urdf.links) > 2:  # more than link and tip
+            notes.append(f"tip {quoted(tip)} was chosen (--tip to change)")
+    path = urdf.path(tip)
+    for joint in active:
+        if joint not in path:
+            raise RobotError(
+                f"joint {quoted(joint.name)} does not move the tip {quoted(tip)}: joints that "
+                f"do: {listed(j.name for j in path if j.movable)}"
+            )
+    return [joint for joint in path if joint in active], tip
+
+
+def _named_joints(urdf: Urdf, joints: Sequence[str], lock: Mapping[str, float]) -> list[Joint]:
+    active: list[Joint] = []
+    for name in joints:
+        joint = _movable(urdf, name, "--joints")
+        if joint.mimic:
+            raise RobotError(
+                f"joint {quoted(name)} mimics {quoted(joint.mimic.leader)} and cannot move on "
+                "its own: choose that one"
+            )
+        if joint in active:
+            raise OptionError(f"--joints: {quoted(name)} is named twice")
+        if name in lock:
+            raise OptionError(f"joint {quoted(name)} is both active and locked: choose one")
+        active.append(joint)
+    if len(active) < 2:
+        raise OptionError(
+            f"--joints names {len(active)} joint, expected two or more: one alone moves the "
+            "tip along a line, not over a plane"
+        )
+    return active
+
+
+def _movable(urdf: Urdf, name: str, option: str) -> Joint:
+    """Return the movable joint of a name, or say which there are."""
+    joint = urdf.joint(name)
+    if joint is None or not joint.movable:
+        what = "does not exist" if joint is None else "is fixed"
+        names = [other.name for other in urdf.joints if other.movable]
+        raise RobotError(f"{option}: joint {quoted(name)} {what}: {suggestion(name, names)}")
+    return joint
+
+
+def _find_link(urdf: Urdf, tip: str) -> str:
+    """Return the link of a frame's name: a link, or the child of a joint."""
+    if tip in urdf.links:
+        return tip
+    joint = urdf.joint(tip)
+    if joint is None:
+        raise RobotError(
+            f"--tip: frame {quoted(tip)} does not exist: {suggestion(tip, urdf.links)}"
+        )
+    return joint.child
+
+
+def _held_values(urdf: Urdf, lock: Mapping[str, float]) -> dict[str, float]:
+    """Values of all movable joints when held: as told, as their leader, or neutral."""
+    values: dict[str, float] = {}
+    for joint in urdf.joints:
+        if joint.movable:
+            values[joint.name] = float(lock.get(joint.name, neutral(joint)))
+            if not np.isfinite(values[joint.name]):
+                raise OptionError(
+                    f"--lock {joint.name}={lock[joint.name]}: expected a finite number "
+                    f"[{unit_of(joint)}]"
+                )
+    for joint in urdf.joints:
+        leads = joint.mimic and joint.mimic.leader in values
+        if joint.movable and joint.mimic and leads and joint.name not in lock:
+            leader = values[joint.mimic.leader]
+            values[joint.name] = joint.mimic.multiplier * leader + joint.mimic.offset
+    return values
+
+
+def _lock_notes(urdf: Urdf, held: Mapping[str, float], lock: Mapping[str, float]) -> list[str]:
+    """Say which joints are held where, and where that is not what zero or limits say."""
+    notes: list[str] = []
+    for name, value in held.items():
+        joint = _movable(urdf, name, "--lock")
+        lower, upper = travel(joint)
+        if name in lock and not lower <= value <= upper:
+            notes.append(
+                f"--lock {name}={value:g} lies outside the joint's limits "
+                f"{lower:g}:{upper:g} [{unit_of(joint)}]"
+            )
+    neutral_ones = [f"{name}={held[name]:.4g}" for name in held if name not in lock]
+    if neutral_ones:
+        notes.append(f"locked at neutral: {listed(neutral_ones, 8)} (--lock JOINT=VALUE to change)")
+    idle = [name for name in lock if name not in held]
+    if idle:
+        notes.append(f"locked joints that do not move the tip: {listed(idle)}")
+    return notes

@@ -1,0 +1,155 @@
+"""Plane: where in space a planar arm's tip moves, and the axes it is measured along.
+
+The axes follow one rule wherever a plane comes from: project the reference frame's x, y
+and z axes onto the plane, take in that order the first two that lie 45 degrees or more
+from the normal (and not on one line), and orthonormalise them with their signs kept. The
+origin is the reference frame's origin, moved along the normal into the plane. A plane
+parallel to xy therefore keeps the reference frame's own x and y.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from ..errors import LogError, RobotError
+
+Array = NDArray[np.float64]
+
+#: Axes closer to the normal than this (cosine of 45 degrees, rounding apart) are skipped.
+_NEAR_NORMAL = np.cos(np.pi / 4) + 1e-6
+#: A second axis that leaves less than this across the first one is skipped too.
+_MIN_ACROSS = 0.1
+#: Points whose second spread is below this share of the first lie on a line.
+_MIN_SPREAD = 1e-9
+
+
+@dataclass(frozen=True, eq=False)
+class Plane:
+    """An oriented plane with two orthonormal axes.
+
+    Attributes
+    ----------
+    origin : (3,) array [m]
+        Point of the plane whose coordinates are (0, 0).
+    x, y : (3,) array
+        Unit axes of the plane.
+    """
+
+    origin: Array
+    x: Array
+    y: Array
+
+    def __post_init__(self) -> None:
+        """Check the shapes and the axes, and freeze the arrays."""
+        for name in ("origin", "x", "y"):
+            vector = np.array(getattr(self, name), dtype=float)
+            if vector.shape != (3,) or not np.isfinite(vector).all():
+                raise RobotError(f"plane {name}: expected three finite numbers, got {vector}")
+            vector.setflags(write=False)
+            object.__setattr__(self, name, vector)
+        gram = np.array([self.x @ self.x - 1.0, self.y @ self.y - 1.0, self.x @ self.y])
+        if np.abs(gram).max() > 1e-6:
+            raise RobotError(f"plane axes x {self.x} and y {self.y} are not orthonormal")
+
+    @property
+    def normal(self) -> Array:
+        """Unit normal, x cross y, shape (3,)."""
+        return np.asarray(np.cross(self.x, self.y))
+
+    @property
+    def basis(self) -> Array:
+        """Rows x, y and normal, shape (3, 3): `basis @ (p - origin)` is p in the plane."""
+        return np.stack([self.x, self.y, self.normal])
+
+    def project(self, points: ArrayLike) -> Array:
+        """Coordinates in the plane of points in space.
+
+        Parameters
+        ----------
+        points : (n, 3) or (3,) array [m]
+
+        Returns
+        -------
+        (n, 2) or (2,) array [m]
+        """
+        offsets = np.asarray(points, dtype=float) - self.origin
+        return np.asarray(offsets @ np.stack([self.x, self.y], axis=1))
+
+    def lift(self, coordinates: ArrayLike) -> Array:
+        """Points in space of coordinates in the plane.
+
+        Parameters
+        ----------
+        coordinates : (n, 2) or (2,) array [m]
+
+        Returns
+        -------
+        (n, 3) or (3,) array [m]
+        """
+        offsets = np.asarray(coordinates, dtype=float) @ np.stack([self.x, self.y])
+        return np.asarray(self.origin + offsets)
+
+    def distances(self, points: ArrayLike) -> Array:
+        """Signed distances of points from the plane along the normal, (n, 3) -> (n,) [m]."""
+        return np.asarray((np.asarray(points, dtype=float) - self.origin) @ self.normal)
+
+
+def plane_of(normal: ArrayLike, through: ArrayLike) -> Plane:
+    """Return the plane across a normal through a point, with the axes of the module's rule.
+
+    Parameters
+    ----------
+    normal : (3,) array
+        Any vector across the plane; its sign and length do not matter.
+    through : (3,) array [m]
+        A point of the plane, in the reference frame.
+    """
+    n = np.asarray(normal, dtype=float)
+    n = n / np.linalg.norm(n)
+    x: Array | None = None
+    for axis in np.eye(3):
+        if abs(axis @ n) > _NEAR_NORMAL:
+            continue
+        flat = axis - (axis @ n) * n
+        if x is None:
+            x = flat / np.linalg.norm(flat)
+            continue
+        across = flat - (flat @ x) * x
+        if np.linalg.norm(across) > _MIN_ACROSS:
+            origin = (np.asarray(through, dtype=float) @ n) * n
+            return Plane(origin, x, across / np.linalg.norm(across))
+    raise RobotError(f"no plane lies across the normal {n}")  # only for a normal of NaN
+
+
+def fit_plane(points: ArrayLike) -> tuple[Plane, float]:
+    """Fit a plane to points in space by least squares.
+
+    The plane passes through the centroid across the direction of least spread (SVD). Its
+    origin and axes follow the module's rule, so the result does not depend on the SVD's
+    signs, and positions keep the directions in which the sensor reported them.
+
+    Parameters
+    ----------
+    points : (n, 3) array [m]
+        At least three points that do not lie on one line.
+
+    Returns
+    -------
+    plane : Plane
+    rms : float [m]
+        Root mean square distance of the points from the plane.
+    """
+    p = np.asarray(points, dtype=float)
+    if p.ndim != 2 or p.shape[1] != 3 or not np.isfinite(p).all():
+        raise LogError(f"a plane needs finite positions of shape (n, 3), got shape {p.shape}")
+    if len(p) < 3:
+        raise LogError(f"a plane needs at least 3 positions, got {len(p)}: add rows")
+    centroid = p.mean(axis=0)
+    _, spread, directions = np.linalg.svd(p - centroid, full_matrices=False)
+    if spread[1] <= _MIN_SPREAD * max(spread[0], np.finfo(float).tiny):
+        raise LogError("the positions lie on one line: no plane can be fitted to them")
+    plane = plane_of(directions[2], centroid)
+    return plane, float(np.sqrt(np.mean(plane.distances(p) ** 2)))

@@ -1,0 +1,86 @@
+"""Posture: where Pinocchio puts the joints and links of a robot at given joint values."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ..errors import RobotError
+from .tree import Urdf
+
+Array = NDArray[np.float64]
+
+
+@dataclass(frozen=True, eq=False)
+class Posture:
+    """Axes and positions at one posture, in the root link's frame.
+
+    Attributes
+    ----------
+    axes : dict of str to (3,) array
+        Unit axis of each movable joint.
+    points : dict of str to (3,) array [m]
+        Origin of each movable joint's frame.
+    links : dict of str to (3,) array [m]
+        Origin of each link's frame.
+    """
+
+    axes: dict[str, Array]
+    points: dict[str, Array]
+    links: dict[str, Array]
+
+
+class Kinematics:
+    """A Pinocchio model of a checked URDF, asked for postures."""
+
+    def __init__(self, urdf: Urdf) -> None:
+        pin = _import_pinocchio()
+        try:
+            self._model: Any = pin.buildModelFromXML(urdf.plain())
+        except Exception as error:  # Pinocchio raises what its parser happened to throw
+            raise RobotError(
+                f"Pinocchio cannot read the robot {urdf.name!r} ({error}): check its joints"
+            ) from None
+        self._pin = pin
+        self._urdf = urdf
+
+    def posture(self, values: Mapping[str, float]) -> Posture:
+        """Return the posture at joint values [rad or m]; joints not named are at zero."""
+        pin, model = self._pin, self._model
+        data = model.createData()
+        q = np.zeros(model.nq)
+        for name, value in values.items():
+            q[model.joints[model.getJointId(name)].idx_q] = value
+        pin.computeJointJacobians(model, data, q)
+        pin.updateFramePlacements(model, data)
+        axes: dict[str, Array] = {}
+        points: dict[str, Array] = {}
+        for joint in self._urdf.joints:
+            if not joint.movable:
+                continue
+            number = model.getJointId(joint.name)
+            column = model.joints[number].idx_v
+            rows = slice(3, 6) if joint.revolute else slice(0, 3)
+            axes[joint.name] = np.array(data.J[rows, column])
+            points[joint.name] = np.array(data.oMi[number].translation)
+        links = {
+            link: np.array(
+                data.oMf[model.getFrameId(link, pin.FrameType.BODY)].translation, dtype=float
+            )
+            for link in self._urdf.links
+        }
+        return Posture(axes, points, links)
+
+
+def _import_pinocchio() -> Any:
+    try:
+        import pinocchio
+    except ImportError as error:
+        raise RobotError(
+            f"robots need Pinocchio, which cannot be imported ({error}): pip install pin"
+        ) from None
+    return pinocchio

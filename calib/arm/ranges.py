@@ -1,0 +1,112 @@
+"""Ranges: the part of a joint's travel that is babbled and learned."""
+
+from __future__ import annotations
+
+import math
+
+from ..errors import OptionError, RobotError
+from .tree import Joint
+
+TURN = 2.0 * math.pi
+#: A sliding joint that claims to travel further than this [m] states no usable limit.
+MAX_TRAVEL = 1_000.0
+#: Limits that exceed one turn or a range that exceeds its limits by less than this are
+#: rounding (3.1416, 1.5708), and are clipped in silence.
+ROUNDING = 1e-3
+
+Range = tuple[float, float]
+
+
+def unit_of(joint: Joint) -> str:
+    """Return the unit of a joint's value: rad or m."""
+    return "rad" if joint.revolute else "m"
+
+
+def limits_fault(joint: Joint) -> str | None:
+    """Say why a joint's limits cannot bound its babbling, or None if they can."""
+    if joint.kind == "continuous":
+        return None
+    if joint.limits is None:
+        return "it states no limits"
+    lower, upper = joint.limits
+    if lower > upper:
+        return f"its limits are inverted ({lower:g} > {upper:g})"
+    if lower == upper:
+        return f"its limits leave no room ({lower:g} to {upper:g})"
+    if not joint.revolute and not upper - lower <= MAX_TRAVEL:
+        return f"its limits are unusable ({lower:g} to {upper:g} m)"
+    return None
+
+
+def fixed_by_limits(joint: Joint) -> bool:
+    """Whether a joint's limits leave it no room at all."""
+    return joint.limits is not None and joint.limits[0] == joint.limits[1]
+
+
+def travel(joint: Joint) -> Range:
+    """Range that a joint can mechanically reach, infinite where its limits do not say."""
+    if joint.limits is None or limits_fault(joint):
+        return -math.inf, math.inf
+    return joint.limits
+
+
+def neutral(joint: Joint) -> float:
+    """Zero, clipped into the joint's limits where it has sensible ones."""
+    lower, upper = travel(joint)
+    if fixed_by_limits(joint) and joint.limits is not None:
+        lower, upper = joint.limits
+    return min(max(0.0, lower), upper)
+
+
+def full_range(joint: Joint) -> Range:
+    """Return the limits of a joint, or ask for `--range` where they are unusable."""
+    fault = limits_fault(joint)
+    if fault:
+        raise RobotError(
+            f"joint {joint.name!r} cannot be babbled, {fault}: "
+            f"give --range {joint.name}=LOWER:UPPER [{unit_of(joint)}]"
+        )
+    return (-math.inf, math.inf) if joint.limits is None else joint.limits
+
+
+def checked_range(name: str, chosen: Range, limits: Range, unit: str) -> Range:
+    """Return a range that the user chose, clipped into the limits if only rounding is over.
+
+    Raises
+    ------
+    OptionError
+        If it is not finite, empty or inverted, or goes beyond the joint's limits.
+    """
+    lower, upper = (float(end) for end in chosen)
+    shown = f"--range {name}={lower:g}:{upper:g}"
+    if not (math.isfinite(lower) and math.isfinite(upper) and lower < upper):
+        raise OptionError(f"{shown}: expected two finite numbers, the lower one first [{unit}]")
+    if lower < limits[0] - ROUNDING or upper > limits[1] + ROUNDING:
+        raise OptionError(
+            f"{shown}: outside the joint's limits {limits[0]:.6g}:{limits[1]:.6g} [{unit}]"
+        )
+    if unit == "m" and upper - lower > MAX_TRAVEL:
+        raise OptionError(f"{shown}: expected a travel of at most {MAX_TRAVEL:g} m")
+    return max(lower, limits[0]), min(upper, limits[1])
+
+
+def one_turn(name: str, chosen: Range) -> tuple[Range, str | None]:
+    """Cut a revolute joint's range to one turn, centred as near to 0 as it allows.
+
+    Returns
+    -------
+    range : (lower, upper) [rad]
+    note : str or None
+        What to say aloud, if more than rounding was cut.
+    """
+    lower, upper = chosen
+    if upper - lower <= TURN:
+        return chosen, None
+    centre = min(max(0.0, lower + TURN / 2), upper - TURN / 2)
+    cut = (centre - TURN / 2, centre + TURN / 2)
+    if upper - lower <= TURN + ROUNDING:
+        return cut, None
+    return cut, (
+        f"joint {name!r} can turn more than once: one turn is used, "
+        f"{cut[0]:.4f} to {cut[1]:.4f} rad"
+    )

@@ -1,0 +1,276 @@
+"""URDF: read, check and explain a robot description before any library sees it.
+
+Only the standard library's XML parser is used. What passes is handed to Pinocchio as a
+plain text that holds nothing but links and joints, so that harmless gaps (no robot name,
+no effort limit) do no harm and real faults have been told in one line before.
+"""
+
+from __future__ import annotations
+
+import math
+import re
+import xml.etree.ElementTree as ET
+from pathlib import Path
+
+from ..errors import RobotError
+from ..wording import listed, quoted, suggestion
+from .tree import MOVABLE, Joint, Mimic, Urdf, Vector
+
+MAX_BYTES = 50_000_000
+MAX_JOINTS = 1_000  # Pinocchio recurses along the chain and overflows its stack beyond
+
+_NUMBER = re.compile(r"[+-]?(\d+\.?\d*|\.\d+)([eE][+-]?\d+)?")
+_INFINITE = re.compile(r"([+-]?)inf(inity)?", re.IGNORECASE)
+
+
+def read_urdf(path: Path) -> str:
+    """Read a URDF file as text.
+
+    Raises
+    ------
+    RobotError
+        If it is missing, a folder, empty, not UTF-8, or larger than `MAX_BYTES`.
+    """
+    try:
+        if path.is_dir():
+            raise RobotError(f"{path}: is a folder, expected a URDF file")
+        if path.stat().st_size > MAX_BYTES:
+            raise RobotError(
+                f"{path}: {path.stat().st_size / 1e6:.0f} MB is no URDF (limit "
+                f"{MAX_BYTES // 1_000_000} MB): give the robot description, not its meshes"
+            )
+        text = path.read_bytes().decode("utf-8-sig")
+    except FileNotFoundError:
+        raise RobotError(f"{path}: no such file; expected a URDF or a bundled robot") from None
+    except UnicodeDecodeError as error:
+        raise RobotError(
+            f"{path}: byte {error.start} is not UTF-8: save the URDF as UTF-8 text"
+        ) from None
+    except (OSError, ValueError) as error:
+        reason = getattr(error, "strerror", None) or error
+        raise RobotError(f"{path}: cannot be read: {reason}") from None
+    if not text.strip():
+        raise RobotError(f"{path}: is empty, expected a URDF")
+    return text
+
+
+def parse_urdf(text: str, name: str = "robot") -> Urdf:
+    """Check the text of a URDF and return its links and joints.
+
+    Parameters
+    ----------
+    text : str
+        The URDF.
+    name : str
+        Name to use where the URDF gives its robot none.
+
+    Raises
+    ------
+    RobotError
+        In one line: what is wrong, what was expected and what to do.
+    """
+    robot = _parse_xml(text)
+    notes: list[str] = []
+    own_name = (robot.get("name") or "").strip()
+    if not own_name:
+        notes.append(f"the URDF gives the robot no name: {name} is used")
+    links = _names(robot, "link")
+    joint_names = _names(robot, "joint")
+    if max(len(joint_names), len(links) - 1) > MAX_JOINTS:
+        raise RobotError(
+            f"the URDF has {len(links)} links and {len(joint_names)} joints, expected at most "
+            f"{MAX_JOINTS} joints"
+        )
+    joints = tuple(_read_joint(node, set(links), notes) for node in robot.findall("joint"))
+    for joint in joints:
+        if joint.mimic and joint.mimic.leader not in joint_names:
+            notes.append(
+                f"joint {quoted(joint.name)} mimics {quoted(joint.mimic.leader)}, "
+                "which does not exist: it is held where it is"
+            )
+    incomplete = sum(_lacks_effort(node) for node in robot.findall("joint"))
+    if incomplete:
+        notes.append(
+            f"the URDF states no effort or velocity for {incomplete} of its joints: "
+            "not needed here, but Pinocchio and ROS refuse it"
+        )
+    root = _find_root(links, joints)
+    return Urdf(own_name or name, root, tuple(links), joints, tuple(notes))
+
+
+def _parse_xml(text: str) -> ET.Element:
+    upper = text.upper()
+    for mark in ("<!DOCTYPE", "<!ENTITY"):
+        if mark in upper:
+            raise RobotError(
+                f"the URDF holds {mark}: document types and entities are refused; remove it "
+                "and write its values out"
+            )
+    try:
+        robot = ET.fromstring(text)  # noqa: S314 - entities were refused above
+    except (ET.ParseError, ValueError) as error:
+        if "unbound prefix" in str(error) and "<xacro:" in text:
+            raise _xacro_error("<xacro:...>") from None
+        cut = any(word in str(error) for word in ("no element", "unclosed", "no closing"))
+        remedy = "the file seems truncated, fetch it again" if cut else "correct it there"
+        raise RobotError(f"the URDF is not well-formed XML ({error}): {remedy}") from None
+    if robot.tag != "robot":
+        hint = " (SDF: convert it to URDF first)" if robot.tag == "sdf" else ""
+        raise RobotError(f"the file's root element is <{robot.tag[:60]}>, expected <robot>{hint}")
+    for node in robot.iter():
+        if isinstance(node.tag, str) and "xacro}" in node.tag:
+            raise _xacro_error(f"<xacro:{node.tag.split('}')[1]}>")
+        for value in node.attrib.values():
+            if "${" in value:
+                raise _xacro_error(value)
+    return robot
+
+
+def _xacro_error(found: str) -> RobotError:
+    return RobotError(
+        f"the URDF still holds xacro ({quoted(found)}): expand it first, "
+        "for example: xacro robot.xacro > robot.urdf"
+    )
+
+
+def _names(robot: ET.Element, tag: str) -> list[str]:
+    """Names of all elements of one kind: stated, and each only once."""
+    names: dict[str, None] = {}
+    for number, node in enumerate(robot.findall(tag), 1):
+        name = node.get("name", "")
+        if not name.strip():
+            raise RobotError(f"{tag} number {number} of the URDF has no name: give it one")
+        if name in names:
+            raise RobotError(f"two {tag}s are named {quoted(name)}: rename one of them")
+        names[name] = None
+    if not names and tag == "link":
+        raise RobotError("the URDF has no links: expected a robot with links and joints")
+    return list(names)
+
+
+def _read_joint(node: ET.Element, links: set[str], notes: list[str]) -> Joint:
+    name = node.get("name", "")
+    where = f"joint {quoted(name)}"
+    kind = node.get("type", "")
+    if kind in ("floating", "planar"):
+        raise RobotError(
+            f"{where} is {kind}: only fixed, revolute, continuous and prismatic joints are "
+            "supported; make it fixed"
+        )
+    if kind not in (*MOVABLE, "fixed"):
+        raise RobotError(
+            f"{where} has type {quoted(kind)}, expected one of fixed, {', '.join(MOVABLE)}"
+        )
+    parent, child = (_end(node, tag, where, links) for tag in ("parent", "child"))
+    origin = node.find("origin")
+    xyz = _vector(origin, "xyz", where, (0.0, 0.0, 0.0))
+    rpy = _vector(origin, "rpy", where, (0.0, 0.0, 0.0))
+    axis = (1.0, 0.0, 0.0)
+    if kind != "fixed":
+        if node.find("axis") is None:
+            notes.append(f"{where} has no <axis>: URDF's default, x, is used")
+        axis = _vector(node.find("axis"), "xyz", where, axis)
+        if math.hypot(*axis) < 1e-6:
+            raise RobotError(f"{where} has the axis 0 0 0: give the direction it moves about")
+    limits = _limits(node, where) if kind in ("revolute", "prismatic") else None
+    return Joint(name, kind, parent, child, xyz, rpy, axis, limits, _mimic(node, where))
+
+
+def _end(node: ET.Element, tag: str, where: str, links: set[str]) -> str:
+    ends = node.findall(tag)
+    if len(ends) != 1:
+        raise RobotError(f"{where} has {len(ends)} <{tag}> elements, expected one")
+    link = ends[0].get("link", "")
+    if link not in links:
+        raise RobotError(
+            f"{where} has the {tag} link {quoted(link)}, which does not exist: "
+            f"{suggestion(link, sorted(links))}"
+        )
+    return link
+
+
+def _limits(node: ET.Element, where: str) -> tuple[float, float] | None:
+    limit = node.find("limit")
+    if limit is None or not {"lower", "upper"} & set(limit.attrib):
+        return None
+    lower, upper = (
+        _number(limit.get(key, "0"), f"{where}: limit {key}", infinite=True)
+        for key in ("lower", "upper")
+    )
+    return lower, upper
+
+
+def _lacks_effort(node: ET.Element) -> bool:
+    limit = node.find("limit")
+    return (
+        node.get("type") in ("revolute", "prismatic")
+        and limit is not None
+        and not {"effort", "velocity"} <= set(limit.attrib)
+    )
+
+
+def _mimic(node: ET.Element, where: str) -> Mimic | None:
+    mimic = node.find("mimic")
+    if mimic is None:
+        return None
+    multiplier, offset = (
+        _number(mimic.get(key, default), f"{where}: mimic {key}")
+        for key, default in (("multiplier", "1"), ("offset", "0"))
+    )
+    return Mimic(mimic.get("joint", ""), multiplier, offset)
+
+
+def _vector(node: ET.Element | None, key: str, where: str, default: Vector) -> Vector:
+    text = None if node is None else node.get(key)
+    if node is None or text is None:
+        return default
+    parts = text.split()
+    if len(parts) != 3:
+        raise RobotError(f"{where}: <{node.tag} {key}={quoted(text)}>, expected three numbers")
+    x, y, z = (_number(part, f"{where}: {node.tag} {key}") for part in parts)
+    return x, y, z
+
+
+def _number(text: str, where: str, *, infinite: bool = False) -> float:
+    """Read a number as URDF libraries do, not as Python does (1_000, nan)."""
+    text = text.strip()
+    if infinite and _INFINITE.fullmatch(text):
+        return -math.inf if text.startswith("-") else math.inf
+    value = float(text) if len(text) <= 64 and _NUMBER.fullmatch(text) else math.nan
+    if not (math.isfinite(value) or (infinite and math.isinf(value))):
+        raise RobotError(f"{where} is {quoted(text)}, expected a finite number")
+    return value
+
+
+def _find_root(links: list[str], joints: tuple[Joint, ...]) -> str:
+    """Return the one link without a parent, or say why the links are no tree."""
+    above: dict[str, Joint] = {}
+    for joint in joints:
+        if joint.child in above:
+            raise RobotError(
+                f"link {quoted(joint.child)} has two parents, joints "
+                f"{quoted(above[joint.child].name)} and {quoted(joint.name)}: remove one"
+            )
+        above[joint.child] = joint
+    roots = [link for link in links if link not in above]
+    if len(roots) > 1:
+        raise RobotError(
+            f"the URDF has {len(roots)} root links, {listed(map(quoted, roots), 4)}: "
+            "expected one; join them with fixed joints"
+        )
+    children: dict[str, list[str]] = {}
+    for joint in joints:
+        children.setdefault(joint.parent, []).append(joint.child)
+    reached: set[str] = set()
+    waiting = list(roots)
+    while waiting:
+        link = waiting.pop()
+        reached.add(link)
+        waiting.extend(children.get(link, []))
+    loop = next((link for link in links if link not in reached), None)
+    if loop is not None:
+        raise RobotError(
+            f"link {quoted(loop)} is part of a loop of joints: a URDF must be a tree; "
+            f"remove joint {quoted(above[loop].name)}"
+        )
+    return roots[0]

@@ -1,0 +1,1 @@
+"""Data: samples, simulated by babbling or read from a measured log."""

@@ -1,0 +1,240 @@
+"""The range of each joint of a log: the arm's limits or the data's, one turn at most."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ..errors import LogError, OptionError
+
+Array = NDArray[np.float64]
+Range = tuple[float, float]
+
+TURN = 2.0 * math.pi
+
+_SLACK = 0.05  # share of a range by which a log may leave it: limits are rounded, arms differ
+_ROUNDED = 1e-4  # share of a range that is not worth a word
+_SMALL_GAP = 0.1  # [rad]; data without a larger gap fill the circle
+_LARGE_GAP = 0.5  # [rad]; a gap that shows where the joint cannot go
+
+
+@dataclass(frozen=True)
+class JointColumn:
+    """The values of one joint in a log, and what is known about it.
+
+    Attributes
+    ----------
+    label : str
+        What messages call the log.
+    joint : str
+        The joint's name.
+    values : (n,) array [rad or m]
+        What was recorded.
+    revolute : bool
+        Whether the joint turns.
+    limits : (float, float) or None [rad or m]
+        The arm's range of this joint; None without an arm.
+    chosen : (float, float) or None [rad or m]
+        The range that the user asked for, which goes before the limits.
+    degrees : bool
+        Whether the log and the messages are in degrees.
+    rows : (n,) array of int or None
+        Numbers of the rows in the file, where some were left out.
+    """
+
+    label: str
+    joint: str
+    values: Array
+    revolute: bool
+    limits: Range | None = None
+    chosen: Range | None = None
+    degrees: bool = False
+    rows: NDArray[np.intp] | None = None
+
+    def settle(self) -> tuple[Array, Range, list[str]]:
+        """Return the values, wrapped where needed, the joint's range, and notes.
+
+        The values that lie outside of a range that the user chose are NaN.
+        """
+        if self.chosen is not None:
+            return self._within_chosen(self.chosen)
+        if self.limits is None:
+            return self._within_data()
+        if self.revolute and self.limits[1] - self.limits[0] >= TURN - 1e-9:
+            return self._within_turn(self.limits)
+        return self._within_limits(self.limits)
+
+    @property
+    def _extremes(self) -> Range:
+        return float(self.values.min()), float(self.values.max())
+
+    def _within_chosen(self, chosen: Range) -> tuple[Array, Range, list[str]]:
+        low, high = _checked(self.joint, chosen, self.revolute)
+        values, notes = self.values, []
+        if self.revolute:
+            values = _wrap(values, low, high)
+            notes += self._wrapped_note(values, (low, high))
+        edge = _ROUNDED * (high - low)
+        outside = (values < low - edge) | (values > high + edge)
+        if outside.all():
+            raise LogError(
+                f"{self.label}: no value of {self.joint!r} lies in the range "
+                f"{self._show((low, high))}; the log has {self._show(self._extremes)}"
+            )
+        if outside.any():
+            notes.append(
+                f"{outside.sum()} rows left out: {self.joint} outside of the range "
+                f"{self._show((low, high))}"
+            )
+        return np.where(outside, np.nan, np.clip(values, low, high)), (low, high), notes
+
+    def _within_data(self) -> tuple[Array, Range, list[str]]:
+        low, high = self._extremes
+        if self.revolute:
+            self._refuse_many_turns()
+        if not self.revolute or high - low < TURN - 0.2:
+            return self.values, (low, high), []
+        values, turn, gap = one_turn(self.values)
+        if high - low <= TURN and gap < _LARGE_GAP:
+            return self.values, (low, high), []
+        if gap >= _SMALL_GAP:
+            turn = float(values.min()), float(values.max())
+        return values, turn, self._wrapped_note(values, turn)
+
+    def _within_turn(self, limits: Range) -> tuple[Array, Range, list[str]]:
+        low, high = self._extremes
+        if limits[0] - 1e-9 <= low and high <= limits[1] + 1e-9:
+            return np.clip(self.values, *limits), limits, []
+        self._refuse_many_turns()
+        if high - low < TURN - 1e-9:
+            middle = (low + high) / 2.0
+            turn = middle - math.pi, middle + math.pi
+            return self.values, turn, [f"{self.joint}: range {self._show(turn)}, as in the log"]
+        values, turn, _ = one_turn(self.values)
+        return values, turn, self._wrapped_note(values, turn)
+
+    def _within_limits(self, limits: Range) -> tuple[Array, Range, list[str]]:
+        values, notes = self.values, []
+        if self.revolute and np.ptp(values) <= TURN + 1e-9 and _beyond(values, limits) > _SLACK:
+            wrapped = _wrap(values, *limits)
+            if _beyond(wrapped, limits) <= _SLACK:
+                notes += self._wrapped_note(wrapped, limits)
+                values = wrapped
+        excess = _beyond(values, limits)
+        if excess > _SLACK:
+            raise LogError(self._outside(limits))
+        low, high = min(limits[0], float(values.min())), max(limits[1], float(values.max()))
+        if excess > _ROUNDED:
+            notes.append(
+                f"{self.joint}: the log goes beyond the limits {self._show(limits)}; "
+                f"range widened to {self._show((low, high))}"
+            )
+        return values, (low, high), notes
+
+    def _outside(self, limits: Range) -> str:
+        row = int(np.argmax(np.maximum(limits[0] - self.values, self.values - limits[1])))
+        number = row + 1 if self.rows is None else self.rows[row]
+        message = (
+            f"{self.label}, row {number}: {self.joint} is {self._value(row)}, outside of its "
+            f"limits {self._show(limits)}"
+        )
+        radians = np.deg2rad(self.values)
+        if self.revolute and not self.degrees and _beyond(radians, limits) <= _SLACK:
+            return f"{message}; as degrees the log fits: give --degrees"
+        return f"{message}; if the joint really goes there, give --range {self.joint}=LOW:HIGH"
+
+    def _refuse_many_turns(self) -> None:
+        low, high = self._extremes
+        if high - low <= 2.02 * TURN and max(abs(low), abs(high)) <= 4.0 * TURN:
+            return
+        turns = (high - low) / TURN
+        turn = "-180:180" if self.degrees else "-3.14159:3.14159"
+        remedy = "" if self.degrees else "if the log is in degrees, give --degrees; "
+        raise LogError(
+            f"{self.label}: {self.joint} goes {self._show((low, high))}, {turns:.1f} turns; "
+            f"{remedy}to wrap it into one turn, give --range {self.joint}={turn}"
+        )
+
+    def _wrapped_note(self, values: Array, turn: Range) -> list[str]:
+        moved = int(np.count_nonzero(np.abs(values - self.values) > 1.0))
+        if not moved:
+            return []
+        return [f"{self.joint}: {moved} values wrapped by whole turns into {self._show(turn)}"]
+
+    def _value(self, row: int) -> str:
+        value = float(self.values[row])
+        if not self.revolute:
+            return f"{value:g} m"
+        return f"{math.degrees(value):g} deg" if self.degrees else f"{value:g} rad"
+
+    def _show(self, limits: Range) -> str:
+        if not self.revolute:
+            return f"{limits[0]:.4g}..{limits[1]:.4g} m"
+        if self.degrees:
+            return f"{math.degrees(limits[0]):.4g}..{math.degrees(limits[1]):.4g} deg"
+        return f"{limits[0]:.4g}..{limits[1]:.4g} rad"
+
+
+def one_turn(angles: Array) -> tuple[Array, Range, float]:
+    """Wrap angles into one turn that is cut where they leave the largest gap.
+
+    Parameters
+    ----------
+    angles : (n,) array [rad]
+        Any number of turns.
+
+    Returns
+    -------
+    wrapped : (n,) array [rad]
+        The angles; those that lay in the turn already are left as they were.
+    turn : (float, float) [rad]
+        The turn, centred on the angles, or on 0 where they fill the whole circle.
+    gap : float [rad]
+        The largest gap.
+
+    Examples
+    --------
+    >>> wrapped, turn, gap = one_turn(np.array([3.0, -3.0, 2.0, -2.0]))
+    >>> wrapped.round(2).tolist(), (sum(turn) / 2 / np.pi).__round__(6)
+    ([3.0, 3.28, 2.0, 4.28], 1.0)
+    """
+    circle = np.sort(np.mod(angles, TURN))
+    gaps = np.diff(circle, append=circle[0] + TURN)
+    widest = int(np.argmax(gaps))
+    gap = float(gaps[widest])
+    centre = 0.0
+    if gap >= _SMALL_GAP:
+        centre = math.remainder(circle[widest] + gap / 2.0 + math.pi, TURN)
+        centre = math.pi if centre <= -math.pi + 1e-9 else centre
+    low, high = centre - math.pi, centre + math.pi
+    return _wrap(angles, low, high), (low, high), gap
+
+
+def _wrap(values: Array, low: float, high: float) -> Array:
+    """Move the angles outside of a range by whole turns, up to one turn above its low end."""
+    moved = low + np.mod(values - low, TURN)
+    # An angle just below the range is nearer to it than a turn later.
+    moved = np.where(moved - high > TURN / 2.0 - (high - low) / 2.0, moved - TURN, moved)
+    moved = np.where(high - low >= TURN - 1e-9, np.clip(moved, low, high), moved)
+    return np.where((values < low) | (values > high), moved, values)
+
+
+def _beyond(values: Array, limits: Range) -> float:
+    """Return by how much the values leave the limits, as a share of their width."""
+    excess = max(limits[0] - float(values.min()), float(values.max()) - limits[1], 0.0)
+    return excess / (limits[1] - limits[0])
+
+
+def _checked(joint: str, chosen: Range, revolute: bool) -> Range:
+    low, high = (float(value) for value in chosen)
+    if not (math.isfinite(low) and math.isfinite(high) and low < high):
+        raise OptionError(f"range {joint}={low:g}:{high:g}: expected low:high with low below high")
+    if revolute and high - low > TURN + 1e-4:
+        raise OptionError(
+            f"range {joint}={low:g}:{high:g} is more than one turn; if these are degrees, "
+            "give --degrees"
+        )
+    return low, high

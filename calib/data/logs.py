@@ -1,0 +1,283 @@
+"""Logs: joint values and measured positions in a file."""
+
+from __future__ import annotations
+
+import math
+import os
+from collections.abc import Mapping, Sequence
+from dataclasses import replace
+from typing import TYPE_CHECKING
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ..errors import LogError, OptionError
+from .columns import Source, open_source, read_columns
+from .log_ranges import JointColumn, Range
+from .roles import check_names, find_roles
+from .samples import Samples
+from .tables import write_table
+
+if TYPE_CHECKING:
+    from ..arm.planar_arm import PlanarArm
+
+Array = NDArray[np.float64]
+
+_STILL = {True: math.radians(0.5), False: 1e-3}  # a locked joint may stir [rad, m]
+
+
+def read_log(
+    path: str | os.PathLike[str],
+    arm: PlanarArm | None = None,
+    *,
+    joints: Sequence[str] | None = None,
+    columns: Mapping[str, str] | None = None,
+    degrees: bool = False,
+    unit: str = "m",
+    ranges: Mapping[str, Range] | None = None,
+    prismatic: Sequence[str] = (),
+) -> Samples:
+    """Read a measured log: one column for each joint, and x, y or x, y, z.
+
+    Further columns are ignored. Rows with a value that is missing or not finite are left
+    out, counted in `Samples.dropped` and told in `Samples.notes`. Positions may be in the
+    sensor's own unit and axes; of x, y, z the plane is fitted.
+
+    Parameters
+    ----------
+    path : path-like
+        CSV or Parquet; `-` reads CSV from standard input.
+    arm : PlanarArm, optional
+        Gives the joints' names and limits, never kinematics.
+    joints : sequence of str, optional
+        Without an arm: the joints' columns, from base to tip.
+    columns : mapping of str to str, optional
+        Other names of columns: `{"x": "cam_u", "elbow": "joint_2"}`.
+    degrees : bool
+        Whether joints that turn are logged in degrees, and `ranges` given in rad still.
+    unit : str
+        Unit of the positions.
+    ranges : mapping of str to (float, float), optional [rad or m]
+        The range of a joint; it goes before the arm's limits. Rows outside are left out.
+    prismatic : sequence of str
+        Without an arm: the joints that slide.
+
+    Returns
+    -------
+    Samples
+        Rows in the order of the file.
+
+    Raises
+    ------
+    LogError, OptionError
+        If the log cannot be used; one line with the row, the column and the remedy.
+
+    Notes
+    -----
+    Values beyond the arm's limits by up to 5 % of the range widen it, aloud; beyond that
+    they are an error, which names `--degrees` if the log fits as degrees. A joint that
+    can turn all the way round, or without an arm one that went further than a turn, has
+    a range of one turn: about 0, or where the log says otherwise about the log's values.
+    """
+    source = open_source(path)
+    roles = find_roles(source, arm, joints, columns)
+    names, axes = roles.joints, roles.axes
+    revolute = _revolute(arm, names, prismatic)
+    values = read_columns(source, roles.columns)
+    total = len(values)
+    rows = np.flatnonzero(np.isfinite(values).all(axis=1))
+    notes = _dropped_note(source, values, rows, roles.columns)
+    if len(rows) < total:
+        values = values[rows]
+    _check_values(source, values, names, axes)
+    q = np.ascontiguousarray(values[:, : len(names)])
+    if degrees:
+        q[:, list(revolute)] = np.deg2rad(q[:, list(revolute)])
+        notes += _degrees_note(q, revolute)
+    lower, upper = np.empty(len(names)), np.empty(len(names))
+    for k, joint in enumerate(names):
+        column = JointColumn(
+            label=source.label,
+            joint=joint,
+            values=q[:, k],
+            revolute=revolute[k],
+            limits=(float(arm.lower[k]), float(arm.upper[k])) if arm else None,
+            chosen=(ranges or {}).get(joint),
+            degrees=degrees,
+            rows=rows + 1,
+        )
+        q[:, k], (lower[k], upper[k]), said = column.settle()
+        notes += said
+    x = np.ascontiguousarray(values[:, len(names) :])
+    inside = np.isfinite(q).all(axis=1)
+    if not inside.all():
+        q, x = q[inside], x[inside]
+        _check_values(source, np.hstack([q, x]), names, axes)
+    plane = rms = None
+    if len(axes) == 3:
+        from ..arm.plane import fit_plane
+
+        plane, rms = fit_plane(x)
+        x = plane.project(x)
+        notes.append(
+            f"plane fitted to x, y, z: x along {_vector(plane.x)}, y along {_vector(plane.y)}, "
+            f"origin {_vector(plane.origin)}, out-of-plane rms {rms:.4g} {unit}"
+        )
+    for array in (q, x):
+        array.flags.writeable = False
+    return Samples(
+        q=q,
+        x=x,
+        joint_names=names,
+        lower=lower,
+        upper=upper,
+        revolute=revolute,
+        unit=unit,
+        dropped=total - len(rows),
+        arm=replace(arm, lower=lower, upper=upper) if arm else None,
+        notes=tuple(notes),
+        plane=plane,
+        out_of_plane_rms=rms,
+    )
+
+
+def write_log(samples: Samples, path: str | os.PathLike[str]) -> None:
+    """Write samples as a log that `read_log` reads back to the last bit.
+
+    Parameters
+    ----------
+    samples : Samples
+        What to write, in rad, m and the unit of the positions.
+    path : path-like
+        Parquet if it ends in .parquet or .pq, else CSV; `-` writes CSV to standard output.
+
+    Examples
+    --------
+    >>> write_log(calib.babble(arm, 100), "log.csv")                # doctest: +SKIP
+    """
+    check_names(samples.joint_names)
+    joints = {name: samples.q[:, k] for k, name in enumerate(samples.joint_names)}
+    write_table(path, {**joints, "x": samples.x[:, 0], "y": samples.x[:, 1]})
+
+
+def locked_from_log(
+    path: str | os.PathLike[str],
+    names: Sequence[str],
+    *,
+    columns: Mapping[str, str] | None = None,
+    degrees: bool = False,
+    prismatic: Sequence[str] = (),
+) -> tuple[dict[str, float], tuple[str, ...]]:
+    """Find where the locked joints stood while a log was recorded.
+
+    Parameters
+    ----------
+    path : path-like
+        CSV or Parquet, a file.
+    names : sequence of str
+        Joints that are not active. Those without a column are passed over.
+    columns : mapping of str to str, optional
+        Other names of columns.
+    degrees : bool
+        Whether joints that turn are logged in degrees.
+    prismatic : sequence of str
+        Which of the joints slide.
+
+    Returns
+    -------
+    values : dict of str to float [rad or m]
+        The median of each joint's column, for `load_arm(..., lock=values)`.
+    notes : tuple of str
+        A warning for each joint that moved more than 0.5 deg or 1 mm from it.
+    """
+    source = open_source(path)
+    mapping = dict(columns or {})
+    found = [name for name in names if mapping.get(name, name) in source.header]
+    if not found:
+        return {}, ()
+    table = read_columns(source, [mapping.get(name, name) for name in found])
+    values, notes = {}, []
+    for name, column in zip(found, table.T, strict=True):
+        recorded = column[np.isfinite(column)]
+        if not len(recorded):
+            continue
+        turns = name not in prismatic
+        if turns and degrees:
+            recorded = np.deg2rad(recorded)
+        values[name] = float(np.median(recorded))
+        moved = float(np.abs(recorded - values[name]).max())
+        if moved > _STILL[turns]:
+            shown = f"{math.degrees(moved):.3g} deg" if turns else f"{1e3 * moved:.3g} mm"
+            notes.append(
+                f"{source.label}: {name} is taken as locked but moved by up to {shown}; "
+                "leave out those rows, or name it in --joints"
+            )
+    return values, tuple(notes)
+
+
+def _revolute(
+    arm: PlanarArm | None, names: Sequence[str], prismatic: Sequence[str]
+) -> tuple[bool, ...]:
+    if arm is not None:
+        return tuple(arm.revolute)
+    for name in prismatic:
+        if name not in names:
+            raise OptionError(f"{name!r} is to slide but is no joint; joints: {', '.join(names)}")
+    return tuple(name not in prismatic for name in names)
+
+
+def _dropped_note(
+    source: Source, values: Array, rows: NDArray[np.intp], columns: Sequence[str]
+) -> list[str]:
+    if not len(values):
+        raise LogError(f"{source.label} has a header and no rows")
+    dropped = len(values) - len(rows)
+    if not dropped:
+        return []
+    for name, column in zip(columns, values.T, strict=True):
+        if not np.isfinite(column).any():
+            raise LogError(f"{source.label}: column {name!r} has no finite value in any row")
+    if dropped == len(values):
+        raise LogError(f"{source.label}: each of the {dropped} rows misses a value")
+    first = int(np.argmin(np.isfinite(values).all(axis=1)))
+    name = columns[int(np.argmin(np.isfinite(values[first])))]
+    return [
+        f"{dropped} of {len(values)} rows left out: a value is missing or not finite "
+        f"(the first is row {first + 1}, column {name!r})"
+    ]
+
+
+def _check_values(source: Source, values: Array, names: Sequence[str], axes: Sequence[str]) -> None:
+    if len(values) < 2:
+        raise LogError(f"{source.label} has one usable row; learning needs two or more")
+    spread = np.ptp(values, axis=0)
+    for k, name in enumerate(names):
+        if spread[k] == 0.0:
+            raise LogError(
+                f"{source.label}: joint {name!r} is {values[0, k]:g} in every row; a joint "
+                "that does not move cannot be learned, leave it out of --joints"
+            )
+        for other in range(k):
+            if np.array_equal(values[:, k], values[:, other]):
+                raise LogError(
+                    f"{source.label}: joints {names[other]!r} and {name!r} have the same "
+                    "values in every row; one of the columns is a copy"
+                )
+    if len(axes) == 2:
+        for k, name in enumerate(axes, start=len(names)):
+            if spread[k] == 0.0:
+                raise LogError(
+                    f"{source.label}: {name} is {values[0, k]:g} in every row; the sensor saw "
+                    "no motion along it"
+                )
+
+
+def _degrees_note(q: Array, revolute: Sequence[bool]) -> list[str]:
+    """Doubt that values of a few degrees at most are degrees."""
+    if any(revolute) and np.abs(q[:, list(revolute)]).max() <= math.radians(2.0 * math.pi):
+        return ["no joint goes beyond 6.3 degrees; if the log is in rad, leave out --degrees"]
+    return []
+
+
+def _vector(vector: Array) -> str:
+    return "(" + ", ".join(f"{value + 0.0:.4g}" for value in vector) + ")"

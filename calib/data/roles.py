@@ -1,0 +1,124 @@
+"""Roles: which column of a log is which joint or position."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from typing import TYPE_CHECKING
+
+from ..errors import OptionError
+from .columns import Source
+
+if TYPE_CHECKING:
+    from ..arm.planar_arm import PlanarArm
+
+POSITION = ("x", "y", "z")
+
+
+@dataclass(frozen=True)
+class Roles:
+    """The columns that a log is read from.
+
+    Attributes
+    ----------
+    joints : tuple of str
+        Names of the joints, base to tip.
+    axes : tuple of str
+        `("x", "y")` or `("x", "y", "z")`.
+    columns : tuple of str
+        The column of each joint, then of each axis.
+    """
+
+    joints: tuple[str, ...]
+    axes: tuple[str, ...]
+    columns: tuple[str, ...]
+
+
+def find_roles(
+    source: Source,
+    arm: PlanarArm | None,
+    joints: Sequence[str] | None,
+    columns: Mapping[str, str] | None,
+) -> Roles:
+    """Decide which columns to read, or say which choices there are.
+
+    Parameters
+    ----------
+    source : Source
+        The log.
+    arm : PlanarArm or None
+        Gives the names of the joints.
+    joints : sequence of str or None
+        Gives them where there is no arm.
+    columns : mapping of str to str or None
+        Other names of columns.
+
+    Returns
+    -------
+    Roles
+        z is among the axes where the log or `columns` has one.
+    """
+    names = _joint_names(source, arm, joints)
+    mapping = dict(columns or {})
+    for name in mapping:
+        if name not in (*names, *POSITION):
+            raise OptionError(
+                f"columns {name}={mapping[name]}: {name!r} is neither a position nor a joint; "
+                f"choices: {', '.join((*POSITION, *names))}"
+            )
+    has_z = "z" not in names and ("z" in mapping or "z" in source.header)
+    axes = POSITION if has_z else POSITION[:2]
+    used = tuple(mapping.get(name, name) for name in (*names, *axes))
+    for column in used:
+        if used.count(column) > 1:
+            raise OptionError(f"column {column!r} cannot be two things at once; see --columns")
+    return Roles(names, axes, used)
+
+
+def parse_columns(text: str) -> dict[str, str]:
+    """Read other names of columns as typed.
+
+    Examples
+    --------
+    >>> parse_columns("x=cam_u,y=cam_v")
+    {'x': 'cam_u', 'y': 'cam_v'}
+    """
+    mapping: dict[str, str] = {}
+    for item in text.split(","):
+        name, equals, column = (part.strip() for part in item.partition("="))
+        if not (name and equals and column):
+            raise OptionError(f"columns {text!r}: expected NAME=COLUMN such as x=cam_u,y=cam_v")
+        if name in mapping:
+            raise OptionError(f"columns {text!r}: {name!r} is given twice")
+        mapping[name] = column
+    return mapping
+
+
+def check_names(names: Sequence[str]) -> None:
+    """Refuse joints that are named twice or like a position."""
+    for name in names:
+        if name in POSITION[:2]:
+            raise OptionError(f"a joint named {name!r} cannot be told from the position {name!r}")
+        if names.count(name) > 1:
+            raise OptionError(f"joint {name!r} is given {names.count(name)} times")
+
+
+def _joint_names(
+    source: Source, arm: PlanarArm | None, joints: Sequence[str] | None
+) -> tuple[str, ...]:
+    if isinstance(joints, str):
+        joints = [name.strip() for name in joints.split(",")]
+    if arm is not None:
+        names = tuple(arm.joint_names)
+        if joints is not None and set(joints) != set(names):
+            raise OptionError(f"joints {list(joints)}: the arm was loaded with {list(names)}")
+    elif joints:
+        names = tuple(joints)
+    else:
+        others = [repr(name) for name in source.header if name not in POSITION]
+        raise OptionError(
+            f"{source.label}: which columns are the joints, base to tip? give --joints; "
+            f"choices: {', '.join(others) or 'none, there are only positions'}"
+        )
+    check_names(names)
+    return names

@@ -1,0 +1,1 @@
+"""Readouts: how a query is answered from the maps, in both directions."""

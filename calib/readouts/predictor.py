@@ -1,0 +1,64 @@
+"""The predictor: trend plus blended local models, from joints to position."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ..maps.map import Map
+from . import local
+from .local import LocalModels
+from .trend import Trend
+
+Array = NDArray[np.float64]
+
+_CHUNK = 4_000_000  # numbers held at once while predicting
+
+
+@dataclass(frozen=True)
+class Predictor:
+    """The readout ``local`` in the forward direction.
+
+    Attributes
+    ----------
+    motor : Map
+        Its nodes carry the local models.
+    trend : Trend
+        The smooth part.
+    models : LocalModels
+        What the trend leaves over, around each node.
+    """
+
+    motor: Map
+    trend: Trend
+    models: LocalModels
+
+    def value(self, u: Array) -> Array:
+        """Positions (n, 2) at the points `u` (n, d) of the unit box."""
+        return self._evaluate(u, slope=False)[0]
+
+    def value_and_slope(self, u: Array) -> tuple[Array, Array]:
+        """Positions (n, 2) and their derivatives by the unit coordinates (n, 2, d)."""
+        value, slope = self._evaluate(u, slope=True)
+        assert slope is not None  # noqa: S101
+        return value, slope
+
+    def _evaluate(self, u: Array, *, slope: bool) -> tuple[Array, Array | None]:
+        step = max(1, _CHUNK // len(self.trend.coefficients))
+        if len(u) <= step:
+            return self._evaluate_chunk(u, slope)
+        parts = [self._evaluate_chunk(u[i : i + step], slope) for i in range(0, len(u), step)]
+        value = np.concatenate([v for v, _ in parts])
+        return value, np.concatenate([s for _, s in parts if s is not None]) if slope else None
+
+    def _evaluate_chunk(self, u: Array, slope: bool) -> tuple[Array, Array | None]:
+        value = self.trend.value(u)
+        tilt = self.trend.slope(u) if slope else None
+        if self.models.degree >= 0:
+            correction, correction_slope = local.predict(self.models, self.motor, u, slope=slope)
+            value = value + correction
+            if tilt is not None and correction_slope is not None:
+                tilt = tilt + correction_slope
+        return value, tilt

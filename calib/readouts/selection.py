@@ -1,0 +1,157 @@
+"""Cross-validation: how smooth the trend and how wide the local models should be.
+
+Folds are contiguous blocks of rows, because neighbouring rows of a real log can be
+near-repeats that would flatter a model split row by row.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ..maps.map import Map
+from ..scale import Scale
+from . import local
+from .local import NO_MODELS, LocalModels, Neighbourhood
+from .predictor import Predictor
+from .trend import Trend, exponents
+from .trend_choice import TrendChoice, choose_trends
+
+Array = NDArray[np.float64]
+
+FOLDS = 10
+_ROUNDING = 1e-9  # share of the extent that is no improvement
+_HELD_OUT = 1000  # rows on which local models are compared
+_CANDIDATES = ((0, 30), (1, 50), (1, 200), (2, 24), (2, 60), (3, 40))
+
+
+@dataclass(frozen=True)
+class Selected:
+    """A predictor and what cross-validation found of it.
+
+    Attributes
+    ----------
+    predictor : Predictor
+        Fitted to all samples.
+    rows : (m,) int array
+        Rows that were held out in turn.
+    errors : (m,) array
+        Distance between their positions and what a predictor said that had not seen them.
+    """
+
+    predictor: Predictor
+    rows: NDArray[np.intp]
+    errors: Array
+
+
+def blocks(n: int, folds: int = FOLDS) -> list[NDArray[np.intp]]:
+    """Contiguous blocks of the rows 0 ... n - 1."""
+    return np.array_split(np.arange(n), min(folds, n))
+
+
+def select(motor: Map, turning: tuple[bool, ...], u: Array, x: Array) -> Selected:
+    """Fit trend and local models whose complexity cross-validation prefers.
+
+    Parameters
+    ----------
+    motor : Map
+        Nodes that will carry the local models.
+    turning : tuple of bool
+        Joints that turn, rather than slide.
+    u, x : (n, d), (n, 2) array
+        Samples: joints in the unit box, positions.
+
+    Returns
+    -------
+    Selected
+    """
+    folds = blocks(len(u))
+    best: tuple[TrendChoice, tuple[int, int] | None, NDArray[np.intp], Array] | None = None
+    for choice in choose_trends(motor.scale, turning, u, x, folds):
+        shape, rows, errors = _compare(motor, u, x, folds, choice.without)
+        if best is None or better(errors, best[3]):
+            best = (choice, shape, rows, errors)
+    assert best is not None  # noqa: S101
+    choice, shape, rows, errors = best
+    models = NO_MODELS
+    if shape is not None:
+        residual = x - choice.trend.value(u)
+        models = local.fit(motor.units, u, residual, motor.scale, *shape)
+    return Selected(Predictor(motor, choice.trend, models), rows, errors)
+
+
+def better(errors: Array, others: Array, least: float = 0.0) -> bool:
+    """Whether paired held-out errors are smaller by more than chance and than `least`."""
+    gain = others - errors
+    chance = 2.0 * float(gain.std()) / np.sqrt(len(gain))
+    return bool(gain.mean() > max(chance, least, 0.03 * float(others.mean())))
+
+
+def _compare(
+    motor: Map,
+    u: Array,
+    x: Array,
+    folds: list[NDArray[np.intp]],
+    without: list[Trend],
+) -> tuple[tuple[int, int] | None, NDArray[np.intp], Array]:
+    """Best (degree, samples) of the local models, None for no correction at all.
+
+    Each fold is held out in turn (a few of them where samples abound); only the nodes that
+    speak for its rows are fitted.
+    """
+    use = range(len(folds)) if len(u) <= 5 * _HELD_OUT else range(0, len(folds), 3)
+    quota = max(1, _HELD_OUT // len(use))
+    size = local.blend_size(u.shape[1])
+    candidates = [
+        c for c in _CANDIDATES if 1.2 * len(exponents(u.shape[1], c[0])) <= c[1] < len(u) // 4
+    ]
+    held: list[NDArray[np.intp]] = []
+    plain: list[Array] = []
+    found: dict[tuple[int, int], list[Array]] = {c: [] for c in candidates}
+    for fold in use:
+        rows = folds[fold][:: max(1, len(folds[fold]) // quota)]
+        others = np.setdiff1d(np.arange(len(u)), folds[fold], assume_unique=True)
+        trend = without[fold]
+        target = x[rows] - trend.value(u[rows])
+        held.append(rows)
+        plain.append(np.linalg.norm(target, axis=1))
+        if not candidates:
+            continue
+        residual = x[others] - trend.value(u[others])
+        index, weight = local.blend(motor, u[rows], size)
+        nodes, place = np.unique(index, return_inverse=True)
+        most = max(k for _, k in candidates)
+        around = Neighbourhood.of(motor.units[nodes], u[others], motor.scale, most)
+        for degree, k in candidates:
+            models = local.fit(
+                motor.units[nodes], u[others], residual, motor.scale, degree, k, around
+            )
+            said = _blended(models, motor, u[rows], index, place.reshape(index.shape), weight)
+            found[degree, k].append(np.linalg.norm(target - said, axis=1))
+    rows = np.concatenate(held)
+    errors = np.concatenate(plain)
+    choice: tuple[int, int] | None = None
+    least = _ROUNDING * float(np.linalg.norm(np.ptp(x, axis=0)))
+    for c, parts in found.items():
+        tried = np.concatenate(parts)
+        if better(tried, errors, least):
+            choice, errors = c, tried
+    return choice, rows, errors
+
+
+def _blended(
+    models: LocalModels,
+    motor: Map,
+    u: Array,
+    index: NDArray[np.intp],
+    place: NDArray[np.intp],
+    weight: Array,
+) -> Array:
+    """What the local models of some nodes say, blended; `place` finds them in `models`."""
+    scale: Scale = motor.scale
+    z = scale.difference(u[:, None], motor.units[index]) / models.radius[place][..., None]
+    c = models.coefficients[place] * weight[..., None, None]
+    value: Array = np.einsum("nmt,nmto->no", local.monomials(z, models.degree), c)
+    return value
