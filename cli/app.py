@@ -1,0 +1,163 @@
+"""The application: its commands, and the one place where errors become lines.
+
+Exit codes: 0 done, 1 an error, 2 wrong usage, 3 the answer is no, 130 interrupted.
+"""
+
+from __future__ import annotations
+
+import os
+import sys
+from collections.abc import Sequence
+from typing import Annotated, Any
+
+import typer
+from typer.core import TyperGroup
+
+from calib.errors import CalibError
+
+from .babble import babble
+from .evaluate import evaluate
+from .info import info
+from .query import query_app
+from .robots import robots
+from .train import train
+
+COMMANDS = ("robots", "train", "query", "evaluate", "babble", "info")
+INTERRUPTED = 130
+_TRACEBACK = "CALIB_TRACEBACK"
+
+
+class CalibGroup(TyperGroup):
+    """Commands whose errors are one line on standard error and an exit code."""
+
+    def main(
+        self,
+        args: Sequence[str] | None = None,
+        prog_name: str | None = None,
+        complete_var: str | None = None,
+        standalone_mode: bool = True,
+        windows_expand_args: bool = True,
+        **extra: Any,
+    ) -> Any:
+        """Run a command line; see `typer.core.TyperGroup.main` for the parameters."""
+        try:
+            code = super().main(args, prog_name, complete_var, False, windows_expand_args, **extra)
+            sys.stdout.flush()
+        except BrokenPipeError:
+            code = _reader_left()
+        except Exception as error:
+            if os.environ.get(_TRACEBACK):
+                raise
+            line, code = describe_error(error)
+            print(line, file=sys.stderr)
+        code = code if isinstance(code, int) else 0
+        if standalone_mode:
+            sys.exit(code)
+        return code
+
+    def list_commands(self, ctx: Any) -> list[str]:
+        """Return the commands in the order of their use."""
+        return sorted(super().list_commands(ctx), key=COMMANDS.index)
+
+    def invoke(self, ctx: Any) -> Any:
+        """Run the command that was chosen; a reader who has seen enough ends it quietly."""
+        try:
+            return super().invoke(ctx)
+        except BrokenPipeError:
+            raise typer.Exit(_reader_left()) from None
+
+
+def describe_error(error: Exception) -> tuple[str, int]:
+    """Return the line that tells an error, and the exit code.
+
+    Parameters
+    ----------
+    error : Exception
+        Whatever ended a command.
+
+    Returns
+    -------
+    line : str
+        One line, whatever the error's own text looks like.
+    code : int
+        130 for an interruption, 2 for wrong usage, else 1.
+    """
+    text, code = _text_and_code(error)
+    return "error: " + " ".join(text.split()), code
+
+
+def _text_and_code(error: Exception) -> tuple[str, int]:
+    if isinstance(error, CalibError):
+        return str(error), 1
+    if isinstance(error, typer.Abort):
+        return "interrupted", INTERRUPTED
+    if hasattr(error, "format_message"):  # an error of usage, told by Typer
+        context = getattr(error, "ctx", None)
+        help_line = f" (see {context.command_path} --help)" if context else ""
+        return f"{error.format_message()}{help_line}", int(getattr(error, "exit_code", 2))
+    if isinstance(error, MemoryError):
+        return "not enough memory; use a smaller --size or fewer --samples", 1
+    if isinstance(error, RecursionError):
+        return "the input is nested too deeply; simplify it", 1
+    if isinstance(error, OSError):
+        where = f"{error.filename}: " if error.filename else ""
+        return f"{where}{error.strerror or error}", 1
+    if isinstance(error, ImportError):
+        return f"{error}; install calib-arm again, with all that it requires", 1
+    kind = type(error).__name__
+    return f"internal error, {kind}: {error}; {_TRACEBACK}=1 shows where, please report it", 1
+
+
+def _reader_left() -> int:
+    """Point standard output at nothing, so that Python's own last flush stays quiet."""
+    try:
+        handle = os.open(os.devnull, os.O_WRONLY)
+        os.dup2(handle, sys.stdout.fileno())
+        os.close(handle)
+    except (OSError, ValueError):  # no real stream, as in tests
+        pass
+    return 0
+
+
+def _print_version(wanted: bool) -> None:
+    if wanted:
+        import calib
+
+        print(f"calib {calib.__version__}")
+        raise typer.Exit
+
+
+app = typer.Typer(
+    cls=CalibGroup,
+    add_completion=False,
+    context_settings={"max_content_width": 100},
+    invoke_without_command=True,
+    pretty_exceptions_enable=False,
+    rich_markup_mode=None,  # Rich takes longer to import than most commands run
+)
+
+
+@app.callback()
+def start(
+    context: typer.Context,
+    _version: Annotated[
+        bool,
+        typer.Option(
+            "--version", callback=_print_version, is_eager=True, help="Print the version and exit."
+        ),
+    ] = False,
+) -> None:
+    """Calibrate a robot arm from its own motions, with self-organizing maps.
+
+    Start with: calib train two_link, then calib query inverse two_link.calib 0.1 0.4
+    """
+    if context.invoked_subcommand is None:
+        print(context.get_help())
+
+
+app.command()(robots)
+app.command()(train)
+app.add_typer(query_app, name="query")
+app.command()(evaluate)
+app.command()(babble)
+app.command()(info)

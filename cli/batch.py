@@ -1,0 +1,166 @@
+"""Batches: many queries in one table, their answers in another, row by row.
+
+This file is imported only for a batch: it needs NumPy.
+"""
+
+from __future__ import annotations
+
+import io
+import sys
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from calib.atomic import atomic_write
+from calib.data.columns import PARQUET
+from calib.data.tables import read_table
+
+from .output import note, show_json
+from .units import JointFormat
+
+if TYPE_CHECKING:
+    from calib.model import Model
+
+Array = NDArray[np.float64]
+
+_MISSING = ""  # an answer that there is not is an empty cell
+_TOLD = 10  # so many rows are named at most
+
+
+@dataclass(frozen=True)
+class Streams:
+    """Where the queries of a batch come from and how their answers go.
+
+    Attributes
+    ----------
+    source : str
+        Table of queries; `-` is standard input.
+    target : str or None
+        Table of answers; `-` is standard output. None prints them there too, or puts
+        them into the JSON document.
+    as_json : bool
+        Whether to print a JSON document.
+    """
+
+    source: str
+    target: str | None
+    as_json: bool
+
+
+def forward_batch(model: Model, joints: JointFormat, streams: Streams, readout: str) -> int:
+    """Answer a table of joint values with positions; return the exit code.
+
+    Parameters
+    ----------
+    model : Model
+    joints : JointFormat
+        Unit of the joint values in both tables.
+    streams : Streams
+        The tables.
+    readout : str
+        Passed on to `Model.forward`.
+    """
+    typed, invalid = read_table(streams.source, joints.names)
+    valid = np.isfinite(typed).all(axis=1)
+    x, bound = np.full((len(typed), 2), np.nan), np.full(len(typed), np.nan)
+    if valid.any():
+        q = typed[valid] / joints.typed
+        x[valid], bound[valid] = model.forward(q, readout), model.expected_error(q)
+    columns = {name: typed[:, k] for k, name in enumerate(joints.names)}
+    columns |= {"x": x[:, 0], "y": x[:, 1], "expected_error": bound}
+    outside = np.flatnonzero(valid & np.isnan(x[:, 0])) + 1
+    return _finish(
+        model, columns, streams, invalid, outside.tolist(), "outside of the learned range"
+    )
+
+
+def inverse_batch(
+    model: Model,
+    joints: JointFormat,
+    streams: Streams,
+    readout: str,
+    near: Sequence[float] | None,
+) -> int:
+    """Answer a table of positions with joint values; return the exit code.
+
+    A target out of reach is answered with the nearest attainable point.
+
+    Parameters
+    ----------
+    model : Model
+    joints : JointFormat
+        Unit of the joint values in the table of answers.
+    streams : Streams
+        The tables.
+    readout, near
+        Passed on to `Model.solve`.
+    """
+    target, invalid = read_table(streams.source, ("x", "y"))
+    valid = np.isfinite(target).all(axis=1)
+    n = len(target)
+    q = np.full((n, len(joints.names)), np.nan)
+    distance, bound = np.full(n, np.nan), np.full(n, np.nan)
+    reachable = np.zeros(n, dtype=np.int64)
+    if valid.any():
+        answer = model.solve(target[valid], near, readout)
+        q[valid] = answer.q * joints.typed
+        distance[valid], bound[valid] = answer.distance, answer.expected_error
+        reachable[valid] = answer.reachable
+    columns: dict[str, NDArray[Any]] = {"x": target[:, 0], "y": target[:, 1]}
+    columns |= {name: q[:, k] for k, name in enumerate(joints.names)}
+    columns |= {"distance": distance, "expected_error": bound, "reachable": reachable}
+    missed = np.flatnonzero(valid & (reachable == 0)) + 1
+    return _finish(model, columns, streams, invalid, missed.tolist(), "out of reach")
+
+
+def _finish(
+    model: Model,
+    columns: Mapping[str, NDArray[Any]],
+    streams: Streams,
+    invalid: Sequence[int],
+    refused: Sequence[int],
+    why: str,
+) -> int:
+    """Write the answers, say which rows have none, and return the exit code."""
+    if streams.target is not None or not streams.as_json:
+        _write(streams.target or "-", columns)
+    if streams.as_json:
+        document: dict[str, Any] = {
+            "output": streams.target,
+            "rows": len(columns["x"]),
+            "invalid": invalid,
+            "out_of_reach": refused,
+            "unit": model.about.unit,
+            "bound_of": model.about.bound_of,
+        }
+        if streams.target is None:
+            document["answers"] = columns
+        show_json(document)
+    for rows, what in ((invalid, "not all numbers, left without an answer"), (refused, why)):
+        if rows:
+            note(f"{_rows(rows)} of {len(columns['x'])}: {what}")
+    return 1 if invalid else 3 if refused else 0
+
+
+def _write(path: str, columns: Mapping[str, NDArray[Any]]) -> None:
+    import polars as pl
+
+    frame = pl.DataFrame(dict(columns)).fill_nan(None)
+    if path == "-":
+        sys.stdout.write(frame.write_csv(null_value=_MISSING))
+    elif Path(path).suffix.lower() in PARQUET:
+        atomic_write(path, frame.write_parquet)
+    else:
+        text = io.BytesIO()
+        frame.write_csv(text, null_value=_MISSING)
+        atomic_write(path, text.getvalue())
+
+
+def _rows(numbers: Sequence[int]) -> str:
+    shown = ", ".join(map(str, numbers[:_TOLD]))
+    more = f" and {len(numbers) - _TOLD} more" if len(numbers) > _TOLD else ""
+    return f"row{'s' if len(numbers) > 1 else ''} {shown}{more}"

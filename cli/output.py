@@ -1,0 +1,142 @@
+"""Output: results on standard output, everything else on standard error.
+
+Tables are for people, in mm and degrees; on a terminal Rich draws them. JSON is for
+programs, in SI units.
+"""
+
+from __future__ import annotations
+
+import json
+import math
+import sys
+from collections.abc import Iterable, Mapping, Sequence
+from dataclasses import dataclass
+from typing import Any
+
+_LEAST = 1e-6  # what is below a nanometre or a millionth of a degree is rounding
+
+
+@dataclass(frozen=True)
+class Table:
+    """A table for people.
+
+    Attributes
+    ----------
+    header : sequence of str
+        Names of the columns.
+    rows : sequence of sequence of str
+        Cells, already as text.
+    title : str
+        What it shows.
+    left : int
+        How many columns, from the left, hold words rather than numbers.
+    """
+
+    header: Sequence[str]
+    rows: Sequence[Sequence[str]]
+    title: str = ""
+    left: int = 1
+
+    def lines(self) -> list[str]:
+        """Return the table as plain text, its columns aligned."""
+        cells = [list(self.header), *map(list, self.rows)]
+        widths = [max(len(row[k]) for row in cells) for k in range(len(self.header))]
+        lines = [self.title] if self.title else []
+        for row in cells:
+            padded = [
+                cell.ljust(width) if k < self.left else cell.rjust(width)
+                for k, (cell, width) in enumerate(zip(row, widths, strict=True))
+            ]
+            lines.append("  ".join(padded).rstrip())
+        return lines
+
+
+def show(table: Table) -> None:
+    """Print a table: drawn by Rich on a terminal, else as plain text."""
+    if not sys.stdout.isatty():
+        print("\n".join(table.lines()))
+        return
+    from rich import box
+    from rich.console import Console
+    from rich.table import Table as RichTable
+    from rich.text import Text
+
+    drawn = RichTable(
+        box=box.SIMPLE_HEAD, title=Text(table.title) if table.title else None, title_justify="left"
+    )
+    for k, name in enumerate(table.header):
+        left = k < table.left
+        drawn.add_column(
+            Text(name),
+            justify="left" if left else "right",
+            style="bold" if k == 0 and left else "",
+            overflow="fold",
+        )
+    for row in table.rows:
+        drawn.add_row(*map(Text, row))
+    Console().print(drawn)
+
+
+def show_facts(facts: Mapping[str, str]) -> None:
+    """Print names and values, one pair on each line."""
+    width = max(map(len, facts), default=0)
+    for name, value in facts.items():
+        print(f"{name:<{width}}  {value}")
+
+
+def show_json(document: Any) -> None:
+    """Print one JSON document; numbers that are not finite become null."""
+    indent = 2 if sys.stdout.isatty() else None
+    print(json.dumps(plain(document), indent=indent, allow_nan=False))
+
+
+def plain(value: Any) -> Any:
+    """Return a value as JSON can hold it: no arrays, no NaN, no infinity."""
+    if isinstance(value, Mapping):
+        return {str(key): plain(item) for key, item in value.items()}
+    if hasattr(value, "tolist"):  # NumPy, which need not be imported for this
+        return plain(value.tolist())
+    if isinstance(value, (list, tuple)):
+        return [plain(item) for item in value]
+    if isinstance(value, float) and not math.isfinite(value):
+        return None
+    return value
+
+
+def note(text: str) -> None:
+    """Say something on standard error, in one line."""
+    print(" ".join(text.split()), file=sys.stderr)
+
+
+class Notes:
+    """What was said aloud, so that nothing is said twice."""
+
+    def __init__(self) -> None:
+        self._said: set[str] = set()
+
+    def say(self, notes: Iterable[str]) -> None:
+        """Say those notes that were not said yet."""
+        for text in notes:
+            if text not in self._said:
+                self._said.add(text)
+                note(f"note: {text}")
+
+
+def number(value: float | None) -> str:
+    """Return the size of an error with four significant digits, or a dash for none."""
+    if value is None or not math.isfinite(value):
+        return "-"
+    size = abs(value)
+    if 0.0 < size < _LEAST:
+        return f"<{_LEAST:.0e}"
+    if size >= 1e7:
+        return f"{value:.3e}"
+    decimals = 3 - math.floor(math.log10(size)) if size else 0
+    return f"{value:.{max(0, decimals)}f}"
+
+
+def fixed(value: float, decimals: int) -> str:
+    """Return a number with so many decimals, never minus zero, or a dash for none."""
+    if not math.isfinite(value):
+        return "-"
+    return f"{round(value, decimals) + 0.0:.{decimals}f}"

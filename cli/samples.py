@@ -1,0 +1,144 @@
+"""Samples: what a command learns from, babbled or measured, as its options say."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Mapping, Sequence
+from dataclasses import dataclass
+from typing import TYPE_CHECKING
+
+from .output import Notes
+from .parsing import BadOption, JointRange, JointValue
+from .units import changes_in_si, kinds_of_joints, locks_in_si, ranges_in_si
+
+if TYPE_CHECKING:
+    from calib.arm.planar_arm import PlanarArm
+    from calib.data.samples import Samples
+
+SAMPLES = 20_000
+
+
+@dataclass(frozen=True)
+class Selection:
+    """Which arm, and which part of it, as the options say.
+
+    Attributes
+    ----------
+    robot : str or None
+        A URDF or a bundled robot.
+    joints : sequence of str or None
+        Active joints.
+    tip : str or None
+        The frame that is sensed.
+    lock, ranges : sequence
+        As typed.
+    degrees : bool
+        Whether joints that turn are typed in degrees.
+    """
+
+    robot: str | None
+    joints: Sequence[str] | None = None
+    tip: str | None = None
+    lock: Sequence[JointValue] = ()
+    ranges: Sequence[JointRange] = ()
+    degrees: bool = False
+
+    def load(self, held: Mapping[str, float] | None = None) -> PlanarArm:
+        """Load the arm; `held` are further locked joints [rad or m]."""
+        import calib
+
+        if self.robot is None:
+            raise BadOption("ROBOT is missing: expected a URDF file or a bundled robot")
+        turns = self._turns()
+        return calib.load_arm(
+            self.robot,
+            list(self.joints) if self.joints else None,
+            self.tip,
+            lock={**(held or {}), **locks_in_si(self.lock, turns, self.degrees)},
+            ranges=ranges_in_si(self.ranges, turns, self.degrees),
+        )
+
+    def _turns(self) -> dict[str, bool]:
+        typed = self.degrees and self.robot is not None and (self.lock or self.ranges)
+        return kinds_of_joints(str(self.robot)) if typed else {}
+
+
+def babbled(
+    selection: Selection,
+    *,
+    samples: int | None,
+    noise: float | None,
+    motion: str | None,
+    changes: Iterable[str],
+    seed: int,
+    notes: Notes,
+) -> Samples:
+    """Babble in simulation, and say what was assumed."""
+    import calib
+
+    arm = selection.load()
+    notes.say(arm.notes)
+    log = calib.babble(
+        arm,
+        SAMPLES if samples is None else samples,
+        seed=seed,
+        noise=noise or 0.0,
+        method=motion or "uniform",
+        changes=changes_in_si(changes, arm, selection.degrees),
+    )
+    notes.say(log.notes)
+    return log
+
+
+def measured(
+    selection: Selection,
+    path: str,
+    *,
+    columns: Mapping[str, str] | None,
+    unit: str,
+    prismatic: Sequence[str],
+    notes: Notes,
+) -> Samples:
+    """Read a log, for the robot where there is one, and say what was assumed."""
+    import calib
+
+    arm = None
+    turns = {name: name not in prismatic for name in selection.joints or ()}
+    if selection.robot is not None:
+        arm = _arm_of_log(selection, path, columns, notes)
+        notes.say(arm.notes)
+        turns = dict(zip(arm.joint_names, arm.revolute, strict=True))
+    log = calib.read_log(
+        path,
+        arm,
+        joints=list(selection.joints) if selection.joints and arm is None else None,
+        columns=columns,
+        degrees=selection.degrees,
+        unit=unit,
+        ranges=ranges_in_si(selection.ranges, turns, selection.degrees),
+        prismatic=prismatic,
+    )
+    notes.say(log.notes)
+    return log
+
+
+def _arm_of_log(
+    selection: Selection, path: str, columns: Mapping[str, str] | None, notes: Notes
+) -> PlanarArm:
+    """Load the arm with its other joints where the log says that they stood."""
+    from calib.data.logs import locked_from_log
+
+    arm = selection.load()
+    typed = {joint for joint, _ in selection.lock}
+    others = [name for name in arm.locked if name not in typed]
+    if path == "-" or not others:  # standard input can be read only once
+        return arm
+    turns = kinds_of_joints(str(selection.robot))
+    held, said = locked_from_log(
+        path,
+        others,
+        columns={name: column for name, column in (columns or {}).items() if name in others},
+        degrees=selection.degrees,
+        prismatic=[name for name in others if not turns.get(name, True)],
+    )
+    notes.say(said)
+    return selection.load(held) if held else arm

@@ -1,0 +1,114 @@
+"""Summary: what a model is and how well it does, as JSON and as tables."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from typing import TYPE_CHECKING, Any
+
+from .options import READOUTS
+from .output import Table, number
+from .units import for_people
+
+if TYPE_CHECKING:
+    from calib.model import Model
+
+Errors = Mapping[str, Mapping[str, Mapping[str, Mapping[str, float]]]]
+
+STATISTICS = ("mean", "p99", "max")
+
+
+def summary(
+    model: Model, path: str, errors: Errors, seconds: Mapping[str, float]
+) -> dict[str, Any]:
+    """Return what `train`, `evaluate` and `info` print as JSON.
+
+    Parameters
+    ----------
+    model : Model
+        The model.
+    path : str
+        Its file, as typed.
+    errors : mapping
+        Errors per readout.
+    seconds : mapping of str to float
+        How long it took, "total" among them.
+    """
+    about = model.about
+    return {
+        "model": path,
+        "robot": about.robot or None,
+        "joints": list(about.joint_names),
+        "tip": about.tip or None,
+        "plane": about.plane,
+        "map": about.options["map"],
+        "rule": about.options["rule"],
+        "size": {
+            "motor": list(model.motor.lattice.shape),
+            "sensory": list(model.sensory.lattice.shape),
+        },
+        "samples": about.samples,
+        "seed": about.seed,
+        "seconds": dict(seconds),
+        "unit": about.unit,
+        "bound_of": about.bound_of,
+        "errors": errors,
+    }
+
+
+def error_table(model: Model, errors: Errors, title: str) -> Table:
+    """Return all errors, a line for each readout, direction and quantity."""
+    about = model.about
+    units = dict(zip(about.joint_names, about.units_of_joints, strict=True))
+    quantities = {"forward": ["x", "y"], "inverse": list(about.joint_names)}
+    rows = []
+    for readout in _ordered(errors):
+        label = readout
+        for direction, names in quantities.items():
+            heading = direction
+            for name in [*names, "distance"]:
+                is_joint = direction == "inverse" and name != "distance"
+                factor, unit = for_people(units[name] if is_joint else about.unit)
+                error = errors[readout][direction][name]
+                values = [_scaled(error, key, factor) for key in STATISTICS]
+                rows.append([label, heading, name, unit, *values])
+                label = heading = ""
+    return Table(["readout", "direction", "error of", "unit", *STATISTICS], rows, title, left=4)
+
+
+def compact_table(model: Model, errors: Errors, title: str) -> Table:
+    """Return the errors that matter most, a line for each readout."""
+    about = model.about
+    factor, unit = for_people(about.unit)
+    joints = [
+        (name, *for_people(each))
+        for name, each in zip(about.joint_names, about.units_of_joints, strict=True)
+    ]
+    header = ["readout", f"forward mean [{unit}]", "p99", "max"]
+    header += [f"inverse mean [{unit}]", "p99", "max"]
+    header += [f"{name} mean [{joint_unit}]" for name, _, joint_unit in joints]
+    rows = []
+    for readout in _ordered(errors):
+        directions, row = errors[readout], [readout]
+        for direction in ("forward", "inverse"):
+            row += [_scaled(directions[direction]["distance"], key, factor) for key in STATISTICS]
+        row += [_scaled(directions["inverse"][name], "mean", scale) for name, scale, _ in joints]
+        rows.append(row)
+    return Table(header, rows, title)
+
+
+def size_in_words(model: Model) -> str:
+    """Return the lattices as `motor 70x70, sensory 70x70`."""
+    motor, sensory = (
+        "x".join(map(str, part.lattice.shape)) for part in (model.motor, model.sensory)
+    )
+    return f"motor {motor}, sensory {sensory}"
+
+
+def _ordered(errors: Errors) -> list[str]:
+    """Return the readouts that there are, the best one first."""
+    return [readout for readout in READOUTS if readout in errors]
+
+
+def _scaled(error: Mapping[str, float | None], key: str, factor: float) -> str:
+    value = error[key]
+    return number(None if value is None else value * factor)

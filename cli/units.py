@@ -1,0 +1,137 @@
+"""Units: what people read and type, and the SI units beneath."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterable, Mapping
+from typing import TYPE_CHECKING
+
+from .output import fixed
+from .parsing import BadOption, JointRange, JointValue
+
+if TYPE_CHECKING:
+    from calib.about import About
+    from calib.arm.planar_arm import PlanarArm
+    from calib.data.changes import Change
+
+
+def for_people(unit: str) -> tuple[float, str]:
+    """Return the factor from a unit to the one that tables print, and its name.
+
+    Metres become mm and radians degrees; the sensor's own unit stays.
+    """
+    if unit == "m":
+        return 1e3, "mm"
+    if unit == "rad":
+        return math.degrees(1.0), "deg"
+    return 1.0, unit
+
+
+class JointFormat:
+    """How the values of a model's joints are typed and printed.
+
+    Parameters
+    ----------
+    about : About
+        Which joints there are, and which of them turn.
+    degrees : bool
+        Whether those that turn are in degrees, else in rad. What slides is typed in m
+        and printed in mm.
+    """
+
+    def __init__(self, about: About, degrees: bool) -> None:
+        self.names = about.joint_names
+        self._about = about
+        self._degrees = degrees
+
+    @property
+    def typed(self) -> list[float]:
+        """Factors from SI units to what is typed, and written to tables of answers."""
+        return [math.degrees(1.0) if self._turned(k) else 1.0 for k in range(len(self.names))]
+
+    @property
+    def header(self) -> list[str]:
+        """Names of the joints with their units."""
+        return [f"{name} [{self._printed(k)[1]}]" for k, name in enumerate(self.names)]
+
+    def cell(self, k: int, value: float) -> str:
+        """Return a value of joint `k` [rad or m] as a cell of a table."""
+        factor, unit = self._printed(k)
+        return fixed(value * factor, 6 if unit == "rad" else 4)
+
+    def learned_range(self, k: int) -> str:
+        """Return the learned range of joint `k` in words."""
+        factor = self.typed[k]
+        unit = "deg" if self._turned(k) else self._about.units_of_joints[k]
+        low, high = self._about.lower[k] * factor, self._about.upper[k] * factor
+        return f"{low:.6g} to {high:.6g} {unit}"
+
+    def value(self, k: int, value: float) -> str:
+        """Return a value of joint `k` [rad or m] in words."""
+        unit = "deg" if self._turned(k) else self._about.units_of_joints[k]
+        return f"{self.names[k]} = {value * self.typed[k]:.6g} {unit}"
+
+    def _turned(self, k: int) -> bool:
+        return self._degrees and self._about.revolute[k]
+
+    def _printed(self, k: int) -> tuple[float, str]:
+        if self._about.revolute[k]:
+            return for_people("rad") if self._degrees else (1.0, "rad")
+        return for_people("m")
+
+
+def kinds_of_joints(robot: str) -> dict[str, bool]:
+    """Return whether each movable joint of a robot turns."""
+    from calib.arm.urdf import parse_urdf, read_urdf
+    from calib.robots import resolve_robot
+
+    path = resolve_robot(robot)
+    urdf = parse_urdf(read_urdf(path), path.stem)
+    return {joint.name: joint.revolute for joint in urdf.joints if joint.movable}
+
+
+def ranges_in_si(
+    ranges: Iterable[JointRange], turns: Mapping[str, bool], degrees: bool
+) -> dict[str, tuple[float, float]]:
+    """Return ranges as typed in SI units, by joint.
+
+    Parameters
+    ----------
+    ranges : iterable of JointRange
+        As typed.
+    turns : mapping of str to bool
+        Whether a joint turns; unknown ones are told by whoever knows the arm.
+    degrees : bool
+        Whether the ranges of joints that turn are in degrees.
+    """
+    result: dict[str, tuple[float, float]] = {}
+    for joint, low, high in ranges:
+        if joint in result:
+            raise BadOption(f"--range {joint!r} is given twice: expected one range for each joint")
+        factor = math.radians(1.0) if degrees and turns.get(joint, True) else 1.0
+        result[joint] = (low * factor, high * factor)
+    return result
+
+
+def locks_in_si(
+    locks: Iterable[JointValue], turns: Mapping[str, bool], degrees: bool
+) -> dict[str, float]:
+    """Return locked joints and their values in SI units; see `ranges_in_si`."""
+    result: dict[str, float] = {}
+    for joint, value in locks:
+        if joint in result:
+            raise BadOption(f"--lock {joint!r} is given twice: expected one value for each joint")
+        result[joint] = math.radians(value) if degrees and turns.get(joint, True) else value
+    return result
+
+
+def changes_in_si(texts: Iterable[str], arm: PlanarArm, degrees: bool) -> tuple[Change, ...]:
+    """Read changes of an arm as typed; what is no change is wrong usage."""
+    from calib.data.changes import parse_changes
+    from calib.errors import OptionError
+
+    turning = [name for name, turns in zip(arm.joint_names, arm.revolute, strict=True) if turns]
+    try:
+        return parse_changes(texts, degrees=turning if degrees else ())
+    except OptionError as error:
+        raise BadOption(f"--{error}") from None
