@@ -54,7 +54,9 @@ def activity(network: Map, u: Array, bandwidth: float = BANDWIDTH) -> csr_array:
 def link(a_motor: csr_array, a_sensory: csr_array, beta: float = 1.0) -> csr_array:
     """Links at the fixed point of Oja's rule (eq. 5, with the forgetting factor of eq. 11).
 
-    Where the mean change of eq. 11 vanishes, c_ij = <a_i a_j> / (beta <a_j^2>).
+    Where the mean change of eq. 11 vanishes, c_ij = <a_i a_j> / (beta <a_j^2>).  A node
+    that was hardly ever active has not come that far: its links stand at the share
+    1 - exp(-beta sum a_j^2) of it that the rule, at a learning rate of one, has reached.
 
     Parameters
     ----------
@@ -72,7 +74,9 @@ def link(a_motor: csr_array, a_sensory: csr_array, beta: float = 1.0) -> csr_arr
 
     together = (a_motor.T @ a_sensory).tocsr()
     square = np.asarray(a_sensory.multiply(a_sensory).sum(axis=0)).ravel()
-    scale = np.divide(1.0, beta * square, out=np.zeros_like(square), where=square > 0)
+    exposure = beta * square
+    reached = -np.expm1(-exposure)
+    scale = np.divide(reached, exposure, out=np.zeros_like(square), where=exposure > 0)
     together.data *= scale[together.indices]
     rows = np.repeat(np.arange(together.shape[0]), np.diff(together.indptr))
     row_max = np.maximum.reduceat(
