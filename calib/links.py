@@ -21,6 +21,7 @@ NEAREST = 12
 """Nodes that are active at a time: further ones are below 1e-3."""
 
 _WEAK = 0.02  # links below this share of the strongest of their node are let go
+_NOTHING = 1e-6  # and those below this share of the strongest of all
 
 
 def activity(network: Map, u: Array, bandwidth: float = BANDWIDTH) -> csr_array:
@@ -85,6 +86,7 @@ def link(a_motor: csr_array, a_sensory: csr_array, beta: float = 1.0) -> csr_arr
     column_max = np.zeros(together.shape[1])
     np.maximum.at(column_max, together.indices, together.data)
     keep = together.data >= _WEAK * np.minimum(row_max[rows], column_max[together.indices])
+    keep &= together.data > _NOTHING * together.data.max(initial=0.0)
     kept = csr_array(
         (together.data[keep], (rows[keep], together.indices[keep])), shape=together.shape
     )
