@@ -94,7 +94,7 @@ def _text_and_code(error: Exception) -> tuple[str, int]:
     if hasattr(error, "format_message"):  # an error of usage, told by Typer
         context = getattr(error, "ctx", None)
         help_line = f" (see {context.command_path} --help)" if context else ""
-        return f"{error.format_message()}{help_line}", int(getattr(error, "exit_code", 2))
+        return error.format_message().rstrip(".") + help_line, int(getattr(error, "exit_code", 2))
     if isinstance(error, MemoryError):
         return "not enough memory; use a smaller --size or fewer --samples", 1
     if isinstance(error, RecursionError):

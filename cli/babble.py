@@ -62,6 +62,9 @@ def babble(
             }
         )
         return
-    stream = sys.stderr if output == "-" else sys.stdout
     columns = ", ".join([*log.joint_names, "x", "y"])
-    print(f"{output}: {len(log)} rows of {columns} [rad, m]", file=stream)
+    line = f"{len(log)} rows of {columns} [rad, m]"
+    if output == "-":
+        print(line, file=sys.stderr)
+    else:
+        print(f"{output}: {line}")

@@ -13,7 +13,8 @@ from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any
 
-_LEAST = 1e-6  # what is below a nanometre or a millionth of a degree is rounding
+# what is below a nanometre or a millionth of a degree is rounding
+_LEAST, _TINY = 1e-6, "<1e-6"
 
 
 @dataclass(frozen=True)
@@ -128,7 +129,7 @@ def number(value: float | None) -> str:
         return "-"
     size = abs(value)
     if 0.0 < size < _LEAST:
-        return f"<{_LEAST:.0e}"
+        return _TINY
     if size >= 1e7:
         return f"{value:.3e}"
     decimals = 3 - math.floor(math.log10(size)) if size else 0

@@ -29,6 +29,10 @@ class Numbers(tuple[float, ...]):
 class Size(tuple[int, ...]):
     """Nodes of a lattice along each of its axes; one number for as many as there are."""
 
+    def plain(self) -> int | tuple[int, ...]:
+        """Return it as `calib.train` takes it."""
+        return self[0] if len(self) == 1 else tuple(self)
+
 
 class Columns(dict[str, str]):
     """Columns of a log by the names they stand for, as in `x=cam_u,y=cam_v`."""

@@ -35,7 +35,7 @@ def forward(
     model: o.ModelArgument,
     values: Annotated[
         list[str] | None,
-        typer.Argument(metavar="[Q1 Q2 ...]", help="Joint values, base to tip [rad or m]."),
+        typer.Argument(metavar="Q1 Q2", help="Joint values, base to tip [rad or m]."),
     ] = None,
     readout: o.ReadoutOption = "local",
     input_: o.InputOption = None,
@@ -76,7 +76,7 @@ def inverse(
     model: o.ModelArgument,
     target: Annotated[
         list[str] | None,
-        typer.Argument(metavar="[X Y]", help="Position wanted [m, or the sensor's unit]."),
+        typer.Argument(metavar="X Y", help="Position wanted [m, or the sensor's unit]."),
     ] = None,
     near: o.NearOption = None,
     every: o.AllOption = False,
@@ -95,7 +95,7 @@ def inverse(
         raise BadOption(f"--all needs the readout local: expected no --readout {readout}")
     loaded = _load(model)
     joints = JointFormat(loaded.about, degrees)
-    anchor = _anchor(near, joints)
+    anchor = _anchor(loaded, near, joints)
     if input_ is not None:
         from .batch import Streams, inverse_batch
 
@@ -162,14 +162,21 @@ def _check_count(typed: Sequence[float], names: Sequence[str], what: str) -> Non
         )
 
 
-def _anchor(near: Sequence[float] | None, joints: JointFormat) -> list[float] | None:
+def _anchor(model: Model, near: Sequence[float] | None, joints: JointFormat) -> list[float] | None:
     if near is None:
         return None
     if len(near) != len(joints.names):
         shown = ",".join(f"{value:g}" for value in near)
         expected = f"{len(joints.names)} values, one each for {', '.join(joints.names)}"
         raise bad_option("--near", shown, expected)
-    return [value / factor for value, factor in zip(near, joints.typed, strict=True)]
+    q = [value / factor for value, factor in zip(near, joints.typed, strict=True)]
+    about, turns_round = model.about, model.motor.scale.periodic
+    for k, value in enumerate(q):
+        slack = 1e-9 * (about.upper[k] - about.lower[k])
+        inside = about.lower[k] - slack <= value <= about.upper[k] + slack
+        if not (inside or turns_round[k]):
+            raise bad_option("--near", joints.value(k, value), joints.learned_range(k))
+    return q
 
 
 def _branches(model: Model, target: Sequence[float], anchor: Sequence[float] | None) -> Answer:

@@ -76,23 +76,24 @@ def error_table(model: Model, errors: Errors, title: str) -> Table:
 
 
 def compact_table(model: Model, errors: Errors, title: str) -> Table:
-    """Return the errors that matter most, a line for each readout."""
+    """Return mean and greatest errors, a line for each quantity."""
     about = model.about
-    factor, unit = for_people(about.unit)
-    joints = [
-        (name, *for_people(each))
-        for name, each in zip(about.joint_names, about.units_of_joints, strict=True)
-    ]
-    header = ["readout", f"forward mean [{unit}]", "p99", "max"]
-    header += [f"inverse mean [{unit}]", "p99", "max"]
-    header += [f"{name} mean [{joint_unit}]" for name, _, joint_unit in joints]
+    units = dict(zip(about.joint_names, about.units_of_joints, strict=True))
+    quantities = [("forward", "distance", about.unit)]
+    quantities += [("inverse", name, unit) for name, unit in units.items()]
+    quantities += [("inverse", "distance", about.unit)]
+    readouts = _ordered(errors)
     rows = []
-    for readout in _ordered(errors):
-        directions, row = errors[readout], [readout]
-        for direction in ("forward", "inverse"):
-            row += [_scaled(directions[direction]["distance"], key, factor) for key in STATISTICS]
-        row += [_scaled(directions["inverse"][name], "mean", scale) for name, scale, _ in joints]
+    for direction, name, si in quantities:
+        factor, unit = for_people(si)
+        row = [f"{direction} {name} [{unit}]"]
+        for readout in readouts:
+            error = errors[readout][direction][name]
+            row += [_scaled(error, key, factor) for key in ("mean", "max")]
         rows.append(row)
+    header = ["mean and max"]
+    for readout in readouts:
+        header += [readout, "max"]
     return Table(header, rows, title)
 
 

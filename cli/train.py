@@ -24,7 +24,7 @@ def train(
     robot: Annotated[
         str | None,
         typer.Argument(
-            metavar="[ROBOT]",
+            metavar="ROBOT",
             help="A URDF file, or a bundled robot (calib robots). Not needed with --data.",
         ),
     ] = None,
@@ -91,9 +91,9 @@ def train(
     with progress_bar(log.unit) as progress:
         model = calib.train(
             log,
-            size=size,
-            motor_size=motor_size,
-            sensory_size=sensory_size,
+            size=size and size.plain(),
+            motor_size=motor_size and motor_size.plain(),
+            sensory_size=sensory_size and sensory_size.plain(),
             map=map_,
             rule=rule,
             epochs=epochs,
