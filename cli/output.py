@@ -63,7 +63,8 @@ def show(table: Table) -> None:
     from rich.text import Text
 
     drawn = RichTable(
-        box=box.SIMPLE_HEAD, title=Text(table.title) if table.title else None, title_justify="left"
+        box=box.SIMPLE_HEAD,
+        pad_edge=False, title=Text(table.title) if table.title else None, title_justify="left"
     )
     for k, name in enumerate(table.header):
         left = k < table.left
