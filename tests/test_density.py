@@ -1,0 +1,111 @@
+"""Readings of equations 7 and 8: what each gain says of hand-made maps."""
+
+import numpy as np
+import pytest
+
+from calib.errors import OptionError
+from calib.maps.density import GAINS, Visit, border, density, error, gain_of, lattice
+from calib.maps.lattice import Lattice
+
+BUILT_IN = [g for g in dict.fromkeys(GAINS.values()) if g is not None and g.__code__.co_argcount]
+
+
+def visit(progress, weights=None, shape=(3, 3), winners=None, distances=None):
+    grid = Lattice(shape)
+    weights = grid.positions() / 2 if weights is None else np.array(weights, dtype=float)
+    winners = np.arange(grid.size) if winners is None else np.array(winners)
+    distances = np.full(len(winners), 0.1) if distances is None else np.array(distances)
+    return Visit(progress, winners, distances, weights, grid)
+
+
+@pytest.mark.parametrize("gain", BUILT_IN, ids=lambda g: g.__name__)
+def test_every_gain_is_1_at_the_start_of_the_training(gain):
+    rng = np.random.default_rng(0)
+    start = visit(0.0, rng.random((9, 2)), distances=rng.random(9))
+    np.testing.assert_allclose(gain(start), 1.0, atol=1e-12)
+
+
+@pytest.mark.parametrize("gain", BUILT_IN, ids=lambda g: g.__name__)
+def test_every_gain_departs_from_1_as_training_goes_on(gain):
+    rng = np.random.default_rng(0)
+    weights, distances = rng.random((9, 2)), rng.random(9)
+    spread = [np.ptp(np.log(gain(visit(t, weights, distances=distances)))) for t in (0.3, 0.6, 1.0)]
+    assert 0 < spread[0] < spread[1] < spread[2]
+
+
+@pytest.mark.parametrize("gain", BUILT_IN, ids=lambda g: g.__name__)
+def test_every_gain_is_positive_and_one_per_sample(gain):
+    v = visit(1.0, winners=[0, 4, 4, 8], distances=[0.0, 0.1, 0.2, 0.0])
+    g = gain(v)
+    assert g.shape == (4,)
+    assert (g > 0).all()
+    assert np.isfinite(g).all()
+
+
+def test_border_is_largest_in_the_corners_and_1_inside():
+    g = border(visit(0.5), strength=4.0).reshape(3, 3)
+    corner, edge = np.exp(2.0 * 5 / 8), np.exp(2.0 * 3 / 8)
+    expected = [[corner, edge, corner], [edge, 1, edge], [corner, edge, corner]]
+    np.testing.assert_allclose(g, expected)
+
+
+def test_border_does_not_depend_on_the_weights():
+    crowded = np.random.default_rng(0).random((9, 2))
+    assert (border(visit(1.0)) == border(visit(1.0, crowded))).all()
+
+
+def test_error_is_the_squared_distance_over_its_mean():
+    g = error(visit(1.0, winners=[0, 1, 2], distances=[1.0, 2.0, 3.0]), strength=1.0)
+    np.testing.assert_allclose(g, np.array([1.0, 4.0, 9.0]) / (14 / 3), atol=1e-5)
+
+
+def test_error_at_half_way_is_its_square_root():
+    g = error(visit(0.5, winners=[0, 1], distances=[1.0, 3.0]))
+    np.testing.assert_allclose(g, np.sqrt(np.array([1.0, 9.0]) / 5), atol=1e-5)
+
+
+def test_error_is_1_where_every_sample_stands_on_its_node():
+    assert (error(visit(1.0, winners=[0, 1], distances=[0.0, 0.0])) == 1.0).all()
+
+
+def test_density_is_equation_7_over_the_joined_nodes():
+    # a line of three nodes with gaps of 1 and 2: sums of squares 1, 1 + 4, 4
+    v = visit(1.0, [[0.0], [1.0], [3.0]], (3,))
+    rho = np.exp(-np.array([1.0, 5.0, 4.0]) / (10 / 3))
+    np.testing.assert_allclose(density(v), rho / rho.mean())
+
+
+def test_density_grows_with_the_fourth_power_of_time():
+    v1, v2 = (visit(t, [[0.0], [1.0], [3.0]], (3,)) for t in (0.5, 1.0))
+    np.testing.assert_allclose(density(v1), density(v2) ** (1 / 16))
+
+
+def test_density_favours_the_border_of_an_even_map():
+    g = density(visit(1.0)).reshape(3, 3)
+    assert g[0, 0] > g[0, 1] > g[1, 1]
+
+
+def test_lattice_is_equation_7_over_all_nodes_and_favours_the_border():
+    w = np.random.default_rng(1).random((9, 2))
+    total = ((w[:, None] - w[None]) ** 2).sum(axis=(1, 2))
+    rho = np.exp(-total / total.mean())
+    np.testing.assert_allclose(lattice(visit(1.0, w), strength=1.0), rho.mean() / rho)
+    g = lattice(visit(1.0)).reshape(3, 3)
+    assert g[0, 0] > g[0, 1] > g[1, 1]
+
+
+def test_a_gain_follows_the_winner_of_each_sample():
+    per_node = border(visit(1.0))
+    assert (border(visit(1.0, winners=[8, 4, 4])) == per_node[[8, 4, 4]]).all()
+
+
+def test_names_find_their_gain_and_the_plain_som_has_none():
+    assert gain_of("som") is None
+    assert gain_of("vdsom") is gain_of("vdsom:border") is border
+    assert gain_of("vdsom:error") is error
+
+
+def test_an_unknown_name_is_refused_with_the_choices():
+    with pytest.raises(OptionError, match=r"'sum' is unknown, choose one of som, vdsom") as caught:
+        gain_of("sum")
+    assert "\n" not in str(caught.value)

@@ -1,0 +1,142 @@
+"""Links: activity (eq. 6), Oja's rule (eq. 5 and 11) and its fixed point."""
+
+import numpy as np
+import pytest
+from scipy.sparse import csr_array
+
+from calib.links import BANDWIDTH, NEAREST, activity, link, oja
+from calib.maps.lattice import Lattice
+from calib.maps.map import Map
+from calib.scale import TURN, Scale
+
+UNIT_BOX = Scale(np.zeros(2), np.ones(2), np.zeros(2, dtype=bool))
+
+
+def grid(n, m=None):
+    shape = (n, m or n)
+    lattice = Lattice(shape)
+    return Map(lattice.positions() / (np.array(shape) - 1), lattice, UNIT_BOX, np.zeros((0, 4)))
+
+
+def points(n, seed=0):
+    return np.random.default_rng(seed).random((n, 2))
+
+
+def equation_6(network, u, bandwidth):
+    square = ((u[:, None] - network.units[None]) ** 2).sum(axis=2)
+    a = np.exp(-square / (bandwidth * network.spacing) ** 2)
+    return a / a.max(axis=1, keepdims=True)
+
+
+def stationary(a_motor, a_sensory, beta=1.0):
+    return a_motor.T @ a_sensory / (beta * (a_sensory**2).sum(axis=0))
+
+
+@pytest.fixture(scope="module")
+def pair():
+    """Activities of two 3x3 maps for samples of a smooth function."""
+    u = points(400)
+    v = np.stack([u[:, 1] ** 1.3, 1 - u[:, 0]], axis=1)
+    return activity(grid(3), u).toarray(), activity(grid(3), v).toarray()
+
+
+@pytest.mark.parametrize("bandwidth", [BANDWIDTH, 1.5])
+def test_activity_is_equation_6_relative_to_the_winner(bandwidth):
+    network, u = grid(3), points(20)
+    a = activity(network, u, bandwidth).toarray()
+    np.testing.assert_allclose(a, equation_6(network, u, bandwidth), rtol=1e-9, atol=1e-300)
+
+
+def test_of_many_nodes_the_nearest_are_active_and_the_others_would_hardly_be():
+    network, u = grid(20), points(50)
+    a, dense = activity(network, u), equation_6(network, u, BANDWIDTH)
+    assert (np.diff(a.indptr) == NEAREST).all()
+    sparse = a.toarray()
+    kept = sparse > 0
+    np.testing.assert_allclose(sparse[kept], dense[kept], rtol=1e-9)
+    assert dense[~kept].max() < 2e-2
+
+
+def test_far_from_every_node_the_winner_is_fully_active():
+    a = activity(grid(3), np.array([[50.0, -50.0]])).toarray()[0]
+    assert a.max() == 1.0
+    assert a.argmax() == 6  # the corner at x = 1, y = 0
+
+
+def test_activity_crosses_the_seam_of_a_joint_that_turns_round():
+    scale = Scale(np.zeros(1), np.full(1, TURN), np.ones(1, dtype=bool))
+    ring = Map(np.array([[0.05], [0.35], [0.65], [0.95]]), Lattice((4,)), scale, np.zeros((0, 4)))
+    a = activity(ring, np.array([[0.0]])).toarray()[0]
+    assert a[0] == pytest.approx(a[3])
+    assert a[0] > 0.99 > a[1]
+
+
+def test_links_are_the_fixed_point_of_ojas_rule_but_for_weak_ones(pair):
+    dense = stationary(*pair)
+    links = link(*(csr_array(a) for a in pair)).toarray()
+    kept = links > 0
+    np.testing.assert_allclose(links[kept], dense[kept], rtol=1e-6)
+    weakest = np.minimum(dense.max(axis=1)[:, None], dense.max(axis=0)[None])
+    assert (dense[~kept] < 0.02 * weakest[~kept] * 1.001).all()
+    assert kept.any(axis=0).all()
+    assert kept.any(axis=1).all()
+
+
+def test_ojas_rule_comes_to_rest_at_those_links(pair):
+    a_motor, a_sensory = pair
+    expected = stationary(a_motor, a_sensory)
+    c = np.zeros_like(expected)
+    for eta in np.geomspace(0.1, 3e-4, 30):
+        for i, j in zip(a_motor, a_sensory, strict=True):
+            oja(c, i, j, eta)
+    np.testing.assert_allclose(c, expected, rtol=0.02, atol=2e-3)
+
+
+def test_one_step_of_ojas_rule_by_hand():
+    c = np.array([[0.5, 0.2], [0.0, 1.0]])
+    oja(c, np.array([1.0, 0.5]), np.array([0.0, 2.0]), eta=0.1, beta=0.25)
+    # c_ij + eta (a_i a_j - beta c_ij a_j^2); a column whose a_j is 0 rests
+    expected = [[0.5, 0.2 + 0.1 * (2.0 - 0.25 * 0.2 * 4)], [0.0, 1.0 + 0.1 * (1.0 - 0.25 * 4)]]
+    np.testing.assert_allclose(c, expected)
+
+
+def test_ojas_rule_forgets_links_whose_motor_node_is_silent():
+    c = np.array([[0.8], [0.0]])
+    oja(c, np.array([0.0, 1.0]), np.array([1.0]), eta=0.5)
+    np.testing.assert_allclose(c, [[0.4], [0.5]])
+
+
+def test_the_fixed_point_stays_fixed_on_average(pair):
+    a_motor, a_sensory = pair
+    c = stationary(a_motor, a_sensory)
+    step = np.zeros_like(c)
+    for i, j in zip(a_motor, a_sensory, strict=True):
+        moved = c.copy()
+        oja(moved, i, j, 1.0)
+        step += moved - c
+    np.testing.assert_allclose(step / len(a_motor), 0.0, atol=1e-12)
+
+
+def test_a_forgetting_factor_of_2_halves_links_that_have_been_active(pair):
+    a, b = (link(*(csr_array(p) for p in pair), beta=beta).toarray() for beta in (1.0, 2.0))
+    np.testing.assert_allclose(b, a / 2, rtol=1e-6)
+
+
+def test_a_node_that_was_hardly_active_has_hardly_a_link():
+    one = csr_array(np.array([[1.0]]))
+    faint = csr_array(np.array([[1e-3]]))
+    assert link(one, faint).toarray()[0, 0] == pytest.approx(1e-3, rel=1e-3)
+    assert link(one, one).toarray()[0, 0] == pytest.approx(1 - np.exp(-1), rel=1e-6)
+
+
+def test_nodes_that_were_never_active_have_no_links():
+    a_motor, a_sensory = np.zeros((50, 4)), np.zeros((50, 3))
+    a_motor[:, 1], a_sensory[:, 2] = 1.0, 1.0
+    links = link(csr_array(a_motor), csr_array(a_sensory))
+    assert links.shape == (4, 3)
+    assert [tuple(p) for p in np.argwhere(links.toarray() > 0).tolist()] == [(1, 2)]
+
+
+def test_links_survive_the_single_precision_of_a_file(pair):
+    data = link(*(csr_array(a) for a in pair)).data
+    assert (data == data.astype(np.float32)).all()

@@ -1,0 +1,132 @@
+"""Trained maps and the unit box: nearest nodes, also round a turn, and their two errors."""
+
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from calib.maps.lattice import Lattice
+from calib.maps.map import Map
+from calib.scale import TURN, Scale
+
+
+def box(lower, upper, revolute=None):
+    lower, upper = np.array(lower, dtype=float), np.array(upper, dtype=float)
+    return Scale.of_range(lower, upper, tuple(revolute or [True] * len(lower)))
+
+
+def network(units, shape, scale):
+    return Map(np.array(units, dtype=float), Lattice(shape), scale, np.zeros((0, 4)))
+
+
+@pytest.fixture
+def ring():
+    """Three nodes on a joint that turns round."""
+    return network([[0.05], [0.5], [0.95]], (3,), box([-np.pi], [np.pi]))
+
+
+@pytest.fixture
+def square():
+    """Four nodes on the corners of a box 2 wide and 10 high."""
+    return network([[0, 0], [0, 1], [1, 0], [1, 1]], (2, 2), box([0, -5], [2, 5]))
+
+
+def test_the_winner_is_found_across_the_seam_of_a_whole_turn(ring):
+    distance, index = ring.nearest(np.array([[0.99], [0.01], [1.02], [-0.03], [0.4]]))
+    assert index[:, 0].tolist() == [2, 0, 0, 2, 1]
+    np.testing.assert_allclose(distance[:, 0], [0.04, 0.04, 0.03, 0.02, 0.1], atol=1e-12)
+
+
+def test_winners_of_joint_values_are_the_same_one_turn_on(ring):
+    q = np.random.default_rng(0).uniform(-np.pi, np.pi, (50, 1))
+    assert (ring.winners(q) == ring.winners(q + TURN)).all()
+    assert ring.winners([[np.pi - 0.01]])[0] == 2
+    assert ring.winners([[-np.pi + 0.01]])[0] == 0
+
+
+def test_without_a_whole_turn_the_seam_is_a_wall():
+    line = network([[0.05], [0.5], [0.95]], (3,), box([-3], [3]))
+    assert line.nearest(np.array([[1.5], [-0.5]]))[1][:, 0].tolist() == [2, 0]
+
+
+def test_node_positions_outside_the_box_still_count_round_the_turn():
+    scale = box([0], [TURN])
+    odd = network([[-0.1], [0.5], [1.0]], (3,), scale)
+    assert odd.nearest(np.array([[0.9], [0.01]]))[1][:, 0].tolist() == [0, 2]
+
+
+def test_weights_are_in_the_spaces_own_units(square):
+    assert square.weights.tolist() == [[0, -5], [0, 5], [2, -5], [2, 5]]
+    assert square.size == 4
+
+
+def test_spacing_is_the_mean_length_of_the_edges(square, ring):
+    assert square.spacing == pytest.approx(1.0)
+    assert ring.spacing == pytest.approx(0.45)
+
+
+def test_spacing_goes_the_short_way_round_a_turn():
+    assert network([[0.9], [0.1]], (2,), box([0], [TURN])).spacing == pytest.approx(0.2)
+
+
+def test_quantization_error_is_the_mean_distance_in_own_units(square):
+    # a fifth of the width beside the first node; a tenth of the height below the last
+    x = [[0.4, -5.0], [2.0, 4.0]]
+    assert square.quantization_error(x) == pytest.approx((0.4 + 1.0) / 2)
+    assert square.quantization_error(square.weights) == 0.0
+
+
+def test_quantization_error_goes_the_short_way_round_a_turn(ring):
+    assert ring.quantization_error([[np.pi]]) == pytest.approx(0.05 * TURN)
+
+
+def test_topographic_error_counts_samples_between_nodes_that_are_no_neighbours():
+    # a line of four nodes folded over: nodes 0 and 3 lie side by side
+    folded = network([[0.0, 0.0], [0.5, 0.0], [0.5, 0.4], [0.0, 0.1]], (4,), box([0, 0], [1, 1]))
+    fold, middle = [0.0, 0.05], [0.3, 0.0]
+    assert folded.topographic_error([fold]) == 1.0
+    assert folded.topographic_error([middle]) == 0.0
+    assert folded.topographic_error([fold, middle, middle, middle]) == 0.25
+
+
+def test_diagonal_neighbours_are_no_topographic_error(square):
+    crossed = network(square.units[[0, 3, 2, 1]], (2, 2), square.scale)
+    assert crossed.topographic_error([[0.1, -1.0]]) == 0.0
+
+
+@given(
+    st.lists(st.floats(-1e3, 1e3), min_size=3, max_size=3),
+    st.lists(st.floats(1e-3, 1e3), min_size=3, max_size=3),
+    st.lists(st.floats(0, 1), min_size=3, max_size=3),
+)
+def test_from_unit_undoes_to_unit(lower, span, share):
+    scale = Scale(np.array(lower), np.array(span), np.zeros(3, dtype=bool))
+    x = scale.from_unit(np.array([share]))
+    np.testing.assert_allclose(scale.to_unit(x), [share], atol=1e-9)
+    np.testing.assert_allclose(scale.from_unit(scale.to_unit(x)), x, rtol=1e-12, atol=1e-12)
+
+
+@given(st.floats(-1e4, 1e4))
+def test_a_joint_that_turns_round_is_wrapped_into_the_box(angle):
+    scale = box([-np.pi], [np.pi])
+    u = scale.to_unit(np.array([[angle]]))
+    assert 0.0 <= u[0, 0] < 1.0
+    back = scale.from_unit(u)[0, 0]
+    assert np.cos(back - angle) == pytest.approx(1.0)
+
+
+def test_only_a_revolute_range_of_one_turn_is_periodic():
+    scale = box([0, 0, -np.pi], [TURN, TURN, np.pi - 0.1], [True, False, True])
+    assert scale.periodic.tolist() == [True, False, False]
+
+
+def test_differences_take_the_short_way_round_only_where_periodic():
+    scale = box([0, 0], [TURN, 1])
+    gap = scale.difference(np.array([0.9, 0.9]), np.array([0.1, 0.1]))
+    np.testing.assert_allclose(gap, [-0.2, 0.8], atol=1e-12)
+
+
+def test_the_box_of_data_holds_them_and_a_constant_coordinate_divides_by_one():
+    x = np.array([[1.0, 7.0], [3.0, 7.0], [2.0, 7.0]])
+    scale = Scale.of_data(x)
+    assert scale.to_unit(x).tolist() == [[0, 0], [1, 0], [0.5, 0]]

@@ -1,0 +1,75 @@
+"""Schedules: radii that decay exponentially, and lattices that grow."""
+
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from calib.maps.lattice import Lattice
+from calib.maps.schedule import coarse_to_fine, exponential, total_work
+
+
+@given(st.floats(0.1, 100), st.floats(0.01, 1), st.integers(2, 200))
+def test_radii_start_and_end_as_told_and_fall_by_one_factor(start, share, n):
+    values = exponential(start, start * share, n)
+    assert len(values) == n
+    assert values[0] == pytest.approx(start)
+    assert values[-1] == pytest.approx(start * share)
+    np.testing.assert_allclose(values[1:] / values[:-1], share ** (1 / (n - 1)), rtol=1e-9)
+
+
+def test_equation_4_is_this_decay():
+    sigma, t, big_t = 5.0, np.arange(11), 4.0
+    values = exponential(sigma, sigma * np.exp(-10 / big_t), 11)
+    np.testing.assert_allclose(values, sigma * np.exp(-t / big_t))
+
+
+def test_one_epoch_has_the_last_radius():
+    assert exponential(5.0, 0.5, 1).tolist() == [0.5]
+
+
+@pytest.mark.parametrize("shape", [(70, 70), (200, 200), (100, 40), (17, 17, 17), (5, 5), (2, 2)])
+def test_lattices_grow_up_to_the_one_asked_for(shape):
+    stages = coarse_to_fine(Lattice(shape))
+    sizes = [s.lattice.size for s in stages]
+    assert sizes == sorted(sizes)
+    assert len(set(sizes)) == len(sizes)
+    assert [s.final for s in stages] == [False] * (len(stages) - 1) + [True]
+    assert stages[-1].lattice.shape == shape
+    for stage in stages:
+        assert (np.diff(stage.sigma) < 0).all()
+        assert stage.sigma[-1] < 1.0
+
+
+def test_the_papers_lattice_is_ordered_on_100_then_900_nodes():
+    stages = coarse_to_fine(Lattice((70, 70)))
+    assert [s.lattice.shape for s in stages] == [(10, 10), (30, 30), (70, 70)]
+
+
+def test_the_first_radius_reaches_over_nearly_half_of_the_first_lattice():
+    for shape in ((70, 70), (17, 17, 17), (5, 5), (300,)):
+        first = coarse_to_fine(Lattice(shape))[0]
+        assert first.sigma[0] >= 0.45 * min(first.lattice.shape)
+
+
+@pytest.mark.parametrize(
+    ("epochs", "sigma", "radii"),
+    [(7, None, (35.0, 0.4, 7)), (None, (3.0, 2.0), (3.0, 2.0, 20)), (4, (9.0, 1.0), (9.0, 1.0, 4))],
+)
+def test_epochs_or_sigma_train_the_full_lattice_alone(epochs, sigma, radii):
+    (stage,) = coarse_to_fine(Lattice((70, 70)), epochs, sigma)
+    start, end, n = radii
+    assert stage.lattice.shape == (70, 70)
+    assert stage.final
+    assert (len(stage.sigma), stage.sigma[0], stage.sigma[-1]) == (
+        n,
+        pytest.approx(start),
+        pytest.approx(end),
+    )
+
+
+def test_work_counts_the_samples_that_each_stage_shows():
+    stages = coarse_to_fine(Lattice((70, 70)))
+    expected = sum(len(s.sigma) * min(s.samples, 5000) for s in stages)
+    assert total_work(stages, 5000) == expected
+    assert total_work(coarse_to_fine(Lattice((9, 9)), 3, None), 5000) == 15_000

@@ -1,0 +1,273 @@
+"""Training of maps: equations 1 to 4 by hand, fixed points, order and determinism."""
+
+import numpy as np
+import pytest
+
+import calib
+from calib.errors import LogError, OptionError
+from calib.maps import som as som_module
+from calib.maps.lattice import Lattice
+from calib.maps.som import SOM
+from calib.scale import Scale
+
+UNIT_BOX = Scale(np.zeros(2), np.ones(2), np.zeros(2, dtype=bool))
+BOUND = 0.377  # quantization error of the best (hexagonal) quantizer: 0.377 sqrt(A / N)
+
+
+def uniform(n, seed=0, d=2):
+    return np.random.default_rng(seed).random((n, d))
+
+
+def neighbourhood(lattice, sigma):
+    """h_ji of equation 3, for all pairs of nodes."""
+    r = lattice.positions()
+    square = ((r[:, None] - r[None]) ** 2).sum(axis=2)
+    return np.exp(-square / (2 * sigma**2))
+
+
+def winners(weights, x):
+    return ((x[:, None] - weights[None]) ** 2).sum(axis=2).argmin(axis=1)
+
+
+def batch_target(weights, lattice, x, sigma, gain=None):
+    """Mean of all samples, weighted by gain and by the neighbourhood of their winners."""
+    h = neighbourhood(lattice, sigma)[:, winners(weights, x)]
+    h = h if gain is None else h * gain
+    return (h @ x) / h.sum(axis=1, keepdims=True)
+
+
+def present(weights, lattice, x, sigma, rate):
+    weights = weights.copy()
+    n = len(x)
+    som_module.present(weights, lattice, x, np.full(n, float(sigma)), np.full(n, float(rate)))
+    return weights
+
+
+@pytest.fixture(scope="module")
+def settled():
+    """A 3x3 map that the batch rule has brought to rest at a constant radius."""
+    x = uniform(400)
+    return x, SOM((3, 3), "som", epochs=200, sigma=(1.0, 1.0)).fit(x, scale=UNIT_BOX)
+
+
+def test_one_sample_moves_a_3x3_map_as_equations_1_to_3_say():
+    lattice = Lattice((3, 3))
+    w = uniform(9, seed=3)
+    x = np.array([0.2, 0.9])
+    best = np.linalg.norm(w - x, axis=1).argmin()  # eq. 1
+    r = np.array([[i, j] for i in range(3) for j in range(3)])
+    h = np.exp(-((r - r[best]) ** 2).sum(axis=1) / (2 * 0.8**2))  # eq. 3
+    expected = w + 0.3 * h[:, None] * (x - w)  # eq. 2
+    np.testing.assert_allclose(present(w, lattice, x[None], 0.8, 0.3), expected, atol=1e-12)
+
+
+def test_samples_are_shown_one_after_the_other():
+    lattice = Lattice((3, 3))
+    w, x = uniform(9, seed=3), uniform(5, seed=4)
+    step_by_step = w
+    for row in x:
+        step_by_step = present(step_by_step, lattice, row[None], 0.8, 0.3)
+    np.testing.assert_allclose(present(w, lattice, x, 0.8, 0.3), step_by_step, atol=1e-12)
+
+
+def test_no_node_ever_overshoots_a_sample():
+    x = np.array([[0.2, 0.9]])
+    w = present(uniform(9, seed=3), Lattice((3, 3)), x, 1.0, 50.0)
+    assert np.linalg.norm(w - x, axis=1).min() == 0.0
+    assert (w >= 0).all()
+    assert (w <= 1).all()
+
+
+def test_nodes_far_from_the_winner_stay_where_they_are():
+    w = uniform(40, seed=3)
+    moved = (present(w, Lattice((40,)), w[:1], 0.5, 0.5) != w).any(axis=1)
+    assert not moved[4:].any()
+
+
+def test_batch_weights_are_the_weighted_mean_of_the_samples(settled):
+    x, network = settled
+    expected = batch_target(network.units, network.lattice, x, 1.0)
+    np.testing.assert_allclose(network.units, expected, atol=1e-9)
+
+
+def test_two_nodes_by_hand():
+    # winners {0, 1} and {4, 5}; h = exp(-1 / 2) for the other node, whichever comes first
+    h = np.exp(-0.5)
+    x = np.array([[0.0], [0.1], [0.9], [1.0]])
+    low, high = 0.05, 0.95
+    expected = [(low + h * high) / (1 + h), (h * low + high) / (1 + h)]
+    box = Scale(np.zeros(1), np.ones(1), np.zeros(1, dtype=bool))
+    network = SOM((2,), "som", epochs=50, sigma=(1.0, 1.0)).fit(x, scale=box)
+    np.testing.assert_allclose(np.sort(network.units[:, 0]), expected, atol=1e-12)
+
+
+def test_the_gain_weighs_the_samples_in_the_batch_rule():
+    x = uniform(300)
+    heavy = np.where(x[:, 0] > 0.5, 5.0, 1.0)
+
+    def gain(visit):
+        assert len(visit.winners) == len(x)
+        return heavy
+
+    network = SOM((3, 3), gain, epochs=200, sigma=(1.0, 1.0)).fit(x, scale=UNIT_BOX)
+    expected = batch_target(network.units, network.lattice, x, 1.0, heavy)
+    np.testing.assert_allclose(network.units, expected, atol=1e-9)
+    assert network.units[:, 0].mean() > 0.6
+
+
+def test_the_fixed_point_of_the_batch_rule_is_one_of_the_online_rule(settled):
+    """At a small rate the mean step of eq. 2 over all samples vanishes there, and only there."""
+    x, network = settled
+    rate = 1e-7
+
+    def mean_step(weights):
+        return (present(weights, network.lattice, x, 1.0, rate) - weights) / (rate * len(x))
+
+    assert np.abs(mean_step(network.units)).max() < 1e-4
+    away = network.units + 0.05 * uniform(9, seed=5)
+    assert np.abs(mean_step(away)).max() > 1e-2
+
+
+def test_the_online_rule_comes_to_rest_where_the_batch_rule_does(settled):
+    x, network = settled
+    weights = network.units + 0.05 * (uniform(9, seed=5) - 0.5)
+    start = np.abs(weights - network.units).max()
+    for rate in np.geomspace(0.02, 1e-4, 60):
+        weights = present(weights, network.lattice, x, 1.0, rate)
+    assert np.abs(weights - batch_target(weights, network.lattice, x, 1.0)).max() < 2e-3
+    assert start > 2e-2
+
+
+@pytest.mark.parametrize("name", ["som", "vdsom"])
+def test_a_70x70_map_is_ordered_and_close_to_the_best_quantizer(name):
+    x = uniform(20_000)
+    network = SOM((70, 70), name).fit(x, scale=UNIT_BOX)
+    fresh = uniform(5000, seed=1)
+    assert network.quantization_error(x) < 1.15 * BOUND / 70
+    assert network.quantization_error(fresh) < 1.2 * BOUND / 70
+    assert network.topographic_error(fresh) < 0.05
+
+
+def test_neighbours_on_the_lattice_are_neighbours_in_space():
+    """An ordered map of the square is the square turned or mirrored, with no fold."""
+    network = SOM((12, 12), "som").fit(uniform(4000), scale=UNIT_BOX)
+    grid = network.units.reshape(12, 12, 2)
+    down, right = np.diff(grid, axis=0)[:, :-1], np.diff(grid, axis=1)[:-1]
+    area = down[..., 0] * right[..., 1] - down[..., 1] * right[..., 0]
+    assert (np.sign(area) == np.sign(area[0, 0])).all()
+
+
+def test_the_online_rule_orders_a_map_too():
+    x = uniform(3000)
+    network = SOM((8, 8), "som", rule="online").fit(x, scale=UNIT_BOX)
+    assert network.topographic_error(x) < 0.1
+    assert network.quantization_error(x) < 1.25 * BOUND / 8
+
+
+@pytest.mark.parametrize("rule", ["batch", "online"])
+def test_a_varying_density_map_reaches_closer_to_the_border(rule):
+    x = uniform(3000)
+    plain, varying = (
+        SOM((8, 8), name, rule=rule, epochs=6, sigma=(4.0, 1.0)).fit(x, scale=UNIT_BOX)
+        for name in ("som", "vdsom")
+    )
+
+    def margin(network):
+        low, high = network.units.min(axis=0), network.units.max(axis=0)
+        return float(np.mean([*low, *(1 - high)]))
+
+    assert margin(varying) < 0.8 * margin(plain)
+
+
+@pytest.mark.parametrize("rule", ["batch", "online"])
+def test_the_same_seed_gives_the_same_map_and_another_seed_another(rule):
+    x = uniform(500)
+    a, b, c = (SOM((6, 6), rule=rule, seed=s).fit(x) for s in (1, 1, 2))
+    assert a.units.tobytes() == b.units.tobytes()
+    assert a.history.tobytes() == b.history.tobytes()
+    assert a.units.tobytes() != c.units.tobytes()
+
+
+def test_a_lattice_folds_into_more_dimensions():
+    x = uniform(3000, d=3)
+    network = SOM((12, 12), "som").fit(x)
+    assert network.units.shape == (144, 3)
+    assert (np.ptp(network.units, axis=0) > 0.6).all()
+
+
+def test_units_of_measure_do_not_change_the_map():
+    x = uniform(500)
+    plain, scaled = (SOM((6, 6)).fit(x * k + s) for k, s in ((1, 0), ([1e3, 1e-3], [5, -7])))
+    np.testing.assert_allclose(scaled.units, plain.units, atol=1e-9)
+    np.testing.assert_allclose(
+        scaled.weights, plain.weights * [1e3, 1e-3] + [5, -7], rtol=1e-9, atol=1e-9
+    )
+
+
+def test_history_has_one_row_per_epoch_whose_radius_shrinks_and_error_falls():
+    network = SOM((10, 10), "som", epochs=9, sigma=(5.0, 0.5)).fit(uniform(2000))
+    nodes, sigma, error, topographic = network.history.T
+    assert nodes.tolist() == [100.0] * 9
+    assert (sigma[0], sigma[-1]) == (pytest.approx(5.0), pytest.approx(0.5))
+    assert error[-1] < 0.5 * error[1]
+    assert topographic[0] > 0.5 > topographic[-1]
+
+
+def test_progress_tells_growing_shares_up_to_1():
+    for rule in ("batch", "online"):
+        shares = []
+        SOM((30, 30), rule=rule).fit(
+            uniform(300), progress=lambda share, error, s=shares: s.append((share, error))
+        )
+        done = [share for share, _ in shares]
+        assert done == sorted(done)
+        assert done[-1] == pytest.approx(1.0)
+        assert all(error > 0 for _, error in shares)
+
+
+def test_fewer_samples_than_nodes_leave_every_node_finite_and_inside():
+    network = SOM((10, 10)).fit(uniform(7), scale=UNIT_BOX)
+    assert np.isfinite(network.units).all()
+    assert (network.units > -0.2).all()
+    assert (network.units < 1.2).all()
+
+
+def test_one_repeated_sample_is_what_every_node_becomes():
+    x = np.full((50, 2), 0.25)
+    np.testing.assert_allclose(calib.SOM((3, 3)).fit(x).weights, 0.25, atol=1e-9)
+
+
+@pytest.mark.parametrize(
+    ("options", "message"),
+    [
+        ({"rule": "bach"}, "rule 'bach' is unknown, choose one of batch, online"),
+        ({"epochs": 0}, "epochs 0: at least 1"),
+        ({"sigma": (1.0, 2.0)}, "sigma 1:2: give START:END"),
+        ({"sigma": (1.0, 0.0)}, "sigma 1:0"),
+        ({"sigma": (np.nan, 1.0)}, "sigma nan:1"),
+        ({"sigma": (np.inf, 1.0)}, "sigma inf:1"),
+    ],
+)
+def test_impossible_options_are_refused_in_one_line(options, message):
+    with pytest.raises(OptionError, match=message) as caught:
+        SOM((3, 3), **options)
+    assert "\n" not in str(caught.value)
+
+
+@pytest.mark.parametrize(
+    ("x", "message"),
+    [
+        (np.zeros((0, 2)), r"samples of shape \(0, 2\)"),
+        (np.zeros(5), r"samples of shape \(5,\)"),
+        ([[0.0, 1.0], [np.nan, 1.0]], "sample 1 is .*expected finite numbers"),
+    ],
+)
+def test_samples_that_are_none_are_refused_in_one_line(x, message):
+    with pytest.raises(LogError, match=message) as caught:
+        SOM((3, 3)).fit(x)
+    assert "\n" not in str(caught.value)
+
+
+def test_an_unknown_map_is_refused():
+    with pytest.raises(OptionError, match="map 'vsdom' is unknown"):
+        SOM((3, 3), "vsdom").fit(uniform(9))
