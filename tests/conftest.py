@@ -1,0 +1,94 @@
+"""Fixtures that the tests of the command line share."""
+
+from __future__ import annotations
+
+import io
+import json
+import os
+import subprocess
+import sys
+from collections.abc import Callable
+from contextlib import redirect_stderr, redirect_stdout
+from dataclasses import dataclass
+from pathlib import Path
+
+import pytest
+
+
+@dataclass(frozen=True)
+class Outcome:
+    """How a command line ended: its exit code and what it printed."""
+
+    code: int
+    out: str
+    err: str
+
+    @property
+    def document(self) -> dict:
+        """The only JSON document on standard output."""
+        return json.loads(self.out, parse_constant=pytest.fail)
+
+
+def run_in_process(*args: object, stdin: str = "") -> Outcome:
+    """Run a command line within this process."""
+    from calib_cli.app import app
+
+    out, err, before = io.StringIO(), io.StringIO(), sys.stdin
+    sys.stdin = io.StringIO(stdin)
+    try:
+        with redirect_stdout(out), redirect_stderr(err), pytest.raises(SystemExit) as end:
+            app([str(arg) for arg in args], prog_name="calib")
+    finally:
+        sys.stdin = before
+    return Outcome(end.value.code or 0, out.getvalue(), err.getvalue())
+
+
+def run_process(*args: object, stdin: str = "", env: dict[str, str] | None = None) -> Outcome:
+    """Run a command line as a process of its own."""
+    done = subprocess.run(
+        [sys.executable, "-m", "calib_cli", *map(str, args)],
+        input=stdin,
+        capture_output=True,
+        text=True,
+        check=False,
+        timeout=120,
+        env={**os.environ, **(env or {})},
+    )
+    return Outcome(done.returncode, done.stdout, done.stderr)
+
+
+@pytest.fixture(scope="session")
+def run() -> Callable[..., Outcome]:
+    return run_in_process
+
+
+@pytest.fixture(scope="session")
+def run_real() -> Callable[..., Outcome]:
+    return run_process
+
+
+@pytest.fixture(scope="session")
+def models(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """A folder of small models: two_link.calib, polar.calib, two_link_full.calib."""
+    folder = tmp_path_factory.mktemp("models")
+    for robot in ("two_link", "polar", "two_link_full"):
+        done = run_in_process(
+            "train", robot, "--size", "10", "-n", "500", "-o", folder / f"{robot}.calib"
+        )
+        assert done.code == 0, done.err
+    return folder
+
+
+@pytest.fixture(scope="session")
+def model(models: Path) -> Path:
+    """A small model of two_link."""
+    return models / "two_link.calib"
+
+
+@pytest.fixture(scope="session")
+def log(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """A log of 400 simulated rows of two_link."""
+    path = tmp_path_factory.mktemp("logs") / "measured.csv"
+    done = run_in_process("babble", "two_link", "-n", "400", "-o", path)
+    assert done.code == 0, done.err
+    return path

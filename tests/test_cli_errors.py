@@ -1,0 +1,214 @@
+"""Bad input: one clear line on standard error, nothing on standard output, no file."""
+
+from __future__ import annotations
+
+import json
+from pathlib import Path
+
+import pytest
+from calib_cli.app import describe_error
+
+URDF = Path(__file__).parent.parent / "robots" / "two_link.urdf"
+ROWS = "0.1,1.0,0.1,0.2\n0.2,1.1,0.2,0.3\n0.3,1.2,0.3,0.4\n"
+HEADER = "shoulder,elbow,x,y\n"
+
+TEXTS = {
+    "truncated.urdf": lambda text: text[: len(text) // 2],
+    "dtd.urdf": lambda text: text.replace("<robot", '<!DOCTYPE r [<!ENTITY a "b">]>\n<robot', 1),
+    "xacro.urdf": lambda text: text.replace('"elbow"', '"${prefix}elbow"'),
+    "empty.csv": lambda _: "",
+    "header.csv": lambda _: HEADER,
+    "one.csv": lambda _: HEADER + "0.1,1.0,0.1,0.2\n",
+    "few.csv": lambda _: HEADER + ROWS,
+    "missing.csv": lambda _: "shoulder,x,y\n0,0.1,0.2\n1,0.2,0.3\n",
+    "text.csv": lambda _: HEADER + ROWS + "0.4,abc,0.1,0.2\n",
+    "nan.csv": lambda _: HEADER + "nan,nan,nan,nan\n" * 5,
+    "constant.csv": lambda _: HEADER + "0.1,1.0,0.1,0.2\n0.1,1.1,0.2,0.3\n0.1,1.2,0.3,0.4\n",
+    "foreign.calib": lambda _: "not a model",
+}
+
+# what is typed, the exit code, and words that the line must hold
+CASES = [
+    ("train", 2, "ROBOT"),
+    ("train nope", 1, "'nope' two_link"),
+    ("train two_lnk", 1, "two_link?"),
+    ("train nope.urdf", 1, "nope.urdf"),
+    ("train truncated.urdf", 1, "truncated"),
+    ("train dtd.urdf", 1, "DOCTYPE"),
+    ("train xacro.urdf", 1, "xacro"),
+    ("train two_link --joints shoulder,elbw", 1, "'elbw' elbow?"),
+    ("train two_link --joints shoulder,shoulder", 2, "--joints once"),
+    ("train two_link --joints shoulder,", 2, "--joints"),
+    ("train two_link --joints shoulder", 1, "two or more"),
+    ("train two_link --tip nope", 1, "'nope' tip"),
+    ("train two_link --lock elbow", 2, "--lock 'elbow' JOINT=VALUE"),
+    ("train two_link --lock nope=1", 1, "'nope'"),
+    ("train two_link --lock elbow=1 --lock elbow=2", 2, "--lock 'elbow' twice"),
+    ("train two_link --range elbow=2:1", 2, "--range 'elbow=2:1'"),
+    ("train two_link --range elbow=a:1", 2, "--range 'elbow=a:1'"),
+    ("train two_link --range elbow=1:inf", 2, "--range 'elbow=1:inf'"),
+    ("train two_link --range elbow=0:9", 1, "elbow=0:9 limits"),
+    ("train two_link --range nope=0:1", 1, "'nope'"),
+    ("train two_link --map foo", 2, "--map 'foo' vdsom"),
+    ("train two_link --map vdsom:foo -n 500 --size 10", 1, "vdsom:foo vdsom:error"),
+    ("train two_link --size 0", 2, "--size '0' 70x70"),
+    ("train two_link --size -3", 2, "--size '-3'"),
+    ("train two_link --size 70x", 2, "--size '70x'"),
+    ("train two_link --size 100000x100000", 1, "100000x100000 memory"),
+    ("train two_link --size 5x5x5", 1, "5x5x5"),
+    ("train two_link --rule foo", 2, "--rule 'foo' batch, online"),
+    ("train two_link --epochs 0", 2, "--epochs '0'"),
+    ("train two_link --epochs 1.5", 2, "--epochs '1.5' whole"),
+    ("train two_link --sigma 3", 2, "--sigma '3' START:END"),
+    ("train two_link --sigma 3:0", 2, "--sigma '3:0'"),
+    ("train two_link --samples 0", 2, "--samples '0'"),
+    ("train two_link --samples 1", 1, "1 samples"),
+    ("train two_link --samples 1e4", 2, "--samples '1e4' whole"),
+    ("train two_link --samples 99999999999", 1, "99999999999"),
+    ("train two_link --noise -1", 2, "--noise '-1' zero or more"),
+    ("train two_link --noise nan", 2, "--noise 'nan'"),
+    ("train two_link --seed -1", 2, "--seed '-1'"),
+    ("train two_link --seed one", 2, "--seed 'one' whole"),
+    ("train two_link --motion jerky", 2, "--motion 'jerky' smooth"),
+    ("train two_link --change longer", 2, "--change 'longer' elbow.length"),
+    ("train two_link --change elbow.length=-200%", 2, "--change above zero"),
+    ("train two_link --change nope.offset=1", 1, "'nope' shoulder"),
+    ("train two_link --columns x=u", 2, "--columns --data"),
+    ("train two_link --unit mm", 2, "--unit --data"),
+    ("train two_link --data few.csv --noise 1", 2, "--noise --data"),
+    ("train two_link --data few.csv --prismatic elbow", 2, "--prismatic ROBOT"),
+    ("train two_link -o none/m.calib", 1, "none/m.calib folder"),
+    ("train two_link -o .", 1, "folder"),
+    ("train two_link -o -", 2, "file"),
+    ("train two_link --frobnicate", 2, "--frobnicate"),
+    ("train two_link three_link", 2, "three_link"),
+    ("train two_link --data none.csv", 1, "none.csv"),
+    ("train two_link --data empty.csv", 1, "empty.csv empty"),
+    ("train two_link --data header.csv", 1, "header.csv no rows"),
+    ("train two_link --data one.csv", 1, "one.csv one usable row"),
+    ("train two_link --data few.csv", 1, "3 samples"),
+    ("train two_link --data missing.csv", 1, "'elbow' --columns"),
+    ("train two_link --data text.csv", 1, "'abc' 'elbow'"),
+    ("train two_link --data nan.csv", 1, "finite"),
+    ("train two_link --data constant.csv", 1, "'shoulder' every row"),
+    ("train two_link --data few.csv --columns x", 2, "--columns NAME=COLUMN"),
+    ("train --data few.csv", 1, "--joints 'shoulder'"),
+    ("query", 2, "command"),
+    ("query sideways", 2, "sideways"),
+    ("query forward", 2, "MODEL"),
+    ("query inverse none.calib 0.1 0.4", 1, "none.calib calib train"),
+    ("query inverse foreign.calib 0.1 0.4", 1, "foreign.calib"),
+    ("query inverse truncated.calib 0.1 0.4", 1, "truncated.calib damaged"),
+    ("query inverse edited.calib 0.1 0.4", 1, "edited.calib checksum"),
+    ("query inverse newer.calib 0.1 0.4", 1, "newer.calib 99 newer"),
+    ("query inverse good.calib 0.1", 2, "1 expected 2 x, y"),
+    ("query inverse good.calib 0.1 0.2 0.3", 2, "3 expected 2"),
+    ("query forward good.calib 0.1", 2, "shoulder, elbow"),
+    ("query inverse good.calib a b", 2, "'a' number"),
+    ("query inverse good.calib nan 0.1", 2, "'nan' finite"),
+    ("query inverse good.calib -inf 0.1", 2, "'-inf'"),
+    ("query inverse good.calib 1_0 0.1", 2, "'1_0'"),
+    ("query inverse good.calib --fast 0.1 0.4", 2, "--fast"),
+    ("query inverse good.calib 0.1 0.4 --near 1", 2, "--near '1' shoulder, elbow"),
+    ("query inverse good.calib 0.1 0.4 --near a,b", 2, "--near 'a,b'"),
+    ("query inverse good.calib 0.1 0.4 --near 1,9", 2, "--near elbow 9"),
+    ("query inverse good.calib 0.1 0.4 --readout best", 2, "--readout 'best' local"),
+    ("query inverse good.calib 0.1 0.4 --all --readout winner", 2, "--all"),
+    ("query inverse good.calib 0.1 0.4 --output a.csv", 2, "--output --input"),
+    ("query inverse good.calib 0.1 0.4 --input few.csv", 2, "--input"),
+    ("query inverse good.calib --all --input few.csv", 2, "--all"),
+    ("query inverse good.calib --json --input few.csv --output -", 2, "--json"),
+    ("query inverse good.calib --input none.csv", 1, "none.csv"),
+    ("query forward good.calib --input missing.csv", 1, "'elbow'"),
+    ("query inverse good.calib --input few.csv --output none/a.csv", 1, "none/a.csv folder"),
+    ("evaluate none.calib", 1, "none.calib"),
+    ("evaluate good.calib --data none.csv", 1, "none.csv"),
+    ("evaluate good.calib --data missing.csv", 1, "'elbow'"),
+    ("evaluate good.calib --columns x=u", 2, "--columns --data"),
+    ("babble two_link", 2, "--output"),
+    ("babble nope -o a.csv", 1, "'nope'"),
+    ("babble two_link -n -3 -o a.csv", 2, "--samples '-3'"),
+    ("babble two_link -n 10 -o none/a.csv", 1, "none/a.csv folder"),
+    ("babble two_link -n 10 -o - --json", 2, "--json"),
+    ("info none.calib", 1, "none.calib"),
+    ("info foreign.calib", 1, "foreign.calib"),
+    ("frobnicate", 2, "frobnicate"),
+]
+
+
+@pytest.fixture(scope="module")
+def folder(tmp_path_factory, model) -> Path:
+    """A folder with one good model and many bad files."""
+    path = tmp_path_factory.mktemp("bad")
+    for name, spoil in TEXTS.items():
+        (path / name).write_text(spoil(URDF.read_text()))
+    good = model.read_bytes()
+    (path / "good.calib").write_bytes(good)
+    (path / "truncated.calib").write_bytes(good[: len(good) // 2])
+    (path / "edited.calib").write_bytes(good[:-64] + bytes(64))
+    length = int.from_bytes(good[:8], "little")
+    header = json.loads(good[8 : 8 + length])
+    about = json.loads(header["__metadata__"]["calib"])
+    header["__metadata__"]["calib"] = json.dumps({**about, "format": 99})
+    text = json.dumps(header).encode()
+    newer = len(text).to_bytes(8, "little") + text + good[8 + length :]
+    (path / "newer.calib").write_bytes(newer)
+    return path
+
+
+@pytest.mark.parametrize(("line", "code", "words"), CASES, ids=[case[0] for case in CASES])
+def test_one_line_and_nothing_written(run, folder, monkeypatch, line, code, words):
+    monkeypatch.chdir(folder)
+    before = {path.name: path.stat().st_mtime_ns for path in folder.iterdir()}
+    done = run(*line.split())
+    assert done.code == code, done.err
+    assert done.out == ""
+    assert done.err.startswith("error: ")
+    assert done.err.endswith("\n")
+    assert done.err.count("\n") == 1
+    for word in words.split():
+        assert word in done.err
+    assert {path.name: path.stat().st_mtime_ns for path in folder.iterdir()} == before
+
+
+def test_wrong_usage_points_to_the_help(run):
+    assert run("train", "two_link", "--size", "0").err.endswith("(see calib train --help)\n")
+
+
+@pytest.mark.parametrize(
+    ("error", "line"),
+    [
+        (MemoryError(), "error: not enough memory; use a smaller --size or fewer --samples"),
+        (RecursionError("deep"), "error: the input is nested too deeply; simplify it"),
+        (PermissionError(13, "Permission denied", "a.csv"), "error: a.csv: Permission denied"),
+        (OSError(28, "No space left on device"), "error: No space left on device"),
+        (TypeError("a\nb"), "error: internal error, TypeError: a b; CALIB_TRACEBACK=1 shows"),
+    ],
+)
+def test_unexpected_errors_are_one_line_too(error, line):
+    text, code = describe_error(error)
+    assert text.startswith(line)
+    assert "\n" not in text
+    assert code == 1
+
+
+def test_an_unexpected_error_ends_a_command_in_one_line(run, monkeypatch):
+    import calib
+
+    def fail():
+        raise MemoryError
+
+    monkeypatch.setattr(calib, "list_robots", fail)
+    done = run("robots")
+    assert (done.code, done.out) == (1, "")
+    assert done.err.count("\n") == 1
+    monkeypatch.setenv("CALIB_TRACEBACK", "1")
+    with pytest.raises(MemoryError):
+        run("robots")
+
+
+def test_a_bad_log_leaves_the_old_model(run, folder, monkeypatch):
+    monkeypatch.chdir(folder)
+    before = (folder / "good.calib").read_bytes()
+    assert run("train", "two_link", "--data", "text.csv", "-o", "good.calib").code == 1
+    assert (folder / "good.calib").read_bytes() == before

@@ -1,0 +1,215 @@
+"""`calib train`, `evaluate`, `info`, `babble` and `robots`: what they write and print."""
+
+from __future__ import annotations
+
+import math
+
+import pytest
+
+import calib
+
+SMALL = ("--size", "10", "-n", "500")
+SUMMARY = {
+    "model", "robot", "joints", "tip", "plane", "map", "rule", "size", "samples", "seed",
+    "seconds", "unit", "bound_of", "errors",
+}  # fmt: skip
+
+
+@pytest.fixture(autouse=True)
+def _in_a_folder_of_its_own(tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+
+
+def check_errors(errors, joints):
+    assert set(errors) == {"local", "activity", "winner"}
+    for directions in errors.values():
+        assert set(directions) == {"forward", "inverse"}
+        assert set(directions["forward"]) == {"x", "y", "distance"}
+        assert set(directions["inverse"]) == {*joints, "distance"}
+        for quantities in directions.values():
+            for error in quantities.values():
+                assert set(error) == {"mean", "max", "p99"}
+                assert 0.0 <= error["mean"] <= error["max"]
+                assert error["p99"] <= error["max"]
+
+
+def test_train_writes_the_robots_name_and_one_document(run, tmp_path):
+    done = run("train", "two_link", *SMALL, "--json")
+    assert done.code == 0, done.err
+    document = done.document
+    assert set(document) == SUMMARY
+    assert document["model"] == "two_link.calib"
+    assert [path.name for path in tmp_path.iterdir()] == ["two_link.calib"]
+    assert document["joints"] == ["shoulder", "elbow"]
+    assert document["size"] == {"motor": [10, 10], "sensory": [10, 10]}
+    assert document["plane"] == {"origin": [0, 0, 0], "x": [1, 0, 0], "y": [0, 1, 0]}
+    assert (document["samples"], document["seed"], document["unit"]) == (500, 0, "m")
+    assert document["seconds"]["total"] > 0.0
+    check_errors(document["errors"], ["shoulder", "elbow"])
+
+
+def test_train_prints_a_table_a_time_and_a_file(run):
+    done = run("train", "two_link", *SMALL, "-o", "other.calib")
+    assert done.code == 0
+    assert done.err == ""
+    lines = done.out.splitlines()
+    assert lines[0] == "errors on fresh exact samples"
+    assert [word for word in ("local", "activity", "winner") if word in lines[1]]
+    assert lines[2].startswith("forward distance [mm]")
+    assert lines[3].startswith("inverse shoulder [deg]")
+    assert lines[-1].startswith("other.calib: vdsom, motor 10x10, sensory 10x10, 500 samples, ")
+    assert lines[-1].endswith(" MB")
+    assert max(map(len, lines)) <= 80
+
+
+def test_the_same_seed_gives_the_same_file(run, tmp_path):
+    for name in ("a", "b"):
+        assert run("train", "two_link", *SMALL, "--seed", "7", "-o", f"{name}.calib").code == 0
+    run("train", "two_link", *SMALL, "--seed", "8", "-o", "c.calib")
+    a, b, c = ((tmp_path / f"{name}.calib").read_bytes() for name in "abc")
+    assert a == b != c
+
+
+def test_options_reach_the_training(run):
+    done = run(
+        "train", "two_link", "-n", "500", "--motor-size", "8x9", "--sensory-size", "7",
+        "--map", "som", "--rule", "online", "--epochs", "2", "--sigma", "3:0.5",
+        "--noise", "0.001", "--range", "elbow=1:2", "--change", "elbow.length=+10%",
+        "--motion", "halton",
+    )  # fmt: skip
+    assert done.code == 0, done.err
+    about = calib.load("two_link.calib").about
+    assert about.options["map"] == "som"
+    assert about.options["rule"] == "online"
+    assert about.options["epochs"] == 2
+    assert list(about.options["sigma"]) == [3.0, 0.5]
+    assert about.simulation == {"noise": 0.001, "changes": ["elbow.length=+10%"]}
+    assert (about.lower[1], about.upper[1]) == (1.0, 2.0)
+    document = run("info", "two_link.calib", "--json").document
+    assert document["size"] == {"motor": [8, 9], "sensory": [7, 7]}
+
+
+def test_degrees_apply_to_ranges_locks_and_changes(run):
+    done = run(
+        "train", "polar", *SMALL, "--degrees", "--range", "shoulder=10:40",
+        "--range", "slide=0.05:0.2", "--change", "shoulder.offset=3",
+        "--change", "slide.offset=0.01",
+    )  # fmt: skip
+    assert done.code == 0, done.err
+    about = calib.load("polar.calib").about
+    assert about.lower == pytest.approx([math.radians(10), 0.05])
+    assert about.upper == pytest.approx([math.radians(40), 0.2])
+    offset, slide = about.simulation["changes"]
+    assert float(offset.rpartition("=")[2]) == pytest.approx(math.radians(3))
+    assert slide == "slide.offset=0.01"
+    run("train", "three_link", *SMALL, "--joints", "shoulder,elbow", "--tip", "tip",
+        "--degrees", "--lock", "wrist=30")  # fmt: skip
+    assert calib.load("three_link.calib").about.locked["wrist"] == pytest.approx(math.radians(30))
+
+
+def test_train_from_a_log_with_and_without_a_robot(run, log):
+    done = run("train", "two_link", "--data", log, "--size", "10", "--json")
+    assert done.code == 0, done.err
+    assert done.document["robot"] == "two_link"
+    assert done.document["bound_of"] == "sensor reading"
+    done = run("train", "--data", log, "--joints", "shoulder,elbow", "--size", "10", "--json")
+    assert done.code == 0, done.err
+    assert (done.document["model"], done.document["robot"]) == ("measured.calib", None)
+    assert (done.document["tip"], done.document["plane"]) == (None, None)
+    check_errors(done.document["errors"], ["shoulder", "elbow"])
+
+
+def test_a_log_in_other_units_and_names(run, log):
+    text = log.read_text().replace("shoulder,elbow,x,y", "s,elbow,u,v")
+    with open("camera.csv", "w") as file:  # noqa: PTH123
+        file.write(text)
+    done = run(
+        "train", "two_link", "--data", "camera.csv", "--size", "10", "--unit", "px",
+        "--columns", "x=u,y=v,shoulder=s", "-o", "m.calib",
+    )  # fmt: skip
+    assert done.code == 0, done.err
+    assert "forward distance [px]" in done.out
+    done = run("query", "forward", "m.calib", "0.5", "1.0", "--json")
+    assert done.document["unit"] == "px"
+    assert "x [px]" in run("query", "forward", "m.calib", "0.5", "1.0").out
+    done = run("evaluate", "m.calib", "--data", "camera.csv", "--columns", "x=u,y=v,shoulder=s")
+    assert done.code == 0, done.err
+    assert " px " in done.out
+
+
+def test_locked_joints_stand_where_the_log_says(run):
+    arm = calib.load_arm("three_link", ["shoulder", "elbow"], "tip", lock={"wrist": 0.4})
+    samples = calib.babble(arm, 200)
+    rows = [
+        f"{a},{b},0.4,{x},{y}"
+        for (a, b), (x, y) in zip(samples.q.tolist(), samples.x.tolist(), strict=True)
+    ]
+    with open("log.csv", "w") as file:  # noqa: PTH123
+        file.write("\n".join(["shoulder,elbow,wrist,x,y", *rows]) + "\n")
+    arguments = ("train", "three_link", "--joints", "shoulder,elbow", "--tip", "tip", "--size", "8")
+    assert run(*arguments, "--data", "log.csv").code == 0
+    assert calib.load("three_link.calib").about.locked == {"wrist": pytest.approx(0.4)}
+    assert run(*arguments, "--data", "log.csv", "--lock", "wrist=0.1").code == 0
+    assert calib.load("three_link.calib").about.locked == {"wrist": pytest.approx(0.1)}
+
+
+def test_evaluate_repeats_the_errors_of_training(run, model):
+    trained = run("info", model, "--json").document["errors"]
+    evaluated = run("evaluate", model, "--json").document
+    assert set(evaluated) == SUMMARY | {"evaluated"}
+    assert evaluated["evaluated"]["rows"] == 10_000
+    for readout, directions in trained.items():
+        for direction, quantities in directions.items():
+            for name, error in quantities.items():
+                again = evaluated["errors"][readout][direction][name]
+                assert again["mean"] == pytest.approx(error["mean"], rel=1e-3, abs=1e-9)
+
+
+def test_evaluate_prints_every_error_with_its_unit(run, model):
+    lines = run("evaluate", model).out.splitlines()
+    assert lines[1].split() == ["readout", "direction", "error", "of", "unit", "mean", "p99", "max"]
+    assert len(lines) == 2 + 3 * 6
+    assert [line.split()[-4] for line in lines[2:8]] == ["mm", "mm", "mm", "deg", "deg", "mm"]
+
+
+def test_evaluate_on_a_log(run, model, log):
+    done = run("evaluate", model, "--data", log, "--json")
+    assert done.code == 0, done.err
+    assert done.document["evaluated"]["rows"] == 400
+    check_errors(done.document["errors"], ["shoulder", "elbow"])
+
+
+def test_info_tells_what_and_whence(run, model):
+    done = run("info", model, "--json")
+    assert set(done.document) > SUMMARY
+    assert done.document["source"] == "simulation"
+    assert done.document["ranges"]["shoulder"] == pytest.approx([0.0, math.pi / 2])
+    assert "urdf" not in done.document
+    text = run("info", model, "--degrees").out
+    assert "0 to 90 deg" in text
+    assert "500 simulated samples, seed 0, no noise" in text
+
+
+def test_babble_writes_what_it_says(run, tmp_path):
+    done = run("babble", "two_link", "-n", "20", "--seed", "3", "-o", "log.csv")
+    assert (done.out, done.err) == ("log.csv: 20 rows of shoulder, elbow, x, y [rad, m]\n", "")
+    read = calib.read_log("log.csv", calib.load_arm("two_link"))
+    drawn = calib.babble(calib.load_arm("two_link"), 20, seed=3)
+    assert (read.q == drawn.q).all()
+    assert (read.x == drawn.x).all()
+    streamed = run("babble", "two_link", "-n", "20", "--seed", "3", "-o", "-")
+    assert streamed.out == (tmp_path / "log.csv").read_text()
+    assert streamed.err.endswith("[rad, m]\n")
+    document = run("babble", "two_link", "-n", "20", "-o", "log.parquet", "--json").document
+    assert (document["log"], document["samples"], document["unit"]) == ("log.parquet", 20, "m")
+    assert len(calib.read_log("log.parquet", calib.load_arm("two_link"))) == 20
+
+
+def test_robots_lists_the_catalogue(run):
+    entries = run("robots", "--json").document
+    assert [entry["name"] for entry in entries] == [entry.name for entry in calib.list_robots()]
+    for entry in entries:
+        assert set(entry) == {"name", "joints", "dof", "description"}
+        assert entry["dof"] == len(entry["joints"])
+    lines = run("robots").out.splitlines()
+    assert len(lines) == 1 + len(entries)  # a header, then one line each

@@ -1,0 +1,206 @@
+"""`calib query`: answers, batches, units and exit codes."""
+
+from __future__ import annotations
+
+import csv
+import io
+import math
+import re
+
+import numpy as np
+import pytest
+
+import calib
+
+TARGETS = ((0.1, 0.4), (-0.1, 0.3), (0.2, 0.35))
+
+
+def two_link(q: np.ndarray) -> np.ndarray:
+    """Closed form of the bundled arm, links 0.30 and 0.25 m."""
+    a, b = q[..., 0], q[..., 0] + q[..., 1]
+    x = 0.30 * np.cos(a) + 0.25 * np.cos(b)
+    return np.stack([x, 0.30 * np.sin(a) + 0.25 * np.sin(b)], axis=-1)
+
+
+def rows_of(text: str) -> list[dict[str, str]]:
+    return list(csv.DictReader(io.StringIO(text)))
+
+
+def numbers_in(text: str) -> list[float]:
+    """The numbers in the last line of a table."""
+    return [float(word) for word in text.strip().splitlines()[-1].split()]
+
+
+def test_forward_agrees_with_the_closed_form(run, model):
+    answer = run("query", "forward", model, "0.5", "1.0", "--json").document
+    assert answer["joints"] == {"shoulder": 0.5, "elbow": 1.0}
+    assert answer["position"] == pytest.approx(two_link(np.array([0.5, 1.0])), abs=1e-4)
+    assert 0.0 <= answer["expected_error"] < 1e-3
+    assert (answer["unit"], answer["bound_of"]) == ("m", "true position")
+    assert set(answer) == {"joints", "position", "expected_error", "unit", "bound_of"}
+
+
+@pytest.mark.parametrize("target", TARGETS)
+def test_inverse_leads_to_the_target(run, model, target):
+    answer = run("query", "inverse", model, *target, "--json").document
+    assert set(answer) == {"target", "reachable", "solutions", "unit", "bound_of"}
+    assert answer["target"] == list(target)
+    assert answer["reachable"] is True
+    (solution,) = answer["solutions"]
+    assert set(solution) == {"joints", "position", "distance", "expected_error"}
+    q = np.array([solution["joints"]["shoulder"], solution["joints"]["elbow"]])
+    assert two_link(q) == pytest.approx(target, abs=1e-4)
+
+
+def test_out_of_reach_is_exit_code_3_with_one_line(run, model):
+    done = run("query", "inverse", model, "2", "2", "--json")
+    assert done.code == 3
+    assert done.document["reachable"] is False
+    assert done.document["solutions"][0]["distance"] > 2.0
+    assert re.fullmatch(r"out of reach: .* [\d.]+ mm away\n", done.err)
+
+
+def test_forward_beyond_the_learned_range_names_joint_and_range(run, model):
+    done = run("query", "forward", model, "0.5", "3.5")
+    assert (done.code, done.out) == (3, "")
+    assert done.err == (
+        "no answer: elbow = 3.5 rad is outside of the learned range 0.261799 to 2.61799 rad\n"
+    )
+    done = run("query", "forward", model, "30", "200", "--degrees", "--json")
+    assert done.code == 3
+    assert done.document["position"] == [None, None]
+    assert done.document["expected_error"] is None
+    assert "elbow = 200 deg is outside of the learned range 15 to 150 deg" in done.err
+
+
+def test_degrees_and_radians_are_the_same_query(run, model):
+    radians = run("query", "forward", model, math.radians(30), math.radians(60), "--json")
+    degrees = run("query", "forward", model, "30", "60", "--degrees", "--json")
+    assert degrees.document["position"] == pytest.approx(radians.document["position"], abs=1e-12)
+    assert degrees.document["joints"]["elbow"] == pytest.approx(math.radians(60))  # JSON is SI
+    rad = numbers_in(run("query", "inverse", model, "0.1", "0.4").out)
+    deg = numbers_in(run("query", "inverse", model, "0.1", "0.4", "--degrees").out)
+    assert deg[:2] == pytest.approx(np.degrees(rad[:2]), abs=1e-3)
+    assert deg[2:] == rad[2:]
+    assert rad[2:4] == pytest.approx([100.0, 400.0], abs=0.1)  # mm for people
+
+
+def test_degrees_leave_sliding_joints_alone(run, models):
+    polar = models / "polar.calib"
+    done = run("query", "inverse", polar, "0.3", "0.1", "--degrees")
+    assert "shoulder [deg]" in done.out
+    assert "slide [mm]" in done.out
+    slide = run("query", "inverse", polar, "0.3", "0.1", "--json").document["solutions"][0]
+    assert numbers_in(done.out)[1] == pytest.approx(1e3 * slide["joints"]["slide"], abs=1e-3)
+    near = run("query", "inverse", polar, "0.3", "0.1", "--degrees", "--near", "20,0.1")
+    assert near.code == 0
+
+
+def test_all_branches_come_nearest_first(run, models):
+    full = models / "two_link_full.calib"
+    arguments = ("query", "inverse", full, "0.3", "0.3", "--all", "--json")
+    for sign in (1, -1):
+        answers = run(*arguments, "--near", f"0.8,{sign}").document["solutions"]
+        elbows = [answer["joints"]["elbow"] for answer in answers]
+        assert len(elbows) >= 2
+        assert sign * elbows[0] > 0 > sign * elbows[-1]
+
+
+def test_near_chooses_the_branch(run, models):
+    full = models / "two_link_full.calib"
+    for sign in (1, -1):
+        done = run("query", "inverse", full, "0.3", "0.3", "--near", f"0.8,{sign}", "--json")
+        assert sign * done.document["solutions"][0]["joints"]["elbow"] > 0
+
+
+@pytest.mark.parametrize("readout", ["activity", "winner"])
+def test_other_readouts_answer_too(run, model, readout):
+    done = run("query", "inverse", model, "0.1", "0.4", "--readout", readout, "--json")
+    assert done.code in (0, 3)
+    (solution,) = done.document["solutions"]
+    assert set(solution["joints"]) == {"shoulder", "elbow"}
+
+
+def test_batch_forward_and_back_returns_the_positions(run, model, tmp_path):
+    q = np.random.default_rng(0).uniform([0.2, 0.5], [1.3, 2.3], (50, 2))
+    typed = "shoulder,elbow\n" + "\n".join(f"{a!r},{b!r}" for a, b in q.tolist()) + "\n"
+    forward = run("query", "forward", model, "--input", "-", stdin=typed)
+    assert forward.code == 0, forward.err
+    rows = rows_of(forward.out)
+    assert list(rows[0]) == ["shoulder", "elbow", "x", "y", "expected_error"]
+    assert [float(row["shoulder"]) for row in rows] == q[:, 0].tolist()
+    positions = np.array([[float(row["x"]), float(row["y"])] for row in rows])
+    exact = calib.load(model).forward(q)
+    assert (positions == exact).all()  # in full: not a bit is lost
+    (tmp_path / "targets.csv").write_text(forward.out)
+    answers = tmp_path / "answers.csv"
+    inverse = run(
+        "query", "inverse", model, "--input", tmp_path / "targets.csv", "--output", answers
+    )
+    assert (inverse.code, inverse.out, inverse.err) == (0, "", "")
+    rows = rows_of(answers.read_text())
+    names = ["x", "y", "shoulder", "elbow", "distance", "expected_error", "reachable"]
+    assert list(rows[0]) == names
+    assert {row["reachable"] for row in rows} == {"1"}
+    found = np.array([[float(row["shoulder"]), float(row["elbow"])] for row in rows])
+    assert np.abs(two_link(found) - positions).max() < 1e-3
+
+
+def test_batch_keeps_bad_rows_in_their_place(run, model):
+    typed = "x,y\n0.1,0.4\nabc,1\n2,2\n,\n-0.1,0.3\n"
+    done = run("query", "inverse", model, "--input", "-", stdin=typed)
+    assert done.code == 1
+    rows = rows_of(done.out)
+    assert [row["reachable"] for row in rows] == ["1", "0", "0", "0", "1"]
+    assert rows[1]["shoulder"] == rows[1]["distance"] == ""
+    assert float(rows[2]["distance"]) > 1.0
+    assert "nan" not in done.out.lower()
+    assert "rows 2, 4 of 5" in done.err
+    assert "row 3 of 5: out of reach" in done.err
+
+
+def test_batch_exit_codes(run, model):
+    query = ("query", "inverse", model, "--input", "-")
+    assert run(*query, stdin="x,y\n0.1,0.4\n").code == 0
+    assert run(*query, stdin="x,y\n0.1,0.4\n2,2\n").code == 3
+    assert run(*query, stdin="x,y\n0.1,nan\n2,2\n").code == 1
+    query = ("query", "forward", model, "--input", "-")
+    done = run(*query, stdin="shoulder,elbow\n0.5,9\n0.5,1\n")
+    assert done.code == 3
+    assert done.out.splitlines()[1] == "0.5,9.0,,,"
+    assert "row 1 of 2: outside of the learned range" in done.err
+
+
+def test_batch_in_degrees(run, model):
+    typed = "elbow,more,shoulder\n60,x,30\n"  # columns in any order, others ignored
+    done = run("query", "forward", model, "--input", "-", "--degrees", stdin=typed)
+    (row,) = rows_of(done.out)
+    expected = two_link(np.radians([30.0, 60.0])).tolist()
+    assert [float(row["x"]), float(row["y"])] == pytest.approx(expected, abs=1e-4)
+    assert (row["shoulder"], row["elbow"]) == ("30.0", "60.0")
+    typed = f"x,y\n{expected[0]},{expected[1]}\n"
+    done = run("query", "inverse", model, "--input", "-", "--degrees", stdin=typed)
+    (row,) = rows_of(done.out)
+    answer = [float(row["shoulder"]), float(row["elbow"])]
+    assert answer == pytest.approx([30.0, 60.0], abs=0.2)
+
+
+def test_batch_as_json(run, model, tmp_path):
+    typed = "x,y\n0.1,0.4\n2,2\n"
+    done = run("query", "inverse", model, "--input", "-", "--json", stdin=typed)
+    assert done.code == 3
+    assert done.document["out_of_reach"] == [2]
+    assert done.document["answers"]["reachable"] == [1, 0]
+    path = tmp_path / "a.csv"
+    done = run("query", "inverse", model, "--input", "-", "--json", "--output", path, stdin=typed)
+    assert done.document["output"] == str(path)
+    assert "answers" not in done.document
+    assert len(rows_of(path.read_text())) == 2
+
+
+def test_a_failing_batch_leaves_the_old_answers(run, model, tmp_path):
+    path = tmp_path / "a.csv"
+    path.write_text("old")
+    done = run("query", "inverse", model, "--input", tmp_path / "none.csv", "--output", path)
+    assert done.code == 1
+    assert path.read_text() == "old"
