@@ -17,10 +17,11 @@ from .atomic import atomic_write
 from .errors import CalibError, ModelError
 from .maps.lattice import Lattice
 from .maps.map import Map
+from .readouts.basis import Basis
 from .readouts.linked import Association
 from .readouts.local import LocalModels
 from .readouts.predictor import Predictor
-from .readouts.trend import Basis, Trend
+from .readouts.trend import Trend
 from .scale import Scale
 
 if TYPE_CHECKING:
@@ -56,6 +57,7 @@ def to_bytes(model: Model) -> bytes:
         "trend": {
             "turns": list(model.predictor.trend.basis.turns),
             "degree": model.predictor.trend.basis.degree,
+            "each": model.predictor.trend.basis.each,
         },
         "local": {
             "degree": model.predictor.models.degree,
@@ -195,7 +197,7 @@ def _build(header: Mapping[str, Any], tensors: Mapping[str, NDArray[Any]]) -> Mo
     turns = tuple(float(t) for t in header["trend"]["turns"])
     if len(turns) != dof:
         raise ValueError("the trend is of another arm")
-    basis = Basis(turns, _small(header["trend"]["degree"], 60))
+    basis = Basis(turns, *(_small(header["trend"][k], 60) for k in ("degree", "each")))
     _expect("trend.coefficients", tensors["trend.coefficients"], (len(basis.orders), 2))
     degree = _small(header["local"]["degree"], 3, least=-1)
     models = LocalModels(
@@ -205,7 +207,7 @@ def _build(header: Mapping[str, Any], tensors: Mapping[str, NDArray[Any]]) -> Mo
         tensors["local.coefficients"],
     )
     if degree >= 0:
-        from .readouts.trend import exponents
+        from .readouts.basis import exponents
 
         _expect("local.radius", models.radius, (motor.size,))
         terms = len(exponents(dof, degree))

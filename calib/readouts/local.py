@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 
 from ..maps.map import Map
 from ..scale import Scale
-from .trend import exponents
+from .basis import exponents
 
 Array = NDArray[np.float64]
 

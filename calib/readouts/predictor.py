@@ -14,7 +14,7 @@ from .trend import Trend
 
 Array = NDArray[np.float64]
 
-_CHUNK = 4_000_000  # numbers held at once while predicting
+_CHUNK = 100_000  # numbers held at once while predicting: they fit into the cache
 
 
 @dataclass(frozen=True)
@@ -54,8 +54,7 @@ class Predictor:
         return value, np.concatenate([s for _, s in parts if s is not None]) if slope else None
 
     def _evaluate_chunk(self, u: Array, slope: bool) -> tuple[Array, Array | None]:
-        value = self.trend.value(u)
-        tilt = self.trend.slope(u) if slope else None
+        value, tilt = self.trend.value_and_slope(u) if slope else (self.trend.value(u), None)
         if self.models.degree >= 0:
             correction, correction_slope = local.predict(self.models, self.motor, u, slope=slope)
             value = value + correction

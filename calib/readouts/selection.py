@@ -14,9 +14,10 @@ from numpy.typing import NDArray
 from ..maps.map import Map
 from ..scale import Scale
 from . import local
+from .basis import exponents
 from .local import NO_MODELS, LocalModels, Neighbourhood
 from .predictor import Predictor
-from .trend import Trend, exponents
+from .trend import Trend
 from .trend_choice import TrendChoice, choose_trends
 
 Array = NDArray[np.float64]

@@ -2,155 +2,15 @@
 
 from __future__ import annotations
 
-import itertools
 from dataclasses import dataclass
 from functools import cached_property
 
 import numpy as np
 from numpy.typing import NDArray
 
-from ..scale import TURN
+from .basis import Basis
 
 Array = NDArray[np.float64]
-Exponents = NDArray[np.int_]
-
-
-def exponents(dim: int, degree: int) -> Exponents:
-    """Exponents of all terms of total degree <= `degree`, (terms, dim), lowest first."""
-    terms: list[tuple[int, ...]] = []
-    for total in range(degree + 1):
-        for bars in itertools.combinations(range(total + dim - 1), dim - 1):
-            edges = (-1, *bars, total + dim - 1)
-            terms.append(tuple(b - a - 1 for a, b in itertools.pairwise(edges)))
-    return np.array(terms, dtype=int).reshape(-1, dim)
-
-
-def largest_degree(dim: int, terms: int) -> int:
-    """Highest total degree that needs at most so many terms."""
-    degree = 0
-    count = 1
-    while True:
-        count = count * (dim + degree + 1) // (degree + 1)
-        if count > terms:
-            return degree
-        degree += 1
-
-
-@dataclass(frozen=True)
-class Basis:
-    """Products of one-dimensional functions up to a total degree, on the unit box.
-
-    Along a coordinate either Legendre polynomials, or the harmonics of a joint that turns:
-    1, cos, sin, cos 2, sin 2, ... of its angle, made orthogonal over its range.  All that
-    is known of the arm is that a whole turn brings a joint back to where it was.
-
-    Attributes
-    ----------
-    turns : tuple of float [rad]
-        Angle that each coordinate's unit interval spans, 0 for polynomials.
-    degree : int
-        Largest total degree; the harmonic k has degree k.
-    """
-
-    turns: tuple[float, ...]
-    degree: int
-
-    @cached_property
-    def orders(self) -> Exponents:
-        """Index of the one-dimensional function of each term and coordinate, (terms, d)."""
-        rows = []
-        for term in exponents(len(self.turns), self.degree):
-            # a harmonic has two functions, cos and sin
-            choices = [
-                ((2 * e - 1, 2 * e) if p and e else (e,))
-                for e, p in zip(term.tolist(), self.turns, strict=True)
-            ]
-            rows += list(itertools.product(*choices))
-        return np.array(rows, dtype=int).reshape(-1, len(self.turns))
-
-    def terms(self, degree: int) -> int:
-        """Number of terms up to a total degree; they come first."""
-        return int(np.count_nonzero(self.totals <= degree))
-
-    @cached_property
-    def totals(self) -> Exponents:
-        """Total degree of each term, (terms,)."""
-        harmonic = np.array(self.turns) > 0
-        total = np.where(harmonic, (self.orders + 1) // 2, self.orders).sum(axis=1)
-        return np.asarray(total, dtype=int)
-
-    def values(self, u: Array) -> Array:
-        """Value of each term at the points `u` (n, d), (n, terms)."""
-        parts = [self._along(k, u[:, k])[0] for k in range(len(self.turns))]
-        result: Array = np.ones((len(u), len(self.orders)))
-        for part, order in zip(parts, self.orders.T, strict=True):
-            result *= part[:, order]
-        return result
-
-    def gradients(self, u: Array) -> Array:
-        """Derivative of each term by each coordinate, (d, n, terms)."""
-        columns = []
-        for k, order in enumerate(self.orders.T):
-            value, slope = self._along(k, u[:, k])
-            columns.append((value[:, order], slope[:, order]))
-        return np.stack(
-            [
-                np.prod([c[1 if k == j else 0] for k, c in enumerate(columns)], axis=0)
-                for j in range(len(columns))
-            ]
-        )
-
-    def _along(self, k: int, u: Array) -> tuple[Array, Array]:
-        """One-dimensional functions of coordinate `k` and their slopes, each (n, orders)."""
-        if not self.turns[k]:
-            return _polynomials(u, self.degree)
-        value, slope = _harmonics(u, self.degree, self.turns[k])
-        return value @ self._orthogonal[k], slope @ self._orthogonal[k]
-
-    @cached_property
-    def _orthogonal(self) -> list[Array]:
-        """Combinations of harmonics that are orthonormal over each range."""
-        grid = (np.arange(400) + 0.5) / 400
-        result = []
-        for turns in self.turns:
-            raw = _harmonics(grid, self.degree, turns or TURN)[0] / np.sqrt(len(grid))
-            triangle = np.linalg.qr(raw, mode="r")
-            triangle *= np.sign(np.diag(triangle))[:, None]
-            result.append(np.asarray(np.linalg.inv(triangle)))
-        return result
-
-
-def largest_harmonic(turns: float) -> int:
-    """Highest harmonic that is told apart from the lower ones over an angle `turns` [rad]."""
-    for degree in range(1, 12):
-        raw = _harmonics((np.arange(400) + 0.5) / 400, degree, turns)[0]
-        if np.abs(np.diag(np.linalg.qr(raw, mode="r"))).min() < 1e-5:
-            return degree - 1
-    return 11
-
-
-def _harmonics(u: Array, degree: int, turns: float) -> tuple[Array, Array]:
-    """1, cos, sin, cos 2, sin 2 ... of the angle turns * (u - 1/2), and their slopes."""
-    rate = turns * np.arange(1, degree + 1)
-    angle = np.outer(u - 0.5, rate)
-    value = np.ones((len(u), 2 * degree + 1))
-    slope = np.zeros_like(value)
-    value[:, 1::2], value[:, 2::2] = np.cos(angle), np.sin(angle)
-    slope[:, 1::2], slope[:, 2::2] = -rate * value[:, 2::2], rate * value[:, 1::2]
-    return value, slope
-
-
-def _polynomials(u: Array, degree: int) -> tuple[Array, Array]:
-    """Legendre polynomials of 2 u - 1 and their slopes, each (n, degree + 1)."""
-    z = 2.0 * u - 1.0
-    p = np.ones((degree + 1, len(u)))
-    dp = np.zeros_like(p)
-    if degree:
-        p[1], dp[1] = z, 1.0
-    for n in range(1, degree):  # Bonnet's recursion and that of the derivatives
-        p[n + 1] = ((2 * n + 1) * z * p[n] - n * p[n - 1]) / (n + 1)
-        dp[n + 1] = dp[n - 1] + (2 * n + 1) * p[n]
-    return p.T, 2.0 * dp.T
 
 
 @dataclass(frozen=True)
@@ -170,8 +30,92 @@ class Trend:
 
     def value(self, u: Array) -> Array:
         """Trend at the points `u` (n, d) of the unit box, (n, 2)."""
-        return self.basis.values(u) @ self.coefficients
+        weights = self._weights[:2]
+        return np.asarray((weights @ self._features(u)).T)
+
+    def value_and_slope(self, u: Array) -> tuple[Array, Array]:
+        """Trend (n, 2) and its derivatives by the unit coordinates (n, 2, d)."""
+        both = self._weights @ self._features(u)
+        return both[:2].T, both[2:].reshape(u.shape[1], 2, -1).transpose(2, 1, 0)
 
     def slope(self, u: Array) -> Array:
         """Its derivative by each unit coordinate, (n, 2, d)."""
-        return np.moveaxis(self.basis.gradients(u) @ self.coefficients, 0, 2)
+        return self.value_and_slope(u)[1]
+
+    def _features(self, u: Array) -> Array:
+        """Products of plain functions of the coordinates, (terms, n), in the order of `_plan`."""
+        parts = np.concatenate(self.basis.plain(u))
+        result = np.empty((len(self._plan.orders), len(u)))
+        result[0] = 1.0
+        for begin, end, parent, part in self._plan.steps:
+            if begin == 1:
+                result[1:end] = parts[part]
+            else:
+                np.multiply(result[parent], parts[part], out=result[begin:end])
+        return result
+
+    @cached_property
+    def _plan(self) -> _Plan:
+        return _Plan.of(self.basis)
+
+    @cached_property
+    def _weights(self) -> Array:
+        """Weight of each plain product in the value and in its slopes, (2 (1 + d), terms).
+
+        The derivative of a function is made of functions of the same basis, so that one
+        product of matrices gives the values and all slopes.
+        """
+        shape = [len(matrix) for matrix in self.basis.orthogonal]
+        tensor = np.zeros((*shape, 2))
+        tensor[tuple(self.basis.orders.T)] = self.coefficients
+        for k, matrix in enumerate(self.basis.orthogonal):
+            tensor = _along(matrix, tensor, k)
+        slopes = [_along(matrix, tensor, k) for k, matrix in enumerate(self.basis.derivatives)]
+        place = tuple(self._plan.orders.T)
+        return np.concatenate([t[place].T for t in (tensor, *slopes)])
+
+
+@dataclass(frozen=True, eq=False)
+class _Plan:
+    """How the products of a basis are built from one another.
+
+    Attributes
+    ----------
+    orders : (terms, d) int array
+        The basis' terms: those of no coordinate first, then of one, of two, ...
+    steps : list of (begin, end, parent, part)
+        The terms begin ... end - 1 are products of the earlier terms `parent` and of the
+        one-dimensional functions `part`, all coordinates' functions counted through.
+    """
+
+    orders: NDArray[np.int_]
+    steps: list[tuple[int, int, NDArray[np.intp], NDArray[np.intp]]]
+
+    @staticmethod
+    def of(basis: Basis) -> _Plan:
+        used = np.count_nonzero(basis.orders, axis=1)
+        orders = basis.orders[np.argsort(used, kind="stable")]
+        used = np.sort(used, kind="stable")
+        place = {tuple(term): i for i, term in enumerate(orders.tolist())}
+        sizes = [len(matrix) for matrix in basis.orthogonal]
+        offset = np.cumsum([0, *sizes[:-1]])
+        parent = np.zeros(len(orders), dtype=np.intp)
+        part = np.zeros(len(orders), dtype=np.intp)
+        for i, term in enumerate(orders.tolist()):
+            if not i:
+                continue
+            last = max(k for k, order in enumerate(term) if order)
+            part[i] = offset[last] + term[last]
+            term[last] = 0
+            parent[i] = place[tuple(term)]
+        edges = np.searchsorted(used, np.arange(1, used[-1] + 2))
+        steps = [
+            (int(a), int(b), parent[a:b], part[a:b])
+            for a, b in zip(edges[:-1], edges[1:], strict=True)
+        ]
+        return _Plan(orders, steps)
+
+
+def _along(matrix: Array, tensor: Array, axis: int) -> Array:
+    """A matrix applied along one axis of a tensor."""
+    return np.moveaxis(np.tensordot(matrix, tensor, axes=(1, axis)), 0, axis)

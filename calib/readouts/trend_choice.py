@@ -9,7 +9,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ..scale import TURN, Scale
-from .trend import Basis, Trend, largest_degree, largest_harmonic
+from .basis import Basis, largest_degree, largest_harmonic
+from .trend import Trend
 
 Array = NDArray[np.float64]
 Folds = list[NDArray[np.intp]]
@@ -116,7 +117,7 @@ def choose_trends(
             tried.append((moments, *choice, np.maximum(error, floor)))
     choices = []
     for moments, degree, ridge in dict.fromkeys((_simplest(tried, 0.5), _simplest(tried, 0.0))):
-        small = Basis(moments.basis.turns, degree)
+        small = Basis(moments.basis.turns, degree, moments.basis.each)
         without = [Trend(small, moments.solve(degree, ridge, fold)) for fold in range(len(folds))]
         choices.append(TrendChoice(Trend(small, moments.solve(degree, ridge)), without))
     return choices
