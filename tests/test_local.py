@@ -1,0 +1,170 @@
+"""Local models: what they reproduce exactly, their slopes, and joints that turn round."""
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from calib.maps.lattice import Lattice
+from calib.maps.map import Map
+from calib.readouts import local
+from calib.readouts.basis import Basis, exponents
+from calib.readouts.predictor import Predictor
+from calib.readouts.trend import Trend
+from calib.scale import TURN, Scale
+
+
+def scale_of(*periodic):
+    return Scale(np.zeros(len(periodic)), np.where(periodic, TURN, 1.0), np.array(periodic))
+
+
+def grid(scale, n=7):
+    dim = len(scale.span)
+    lattice = Lattice((n,) * dim)
+    return Map((lattice.positions() + 0.5) / n, lattice, scale, np.zeros((0, 4)))
+
+
+def points(n, d=2, seed=0):
+    return np.random.default_rng(seed).random((n, d))
+
+
+def polynomial(degree, d=2, seed=0):
+    """A random polynomial of two outputs and its gradient (n, 2, d)."""
+    terms = exponents(d, degree)
+    c = np.random.default_rng(seed).normal(size=(len(terms), 2))
+
+    def value(u):
+        return np.prod(u[:, None] ** terms, axis=2) @ c
+
+    def slope(u):
+        parts = []
+        for k in range(d):
+            lower = np.maximum(terms - np.eye(d, dtype=int)[k], 0)
+            parts.append((np.prod(u[:, None] ** lower, axis=2) * terms[:, k]) @ c)
+        return np.stack(parts, axis=2)
+
+    return value, slope
+
+
+@pytest.mark.parametrize(("degree", "samples"), [(0, 30), (1, 50), (2, 24), (3, 40)])
+def test_polynomials_of_the_models_degree_are_reproduced_with_their_slopes(degree, samples):
+    value, slope = polynomial(degree)
+    motor, u = grid(scale_of(False, False)), points(2000)
+    models = local.fit(motor.units, u, value(u), motor.scale, degree, samples)
+    fresh = points(300, seed=1)
+    said, tilt = local.predict(models, motor, fresh, slope=True)
+    np.testing.assert_allclose(said, value(fresh), atol=1e-6)
+    np.testing.assert_allclose(tilt, slope(fresh), atol=1e-4)
+
+
+def test_a_cubic_is_not_reproduced_by_quadratics():
+    value, _ = polynomial(3)
+    motor, u = grid(scale_of(False, False)), points(2000)
+    models = local.fit(motor.units, u, value(u), motor.scale, 2, 60)
+    assert np.abs(local.predict(models, motor, u)[0] - value(u)).max() > 1e-4
+
+
+def test_three_joints_reproduce_polynomials_too():
+    value, slope = polynomial(2, d=3)
+    motor, u = grid(scale_of(False, False, False), 4), points(3000, 3)
+    models = local.fit(motor.units, u, value(u), motor.scale, 2, 60)
+    fresh = points(100, 3, seed=1)
+    said, tilt = local.predict(models, motor, fresh, slope=True)
+    np.testing.assert_allclose(said, value(fresh), atol=1e-6)
+    np.testing.assert_allclose(tilt, slope(fresh), atol=1e-4)
+
+
+def test_slopes_of_models_that_agree_are_finite_differences():
+    """Where all nodes say the same, their changing weights do not matter."""
+    motor = grid(scale_of(False, False))
+    value, _ = polynomial(3, seed=2)
+    u = points(3000)
+    models = local.fit(motor.units, u, value(u), motor.scale, 3, 40)
+    at, h = points(50, seed=3), 1e-5
+    slope = local.predict(models, motor, at, slope=True)[1]
+    for k in range(2):
+        step = h * np.eye(2)[k]
+        ahead, behind = (local.predict(models, motor, at + s)[0] for s in (step, -step))
+        np.testing.assert_allclose(slope[:, :, k], (ahead - behind) / (2 * h), atol=1e-3)
+
+
+def test_predictions_have_no_steps_where_the_speaking_nodes_change():
+    motor, u = grid(scale_of(False, False)), points(2000)
+    ripple = np.stack([np.sin(9 * u[:, 0]), np.cos(9 * u[:, 1])], axis=1)
+    models = local.fit(motor.units, u, ripple, motor.scale, 1, 50)
+    path = np.linspace([0.1, 0.2], [0.9, 0.7], 20_001)
+    said = local.predict(models, motor, path)[0]
+    step = np.linalg.norm(np.diff(said, axis=0), axis=1)
+    assert step.max() < 40 * np.linalg.norm(path[1] - path[0])
+
+
+def test_models_join_at_the_seam_of_a_joint_that_turns_round():
+    motor, u = grid(scale_of(True, False), 9), points(4000)
+
+    def truth(u):
+        angle = TURN * u[:, 0]
+        return np.stack([np.cos(angle) + u[:, 1], np.sin(angle)], axis=1)
+
+    models = local.fit(motor.units, u, truth(u), motor.scale, 2, 60)
+    y = np.linspace(0.05, 0.95, 50)
+    before, after = (np.stack([np.full(50, x), y], axis=1) for x in (1 - 1e-9, 1e-9))
+    low, high = (local.predict(models, motor, p)[0] for p in (before, after))
+    np.testing.assert_allclose(low, high, atol=1e-6)
+    np.testing.assert_allclose(high, truth(after), atol=5e-3)
+
+
+def test_without_a_turn_the_two_ends_know_nothing_of_each_other():
+    motor, u = grid(scale_of(False, False), 9), points(4000)
+    models = local.fit(motor.units, u, u, motor.scale, 1, 50)
+    ends = np.array([[0.001, 0.5], [0.999, 0.5]])
+    np.testing.assert_allclose(local.predict(models, motor, ends)[0], ends, atol=1e-6)
+
+
+def test_the_radius_is_the_distance_of_the_first_sample_left_out():
+    motor, u = grid(scale_of(False, False), 3), points(200)
+    models = local.fit(motor.units, u, u, motor.scale, 1, 20)
+    distance = np.sort(np.linalg.norm(u[None] - motor.units[:, None], axis=2), axis=1)
+    np.testing.assert_allclose(models.radius, distance[:, 20])
+
+
+def test_weights_of_the_speaking_nodes_add_up_to_1_and_the_nearest_says_most():
+    motor = grid(scale_of(False, False))
+    index, weight = local.blend(motor, points(200), 4)
+    np.testing.assert_allclose(weight.sum(axis=1), 1.0)
+    assert (np.diff(weight, axis=1) <= 1e-12).all()
+    assert (index[:, 0] == motor.nearest(points(200))[1][:, 0]).all()
+
+
+@given(st.integers(1, 3), st.integers(0, 3), st.integers(0, 100))
+@settings(max_examples=30)
+def test_monomials_are_powers_in_the_order_of_the_exponents(d, degree, seed):
+    z = np.random.default_rng(seed).normal(size=(4, d))
+    expected = np.prod(z[:, None] ** exponents(d, degree), axis=2)
+    np.testing.assert_allclose(local.monomials(z, degree), expected, rtol=1e-9)
+
+
+def test_a_predictor_adds_trend_and_correction_and_their_slopes():
+    motor, u = grid(scale_of(False, False)), points(2000)
+    value, slope = polynomial(2)
+    models = local.fit(motor.units, u, value(u), motor.scale, 2, 24)
+    basis = Basis((0.0, 0.0), 1)
+    trend = Trend(basis, np.array([[1.0, 2.0], [3.0, 0.0], [0.0, -1.0]]))
+    fresh = points(50, seed=1)
+    said, tilt = Predictor(motor, trend, models).value_and_slope(fresh)
+    np.testing.assert_allclose(said, trend.value(fresh) + value(fresh), atol=1e-6)
+    np.testing.assert_allclose(tilt, trend.slope(fresh) + slope(fresh), atol=1e-4)
+    alone = Predictor(motor, trend, local.NO_MODELS)
+    assert (alone.value(fresh) == trend.value(fresh)).all()
+
+
+def test_a_large_batch_is_answered_row_by_row_the_same():
+    basis = Basis((0.0, 0.0), 8)
+    rng = np.random.default_rng(0)
+    trend = Trend(basis, rng.normal(size=(len(basis.orders), 2)))
+    predictor = Predictor(grid(scale_of(False, False)), trend, local.NO_MODELS)
+    u = points(100_000)  # more than one chunk of 45 terms
+    value, slope = predictor.value_and_slope(u)
+    some = np.arange(0, len(u), 9973)
+    few, few_slopes = predictor.value_and_slope(u[some])
+    np.testing.assert_allclose(value[some], few, rtol=1e-12, atol=1e-12)
+    np.testing.assert_allclose(slope[some], few_slopes, rtol=1e-12, atol=1e-12)
