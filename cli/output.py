@@ -64,7 +64,9 @@ def show(table: Table) -> None:
 
     drawn = RichTable(
         box=box.SIMPLE_HEAD,
-        pad_edge=False, title=Text(table.title) if table.title else None, title_justify="left"
+        pad_edge=False,
+        title=Text(table.title) if table.title else None,
+        title_justify="left",
     )
     for k, name in enumerate(table.header):
         left = k < table.left

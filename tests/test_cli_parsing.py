@@ -1,0 +1,92 @@
+"""What may be typed, and what becomes of it."""
+
+from __future__ import annotations
+
+import math
+
+import pytest
+from calib_cli import parsing
+from calib_cli.output import Table, fixed, number, plain
+from calib_cli.parsing import BadOption
+from hypothesis import given
+from hypothesis import strategies as st
+
+FINITE = st.floats(allow_nan=False, allow_infinity=False)
+
+
+@given(FINITE)
+def test_finite_numbers_come_back(value):
+    assert parsing.finite(repr(value)) == value
+
+
+@given(st.text())
+def test_parsers_answer_or_say_what_they_expected(text):
+    parsers = [
+        parsing.whole("--n", 0), parsing.at_least_zero("--noise", "m"), parsing.size("--size"),
+        parsing.sigma, parsing.names("--joints"), parsing.numbers("--near"), parsing.columns,
+        parsing.joint_value, parsing.joint_range, parsing.one_of("--rule", ("batch", "online")),
+        parsing.kind_of_map(("vdsom", "som")),
+    ]  # fmt: skip
+    told = []
+    for parse in parsers:
+        try:
+            parse(text)
+        except BadOption as error:
+            told.append(error.format_message())
+    assert all(line.startswith("--") for line in told)
+
+
+@given(st.lists(st.integers(2, 999), min_size=1, max_size=4))
+def test_sizes_come_back(sides):
+    size = parsing.size("--size")("x".join(map(str, sides)))
+    assert size == tuple(sides)
+    assert size.plain() == (sides[0] if len(sides) == 1 else tuple(sides))
+
+
+@given(FINITE, FINITE)
+def test_ranges_come_back(low, high):
+    text = f"a=b={low!r}:{high!r}"
+    if low < high:
+        assert parsing.joint_range(text) == ("a=b", low, high)
+    else:
+        with pytest.raises(BadOption, match="LOW below HIGH"):
+            parsing.joint_range(text)
+
+
+def test_other_values():
+    assert parsing.sigma("5:0.5") == (5.0, 0.5)
+    assert parsing.names("--joints")(" a, b ") == ("a", "b")
+    assert parsing.numbers("--near")("-1,2e-3") == (-1.0, 0.002)
+    assert parsing.joint_value("wrist=-1") == ("wrist", -1.0)
+    assert parsing.columns("x=u,elbow=j 2") == {"x": "u", "elbow": "j 2"}
+    assert parsing.kind_of_map(("vdsom", "som"))("vdsom:error") == "vdsom:error"
+    assert parsing.whole("--seed", 0)(7) == 7
+
+
+@pytest.mark.parametrize(
+    ("value", "text"),
+    [
+        (0.0, "0"), (1.0, "1.000"), (0.00123456, "0.001235"), (123.456, "123.5"),
+        (123456.0, "123456"), (1e-9, "<1e-6"), (1e9, "1.000e+09"), (math.nan, "-"), (None, "-"),
+    ],
+)  # fmt: skip
+def test_numbers_have_four_digits(value, text):
+    assert number(value) == text
+
+
+def test_fixed_numbers_are_never_minus_zero():
+    assert fixed(-1e-9, 4) == "0.0000"
+    assert fixed(-0.12344, 4) == "-0.1234"
+    assert fixed(math.inf, 4) == "-"
+
+
+def test_json_holds_no_number_that_is_not_finite():
+    assert plain({"a": [math.nan, math.inf, 1.0], 2: (True, None, "x")}) == {
+        "a": [None, None, 1.0],
+        "2": [True, None, "x"],
+    }
+
+
+def test_tables_are_aligned():
+    lines = Table(["name", "value"], [["a", "1.25"], ["long name", "10"]], "title").lines()
+    assert lines == ["title", "name       value", "a           1.25", "long name     10"]

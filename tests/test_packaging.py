@@ -1,0 +1,81 @@
+"""What is packaged: versions that agree, types, robots, and nothing that is rude."""
+
+from __future__ import annotations
+
+import re
+import shutil
+import subprocess
+import sys
+import zipfile
+from importlib.metadata import entry_points, version
+from pathlib import Path
+
+import pytest
+
+import calib
+
+ROOT = Path(__file__).parent.parent
+
+
+def text_of(name: str) -> str:
+    return (ROOT / name).read_text(encoding="utf-8")
+
+
+def test_versions_agree():
+    stated = re.search(r'^version = "(.+)"$', text_of("pyproject.toml"), re.MULTILINE)
+    cited = re.search(r"^version: (.+)$", text_of("CITATION.cff"), re.MULTILINE)
+    assert stated is not None
+    assert cited is not None
+    assert calib.__version__ == stated[1] == cited[1] == version("calib-arm")
+    assert f"## [{calib.__version__}]" in text_of("CHANGELOG.md")
+
+
+def test_the_command_is_installed():
+    (script,) = (s for s in entry_points(group="console_scripts") if s.name == "calib")
+    assert script.value == "calib_cli:main"
+
+
+def test_every_package_is_named():
+    """Setuptools packs what is listed: a forgotten folder would be missing in the wheel."""
+    listed = re.search(r"^packages = \[(.*)\]$", text_of("pyproject.toml"), re.MULTILINE)
+    assert listed is not None
+    found = {
+        ".".join(path.parent.relative_to(ROOT).parts)
+        for path in (ROOT / "calib").rglob("__init__.py")
+    }
+    assert set(re.findall(r'"(.+?)"', listed[1])) == found | {"calib._robots", "calib_cli"}
+
+
+def test_types_are_announced():
+    assert (ROOT / "calib" / "py.typed").is_file()
+    assert (ROOT / "cli" / "py.typed").is_file()
+
+
+def test_wheel_holds_all_that_is_needed(tmp_path):
+    pytest.importorskip("build", reason="the package `build` is not installed: pip install build")
+    if int(version("setuptools").partition(".")[0]) < 77:
+        pytest.skip("setuptools is too old to build the wheel: pip install -U setuptools")
+    source = tmp_path / "source"
+    source.mkdir()
+    for name in ("calib", "cli", "robots"):
+        shutil.copytree(ROOT / name, source / name, ignore=shutil.ignore_patterns("__pycache__"))
+    for name in ("pyproject.toml", "README.md", "LICENSE"):
+        shutil.copy(ROOT / name, source)
+    done = subprocess.run(
+        [sys.executable, "-m", "build", "--wheel", "--no-isolation", "-o", tmp_path, source],
+        capture_output=True,
+        text=True,
+        check=False,
+        timeout=300,
+    )
+    assert done.returncode == 0, done.stdout + done.stderr
+    (wheel,) = tmp_path.glob("calib_arm-*.whl")
+    names = set(zipfile.ZipFile(wheel).namelist())
+    modules = {path.relative_to(ROOT).as_posix() for path in (ROOT / "calib").rglob("*.py")}
+    commands = {f"calib_cli/{path.name}" for path in (ROOT / "cli").glob("*.py")}
+    robots = {f"calib/_robots/{path.name}" for path in (ROOT / "robots").glob("*.urdf")}
+    assert robots
+    assert modules | commands | robots | {"calib/py.typed", "calib_cli/py.typed"} <= names
+    tops = {name.split("/")[0] for name in names}
+    assert tops == {"calib", "calib_cli", f"calib_arm-{calib.__version__}.dist-info"}
+    assert any(name.endswith("licenses/LICENSE") for name in names)
