@@ -23,6 +23,7 @@ if TYPE_CHECKING:
 
     from .about import About
     from .data.samples import Samples
+    from .drift.baseline import Baseline
     from .evaluation import Evaluation
 
 Array = NDArray[np.float64]
@@ -84,6 +85,8 @@ class Model:
         Nodes that training samples have visited.
     history : tuple of dict
         Earlier states of this model: trained, adapted, with their errors.
+    baseline : Baseline or None
+        What an undisturbed arm's distortions look like, for `check` and `monitor`.
     seconds : dict
         How long the steps of its training took; not stored in a file.
     """
@@ -94,6 +97,7 @@ class Model:
     bounds: Array
     visited: NDArray[np.bool_]
     history: tuple[dict[str, Any], ...] = field(default=())
+    baseline: Baseline | None = field(default=None)
     seconds: dict[str, float] = field(default_factory=dict)
 
     @property

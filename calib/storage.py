@@ -14,6 +14,7 @@ from numpy.typing import NDArray
 
 from .about import About
 from .atomic import atomic_write
+from .drift.baseline import Baseline
 from .errors import CalibError, ModelError
 from .maps.lattice import Lattice
 from .maps.map import Map
@@ -52,6 +53,7 @@ def to_bytes(model: Model) -> bytes:
         "sha256": _checksum(tensors),
         "about": model.about.to_json(),
         "history": list(model.history),
+        "baseline": None if model.baseline is None else model.baseline.to_json(),
         "motor": {"lattice": list(model.motor.lattice.shape)},
         "sensory": {"lattice": list(model.sensory.lattice.shape)},
         "trend": {
@@ -80,6 +82,9 @@ def _tensors(model: Model) -> dict[str, NDArray[Any]]:
         "bounds": model.bounds,
         "visited": model.visited.astype(np.uint8),
     }
+    if model.baseline is not None:
+        tensors["baseline.motor"] = model.baseline.motor.astype(np.float32)
+        tensors["baseline.sensory"] = model.baseline.sensory.astype(np.float32)
     for name, part in (("motor", model.motor), ("sensory", model.sensory)):
         tensors[f"{name}.units"] = part.units
         tensors[f"{name}.history"] = part.history
@@ -221,7 +226,19 @@ def _build(header: Mapping[str, Any], tensors: Mapping[str, NDArray[Any]]) -> Mo
         tensors["bounds"],
         tensors["visited"].astype(bool),
         tuple(header["history"]),
+        _baseline(header.get("baseline"), tensors, motor, sensory),
     )
+
+
+def _baseline(
+    stated: Mapping[str, Any] | None, tensors: Mapping[str, NDArray[Any]], motor: Map, sensory: Map
+) -> Baseline | None:
+    if stated is None:
+        return None
+    parts = [tensors[f"baseline.{name}"].astype(float) for name in ("motor", "sensory")]
+    for name, part, lattice in zip(("motor", "sensory"), parts, (motor, sensory), strict=True):
+        _expect(f"baseline.{name}", part, (lattice.size,))
+    return Baseline.from_json(stated, *parts)
 
 
 def _map(

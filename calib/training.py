@@ -3,85 +3,34 @@
 from __future__ import annotations
 
 import time
-from collections.abc import Callable, Mapping
-from dataclasses import asdict, dataclass, replace
-from typing import TYPE_CHECKING, Any
+from collections.abc import Mapping
+from dataclasses import dataclass, replace
+from typing import Any
 
 import numpy as np
-from numpy.random import SeedSequence
 from numpy.typing import NDArray
 
 from .about import About
 from .data.samples import Samples
+from .drift.baseline import learn_baseline
 from .errors import LogError, OptionError
 from .evaluation import Residuals, evaluate_residuals, summarise
-from .links import activity, link
+from .learning import Options, Progress, Stopwatch, learn
 from .maps.density import Gain
-from .maps.som import SOM
 from .model import Model
 from .readouts.bounds import learn_bounds
-from .readouts.linked import Association
-from .readouts.selection import blocks, select
+from .readouts.selection import blocks
 from .readouts.teacher import MOST_ROWS, learn_teacher
 from .scale import Scale
 from .sizes import Size, lattice_sizes
 
-if TYPE_CHECKING:
-    from .maps.map import Map
-
 Array = NDArray[np.float64]
-Progress = Callable[[float, str, float], None]
-"""Called with the share of the work done, the stage, and the current error (or NaN)."""
 
 LEAST_ROWS = 10
 """Fewest rows that anything can be learned and checked from."""
 
-_STREAMS = {"motor": 0, "sensory": 1, "teacher": 2, "bounds": 3, "evaluation": 4}
 _BOUND_SAMPLES = 6000
 _TEST_SAMPLES = 10_000
-
-
-@dataclass(frozen=True)
-class Options:
-    """How a model is trained.
-
-    Attributes
-    ----------
-    motor_size, sensory_size : tuple of int
-        Lattices.
-    map : str or gain function
-        Network, see :class:`calib.SOM`.
-    rule : {"batch", "online"}
-        Training rule.
-    epochs : int or None
-        Passes over the samples, None for coarse to fine.
-    sigma : (float, float) or None
-        Neighbourhood radius at the start and the end [nodes].
-    seed : int
-        Seed of everything that is drawn.
-    taught : bool
-        Whether a teacher's imagination is learned in place of the rows.
-    """
-
-    motor_size: tuple[int, ...]
-    sensory_size: tuple[int, ...]
-    map: str | Gain
-    rule: str
-    epochs: int | None
-    sigma: tuple[float, float] | None
-    seed: int
-    taught: bool
-
-    def to_json(self) -> dict[str, Any]:
-        """Plain data for a model file."""
-        data = asdict(self)
-        if callable(self.map):
-            data["map"] = getattr(self.map, "__name__", "custom")
-        return data
-
-    def stream(self, name: str) -> SeedSequence:
-        """Seed of one of the independent random streams."""
-        return SeedSequence(self.seed, spawn_key=(_STREAMS[name],))
 
 
 def train(
@@ -168,12 +117,12 @@ class _Trainer:
 
     def run(self) -> Model:
         started = time.perf_counter()
-        self.seconds: dict[str, float] = {}
+        self.watch = Stopwatch()
         samples, options = self.samples, self.options
         scale = Scale.of_range(samples.lower, samples.upper, samples.revolute)
         simulation = samples.simulation
         model = self._learn(scale, samples.q, samples.x, share=0.75 if simulation else 0.2)
-        with self._timed("evaluation"):
+        with self.watch("evaluation"):
             if simulation is not None:
                 rng = np.random.default_rng(options.stream("bounds"))
                 q = simulation.draw(_BOUND_SAMPLES, rng)
@@ -191,10 +140,16 @@ class _Trainer:
                 nodes = np.concatenate([np.clip(model.motor.units, 0, 1), u])
                 doubt = self.teacher.deviation(nodes)
             bounds = learn_bounds(model.motor, u, held.errors["local"], doubt)
-        self.seconds["total"] = time.perf_counter() - started
+            error = np.linalg.norm(
+                model.predictor.value(scale.to_unit(samples.q)) - samples.x, axis=1
+            )
+            baseline = learn_baseline(model.association, u, held.x, error)
+        self.watch.seconds["total"] = time.perf_counter() - started
         about = replace(model.about, errors=summarise(tested), notes=tuple(self.notes))
         self.progress(1.0, "done", float("nan"))
-        return replace(model, about=about, bounds=bounds, seconds=self.seconds)
+        return replace(
+            model, about=about, bounds=bounds, baseline=baseline, seconds=self.watch.seconds
+        )
 
     def _learn(self, scale: Scale, q: Array, x: Array, share: float) -> Model:
         """Maps, links and local models from some of the samples."""
@@ -207,44 +162,23 @@ class _Trainer:
             self.teacher = learn_teacher(scale, turning, u, x, rng)
             u = self.teacher.imagine(rng)
             x = self.teacher.value(u)
-        maps: list[Map] = []
-        parts = (
-            ("motor", options.motor_size, scale.from_unit(u), scale),
-            ("sensory", options.sensory_size, x, Scale.of_data(x)),
+        learned = learn(
+            scale,
+            turning,
+            u,
+            x,
+            options,
+            watch=self.watch,
+            progress=lambda done, stage, error: self.progress(share * done, stage, error),
         )
-        for k, (name, size, points, box) in enumerate(parts):
-            stage = f"{name} map"
-
-            def tell(done: float, error: float, k: int = k, stage: str = stage) -> None:
-                self.progress(share * (k + done) * 0.35, stage, error)
-
-            with self._timed(stage):
-                som = SOM(
-                    size,
-                    options.map,
-                    options.rule,
-                    options.epochs,
-                    options.sigma,
-                    options.stream(name),
-                )
-                maps.append(som.fit(points, scale=box, progress=tell))
-        motor, sensory = maps
-        self.progress(share * 0.7, "links", float("nan"))
-        with self._timed("links"):
-            v = sensory.scale.to_unit(x)
-            links = link(activity(motor, u), activity(sensory, v))
-            association = Association(motor, sensory, links)
-        self.progress(share * 0.8, "local models", float("nan"))
-        with self._timed("local models"):
-            selected = select(motor, turning, u, x)
-        visited = np.bincount(motor.nearest(u)[1][:, 0], minlength=motor.size) > 0
-        empty = np.zeros(motor.size)
-        return Model(self._about(), association, selected.predictor, empty, visited)
+        empty = np.zeros(learned.association.motor.size)
+        return Model(self._about(), learned.association, learned.predictor, empty, learned.visited)
 
     def _held_out(self, scale: Scale) -> Residuals:
         """Errors on contiguous blocks of the log that training has not seen."""
         q, x = self.samples.q, self.samples.x
-        taught, seconds = self.teacher, dict(self.seconds)
+        taught, watch = self.teacher, self.watch
+        self.watch = Stopwatch()
         parts = []
         folds = blocks(len(q))[::2]
         for k, rows in enumerate(folds):
@@ -252,7 +186,7 @@ class _Trainer:
             others = np.setdiff1d(np.arange(len(q)), rows, assume_unique=True)
             model = self._learn(scale, q[others], x[others], share=0.0)
             parts.append(evaluate_residuals(model, q[rows], x[rows], None))
-        self.teacher, self.seconds = taught, seconds
+        self.teacher, self.watch = taught, watch
         return Residuals.join(parts)
 
     def _about(self) -> About:
@@ -281,19 +215,3 @@ class _Trainer:
             simulation=simulation.to_json() if simulation is not None else None,
             urdf=arm.urdf if arm is not None else "",
         )
-
-    def _timed(self, stage: str) -> _Timer:
-        return _Timer(self.seconds, stage)
-
-
-@dataclass
-class _Timer:
-    seconds: dict[str, float]
-    stage: str
-
-    def __enter__(self) -> None:
-        self.start = time.perf_counter()
-
-    def __exit__(self, *_: object) -> None:
-        spent = time.perf_counter() - self.start
-        self.seconds[self.stage] = self.seconds.get(self.stage, 0.0) + spent

@@ -1,0 +1,1 @@
+"""Apply: what a calibrated model gives to a controller or to another program."""

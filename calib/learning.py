@@ -1,0 +1,185 @@
+"""Learning: maps, links and local models from samples, measured or imagined."""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Callable
+from dataclasses import asdict, dataclass, field
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+from numpy.random import SeedSequence
+from numpy.typing import NDArray
+
+from .links import activity, link
+from .maps.density import Gain
+from .maps.som import SOM
+from .readouts.linked import Association
+from .readouts.predictor import Predictor
+from .readouts.selection import select
+from .scale import Scale
+
+if TYPE_CHECKING:
+    from .maps.map import Map
+
+Array = NDArray[np.float64]
+Progress = Callable[[float, str, float], None]
+"""Called with the share of the work done, the stage, and the current error (or NaN)."""
+
+STREAMS = {"motor": 0, "sensory": 1, "teacher": 2, "bounds": 3, "evaluation": 4, "adapt": 5}
+"""Independent random streams of one seed."""
+
+
+@dataclass(frozen=True)
+class Options:
+    """How a model is trained.
+
+    Attributes
+    ----------
+    motor_size, sensory_size : tuple of int
+        Lattices.
+    map : str or gain function
+        Network, see :class:`calib.SOM`.
+    rule : {"batch", "online"}
+        Training rule.
+    epochs : int or None
+        Passes over the samples, None for coarse to fine.
+    sigma : (float, float) or None
+        Neighbourhood radius at the start and the end [nodes].
+    seed : int
+        Seed of everything that is drawn.
+    taught : bool
+        Whether a teacher's imagination is learned in place of the rows.
+    """
+
+    motor_size: tuple[int, ...]
+    sensory_size: tuple[int, ...]
+    map: str | Gain
+    rule: str
+    epochs: int | None
+    sigma: tuple[float, float] | None
+    seed: int
+    taught: bool
+
+    def to_json(self) -> dict[str, Any]:
+        """Plain data for a model file."""
+        data = asdict(self)
+        if callable(self.map):
+            data["map"] = getattr(self.map, "__name__", "custom")
+        return data
+
+    def stream(self, name: str) -> SeedSequence:
+        """Seed of one of the independent random streams."""
+        return SeedSequence(self.seed, spawn_key=(STREAMS[name],))
+
+
+@dataclass
+class Stopwatch:
+    """How long the stages of some work took.
+
+    Attributes
+    ----------
+    seconds : dict of str to float
+        Time spent in each stage so far [s].
+    """
+
+    seconds: dict[str, float] = field(default_factory=dict)
+
+    def __call__(self, stage: str) -> _Timer:
+        """Time a stage: ``with watch("links"): ...``."""
+        return _Timer(self.seconds, stage)
+
+
+@dataclass
+class _Timer:
+    seconds: dict[str, float]
+    stage: str
+
+    def __enter__(self) -> None:
+        self.start = time.perf_counter()
+
+    def __exit__(self, *_: object) -> None:
+        spent = time.perf_counter() - self.start
+        self.seconds[self.stage] = self.seconds.get(self.stage, 0.0) + spent
+
+
+@dataclass(frozen=True, eq=False)
+class Learned:
+    """What was learned of some samples.
+
+    Attributes
+    ----------
+    association : Association
+        Both maps and their links.
+    predictor : Predictor
+        Trend and local models.
+    visited : (motor nodes,) bool array
+        Nodes that a sample has visited.
+    """
+
+    association: Association
+    predictor: Predictor
+    visited: NDArray[np.bool_]
+
+
+def learn(
+    scale: Scale,
+    turning: tuple[bool, ...],
+    u: Array,
+    x: Array,
+    options: Options,
+    *,
+    watch: Stopwatch | None = None,
+    progress: Progress | None = None,
+) -> Learned:
+    """Learn maps, links and local models.
+
+    Parameters
+    ----------
+    scale : Scale
+        Range of the joints.
+    turning : tuple of bool
+        Joints that turn, rather than slide.
+    u, x : (n, dof), (n, 2) array
+        Joints in the unit box and positions.
+    options : Options
+        How.
+    watch : Stopwatch, optional
+        Told how long each stage takes.
+    progress : callable, optional
+        Called with the share of this work that is done.
+    """
+    watch = watch or Stopwatch()
+    report = progress or (lambda *_: None)
+    maps: list[Map] = []
+    parts = (
+        ("motor", options.motor_size, scale.from_unit(u), scale),
+        ("sensory", options.sensory_size, x, Scale.of_data(x)),
+    )
+    for k, (name, size, points, box) in enumerate(parts):
+        stage = f"{name} map"
+
+        def tell(done: float, error: float, k: int = k, stage: str = stage) -> None:
+            report((k + done) * 0.35, stage, error)
+
+        with watch(stage):
+            som = SOM(
+                size,
+                options.map,
+                options.rule,
+                options.epochs,
+                options.sigma,
+                options.stream(name),
+            )
+            maps.append(som.fit(points, scale=box, progress=tell))
+    motor, sensory = maps
+    report(0.7, "links", float("nan"))
+    with watch("links"):
+        v = sensory.scale.to_unit(x)
+        links = link(activity(motor, u), activity(sensory, v))
+        association = Association(motor, sensory, links)
+    report(0.8, "local models", float("nan"))
+    with watch("local models"):
+        selected = select(motor, turning, u, x)
+    visited = np.bincount(motor.nearest(u)[1][:, 0], minlength=motor.size) > 0
+    return Learned(association, selected.predictor, visited)
