@@ -17,6 +17,7 @@ from importlib import import_module
 from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
+    from .answers import Answer as Answer
     from .arm.loading import load_arm as load_arm
     from .arm.planar_arm import PlanarArm as PlanarArm
     from .data.babbling import babble as babble
@@ -33,7 +34,6 @@ if TYPE_CHECKING:
     from .evaluation import Evaluation as Evaluation
     from .evaluation import evaluate as evaluate
     from .maps.som import SOM as SOM
-    from .model import Answer as Answer
     from .model import Model as Model
     from .robots import list_robots as list_robots
     from .storage import load as load
@@ -43,7 +43,7 @@ __version__ = "0.1.0"
 
 # name -> module: loaded when first used, so that light commands stay light
 _HOME = {
-    "Answer": "model",
+    "Answer": "answers",
     "CalibError": "errors",
     "Evaluation": "evaluation",
     "LogError": "errors",

@@ -4,12 +4,13 @@ from __future__ import annotations
 
 from dataclasses import dataclass, field
 from functools import cached_property
-from typing import TYPE_CHECKING, Any, NamedTuple
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from .errors import QueryError
+from . import answers
+from .answers import Answer, checked_rows
 from .maps.map import Map
 from .readouts.bounds import blend_nodes
 from .readouts.inverse import Solver
@@ -29,42 +30,6 @@ if TYPE_CHECKING:
 Array = NDArray[np.float64]
 
 _SUPPORT = 3.0  # a query may be so many node spacings from the nearest visited node
-_REACHED = 1e-4  # share of the workspace's extent that counts as reached
-_SAME = 1e-3  # solutions closer than this share of the joints' range are one
-
-
-class Answer(NamedTuple):
-    """Inverse answers, one row each.
-
-    Attributes
-    ----------
-    q : (n, dof) array [rad or m]
-        Joint values.
-    position : (n, 2) array [unit]
-        Where the map says that they lead.
-    distance : (n,) array [unit]
-        From the target to that position.
-    expected_error : (n,) array [unit]
-        95 % bound on the distance from that position to the true one.
-    reachable : (n,) bool array
-        Whether the target was reached within that bound.
-    """
-
-    q: Array
-    position: Array
-    distance: Array
-    expected_error: Array
-    reachable: NDArray[np.bool_]
-
-    def take(self, rows: list[int]) -> Answer:
-        """Some of the rows."""
-        return Answer(
-            self.q[rows],
-            self.position[rows],
-            self.distance[rows],
-            self.expected_error[rows],
-            self.reachable[rows],
-        )
 
 
 @dataclass(frozen=True, eq=False)
@@ -148,7 +113,7 @@ class Model:
         array([0.281, 0.393])
         """
         check_readout(readout)
-        q, single = _rows(q, self.about.joint_names, "joint values")
+        q, single = checked_rows(q, self.about.joint_names, "joint values")
         u = self.motor.scale.to_unit(q)
         inside = self._known(u)
         x = np.full((len(q), 2), np.nan)
@@ -185,67 +150,33 @@ class Model:
         -------
         (n, dof) or (dof,) array [rad or m]
         """
+        if readout == "local":
+            rows, single = checked_rows(x, ("x", "y"), "positions")
+            q = answers.joints(self, rows, answers.anchor(self, near, len(rows)), nearest=nearest)
+            return q[0] if single else q
         answer = self.solve(x, near, readout)
         q = answer.q if nearest else np.where(answer.reachable[:, None], answer.q, np.nan)
         return q[0] if np.ndim(x) == 1 else q
 
     def solve(self, x: ArrayLike, near: ArrayLike | None = None, readout: str = "local") -> Answer:
         """Answer inverse queries in full; see :meth:`inverse` for the parameters."""
-        check_readout(readout)
-        x, _ = _rows(x, ("x", "y"), "positions")
-        anchor = self._anchor(near, len(x))
-        if readout != "local":
-            v = self.sensory.scale.to_unit(x)
-            u = self.solver.clip(self.association.inverse(v, anchor, readout))
-            position = self.sensory.scale.from_unit(self.association.forward(u, readout))
-            return self._answer(u, x, position)
-        target, u, _ = self.solver.starts(x)
-        away = np.linalg.norm(self.motor.scale.difference(u, anchor[target]), axis=1)
-        # the two likeliest starts of each target
-        order = np.lexsort((away, target))
-        owner = target[order]
-        order = order[np.arange(len(order)) - np.searchsorted(owner, owner) < 2]
-        target = target[order]
-        u, left = self.solver.settle(u[order], x[target], anchor[target])
-        away = np.linalg.norm(self.motor.scale.difference(u, anchor[target]), axis=1)
-        met = left <= _REACHED * self.solver.extent
-        # a met target before a missed one, then the closer joints or the smaller miss
-        order = np.lexsort((np.where(met, away, left), ~met, target))
-        best = order[np.searchsorted(target[order], np.arange(len(x)))]
-        return self._answer(u[best], x, None)
+        rows, _ = checked_rows(x, ("x", "y"), "positions")
+        return answers.solve(self, rows, answers.anchor(self, near, len(rows)), readout)
 
     def solve_all(self, x: ArrayLike) -> list[Answer]:
-        """All branches of each target, the one closest to the middle of the ranges first."""
-        x, _ = _rows(x, ("x", "y"), "positions")
-        target, u, _ = self.solver.starts(x)
-        u, left = self.solver.settle(u, x[target], u)
-        answer = self._answer(u, x[target], None)
-        away = np.linalg.norm(self.motor.scale.difference(u, 0.5 * np.ones_like(u)), axis=1)
-        result = []
-        for i in range(len(x)):
-            rows = (
-                np.flatnonzero(target == i)
-                if len(x) < 50
-                else np.arange(*np.searchsorted(target, [i, i + 1]))
-            )
-            reached = rows[answer.reachable[rows]]
-            if len(reached):
-                order = reached[np.argsort(away[reached], kind="stable")]
-            else:
-                order = rows[np.argsort(left[rows], kind="stable")][:1]
-            kept: list[int] = []
-            for row in order.tolist():
-                gaps = self.motor.scale.difference(u[kept], u[row])
-                if not kept or np.abs(gaps).max(axis=1).min() > _SAME:
-                    kept.append(row)
-            result.append(answer.take(kept))
-        return result
+        """All branches of each target, the one closest to the middle of the ranges first.
+
+        A target out of reach has one answer, the nearest attainable point.
+        """
+        rows, _ = checked_rows(x, ("x", "y"), "positions")
+        return answers.solve_all(self, rows)
 
     def inverse_all(self, x: ArrayLike) -> list[Array]:
         """Joint values of every branch that reaches each target, list of (k, dof) arrays.
 
         The solution closest to the middle of the joints' ranges comes first; a target out
-        of reach has none.
+        of reach has none.  A redundant arm reaches a target on curves or surfaces of
+        joints: each connected one is represented by its point closest to the middle.
         """
         return [a.q[a.reachable] for a in self.solve_all(x)]
 
@@ -255,7 +186,7 @@ class Model:
         It bounds the distance to the true position for a simulated arm and to what the
         sensor would read for a log (``about.bound_of``).
         """
-        q, single = _rows(q, self.about.joint_names, "joint values")
+        q, single = checked_rows(q, self.about.joint_names, "joint values")
         u = self.motor.scale.to_unit(q)
         known = self._known(u)
         bound = np.full(len(q), np.nan)
@@ -276,7 +207,7 @@ class Model:
 
     def outside(self, q: ArrayLike) -> str | None:
         """Why the joint values (dof,) are outside of what was learned, None if they are not."""
-        rows, _ = _rows(q, self.about.joint_names, "joint values")
+        rows, _ = checked_rows(q, self.about.joint_names, "joint values")
         u = self.motor.scale.to_unit(rows)
         if bool(self._known(u)[0]):
             return None
@@ -305,50 +236,3 @@ class Model:
         from .maps.map import search_tree
 
         return search_tree(self.motor.units[self.visited], self.motor.scale)
-
-    def _anchor(self, near: ArrayLike | None, n: int) -> Array:
-        """Joints of the unit box that answers should be close to, (n, dof)."""
-        dof = len(self.about.joint_names)
-        if near is None:
-            return np.full((n, dof), 0.5)
-        rows, _ = _rows(near, self.about.joint_names, "near")
-        if len(rows) not in (1, n):
-            raise QueryError(f"near has {len(rows)} rows for {n} targets: give one or {n}")
-        lower, upper = self.about.lower, self.about.upper
-        slack = 1e-9 * (upper - lower)
-        out = ((rows < lower - slack) | (rows > upper + slack)) & ~self.motor.scale.periodic
-        if out.any():
-            row, k = np.argwhere(out)[0]
-            raise QueryError(
-                f"near has {self.about.joint_names[k]} = {rows[row, k]:.6g}: expected a value "
-                f"in its range {lower[k]:.6g} to {upper[k]:.6g}"
-            )
-        return np.broadcast_to(self.motor.scale.to_unit(rows), (n, dof))
-
-    def _answer(self, u: Array, x: Array, position: Array | None) -> Answer:
-        if position is None:
-            position = self.predictor.value(u)
-        distance = np.linalg.norm(position - x, axis=1)
-        bound = blend_nodes(self.motor, self.bounds, u)
-        within = distance <= np.maximum(bound, _REACHED * self.solver.extent)
-        return Answer(self.motor.scale.from_unit(u), position, distance, bound, within)
-
-
-def _rows(values: ArrayLike, names: tuple[str, ...], what: str) -> tuple[Array, bool]:
-    """Check an argument; rows (n, len(names)) and whether it was a single vector."""
-    try:
-        rows = np.array(values, dtype=float)
-    except (TypeError, ValueError) as error:
-        raise QueryError(f"{what}: expected numbers, got {values!r:.60}") from error
-    single = rows.ndim == 1
-    rows = np.atleast_2d(rows)
-    if rows.ndim != 2 or rows.shape[1] != len(names):
-        raise QueryError(
-            f"{what} of shape {np.shape(values)}: expected ({len(names)},) or (n, {len(names)}), "
-            f"one column each for {', '.join(names)}"
-        )
-    if not np.isfinite(rows).all():
-        row = int(np.argmin(np.isfinite(rows).all(axis=1)))
-        where = "" if single else f" in row {row}"
-        raise QueryError(f"{what}{where}: {rows[row].tolist()} is not finite, expected numbers")
-    return rows, single

@@ -9,8 +9,6 @@ from functools import cached_property
 import numpy as np
 from numpy.typing import NDArray
 
-from ..scale import TURN
-
 Array = NDArray[np.float64]
 Exponents = NDArray[np.int_]
 

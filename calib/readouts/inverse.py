@@ -8,21 +8,20 @@ from functools import cached_property
 import numpy as np
 from numpy.typing import NDArray
 
-from ..maps.map import Map
+from ..scale import Scale
 from .linked import Association
+from .newton import CLOSE, Newton
 from .predictor import Predictor
+from .starts import Starts
 
 Array = NDArray[np.float64]
 Index = NDArray[np.intp]
 
-_SENSORY = 3  # sensory nodes whose partners are looked at
-_REACH = 2.0  # a start's first step is at most so many node spacings long
-_CELL = 1.5  # starts closer than so many node spacings count as one
-_STEPS = 40  # most iterations
-_TOLERANCE = 1e-12  # of the extent, below which a target is met
-_MET = 1e-9  # of the extent, below which redundant joints may slide
-_SLIDES = 12  # most slides towards the joints that are wished for
-_SETTLED = 1e-6  # of the joints' range, below which a slide is the last
+SAME = 1e-5
+"""Solutions closer than this share of the joints' range are one."""
+
+_WIDE = 8  # sensory nodes whose partners are tried where others have failed
+_AROUND = 8  # motor nodes that are tried then
 
 
 @dataclass(frozen=True)
@@ -47,173 +46,146 @@ class Solver:
         return float(np.linalg.norm(self.association.sensory.scale.span))
 
     @cached_property
-    def _nodes(self) -> tuple[Array, Array]:
-        """Position (nodes, 2) and damped inverse Jacobian (nodes, dof, 2) of each node."""
-        value, slope = self.predictor.value_and_slope(np.clip(self._motor.units, 0.0, 1.0))
-        return value, _damped_inverse(slope, 1e-4 * _power(slope))
+    def newton(self) -> Newton:
+        """Damped steps towards a target."""
+        return Newton(self.predictor, self.scale, self.extent)
+
+    @cached_property
+    def starts(self) -> Starts:
+        """Where the links say that a solution may be."""
+        return Starts(self.association, self.newton)
 
     @property
-    def _motor(self) -> Map:
-        return self.association.motor
+    def scale(self) -> Scale:
+        """Range of the joints."""
+        return self.association.motor.scale
 
-    def starts(self, x: Array) -> tuple[Index, Array, Array]:
-        """Where to start for the targets `x` (n, 2).
-
-        Returns
-        -------
-        target : (m,) int array
-            Which target each start belongs to, ascending.
-        u : (m, dof) array
-            Joints in the unit box, one node's linear step towards the target.
-        close : (m,) bool array
-            Whether that step stays in the node's own neighbourhood: a likely solution.
-        """
-        motor, sensory = self.association.motor, self.association.sensory
-        partners = self.association.partners
-        seen = sensory.nearest(sensory.scale.to_unit(x), min(_SENSORY, sensory.size))[1]
-        counts = np.diff(partners.indptr)[seen]
-        flat = np.repeat(np.cumsum(counts) - counts.ravel(), counts.ravel())
-        place = np.arange(len(flat)) - flat + np.repeat(partners.indptr[seen], counts.ravel())
-        target = np.repeat(np.arange(len(x)), counts.sum(axis=1))
-        pair = np.unique(target * motor.size + partners.indices[place])
-        target, node = np.divmod(pair, motor.size)
-
-        value, inverse = self._nodes
-        gap = x[target] - value[node]
-        step = np.einsum("nij,nj->ni", inverse[node], gap)
-        length = np.linalg.norm(step, axis=1) / motor.spacing
-        u = self.clip(motor.units[node] + step / np.maximum(length / _REACH, 1.0)[:, None])
-        close = length <= _REACH
-        # one start per cell: the one with the shortest step
-        cell = np.floor(u / (_CELL * motor.spacing)).astype(np.int64)
-        bits = [cell[:, k] for k in range(cell.shape[1])]
-        order = np.lexsort((length, *bits, target))
-        key = np.column_stack([target, cell])[order]
-        first = np.append(True, np.any(key[1:] != key[:-1], axis=1))
-        keep = order[first]
-        # where no start is likely (a target out of reach, a singular pose) the best three
-        rank = np.lexsort((np.linalg.norm(gap[keep], axis=1), ~close[keep], target[keep]))
-        keep = keep[rank]
-        owner = target[keep]
-        place_in_row = np.arange(len(keep)) - np.searchsorted(owner, owner)
-        likely = np.bincount(owner, close[keep], minlength=len(x))[owner] > 0
-        keep = keep[close[keep] | (~likely & (place_in_row < 3))]
-        return target[keep], u[keep], close[keep]
-
-    def refine(self, u: Array, x: Array) -> tuple[Array, Array]:
-        """Damped Newton steps (Levenberg-Marquardt) inside of the box.
+    def solve(self, x: Array, near: Array) -> tuple[Array, Array]:
+        """The solution of each target that is nearest to given joints.
 
         Parameters
         ----------
-        u, x : (n, dof), (n, 2) array
-            Starts in the unit box and their targets.
+        x, near : (n, 2), (n, dof) array
+            Targets, and joints in the unit box.
 
         Returns
         -------
         u : (n, dof) array
-            The nearest attainable point that was found from each start.
+            Joints in the unit box; of a target out of reach those of the nearest attainable
+            point.
         distance : (n,) array
-            What is left between its position and the target.
+            What is left to the target.
         """
-        u = self.clip(u.copy())
-        value, slope = self.predictor.value_and_slope(u)
-        gap = x - value
-        left = np.linalg.norm(gap, axis=1)
-        damping = np.full(len(u), 1e-9)
-        active = np.flatnonzero(left > _TOLERANCE * self.extent)
-        slopes, gaps = slope[active], gap[active]
-        for _ in range(_STEPS):
-            if not len(active):
-                break
-            free = self._free(u[active], slopes, gaps)
-            masked = slopes * free[:, None, :]
-            power = _power(slopes)
-            inverse = _damped_inverse(masked, damping[active] * power)
-            step = np.einsum("nij,nj->ni", inverse, gaps)
-            trial = self.clip(u[active] + step)
-            value, slope = self.predictor.value_and_slope(trial)
-            gap = x[active] - value
-            now = np.linalg.norm(gap, axis=1)
-            better = now < left[active]
-            moved = np.abs(trial - u[active]).max(axis=1)
-            rows = active[better]
-            gain = (left[rows] - now[better]) / np.maximum(left[rows], 1e-300)
-            u[rows], left[rows] = trial[better], now[better]
-            slopes[better], gaps[better] = slope[better], gap[better]
-            damping[active] = np.where(
-                better,
-                np.maximum(damping[active] / 30, 1e-12),
-                np.maximum(damping[active] * 30, 1e-6),
-            )
-            done = (moved < 1e-13) | (damping[active] > 1e3)
-            done |= left[active] < _TOLERANCE * self.extent
-            stalled = np.zeros(len(active), dtype=bool)
-            stalled[better] = gain < 1e-9
-            keep = ~(done | stalled)
-            active, slopes, gaps = active[keep], slopes[keep], gaps[keep]
+        start, step = self.starts.of(x)
+        n, width, dof = start.shape
+        gap = self.scale.difference(start, near[:, None])
+        away = np.sqrt((gap * gap).sum(axis=2))
+        away[np.isnan(away)] = np.inf
+        rows = np.arange(n)
+        first = away.argmin(axis=1)
+        u, left = self.newton.settle(start[rows, first], x, near)
+        if width == 1:
+            return self._rescued(u, left, x, near)
+        # a second start that may lead closer, because a start is not yet a solution
+        nearest, doubt = away[rows, first], step[rows, first]
+        away[rows, first] = np.inf
+        second = away.argmin(axis=1)
+        margin = self.association.motor.spacing * (
+            (1.0 + doubt + step[rows, second]) if dof == 2 else 4.0
+        )
+        met = left <= CLOSE * self.extent
+        again = np.flatnonzero((away[rows, second] < nearest + margin) | ~met)
+        again = again[np.isfinite(away[again, second[again]])]
+        if len(again):
+            other = self.newton.settle(start[again, second[again]], x[again], near[again])
+            self._take_better(u, left, again, *other, near)
+        away[rows, second] = np.inf
+        missed = np.flatnonzero(left > CLOSE * self.extent)
+        if len(missed):
+            row, column = np.nonzero(np.isfinite(away[missed]))
+            row = missed[row]
+            found = self.newton.settle(start[row, column], x[row], near[row])
+            self._take_better(u, left, row, *found, near)
+        return self._rescued(u, left, x, near)
+
+    def _take_better(
+        self, u: Array, left: Array, rows: Index, found: Array, found_left: Array, near: Array
+    ) -> None:
+        """Replace answers in place: a met target before a missed one, then closer joints.
+
+        `rows` says which target each of those found belongs to, ascending.
+        """
+        every = np.concatenate([np.arange(len(u)), rows]) if len(rows) else np.arange(len(u))
+        asked = np.zeros(len(u), dtype=bool)
+        asked[rows] = True
+        every_u, every_left = np.concatenate([u, found]), np.concatenate([left, found_left])
+        use = np.flatnonzero(asked[every])
+        met = every_left[use] <= CLOSE * self.extent
+        away = np.linalg.norm(self.scale.difference(every_u[use], near[every[use]]), axis=1)
+        order = use[np.lexsort((np.where(met, away, every_left[use]), ~met, every[use]))]
+        owner = every[order]
+        best = order[np.append(True, owner[1:] != owner[:-1])] if len(order) else order
+        u[every[best]], left[every[best]] = every_u[best], every_left[best]
+
+    def _rescued(self, u: Array, left: Array, x: Array, near: Array) -> tuple[Array, Array]:
+        """Answers whose targets were missed, tried again from more places."""
+        missed = np.flatnonzero(left > CLOSE * self.extent)
+        if len(missed):
+            for target, start in (
+                self.starts.propose(x[missed], _WIDE),
+                self.starts.around(x[missed], _AROUND),
+            ):
+                row = missed[target]
+                found = self.newton.settle(start, x[row], near[row])
+                self._take_better(u, left, row, *found, near)
         return u, left
 
-    def settle(self, u: Array, x: Array, near: Array) -> tuple[Array, Array]:
-        """Slide redundant joints along their self-motion towards `near`, on target.
+    def solve_all(self, x: Array) -> tuple[Index, Array, Array]:
+        """Every distinct solution of each target.
 
-        The null space of the Jacobian is left free by the target; each move within it is
-        followed by :meth:`refine`, and kept if it is closer and still on target.
+        Parameters
+        ----------
+        x : (n, 2) array
+            Targets.
+
+        Returns
+        -------
+        target : (m,) int array
+            Which target each solution belongs to, ascending; of a target out of reach there
+            is one, the nearest attainable point.
+        u : (m, dof) array
+            Joints in the unit box; of a target the one nearest to the middle comes first.
+        distance : (m,) array
+            What is left to the target.
         """
-        u, left = self.refine(u, x)
-        if u.shape[1] <= 2:
-            return u, left
-        scale = self._motor.scale
-        away = np.linalg.norm(scale.difference(near, u), axis=1)
-        share = np.ones(len(u))
-        active = np.flatnonzero(left <= _MET * self.extent)
-        for _ in range(_SLIDES):
-            if not len(active):
-                break
-            at = u[active]
-            slope = self.predictor.value_and_slope(at)[1]
-            pull = scale.difference(near[active], at)
-            pull *= self._free(at, slope, np.zeros((len(at), 2)), pull)
-            inverse = _damped_inverse(slope, 1e-9 * _power(slope))
-            pull -= np.einsum("nij,njk,nk->ni", inverse, slope, pull)
-            trial, after = self.refine(at + share[active, None] * pull, x[active])
-            now = np.linalg.norm(scale.difference(near[active], trial), axis=1)
-            gain = away[active] - now
-            good = (gain > 0) & (after <= np.maximum(left[active], _MET * self.extent))
-            rows = active[good]
-            u[rows], left[rows], away[rows] = trial[good], after[good], now[good]
-            share[active] = np.where(good, np.minimum(1.0, 2 * share[active]), share[active] / 4)
-            active = active[(share[active] > 0.02) & ~(good & (gain < _SETTLED))]
-        return u, left
+        start, _ = self.starts.of(x)
+        target, column = np.nonzero(~np.isnan(start[..., 0]))
+        u, left = self.newton.refine(start[target, column], x[target])
+        keep = left <= CLOSE * self.extent
+        lost = np.setdiff1d(np.arange(len(x)), target[keep])
+        if len(lost):
+            middle = np.full((len(lost), u.shape[1]), 0.5)
+            found, found_left = self.solve(x[lost], middle)
+            target = np.concatenate([target[keep], lost])
+            u, left = np.concatenate([u[keep], found]), np.concatenate([left[keep], found_left])
+        else:
+            target, u, left = target[keep], u[keep], left[keep]
+        away = np.linalg.norm(self.scale.difference(u, np.full_like(u, 0.5)), axis=1)
+        order = np.lexsort((away, target))
+        target, u, left = target[order], u[order], left[order]
+        keep = self._distinct(target, u)
+        return target[keep], u[keep], left[keep]
+
+    def _distinct(self, target: Index, u: Array) -> NDArray[np.bool_]:
+        """Which solutions, sorted by target, repeat no earlier one of the same target."""
+        keep = np.ones(len(u), dtype=bool)
+        most = int(np.bincount(target).max(initial=0))
+        for lag in range(1, most):
+            same = np.flatnonzero(target[lag:] == target[:-lag])
+            gap = np.abs(self.scale.difference(u[same + lag], u[same])).max(axis=1)
+            keep[same[gap < SAME] + lag] = False
+        return keep
 
     def clip(self, u: Array) -> Array:
         """Points (n, dof) moved into the unit box; a periodic joint goes round instead."""
-        periodic = self._motor.scale.periodic
-        if periodic.any():
-            return np.where(periodic, u % 1.0, np.clip(u, 0.0, 1.0))
-        return np.clip(u, 0.0, 1.0)
-
-    def _free(
-        self, u: Array, slope: Array, gap: Array, pull: Array | None = None
-    ) -> NDArray[np.bool_]:
-        """Joints that may move: not those at a limit that the step would push further."""
-        push = np.einsum("noi,no->ni", slope, gap) if pull is None else pull
-        stuck = ((u <= 0.0) & (push < 0)) | ((u >= 1.0) & (push > 0))
-        return np.asarray(~(stuck & ~self._motor.scale.periodic))
-
-
-def _power(slope: Array) -> Array:
-    """Sum of squares of each Jacobian (n,), the scale of its damping."""
-    total: Array = np.einsum("noi,noi->n", slope, slope)
-    return total
-
-
-def _damped_inverse(slope: Array, damping: Array) -> Array:
-    """J' (J J' + damping)^-1 of Jacobians (n, 2, dof), (n, dof, 2)."""
-    a, b = slope[:, 0], slope[:, 1]
-    aa = np.einsum("ni,ni->n", a, a) + damping
-    bb = np.einsum("ni,ni->n", b, b) + damping
-    ab = np.einsum("ni,ni->n", a, b)
-    det = np.maximum(aa * bb - ab * ab, 1e-300)
-    first = (a * bb[:, None] - b * ab[:, None]) / det[:, None]
-    second = (b * aa[:, None] - a * ab[:, None]) / det[:, None]
-    return np.stack([first, second], axis=2)
+        return self.newton.clip(u)

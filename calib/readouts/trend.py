@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import itertools
 from dataclasses import dataclass
 from functools import cached_property
 
@@ -109,10 +110,7 @@ class _Plan:
             term[last] = 0
             parent[i] = place[tuple(term)]
         edges = np.searchsorted(used, np.arange(1, used[-1] + 2))
-        steps = [
-            (int(a), int(b), parent[a:b], part[a:b])
-            for a, b in zip(edges[:-1], edges[1:], strict=True)
-        ]
+        steps = [(int(a), int(b), parent[a:b], part[a:b]) for a, b in itertools.pairwise(edges)]
         return _Plan(orders, steps)
 
 
