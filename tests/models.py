@@ -1,0 +1,74 @@
+"""Trained models and closed forms that several test files share; each is trained once."""
+
+from __future__ import annotations
+
+from functools import cache
+
+import numpy as np
+
+import calib
+from calib.scale import TURN
+
+L1, L2 = 0.30, 0.25
+"""Link lengths of `two_link` and `two_link_full` [m]."""
+
+ELBOW = np.radians([15.0, 150.0])
+"""Limits of the elbow of `two_link`."""
+
+
+@cache
+def trained(robot: str = "two_link", n: int = 3000, size: int = 20, noise: float = 0.0, **options):
+    """Return a small model of a bundled robot."""
+    samples = calib.babble(calib.load_arm(robot), n, seed=0, noise=noise)
+    return calib.train(samples, size=size, **options)
+
+
+@cache
+def papers(noise: float = 0.0):
+    """Return the model of the paper's best table: two_link, 70x70, 20,000 samples, seed 0."""
+    samples = calib.babble(calib.load_arm("two_link"), 20_000, seed=0, noise=noise)
+    return calib.train(samples, size=70, seed=0)
+
+
+@cache
+def measured(n: int = 1500, size: int = 12, noise: float = 1e-3):
+    """Return a model of a log: what is simulated is not known to the training."""
+    return calib.train(log(n, noise), size=size)
+
+
+@cache
+def turning():
+    """Return a model of a log whose first joint turns round and round."""
+    rng = np.random.default_rng(0)
+    lower, upper = np.array([-np.pi, 0.3]), np.array([np.pi, 2.5])
+    q = rng.uniform(lower, upper, (2500, 2))
+    samples = calib.Samples(q, two_link(q), ("base", "elbow"), lower, upper, (True, True))
+    assert upper[0] - lower[0] == TURN
+    return calib.train(samples, size=20)
+
+
+def log(n: int, noise: float = 0.0, seed: int = 0) -> calib.Samples:
+    """Return a log of two_link, without what only a simulation knows."""
+    arm = calib.load_arm("two_link")
+    s = calib.babble(arm, n, seed=seed, noise=noise)
+    return calib.Samples(s.q, s.x, s.joint_names, s.lower, s.upper, s.revolute, arm=arm)
+
+
+def two_link(q: np.ndarray) -> np.ndarray:
+    """Tip of the 2R arm by the textbook: (n, 2) -> (n, 2)."""
+    a, b = q[:, 0], q[:, 0] + q[:, 1]
+    return np.stack([L1 * np.cos(a) + L2 * np.cos(b), L1 * np.sin(a) + L2 * np.sin(b)], axis=1)
+
+
+def two_link_inverse(x: np.ndarray, sign: float) -> np.ndarray:
+    """Joints of the 2R arm by the textbook, elbow of the sign given: (n, 2) -> (n, 2)."""
+    square = (x**2).sum(axis=1)
+    elbow = sign * np.arccos((square - L1**2 - L2**2) / (2 * L1 * L2))
+    ahead = np.arctan2(L2 * np.sin(elbow), L1 + L2 * np.cos(elbow))
+    return np.stack([np.arctan2(x[:, 1], x[:, 0]) - ahead, elbow], axis=1)
+
+
+def draw(model: calib.Model, n: int, seed: int = 0, margin: float = 0.0) -> np.ndarray:
+    """Draw joints from a model's range, a share of it apart from the limits: (n, dof)."""
+    u = np.random.default_rng(seed).uniform(margin, 1 - margin, (n, len(model.about.lower)))
+    return model.about.lower + u * (model.about.upper - model.about.lower)

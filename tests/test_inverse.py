@@ -1,0 +1,203 @@
+"""The inverse against closed forms: branches, limits, reach, turns, redundancy."""
+
+import numpy as np
+import pytest
+from models import ELBOW, L1, L2, draw, trained, turning, two_link, two_link_inverse
+
+from calib.scale import TURN
+
+ROBOTS = ("two_link", "two_link_full", "three_link", "polar", "scara", "tilted")
+
+
+@pytest.mark.parametrize("robot", ROBOTS)
+def test_forward_of_inverse_is_the_target(robot):
+    model = trained(robot)
+    x = model.forward(draw(model, 300, seed=1))
+    answer = model.solve(x)
+    assert answer.reachable.all()
+    np.testing.assert_allclose(model.forward(answer.q), x, atol=1e-9)
+    np.testing.assert_allclose(answer.position, x, atol=1e-9)
+    assert answer.distance.max() < 1e-9
+
+
+@pytest.mark.parametrize("robot", ROBOTS)
+def test_answers_keep_within_the_limits(robot):
+    model = trained(robot)
+    rng = np.random.default_rng(2)
+    x = rng.uniform(-0.9, 0.9, (200, 2))  # within reach and far out of it
+    q = model.solve(x).q
+    slack = 1e-12 * (model.about.upper - model.about.lower)
+    assert (q >= model.about.lower - slack).all()
+    assert (q <= model.about.upper + slack).all()
+
+
+def test_joints_of_a_single_branch_are_the_closed_form():
+    model = trained("two_link")
+    q = draw(model, 500, seed=3)
+    np.testing.assert_allclose(model.inverse(two_link(q)), q, atol=1e-6)
+
+
+def test_both_branches_are_found_and_no_more():
+    model = trained("two_link_full")
+    lower, upper = model.about.lower, model.about.upper
+    q = draw(model, 600, seed=4, margin=0.002)
+    q = q[np.abs(q[:, 1]) > 0.05]  # a stretched arm has one solution
+    x = two_link(q)
+    found = model.inverse_all(x)
+    single = double = 0
+    for i in range(len(x)):
+        expected = np.concatenate([two_link_inverse(x[i : i + 1], s) for s in (1.0, -1.0)])
+        beyond = np.maximum(lower - expected, expected - upper).max(axis=1)
+        if np.abs(beyond).min() < 1e-3:
+            continue  # too close to a limit to say
+        expected = expected[beyond < 0]
+        assert len(found[i]) == len(expected), x[i]
+        gaps = np.abs(found[i][:, None] - expected[None]).max(axis=2)
+        assert gaps.min(axis=0).max() < 1e-6
+        single += len(expected) == 1
+        double += len(expected) == 2
+    assert single > 50
+    assert double > 50
+
+
+def test_near_picks_the_branch():
+    model = trained("two_link_full")
+    q = np.array([[0.7, 1.0], [0.5, 0.8], [0.8, 0.6]])
+    x = two_link(q)
+    other = two_link_inverse(x, -1.0)
+    inside = (other >= model.about.lower).all(axis=1) & (other <= model.about.upper).all(axis=1)
+    assert inside.any()
+    x, q, other = x[inside], q[inside], other[inside]
+    np.testing.assert_allclose(model.inverse(x, near=q + 0.05), q, atol=1e-6)
+    np.testing.assert_allclose(model.inverse(x, near=other - 0.05), other, atol=1e-6)
+
+
+def test_near_is_reached_exactly_where_it_solves():
+    for robot in ("two_link_full", "three_link", "polar"):
+        model = trained(robot)
+        q = draw(model, 100, seed=5, margin=0.02)
+        said = model.inverse(model.forward(q), near=q)
+        gap = np.abs(said - q) / (model.about.upper - model.about.lower)
+        assert gap.max() < 1e-5, robot
+        np.testing.assert_allclose(model.forward(said), model.forward(q), atol=1e-8)
+
+
+def test_redundant_joints_slide_towards_the_wish_and_stay_on_target():
+    model = trained("three_link")
+    q = draw(model, 60, seed=6, margin=0.1)
+    x = model.forward(q)
+    span = model.about.upper - model.about.lower
+    wish = np.clip(q + 0.1 * span * [1, -1, 1], model.about.lower, model.about.upper)
+    said = model.inverse(x, near=wish)
+    np.testing.assert_allclose(model.forward(said), x, atol=1e-8)
+
+    def away(joints):
+        return np.linalg.norm((joints - wish) / span, axis=1)
+
+    # the joints drawn solve the target too: no answer should be farther than they are
+    assert (away(said) <= away(q) + 1e-4).all()
+
+
+def test_redundancy_gives_several_answers_all_on_target():
+    model = trained("three_link")
+    x = model.forward(draw(model, 5, seed=7, margin=0.2))
+    for target, solutions in zip(x, model.inverse_all(x), strict=True):
+        assert len(solutions) >= 2
+        np.testing.assert_allclose(model.forward(solutions), np.tile(target, (len(solutions), 1)))
+
+
+def test_beyond_the_stretched_arm_the_nearest_point_lies_on_the_circle():
+    model = trained("two_link_full")
+    angle = np.linspace(0.05, np.pi / 2 - 0.05, 15)
+    direction = np.stack([np.cos(angle), np.sin(angle)], axis=1)
+    answer = model.solve(0.8 * direction)
+    assert not answer.reachable.any()
+    np.testing.assert_allclose(answer.distance, 0.8 - (L1 + L2), atol=1e-7)
+    np.testing.assert_allclose(answer.position, (L1 + L2) * direction, atol=1e-3)
+
+
+def test_beyond_a_limited_elbow_the_nearest_point_has_the_elbow_at_its_limit():
+    model = trained("two_link")
+    q = np.stack([np.linspace(0.1, 1.4, 15), np.full(15, ELBOW[0])], axis=1)
+    edge = two_link(q)
+    answer = model.solve(1.3 * edge)
+    assert not answer.reachable.any()
+    np.testing.assert_allclose(answer.distance, 0.3 * np.linalg.norm(edge, axis=1), atol=1e-9)
+    np.testing.assert_allclose(answer.position, edge, atol=1e-5)
+    np.testing.assert_allclose(answer.q, q, atol=1e-4)
+
+
+def test_inside_the_hole_the_nearest_point_has_the_elbow_folded():
+    model = trained("two_link")
+    q = np.stack([np.linspace(0.1, 1.4, 15), np.full(15, ELBOW[1])], axis=1)
+    edge = two_link(q)
+    answer = model.solve(0.8 * edge)
+    assert not answer.reachable.any()
+    np.testing.assert_allclose(answer.distance, 0.2 * np.linalg.norm(edge, axis=1), atol=1e-9)
+    np.testing.assert_allclose(answer.q, q, atol=1e-4)
+
+
+def test_out_of_reach_no_point_of_a_fine_grid_is_nearer():
+    model = trained("polar")
+    rng = np.random.default_rng(8)
+    x = rng.uniform(-1.5, 1.5, (60, 2))
+    axes = [
+        np.linspace(a, b, 500) for a, b in zip(model.about.lower, model.about.upper, strict=True)
+    ]
+    grid = model.forward(np.stack(np.meshgrid(*axes), axis=-1).reshape(-1, 2))
+    best = np.array([np.linalg.norm(grid - target, axis=1).min() for target in x])
+    excess = model.solve(x).distance - best
+    assert excess.max() < 1e-3
+    assert (excess < 1e-5).mean() > 0.9
+
+
+def test_out_of_reach_is_nan_unless_the_nearest_point_is_asked_for():
+    model = trained("two_link")
+    x = np.array([[0.9, 0.9], [0.3, 0.3]])
+    q = model.inverse(x)
+    assert np.isnan(q[0]).all()
+    assert np.isfinite(q[1]).all()
+    assert np.isfinite(model.inverse(x, nearest=True)).all()
+    assert [len(a) for a in model.inverse_all(x)] == [0, 1]
+
+
+def test_a_target_a_hair_beyond_reach_counts_as_reached():
+    model = trained("two_link")
+    q = np.array([[0.7, ELBOW[0]]])
+    edge = two_link(q)
+    extent = float(np.linalg.norm(np.ptp(model.sensory.weights, axis=0)))
+    assert model.solve(edge * (1 + 2e-5 * extent)).reachable.all()
+    assert not model.solve(edge * (1 + 1e-2 * extent)).reachable.any()
+
+
+def test_a_joint_that_turns_round_reaches_every_direction_across_its_seam():
+    model = turning()
+    q = draw(model, 300, seed=9, margin=0.01)
+    q[:20, 0] = np.pi - 1e-3 * np.arange(20)
+    q[20:40, 0] = -np.pi + 1e-3 * np.arange(20)
+    x = two_link(q)
+    answer = model.solve(x, near=q)
+    assert answer.reachable.all()
+    np.testing.assert_allclose(two_link(answer.q), x, atol=1e-6)
+    gap = answer.q - q
+    gap[:, 0] -= TURN * np.round(gap[:, 0] / TURN)
+    np.testing.assert_allclose(gap, 0.0, atol=1e-5)
+    assert (np.abs(answer.q[:, 0]) <= np.pi + 1e-12).all()
+
+
+def test_joint_values_one_turn_on_are_the_same_query():
+    model = turning()
+    q = draw(model, 50, seed=10, margin=0.01)
+    np.testing.assert_allclose(model.forward(q + np.array([TURN, 0])), model.forward(q), atol=1e-9)
+    x = two_link(q)
+    np.testing.assert_allclose(
+        model.inverse(x, near=q + np.array([TURN, 0])), model.inverse(x, near=q), atol=1e-9
+    )
+
+
+def test_a_batch_answers_as_single_targets_do():
+    model = trained("two_link_full")
+    x = model.forward(draw(model, 40, seed=11))
+    batch = model.inverse(x)
+    alone = np.array([model.inverse(target) for target in x])
+    np.testing.assert_allclose(batch, alone, atol=1e-8)
