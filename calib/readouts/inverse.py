@@ -9,6 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ..scale import Scale
+from .folds import twins
 from .linked import Association
 from .newton import CLOSE, Newton
 from .predictor import Predictor
@@ -161,6 +162,11 @@ class Solver:
         start, _ = self.starts.of(x)
         target, column = np.nonzero(~np.isnan(start[..., 0]))
         u, left = self.newton.refine(start[target, column], x[target])
+        if u.shape[1] == 2:
+            row, other = twins(self.newton, u)
+            other, other_left = self.newton.refine(other, x[target[row]])
+            target = np.concatenate([target, target[row]])
+            u, left = np.concatenate([u, other]), np.concatenate([left, other_left])
         keep = left <= CLOSE * self.extent
         lost = np.setdiff1d(np.arange(len(x)), target[keep])
         if len(lost):

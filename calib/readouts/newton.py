@@ -107,6 +107,8 @@ class Newton:
                 damping = np.where(better, damping / 30, np.maximum(damping * 30, 1e-6))
             damping = np.maximum(damping, 1e-12)
             done = stalled | (left < met) | (moved < 1e-15) | (damping > 1e3)
+            if done.all():
+                break
             if done.any():
                 best_u[:, rows[done]], best_left[rows[done]] = u[:, done], left[done]
                 keep = np.flatnonzero(~done)
@@ -146,9 +148,9 @@ class Newton:
         distance : (n,) array
             What is left between their position and the target.
         """
-        u, left = self.refine(u, x, CLOSE)
         if u.shape[1] <= 2:
             return self.refine(u, x)
+        u, left = self.refine(u, x, CLOSE)
         u = u.copy()
         rows = np.flatnonzero(left <= CLOSE * self.extent)
         at, share = u[rows], np.ones(len(rows))

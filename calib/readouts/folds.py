@@ -1,0 +1,56 @@
+"""Folds: where two branches meet, because the arm is stretched or folded."""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import NDArray
+
+from .newton import Newton
+
+Array = NDArray[np.float64]
+Index = NDArray[np.intp]
+
+_SINGULAR = 0.1  # determinant over power of a Jacobian below which a fold may be near
+_PROBE = 1e-4  # of the joints' range: step of the derivative of the determinant
+_FAR = 0.2  # of the joints' range: a twin is not looked for further away
+
+
+def twins(newton: Newton, u: Array) -> tuple[Index, Array]:
+    """Starts for the solutions across a nearby fold, of two joints.
+
+    A Jacobian of determinant zero is a fold: two solutions meet there.  Along the direction
+    that hardly moves the tip the determinant falls linearly to zero, and the other solution
+    lies about as far beyond as this one lies before.
+
+    Parameters
+    ----------
+    newton : Newton
+        Holds the forward map.
+    u : (n, 2) array
+        Solutions in the unit box.
+
+    Returns
+    -------
+    rows : (m,) int array
+        Which solutions are near a fold.
+    start : (m, 2) array
+        Where to look for their twins.
+    """
+    slope = newton.predictor.value_and_slope(u)[1]
+    det, power = _determinant(slope), np.einsum("nij,nij->n", slope, slope)
+    rows = np.flatnonzero(np.abs(det) < _SINGULAR * power)
+    if not len(rows):
+        return rows, u[rows]
+    # the right singular vector of the smaller singular value
+    flat = np.linalg.svd(slope[rows])[2][:, 1]
+    ahead = _determinant(newton.predictor.value_and_slope(u[rows] + _PROBE * flat)[1])
+    behind = _determinant(newton.predictor.value_and_slope(u[rows] - _PROBE * flat)[1])
+    rate = (ahead - behind) / (2 * _PROBE)
+    reach = -2.0 * det[rows] / np.where(rate == 0.0, np.inf, rate)
+    near = (np.abs(reach) < _FAR) & (reach != 0.0)
+    rows = rows[near]
+    return rows, newton.clip(u[rows] + reach[near, None] * flat[near])
+
+
+def _determinant(slope: Array) -> Array:
+    return np.asarray(slope[:, 0, 0] * slope[:, 1, 1] - slope[:, 0, 1] * slope[:, 1, 0])
