@@ -39,7 +39,6 @@ _SIGMA_END = 0.5  # neighbourhood radius once settled [nodes]
 _ALPHA = (0.5, 0.05)  # learning rate just after a reset and once settled
 _ETA = 0.3  # eta_init of eq. 12
 _BETA = 1.0  # beta_init of eq. 12
-CONS = True
 _KEPT = 20_000  # latest samples that the local models are fitted to
 _FIRED = 4.0  # standard deviations of a running mean that are no chance
 _SETTLED = 1.2  # a re-formed map has settled within this factor of a trained one
@@ -174,10 +173,7 @@ class OnlineAdapter:
         motor, sensory = self._map("motor"), self._map("sensory")
         q, x = np.concatenate(self._q), np.concatenate(self._x)
         u = motor.scale.to_unit(q)
-        if CONS:
-            links = link(activity(motor, u), activity(sensory, sensory.scale.to_unit(x)))
-        else:
-            links = sparse_links(self._links.T.astype(float), -np.expm1(-self._exposure))
+        links = link(activity(motor, u), activity(sensory, sensory.scale.to_unit(x)))
         selected = select(motor, model.about.revolute, u, x)
         visited = np.bincount(motor.nearest(u)[1][:, 0], minlength=motor.size) > 0
         return replace(
