@@ -49,7 +49,8 @@ class CalibGroup(TyperGroup):
             if os.environ.get(_TRACEBACK):
                 raise
             line, code = describe_error(error)
-            print(line, file=sys.stderr)
+            if code != INTERRUPTED:
+                print(line, file=sys.stderr)
         code = code if isinstance(code, int) else 0
         if standalone_mode:
             sys.exit(code)
@@ -89,7 +90,7 @@ def describe_error(error: Exception) -> tuple[str, int]:
 def _text_and_code(error: Exception) -> tuple[str, int]:
     if isinstance(error, CalibError):
         return str(error), 1
-    if isinstance(error, typer.Abort):
+    if isinstance(error, typer.Abort) or _was_interrupted(error):
         return "interrupted", INTERRUPTED
     if hasattr(error, "format_message"):  # an error of usage, told by Typer
         context = getattr(error, "ctx", None)
@@ -106,6 +107,13 @@ def _text_and_code(error: Exception) -> tuple[str, int]:
         return f"{error}; install calib-arm again, with all that it requires", 1
     kind = type(error).__name__
     return f"internal error, {kind}: {error}; {_TRACEBACK}=1 shows where, please report it", 1
+
+
+def _was_interrupted(error: BaseException | None) -> bool:
+    """Whether Ctrl-C is behind an error, as when it comes while Python makes a class."""
+    while error is not None and not isinstance(error, KeyboardInterrupt):
+        error = error.__cause__
+    return error is not None
 
 
 def _reader_left() -> int:

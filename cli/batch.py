@@ -23,7 +23,7 @@ from .output import note, show_json
 from .units import JointFormat
 
 if TYPE_CHECKING:
-    from calib.model import Model
+    from calib import Model
 
 Array = NDArray[np.float64]
 

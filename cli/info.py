@@ -11,8 +11,8 @@ from .summary import compact_table, size_in_words, summary
 from .units import JointFormat, for_people
 
 if TYPE_CHECKING:
+    from calib import Model
     from calib.about import About
-    from calib.model import Model
 
 
 def info(

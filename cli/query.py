@@ -16,7 +16,7 @@ if TYPE_CHECKING:
     import numpy as np
     from numpy.typing import NDArray
 
-    from calib.model import Answer, Model
+    from calib import Answer, Model
 
     Array = NDArray[np.float64]
 

@@ -11,8 +11,7 @@ from .parsing import BadOption, JointRange, JointValue
 from .units import changes_in_si, kinds_of_joints, locks_in_si, ranges_in_si
 
 if TYPE_CHECKING:
-    from calib.arm.planar_arm import PlanarArm
-    from calib.data.samples import Samples
+    from calib import PlanarArm, Samples
 
 SAMPLES = 20_000
 

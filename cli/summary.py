@@ -10,7 +10,7 @@ from .output import Table, number
 from .units import for_people
 
 if TYPE_CHECKING:
-    from calib.model import Model
+    from calib import Model
 
 Errors = Mapping[str, Mapping[str, Mapping[str, Mapping[str, float]]]]
 

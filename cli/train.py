@@ -17,7 +17,7 @@ from .samples import Selection, babbled, measured
 from .summary import compact_table, size_in_words, summary
 
 if TYPE_CHECKING:
-    from calib.model import Model
+    from calib import Model
 
 
 def train(

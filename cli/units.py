@@ -10,8 +10,8 @@ from .output import fixed
 from .parsing import BadOption, JointRange, JointValue
 
 if TYPE_CHECKING:
+    from calib import PlanarArm
     from calib.about import About
-    from calib.arm.planar_arm import PlanarArm
     from calib.data.changes import Change
 
 

@@ -192,6 +192,17 @@ def test_unexpected_errors_are_one_line_too(error, line):
     assert code == 1
 
 
+def test_an_interruption_behind_an_error_is_130():
+    try:
+        try:
+            raise KeyboardInterrupt
+        except KeyboardInterrupt as interruption:
+            raise RuntimeError("Error calling __set_name__") from interruption
+    except RuntimeError as error:
+        _, code = describe_error(error)
+    assert code == 130
+
+
 def test_an_unexpected_error_ends_a_command_in_one_line(run, monkeypatch):
     import calib
 

