@@ -21,6 +21,7 @@ Index = NDArray[np.intp]
 SAME = 1e-5
 """Solutions closer than this share of the joints' range are one."""
 
+_ALIKE = 4.0  # node spacings: solutions of redundant joints that are about as close
 _WIDE = 8  # sensory nodes whose partners are tried where others have failed
 _AROUND = 8  # motor nodes that are tried then
 
@@ -77,23 +78,33 @@ class Solver:
         distance : (n,) array
             What is left to the target.
         """
+        if near.shape[1] <= 2:
+            u, left = self._from_starts(x, near)
+        else:
+            # redundant joints: from the wished ones on; the links where that leads far away
+            u, left = self.newton.settle(self.clip(near), x, near)
+            away = np.linalg.norm(self.scale.difference(u, near), axis=1)
+            unsure = (left > CLOSE * self.extent) | (away > _ALIKE * self._spacing)
+            rows = np.flatnonzero(unsure)
+            if len(rows):
+                self._take_better(u, left, rows, *self._from_starts(x[rows], near[rows]), near)
+        return self._rescued(u, left, x, near)
+
+    def _from_starts(self, x: Array, near: Array) -> tuple[Array, Array]:
+        """Solutions from the starts that are closest to the joints wished for."""
         start, step = self.starts.of(x)
-        n, width, dof = start.shape
+        n, dof = start.shape[0], start.shape[2]
         gap = self.scale.difference(start, near[:, None])
         away = np.sqrt((gap * gap).sum(axis=2))
         away[np.isnan(away)] = np.inf
         rows = np.arange(n)
         first = away.argmin(axis=1)
         u, left = self.newton.settle(start[rows, first], x, near)
-        if width == 1:
-            return self._rescued(u, left, x, near)
         # a second start that may lead closer, because a start is not yet a solution
         nearest, doubt = away[rows, first], step[rows, first]
         away[rows, first] = np.inf
         second = away.argmin(axis=1)
-        margin = self.association.motor.spacing * (
-            (1.0 + doubt + step[rows, second]) if dof == 2 else 4.0
-        )
+        margin = self._spacing * (1.0 + doubt + step[rows, second] if dof <= 2 else _ALIKE)
         met = left <= CLOSE * self.extent
         again = np.flatnonzero((away[rows, second] < nearest + margin) | ~met)
         again = again[np.isfinite(away[again, second[again]])]
@@ -107,7 +118,11 @@ class Solver:
             row = missed[row]
             found = self.newton.settle(start[row, column], x[row], near[row])
             self._take_better(u, left, row, *found, near)
-        return self._rescued(u, left, x, near)
+        return u, left
+
+    @property
+    def _spacing(self) -> float:
+        return self.association.motor.spacing
 
     def _take_better(
         self, u: Array, left: Array, rows: Index, found: Array, found_left: Array, near: Array

@@ -21,6 +21,7 @@ Index = NDArray[np.intp]
 
 _SENSORY = 3  # sensory nodes whose partners are looked at
 _REACH = 2.0  # a node's first step is at most so many node spacings long
+_MOST = 60  # proposals of a target
 _CELL = 1.5  # proposals closer than so many node spacings count as one
 _APART = 0.3  # refined starts of two joints closer than so many spacings are one
 _MISSED = 2.0  # a start may miss its sensory node by so many of its spacings
@@ -169,7 +170,7 @@ class Starts:
         owner = target[keep]
         place = np.arange(len(keep)) - np.searchsorted(owner, owner)
         likely = np.bincount(owner, close[keep], minlength=len(x))[owner] > 0
-        keep = keep[close[keep] | (~likely & (place < 3))]
+        keep = keep[(close[keep] & (place < _MOST)) | (~likely & (place < 3))]
         return target[keep], u[keep]
 
     def around(self, x: Array, count: int) -> tuple[Index, Array]:

@@ -16,6 +16,8 @@ Array = NDArray[np.float64]
 Folds = list[NDArray[np.intp]]
 
 _TERMS = (90, 300)  # most functions of two joints, of more
+_RIGID = 2200  # most functions of a chain of rigid links: seven joints that turn
+_LARGE = 500  # functions from which on only a few choices are tried, on fewer rows
 _RIDGES = (1e-12, 1e-6)  # of the mean power of a term, at total degree 3
 _FLOOR = 1e-6  # share of the extent that counts as exact for a trend
 
@@ -41,15 +43,19 @@ class _Moments:
     """Second moments of one basis, in all and per fold."""
 
     basis: Basis
-    features: Array
+    u: Array
     folds: list[tuple[Array, Array]]
 
     @staticmethod
     def of(basis: Basis, u: Array, x: Array, folds: Folds) -> _Moments:
-        features = basis.values(u)
-        return _Moments(
-            basis, features, [(features[b].T @ features[b], features[b].T @ x[b]) for b in folds]
-        )
+        parts = []
+        for rows in folds:
+            if len(basis.orders) > _LARGE:  # four rows a term are enough
+                few = max(1, len(u) // (4 * len(basis.orders)))
+                rows = rows[::few]
+            features = basis.values(u[rows])
+            parts.append((features.T @ features, features.T @ x[rows]))
+        return _Moments(basis, u, parts)
 
     @cached_property
     def _all(self) -> tuple[Array, Array]:
@@ -61,6 +67,16 @@ class _Moments:
 
         The ridge is steep in the degree of a function: a smooth trend is likelier.
         """
+        key = degree, ridge, without
+        if key not in self._solved:
+            self._solved[key] = self._solve(degree, ridge, without)
+        return self._solved[key]
+
+    @cached_property
+    def _solved(self) -> dict[tuple[int, float, int | None], Array]:
+        return {}
+
+    def _solve(self, degree: int, ridge: float, without: int | None) -> Array:
         gram, moment = self._all
         if without is not None:
             gram, moment = gram - self.folds[without][0], moment - self.folds[without][1]
@@ -72,20 +88,16 @@ class _Moments:
 
     def errors(self, x: Array, folds: Folds) -> dict[tuple[int, float], Array]:
         """Mean distance in each held-out fold for each (degree, ridge)."""
-        result = {}
-        for degree in range(1, self.basis.degree + 1):
-            t = self.basis.terms(degree)
-            for ridge in _RIDGES:
-                said = [
-                    self.features[b, :t] @ self.solve(degree, ridge, f) for f, b in enumerate(folds)
-                ]
-                result[degree, ridge] = np.array(
-                    [
-                        float(np.linalg.norm(x[b] - y, axis=1).mean())
-                        for b, y in zip(folds, said, strict=True)
-                    ]
-                )
-        return result
+        large = len(self.basis.orders) > _LARGE
+        degrees = [self.basis.degree] if large else range(1, self.basis.degree + 1)
+        ridges = _RIDGES[:1] if large else _RIDGES
+        result: dict[tuple[int, float], list[float]] = {(d, r): [] for d in degrees for r in ridges}
+        for fold, rows in enumerate(folds):
+            features = self.basis.values(self.u[rows])
+            for (degree, ridge), errors in result.items():
+                said = features[:, : self.basis.terms(degree)] @ self.solve(degree, ridge, fold)
+                errors.append(float(np.linalg.norm(x[rows] - said, axis=1).mean()))
+        return {choice: np.array(errors) for choice, errors in result.items()}
 
 
 def choose_trends(
@@ -110,9 +122,8 @@ def choose_trends(
     """
     floor = _FLOOR * float(np.linalg.norm(np.ptp(x, axis=0)))
     tried: list[tuple[_Moments, int, float, Array]] = []
-    for turns in _families(scale, turning):
-        most = _TERMS[len(turns) > 2]
-        moments = _Moments.of(_largest_basis(turns, min(most, len(u) // 2)), u, x, folds)
+    for basis in _bases(scale, turning, len(u) // 2):
+        moments = _Moments.of(basis, u, x, folds)
         for choice, error in moments.errors(x, folds).items():
             tried.append((moments, *choice, np.maximum(error, floor)))
     choices = []
@@ -123,11 +134,20 @@ def choose_trends(
     return choices
 
 
-def _families(scale: Scale, turning: tuple[bool, ...]) -> list[tuple[float, ...]]:
-    """What each coordinate is made of: polynomials (0) or harmonics of an angle [rad]."""
+def _bases(scale: Scale, turning: tuple[bool, ...], terms: int) -> list[Basis]:
+    """What a trend may be made of: polynomials, harmonics, and a chain of rigid links.
+
+    Of many joints the harmonics that fit are few.  But whatever hangs on a joint that turns
+    moves on a circle and is affine in the cosine and sine of its angle, on a slide in its
+    position; the products of such functions are all that a rigid chain needs.
+    """
+    dof, most = len(turning), min(_TERMS[len(turning) > 2], terms)
     whole = tuple(TURN if p else 0.0 for p in scale.periodic)
     harmonic = tuple(float(s) if t else 0.0 for s, t in zip(scale.span, turning, strict=True))
-    return list(dict.fromkeys([harmonic, whole]))
+    bases = [_largest_basis(turns, most) for turns in dict.fromkeys([harmonic, whole])]
+    if dof > 3 and 3 ** sum(turning) * 2 ** (dof - sum(turning)) <= min(terms, _RIGID):
+        bases.append(Basis(harmonic, dof, each=1))
+    return bases
 
 
 def _largest_basis(turns: tuple[float, ...], terms: int) -> Basis:
