@@ -17,6 +17,7 @@ from .maps.som import SOM
 from .readouts.linked import Association
 from .readouts.predictor import Predictor
 from .readouts.selection import select
+from .readouts.trend import Trend
 from .scale import Scale
 
 if TYPE_CHECKING:
@@ -129,6 +130,7 @@ def learn(
     x: Array,
     options: Options,
     *,
+    trend: Trend | None = None,
     watch: Stopwatch | None = None,
     progress: Progress | None = None,
 ) -> Learned:
@@ -144,6 +146,8 @@ def learn(
         Joints in the unit box and positions.
     options : Options
         How.
+    trend : Trend, optional
+        A teacher's trend, where it imagined the samples.
     watch : Stopwatch, optional
         Told how long each stage takes.
     progress : callable, optional
@@ -180,6 +184,6 @@ def learn(
         association = Association(motor, sensory, links)
     report(0.8, "local models", float("nan"))
     with watch("local models"):
-        selected = select(motor, turning, u, x)
+        selected = select(motor, turning, u, x, trend)
     visited = np.bincount(motor.nearest(u)[1][:, 0], minlength=motor.size) > 0
     return Learned(association, selected.predictor, visited)

@@ -95,7 +95,7 @@ def _checked(size: Size, name: str) -> tuple[int, ...] | None:
     """A size as a tuple; one number n stands for n x n."""
     if size is None:
         return None
-    numbers = (size, size) if isinstance(size, int | np.integer) else tuple(size)
+    numbers = tuple(size) if isinstance(size, Sequence | np.ndarray) else (size, size)
     for n in numbers:
         if isinstance(n, bool) or not isinstance(n, int | np.integer):
             raise OptionError(f"{name} {size!r}: expected whole numbers of nodes, such as 70")

@@ -168,6 +168,7 @@ class _Trainer:
             u,
             x,
             options,
+            trend=None if self.teacher is None else self.teacher.trend,
             watch=self.watch,
             progress=lambda done, stage, error: self.progress(share * done, stage, error),
         )

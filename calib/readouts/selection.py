@@ -52,7 +52,9 @@ def blocks(n: int, folds: int = FOLDS) -> list[NDArray[np.intp]]:
     return np.array_split(np.arange(n), min(folds, n))
 
 
-def select(motor: Map, turning: tuple[bool, ...], u: Array, x: Array) -> Selected:
+def select(
+    motor: Map, turning: tuple[bool, ...], u: Array, x: Array, trend: Trend | None = None
+) -> Selected:
     """Fit trend and local models whose complexity cross-validation prefers.
 
     Parameters
@@ -63,14 +65,18 @@ def select(motor: Map, turning: tuple[bool, ...], u: Array, x: Array) -> Selecte
         Joints that turn, rather than slide.
     u, x : (n, d), (n, 2) array
         Samples: joints in the unit box, positions.
+    trend : Trend, optional
+        Where the samples are a teacher's imagination its own trend: they are without
+        noise, so that a wilder one would fit, and run away beyond them.
 
     Returns
     -------
     Selected
     """
     folds = blocks(len(u))
+    choices = [TrendChoice(trend, [trend] * len(folds))] if trend is not None else None
     best: tuple[TrendChoice, tuple[int, int] | None, NDArray[np.intp], Array] | None = None
-    for choice in choose_trends(motor.scale, turning, u, x, folds):
+    for choice in choices or choose_trends(motor.scale, turning, u, x, folds):
         shape, rows, errors = _compare(motor, u, x, folds, choice.without)
         if best is None or better(errors, best[3]):
             best = (choice, shape, rows, errors)
