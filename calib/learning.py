@@ -11,7 +11,7 @@ import numpy as np
 from numpy.random import SeedSequence
 from numpy.typing import NDArray
 
-from .links import activity, link
+from .links import WIRINGS
 from .maps.density import Gain
 from .maps.som import SOM
 from .readouts.linked import Association
@@ -51,6 +51,8 @@ class Options:
         Seed of everything that is drawn.
     taught : bool
         Whether a teacher's imagination is learned in place of the rows.
+    links : str
+        How links are learned and read, a name of :data:`calib.links.WIRINGS`.
     """
 
     motor_size: tuple[int, ...]
@@ -61,6 +63,7 @@ class Options:
     sigma: tuple[float, float] | None
     seed: int
     taught: bool
+    links: str = "reciprocal"
 
     def to_json(self) -> dict[str, Any]:
         """Plain data for a model file."""
@@ -156,11 +159,13 @@ def learn(
     watch = watch or Stopwatch()
     report = progress or (lambda *_: None)
     maps: list[Map] = []
+    seen = Scale.of_data(x)
+    v = seen.to_unit(x)
     parts = (
-        ("motor", options.motor_size, scale.from_unit(u), scale),
-        ("sensory", options.sensory_size, x, Scale.of_data(x)),
+        ("motor", options.motor_size, scale.from_unit(u), scale, v),
+        ("sensory", options.sensory_size, x, seen, u),
     )
-    for k, (name, size, points, box) in enumerate(parts):
+    for k, (name, size, points, box, partners) in enumerate(parts):
         stage = f"{name} map"
 
         def tell(done: float, error: float, k: int = k, stage: str = stage) -> None:
@@ -175,13 +180,13 @@ def learn(
                 options.sigma,
                 options.stream(name),
             )
-            maps.append(som.fit(points, scale=box, progress=tell))
+            maps.append(som.fit(points, scale=box, progress=tell, partners=partners))
     motor, sensory = maps
     report(0.7, "links", float("nan"))
     with watch("links"):
-        v = sensory.scale.to_unit(x)
-        links = link(activity(motor, u), activity(sensory, v))
-        association = Association(motor, sensory, links)
+        wiring = WIRINGS[options.links]
+        links = wiring.link(wiring.activity(motor, u), wiring.activity(sensory, v))
+        association = Association(motor, sensory, links, wiring)
     report(0.8, "local models", float("nan"))
     with watch("local models"):
         selected = select(motor, turning, u, x, trend)

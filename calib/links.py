@@ -2,11 +2,13 @@
 
 from __future__ import annotations
 
+from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
 import numpy as np
 from numpy.typing import NDArray
 
+from .errors import OptionError
 from .maps.map import Map
 
 if TYPE_CHECKING:
@@ -24,7 +26,54 @@ _WEAK = 0.02  # links below this share of the strongest of their node are let go
 _NOTHING = 1e-6  # and those below this share of the strongest of all
 
 
-def activity(network: Map, u: Array, bandwidth: float = BANDWIDTH) -> csr_array:
+@dataclass(frozen=True)
+class Wiring:
+    """How links are learned and read: what eq. 5 and 6 leave open.
+
+    Attributes
+    ----------
+    local : bool
+        Bandwidth of eq. 6 in units of each node's own spacing, so that a dense region is
+        read as finely as its nodes stand; else of the map's mean spacing.
+    mutual : bool
+        Links normalised by the activities on both sides, c_ij = <a_i a_j> /
+        (<a_i^2> <a_j^2>)^(1/2): the same for both directions.  Else by the sensory side
+        alone, which is what eq. 5 says of the direction from motor to sensory nodes.
+    bandwidth : float
+        Of eq. 6, in units of the spacing.
+    """
+
+    local: bool = True
+    mutual: bool = True
+    bandwidth: float = BANDWIDTH
+
+    def activity(self, network: Map, u: Array) -> csr_array:
+        """Activity of the nodes nearest to each row of `u`, see :func:`activity`."""
+        return activity(network, u, self.bandwidth, local=self.local)
+
+    def link(self, a_motor: csr_array, a_sensory: csr_array, beta: float = 1.0) -> csr_array:
+        """Links of two maps that were active together, see :func:`link`."""
+        return link(a_motor, a_sensory, beta, mutual=self.mutual)
+
+
+WIRINGS = {
+    "oja": Wiring(local=False, mutual=False),
+    "local": Wiring(local=True, mutual=False),
+    "mutual": Wiring(local=False, mutual=True),
+    "reciprocal": Wiring(local=True, mutual=True),
+}
+"""Wirings by name: eq. 5 and 6 with one bandwidth, each refinement alone, and both."""
+
+
+def check_wiring(name: str) -> None:
+    """Refuse an unknown wiring."""
+    if name not in WIRINGS:
+        raise OptionError(f"links {name!r} are unknown, choose one of {', '.join(WIRINGS)}")
+
+
+def activity(
+    network: Map, u: Array, bandwidth: float = BANDWIDTH, *, local: bool = False
+) -> csr_array:
     """Activity a_j of the nodes nearest to each row of `u` (eq. 6).
 
     Parameters
@@ -35,6 +84,8 @@ def activity(network: Map, u: Array, bandwidth: float = BANDWIDTH) -> csr_array:
         Points in the unit box.
     bandwidth : float
         Width sigma of the Gaussian in units of the node spacing.
+    local : bool
+        Whether that is each node's own spacing or the mean of the map.
 
     Returns
     -------
@@ -46,13 +97,16 @@ def activity(network: Map, u: Array, bandwidth: float = BANDWIDTH) -> csr_array:
 
     k = min(NEAREST, network.size)
     distance, index = network.nearest(u, k)
-    square = distance**2
-    a = np.exp((square[:, :1] - square) / (bandwidth * network.spacing) ** 2)  # eq. 6
+    spacing = network.spacings[index] if local else network.spacing
+    exponent = (distance / (bandwidth * spacing)) ** 2
+    a = np.exp(exponent.min(axis=1, keepdims=True) - exponent)  # eq. 6
     rows = np.arange(0, a.size + 1, k)
     return csr_array((a.ravel(), index.ravel(), rows), shape=(len(u), network.size))
 
 
-def link(a_motor: csr_array, a_sensory: csr_array, beta: float = 1.0) -> csr_array:
+def link(
+    a_motor: csr_array, a_sensory: csr_array, beta: float = 1.0, *, mutual: bool = False
+) -> csr_array:
     """Links at the fixed point of Oja's rule (eq. 5, with the forgetting factor of eq. 11).
 
     Where the mean change of eq. 11 vanishes, c_ij = <a_i a_j> / (beta <a_j^2>).  A node
@@ -65,34 +119,47 @@ def link(a_motor: csr_array, a_sensory: csr_array, beta: float = 1.0) -> csr_arr
         Activities of both maps for the same samples.
     beta : float
         Forgetting factor.
+    mutual : bool
+        Normalise by both sides, <a_i a_j> / (beta (<a_i^2> <a_j^2>)^(1/2)).
 
     Returns
     -------
     csr_array of shape (motor nodes, sensory nodes)
         Weak links are left out.
     """
+    together = (a_motor.T @ a_sensory).tocsr()
+    scale = _settled(a_sensory, beta)[together.indices]
+    if mutual:
+        rows = np.repeat(np.arange(together.shape[0]), np.diff(together.indptr))
+        scale = np.sqrt(scale * _settled(a_motor, beta)[rows])
+    together.data *= scale
+    return _without_weak(together)
+
+
+def _without_weak(links: csr_array) -> csr_array:
+    """Links that count for one of their two nodes."""
     from scipy.sparse import csr_array
 
-    together = (a_motor.T @ a_sensory).tocsr()
-    square = np.asarray(a_sensory.multiply(a_sensory).sum(axis=0)).ravel()
-    exposure = beta * square
-    reached = -np.expm1(-exposure)
-    scale = np.divide(reached, exposure, out=np.zeros_like(square), where=exposure > 0)
-    together.data *= scale[together.indices]
-    rows = np.repeat(np.arange(together.shape[0]), np.diff(together.indptr))
+    rows = np.repeat(np.arange(links.shape[0]), np.diff(links.indptr))
     row_max = np.maximum.reduceat(
-        np.append(together.data, 0.0), np.minimum(together.indptr[:-1], together.nnz)
+        np.append(links.data, 0.0), np.minimum(links.indptr[:-1], links.nnz)
     )
-    column_max = np.zeros(together.shape[1])
-    np.maximum.at(column_max, together.indices, together.data)
-    keep = together.data >= _WEAK * np.minimum(row_max[rows], column_max[together.indices])
-    keep &= together.data > _NOTHING * together.data.max(initial=0.0)
-    kept = csr_array(
-        (together.data[keep], (rows[keep], together.indices[keep])), shape=together.shape
-    )
+    column_max = np.zeros(links.shape[1])
+    np.maximum.at(column_max, links.indices, links.data)
+    keep = links.data >= _WEAK * np.minimum(row_max[rows], column_max[links.indices])
+    keep &= links.data > _NOTHING * links.data.max(initial=0.0)
+    kept = csr_array((links.data[keep], (rows[keep], links.indices[keep])), shape=links.shape)
     kept.sort_indices()
     kept.data = kept.data.astype(np.float32).astype(float)  # as a model file keeps them
     return kept
+
+
+def _settled(activities: csr_array, beta: float) -> Array:
+    """Where Oja's rule has come, over <a_i a_j>, from each node's activity, (nodes,)."""
+    square = np.asarray(activities.multiply(activities).sum(axis=0), dtype=float).ravel()
+    exposure = beta * square
+    reached = -np.expm1(-exposure)
+    return np.divide(reached, exposure, out=np.zeros_like(square), where=exposure > 0)
 
 
 def oja(links: Array, a_motor: Array, a_sensory: Array, eta: float, beta: float = 1.0) -> None:

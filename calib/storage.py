@@ -6,6 +6,7 @@ import hashlib
 import json
 import os
 from collections.abc import Mapping
+from dataclasses import asdict
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -16,6 +17,8 @@ from .about import About
 from .atomic import atomic_write
 from .drift.baseline import Baseline
 from .errors import CalibError, ModelError
+from .links import Wiring
+from .maps.graph import Graph
 from .maps.lattice import Lattice
 from .maps.map import Map
 from .readouts.basis import Basis
@@ -56,6 +59,7 @@ def to_bytes(model: Model) -> bytes:
         "baseline": None if model.baseline is None else model.baseline.to_json(),
         "motor": {"lattice": list(model.motor.lattice.shape)},
         "sensory": {"lattice": list(model.sensory.lattice.shape)},
+        "links": asdict(model.association.wiring),
         "trend": {
             "turns": list(model.predictor.trend.basis.turns),
             "degree": model.predictor.trend.basis.degree,
@@ -87,6 +91,8 @@ def _tensors(model: Model) -> dict[str, NDArray[Any]]:
         tensors["baseline.sensory"] = model.baseline.sensory.astype(np.float32)
     for name, part in (("motor", model.motor), ("sensory", model.sensory)):
         tensors[f"{name}.units"] = part.units
+        if isinstance(part.lattice, Graph):
+            tensors[f"{name}.edges"] = part.edges.astype(_unsigned(part.size))
         tensors[f"{name}.history"] = part.history
         tensors[f"{name}.lower"] = part.scale.lower
         tensors[f"{name}.span"] = part.scale.span
@@ -221,7 +227,7 @@ def _build(header: Mapping[str, Any], tensors: Mapping[str, NDArray[Any]]) -> Mo
     _expect("visited", tensors["visited"], (motor.size,))
     return Model(
         about,
-        Association(motor, sensory, links),
+        Association(motor, sensory, links, _wiring(header["links"])),
         Predictor(motor, Trend(basis, tensors["trend.coefficients"]), models),
         tensors["bounds"],
         tensors["visited"].astype(bool),
@@ -244,8 +250,17 @@ def _baseline(
 def _map(
     name: str, header: Mapping[str, Any], tensors: Mapping[str, NDArray[Any]], dim: int
 ) -> Map:
-    lattice = Lattice(tuple(int(n) for n in header[name]["lattice"]))
+    shape = tuple(int(n) for n in header[name]["lattice"])
     units = tensors[f"{name}.units"]
+    lattice: Lattice | Graph
+    if f"{name}.edges" in tensors:
+        edges = tensors[f"{name}.edges"].astype(np.intp)
+        _expect(f"{name}.edges", edges, (len(edges), 2))
+        if len(edges) and edges.max() >= len(units):
+            raise ValueError(f"an edge of the {name} map ends at no node")
+        lattice = Graph(len(units), edges)
+    else:
+        lattice = Lattice(shape)
     _expect(f"{name}.units", units, (lattice.size, dim))
     lower, span = tensors[f"{name}.lower"], tensors[f"{name}.span"]
     _expect(f"{name}.lower", lower, (dim,))
@@ -253,6 +268,13 @@ def _map(
     periodic = tensors[f"{name}.periodic"].astype(bool)
     _expect(f"{name}.periodic", periodic, (dim,))
     return Map(units, lattice, Scale(lower, span, periodic), tensors[f"{name}.history"])
+
+
+def _wiring(stated: Mapping[str, Any]) -> Wiring:
+    bandwidth = float(stated["bandwidth"])
+    if not 0.0 < bandwidth < 100.0:
+        raise ValueError(f"{bandwidth!r} is no bandwidth")
+    return Wiring(bool(stated["local"]), bool(stated["mutual"]), bandwidth)
 
 
 def _expect(name: str, array: NDArray[Any], shape: tuple[int, ...]) -> None:

@@ -16,6 +16,7 @@ from .drift.baseline import learn_baseline
 from .errors import LogError, OptionError
 from .evaluation import Residuals, evaluate_residuals, summarise
 from .learning import Options, Progress, Stopwatch, learn
+from .links import check_wiring
 from .maps.density import Gain
 from .model import Model
 from .readouts.bounds import learn_bounds
@@ -43,6 +44,7 @@ def train(
     rule: str = "batch",
     epochs: int | None = None,
     sigma: tuple[float, float] | None = None,
+    links: str = "reciprocal",
     seed: int = 0,
     progress: Progress | None = None,
 ) -> Model:
@@ -57,8 +59,9 @@ def train(
         with three joints, a 17x17x17 motor map; for a log about five rows per node.
     motor_size, sensory_size : int or tuple of int, optional
         Where they differ from `size`.
-    map : {"vdsom", "som", "vdsom:border", "vdsom:error", "vdsom:density", "vdsom:lattice"}
-        Network, or a gain function (:mod:`calib.maps.density`).
+    map : str or gain function
+        Network: "vdsom", "som", "dsom", "gng", "vdgng", or a reading of the varying
+        density such as "vdsom:error" or "gng:error" (:mod:`calib.maps.density`).
     rule : {"batch", "online"}
         Kohonen's batch map, or the paper's eq. 1 to 4, sample by sample.
     epochs : int, optional
@@ -66,6 +69,8 @@ def train(
         the coarse lattices that come first by default.
     sigma : (float, float), optional
         Neighbourhood radius at the start and at the end [nodes].
+    links : {"reciprocal", "oja", "local", "mutual"}
+        How the links are learned and read, see :data:`calib.links.WIRINGS`.
     seed : int
         The same seed gives the same model, byte for byte.
     progress : callable, optional
@@ -98,9 +103,10 @@ def train(
         raise LogError(
             f"{len(samples)} samples are too few to learn from: give at least {LEAST_ROWS}"
         )
+    check_wiring(links)
     motor, sensory, notes = lattice_sizes(samples, size, motor_size, sensory_size)
     taught = len(samples) < min(MOST_ROWS, int(np.prod(motor)))
-    options = Options(motor, sensory, map, rule, epochs, sigma, int(seed), taught)
+    options = Options(motor, sensory, map, rule, epochs, sigma, int(seed), taught, links)
     # a BLAS that splits sums over threads would change the last bits
     with threadpool_limits(1, user_api="blas"):
         return _Trainer(samples, options, notes, progress or (lambda *_: None)).run()

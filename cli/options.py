@@ -9,7 +9,7 @@ import typer
 from . import parsing
 from .parsing import Columns, JointRange, JointValue, Names, Numbers, Sigma, Size
 
-MAPS = ("vdsom", "som")
+MAPS = ("vdsom", "som", "dsom", "gng")
 RULES = ("batch", "online")
 READOUTS = ("local", "activity", "winner")
 MOTIONS = ("uniform", "halton", "sobol", "smooth")

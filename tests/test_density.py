@@ -4,10 +4,22 @@ import numpy as np
 import pytest
 
 from calib.errors import OptionError
-from calib.maps.density import GAINS, Visit, border, density, error, gain_of, lattice
+from calib.maps.density import (
+    READINGS,
+    Visit,
+    border,
+    density,
+    error,
+    gain_of,
+    kind_of,
+    lattice,
+    mixed,
+    transformation,
+)
+from calib.maps.graph import Graph
 from calib.maps.lattice import Lattice
 
-BUILT_IN = [g for g in dict.fromkeys(GAINS.values()) if g is not None and g.__code__.co_argcount]
+BUILT_IN = list(READINGS.values())
 
 
 def visit(progress, weights=None, shape=(3, 3), winners=None, distances=None):
@@ -15,7 +27,9 @@ def visit(progress, weights=None, shape=(3, 3), winners=None, distances=None):
     weights = grid.positions() / 2 if weights is None else np.array(weights, dtype=float)
     winners = np.arange(grid.size) if winners is None else np.array(winners)
     distances = np.full(len(winners), 0.1) if distances is None else np.array(distances)
-    return Visit(progress, winners, distances, weights, grid)
+    # in the other space a sample's place is the square of what it is here
+    partners = (weights[winners] + distances[:, None]) ** 2
+    return Visit(progress, winners, distances, weights, grid, partners)
 
 
 @pytest.mark.parametrize("gain", BUILT_IN, ids=lambda g: g.__name__)
@@ -43,7 +57,7 @@ def test_every_gain_is_positive_and_one_per_sample(gain):
 
 
 def test_border_is_largest_in_the_corners_and_1_inside():
-    g = border(visit(0.5), strength=4.0).reshape(3, 3)
+    g = border(visit(1 / 3), strength=4.0).reshape(3, 3)
     corner, edge = np.exp(2.0 * 5 / 8), np.exp(2.0 * 3 / 8)
     expected = [[corner, edge, corner], [edge, 1, edge], [corner, edge, corner]]
     np.testing.assert_allclose(g, expected)
@@ -102,7 +116,52 @@ def test_a_gain_follows_the_winner_of_each_sample():
 def test_names_find_their_gain_and_the_plain_som_has_none():
     assert gain_of("som") is None
     assert gain_of("vdsom") is gain_of("vdsom:border") is border
-    assert gain_of("vdsom:error") is error
+    assert gain_of("vdsom:error") is gain_of("gng:error") is error
+    assert gain_of("dsom") is gain_of("gng") is None
+    assert [kind_of(n) for n in ("som", "vdsom:error", "dsom", "gng:border", border)] == [
+        "som",
+        "som",
+        "dsom",
+        "gng",
+        "som",
+    ]
+
+
+def test_the_gain_at_the_border_is_full_for_the_last_third():
+    assert (border(visit(2 / 3)) == border(visit(1.0))).all()
+    assert border(visit(0.6)).max() < border(visit(1.0)).max()
+
+
+def test_mixed_is_border_times_error():
+    v = visit(0.8, distances=np.linspace(0.1, 0.9, 9))
+    np.testing.assert_allclose(mixed(v, 0.5), border(v) * error(v, 0.5))
+
+
+def test_transformation_is_the_variance_of_the_partners_around_a_node():
+    # a line of three nodes; node 0 and 1 share {0, 2}, node 1 and 2 share {2, 8}
+    v = Visit(
+        1.0,
+        np.array([0, 1, 2]),
+        np.zeros(3),
+        np.zeros((3, 1)),
+        Lattice((3,)),
+        np.array([[0.0], [2.0], [8.0]]),
+    )
+    variance = np.array([np.var([0, 2]), np.var([0, 2, 8]), np.var([2, 8])])
+    np.testing.assert_allclose(transformation(v), variance / variance.mean(), atol=1e-5)
+
+
+def test_transformation_without_the_other_space_says_what_it_needs():
+    with pytest.raises(OptionError, match="batch rule"):
+        transformation(Visit(1.0, np.zeros(1, int), np.zeros(1), np.zeros((4, 1)), Lattice((4,))))
+
+
+def test_at_the_border_of_a_graph_are_nodes_with_few_edges():
+    star = Graph(5, np.array([[0, 1], [0, 2], [0, 3], [0, 4], [1, 2], [3, 4]]))
+    v = Visit(1.0, np.arange(5), np.zeros(5), np.zeros((5, 2)), star)
+    g = border(v)
+    assert g[0] == g.min()
+    assert (g[1:] >= g[0]).all()
 
 
 def test_an_unknown_name_is_refused_with_the_choices():

@@ -4,7 +4,8 @@ import numpy as np
 import pytest
 from scipy.sparse import csr_array
 
-from calib.links import BANDWIDTH, NEAREST, activity, link, oja
+from calib.errors import OptionError
+from calib.links import BANDWIDTH, NEAREST, WIRINGS, activity, check_wiring, link, oja
 from calib.maps.lattice import Lattice
 from calib.maps.map import Map
 from calib.scale import TURN, Scale
@@ -16,6 +17,9 @@ def grid(n, m=None):
     shape = (n, m or n)
     lattice = Lattice(shape)
     return Map(lattice.positions() / (np.array(shape) - 1), lattice, UNIT_BOX, np.zeros((0, 4)))
+
+
+LINE = Scale(np.zeros(1), np.ones(1), np.zeros(1, dtype=bool))
 
 
 def points(n, seed=0):
@@ -57,6 +61,18 @@ def test_of_many_nodes_the_nearest_are_active_and_the_others_would_hardly_be():
     assert dense[~kept].max() < 2e-2
 
 
+def test_a_local_bandwidth_is_that_of_each_node():
+    even, u = grid(5), points(30)
+    np.testing.assert_allclose(
+        activity(even, u, local=True).toarray(), activity(even, u).toarray(), rtol=1e-9, atol=1e-12
+    )
+    # nodes at 0, 1, 3: spacings 1, 1.5, 2
+    line = Map(np.array([[0.0], [1.0], [3.0]]), Lattice((3,)), LINE, np.zeros((0, 4)))
+    a = activity(line, np.array([[1.2]]), 0.8, local=True).toarray()[0]
+    z = (np.array([1.2, 0.2, 1.8]) / (0.8 * np.array([1.0, 1.5, 2.0]))) ** 2
+    np.testing.assert_allclose(a, np.exp(z.min() - z))
+
+
 def test_far_from_every_node_the_winner_is_fully_active():
     a = activity(grid(3), np.array([[50.0, -50.0]])).toarray()[0]
     assert a.max() == 1.0
@@ -80,6 +96,24 @@ def test_links_are_the_fixed_point_of_ojas_rule_but_for_weak_ones(pair):
     assert (dense[~kept] < 0.02 * weakest[~kept] * 1.001).all()
     assert kept.any(axis=0).all()
     assert kept.any(axis=1).all()
+
+
+def test_mutual_links_are_the_same_in_both_directions(pair):
+    a_motor, a_sensory = (csr_array(a) for a in pair)
+    there = link(a_motor, a_sensory, mutual=True).toarray()
+    back = link(a_sensory, a_motor, mutual=True).toarray()
+    np.testing.assert_allclose(there, back.T, rtol=1e-6)
+    # the cosine between the activities of two nodes, where they have been active enough
+    i, j = (np.asarray(a) / np.linalg.norm(a, axis=0) for a in pair)
+    cosine = i.T @ j
+    kept = there > 0
+    np.testing.assert_allclose(there[kept], cosine[kept], rtol=1e-6)
+
+
+def test_wirings_are_known_by_name():
+    assert [(w.local, w.mutual) for w in WIRINGS.values()] == [(0, 0), (1, 0), (0, 1), (1, 1)]
+    with pytest.raises(OptionError, match="choose one of oja, local, mutual, reciprocal"):
+        check_wiring("hebb")
 
 
 def test_ojas_rule_comes_to_rest_at_those_links(pair):

@@ -138,13 +138,14 @@ def test_the_online_rule_comes_to_rest_where_the_batch_rule_does(settled):
     assert start > 2e-2
 
 
-@pytest.mark.parametrize("name", ["som", "vdsom"])
-def test_a_70x70_map_is_ordered_and_close_to_the_best_quantizer(name):
+# a varying density is no quantizer: it spends nodes on the border
+@pytest.mark.parametrize(("name", "near"), [("som", 1.15), ("vdsom", 1.35)])
+def test_a_70x70_map_is_ordered_and_close_to_the_best_quantizer(name, near):
     x = uniform(20_000)
     network = SOM((70, 70), name).fit(x, scale=UNIT_BOX)
     fresh = uniform(5000, seed=1)
-    assert network.quantization_error(x) < 1.15 * BOUND / 70
-    assert network.quantization_error(fresh) < 1.2 * BOUND / 70
+    assert network.quantization_error(x) < near * BOUND / 70
+    assert network.quantization_error(fresh) < (near + 0.05) * BOUND / 70
     assert network.topographic_error(fresh) < 0.05
 
 

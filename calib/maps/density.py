@@ -15,6 +15,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ..errors import OptionError
+from .graph import Graph
 from .lattice import Lattice
 
 Array = NDArray[np.float64]
@@ -34,28 +35,36 @@ class Visit:
         Distance of each sample to its winner, in the unit box.
     weights : (nodes, d) array
         Weights of the nodes, in the unit box.
-    lattice : Lattice
-        Where the nodes stand.
+    lattice : Lattice or Graph
+        How the nodes are joined.
+    partners : (n, k) array, optional
+        The same samples in the other space, in its unit box, where it is known.
     """
 
     progress: float
     winners: NDArray[np.intp]
     distances: Array
     weights: Array
-    lattice: Lattice
+    lattice: Lattice | Graph
+    partners: Array | None = None
 
 
 Gain = Callable[[Visit], Array]
 
 
-def border(visit: Visit, strength: float = 6.0) -> Array:
+_FULL = 2 / 3  # share of the training after which the gain at the border is full
+
+
+def border(visit: Visit, strength: float = 9.0) -> Array:
     """Gain of nodes "with a small number of neighbors": corners, edges.
 
-    g = exp(p t/T (1 - neighbours / most neighbours)).  It needs no distances, has no
-    feedback and cannot tear the map.
+    g = exp(p min(1, 3/2 t/T) (1 - neighbours / most neighbours)).  It needs no distances,
+    has no feedback and cannot tear the map; the last third of the training, at the full
+    gain, brings the map to rest.
     """
     lonely = 1.0 - visit.lattice.neighbours()
-    gain: Array = np.exp(strength * visit.progress * lonely)[visit.winners]
+    ramp = min(1.0, visit.progress / _FULL)
+    gain: Array = np.exp(strength * ramp * lonely)[visit.winners]
     return gain
 
 
@@ -70,6 +79,41 @@ def error(visit: Visit, strength: float = 1.0) -> Array:
     if mean == 0.0:
         return np.ones(len(square))
     return np.asarray((square / mean + 1e-6) ** (strength * visit.progress))
+
+
+def mixed(visit: Visit, strength: float = 0.3) -> Array:
+    """Gain of the border times that of the error, the latter to the power of `strength`."""
+    return border(visit) * error(visit, strength)
+
+
+def transformation(visit: Visit, strength: float = 1.0) -> Array:
+    """Gain of nodes "with large transformation errors", which the abstract promises.
+
+    g = (e^2 / mean e^2)^(p t/T), e^2 the variance, in the other space, of the samples
+    that a node and its neighbours win: what no partner of that node can represent.
+
+    Raises
+    ------
+    OptionError
+        If the samples of the other space are not known.
+    """
+    if visit.partners is None:
+        raise OptionError(
+            "this gain weighs errors of the other space: use it in calib.train with the batch rule"
+        )
+    y, n = visit.partners, visit.lattice.size
+    columns = np.column_stack([np.ones(len(y)), y, np.sum(y**2, axis=1)])
+    own = np.stack([np.bincount(visit.winners, c, n) for c in columns.T], axis=1)
+    a, b = visit.lattice.edges().T
+    sums = own.copy()
+    np.add.at(sums, a, own[b])
+    np.add.at(sums, b, own[a])
+    mean = sums[:, 1:] / np.maximum(sums[:, :1], 1.0)
+    variance = np.maximum(mean[:, -1] - np.sum(mean[:, :-1] ** 2, axis=1), 0.0)[visit.winners]
+    overall = float(variance.mean())
+    if overall == 0.0:
+        return np.ones(len(y))
+    return np.asarray((variance / overall + 1e-6) ** (strength * visit.progress))
 
 
 def _local_distances(visit: Visit) -> Array:
@@ -108,18 +152,39 @@ def lattice(visit: Visit, strength: float = 3.0) -> Array:
     return gain[visit.winners]
 
 
+READINGS: dict[str, Gain] = {
+    "border": border,
+    "error": error,
+    "density": density,
+    "lattice": lattice,
+    "mixed": mixed,
+    "transformation": transformation,
+}
+"""What a varying density can mean, by the name that follows the colon in ``--map``."""
+
+_VARYING_GNG = ("error", "border", "density")
+
 GAINS: dict[str, Gain | None] = {
     "som": None,
     "vdsom": border,
-    "vdsom:border": border,
-    "vdsom:error": error,
-    "vdsom:density": density,
-    "vdsom:lattice": lattice,
+    **{f"vdsom:{name}": gain for name, gain in READINGS.items()},
+    "dsom": None,
+    "gng": None,
+    **{f"gng:{name}": READINGS[name] for name in _VARYING_GNG},
 }
+"""Networks by their name in ``--map`` and the gain that each trains with."""
 
 
 def gain_of(name: str) -> Gain | None:
-    """Gain of a network by its name in ``--map``, None for the plain SOM."""
+    """Gain of a network by its name in ``--map``, None where there is none."""
     if name not in GAINS:
         raise OptionError(f"map {name!r} is unknown, choose one of {', '.join(GAINS)}")
     return GAINS[name]
+
+
+def kind_of(network: str | Gain) -> str:
+    """Kind of a network, "som", "dsom" or "gng", by its name or its gain function."""
+    if not isinstance(network, str):
+        return "som"
+    gain_of(network)
+    return network.removeprefix("vd").partition(":")[0]

@@ -10,6 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ..scale import Scale
+from .graph import Graph
 from .lattice import Lattice
 
 if TYPE_CHECKING:
@@ -29,8 +30,8 @@ class Map:
     ----------
     units : (nodes, d) array
         Weights of the nodes in the unit box of `scale`.
-    lattice : Lattice
-        How the nodes are joined.
+    lattice : Lattice or Graph
+        How the nodes are joined; a growing neural gas has no lattice but a graph.
     scale : Scale
         From the space's own units to the unit box.
     history : (epochs, 4) array
@@ -38,7 +39,7 @@ class Map:
     """
 
     units: Array
-    lattice: Lattice
+    lattice: Lattice | Graph
     scale: Scale
     history: Array
 
@@ -68,6 +69,18 @@ class Map:
         a, b = self.edges.T
         gap = self.scale.difference(self.units[a], self.units[b])
         return float(np.linalg.norm(gap, axis=1).mean())
+
+    @cached_property
+    def spacings(self) -> Array:
+        """Mean distance of each node to those it is joined to, (nodes,), in the unit box."""
+        a, b = self.edges.T
+        gap = np.linalg.norm(self.scale.difference(self.units[a], self.units[b]), axis=1)
+        n = self.size
+        total = np.bincount(a, gap, n) + np.bincount(b, gap, n)
+        count = np.bincount(a, minlength=n) + np.bincount(b, minlength=n)
+        own = total / np.maximum(count, 1)
+        # a node on top of its neighbours, or joined to none, has the spacing of the map
+        return np.where(own > 1e-6 * self.spacing, own, max(self.spacing, 1e-300))
 
     def nearest(self, u: Array, k: int = 1) -> tuple[Array, NDArray[np.intp]]:
         """Distances and indices, (n, k), of the `k` nodes nearest to `u` in the unit box."""

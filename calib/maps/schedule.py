@@ -39,11 +39,16 @@ class Stage:
 
 
 # nodes per axis (two axes), sigma at the start and the end, epochs, samples per node
+_FINE, _LAST, _LAST_VARYING = 1.5, 0.4, 1.5  # radii of the full lattice: first, last [nodes]
 _COARSE = ((10, 5.0, 0.7, 15, 30), (30, 2.0, 0.6, 8, 9))
 
 
 def coarse_to_fine(
-    lattice: Lattice, epochs: int | None = None, sigma: tuple[float, float] | None = None
+    lattice: Lattice,
+    epochs: int | None = None,
+    sigma: tuple[float, float] | None = None,
+    *,
+    varying: bool = False,
 ) -> list[Stage]:
     """Stages that order a coarse lattice and refine it up to `lattice`.
 
@@ -51,9 +56,13 @@ def coarse_to_fine(
     the finer one then starts from its interpolation with a small radius.  Where the
     user gives `epochs` or `sigma` there is one stage, on `lattice` itself, from a
     random start.
+
+    Where the density is `varying`, the last radius is wider: a smooth map whose border
+    the gain holds in place is more accurate than one that follows each sample.
     """
+    last = _LAST_VARYING if varying else _LAST
     if epochs is not None or sigma is not None:
-        start, end = sigma or (max(lattice.shape) / 2, 0.4)
+        start, end = sigma or (max(max(lattice.shape) / 2, last), last)
         radii = exponential(start, end, epochs or 20)
         return [Stage(lattice, radii, np.iinfo(np.int64).max, final=True)]
     stages: list[Stage] = []
@@ -65,9 +74,9 @@ def coarse_to_fine(
         small = Lattice(tuple(max(2, round(s * shrink)) for s in lattice.shape))
         start = max(start * side ** (2 / lattice.dim - 1), 1.0) if not stages else start
         stages.append(Stage(small, exponential(start, end, n), per_node * small.size, final=False))
-    start = 1.5 if stages else max(lattice.shape) / 2
+    start = max(_FINE, 2 * last) if stages else max(lattice.shape) / 2
     epochs = 8 if stages else 20
-    radii = exponential(max(start, 1.0), 0.4, epochs)
+    radii = exponential(max(start, 1.0), min(last, max(start, 1.0)), epochs)
     stages.append(Stage(lattice, radii, np.iinfo(np.int64).max, final=True))
     return stages
 

@@ -1,4 +1,4 @@
-"""Training of self-organizing maps: the paper's online rule and Kohonen's batch rule."""
+"""Networks that are still to be trained: one entry for all kinds and both rules."""
 
 from __future__ import annotations
 
@@ -10,18 +10,19 @@ from numpy.typing import NDArray
 
 from ..errors import LogError, OptionError
 from ..scale import Scale
-from .density import Gain, Visit, gain_of
+from . import batch, dsom, gng, online
+from .density import Gain, gain_of, kind_of
+from .epoch import Epoch
 from .lattice import Lattice
 from .map import Map
-from .schedule import Stage, coarse_to_fine, exponential, total_work
+from .online import present as present
+from .schedule import Stage, coarse_to_fine, total_work
 
 Array = NDArray[np.float64]
 Progress = Callable[[float, float], None]
 """Called with the share of the work done and the current quantization error."""
 
 RULES = ("batch", "online")
-_ALPHA = 0.5  # learning rate at the start (eq. 4)
-_BLOCK = 250  # samples of the online rule between two looks at the gain
 
 
 @dataclass(frozen=True)
@@ -31,12 +32,14 @@ class SOM:
     Attributes
     ----------
     size : tuple of int
-        Nodes along each lattice axis.
+        Nodes along each lattice axis; a growing neural gas takes their number.
     map : str or gain function
-        "som", "vdsom" or a reading of it ("vdsom:error"), or a function of a
+        "som", "vdsom" or a reading of it ("vdsom:error"), "dsom", "gng" or one with a
+        varying density ("gng:error"), or a function of a
         :class:`~calib.maps.density.Visit` that returns a gain per sample.
     rule : {"batch", "online"}
-        Batch map (Kohonen 2013), or eq. 1 to 4 one sample at a time.
+        Batch map (Kohonen 2013), or eq. 1 to 4 one sample at a time.  A dynamic map and a
+        growing neural gas know only the latter and take no notice.
     epochs : int, optional
         Passes over the samples.
     sigma : (float, float), optional
@@ -73,7 +76,14 @@ class SOM:
                 f"sigma {start:g}:{end:g}: give START:END in nodes with START >= END > 0"
             )
 
-    def fit(self, x: Array, *, scale: Scale | None = None, progress: Progress | None = None) -> Map:
+    def fit(
+        self,
+        x: Array,
+        *,
+        scale: Scale | None = None,
+        progress: Progress | None = None,
+        partners: Array | None = None,
+    ) -> Map:
         """Train on the rows of `x` (n, d) and return the map.
 
         Parameters
@@ -85,6 +95,9 @@ class SOM:
         progress : callable, optional
             Called now and then with the share of the work done and the current
             quantization error in the unit box.
+        partners : (n, k) array, optional
+            The same samples in the other space, in its unit box, for gains that weigh the
+            errors there.
 
         Returns
         -------
@@ -95,6 +108,8 @@ class SOM:
         LogError
             If `x` has no rows, is not two-dimensional, or holds a value that is not finite.
         """
+        from threadpoolctl import threadpool_limits
+
         x = np.asarray(x, dtype=float)
         if x.ndim != 2 or not len(x):
             raise LogError(f"samples of shape {x.shape}: expected (n, d) with n >= 1")
@@ -104,173 +119,39 @@ class SOM:
         gain = gain_of(self.map) if isinstance(self.map, str) else self.map
         scale = scale or Scale.of_data(x)
         u = scale.to_unit(x)
-        rng = np.random.default_rng(self.seed)
-        lattice = Lattice(self.size)
-        if self.rule == "online":
-            epochs = _online(u, lattice, gain, self.epochs or 5, self.sigma, rng)
-            work = len(u) * (self.epochs or 5)
-        else:
-            stages = coarse_to_fine(lattice, self.epochs, self.sigma)
-            epochs = _batch(u, stages, gain, rng)
-            work = total_work(stages, len(u))
-        history, done = [], 0
-        for epoch in epochs:
-            done += epoch.shown
-            history.append((epoch.nodes, epoch.sigma, epoch.error, epoch.topographic))
-            weights = epoch.weights
-            if progress is not None:
-                progress(done / work, epoch.error)
+        history, done, work = [], 0, self._work(len(u))
+        # small products of matrices: threads would only wait for each other
+        with threadpool_limits(1, user_api="blas"):
+            for epoch in self._epochs(u, gain, partners):
+                done += epoch.shown
+                history.append((len(epoch.weights), epoch.sigma, epoch.error, epoch.topographic))
+                weights, lattice = epoch.weights, epoch.lattice
+                if progress is not None:
+                    progress(min(1.0, done / work), epoch.error)
         return Map(weights, lattice, scale, np.array(history))
 
+    def _stages(self) -> list[Stage]:
+        varying = self.map != "som"
+        return coarse_to_fine(Lattice(self.size), self.epochs, self.sigma, varying=varying)
 
-@dataclass(frozen=True)
-class _Epoch:
-    weights: Array
-    nodes: int
-    sigma: float
-    error: float
-    topographic: float
-    shown: int
+    def _passes(self) -> int:
+        """Passes over the samples of the rules that see one sample at a time."""
+        return self.epochs or {"som": 5, "dsom": 5, "gng": 10}[kind_of(self.map)]
 
+    def _work(self, n: int) -> int:
+        """Samples that are shown in all."""
+        if kind_of(self.map) == "som" and self.rule == "batch":
+            return total_work(self._stages(), n)
+        return n * self._passes()
 
-def _topographic(u: Array, weights: Array, lattice: Lattice) -> float:
-    """Topographic error on some 500 of the samples `u`."""
-    some = u[:: max(1, len(u) // 500)]
-    index = _nearest(weights, some, [1, 2])[1]
-    return float(np.mean(~lattice.adjacent(index[:, 0], index[:, 1])))
-
-
-def _nearest(weights: Array, u: Array, k: int | list[int]) -> tuple[Array, NDArray[np.intp]]:
-    """Distance and index of the nearest node (or nodes) of each sample (eq. 1)."""
-    from scipy.spatial import cKDTree
-
-    tree = cKDTree(weights, compact_nodes=False, balanced_tree=False)
-    distance, index = tree.query(u, k=k, workers=-1)
-    return np.asarray(distance), np.asarray(index, dtype=np.intp)
-
-
-def _batch(
-    u: Array, stages: list[Stage], gain: Gain | None, rng: np.random.Generator
-) -> Iterator[_Epoch]:
-    """Kohonen's batch map, stage after stage; yields after each epoch.
-
-    Its fixed points are those of eq. 2: each node is the mean of all samples, weighted by
-    the neighbourhood h (eq. 3) of their winners and, for a VDSOM, by their gain.
-    """
-    weights = rng.random((stages[0].lattice.size, u.shape[1]))
-    lattice = stages[0].lattice
-    for stage in stages:
-        if stage.lattice != lattice:
-            weights = lattice.resample(weights, stage.lattice)
-        lattice = stage.lattice
-        some = u if stage.samples >= len(u) else u[rng.permutation(len(u))[: stage.samples]]
-        for epoch, sigma in enumerate(stage.sigma):
-            topographic = _topographic(some, weights, lattice)
-            distance, winner = _nearest(weights, some, 1)  # eq. 1
-            g = None
-            if gain is not None and stage.final:
-                t = (epoch + 1) / len(stage.sigma)
-                g = gain(Visit(t, winner, distance, weights, lattice))
-            sums = _smooth(_sums(some, winner, g, lattice.size), lattice, float(sigma))
-            count = sums[:, -1:]
-            reached = count > 1e-12 * count.max()
-            weights = np.where(reached, sums[:, :-1] / np.where(reached, count, 1.0), weights)
-            yield _Epoch(
-                weights, lattice.size, float(sigma), float(distance.mean()), topographic, len(some)
-            )
-
-
-def _sums(u: Array, winner: NDArray[np.intp], gain: Array | None, nodes: int) -> Array:
-    """Sum of the samples and number of samples per node, (nodes, d + 1)."""
-    columns = [c if gain is None else gain * c for c in u.T]
-    columns.append(np.ones(len(u)) if gain is None else gain)
-    return np.stack([np.bincount(winner, c, minlength=nodes) for c in columns], axis=1)
-
-
-def _smooth(sums: Array, lattice: Lattice, sigma: float) -> Array:
-    """Sums over the neighbourhood h_ji of eq. 3: a Gaussian along each lattice axis."""
-    from scipy.ndimage import gaussian_filter1d
-
-    grid = sums.reshape(*lattice.shape, -1)
-    for axis in range(lattice.dim):
-        grid = gaussian_filter1d(grid, sigma, axis=axis, mode="constant")
-    return grid.reshape(lattice.size, -1)
-
-
-def _online(
-    u: Array,
-    lattice: Lattice,
-    gain: Gain | None,
-    epochs: int,
-    sigma: tuple[float, float] | None,
-    rng: np.random.Generator,
-) -> Iterator[_Epoch]:
-    """The paper's rule, one sample at a time (eq. 1 to 4); yields after each epoch.
-
-    Winners and updates are exact, but for the neighbourhood being cut at four sigma; the
-    gain of a VDSOM is computed once per block of samples.
-    """
-    start, end = sigma or (max(lattice.shape) / 2, 0.5)
-    steps = epochs * len(u)
-    radius = exponential(start, end, steps)
-    alpha = _ALPHA * radius / start  # eq. 4: one time constant for both
-    weights = rng.random((lattice.size, u.shape[1]))
-    done = 0
-    for _ in range(epochs):
-        order = u[rng.permutation(len(u))]
-        errors = []
-        for first in range(0, len(order), _BLOCK):
-            block = order[first : first + _BLOCK]
-            rates = alpha[done : done + len(block)]
-            if gain is not None:
-                distance, winner = _nearest(weights, block, 1)
-                t = (done + len(block)) / steps
-                rates = rates * gain(Visit(t, winner, distance, weights, lattice))
-            errors += present(weights, lattice, block, radius[done : done + len(block)], rates)
-            done += len(block)
-        yield _Epoch(
-            weights,
-            lattice.size,
-            float(radius[done - 1]),
-            float(np.mean(errors)),
-            _topographic(u, weights, lattice),
-            len(order),
-        )
-
-
-def present(
-    weights: Array, lattice: Lattice, samples: Array, sigma: Array, rate: Array
-) -> list[float]:
-    """Show samples to a map one after the other, in place (eq. 1 to 3).
-
-    Parameters
-    ----------
-    weights : (nodes, d) array
-        Changed in place.
-    samples : (n, d) array
-        In the unit box.
-    sigma, rate : (n,) array
-        Neighbourhood radius [nodes] and learning rate (times gain) of each sample.
-
-    Returns
-    -------
-    list of float
-        Distance of each sample to its winner.
-    """
-    grid = weights.reshape(*lattice.shape, -1)
-    axes = [np.arange(n, dtype=float) for n in lattice.shape]
-    distances = []
-    for x, s, a in zip(samples, sigma, rate, strict=True):
-        gap = weights - x
-        square = np.einsum("ij,ij->i", gap, gap)
-        winner = int(square.argmin())  # eq. 1
-        distances.append(float(np.sqrt(square[winner])))
-        place = np.unravel_index(winner, lattice.shape)
-        reach = int(4 * s) + 1
-        window = tuple(slice(max(0, int(p) - reach), int(p) + reach + 1) for p in place)
-        h = np.array(a)
-        for axis, p, part in zip(axes, place, window, strict=True):  # eq. 3, axis by axis
-            h = np.multiply.outer(h, np.exp((axis[part] - p) ** 2 / (-2.0 * s * s)))
-        near = grid[window]
-        near += np.minimum(h, 1.0)[..., None] * (x - near)  # eq. 2
-    return distances
+    def _epochs(self, u: Array, gain: Gain | None, partners: Array | None) -> Iterator[Epoch]:
+        rng = np.random.default_rng(self.seed)
+        kind, lattice = kind_of(self.map), Lattice(self.size)
+        if kind == "gng":
+            return gng.learn(u, lattice.size, gain, self._passes(), rng)
+        if kind == "dsom":
+            return dsom.learn(u, lattice, self._passes(), rng)
+        if self.rule == "online":
+            sigma = self.sigma or (max(lattice.shape) / 2, 0.5 if self.map == "som" else 1.5)
+            return online.learn(u, lattice, gain, self._passes(), sigma, rng)
+        return batch.learn(u, self._stages(), gain, rng, partners)

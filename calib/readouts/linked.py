@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ..errors import OptionError
-from ..links import activity
+from ..links import WIRINGS, Wiring
 from ..maps.map import Map
 
 if TYPE_CHECKING:
@@ -22,7 +22,7 @@ Index = NDArray[np.intp]
 READOUTS = ("local", "activity", "winner")
 
 _JOINED = 1.9  # nodes closer than so many spacings belong to one cluster
-_CORE = 4.0  # reach of a cluster around its strongest node [spacings]
+_CORE = 6.0  # reach of a cluster around its strongest node [spacings]
 _MOST = 6  # clusters that are kept of each sensory node
 
 
@@ -61,17 +61,20 @@ class Association:
         The maps.
     links : csr_array of shape (motor nodes, sensory nodes)
         Strength c_ij of each connection.
+    wiring : Wiring
+        How they were learned and how active nodes are.
     """
 
     motor: Map
     sensory: Map
     links: csr_array
+    wiring: Wiring = WIRINGS["reciprocal"]
 
     def forward(self, u: Array, readout: str) -> Array:
         """Positions in the sensory unit box (n, 2) for joints `u` (n, dof) in theirs."""
         if readout == "winner":
             return self.sensory.units[self._strongest_partner[self.motor.nearest(u)[1][:, 0]]]
-        a = activity(self.motor, u)
+        a = self.wiring.activity(self.motor, u)
         # sum_i a_i c_ij w_j / sum_i a_i c_ij
         total = a @ self._strength
         said = (a @ self._weighted) / np.where(total > 0, total, 1.0)[:, None]
@@ -91,7 +94,7 @@ class Association:
         branch = np.where(clusters.strength[winner] > 0, away, np.inf).argmin(axis=1)
         if readout == "winner":
             return np.asarray(self.motor.units[clusters.core[winner, branch]])
-        a = activity(self.sensory, v)
+        a = self.wiring.activity(self.sensory, v)
         n, k = len(v), a.nnz // max(len(v), 1)
         nodes, weight = a.indices.reshape(n, k), a.data.reshape(n, k)
         anchor = clusters.center[winner, branch]

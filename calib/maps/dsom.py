@@ -1,0 +1,117 @@
+"""The dynamic self-organizing map (Rougier and Boniface, Neurocomputing 74, 2011).
+
+Learning rate and neighbourhood follow the distance between a sample and its winner, not
+time: a map that already represents a sample well is left alone, one that does not learns
+at any age.  Elasticity takes the place of the radius.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterator
+
+import numpy as np
+from numpy.typing import NDArray
+
+from .epoch import Epoch, topographic_error
+from .lattice import Lattice
+
+Array = NDArray[np.float64]
+
+ELASTICITY = 3.0
+"""How far a sample's pull reaches: 1 to 3 in the source."""
+
+RATE = 0.1
+"""Learning rate epsilon of the source."""
+
+_REACH = 4.0  # neighbourhood beyond so many sigma is left out
+
+
+def learn(u: Array, lattice: Lattice, epochs: int, rng: np.random.Generator) -> Iterator[Epoch]:
+    """Train a map that starts in the middle; yields after each pass over the samples.
+
+    Parameters
+    ----------
+    u : (n, d) array
+        Samples in the unit box.
+    lattice : Lattice
+        The lattice.
+    epochs : int
+        Passes over the samples, each in another order.
+    rng : numpy.random.Generator
+        Source of the start and of the orders.
+    """
+    # from one place it unfolds; scattered nodes are close to every sample and stay put
+    weights = 0.5 + 0.01 * (rng.random((lattice.size, u.shape[1])) - 0.5)
+    for _ in range(epochs):
+        distances = present(weights, lattice, u[rng.permutation(len(u))])
+        error = float(np.mean(distances))
+        sigma = _radius(lattice, error, u.shape[1], ELASTICITY)
+        topographic = topographic_error(u, weights, lattice)
+        yield Epoch(weights, lattice, sigma, error, topographic, len(u))
+
+
+def present(
+    weights: Array,
+    lattice: Lattice,
+    samples: Array,
+    elasticity: float = ELASTICITY,
+    rate: float = RATE,
+) -> list[float]:
+    """Show samples to a map one after the other, in place.
+
+    With d the distance to a node over the diagonal of the box, s the winner and p the
+    nodes' places in a lattice of unit sides,
+
+        w_i += rate d_i exp(-|p_i - p_s|^2 / (elasticity d_s)^2) (x - w_i).
+
+    Exact, but for the neighbourhood being cut where it falls below exp(-8).
+
+    Parameters
+    ----------
+    weights : (nodes, d) array
+        Changed in place.
+    samples : (n, d) array
+        In the unit box.
+    elasticity, rate : float
+        Parameters of the source.
+
+    Returns
+    -------
+    list of float
+        Distance of each sample to its winner.
+    """
+    dim = samples.shape[1]
+    diagonal = float(np.sqrt(dim))
+    grid = weights.reshape(*lattice.shape, -1)
+    square = np.einsum("ij,ij->i", weights, weights)  # kept up to date below
+    squares = square.reshape(lattice.shape)
+    axes = [np.arange(n, dtype=float) for n in lattice.shape]
+    distances = []
+    for x in samples:
+        score = square - 2.0 * (weights @ x)
+        winner = int(score.argmin())
+        gap = x - weights[winner]
+        distance = float(np.sqrt(gap @ gap))
+        distances.append(distance)
+        if distance == 0.0:
+            continue  # the source: h is zero where the winner stands on the sample
+        sigma = _radius(lattice, distance, dim, elasticity)
+        reach = int(_REACH * sigma) + 1
+        place = np.unravel_index(winner, lattice.shape)
+        window = tuple(slice(max(0, int(p) - reach), int(p) + reach + 1) for p in place)
+        h = np.array(rate)
+        for axis, p, part in zip(axes, place, window, strict=True):
+            wide = sigma * (len(axis) - 1) / (max(lattice.shape) - 1)
+            h = np.multiply.outer(h, np.exp((axis[part] - p) ** 2 / (-2.0 * wide * wide)))
+        near = grid[window]
+        away = x - near
+        own = np.sqrt(np.einsum("...i,...i->...", away, away)) / diagonal
+        near += (h * own)[..., None] * away
+        squares[window] = np.einsum("...i,...i->...", near, near)
+    return distances
+
+
+def _radius(lattice: Lattice, distance: float, dim: int, elasticity: float) -> float:
+    """Sigma [nodes of the longest axis] of the neighbourhood at a distance to the winner."""
+    return elasticity * distance * (max(lattice.shape) - 1) / math.sqrt(2.0 * dim)

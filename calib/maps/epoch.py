@@ -1,0 +1,57 @@
+"""Epochs: what every network tells while it trains, and the search for winners."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from .graph import Graph
+from .lattice import Lattice
+
+Array = NDArray[np.float64]
+
+
+@dataclass(frozen=True, eq=False)
+class Epoch:
+    """The state of a network after one pass over some samples.
+
+    Attributes
+    ----------
+    weights : (nodes, d) array
+        Weights of the nodes, in the unit box.
+    lattice : Lattice or Graph
+        How they are joined.
+    sigma : float [nodes]
+        Neighbourhood radius of this pass.
+    error : float
+        Mean distance of the samples to their winners, in the unit box.
+    topographic : float
+        Share of samples whose two nearest nodes are not joined.
+    shown : int
+        Samples of this pass.
+    """
+
+    weights: Array
+    lattice: Lattice | Graph
+    sigma: float
+    error: float
+    topographic: float
+    shown: int
+
+
+def nearest(weights: Array, u: Array, k: int | list[int]) -> tuple[Array, NDArray[np.intp]]:
+    """Distance and index of the nearest node (or nodes) of each sample (eq. 1)."""
+    from scipy.spatial import cKDTree
+
+    tree = cKDTree(weights, compact_nodes=False, balanced_tree=False)
+    distance, index = tree.query(u, k=k, workers=-1)
+    return np.asarray(distance), np.asarray(index, dtype=np.intp)
+
+
+def topographic_error(u: Array, weights: Array, lattice: Lattice | Graph) -> float:
+    """Topographic error on some 500 of the samples `u`."""
+    some = u[:: max(1, len(u) // 500)]
+    index = nearest(weights, some, [1, 2])[1]
+    return float(np.mean(~lattice.adjacent(index[:, 0], index[:, 1])))

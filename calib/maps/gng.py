@@ -1,0 +1,209 @@
+"""Growing neural gas (Fritzke, NIPS 1995): nodes and edges that grow where errors are.
+
+The paper: "the same concept can be applied to vary the structure of a Growing Neural Gas
+(GNG) network".  A gain weighs the errors that a node accumulates, which is what decides
+where the next node is inserted.
+
+Samples are shown in blocks.  With blocks of one sample :func:`present` is the source's
+algorithm to the letter.  Within a longer block the winners are those at its start, the
+order of the samples is forgotten, and edges that were renewed have the age 0; a block is
+at most a tenth of the nodes long, so that few nodes win twice.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from dataclasses import dataclass, field
+
+import numpy as np
+from numpy.typing import NDArray
+
+from .density import Gain, Visit
+from .epoch import Epoch, nearest, topographic_error
+from .graph import Graph
+
+Array = NDArray[np.float64]
+Index = NDArray[np.intp]
+
+_GROWING = 0.6  # share of the samples during which nodes are inserted
+_BLOCK = 512
+
+
+@dataclass(frozen=True)
+class Pace:
+    """Parameters, with the letters and values of the source where it has them.
+
+    Attributes
+    ----------
+    winner, neighbour : float
+        Steps epsilon_b and epsilon_n towards a sample.
+    oldest : int
+        Age a_max beyond which an edge is removed.
+    shared : float
+        Share alpha of the error that the two parents of a new node keep.
+    decay : float
+        Factor d on every error, per sample.  The source's 0.995 remembers 200 samples,
+        too few for thousands of nodes: :func:`learn` makes it remember twice their number.
+    """
+
+    winner: float = 0.1
+    neighbour: float = 0.006
+    oldest: int = 50
+    shared: float = 0.5
+    decay: float = 0.995
+
+
+@dataclass
+class Gas:
+    """A gas that grows: its nodes, their errors, the edges and their ages.
+
+    Attributes
+    ----------
+    weights : (nodes, d) array
+        Nodes in the unit box.
+    error : (nodes,) array
+        Accumulated squared distance to the samples that each has won.
+    pairs : (m, 2) int array
+        Edges, the smaller node first.
+    age : (m,) array
+        Samples that either end has won since the edge was last renewed.
+    """
+
+    weights: Array
+    error: Array
+    pairs: Index = field(default_factory=lambda: np.zeros((0, 2), dtype=np.intp))
+    age: Array = field(default_factory=lambda: np.zeros(0))
+
+    @property
+    def graph(self) -> Graph:
+        """The edges as they are now, in ascending order."""
+        order = np.lexsort((self.pairs[:, 1], self.pairs[:, 0]))
+        return Graph(len(self.weights), self.pairs[order])
+
+    def neighbours(self, node: int) -> Index:
+        """Nodes that are joined to `node`."""
+        a, b = self.pairs.T
+        return np.concatenate([b[a == node], a[b == node]])
+
+
+def learn(
+    u: Array, nodes: int, gain: Gain | None, epochs: int, rng: np.random.Generator
+) -> Iterator[Epoch]:
+    """Grow a gas of `nodes` nodes; yields after each pass over the samples.
+
+    Parameters
+    ----------
+    u : (n, d) array
+        Samples in the unit box.
+    nodes : int
+        Nodes to grow to: within the first 60 % of the samples, at an even pace.
+    gain : callable or None
+        Varying density: a factor on the errors that are accumulated.
+    epochs : int
+        Passes over the samples, each in another order.
+    rng : numpy.random.Generator
+        Source of the start and of the orders.
+    """
+    gas = Gas(u[rng.permutation(len(u))[:2]] + 1e-9 * rng.random((2, u.shape[1])), np.zeros(2))
+    pace = Pace(decay=1.0 - 1.0 / (2.0 * max(nodes, 100)))
+    growth = _GROWING * epochs * len(u)
+    done = 0
+    for _ in range(epochs):
+        order = u[rng.permutation(len(u))]
+        total, first = 0.0, 0
+        while first < len(order):
+            block = order[first : first + max(1, min(_BLOCK, len(gas.weights) // 10))]
+            first += len(block)
+            done += len(block)
+            progress = min(1.0, done / growth)
+            total += present(gas, block, pace, gain, progress)
+            aim = 2 + int((nodes - 2) * progress)
+            while len(gas.weights) < aim and len(gas.pairs):
+                insert(gas, pace)
+        graph = gas.graph
+        topographic = topographic_error(u, gas.weights, graph)
+        yield Epoch(gas.weights, graph, 0.0, total / len(order), topographic, len(order))
+
+
+def present(
+    gas: Gas, samples: Array, pace: Pace, gain: Gain | None = None, progress: float = 1.0
+) -> float:
+    """Show a block of samples: move the winners and their neighbours, renew and age edges.
+
+    Returns
+    -------
+    float
+        Sum of the samples' distances to their winners.
+    """
+    distance, index = nearest(gas.weights, samples, [1, 2])
+    n, first, second = len(gas.weights), index[:, 0], index[:, 1]
+    square = distance[:, 0] ** 2
+    if gain is not None:
+        visit = Visit(progress, first, distance[:, 0], gas.weights, gas.graph)
+        square = square * gain(visit)
+    gas.error = (gas.error + np.bincount(first, square, n)) * pace.decay ** len(samples)
+    wins = np.bincount(first, minlength=n).astype(float)
+    sums = np.stack([np.bincount(first, c, n) for c in samples.T], axis=1)
+    a, b = gas.pairs.T
+    gas.age = gas.age + wins[a] + wins[b]
+    # what many steps add up to: a node keeps (1 - epsilon)^wins of its place
+    own, other = -np.log1p(-pace.winner), -np.log1p(-pace.neighbour)
+    rate, pull = own * wins, own * sums
+    for near, far in ((a, b), (b, a)):
+        rate = rate + other * np.bincount(near, wins[far], n)
+        pull = pull + other * np.stack([np.bincount(near, c, n) for c in sums[far].T], axis=1)
+    moved = np.flatnonzero(rate > 0.0)
+    target = pull[moved] / rate[moved, None]
+    gas.weights[moved] -= np.expm1(-rate[moved])[:, None] * (target - gas.weights[moved])
+    _renew(gas, np.minimum(first, second), np.maximum(first, second))
+    _prune(gas, pace)
+    return float(distance[:, 0].sum())
+
+
+def _renew(gas: Gas, low: Index, high: Index) -> None:
+    """Join the two nearest nodes of each sample by an edge of age 0."""
+    n = len(gas.weights)
+    fresh = np.unique(low * n + high)
+    key = gas.pairs[:, 0] * n + gas.pairs[:, 1]
+    stay = ~np.isin(key, fresh)
+    joined = np.stack(np.divmod(fresh, n), axis=1)
+    gas.pairs = np.concatenate([gas.pairs[stay], joined])
+    gas.age = np.concatenate([gas.age[stay], np.zeros(len(joined))])
+
+
+def _prune(gas: Gas, pace: Pace) -> None:
+    """Remove edges that are too old, and nodes that are left without an edge."""
+    young = gas.age <= pace.oldest
+    if young.all():
+        return
+    gas.pairs, gas.age = gas.pairs[young], gas.age[young]
+    kept = np.bincount(gas.pairs.ravel(), minlength=len(gas.weights)) > 0
+    place = np.cumsum(kept) - 1
+    gas.weights, gas.error, gas.pairs = gas.weights[kept], gas.error[kept], place[gas.pairs]
+
+
+def insert(gas: Gas, pace: Pace) -> int:
+    """Insert a node between the one with the largest error and its worst neighbour.
+
+    Returns
+    -------
+    int
+        The new node.
+    """
+    worst = int(gas.error.argmax())
+    near = gas.neighbours(worst)
+    if not len(near):
+        gas.error[worst] = 0.0
+        worst = int(gas.pairs[gas.error[gas.pairs].sum(axis=1).argmax(), 0])
+        near = gas.neighbours(worst)
+    other = int(near[gas.error[near].argmax()])
+    gas.error[[worst, other]] *= pace.shared
+    new = len(gas.weights)
+    between = 0.5 * (gas.weights[worst] + gas.weights[other])
+    gas.weights = np.concatenate([gas.weights, between[None]])
+    gas.error = np.append(gas.error, gas.error[worst])
+    split = (gas.pairs[:, 0] == min(worst, other)) & (gas.pairs[:, 1] == max(worst, other))
+    ends = np.array([[worst, new], [other, new]], dtype=np.intp)
+    gas.pairs = np.concatenate([gas.pairs[~split], ends])
+    gas.age = np.concatenate([gas.age[~split], np.zeros(2)])
+    return new
