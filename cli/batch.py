@@ -5,7 +5,6 @@ This file is imported only for a batch: it needs NumPy.
 
 from __future__ import annotations
 
-import io
 import sys
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
@@ -23,11 +22,13 @@ from .output import note, show_json
 from .units import JointFormat
 
 if TYPE_CHECKING:
+    import polars as pl
+
     from calib import Model
 
 Array = NDArray[np.float64]
 
-_MISSING = ""  # an answer that there is not is an empty cell
+_MISSING = "nan"  # an answer that there is not
 _TOLD = 10  # so many rows are named at most
 
 
@@ -87,7 +88,8 @@ def inverse_batch(
 ) -> int:
     """Answer a table of positions with joint values; return the exit code.
 
-    A target out of reach is answered with the nearest attainable point.
+    A target out of reach has no joint values, but its distance from the nearest
+    attainable point.
 
     Parameters
     ----------
@@ -107,7 +109,7 @@ def inverse_batch(
     reachable = np.zeros(n, dtype=np.int64)
     if valid.any():
         answer = model.solve(target[valid], near, readout)
-        q[valid] = answer.q * joints.typed
+        q[valid] = np.where(answer.reachable[:, None], answer.q * joints.typed, np.nan)
         distance[valid], bound[valid] = answer.distance, answer.expected_error
         reachable[valid] = answer.reachable
     columns: dict[str, NDArray[Any]] = {"x": target[:, 0], "y": target[:, 1]}
@@ -149,15 +151,17 @@ def _finish(
 def _write(path: str, columns: Mapping[str, NDArray[Any]]) -> None:
     import polars as pl
 
-    frame = pl.DataFrame(dict(columns)).fill_nan(None)
+    frame = pl.DataFrame(dict(columns))
     if path == "-":
-        sys.stdout.write(frame.write_csv(null_value=_MISSING))
+        sys.stdout.write(_csv(frame))
     elif Path(path).suffix.lower() in PARQUET:
         atomic_write(path, frame.write_parquet)
     else:
-        text = io.BytesIO()
-        frame.write_csv(text, null_value=_MISSING)
-        atomic_write(path, text.getvalue())
+        atomic_write(path, _csv(frame).encode())
+
+
+def _csv(frame: pl.DataFrame) -> str:
+    return frame.fill_nan(None).write_csv(null_value=_MISSING)
 
 
 def _rows(numbers: Sequence[int]) -> str:

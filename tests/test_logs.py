@@ -16,12 +16,12 @@ from hypothesis import strategies as st
 from calib.arm.loading import load_arm
 from calib.data.babbling import babble
 from calib.data.columns import open_source, read_columns
-from calib.errors import CalibError, LogError, OptionError
 from calib.data.log_ranges import one_turn
 from calib.data.logs import locked_from_log, read_log, write_log
 from calib.data.roles import parse_columns
 from calib.data.samples import Samples
 from calib.data.tables import read_table, write_table
+from calib.errors import CalibError, LogError, OptionError
 
 TURN = 2 * math.pi
 GOOD = "a,b,x,y\n0.1,0.2,1,2\n0.2,0.4,3,4\n0.3,0.1,5,6\n"

@@ -7,8 +7,8 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from calib.errors import LogError, RobotError
 from calib.arm.plane import Plane, fit_plane, plane_of
+from calib.errors import LogError, RobotError
 
 ROOT_HALF = np.sqrt(0.5)
 

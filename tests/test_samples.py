@@ -3,8 +3,8 @@
 import numpy as np
 import pytest
 
-from calib.errors import LogError
 from calib.data.samples import Samples
+from calib.errors import LogError
 
 
 def make(n=4, **changes):

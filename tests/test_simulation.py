@@ -5,8 +5,8 @@ import pytest
 
 from calib.arm.loading import load_arm
 from calib.data.changes import parse_changes
-from calib.errors import OptionError
 from calib.data.simulation import Simulation, _play
+from calib.errors import OptionError
 
 L1, L2 = 0.30, 0.25
 

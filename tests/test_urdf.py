@@ -12,8 +12,8 @@ from hypothesis import strategies as st
 from reference import random_joints
 
 from calib.arm.loading import arm_from_urdf
-from calib.robots import list_robots
 from calib.arm.urdf import MAX_JOINTS, parse_urdf, read_urdf
+from calib.robots import list_robots
 
 TWO = """<robot name="two">
   <link name="a"/><link name="b"/><link name="c"/><link name="d"/>

@@ -1,0 +1,172 @@
+"""Queries of a model: shapes, what is outside, and what is no query."""
+
+import numpy as np
+import pytest
+from models import draw, measured, trained, two_link
+
+import calib
+from calib.errors import OptionError, QueryError
+
+
+@pytest.fixture(scope="module")
+def model():
+    return trained("two_link")
+
+
+@pytest.fixture(scope="module")
+def q(model):
+    return draw(model, 20, seed=1, margin=0.01)
+
+
+def test_readouts_agree_with_the_arm_the_better_the_finer_they_are(model):
+    q = draw(model, 2000, seed=2)
+    error = {
+        r: np.linalg.norm(model.forward(q, r) - two_link(q), axis=1).mean()
+        for r in ("local", "activity", "winner")
+    }
+    assert error["local"] < 1e-9 < error["activity"] < error["winner"] < 0.02
+
+
+@pytest.mark.parametrize("readout", ["local", "activity", "winner"])
+def test_a_single_vector_answers_as_its_row_of_a_batch_does(model, q, readout):
+    batch = model.forward(q, readout)
+    assert batch.shape == (20, 2)
+    one = model.forward(q[3], readout)
+    assert one.shape == (2,)
+    np.testing.assert_allclose(one, batch[3], atol=1e-12)
+    x = two_link(q)
+    back = model.inverse(x, readout=readout)
+    assert back.shape == (20, 2)
+    single = model.inverse(x[3], readout=readout)
+    assert single.shape == (2,)
+    np.testing.assert_allclose(single, back[3], atol=1e-8)
+
+
+def test_lists_and_arrays_are_the_same_query(model, q):
+    assert model.forward(q.tolist()).tobytes() == model.forward(q).tobytes()
+    assert model.forward(list(q[0])).shape == (2,)
+
+
+def test_a_query_does_not_change_its_arguments(model, q):
+    before, x = q.copy(), two_link(q)
+    kept = x.copy()
+    model.forward(q)
+    model.inverse(x, near=q)
+    model.expected_error(q)
+    assert (q == before).all()
+    assert (x == kept).all()
+
+
+def test_expected_error_has_one_value_per_row(model, q):
+    assert model.expected_error(q).shape == (20,)
+    assert np.ndim(model.expected_error(q[0])) == 0
+    assert (model.expected_error(q) > 0).all()
+
+
+def test_inverse_all_gives_one_array_of_joints_per_target(model, q):
+    x = two_link(q)
+    found = model.inverse_all(x)
+    assert len(found) == 20
+    assert all(a.shape == (1, 2) for a in found)
+    (alone,) = model.inverse_all(x[0])
+    np.testing.assert_allclose(alone, found[0], atol=1e-8)
+
+
+def test_no_rows_give_no_answers(model):
+    assert model.forward(np.zeros((0, 2))).shape == (0, 2)
+    assert model.inverse(np.zeros((0, 2))).shape == (0, 2)
+    assert model.expected_error(np.zeros((0, 2))).shape == (0,)
+    assert model.inverse_all(np.zeros((0, 2))) == []
+
+
+def test_beyond_one_node_spacing_outside_of_the_range_there_is_no_answer(model):
+    lower, span = model.about.lower, model.about.upper - model.about.lower
+    step = model.motor.spacing
+    middle = np.array([0.5, 0.5])
+    for axis in range(2):
+        for end, sign in ((0.0, -1), (1.0, 1)):
+            u = middle.copy()
+            for beyond, known in ((0.5, True), (1.5, False)):
+                u[axis] = end + sign * beyond * step
+                q = lower + u * span
+                assert np.isfinite(model.forward(q)).all() == known
+                assert np.isfinite(model.expected_error(q)) == known
+                assert (model.outside(q) is None) == known
+    said = model.outside(lower + [1.5, 0.5] * span)
+    assert said.startswith("shoulder = 2.35619 is outside of the learned range 0 to 1.5708")
+
+
+def test_rows_outside_leave_the_others_as_they_are(model, q):
+    mixed = np.vstack([q[:3], [[9.0, 9.0]], q[3:5]])
+    said = model.forward(mixed)
+    assert np.isnan(said[3]).all()
+    np.testing.assert_allclose(np.delete(said, 3, axis=0), model.forward(q[:5]), atol=1e-12)
+
+
+def test_within_the_range_but_far_from_every_sample_there_is_no_answer():
+    arm = calib.load_arm("two_link")
+    s = calib.babble(arm, 3000, seed=0)
+    hole = np.linalg.norm((s.q - [0.8, 1.4]) / (s.upper - s.lower), axis=1) > 0.3
+    part = s.take(hole)
+    kept = calib.Samples(part.q, part.x, s.joint_names, s.lower, s.upper, s.revolute)
+    model = calib.train(kept, size=20)
+    assert np.isnan(model.forward([0.8, 1.4])).all()
+    assert model.outside([0.8, 1.4]) == "no sample was measured near these joint values"
+    known = np.isfinite(model.forward(kept.q[::10])[:, 0])
+    assert known.all()
+
+
+@pytest.mark.parametrize(
+    ("query", "message"),
+    [
+        (lambda m: m.forward([0.1]), r"joint values of shape \(1,\): expected \(2,\) or \(n, 2\)"),
+        (lambda m: m.forward([[0.1, 0.2, 0.3]]), "one column each for shoulder, elbow"),
+        (lambda m: m.forward(0.1), r"joint values of shape \(\)"),
+        (lambda m: m.forward(np.zeros((2, 2, 2))), r"shape \(2, 2, 2\)"),
+        (lambda m: m.forward(["a", "b"]), "expected numbers, got"),
+        (lambda m: m.forward([0.1, np.nan]), r"\[0.1, nan\] is not finite"),
+        (lambda m: m.forward([[0, 1], [0, np.inf]]), "joint values in row 1: .* is not finite"),
+        (lambda m: m.inverse([0.1]), r"positions of shape \(1,\)"),
+        (lambda m: m.inverse([np.nan, 0]), "not finite"),
+        (lambda m: m.inverse_all([[1, 2, 3]]), "one column each for x, y"),
+        (lambda m: m.expected_error([1, 2, 3]), "joint values of shape"),
+        (lambda m: m.inverse([0.3, 0.3], near=[0.1]), "near of shape"),
+        (lambda m: m.inverse([0.3, 0.3], near=[0.1, np.nan]), "near: .* is not finite"),
+        (lambda m: m.inverse([[0.3, 0.3]] * 3, near=[[0.1, 1]] * 2), "near has 2 rows for 3"),
+        (lambda m: m.inverse([0.3, 0.3], near=[9, 1]), "near has shoulder = 9: expected a value"),
+        (lambda m: m.inverse([0.3, 0.3], near=[0.1, 0]), "elbow = 0: .* range 0.261799 to 2.61799"),
+    ],
+)
+def test_what_is_no_query_is_refused_in_one_line(model, query, message):
+    with pytest.raises(QueryError, match=message) as caught:
+        query(model)
+    assert "\n" not in str(caught.value)
+    assert isinstance(caught.value, calib.CalibError)
+
+
+@pytest.mark.parametrize("query", ["forward", "inverse"])
+def test_an_unknown_readout_is_refused(model, query):
+    with pytest.raises(OptionError, match="readout 'fancy' is unknown"):
+        getattr(model, query)([0.3, 0.3], readout="fancy")
+
+
+def test_near_may_be_one_row_for_all_targets_and_at_the_very_limits(model, q):
+    x = two_link(q)
+    for near in (model.about.lower, model.about.upper, q):
+        np.testing.assert_allclose(model.inverse(x, near=near), q, atol=1e-6)
+
+
+def test_maps_and_links_are_in_their_own_units(model):
+    lower, upper = model.about.lower, model.about.upper
+    assert (model.motor.weights > lower - 0.1).all()
+    assert (model.motor.weights < upper + 0.1).all()
+    partner = model.sensory.weights[model.links.toarray().argmax(axis=1)]
+    gap = np.linalg.norm(partner - two_link(model.motor.weights), axis=1)
+    assert gap.mean() < 0.03
+    assert model.links.shape == (model.motor.size, model.sensory.size)
+    assert (model.links.data > 0).all()
+
+
+def test_answers_of_a_log_say_what_their_bound_is_of():
+    assert measured().about.bound_of == "sensor reading"
+    assert trained("two_link").about.bound_of == "true position"

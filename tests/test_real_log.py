@@ -1,0 +1,37 @@
+"""The real arm: a UR10 measured with a laser tracker, learned from its log alone."""
+
+from pathlib import Path
+
+import pytest
+
+import calib
+
+FOLDER = Path(__file__).parents[2] / "shared/data/ur10_laser_tracker"
+JOINTS = ["shoulder_lift_joint", "elbow_joint"]
+
+pytestmark = pytest.mark.skipif(
+    not FOLDER.is_dir(),
+    reason="the UR10 laser tracker data are not in ../shared/data beside the repository",
+)
+
+
+@pytest.mark.parametrize(("series", "most"), [("a", 0.25e-3), ("c", 0.30e-3)])
+def test_blocks_held_out_of_a_series_are_predicted(series, most):
+    samples = calib.read_log(FOLDER / f"series_{series}.csv", joints=JOINTS)
+    model = calib.train(samples)
+    errors = model.about.errors["local"]
+    assert errors["forward"]["distance"]["mean"] <= most
+    assert errors["inverse"]["distance"]["mean"] <= most
+    bound = model.expected_error(samples.q[::50])
+    assert most / 10 < bound.mean() < 4 * most
+    assert model.about.bound_of == "sensor reading"
+
+
+def test_a_hundred_rows_of_series_c_come_close_even_in_a_corner_of_one_row():
+    """A row far from all others is predicted by its teacher's trend, which does not run away."""
+    samples = calib.read_log(FOLDER / "series_c.csv", joints=JOINTS)
+    model = calib.train(samples.take(slice(None, None, len(samples) // 100)), size=15)
+    assert model.about.taught
+    distance = model.about.errors["local"]["forward"]["distance"]
+    assert distance["mean"] <= 0.5e-3
+    assert distance["max"] <= 10e-3

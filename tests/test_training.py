@@ -1,0 +1,264 @@
+"""Training: the figures it must reach, small logs, options, and the same bytes again."""
+
+import numpy as np
+import pytest
+from models import draw, log, measured, papers, trained, two_link
+from threadpoolctl import threadpool_limits
+
+import calib
+from calib.data.simulation import Simulation
+from calib.errors import LogError, OptionError
+from calib.storage import to_bytes
+
+MM = 1e-3
+
+
+def mean_error(model, n=3000, seed=50, margin=0.0):
+    q = draw(model, n, seed, margin)
+    said = model.forward(q)
+    known = np.isfinite(said[:, 0])
+    assert known.mean() > 0.9
+    return float(np.linalg.norm(said[known] - two_link(q[known]), axis=1).mean())
+
+
+def test_the_papers_arm_without_noise_is_learned_far_below_the_papers_errors():
+    model = papers()
+    q = draw(model, 10_000, seed=50)
+    gap = np.linalg.norm(model.forward(q) - two_link(q), axis=1)
+    assert gap.mean() <= 0.002 * MM
+    assert gap.max() <= 0.05 * MM
+    back = np.degrees(np.abs(model.inverse(two_link(q), near=q) - q))
+    assert back.mean() <= 0.002
+    assert back.max() <= 0.05
+
+
+@pytest.mark.parametrize(("noise", "most"), [(0.1 * MM, 0.02 * MM), (1 * MM, 0.13 * MM)])
+def test_sensor_noise_is_averaged_out(noise, most):
+    assert mean_error(papers(noise), 10_000) <= most
+
+
+def test_the_printed_errors_are_those_of_fresh_exact_samples():
+    model = papers(1 * MM)
+    printed = model.about.errors["local"]["forward"]["distance"]["mean"]
+    assert printed == pytest.approx(mean_error(model, 10_000), rel=0.05)
+
+
+def test_the_papers_own_readout_comes_close_to_the_papers_tables():
+    errors = papers().about.errors
+    for axis, mean, largest in (("x", 1.15, 11.7), ("y", 1.26, 15.0)):
+        assert errors["activity"]["forward"][axis]["mean"] <= 1.5 * mean * MM
+        assert errors["activity"]["forward"][axis]["max"] <= 2 * largest * MM
+    for joint, mean in (("shoulder", 0.31), ("elbow", 0.44)):
+        assert np.degrees(errors["activity"]["inverse"][joint]["mean"]) <= 2 * mean
+
+
+@pytest.mark.parametrize("rows", [10, 30, 300])
+def test_small_logs_are_taught_and_predict_the_arm(rows):
+    model = calib.train(log(rows), size=8)
+    assert model.about.taught == (rows < 64)
+    assert any("fewer than the 64 motor nodes" in n for n in model.about.notes) == (rows < 64)
+    assert mean_error(model, margin=0.1) < (20 * MM if rows == 10 else 0.1 * MM)
+
+
+def test_without_a_size_a_small_log_gets_the_full_lattice_and_a_teacher():
+    motor, sensory, notes = calib.training.lattice_sizes(log(300), None, None, None)
+    assert motor == sensory == (70, 70)
+    assert "300 samples are fewer than the 4,900 motor nodes" in notes[0]
+
+
+def test_without_a_size_a_long_log_gets_about_five_rows_per_node():
+    motor, sensory, notes = calib.training.lattice_sizes(log(2000), None, None, None)
+    assert motor == sensory == (20, 20)
+    assert notes == [
+        "2,000 rows fill lattices of 20x20 nodes (5 rows per node), --size chooses others"
+    ]
+
+
+def test_a_noisy_log_reports_its_error_on_blocks_that_were_held_out():
+    model = measured(1500, 12, 1 * MM)
+    assert model.about.source == "log"
+    assert model.about.simulation is None
+    printed = model.about.errors["local"]["forward"]["distance"]["mean"]
+    # what a reading differs from the true position, and hardly more
+    assert printed == pytest.approx(MM * np.sqrt(np.pi / 2), rel=0.1)
+    assert mean_error(model) < 0.3 * MM
+
+
+def test_blocks_held_out_are_contiguous():
+    """The first tenth of the rows is held out: spoilt rows there do not spoil the others."""
+    clean = log(600)
+    x = clean.x.copy()
+    x[:60] += [0.1, 0.0]
+    spoilt = calib.Samples(clean.q, x, clean.joint_names, clean.lower, clean.upper, clean.revolute)
+    errors = calib.train(spoilt, size=8).about.errors["local"]["forward"]["x"]
+    # one of the five blocks held out is wrong by 0.1, seen from rows without the fault
+    assert errors["max"] > 0.09
+
+
+def test_errors_are_of_the_displacement_for_a_log_and_of_the_truth_for_a_simulation():
+    for model in (trained("two_link"), measured()):
+        table = model.about.errors
+        assert set(table) == {"local", "activity", "winner"}
+        for readout in table.values():
+            assert set(readout["forward"]) == {"x", "y", "distance"}
+            assert set(readout["inverse"]) == {"shoulder", "elbow", "distance"}
+            for figures in (*readout["forward"].values(), *readout["inverse"].values()):
+                assert set(figures) == {"mean", "max", "p99"}
+                assert 0 <= figures["mean"] <= figures["p99"] <= figures["max"]
+
+
+@pytest.mark.parametrize("robot", ["three_link", "polar", "scara", "tilted", "two_link_full"])
+def test_every_bundled_arm_is_learned_and_answers_both_ways(robot):
+    model = trained(robot)
+    arm = calib.load_arm(robot)
+    q = draw(model, 500, seed=1)
+    extent = np.linalg.norm(np.ptp(arm.forward(q), axis=0))
+    assert np.abs(model.forward(q) - arm.forward(q)).max() < 1e-6 * extent
+    assert np.abs(arm.forward(model.inverse(arm.forward(q))) - arm.forward(q)).max() < 1e-6
+    assert model.motor.units.shape[1] == arm.dof
+
+
+def test_three_joints_get_a_lattice_of_three_axes():
+    assert len(trained("three_link").motor.lattice.shape) == 3
+    assert trained("three_link").sensory.lattice.shape == (20, 20)
+    samples = calib.babble(calib.load_arm("three_link"), 20_000)
+    motor, sensory, _ = calib.training.lattice_sizes(samples, None, None, None)
+    assert (motor, sensory) == ((17, 17, 17), (70, 70))
+
+
+def test_lattices_may_differ_and_need_not_be_square():
+    samples = calib.babble(calib.load_arm("two_link"), 1000)
+    model = calib.train(samples, size=(8, 12), motor_size=(9, 7))
+    assert model.motor.lattice.shape == (9, 7)
+    assert model.sensory.lattice.shape == (8, 12)
+    assert model.links.shape == (63, 96)
+
+
+def test_a_changed_arm_is_learned_as_it_is():
+    arm = calib.load_arm("two_link")
+    changes = ["elbow.length=+20%", "sensor.mirror=x"]
+    model = calib.train(calib.babble(arm, 1500, changes=changes), size=10)
+    q = draw(model, 200, seed=1)
+    truth = Simulation(arm, changes=changes).exact(q)
+    assert np.abs(model.forward(q) - truth).max() < 1e-6
+
+
+def test_ripples_of_a_gear_are_learned_by_the_local_models():
+    s = calib.babble(calib.load_arm("two_link"), 5000)
+
+    def rippled(q):
+        return two_link(q) + 1e-3 * np.sin(30 * q[:, :1])
+
+    samples = calib.Samples(s.q, rippled(s.q), s.joint_names, s.lower, s.upper, s.revolute)
+    model = calib.train(samples, size=25)
+    assert model.predictor.models.degree >= 1
+    q = draw(model, 1000, seed=1)
+    assert np.linalg.norm(model.forward(q) - rippled(q), axis=1).mean() < 0.1 * MM
+    q = draw(model, 300, seed=2, margin=0.05)
+    x = rippled(q)
+    back = model.inverse(x, near=q)
+    assert np.abs(model.forward(back) - x).max() < 1e-8
+
+
+def test_the_same_seed_gives_the_same_bytes_whatever_the_threads():
+    def train(threads, seed=3):
+        with threadpool_limits(threads, user_api="blas"):
+            samples = calib.babble(calib.load_arm("two_link"), 1500, seed=seed, noise=1 * MM)
+            return to_bytes(calib.train(samples, size=15, seed=seed))
+
+    one = train(1)
+    assert one == train(2)
+    assert one == train(1)
+    assert one != train(1, seed=4)
+
+
+def test_the_same_log_gives_the_same_bytes_with_a_teacher_too():
+    a, b = (to_bytes(calib.train(log(40, 1 * MM), size=8, seed=1)) for _ in range(2))
+    assert a == b
+
+
+def test_training_leaves_global_random_numbers_alone():
+    np.random.seed(5)  # noqa: NPY002
+    expected = np.random.RandomState(5).rand()
+    calib.train(log(40), size=5)
+    assert np.random.rand() == expected  # noqa: NPY002
+
+
+@pytest.mark.parametrize("rule", ["batch", "online"])
+@pytest.mark.parametrize("name", ["som", "vdsom", "vdsom:error", "vdsom:density", "vdsom:lattice"])
+def test_every_network_and_rule_trains_maps_that_read_out_well(name, rule):
+    model = trained("two_link", 1200, 10, map=name, rule=rule)
+    assert model.about.options["map"] == name
+    assert model.about.options["rule"] == rule
+    assert model.about.errors["activity"]["forward"]["distance"]["mean"] < 0.03
+
+
+def test_a_gain_function_of_ones_own_is_a_network_too():
+    seen = []
+
+    def ends(visit):
+        seen.append(visit.progress)
+        return np.where(visit.winners % 2, 2.0, 1.0)
+
+    samples = calib.babble(calib.load_arm("two_link"), 1000)
+    model = calib.train(samples, size=8, map=ends)
+    assert model.about.options["map"] == "ends"
+    assert 0 < min(seen) < max(seen) == 1.0
+    assert to_bytes(model) != to_bytes(calib.train(samples, size=8, map="som"))
+
+
+def test_progress_grows_from_stage_to_stage_up_to_1():
+    calls = []
+    samples = calib.babble(calib.load_arm("two_link"), 1000)
+    calib.train(samples, size=8, progress=lambda *call: calls.append(call))
+    shares = [share for share, _, _ in calls]
+    assert shares == sorted(shares)
+    assert shares[-1] == 1.0
+    stages = list(dict.fromkeys(stage for _, stage, _ in calls))
+    assert stages[:2] == ["motor map", "sensory map"]
+    assert stages[-1] == "done"
+
+
+@pytest.mark.parametrize(
+    ("options", "message"),
+    [
+        ({"size": 0}, "size 0x0: a lattice needs at least 2"),
+        ({"size": 1}, "size 1x1"),
+        ({"size": 100_000}, "10,000,000,000 nodes are more than"),
+        ({"size": 7.5}, "expected whole numbers"),
+        ({"size": (7, 7.5)}, "expected whole numbers"),
+        ({"size": "70"}, "expected whole numbers"),
+        ({"size": (5, 5, 5)}, "3 axes for 2 joints"),
+        ({"motor_size": (5, 5, 5)}, "at most 2 numbers, one per joint"),
+        ({"sensory_size": (5, 5, 5)}, "positions have 2 coordinates"),
+        ({"seed": -1}, "seed -1: expected a whole number"),
+        ({"seed": 1.5}, "seed 1.5"),
+        ({"seed": True}, "seed True"),
+        ({"map": "vsom"}, "map 'vsom' is unknown, choose one of"),
+        ({"rule": "magic"}, "rule 'magic' is unknown, choose one of batch, online"),
+        ({"epochs": 0}, "epochs 0: at least 1"),
+        ({"sigma": (1.0, 3.0)}, "sigma 1:3"),
+    ],
+)
+def test_impossible_options_are_refused_in_one_line(options, message):
+    samples = calib.babble(calib.load_arm("two_link"), 200)
+    with pytest.raises(OptionError, match=message) as caught:
+        calib.train(samples, **{"size": 5, **options})
+    assert "\n" not in str(caught.value)
+
+
+def test_too_few_rows_are_refused_and_ten_are_enough():
+    with pytest.raises(LogError, match="9 samples are too few to learn from: give at least 10"):
+        calib.train(log(9), size=4)
+    assert calib.train(log(10), size=4).about.samples == 10
+
+
+def test_a_joint_that_never_moved_is_refused_or_ignored():
+    s = log(200)
+    q = s.q.copy()
+    q[:, 1] = 1.0
+    still = calib.Samples(q, two_link(q), s.joint_names, s.lower, s.upper, s.revolute)
+    model = calib.train(still, size=8)
+    along = np.stack([np.linspace(0.1, 1.4, 20), np.ones(20)], axis=1)
+    np.testing.assert_allclose(model.forward(along), two_link(along), atol=1e-4)
+    assert np.isnan(model.forward([0.5, 2.0])).all()
