@@ -9,6 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ..scale import Scale
+from .families import representatives
 from .folds import twins
 from .linked import Association
 from .newton import CLOSE, Newton
@@ -168,7 +169,8 @@ class Solver:
         -------
         target : (m,) int array
             Which target each solution belongs to, ascending; of a target out of reach there
-            is one, the nearest attainable point.
+            is one, the nearest attainable point.  Of redundant joints each connected family
+            of solutions has one.
         u : (m, dof) array
             Joints in the unit box; of a target the one nearest to the middle comes first.
         distance : (m,) array
@@ -191,11 +193,23 @@ class Solver:
             u, left = np.concatenate([u[keep], found]), np.concatenate([left[keep], found_left])
         else:
             target, u, left = target[keep], u[keep], left[keep]
+        target, u, left = self._by_middle(target, u, left)
+        keep = self._distinct(target, u)
+        target, u, left = target[keep], u[keep], left[keep]
+        if u.shape[1] <= 2:
+            return target, u, left
+        met = left <= CLOSE * self.extent
+        owner, family = representatives(self.newton, target[met], u[met], x)
+        said = self.predictor.value(family)
+        target, u = np.concatenate([owner, target[~met]]), np.concatenate([family, u[~met]])
+        left = np.concatenate([np.linalg.norm(said - x[owner], axis=1), left[~met]])
+        return self._by_middle(target, u, left)
+
+    def _by_middle(self, target: Index, u: Array, left: Array) -> tuple[Index, Array, Array]:
+        """Solutions sorted by target and distance to the middle of the ranges."""
         away = np.linalg.norm(self.scale.difference(u, np.full_like(u, 0.5)), axis=1)
         order = np.lexsort((away, target))
-        target, u, left = target[order], u[order], left[order]
-        keep = self._distinct(target, u)
-        return target[keep], u[keep], left[keep]
+        return target[order], u[order], left[order]
 
     def _distinct(self, target: Index, u: Array) -> NDArray[np.bool_]:
         """Which solutions, sorted by target, repeat no earlier one of the same target."""

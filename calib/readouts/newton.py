@@ -129,7 +129,9 @@ class Newton:
         first, second = (bb * gap[0] - ab * gap[1]) / det, (aa * gap[1] - ab * gap[0]) / det
         return np.asarray(a * first + b * second)
 
-    def settle(self, u: Array, x: Array, near: Array) -> tuple[Array, Array]:
+    def settle(
+        self, u: Array, x: Array, near: Array, longest: float = _LONGEST
+    ) -> tuple[Array, Array]:
         """Slide redundant joints along their self-motion towards `near`, on target.
 
         The null space of the Jacobian is left free by the target; each move within it is
@@ -140,6 +142,8 @@ class Newton:
         ----------
         u, x, near : (n, dof), (n, 2), (n, dof) array
             Starts, their targets, and the joints that are wished for.
+        longest : float
+            No slide is longer, in shares of the joints' range.
 
         Returns
         -------
@@ -164,7 +168,7 @@ class Newton:
                 break
             move = share[:, None] * pull
             length = np.linalg.norm(move, axis=1)
-            move *= np.minimum(1.0, _LONGEST / length)[:, None]
+            move *= np.minimum(1.0, longest / length)[:, None]
             trial, after = self.refine(at + move, x[rows], CLOSE)
             wish = self.scale.difference(near[rows], at)
             wish_now = self.scale.difference(near[rows], trial)

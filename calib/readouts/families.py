@@ -1,0 +1,113 @@
+"""Families: solutions of redundant joints that a self-motion connects are one answer."""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import NDArray
+
+from .newton import CLOSE, Newton
+
+Array = NDArray[np.float64]
+Index = NDArray[np.intp]
+
+_STEP = 0.03  # of the joints' range: length of a step along a self-motion
+_WALK = 60  # most steps from one solution to another
+_STUCK = 0.05  # share of the way ahead that a step has to be able to go
+_ROUNDS = 8  # most attempts to join what is still apart
+
+
+def representatives(newton: Newton, target: Index, u: Array, x: Array) -> tuple[Index, Array]:
+    """One solution of each connected family: the one closest to the middle of the ranges.
+
+    Two solutions belong to one family if small steps along the self-motion, on target and
+    inside of the limits, lead from one to the other.  Each group of solutions tries the
+    nearest solution of another group, until no more can be joined.
+
+    Parameters
+    ----------
+    newton : Newton
+        Holds the forward map.
+    target : (m,) int array
+        Which target each solution belongs to, ascending.
+    u : (m, dof) array
+        Solutions in the unit box, many of each family.
+    x : (n, 2) array
+        Targets.
+
+    Returns
+    -------
+    target : (k,) int array
+        Which target each representative belongs to, ascending.
+    u : (k, dof) array
+        Joints in the unit box.
+    """
+    from scipy.sparse import coo_array
+    from scipy.sparse.csgraph import connected_components
+
+    m = len(u)
+    label = np.arange(m)
+    joined: list[tuple[Index, Index]] = []
+    pair = _pairs(newton, target, u)
+    for _ in range(_ROUNDS):
+        a, b, gap = pair
+        other = label[a] != label[b]
+        a, b, gap = pair = a[other], b[other], gap[other]
+        if not len(a):
+            break
+        # the shortest way out of each group
+        order = np.lexsort((gap, label[a]))
+        first = order[np.append(True, np.diff(label[a][order]) > 0)]
+        met = _walk(newton, u[a[first]], u[b[first]], x[target[a[first]]])
+        joined.append((a[first][met], b[first][met]))
+        rows, columns = (np.concatenate(side) for side in zip(*joined, strict=True))
+        graph = coo_array((np.ones(len(rows)), (rows, columns)), shape=(m, m))
+        label = connected_components(graph.tocsr(), directed=False)[1].astype(np.intp)
+        tried = np.zeros(len(a), dtype=bool)
+        tried[first] = True
+        pair = a[~tried], b[~tried], gap[~tried]
+    middle = np.full_like(u, 0.5)
+    away = np.linalg.norm(newton.scale.difference(u, middle), axis=1)
+    order = np.lexsort((away, label))
+    chosen = np.sort(order[np.append(True, np.diff(label[order]) > 0)])
+    target, u = target[chosen], u[chosen]
+    settled, left = newton.settle(u, x[target], middle[chosen], longest=_STEP)
+    closer = np.linalg.norm(newton.scale.difference(settled, u), axis=1) < 5 * _STEP
+    good = (left <= CLOSE * newton.extent) & closer
+    return target, np.where(good[:, None], settled, u)
+
+
+def _pairs(newton: Newton, target: Index, u: Array) -> tuple[Index, Index, Array]:
+    """All ordered pairs of solutions of the same target and their distances."""
+    rows: list[Index] = []
+    columns: list[Index] = []
+    for lag in range(1, int(np.bincount(target).max(initial=1))):
+        same = np.flatnonzero(target[lag:] == target[:-lag])
+        rows += [same, same + lag]
+        columns += [same + lag, same]
+    a = np.concatenate([np.zeros(0, dtype=np.intp), *rows])
+    b = np.concatenate([np.zeros(0, dtype=np.intp), *columns])
+    return a, b, np.linalg.norm(newton.scale.difference(u[a], u[b]), axis=1)
+
+
+def _walk(newton: Newton, start: Array, goal: Array, x: Array) -> NDArray[np.bool_]:
+    """Whether steps along the self-motion lead from `start` to `goal`, (n,)."""
+    arrived = np.zeros(len(start), dtype=bool)
+    rows, u = np.arange(len(start)), start
+    for _ in range(_WALK):
+        wish = newton.scale.difference(goal[rows], u)
+        ahead = np.linalg.norm(wish, axis=1)
+        near = ahead < 0.3 * _STEP
+        arrived[rows[near]] = True
+        rows, u, wish, ahead = rows[~near], u[~near], wish[~near], ahead[~near]
+        if not len(rows):
+            break
+        move = newton.tangent(u, wish)
+        length = np.linalg.norm(move, axis=1)
+        move *= np.minimum(1.0, _STEP / np.maximum(length, 1e-300))[:, None]
+        trial, left = newton.refine(u + move, x[rows], CLOSE)
+        moved = np.linalg.norm(newton.scale.difference(trial, u), axis=1)
+        now = np.linalg.norm(newton.scale.difference(goal[rows], trial), axis=1)
+        going = (length > _STUCK * ahead) & (left <= CLOSE * newton.extent)
+        going &= (moved < 2 * _STEP) & (now < ahead)
+        rows, u = rows[going], trial[going]
+    return arrived
