@@ -18,11 +18,12 @@ from calib.errors import CalibError
 from .babble import babble
 from .evaluate import evaluate
 from .info import info
+from .preview import preview
 from .query import query_app
 from .robots import robots
 from .train import train
 
-COMMANDS = ("robots", "train", "query", "evaluate", "babble", "info")
+COMMANDS = ("robots", "train", "query", "evaluate", "babble", "preview", "info")
 INTERRUPTED = 130
 _TRACEBACK = "CALIB_TRACEBACK"
 
@@ -168,4 +169,5 @@ app.command()(train)
 app.add_typer(query_app, name="query")
 app.command()(evaluate)
 app.command()(babble)
+app.command()(preview)
 app.command()(info)

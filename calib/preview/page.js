@@ -1,0 +1,283 @@
+// Around meshcat's viewer: the drawing, a camera that shows all of it, the legend, the
+// layers' switches, words at their places, and the links of the node that is clicked.
+"use strict";
+(() => {
+  const THREE = MeshCat.THREE;
+  const element = (id) => document.getElementById(id);
+  const data = JSON.parse(element("calib-data").textContent);
+  const viewer = new MeshCat.Viewer(element("meshcat-pane"));
+  const media = (query) => window.matchMedia(`(${query})`);
+  const dark = media("prefers-color-scheme: dark");
+  const still = media("prefers-reduced-motion: reduce").matches;
+
+  // bytes of a base64 text
+  const bytes = (text) => Uint8Array.from(atob(text), (c) => c.charCodeAt(0));
+  for (const command of data.commands) viewer.handle_command_bytearray(bytes(command));
+  data.commands = null;
+
+  const ground = () => {
+    const [top, bottom] = dark.matches
+      ? [[0.09, 0.11, 0.13], [0.06, 0.07, 0.09]]
+      : [[0.95, 0.96, 0.97], [0.9, 0.92, 0.94]];
+    viewer.set_property(["Background"], "top_color", top);
+    viewer.set_property(["Background"], "bottom_color", bottom);
+  };
+  ground();
+  dark.addEventListener("change", ground);
+
+  // meshcat's z is up, three.js's is y
+  const space = (p) => new THREE.Vector3(p[0], p[2], -p[1]);
+  let moved = false;
+
+  // the panel covers the left of a wide window: the picture is centred in the rest
+  const covered = () => (window.innerWidth >= 720 ? 280 : 0);
+
+  function fit() {
+    const [width, height] = [window.innerWidth, window.innerHeight];
+    viewer.set_3d_pane_size(width, height);
+    viewer.camera.setViewOffset(width, height, -covered() / 2, 0, width, height);
+    if (!moved) {
+      const { target, direction, half, fov, margin } = data.camera;
+      const slope = Math.tan((fov * Math.PI) / 360);
+      const aspect = (width - covered()) / height;
+      const distance = (margin * Math.max(half[1], half[0] / aspect)) / slope + half[2];
+      viewer.camera.fov = fov;
+      viewer.controls.target.copy(space(target));
+      viewer.camera.position.copy(space(target)).addScaledVector(space(direction), distance);
+      viewer.camera.near = distance / 200;
+      viewer.camera.far = distance * 50;
+      viewer.controls.update();
+    }
+    viewer.set_dirty();
+  }
+  window.addEventListener("resize", fit);
+  viewer.controls.addEventListener("start", () => { moved = true; });
+
+  // ------------------------------------------------------------------ panel
+  const make = (tag, text, parent) => {
+    const node = document.createElement(tag);
+    if (text) node.textContent = text;
+    parent.appendChild(node);
+    return node;
+  };
+  document.title = `${data.title}: what calib has learned`;
+  element("calib-title").textContent = data.title;
+  element("calib-legend").textContent = data.legend.title;
+  element("calib-bound").textContent = data.legend.text;
+  const colours = data.legend.stops;
+  element("calib-scale").style.background =
+    colours.length > 1 ? `linear-gradient(to right, ${colours.join(",")})` : colours[0];
+  for (const [share, words] of data.legend.ticks) {
+    const tick = make("span", words, element("calib-ticks"));
+    tick.style.left = `${100 * share}%`;
+    tick.style.transform = `translateX(${-100 * share}%)`;
+  }
+  const layer = (name) => viewer.scene_tree.find([name]);
+  const boxes = new Map();
+  for (const { name, colour, text } of data.layers) {
+    const label = make("label", "", make("li", "", element("calib-layers")));
+    const box = make("input", "", label);
+    box.type = "checkbox";
+    box.addEventListener("change", () => {
+      layer(name).set_property("visible", box.checked);
+      viewer.set_dirty();
+    });
+    boxes.set(name, box);
+    const swatch = make("i", "", label);
+    swatch.style.background = colour === "scale"
+      ? `linear-gradient(135deg, ${colours.join(",")}${colours.length > 1 ? "" : "," + colours[0]})`
+      : colour || "linear-gradient(135deg, #e0853c, #33729f)";
+    make("span", name, label);
+    make("small", text, label);
+  }
+  for (const note of data.notes) make("p", note, element("calib-notes"));
+
+  const play = element("calib-play");
+  play.addEventListener("click", () => {
+    if (viewer.animator.playing) viewer.animator.pause();
+    else viewer.animator.play();
+    viewer.set_dirty();
+  });
+  element("calib-home").addEventListener("click", () => { moved = false; fit(); });
+  if (still) {
+    viewer.animator.pause();
+    viewer.animator.reset();
+  }
+
+  // ------------------------------------------------------------------ words in the picture
+  const labels = data.labels.map(({ layer: name, text, at }) => (
+    { name, node: make("span", text, element("calib-labels")), at: space(at) }
+  ));
+  const screen = (point) => {
+    const p = point.clone().project(viewer.camera);
+    return [(p.x + 1) * 0.5 * window.innerWidth, (1 - p.y) * 0.5 * window.innerHeight, p.z];
+  };
+  const render = viewer.render.bind(viewer);
+  viewer.render = () => {
+    render();
+    for (const { name, node, at } of labels) {
+      const [x, y, z] = screen(at);
+      const shown = layer(name).object.visible && z < 1 && x > covered();
+      node.style.display = shown ? "" : "none";
+      node.style.left = `${x}px`;
+      node.style.top = `${y}px`;
+    }
+    // meshcat's own controls and ours show the same
+    for (const [name, box] of boxes) box.checked = layer(name).object.visible;
+    play.textContent = viewer.animator.playing ? "Pause" : "Play";
+  };
+
+  // ------------------------------------------------------------------ links of a node
+  const nodes = (name) => viewer.scene_tree.find([name, "nodes", "<object>"]).object;
+  const packed = bytes(data.links.partners).buffer;
+  const partners = data.links.short ? new Uint16Array(packed) : new Int32Array(packed);
+  const strength = bytes(data.links.strength);
+  const each = data.links.each;
+
+  function link(node) {
+    const from = nodes("Sensory map").geometry.attributes.position;
+    const to = nodes("Motor map").geometry.attributes.position;
+    const [r, g, b] = [1, 3, 5].map((k) => parseInt(data.link.slice(k, k + 2), 16) / 255);
+    const [lines, tints, dots] = [[], [], []];
+    const point = (array, i) => [array.getX(i), array.getY(i), array.getZ(i)];
+    const start = point(from, node);
+    dots.push(...start);
+    for (let k = 0; k < each; k += 1) {
+      const partner = partners[node * each + k];
+      if (partner >= to.count || partner < 0) continue;
+      const end = point(to, partner);
+      const fade = 0.25 + (0.75 * strength[node * each + k]) / 255;
+      lines.push(...start, ...end);
+      tints.push(r, g, b, r * fade, g * fade, b * fade);
+      dots.push(...end);
+    }
+    const shape = (positions, colours) => {
+      const geometry = new THREE.BufferGeometry();
+      geometry.setAttribute("position", new THREE.Float32BufferAttribute(positions, 3));
+      if (colours) geometry.setAttribute("color", new THREE.Float32BufferAttribute(colours, 3));
+      return geometry;
+    };
+    viewer.set_object(["Hebbian links", "lines"],
+      new THREE.LineSegments(shape(lines, tints), new THREE.LineBasicMaterial({ vertexColors: 2 })));
+    viewer.set_object(["Hebbian links", "nodes"],
+      new THREE.Points(shape(dots), new THREE.PointsMaterial({ color: data.link, size: data.dot })));
+    data.node = node;
+    viewer.set_dirty();
+  }
+
+  function nearest(x, y, reach) {
+    const object = nodes("Sensory map");
+    const at = object.geometry.attributes.position;
+    const point = new THREE.Vector3();
+    let [best, found] = [reach * reach, -1];
+    for (let i = 0; i < at.count; i += 1) {
+      point.fromBufferAttribute(at, i).applyMatrix4(object.matrixWorld);
+      const [px, py] = screen(point);
+      const away = (px - x) ** 2 + (py - y) ** 2;
+      if (away < best) [best, found] = [away, i];
+    }
+    return found;
+  }
+
+  let pressed = null;
+  const pane = viewer.renderer.domElement;
+  pane.addEventListener("pointerdown", (event) => { pressed = [event.clientX, event.clientY]; });
+  pane.addEventListener("pointerup", (event) => {
+    const [x, y] = [event.clientX, event.clientY];
+    if (!pressed || Math.hypot(x - pressed[0], y - pressed[1]) > 4) return;
+    const node = nearest(x, y, 16);
+    if (node >= 0) link(node);
+  });
+
+  // ------------------------------------------------------------------ a target to drag
+  const GHOSTS = ["#1c7ed6", "#e8590c", "#2f9e44", "#9c36b5", "#b08900", "#0c8599"];
+  const inverse = { group: null, busy: false, next: null };
+
+  function ghost(branch, colour) {
+    const arm = viewer.scene_tree.find(["Arm"]).object.clone(true);
+    arm.visible = true;
+    for (const part of arm.children) {
+      const matrix = branch.links[part.name];
+      if (!matrix) continue;
+      new THREE.Matrix4().fromArray(matrix).decompose(part.position, part.quaternion, part.scale);
+    }
+    arm.traverse((part) => {
+      if (!part.isMesh) return;
+      part.material = new THREE.MeshPhongMaterial({ color: colour, transparent: true, opacity: 0.7 });
+    });
+    return arm;
+  }
+
+  function show(answer) {
+    const group = new THREE.Group();
+    const ball = new THREE.Mesh(new THREE.SphereGeometry(0.018 * data.size, 20, 14),
+      new THREE.MeshBasicMaterial({ color: answer.reachable ? data.target : "#c92a2a" }));
+    ball.position.fromArray(answer.target);
+    group.add(ball);
+    answer.branches.forEach((branch, k) => {
+      const colour = GHOSTS[k % GHOSTS.length];
+      if (Object.keys(branch.links).length) group.add(ghost(branch, colour));
+      const dot = new THREE.Mesh(new THREE.SphereGeometry(0.014 * data.size, 20, 14),
+        new THREE.MeshBasicMaterial({ color: colour }));
+      dot.position.fromArray(data.panel.corner);
+      data.panel.edges.forEach((edge, axis) => {
+        dot.position.addScaledVector(new THREE.Vector3(...edge), branch.joints[axis]);
+      });
+      group.add(dot);
+    });
+    viewer.set_object(["Inverse answers"], group);
+    viewer.set_property(["Arm"], "visible", false);
+    const ways = answer.branches.map((branch) => branch.words);
+    element("calib-answer").textContent = [answer.words, ...ways].join("\n");
+    viewer.set_dirty();
+  }
+
+  async function ask(point) {
+    if (inverse.busy) { inverse.next = point; return; }
+    inverse.busy = true;
+    const at = [point.x, -point.z, point.y];
+    try {
+      const reply = await fetch("ask", { method: "POST", body: JSON.stringify({ at }) });
+      if (reply.ok) show(await reply.json());
+      else element("calib-answer").textContent = await reply.text();
+    } catch (error) {
+      element("calib-answer").textContent = "the preview has ended: start it again";
+    }
+    inverse.busy = false;
+    if (inverse.next) {
+      const next = inverse.next;
+      inverse.next = null;
+      ask(next);
+    }
+  }
+
+  // where the pointer's ray meets the drawn plane
+  function meet(event) {
+    const place = new THREE.Vector2((event.clientX / window.innerWidth) * 2 - 1,
+      1 - (event.clientY / window.innerHeight) * 2);
+    const ray = new THREE.Raycaster();
+    ray.setFromCamera(place, viewer.camera);
+    const [normal, point] = [space(data.plane.normal), space(data.plane.point)];
+    const plane = new THREE.Plane().setFromNormalAndCoplanarPoint(normal, point);
+    return ray.ray.intersectPlane(plane, new THREE.Vector3());
+  }
+  if (data.live) {
+    element("calib-answer").textContent = "Shift and drag: a target for the inverse map.";
+    const follow = (event) => {
+      if (!event.shiftKey || !event.buttons) return;
+      event.stopPropagation();
+      const point = meet(event);
+      if (point) ask(point);
+    };
+    // before meshcat's own controls see it
+    for (const name of ["pointerdown", "pointermove", "mousedown", "mousemove"]) {
+      window.addEventListener(name, (event) => {
+        if (event.target === pane) follow(event);
+      }, true);
+    }
+  }
+
+  window.calib = { ask: (p) => ask(space(p)), data, viewer, fit, link, screen: (p) => screen(space(p)) };
+  fit();
+  requestAnimationFrame(fit);
+})();

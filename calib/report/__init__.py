@@ -1,0 +1,1 @@
+"""Report: what was learned, from what and how well, as one page."""
