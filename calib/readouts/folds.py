@@ -10,7 +10,7 @@ from .newton import Newton
 Array = NDArray[np.float64]
 Index = NDArray[np.intp]
 
-_SINGULAR = 0.1  # determinant over power of a Jacobian below which a fold may be near
+_SINGULAR = 0.1  # sine between the motions of both joints below which a fold may be near
 _PROBE = 1e-4  # of the joints' range: step of the derivative of the determinant
 _FAR = 0.2  # of the joints' range: a twin is not looked for further away
 
@@ -37,8 +37,7 @@ def twins(newton: Newton, u: Array) -> tuple[Index, Array]:
         Where to look for their twins.
     """
     slope = newton.predictor.value_and_slope(u)[1]
-    det, power = _determinant(slope), np.einsum("nij,nij->n", slope, slope)
-    rows = np.flatnonzero(np.abs(det) < _SINGULAR * power)
+    rows = np.flatnonzero(singular(slope, _SINGULAR))
     if not len(rows):
         return rows, u[rows]
     # the right singular vector of the smaller singular value
@@ -46,10 +45,20 @@ def twins(newton: Newton, u: Array) -> tuple[Index, Array]:
     ahead = _determinant(newton.predictor.value_and_slope(u[rows] + _PROBE * flat)[1])
     behind = _determinant(newton.predictor.value_and_slope(u[rows] - _PROBE * flat)[1])
     rate = (ahead - behind) / (2 * _PROBE)
-    reach = -2.0 * det[rows] / np.where(rate == 0.0, np.inf, rate)
+    reach = -2.0 * _determinant(slope[rows]) / np.where(rate == 0.0, np.inf, rate)
     near = (np.abs(reach) < _FAR) & (reach != 0.0)
     rows = rows[near]
     return rows, newton.clip(u[rows] + reach[near, None] * flat[near])
+
+
+def singular(slope: Array, share: float) -> NDArray[np.bool_]:
+    """Whether both joints move the tip along nearly the same line, (n,).
+
+    The determinant of the Jacobians (n, 2, 2) over the lengths of their columns is the sine
+    of the angle between them.
+    """
+    first, second = np.einsum("nij,nij->jn", slope, slope)
+    return np.asarray(np.abs(_determinant(slope)) < share * np.sqrt(first * second))
 
 
 def _determinant(slope: Array) -> Array:

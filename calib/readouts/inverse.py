@@ -93,7 +93,7 @@ class Solver:
 
     def _from_starts(self, x: Array, near: Array) -> tuple[Array, Array]:
         """Solutions from the starts that are closest to the joints wished for."""
-        start, step = self.starts.of(x)
+        start, step, folded = self.starts.of(x)
         n, dof = start.shape[0], start.shape[2]
         gap = self.scale.difference(start, near[:, None])
         away = np.sqrt((gap * gap).sum(axis=2))
@@ -119,6 +119,11 @@ class Solver:
             row = missed[row]
             found = self.newton.settle(start[row, column], x[row], near[row])
             self._take_better(u, left, row, *found, near)
+        folds = np.flatnonzero(folded)
+        if len(folds):
+            row, twin = twins(self.newton, u[folds])
+            row = folds[row]
+            self._take_better(u, left, row, *self.newton.refine(twin, x[row]), near)
         return u, left
 
     @property
@@ -176,7 +181,7 @@ class Solver:
         distance : (m,) array
             What is left to the target.
         """
-        start, _ = self.starts.of(x)
+        start, _, _ = self.starts.of(x)
         target, column = np.nonzero(~np.isnan(start[..., 0]))
         u, left = self.newton.refine(start[target, column], x[target])
         if u.shape[1] == 2:

@@ -10,6 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ..maps.map import search_tree
+from .folds import singular
 from .linked import Association
 from .newton import CLOSE, Newton
 
@@ -27,6 +28,7 @@ _APART = 0.3  # refined starts of two joints closer than so many spacings are on
 _MISSED = 2.0  # a start may miss its sensory node by so many of its spacings
 _WIDTH = {1: 8, 2: 8}  # most starts of a sensory node
 _WIDEST = 32  # the same, of redundant arms
+_FOLD = 0.3  # sine between the motions of both joints below which a fold may be near
 _CHUNK = 512  # sensory nodes at once
 
 
@@ -52,6 +54,7 @@ class Starts:
     _u: Array = field(init=False, repr=False)
     _value: Array = field(init=False, repr=False)
     _inverse: Array = field(init=False, repr=False)
+    _folded: NDArray[np.bool_] = field(init=False, repr=False)
 
     def __post_init__(self) -> None:
         nodes, dof = self.association.sensory.size, self.association.motor.units.shape[1]
@@ -60,8 +63,9 @@ class Starts:
         object.__setattr__(self, "_u", np.full((nodes, width, dof), np.nan))
         object.__setattr__(self, "_value", np.full((nodes, width, 2), np.nan))
         object.__setattr__(self, "_inverse", np.zeros((nodes, width, dof, 2)))
+        object.__setattr__(self, "_folded", np.zeros(nodes, dtype=bool))
 
-    def of(self, x: Array) -> tuple[Array, Array]:
+    def of(self, x: Array) -> tuple[Array, Array, NDArray[np.bool_]]:
         """Starts for the targets `x` (n, 2).
 
         Returns
@@ -70,7 +74,9 @@ class Starts:
             Joints in the unit box, one linear step from a start towards the target; NaN
             where there are fewer than `k`.
         step : (n, k) array
-            Length of that step in node spacings, at most 2.
+            Length of that step in node spacings.
+        folded : (n,) bool array
+            Whether two branches may meet near the target.
         """
         motor, sensory = self.association.motor, self.association.sensory
         node = sensory.nearest(sensory.scale.to_unit(x))[1][:, 0]
@@ -83,7 +89,8 @@ class Starts:
         if long.any():
             move *= np.where(long, _REACH / np.where(long, length, 1.0), 1.0)[..., None]
         u = self._u[node] + move
-        return self.newton.clip(u.reshape(-1, u.shape[2])).reshape(u.shape), length
+        u = self.newton.clip(u.reshape(-1, u.shape[2])).reshape(u.shape)
+        return u, length, self._folded[node]
 
     def _ask(self, nodes: Index) -> None:
         """Make sure that the starts of these sensory nodes are known."""
@@ -117,6 +124,8 @@ class Starts:
         value, slope = self.newton.predictor.value_and_slope(u)
         self._u[nodes[row], place], self._value[nodes[row], place] = u, value
         self._inverse[nodes[row], place] = damped_inverse(slope, 1e-4)
+        if dof == 2:
+            self._folded[nodes[row[singular(slope, _FOLD)]]] = True
 
     def _distinct(self, table: Array, missed: Array) -> NDArray[np.bool_]:
         """Which of the starts (n, k, dof), best first, are near their node and no repeats."""
