@@ -36,6 +36,15 @@ FORMAT = 1
 
 _KEY = "calib"
 _LARGEST = 2_000_000_000  # bytes
+_NONSENSE = (  # what building a model from a description without sense raises
+    CalibError,
+    AttributeError,
+    IndexError,
+    KeyError,
+    OverflowError,
+    TypeError,
+    ValueError,
+)
 
 
 def save(model: Model, path: str | os.PathLike[str]) -> None:
@@ -53,7 +62,6 @@ def to_bytes(model: Model) -> bytes:
     tensors = {name: np.ascontiguousarray(a) for name, a in _tensors(model).items()}
     header = {
         "format": FORMAT,
-        "sha256": _checksum(tensors),
         "about": model.about.to_json(),
         "history": list(model.history),
         "baseline": None if model.baseline is None else model.baseline.to_json(),
@@ -70,8 +78,12 @@ def to_bytes(model: Model) -> bytes:
             "samples": model.predictor.models.samples,
         },
     }
-    text = json.dumps(header, sort_keys=True, separators=(",", ":"), ensure_ascii=False)
-    return bytes(pack(tensors, metadata={_KEY: text}))
+    header["sha256"] = _checksum(tensors, header)
+    return bytes(pack(tensors, metadata={_KEY: _canonical(header)}))
+
+
+def _canonical(header: Mapping[str, Any]) -> str:
+    return json.dumps(header, sort_keys=True, separators=(",", ":"), ensure_ascii=False)
 
 
 def _tensors(model: Model) -> dict[str, NDArray[Any]]:
@@ -104,12 +116,15 @@ def _unsigned(count: int) -> type[np.unsignedinteger[Any]]:
     return np.uint16 if count <= 1 << 16 else np.uint32
 
 
-def _checksum(tensors: Mapping[str, NDArray[Any]]) -> str:
+def _checksum(tensors: Mapping[str, NDArray[Any]], header: Mapping[str, Any]) -> str:
+    """SHA-256 of all tensors and of the rest of the description."""
     digest = hashlib.sha256()
     for name in sorted(tensors):
         array = tensors[name]
         digest.update(f"{name} {array.dtype.str} {array.shape};".encode())
         digest.update(np.ascontiguousarray(array).tobytes())
+    rest = {key: value for key, value in header.items() if key != "sha256"}
+    digest.update(_canonical(rest).encode("utf-8", "surrogatepass"))
     return digest.hexdigest()
 
 
@@ -148,15 +163,13 @@ def from_bytes(data: bytes, name: str = "model") -> Model:
             f"{name}: model format {version} is newer than {FORMAT}, the newest that this "
             "program reads: upgrade it with 'pip install -U calib-arm'"
         )
-    if header.get("sha256") != _checksum(tensors):
+    if header.get("sha256") != _checksum(tensors, header):
         raise ModelError(
-            f"{name}: damaged, its numbers do not match its checksum: restore or train it again"
+            f"{name}: damaged or edited, it does not match its checksum: restore or train it again"
         )
     try:
         return _build(header, tensors)
-    except CalibError:
-        raise
-    except (KeyError, TypeError, ValueError, IndexError, AttributeError, OverflowError) as error:
+    except _NONSENSE as error:
         reason = " ".join(str(error).split())[:120]
         raise ModelError(f"{name}: not a complete model ({reason}), train it again") from error
 

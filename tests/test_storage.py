@@ -1,0 +1,289 @@
+"""Model files: exact round trips, the same bytes, and damage that is told in one line."""
+
+import json
+import re
+import struct
+import subprocess
+import sys
+from pathlib import Path
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+from models import draw, log, measured, trained, turning
+from safetensors.numpy import save as pack
+
+import calib
+from calib.errors import ModelError
+from calib.storage import FORMAT, from_bytes, to_bytes
+
+
+@pytest.fixture(scope="module")
+def data():
+    return to_bytes(trained("two_link", 300, 5))
+
+
+def split(data):
+    """The JSON header of a safetensors file and the bytes of its tensors."""
+    (length,) = struct.unpack("<Q", data[:8])
+    return json.loads(data[8 : 8 + length]), data[8 + length :]
+
+
+def join(header, body):
+    text = json.dumps(header).encode()
+    return struct.pack("<Q", len(text)) + text + body
+
+
+def described(data):
+    return json.loads(split(data)[0]["__metadata__"]["calib"])
+
+
+def edited(data, **changes):
+    """Return the file with other values in its description."""
+    header, body = split(data)
+    description = {**json.loads(header["__metadata__"]["calib"]), **changes}
+    header["__metadata__"]["calib"] = json.dumps(description)
+    return join(header, body)
+
+
+def refusal(data):
+    with pytest.raises(ModelError) as caught:
+        from_bytes(data, "m.calib")
+    message = str(caught.value)
+    assert "\n" not in message
+    assert message.startswith("m.calib: ")
+    assert len(message) < 250
+    return message
+
+
+def refused_or_equal(damaged, data):
+    """Whether a file is refused in one line, or still describes the very same model."""
+    try:
+        return to_bytes(from_bytes(damaged, "m.calib")) == data
+    except ModelError as error:
+        return "\n" not in str(error)
+
+
+def plain(about):
+    return json.dumps(about.to_json(), sort_keys=True)
+
+
+def taught():
+    return calib.train(log(30, 1e-3), size=6)
+
+
+MODELS = {
+    "simulated": lambda: trained("two_link"),
+    "a log": measured,
+    "of three joints": lambda: trained("three_link"),
+    "with a slide": lambda: trained("polar"),
+    "with a joint that turns round": turning,
+    "taught": taught,
+    "with a radius": lambda: trained("two_link", 300, 5, sigma=(2.0, 0.5), epochs=3),
+}
+
+
+@pytest.mark.parametrize("kind", MODELS)
+def test_a_round_trip_gives_the_same_answers_and_the_same_bytes(kind, tmp_path):
+    model = MODELS[kind]()
+    path = tmp_path / "m.calib"
+    model.save(path)
+    again = calib.load(path)
+    assert to_bytes(again) == path.read_bytes() == to_bytes(model)
+    q = draw(model, 200, seed=1)
+    for readout in ("local", "activity", "winner"):
+        assert again.forward(q, readout).tobytes() == model.forward(q, readout).tobytes()
+    x = model.forward(q)
+    x = x[np.isfinite(x[:, 0])]
+    assert again.inverse(x).tobytes() == model.inverse(x).tobytes()
+    assert again.expected_error(q).tobytes() == model.expected_error(q).tobytes()
+    assert again.motor.lattice == model.motor.lattice
+    assert (again.links != model.links).nnz == 0
+    assert plain(again.about) == plain(model.about)
+    assert again.history == model.history
+
+
+def test_no_time_no_date_and_no_path_is_inside(data, tmp_path):
+    arm = calib.load_arm("two_link")
+    urdf = tmp_path / "copied_robot.urdf"
+    urdf.write_text(arm.urdf)
+    model = calib.train(calib.babble(calib.load_arm(str(urdf)), 300), size=5)
+    path = tmp_path / "somewhere.calib"
+    model.save(path)
+    content = path.read_bytes()
+    for secret in (tmp_path, tmp_path.name, Path(calib.__file__).parent, Path.home(), "somewhere"):
+        assert str(secret).encode() not in content
+    text = json.dumps(described(content))
+    assert "seconds" not in described(content)
+    assert not re.search(r"\b20[2-9]\d-\d\d-\d\d|\b\d\d:\d\d:\d\d\b", text)
+
+
+def test_the_description_is_one_canonical_json_string(data):
+    header, _ = split(data)
+    assert list(header["__metadata__"]) == ["calib"]
+    text = header["__metadata__"]["calib"]
+    again = json.dumps(json.loads(text), sort_keys=True, separators=(",", ":"), ensure_ascii=False)
+    assert text == again
+    assert described(data)["format"] == FORMAT
+
+
+def test_any_safetensors_reader_finds_the_weights(data):
+    from safetensors.numpy import load
+
+    tensors = load(data)
+    model = from_bytes(data)
+    assert tensors["motor.units"].shape == (25, 2)
+    assert (tensors["motor.units"] == model.motor.units).all()
+    assert not any(a.dtype == object for a in tensors.values())
+
+
+def test_saving_replaces_an_older_file_whole_and_leaves_nothing_else(data, tmp_path):
+    path = tmp_path / "m.calib"
+    path.write_bytes(b"older")
+    from_bytes(data).save(path)
+    assert path.read_bytes() == data
+    assert [p.name for p in tmp_path.iterdir()] == ["m.calib"]
+
+
+def test_a_file_is_loaded_and_asked_without_pinocchio_and_yourdfpy(data, tmp_path):
+    path = tmp_path / "m.calib"
+    path.write_bytes(data)
+    code = (
+        "import sys, calib; m = calib.load(sys.argv[1]);"
+        "assert abs(m.forward(m.inverse([0.3, 0.3])) - 0.3).max() < 1e-6;"
+        "print([n for n in ('pinocchio', 'yourdfpy', 'meshcat', 'polars') if n in sys.modules])"
+    )
+    done = subprocess.run(
+        [sys.executable, "-c", code, str(path)], capture_output=True, text=True, check=True
+    )
+    assert done.stdout.strip() == "[]"
+
+
+@given(st.data())
+@settings(max_examples=150, deadline=None)
+def test_a_flipped_bit_is_noticed_or_harmless(data, draws):
+    place = draws.draw(st.integers(0, len(data) - 1))
+    bit = draws.draw(st.integers(0, 7))
+    flipped = bytearray(data)
+    flipped[place] ^= 1 << bit
+    assert refused_or_equal(bytes(flipped), data)
+
+
+@given(st.data())
+@settings(max_examples=100, deadline=None)
+def test_a_flipped_bit_in_the_header_is_noticed_or_harmless(data, draws):
+    (length,) = struct.unpack("<Q", data[:8])
+    place = draws.draw(st.integers(0, 8 + length - 1))
+    flipped = bytearray(data)
+    flipped[place] ^= 1 << draws.draw(st.integers(0, 7))
+    assert refused_or_equal(bytes(flipped), data)
+
+
+@given(st.floats(0, 1, exclude_max=True))
+@settings(max_examples=60, deadline=None)
+def test_a_file_that_is_cut_is_refused(data, share):
+    refusal(data[: int(share * len(data))])
+
+
+@given(st.binary(max_size=300))
+@settings(max_examples=60, deadline=None)
+def test_other_files_are_refused(content):
+    refusal(content)
+
+
+def test_bytes_after_the_end_are_refused(data):
+    refusal(data + b"\0")
+
+
+def test_a_foreign_safetensors_file_is_told_as_such(data):
+    foreign = pack({"weight": np.zeros(3)}, metadata={"author": "someone"})
+    assert "not one that 'calib train' wrote" in refusal(foreign)
+    assert "not one that 'calib train' wrote" in refusal(pack({"weight": np.zeros(3)}))
+
+
+def test_a_newer_format_is_told_with_the_command_that_upgrades(data):
+    message = refusal(edited(data, format=FORMAT + 1))
+    assert f"model format {FORMAT + 1} is newer than {FORMAT}" in message
+    assert "pip install -U calib-arm" in message
+
+
+@pytest.mark.parametrize("version", [0, -1, "1", None, 1.5])
+def test_an_impossible_format_is_refused(data, version):
+    assert "is unknown" in refusal(edited(data, format=version))
+
+
+@pytest.mark.parametrize("text", ["", "{", "[]", "1", "null", '"calib"', "[" * 100_000])
+def test_a_description_that_is_no_json_object_is_refused(data, text):
+    header, body = split(data)
+    header["__metadata__"]["calib"] = text
+    refusal(join(header, body))
+
+
+def test_edited_numbers_and_edited_descriptions_do_not_match_the_checksum(data):
+    header, body = split(data)
+    changed = bytearray(body)
+    changed[len(body) // 2] ^= 1
+    assert "checksum" in refusal(join(header, bytes(changed)))
+    about = described(data)["about"]
+    about["upper"] = [3.0, 3.0]
+    assert "checksum" in refusal(edited(data, about=about))
+    assert "checksum" in refusal(edited(data, sha256="0" * 64))
+
+
+def forged(data, change):
+    """Return the file after `change(header, tensors)`, with a checksum that is right."""
+    from safetensors.numpy import load
+
+    from calib import storage
+
+    header, tensors = described(data), dict(load(data))
+    change(header, tensors)
+    header["sha256"] = storage._checksum(tensors, header)
+    return pack(tensors, metadata={"calib": json.dumps(header)})
+
+
+def _set(name, index, value):
+    def change(header, tensors):
+        tensors[name] = tensors[name].copy()
+        tensors[name].reshape(-1)[index] = value
+
+    return change
+
+
+FORGERIES = {
+    "without its motor map": lambda h, t: t.pop("motor.units"),
+    "without joints": lambda h, t: h["about"].pop("joint_names"),
+    "with a joint more": lambda h, t: h["about"]["joint_names"].append("wrist"),
+    "of a larger lattice": lambda h, t: h["motor"].update(lattice=[6, 6]),
+    "of a lattice without nodes": lambda h, t: h["motor"].update(lattice=[0, 0]),
+    "of a lattice that no memory holds": lambda h, t: h["motor"].update(lattice=[10**6, 10**6]),
+    "with a link to nowhere": _set("links.indices", 0, 60_000),
+    "with a weight that is no number": _set("motor.units", 0, np.nan),
+    "with an infinite bound": _set("bounds", 0, np.inf),
+    "of a monstrous trend": lambda h, t: h["trend"].update(degree=10**9),
+    "of a negative trend": lambda h, t: h["trend"].update(degree=-1),
+    "with a trend that is text": lambda h, t: h["trend"].update(degree="2"),
+    "with bounds of another map": lambda h, t: t.update(bounds=t["bounds"][:-1]),
+    "with a list for its description": lambda h, t: h.update(about=[]),
+}
+
+
+@pytest.mark.parametrize("kind", FORGERIES)
+def test_a_file_that_makes_no_sense_is_refused_even_with_the_right_checksum(data, kind):
+    refusal(forged(data, FORGERIES[kind]))
+
+
+def test_an_honest_forgery_is_a_model(data):
+    assert to_bytes(from_bytes(forged(data, lambda h, t: None))) == data
+
+
+def test_missing_files_and_folders_are_told_in_one_line(tmp_path):
+    for path, message in (
+        (tmp_path / "no.calib", "no such file, expected a model written by 'calib train'"),
+        (tmp_path, "cannot be read"),
+        (tmp_path / "no\0name", "cannot be read"),
+    ):
+        with pytest.raises(ModelError, match=message) as caught:
+            calib.load(path)
+        assert "\n" not in str(caught.value)
