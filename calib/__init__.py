@@ -35,6 +35,7 @@ if TYPE_CHECKING:
     from .evaluation import evaluate as evaluate
     from .maps.som import SOM as SOM
     from .model import Model as Model
+    from .paths import Path as Path
     from .robots import list_robots as list_robots
     from .storage import load as load
     from .training import train as train
@@ -50,6 +51,7 @@ _HOME = {
     "Model": "model",
     "ModelError": "errors",
     "OptionError": "errors",
+    "Path": "paths",
     "PlanarArm": "arm.planar_arm",
     "QueryError": "errors",
     "RobotError": "errors",

@@ -26,6 +26,7 @@ if TYPE_CHECKING:
     from .data.samples import Samples
     from .drift.baseline import Baseline
     from .evaluation import Evaluation
+    from .paths import Path
 
 Array = NDArray[np.float64]
 
@@ -179,6 +180,55 @@ class Model:
         joints: each connected one is represented by its point closest to the middle.
         """
         return [a.q[a.reachable] for a in self.solve_all(x)]
+
+    def path(self, x: ArrayLike, start: ArrayLike | None = None, step: float | None = None) -> Path:
+        """Joint values along straight lines through waypoints, on one branch if there is one.
+
+        Parameters
+        ----------
+        x : (n, 2) array [unit]
+            Waypoints, two or more.
+        start : (dof,) array [rad or m], optional
+            Joints that the path should start near; without it the branch that can follow
+            the path furthest, of several the one that moves the joints least.
+        step : float [unit], optional
+            Longest way of the tip between two rows, 1 % of the workspace's extent where not
+            given.  ``math.inf`` gives the waypoints alone.
+
+        Returns
+        -------
+        Path
+            Rows of joints without times, and where a jump cannot be avoided.
+        """
+        from .paths import follow_path
+
+        return follow_path(self, x, start, step)
+
+    def servo(
+        self, x_measured: ArrayLike, target: ArrayLike, q: ArrayLike, gain: float = 0.5
+    ) -> Array:
+        """Joints a step closer to a target, from where the sensor sees the tip.
+
+        A resolved-rate correction with the learned Jacobian: it closes the loop on the
+        sensor, so that it converges even where the arm differs from the map.
+
+        Parameters
+        ----------
+        x_measured, target : (n, 2) or (2,) array [unit]
+            Where the tip is seen and where it should be.
+        q : (n, dof) or (dof,) array [rad or m]
+            Present joints; next time the joints that this returns.
+        gain : float
+            Share of the way that a step goes: smaller is calmer with a noisy sensor.
+
+        Returns
+        -------
+        (n, dof) or (dof,) array [rad or m]
+            Within the joints' range, at most a tenth of it away from `q`.
+        """
+        from .servo import servo_step
+
+        return servo_step(self, x_measured, target, q, gain)
 
     def expected_error(self, q: ArrayLike) -> Array:
         """95 % bound on the error of :meth:`forward` at joint values (n, dof), (n,) [unit].

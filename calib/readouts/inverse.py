@@ -181,6 +181,19 @@ class Solver:
         distance : (m,) array
             What is left to the target.
         """
+        target, u, left = self.solutions(x)
+        if u.shape[1] > 2 and len(u):
+            target, u = representatives(self.newton, target, u, x)
+            left = np.linalg.norm(self.predictor.value(u) - x[target], axis=1)
+        lost = np.setdiff1d(np.arange(len(x)), target)
+        if len(lost):
+            found, found_left = self.solve(x[lost], np.full((len(lost), u.shape[1]), 0.5))
+            target = np.concatenate([target, lost])
+            u, left = np.concatenate([u, found]), np.concatenate([left, found_left])
+        return self._by_middle(target, u, left)
+
+    def solutions(self, x: Array) -> tuple[Index, Array, Array]:
+        """Solutions of each target as `solve_all` finds them, many of each family."""
         start, _, _ = self.starts.of(x)
         target, column = np.nonzero(~np.isnan(start[..., 0]))
         u, left = self.newton.refine(start[target, column], x[target])
@@ -189,26 +202,10 @@ class Solver:
             other, other_left = self.newton.refine(other, x[target[row]])
             target = np.concatenate([target, target[row]])
             u, left = np.concatenate([u, other]), np.concatenate([left, other_left])
-        keep = left <= CLOSE * self.extent
-        lost = np.setdiff1d(np.arange(len(x)), target[keep])
-        if len(lost):
-            middle = np.full((len(lost), u.shape[1]), 0.5)
-            found, found_left = self.solve(x[lost], middle)
-            target = np.concatenate([target[keep], lost])
-            u, left = np.concatenate([u[keep], found]), np.concatenate([left[keep], found_left])
-        else:
-            target, u, left = target[keep], u[keep], left[keep]
-        target, u, left = self._by_middle(target, u, left)
-        keep = self._distinct(target, u)
-        target, u, left = target[keep], u[keep], left[keep]
-        if u.shape[1] <= 2:
-            return target, u, left
         met = left <= CLOSE * self.extent
-        owner, family = representatives(self.newton, target[met], u[met], x)
-        said = self.predictor.value(family)
-        target, u = np.concatenate([owner, target[~met]]), np.concatenate([family, u[~met]])
-        left = np.concatenate([np.linalg.norm(said - x[owner], axis=1), left[~met]])
-        return self._by_middle(target, u, left)
+        target, u, left = self._by_middle(target[met], u[met], left[met])
+        keep = self._distinct(target, u)
+        return target[keep], u[keep], left[keep]
 
     def _by_middle(self, target: Index, u: Array, left: Array) -> tuple[Index, Array, Array]:
         """Solutions sorted by target and distance to the middle of the ranges."""

@@ -20,6 +20,7 @@ CLOSE = 1e-9
 """Share of the extent below which joints may slide along a self-motion."""
 
 _STEPS = 40  # most iterations
+_CALM = 1e-3  # damping of a single step, as a share of the Jacobian's power
 _CHUNK = 4096  # rows at once: what is held of them fits into the cache
 _SLIDES = 25  # most slides towards the joints that are wished for
 _SETTLED = 1e-6  # of the joints' range: a slide that is shorter is the last
@@ -184,6 +185,14 @@ class Newton:
             pull = np.where(good[:, None], pull_now, pull)
         u[rows] = at
         return self.refine(u, x)
+
+    def rate(self, u: Array, gap: Array) -> Array:
+        """Small damped moves (n, dof) of the joints `u` that carry the tip along `gap` (n, 2).
+
+        Near a stretched or folded pose the damping keeps them short.
+        """
+        slope = self._evaluate(u.T)[1]
+        return np.asarray(self._step(u.T, slope, gap.T, np.full(len(u), _CALM)).T)
 
     def tangent(self, u: Array, wish: Array) -> Array:
         """What of a wished move (n, dof) leaves the position as it is, limits kept."""
