@@ -1,0 +1,166 @@
+"""Evaluation: figures by hand, exact truth for a simulation, recorded rows for a log."""
+
+import json
+
+import numpy as np
+import pytest
+from models import draw, log, measured, papers, trained, turning, two_link
+
+import calib
+from calib.errors import LogError, OptionError
+from calib.evaluation import Residuals, evaluate_residuals, summarise
+from calib.scale import TURN
+
+
+def table(forward, inverse, distance):
+    n = len(distance)
+    residuals = Residuals(
+        q=np.zeros((n, 2)),
+        x=np.zeros((n, 2)),
+        forward={"local": np.array(forward)},
+        inverse={"local": np.array(inverse)},
+        distance={"local": np.array(distance)},
+        joint_names=("hip", "knee"),
+        left_out=0,
+    )
+    return summarise(residuals)["local"]
+
+
+def finite(errors):
+    return all(
+        np.isfinite(f[k])
+        for readout in errors.values()
+        for way in readout.values()
+        for f in way.values()
+        for k in ("mean", "max", "p99")
+    )
+
+
+def test_figures_by_hand():
+    said = table([[3.0, -4.0], [0.0, 0.0]], [[-0.1, 0.0], [0.3, 0.2]], [1.0, 2.0])
+    assert said["forward"]["x"] == pytest.approx({"mean": 1.5, "max": 3.0, "p99": 2.97})
+    assert said["forward"]["y"] == pytest.approx({"mean": 2.0, "max": 4.0, "p99": 3.96})
+    assert said["forward"]["distance"] == pytest.approx({"mean": 2.5, "max": 5.0, "p99": 4.95})
+    assert said["inverse"]["hip"] == pytest.approx({"mean": 0.2, "max": 0.3, "p99": 0.298})
+    assert said["inverse"]["knee"] == pytest.approx({"mean": 0.1, "max": 0.2, "p99": 0.198})
+    assert said["inverse"]["distance"] == pytest.approx({"mean": 1.5, "max": 2.0, "p99": 1.99})
+
+
+def test_99_of_100_errors_lie_below_p99():
+    error = np.random.default_rng(0).permutation(np.arange(1.0, 1001.0))
+    said = table(np.stack([error, error], axis=1), np.zeros((1000, 2)), error)
+    assert np.mean(error <= said["forward"]["x"]["p99"]) == 0.99
+
+
+def test_residuals_are_what_was_said_less_what_is_true():
+    model = trained("two_link")
+    q = draw(model, 200, seed=1)
+    x = two_link(q)
+    residuals = evaluate_residuals(model, q, x, two_link)
+    for readout in ("local", "activity", "winner"):
+        np.testing.assert_allclose(residuals.forward[readout], model.forward(q, readout) - x)
+        answer = model.inverse(x, near=q, readout=readout, nearest=True)
+        np.testing.assert_allclose(residuals.inverse[readout], answer - q, atol=1e-9)
+        gap = np.linalg.norm(two_link(answer) - x, axis=1)
+        np.testing.assert_allclose(residuals.distance[readout], gap, atol=1e-9)
+
+
+def test_joint_errors_are_of_the_answer_nearest_to_the_true_joints():
+    model = trained("two_link_full")
+    q = draw(model, 300, seed=1, margin=0.01)
+    residuals = evaluate_residuals(model, q, two_link(q), two_link)
+    assert np.abs(residuals.inverse["local"]).max() < 1e-4
+
+
+def test_joint_errors_go_the_short_way_round_a_turn():
+    model = turning()
+    q = draw(model, 100, seed=1, margin=0.02)
+    q[:, 0] = np.where(np.arange(100) % 2, np.pi - 1e-4, -np.pi + 1e-4)
+    residuals = evaluate_residuals(model, q, two_link(q), two_link)
+    for readout in ("local", "activity", "winner"):
+        assert np.abs(residuals.inverse[readout][:, 0]).max() < TURN / 4
+
+
+def test_a_simulated_model_repeats_the_errors_of_its_training():
+    for model in (trained("two_link"), papers(1e-3)):
+        evaluation = model.evaluate()
+        assert evaluation.rows == 10_000
+        assert evaluation.left_out == 0
+        assert evaluation.source == "fresh exact samples"
+        for readout, ways in evaluation.errors.items():
+            for way, columns in ways.items():
+                for column, figures in columns.items():
+                    expected = model.about.errors[readout][way][column]
+                    assert figures == pytest.approx(expected, rel=1e-6, abs=1e-12)
+
+
+def test_a_changed_arm_is_evaluated_against_what_it_is():
+    arm = calib.load_arm("two_link")
+    samples = calib.babble(arm, 1000, changes=["elbow.length=+20%"], ranges={"elbow": (1.0, 2.0)})
+    model = calib.train(samples, size=10)
+    assert model.evaluate().errors["local"]["forward"]["distance"]["max"] < 1e-6
+
+
+def test_a_model_of_a_log_repeats_the_errors_of_its_blocks():
+    model = measured()
+    evaluation = model.evaluate()
+    assert evaluation.errors == model.about.errors
+    assert evaluation.source == "rows held out in contiguous blocks"
+
+
+def test_another_log_is_compared_row_by_row():
+    model, fresh = trained("two_link"), log(400, 1e-3, seed=5)
+    evaluation = calib.evaluate(model, fresh)
+    error = np.linalg.norm(model.forward(fresh.q) - fresh.x, axis=1)
+    said = evaluation.errors["local"]["forward"]["distance"]
+    assert said["mean"] == pytest.approx(error.mean())
+    assert said["max"] == pytest.approx(error.max())
+    assert (evaluation.rows, evaluation.left_out) == (400, 0)
+    assert evaluation.source == "measured rows of the log"
+
+
+def test_for_a_log_the_inverse_distance_is_how_far_the_map_moves_between_the_joints():
+    model, fresh = trained("two_link"), log(200, 1e-3, seed=5)
+    answer = model.inverse(fresh.x, near=fresh.q, nearest=True)
+    moved = np.linalg.norm(model.forward(answer) - model.forward(fresh.q), axis=1)
+    said = calib.evaluate(model, fresh).errors["local"]["inverse"]["distance"]
+    assert said["mean"] == pytest.approx(moved.mean(), rel=1e-6)
+
+
+def test_rows_outside_of_what_was_learned_are_left_out_and_counted():
+    arm = calib.load_arm("two_link")
+    narrow = calib.train(calib.babble(arm, 1000, ranges={"elbow": (1.0, 2.0)}), size=10)
+    fresh = log(500, seed=5)
+    step = narrow.motor.spacing
+    known = (fresh.q[:, 1] >= 1.0 - step) & (fresh.q[:, 1] <= 2.0 + step)
+    evaluation = narrow.evaluate(fresh)
+    assert (evaluation.rows, evaluation.left_out) == (known.sum(), 500 - known.sum())
+
+
+def test_figures_of_a_log_that_fills_a_part_of_its_range_are_finite():
+    s = log(1500, 1e-3)
+    part = s.take(s.q[:, 0] + 0.6 * s.q[:, 1] < 1.6)
+    model = calib.train(part, size=10)
+    assert finite(model.about.errors)
+    assert finite(model.evaluate(part).errors)
+
+
+def test_errors_are_plain_json():
+    for model in (trained("two_link"), measured()):
+        text = json.dumps(model.evaluate().errors, allow_nan=False)
+        assert json.loads(text) == model.evaluate().errors
+
+
+def test_a_log_of_other_joints_is_refused_with_both_names():
+    s = log(50)
+    other = calib.Samples(s.q, s.x, ("hip", "knee"), s.lower, s.upper, s.revolute)
+    with pytest.raises(OptionError, match="log's joints are hip, knee, the model's are shoulder"):
+        trained("two_link").evaluate(other)
+
+
+def test_a_log_wholly_outside_is_refused():
+    arm = calib.load_arm("two_link")
+    narrow = calib.train(calib.babble(arm, 500, ranges={"elbow": (1.0, 1.5)}), size=8)
+    s = log(300)
+    with pytest.raises(LogError, match="no row of the log lies within"):
+        narrow.evaluate(s.take(s.q[:, 1] > 2.2))
