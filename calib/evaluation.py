@@ -137,22 +137,23 @@ def summarise(residuals: Residuals) -> dict[str, Any]:
     for readout, gap in residuals.forward.items():
         table[readout] = {
             "forward": {
-                "x": _figures(gap[:, 0]),
-                "y": _figures(gap[:, 1]),
-                "distance": _figures(np.linalg.norm(gap, axis=1)),
+                "x": figures(gap[:, 0]),
+                "y": figures(gap[:, 1]),
+                "distance": figures(np.linalg.norm(gap, axis=1)),
             },
             "inverse": {
                 **{
-                    name: _figures(residuals.inverse[readout][:, k])
+                    name: figures(residuals.inverse[readout][:, k])
                     for k, name in enumerate(residuals.joint_names)
                 },
-                "distance": _figures(residuals.distance[readout]),
+                "distance": figures(residuals.distance[readout]),
             },
         }
     return table
 
 
-def _figures(error: Array) -> dict[str, float]:
+def figures(error: Array) -> dict[str, float]:
+    """Mean, largest and 99th percentile of the absolute errors (n,)."""
     size = np.abs(error)
     return {
         "mean": float(size.mean()),

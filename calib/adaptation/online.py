@@ -14,10 +14,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ..errors import OptionError
-from ..links import activity, link, oja
+from ..links import oja
 from ..maps.density import Visit, gain_of
+from ..maps.lattice import Lattice
 from ..maps.map import Map
-from ..maps.som import present
+from ..maps.online import present
 from ..readouts.linked import Association
 from ..readouts.selection import select
 from .radius import matching_sigma
@@ -101,6 +102,12 @@ class OnlineAdapter:
     def __init__(self, model: Model, horizon: int = HORIZON, *, force: bool = False) -> None:
         if horizon < 1:
             raise OptionError(f"horizon {horizon}: expected one or more samples")
+        for part in (model.motor, model.sensory):
+            if not isinstance(part.lattice, Lattice):
+                raise OptionError(
+                    "online adaptation needs maps with a lattice, this model's are a growing "
+                    "neural gas: use --method few-shot"
+                )
         if model.motor.size * model.sensory.size > _LARGEST:
             raise OptionError(
                 f"lattices of {model.motor.size:,} and {model.sensory.size:,} nodes are too "
@@ -145,11 +152,12 @@ class OnlineAdapter:
             return self._step(expected, 0.0, 0.0, 0.0)
         for name, network, points in (("motor", motor, u), ("sensory", sensory, v)):
             self._form(name, network, points)
+        wiring = self._model.association.wiring
         t = np.minimum(self._since + np.arange(len(u)), self._horizon)
         beta = _BETA * np.exp(1.0 - t / self._horizon)  # eq. 12
         eta = np.minimum(_ETA * np.exp(1.0 - t / self._horizon), 1.0 / beta)
-        a = activity(self._map("motor"), u).toarray()
-        b = activity(self._map("sensory"), v).toarray()
+        a = wiring.activity(self._map("motor"), u).toarray()
+        b = wiring.activity(self._map("sensory"), v).toarray()
         for a_motor, a_sensory, e, f in zip(a, b, eta, beta, strict=True):
             oja(self._links.T, a_motor, a_sensory, float(e), float(f))  # eq. 11
         self._since += len(u)
@@ -173,12 +181,13 @@ class OnlineAdapter:
         motor, sensory = self._map("motor"), self._map("sensory")
         q, x = np.concatenate(self._q), np.concatenate(self._x)
         u = motor.scale.to_unit(q)
-        links = link(activity(motor, u), activity(sensory, sensory.scale.to_unit(x)))
+        wiring = model.association.wiring
+        a, b = wiring.activity(motor, u), wiring.activity(sensory, sensory.scale.to_unit(x))
         selected = select(motor, model.about.revolute, u, x)
         visited = np.bincount(motor.nearest(u)[1][:, 0], minlength=motor.size) > 0
         return replace(
             model,
-            association=Association(motor, sensory, links),
+            association=Association(motor, sensory, wiring.link(a, b), wiring),
             predictor=selected.predictor,
             visited=visited,
         )
@@ -211,7 +220,7 @@ class OnlineAdapter:
 
     def _say(self, motor: Map, u: Array) -> Array:
         """Readout ``activity`` of the dense links, (n, 2) in the sensory unit box."""
-        a = activity(motor, u)
+        a = self._model.association.wiring.activity(motor, u)
         k = a.nnz // len(u)
         nodes, weight = a.indices.reshape(-1, k), a.data.reshape(-1, k)
         strength = np.einsum("jnk,nk->nj", self._links[:, nodes], weight)

@@ -1,0 +1,100 @@
+"""Alignment: what an affine map of the sensor's frame is, in words."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+Array = NDArray[np.float64]
+
+_SCALED = 0.1  # a scale that differs by more is said aloud
+_UNITS = {1e3: "mm", 1e2: "cm", 1e-3: "km", 39.3700787: "inches"}
+
+
+@dataclass(frozen=True)
+class Alignment:
+    """An affine map x' = A x + b of positions.
+
+    Attributes
+    ----------
+    matrix : (2, 2) array
+        A.
+    shift : (2,) array [unit]
+        b.
+    """
+
+    matrix: Array
+    shift: Array
+
+    @staticmethod
+    def between(old: Array, new: Array) -> Alignment:
+        """The least-squares map from `old` (n, 2) to `new` (n, 2)."""
+        middle, target = old.mean(axis=0), new.mean(axis=0)
+        matrix = np.linalg.lstsq(old - middle, new - target, rcond=None)[0].T
+        return Alignment(matrix, target - matrix @ middle)
+
+    def apply(self, x: Array) -> Array:
+        """Map positions (n, 2)."""
+        return x @ self.matrix.T + self.shift
+
+    @property
+    def scale(self) -> float:
+        """Factor of lengths, by the area."""
+        return math.sqrt(abs(float(np.linalg.det(self.matrix))))
+
+    @property
+    def mirrored(self) -> bool:
+        """Whether the sense of turning is reversed."""
+        return float(np.linalg.det(self.matrix)) < 0
+
+    @property
+    def swapped(self) -> bool:
+        """Whether x and y are exchanged."""
+        turned = np.abs(self.matrix / max(self.scale, 1e-300))
+        return self.mirrored and bool(np.min([turned[0, 1], turned[1, 0]]) > 0.9)
+
+    @property
+    def angle(self) -> float:
+        """Rotation [rad], after a mirror of x where there is one."""
+        matrix = self.matrix @ np.diag([-1.0, 1.0]) if self.mirrored else self.matrix
+        return math.atan2(matrix[1, 0] - matrix[0, 1], matrix[0, 0] + matrix[1, 1])
+
+    def loud(self) -> list[str]:
+        """What must be said aloud: a scale, a mirror, exchanged axes."""
+        notes = []
+        scale = self.scale
+        if abs(scale - 1.0) > _SCALED:
+            like = next((u for f, u in _UNITS.items() if abs(scale / f - 1.0) < 0.1), "")
+            hint = f"; if they are {like}, --unit {like} converts them" if like == "mm" else ""
+            notes.append(f"the log's positions are {scale:.5g} times the model's{hint}")
+        if self.swapped:
+            notes.append("x and y of the log are exchanged, compared with the model")
+        elif self.mirrored:
+            notes.append("the log's positions are mirrored, compared with the model")
+        return notes
+
+    def words(self, unit: str) -> str:
+        """The whole map in words."""
+        parts = []
+        if self.swapped:
+            parts.append("x and y exchanged")
+        elif self.mirrored:
+            parts.append("mirrored")
+        parts.append(f"turned {math.degrees(self.angle):.3g} deg" if not self.swapped else "")
+        factor, name = (1e3, "mm") if unit == "m" else (1.0, unit)
+        parts.append(f"scaled {self.scale:.5g}")
+        parts.append(f"shifted {factor * self.shift[0]:.4g}, {factor * self.shift[1]:.4g} {name}")
+        return ", ".join(p for p in parts if p)
+
+    def to_json(self) -> list[list[float]]:
+        """Rows of [A | b]."""
+        return [[*row, b] for row, b in zip(self.matrix.tolist(), self.shift.tolist(), strict=True)]
+
+    @classmethod
+    def from_json(cls, rows: list[list[float]]) -> Alignment:
+        """Rebuild what `to_json` returned."""
+        table = np.array(rows, dtype=float)
+        return cls(table[:, :2], table[:, 2])
