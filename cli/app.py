@@ -18,6 +18,7 @@ from calib.errors import CalibError
 from .babble import babble
 from .evaluate import evaluate
 from .info import info
+from .path import path
 from .preview import preview
 from .query import query_app
 from .robots import robots
@@ -166,6 +167,7 @@ def start(
 
 app.command()(robots)
 app.command()(train)
+query_app.command()(path)
 app.add_typer(query_app, name="query")
 app.command()(evaluate)
 app.command()(babble)

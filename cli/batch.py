@@ -129,7 +129,7 @@ def _finish(
 ) -> int:
     """Write the answers, say which rows have none, and return the exit code."""
     if streams.target is not None or not streams.as_json:
-        _write(streams.target or "-", columns)
+        write_table(streams.target or "-", columns)
     if streams.as_json:
         document: dict[str, Any] = {
             "output": streams.target,
@@ -144,11 +144,12 @@ def _finish(
         show_json(document)
     for rows, what in ((invalid, "not all numbers, left without an answer"), (refused, why)):
         if rows:
-            note(f"{_rows(rows)} of {len(columns['x'])}: {what}")
+            note(f"{numbered(rows)} of {len(columns['x'])}: {what}")
     return 1 if invalid else 3 if refused else 0
 
 
-def _write(path: str, columns: Mapping[str, NDArray[Any]]) -> None:
+def write_table(path: str, columns: Mapping[str, NDArray[Any]]) -> None:
+    """Write columns as a CSV file, a Parquet file, or (`-`) to standard output."""
     import polars as pl
 
     frame = pl.DataFrame(dict(columns))
@@ -164,7 +165,8 @@ def _csv(frame: pl.DataFrame) -> str:
     return frame.fill_nan(None).write_csv(null_value=_MISSING)
 
 
-def _rows(numbers: Sequence[int]) -> str:
+def numbered(numbers: Sequence[int]) -> str:
+    """Name rows by their numbers, the first few of them."""
     shown = ", ".join(map(str, numbers[:_TOLD]))
     more = f" and {len(numbers) - _TOLD} more" if len(numbers) > _TOLD else ""
     return f"row{'s' if len(numbers) > 1 else ''} {shown}{more}"
