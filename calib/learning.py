@@ -126,6 +126,49 @@ class Learned:
     visited: NDArray[np.bool_]
 
 
+def associate(
+    scale: Scale,
+    u: Array,
+    x: Array,
+    options: Options,
+    *,
+    watch: Stopwatch | None = None,
+    progress: Progress | None = None,
+) -> Association:
+    """Learn both maps and the links between them: the paper's part; see :func:`learn`."""
+    watch = watch or Stopwatch()
+    report = progress or (lambda *_: None)
+    maps: list[Map] = []
+    seen = Scale.of_data(x)
+    v = seen.to_unit(x)
+    parts = (
+        ("motor", options.motor_size, scale.from_unit(u), scale, v),
+        ("sensory", options.sensory_size, x, seen, u),
+    )
+    for k, (name, size, points, box, partners) in enumerate(parts):
+        stage = f"{name} map"
+
+        def tell(done: float, error: float, k: int = k, stage: str = stage) -> None:
+            report((k + done) * 0.35, stage, error)
+
+        with watch(stage):
+            som = SOM(
+                size,
+                options.map,
+                options.rule,
+                options.epochs,
+                options.sigma,
+                options.stream(name),
+            )
+            maps.append(som.fit(points, scale=box, progress=tell, partners=partners))
+    motor, sensory = maps
+    report(0.7, "links", float("nan"))
+    with watch("links"):
+        wiring = WIRINGS[options.links]
+        links = wiring.link(wiring.activity(motor, u), wiring.activity(sensory, v))
+    return Association(motor, sensory, links, wiring)
+
+
 def learn(
     scale: Scale,
     turning: tuple[bool, ...],
@@ -158,37 +201,10 @@ def learn(
     """
     watch = watch or Stopwatch()
     report = progress or (lambda *_: None)
-    maps: list[Map] = []
-    seen = Scale.of_data(x)
-    v = seen.to_unit(x)
-    parts = (
-        ("motor", options.motor_size, scale.from_unit(u), scale, v),
-        ("sensory", options.sensory_size, x, seen, u),
-    )
-    for k, (name, size, points, box, partners) in enumerate(parts):
-        stage = f"{name} map"
-
-        def tell(done: float, error: float, k: int = k, stage: str = stage) -> None:
-            report((k + done) * 0.35, stage, error)
-
-        with watch(stage):
-            som = SOM(
-                size,
-                options.map,
-                options.rule,
-                options.epochs,
-                options.sigma,
-                options.stream(name),
-            )
-            maps.append(som.fit(points, scale=box, progress=tell, partners=partners))
-    motor, sensory = maps
-    report(0.7, "links", float("nan"))
-    with watch("links"):
-        wiring = WIRINGS[options.links]
-        links = wiring.link(wiring.activity(motor, u), wiring.activity(sensory, v))
-        association = Association(motor, sensory, links, wiring)
+    association = associate(scale, u, x, options, watch=watch, progress=progress)
     report(0.8, "local models", float("nan"))
     with watch("local models"):
-        selected = select(motor, turning, u, x, trend)
-    visited = np.bincount(motor.nearest(u)[1][:, 0], minlength=motor.size) > 0
+        selected = select(association.motor, turning, u, x, trend)
+    winners = association.motor.nearest(u)[1][:, 0]
+    visited = np.bincount(winners, minlength=association.motor.size) > 0
     return Learned(association, selected.predictor, visited)

@@ -21,10 +21,12 @@ from .info import info
 from .path import path
 from .preview import preview
 from .query import query_app
+from .reproduce import reproduce
+from .report import report
 from .robots import robots
 from .train import train
 
-COMMANDS = ("robots", "train", "query", "evaluate", "babble", "preview", "info")
+COMMANDS = ("robots", "train", "query", "evaluate", "babble", "preview", "report", "reproduce", "info")
 INTERRUPTED = 130
 _TRACEBACK = "CALIB_TRACEBACK"
 
@@ -172,4 +174,6 @@ app.add_typer(query_app, name="query")
 app.command()(evaluate)
 app.command()(babble)
 app.command()(preview)
+app.command()(report)
+app.command()(reproduce)
 app.command()(info)

@@ -1,0 +1,1 @@
+"""The paper's experiments: its tables, figures and adaptation, beside our figures."""

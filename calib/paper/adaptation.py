@@ -1,0 +1,147 @@
+"""Adaptation: a link is lengthened, or shortened, and the maps follow (eq. 9 to 12)."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from functools import lru_cache
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ..adaptation.online import Step, follow
+from ..training import train
+from .setting import Setting
+from .tables import Result, Table
+
+if TYPE_CHECKING:
+    from ..model import Model
+
+Array = NDArray[np.float64]
+
+CHANGES = {"lengthened": "elbow.length=+20%", "shortened": "elbow.length=-20%"}
+"""A tool that is mounted and one that is removed: the paper does not say how long."""
+
+_STREAM = 91  # of the samples that come after the change
+_READOUTS = ("winner", "activity", "local")
+
+
+@dataclass(frozen=True, eq=False)
+class Episode:
+    """One change and what came of it.
+
+    Attributes
+    ----------
+    before, after : Model
+        The model as it was trained and as it is at the end of the stream.
+    steps : tuple of Step
+        Distortion, error and schedules along the stream.
+    q, x : (n, dof), (n, 2) array [rad], [m]
+        Exact test points of the changed arm.
+    errors : dict
+        {readout: {"trained", "changed", "adapted"}}: mean and largest forward error [m] of
+        the model on the old arm, on the changed arm, and after it has followed.
+    distortion : dict
+        {"trained", "changed", "adapted"}: zeta of the sensory map (eq. 9) in the unit box.
+    """
+
+    before: Model
+    after: Model
+    steps: tuple[Step, ...]
+    q: Array
+    x: Array
+    errors: dict[str, dict[str, dict[str, float]]]
+    distortion: dict[str, float]
+
+
+def episode(setting: Setting, change: str) -> Episode:
+    """Train an arm, change it, and let the model follow a stream of samples."""
+    seed = setting.seeds[0]
+    # 20,000 samples, as calib train has them; as many follow the change
+    n = min(setting.samples, 20_000)
+    samples = setting.babble(seed, n)
+    before = train(samples, size=setting.side, seed=seed)
+    stream = setting.babble(seed + _STREAM, n, changes=(change,))
+    steps = []
+    after = before
+    for step, adapter in follow(before, stream.q, stream.x, horizon=n // 2):
+        steps.append(step)
+        setting.report(step.samples / n, f"{change}: sigma {step.sigma:.2f}")
+        if step.samples == n:
+            after = adapter.model()
+    q, old = setting.validation(samples, seed)
+    _, x = setting.validation(stream, seed)
+    errors = {
+        readout: {
+            "trained": _error(before, q, old, readout),
+            "changed": _error(before, q, x, readout),
+            "adapted": _error(after, q, x, readout),
+        }
+        for readout in _READOUTS
+    }
+    distortion = {
+        "trained": zeta(before, old),
+        "changed": zeta(before, x),
+        "adapted": zeta(after, x),
+    }
+    return Episode(before, after, tuple(steps), q, x, errors, distortion)
+
+
+def zeta(model: Model, x: Array) -> float:
+    """Distortion of the sensory map (eq. 9): mean squared distance to the winner, unit box."""
+    distance, _ = model.sensory.nearest(model.sensory.scale.to_unit(x))
+    return float(np.mean(distance**2))
+
+
+def _error(model: Model, q: Array, x: Array, readout: str) -> dict[str, float]:
+    gap = np.linalg.norm(model.forward(q, readout) - x, axis=1)
+    gap = gap[np.isfinite(gap)]
+    return {"mean": float(gap.mean()), "max": float(gap.max())}
+
+
+@lru_cache(maxsize=2)
+def adaptation(setting: Setting) -> tuple[Result, dict[str, Episode]]:
+    """Both changes: figures, and the curves along the stream."""
+    episodes = {name: episode(setting, change) for name, change in CHANGES.items()}
+    data: dict[str, Any] = {}
+    summary: list[list[str | float | None]] = []
+    curves: list[list[str | float | None]] = []
+    for name, e in episodes.items():
+        noticed = [s.samples for s in e.steps if s.adapting]
+        data[name] = {
+            "change": CHANGES[name],
+            "errors": e.errors,
+            "distortion": e.distortion,
+            "samples_to_notice": noticed[0] if noticed else None,
+            "samples": e.steps[-1].samples,
+        }
+        for state in ("trained", "changed", "adapted"):
+            cells: list[str | float | None] = [name, state, e.distortion[state]]
+            for readout in _READOUTS:
+                cells += [1e3 * e.errors[readout][state][k] for k in ("mean", "max")]
+            summary.append(cells)
+        for s in e.steps:
+            curves.append(
+                [
+                    name,
+                    s.samples,
+                    s.zeta_motor,
+                    s.zeta_sensory,
+                    s.threshold if np.isfinite(s.threshold) else None,
+                    1e3 * s.error,
+                    s.sigma,
+                    s.eta,
+                    s.beta,
+                    float(s.adapting),
+                ]
+            )
+    header = ["change", "state", "zeta"]
+    header += [f"{r} {k} [mm]" for r in _READOUTS for k in ("mean", "max")]
+    columns = ("change", "samples", "zeta motor", "zeta sensory", "threshold", "error [mm]")
+    columns += ("sigma [nodes]", "eta", "beta", "adapting")
+    words = " and ".join(f"{k}: {v}" for k, v in CHANGES.items())
+    tables = (
+        Table("adaptation", f"distortion and forward error, {words}", header, summary),
+        Table("adaptation_curves", "along the stream of samples", columns, curves),
+    )
+    return Result(data, tables), episodes

@@ -1,0 +1,167 @@
+"""Experiments beside the tables: other networks, resampling, perturbed commands, directions."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ..data.samples import Samples
+from ..links import WIRINGS
+from ..maps.density import READINGS
+from ..readouts.linked import Association
+from .published import COLUMNS, UNITS
+from .search import SAME
+from .setting import Setting
+from .tables import FACTORS, Result, Table
+from .trial import Row, Schedule, Trial, activity_errors, association, joined
+
+Array = NDArray[np.float64]
+
+_ROWS = 20_000  # of each seed: enough to tell these apart
+_BORDER = 0.05  # share of a joint's range that counts as its border
+_TREMBLE = (0.0, 0.5, 1.0, 2.0, 5.0)  # deg
+
+
+def networks(setting: Setting) -> Result:
+    """Every network and reading of the varying density, at its own default schedule."""
+    n = min(setting.samples, _ROWS)
+    few = replace(setting, seeds=setting.seeds[:2])
+    names = ["som", *(f"vdsom:{name}" for name in READINGS)]
+    names += ["dsom", "gng", "gng:error", "gng:border", "gng:density"]
+    rows: dict[str, Row] = {}
+    for k, name in enumerate(names):
+        setting.report(k / len(names), name)
+        rows[name] = Trial(name, Schedule(), setting.side).row(few, n)
+    for name in ("som", "vdsom"):
+        online = Schedule(5, 0.5 if name == "som" else 1.5, rule="online")
+        rows[f"{name}, online rule"] = Trial(name, online, setting.side).row(few, n)
+        same = replace(SAME, links="oja")
+        rows[f"{name}, {same}"] = Trial(name, same, setting.side).row(few, n)
+    title = f"networks, {n:,} samples, {len(few.seeds)} seeds, readout activity"
+    return Result(dict(rows), (_table("networks", title, rows),))
+
+
+def resampling(setting: Setting) -> Result:
+    """Test the paper's first hypothesis: that data are too few at the border.
+
+    The rows near a joint limit are drawn more often, as many rows in all; maps and links
+    learn from them.  A gain per sample differs: it follows the lattice, not the data,
+    grows while the map settles, and leaves the links to the data as they are.
+    """
+    n = min(setting.samples, _ROWS)
+    seeds = setting.seeds[:3]
+    rows = {}
+    for times in (1, 3, 10):
+        found = []
+        for seed in seeds:
+            samples = setting.babble(seed, n)
+            found.append(
+                Trial("som", SAME, setting.side).errors(crowded(samples, times, seed), seed)
+            )
+        rows[f"SOM, border drawn {times} times as often"] = joined(found)
+    few = replace(setting, seeds=seeds)
+    rows["VDSOM, gain per sample"] = Trial("vdsom", SAME, setting.side).row(few, n)
+    title = f"data at the border against a gain, {SAME}, {n:,} samples, {len(seeds)} seeds"
+    return Result(dict(rows), (_table("resampling", title, rows),))
+
+
+def crowded(samples: Samples, times: float, seed: int) -> Samples:
+    """As many rows, those near a joint limit drawn `times` times as often as the others."""
+    if times == 1:
+        return samples
+    u = (samples.q - samples.lower) / (samples.upper - samples.lower)
+    near = np.minimum(u, 1.0 - u).min(axis=1) < _BORDER
+    weight = np.where(near, float(times), 1.0)
+    rng = np.random.default_rng(np.random.SeedSequence(seed, spawn_key=(int(times),)))
+    rows = np.sort(rng.choice(len(u), len(u), p=weight / weight.sum()))
+    return replace(samples, q=samples.q[rows], x=samples.x[rows])
+
+
+def perturbation(setting: Setting) -> Result:
+    """Motor commands that are perturbed while learning, where Schillaci et al. degraded.
+
+    The joints go where they were sent plus a random error; tested without it.
+    """
+    n = min(setting.samples, _ROWS)
+    seeds = setting.seeds[:2]
+    rows: dict[str, Row] = {}
+    for degrees in _TREMBLE:
+        setting.report(degrees / max(_TREMBLE), f"commands off by {degrees:g} deg")
+        tremble = np.radians(degrees)
+        changes = [f"{joint}.noise={tremble:.9g}" for joint in ("shoulder", "elbow")]
+        found = []
+        for seed in seeds:
+            samples = setting.babble(seed, n, changes=changes if degrees else ())
+            found.append(Trial("vdsom", Schedule(), setting.side).errors(samples, seed))
+        rows[f"{degrees:g} deg"] = joined(found)
+    title = f"commands perturbed while learning (standard deviation), {n:,} samples, "
+    title += f"{len(seeds)} seeds, tested on the arm at rest"
+    table = _table("perturbation", title, rows, readouts=("winner", "activity", "local"))
+    return Result(dict(rows), (table,))
+
+
+def directions(setting: Setting) -> Result:
+    """One set of links for both directions, against one set learned for each.
+
+    Buessler et al. needed a module for each direction.  Links that are normalised by the
+    side which they lead to are Oja's rule (eq. 5) of that direction.
+    """
+    seed = setting.seeds[0]
+    samples = setting.babble(seed, min(setting.samples, _ROWS))
+    q, x = setting.validation(samples, seed)
+    data: dict[str, Any] = {}
+    one = association(samples, "vdsom", Schedule(), setting.side, seed)
+    there, back = _one_sided(one, samples)
+    found = {
+        "one reciprocal set": (one, one),
+        "one set, eq. 5 from motor to sensory": (there, there),
+        "a set for each direction": (there, back),
+    }
+    rows: list[list[str | float | None]] = []
+    spans = np.concatenate([one.sensory.scale.span, one.motor.scale.span])
+    for name, (forward, inverse) in found.items():
+        errors = np.concatenate(
+            [activity_errors(forward, q, x)[:, :2], activity_errors(inverse, q, x)[:, 2:]], axis=1
+        )
+        errors = errors * spans
+        data[name] = {
+            c: {"mean": float(e.mean()), "max": float(e.max())}
+            for c, e in zip(COLUMNS, errors.T, strict=True)
+        }
+        cells = [data[name][c][k] * FACTORS[UNITS[c]] for c in COLUMNS for k in ("mean", "max")]
+        rows.append([name, *cells])
+    header = ["links", *(f"{c} {k} [{UNITS[c]}]" for c in COLUMNS for k in ("mean", "max"))]
+    title = "both directions from one set of links, readout activity, one seed"
+    return Result(data, (Table("directions", title, header, rows),))
+
+
+def _one_sided(pair: Association, samples: Samples) -> tuple[Association, Association]:
+    """The same maps with links of eq. 5 for each direction."""
+    wiring = WIRINGS["local"]
+    motor, sensory = pair.motor, pair.sensory
+    a = wiring.activity(motor, motor.scale.to_unit(samples.q))
+    b = wiring.activity(sensory, sensory.scale.to_unit(samples.x))
+    back = wiring.link(b, a).T.tocsr()
+    back.sort_indices()
+    return (
+        Association(motor, sensory, wiring.link(a, b), wiring),
+        Association(motor, sensory, back, wiring),
+    )
+
+
+def _table(
+    name: str, title: str, rows: dict[str, Row], readouts: tuple[str, ...] = ("activity",)
+) -> Table:
+    """Mean and largest error of each column, a line for each row and readout."""
+    header = ["", "readout", *(f"{c} {k} [{UNITS[c]}]" for c in COLUMNS for k in ("mean", "max"))]
+    lines: list[list[str | float | None]] = []
+    for label, row in rows.items():
+        for readout in readouts:
+            cells = [
+                row[readout][c][k] * FACTORS[UNITS[c]] for c in COLUMNS for k in ("mean", "max")
+            ]
+            lines.append([label, readout, *cells])
+    return Table(name, title, header, lines)

@@ -1,0 +1,197 @@
+"""The paper's figures: lattices with error heat, before and after a change, and curves.
+
+Matplotlib is imported when a figure is drawn.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from .adaptation import Episode
+from .search import SAME
+from .setting import Setting
+from .trial import activity_errors, association
+
+if TYPE_CHECKING:
+    from ..maps.map import Map
+
+Array = NDArray[np.float64]
+
+_COLOURS = "plasma"
+_DPI = 160
+
+
+def lattice_figure(setting: Setting, path: Path) -> None:
+    """Motor and sensory lattice of SOM and VDSOM, coloured by the error of each winner.
+
+    Both at the same schedule, the one at which the paper's ratio appears.
+    """
+    figure = _figure(9.6, 8.2)
+    axes = figure.subplots(2, 2)
+    seed = setting.seeds[0]
+    samples = setting.babble(seed)
+    simulation = samples.simulation
+    assert simulation is not None  # noqa: S101
+    q = simulation.draw(60_000 if not setting.quick else 5_000, np.random.default_rng(seed + 5))
+    x = simulation.exact(q)
+    drawn = []
+    for network in ("som", "vdsom"):
+        setting.report(0.5 * len(drawn), f"lattices of the {network}")
+        pair = association(samples, network, SAME, setting.side, seed)
+        errors = activity_errors(pair, q, x)
+        forward = np.linalg.norm(errors[:, :2] * pair.sensory.scale.span, axis=1) * 1e3
+        inverse = np.degrees(np.linalg.norm(errors[:, 2:] * pair.motor.scale.span, axis=1))
+        drawn.append((network, pair, forward, inverse))
+    top = [float(np.quantile(drawn[0][k], 0.99)) for k in (2, 3)]
+    for row, (network, pair, forward, inverse) in zip(axes, drawn, strict=True):
+        parts = (
+            (pair.motor, q, forward, np.degrees(1.0), "deg", "forward error [mm]", top[0]),
+            (pair.sensory, x, inverse, 1e3, "mm", "inverse error [deg]", top[1]),
+        )
+        for ax, (net, points, error, factor, unit, label, most) in zip(row, parts, strict=True):
+            heat = node_means(net, points, error)
+            lines = draw_lattice(ax, net, heat, factor, (0.0, most))
+            names = ("shoulder", "elbow") if unit == "deg" else ("x", "y")
+            which = "motor" if unit == "deg" else "sensory"
+            ax.set(
+                title=f"{network.upper()}, {which} map",
+                xlabel=f"{names[0]} [{unit}]",
+                ylabel=f"{names[1]} [{unit}]",
+            )
+            if unit == "mm":
+                ax.set_aspect("equal")
+            _bar(figure, lines, ax, label)
+    figure.suptitle(
+        f"{setting.side}x{setting.side} nodes, {setting.samples:,} samples, {SAME}, "
+        "readout activity",
+        fontsize=9,
+    )
+    figure.savefig(path, dpi=_DPI)
+
+
+def changed_figure(episodes: Mapping[str, Episode], path: Path) -> None:
+    """Sensory map before a change, with its distortion there, and after it has followed."""
+    figure = _figure(12.4, 3.9 * len(episodes))
+    axes = np.atleast_2d(figure.subplots(len(episodes), 3))
+    for row, (name, e) in zip(axes, episodes.items(), strict=True):
+        span = float(e.before.sensory.scale.span.mean()) * 1e3
+        old, new = (distortion(model.sensory, e.x) * span for model in (e.before, e.after))
+        most = float(np.quantile(old, 0.98))
+        error = np.linalg.norm(e.after.forward(e.q, "activity") - e.x, axis=1) * 1e3
+        seen = np.isfinite(error)
+        heat = node_means(e.after.sensory, e.x[seen], error[seen])
+        panels = (
+            (e.before.sensory, _per_node(e.before.sensory, e.x, old), most, "distortion [mm]"),
+            (e.after.sensory, _per_node(e.after.sensory, e.x, new), most, "distortion [mm]"),
+            (e.after.sensory, heat, float(np.nanquantile(heat, 0.99)), "forward error [mm]"),
+        )
+        titles = (f"link {name}, before adapting", "after adapting", "error after adapting")
+        for ax, (net, values, top, label), title in zip(row, panels, titles, strict=True):
+            ax.plot(*(e.x[::7] * 1e3).T, ".", color="#b8c2cb", markersize=1.2, zorder=0)
+            lines = draw_lattice(ax, net, values, 1e3, (0.0, top))
+            ax.set(title=title, xlabel="x [mm]", ylabel="y [mm]", aspect="equal")
+            _bar(figure, lines, ax, label)
+        _share_limits(row)
+    figure.savefig(path, dpi=_DPI)
+
+
+def curves_figure(episodes: Mapping[str, Episode], path: Path) -> None:
+    """Distortion, error, radius and learning rate along the stream after a change."""
+    figure = _figure(9.6, 6.2)
+    axes = figure.subplots(2, 2, sharex=True)
+    colours = ("#1c7ed6", "#e8590c")
+    for colour, (name, e) in zip(colours, episodes.items(), strict=True):
+        n = np.array([s.samples for s in e.steps])
+        series = (
+            (axes[0, 0], [s.zeta_sensory for s in e.steps], "-", name),
+            (axes[0, 0], [s.threshold for s in e.steps], ":", f"{name}: threshold"),
+            (axes[0, 1], [1e3 * s.error for s in e.steps], "-", name),
+            (axes[1, 0], [s.sigma for s in e.steps], "-", name),
+            (axes[1, 1], [s.eta for s in e.steps], "-", f"{name}: eta"),
+            (axes[1, 1], [s.beta for s in e.steps], "--", f"{name}: beta"),
+        )
+        for ax, values, dash, label in series:
+            ax.plot(n, values, dash, color=colour, label=label, linewidth=1.4)
+        axes[0, 0].axhline(e.distortion["trained"], color=colour, linewidth=0.6)
+    labels = (
+        "distortion zeta, eq. 9 [unit box]",
+        "error before learning a sample [mm]",
+        "sigma, eq. 10 [nodes]",
+        "eta and beta, eq. 12",
+    )
+    for ax, label in zip(axes.ravel(), labels, strict=True):
+        ax.set(ylabel=label)
+        ax.grid(alpha=0.3)
+        ax.legend(frameon=False, fontsize=8)
+    axes[0, 0].set_yscale("log")
+    axes[0, 1].set_yscale("log")
+    for ax in axes[1]:
+        ax.set_xlabel("samples after the change")
+    figure.savefig(path, dpi=_DPI)
+
+
+def node_means(net: Map, points: Array, values: Array) -> Array:
+    """Mean value of the points that each node wins, (nodes,); NaN where it wins none."""
+    winner = net.winners(points)
+    count = np.bincount(winner, minlength=net.size)
+    total = np.bincount(winner, values, net.size)
+    return np.where(count > 0, total / np.maximum(count, 1), np.nan)
+
+
+def distortion(net: Map, points: Array) -> Array:
+    """Distance of each point to its winner, (n,), in the unit box."""
+    return net.nearest(net.scale.to_unit(points))[0][:, 0]
+
+
+def _per_node(net: Map, points: Array, values: Array) -> Array:
+    return node_means(net, points, values)
+
+
+def draw_lattice(ax: Any, net: Map, heat: Array, factor: float, limits: tuple[float, float]) -> Any:
+    """Draw the edges of a map, coloured by the mean of their nodes' values."""
+    from matplotlib.collections import LineCollection
+
+    points = net.weights[:, :2] * factor
+    a, b = net.edges.T
+    both = np.stack([heat[a], heat[b]])
+    known = np.isfinite(both).any(axis=0)
+    colour = np.nanmean(both[:, known], axis=0)
+    segments = np.stack([points[a], points[b]], axis=1)
+    if not known.all():
+        grey = LineCollection(list(segments[~known]), colors="#d5dbe0", linewidths=0.4)
+        ax.add_collection(grey)
+    lines = LineCollection(list(segments[known]), cmap=_COLOURS, linewidths=0.7)
+    lines.set_array(colour)
+    lines.set_clim(*limits)
+    ax.add_collection(lines)
+    ax.autoscale()
+    return lines
+
+
+def _share_limits(row: Any) -> None:
+    x = [ax.get_xlim() for ax in row]
+    y = [ax.get_ylim() for ax in row]
+    for ax in row:
+        ax.set_xlim(min(low for low, _ in x), max(high for _, high in x))
+        ax.set_ylim(min(low for low, _ in y), max(high for _, high in y))
+
+
+def _bar(figure: Any, lines: Any, ax: Any, label: str) -> None:
+    bar = figure.colorbar(lines, ax=ax, shrink=0.85, pad=0.02, extend="max")
+    bar.set_label(label)
+    bar.outline.set_visible(False)
+
+
+def _figure(width: float, height: float) -> Any:
+    """An empty figure of this size [inch], apart from any window system."""
+    from matplotlib.backends.backend_agg import FigureCanvasAgg
+    from matplotlib.figure import Figure
+
+    figure = Figure(figsize=(width, height), layout="constrained")
+    FigureCanvasAgg(figure)
+    return figure

@@ -1,0 +1,201 @@
+"""Table 1 and Table 2 of the paper, ours beside the paper's."""
+
+from __future__ import annotations
+
+import io
+import math
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from typing import Any
+
+from .published import COLUMNS, TABLE1, TABLE2, UNITS, Printed
+from .search import SAME, Found, best_trial
+from .setting import Setting
+from .trial import Row, Trial
+
+FACTORS = {"mm": 1000.0, "deg": 180.0 / math.pi}
+"""From SI units to those of the tables."""
+
+READOUTS = ("winner", "activity", "local")
+
+
+@dataclass(frozen=True)
+class Table:
+    """A table as it is printed and as a CSV file.
+
+    Attributes
+    ----------
+    name : str
+        Of the file.
+    title : str
+        What it shows.
+    header : sequence of str
+        Names of the columns.
+    rows : sequence of sequence
+        Words and numbers; None is an empty cell.
+    """
+
+    name: str
+    title: str
+    header: Sequence[str]
+    rows: Sequence[Sequence[str | float | None]]
+
+    def csv(self) -> str:
+        """Content of a CSV file, numbers in full."""
+        import csv
+
+        text = io.StringIO()
+        writer = csv.writer(text, lineterminator="\n")
+        writer.writerow(self.header)
+        writer.writerows([["" if c is None else c for c in row] for row in self.rows])
+        return text.getvalue()
+
+
+@dataclass(frozen=True)
+class Result:
+    """What an experiment found.
+
+    Attributes
+    ----------
+    data : dict
+        For JSON, in SI units.
+    tables : tuple of Table
+        For people and for CSV files, in mm and degrees.
+    """
+
+    data: dict[str, Any]
+    tables: tuple[Table, ...]
+
+
+def table1(setting: Setting) -> Result:
+    """SOM against VDSOM: each at its own best schedule, then both at the same one."""
+    best: dict[str, Row] = {}
+    searched: dict[str, list[Found]] = {}
+    for network in ("som", "vdsom"):
+        trial, searched[network] = best_trial(setting, network)
+        best[network] = trial.row(setting)
+    same = {n: Trial(n, SAME, setting.side).row(setting) for n in ("som", "vdsom")}
+    schedules = {n: str(found[0].schedule) for n, found in searched.items()}
+    data = {
+        **best,
+        "paper": printed(TABLE1),
+        "same_schedule": {**same, "schedule": str(SAME)},
+        "schedules": schedules,
+        "ratios": {
+            "best": ratios(best["som"], best["vdsom"]),
+            "same_schedule": ratios(same["som"], same["vdsom"]),
+            "paper": {
+                c: {k: getattr(v, k) / getattr(TABLE1["som"][c], k) for k in ("mean", "max")}
+                for c, v in TABLE1["vdsom"].items()
+            },
+        },
+        **_conditions(setting),
+    }
+    size = f"{setting.side}x{setting.side}"
+    lines, quick = {}, setting.quick  # small lattices are not the paper's
+    for n in ("som", "vdsom"):
+        lines[f"{n.upper()}, best: {schedules[n]}"] = (best[n], None if quick else TABLE1[n])
+    for n in ("som", "vdsom"):
+        lines[f"{n.upper()}, same: {SAME}"] = (same[n], None if quick else TABLE1[n])
+    tables = [
+        comparison("table1", f"Table 1, {size} nodes, {conditions(setting)}", lines),
+        _ratio_table(data["ratios"]),
+        Table(
+            "schedules",
+            "validation error of each schedule, mean of the columns as a share of the range",
+            ("network", "schedule", "error"),
+            [(n, str(f.schedule), f.score) for n, found in searched.items() for f in found],
+        ),
+    ]
+    return Result(data, tuple(tables))
+
+
+def table2(setting: Setting) -> Result:
+    """VDSOM of three sizes, at the best schedule of the largest."""
+    trial, _ = best_trial(setting, "vdsom")
+    data: dict[str, Any] = {}
+    lines = {}
+    for k, side in enumerate(setting.sides):
+        setting.report(k / len(setting.sides), f"{side}x{side}")
+        row = Trial("vdsom", trial.schedule, side).row(setting)
+        data[f"{side}x{side}"] = row
+        paper = TABLE2.get(side)
+        lines[f"VDSOM {side}x{side}"] = (row, paper)
+    data |= {"paper": {f"{n}x{n}": _columns(c) for n, c in TABLE2.items()}}
+    data |= {"schedule": str(trial.schedule), **_conditions(setting)}
+    title = f"Table 2, {trial.schedule}, {conditions(setting)}"
+    return Result(data, (comparison("table2", title, lines),))
+
+
+def comparison(
+    name: str, title: str, lines: Mapping[str, tuple[Row, Mapping[str, Printed] | None]]
+) -> Table:
+    """Mean and largest errors, spread over the seeds and share of the range, beside the paper's.
+
+    Parameters
+    ----------
+    name, title : str
+        Of the table.
+    lines : mapping of str to (row, printed)
+        Our errors and those of the paper, where it has them.
+    """
+    header = ["network", "readout", "error"]
+    header += ["mean", "+-", "max", "+-", "mean % of range", "max % of range"]
+    header += ["paper mean", "paper max"]
+    rows: list[list[str | float | None]] = []
+    for label, (row, paper) in lines.items():
+        for readout in READOUTS:
+            for column in COLUMNS:
+                cell, unit = row[readout][column], UNITS[column]
+                factor = FACTORS[unit]
+                keys = ("mean", "mean_spread", "max", "max_spread")
+                values: list[str | float | None] = [cell[k] * factor for k in keys]
+                values += [100 * cell["mean_of_range"], 100 * cell["max_of_range"]]
+                values += list(paper[column]) if paper else [None, None]
+                rows.append([label, readout, f"{column} [{unit}]", *values])
+    return Table(name, title, header, rows)
+
+
+def ratios(row: Row, other: Row, readout: str = "activity") -> dict[str, dict[str, float]]:
+    """Errors of `other` over those of `row`, per column."""
+    return {
+        c: {k: other[readout][c][k] / row[readout][c][k] for k in ("mean", "max")} for c in COLUMNS
+    }
+
+
+def _ratio_table(found: Mapping[str, Mapping[str, Mapping[str, float]]]) -> Table:
+    words = {
+        "best": "best against best",
+        "same_schedule": f"same schedule, {SAME}",
+        "paper": "the paper",
+    }
+    header = ["VDSOM over SOM, activity", *(f"{c} {k}" for c in COLUMNS for k in ("mean", "max"))]
+    rows = [
+        [words[name], *(columns[c][k] for c in COLUMNS for k in ("mean", "max"))]
+        for name, columns in found.items()
+    ]
+    return Table("ratios", "errors of the VDSOM over those of the SOM", header, rows)
+
+
+def conditions(setting: Setting) -> str:
+    """How large an experiment was, in words."""
+    return (
+        f"{setting.samples:,} samples, {len(setting.seeds)} seeds, "
+        "10,000 exact test points for each"
+    )
+
+
+def _conditions(setting: Setting) -> dict[str, Any]:
+    return {"samples": setting.samples, "seeds": list(setting.seeds), "quick": setting.quick}
+
+
+def printed(table: Mapping[str, Mapping[str, Printed]]) -> dict[str, Any]:
+    """A table of the paper for JSON, in SI units."""
+    return {name: _columns(columns) for name, columns in table.items()}
+
+
+def _columns(columns: Mapping[str, Printed]) -> dict[str, Any]:
+    return {
+        c: {"mean": p.mean / FACTORS[UNITS[c]], "max": p.max / FACTORS[UNITS[c]]}
+        for c, p in columns.items()
+    }

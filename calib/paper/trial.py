@@ -1,0 +1,159 @@
+"""Trials: one network, one schedule, several seeds, and the errors of each readout."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ..data.samples import Samples
+from ..learning import Options, associate
+from ..maps.density import Gain
+from ..readouts.linked import Association
+from ..scale import Scale
+from ..training import train
+from .setting import Setting
+
+Array = NDArray[np.float64]
+Row = dict[str, dict[str, dict[str, float]]]
+"""{readout: {column: {"mean", "max", "p99", "mean_spread", "max_spread", ...}}} [m, rad]."""
+
+
+@dataclass(frozen=True)
+class Schedule:
+    """How a network is trained.
+
+    Attributes
+    ----------
+    epochs : int or None
+        Passes over the samples, None for coarse to fine.
+    sigma : float or None
+        Last neighbourhood radius [nodes]; the first is half the lattice.
+    links : str
+        A name of :data:`calib.links.WIRINGS`.
+    rule : {"batch", "online"}
+        Training rule.
+    """
+
+    epochs: int | None = None
+    sigma: float | None = None
+    links: str = "reciprocal"
+    rule: str = "batch"
+
+    def radii(self, side: int) -> tuple[float, float] | None:
+        """First and last radius on a lattice of `side` nodes along each axis [nodes]."""
+        return None if self.sigma is None else (max(side / 2, self.sigma), self.sigma)
+
+    def __str__(self) -> str:
+        if self.epochs is None and self.sigma is None:
+            return f"coarse to fine, {self.links} links"
+        return f"{self.epochs} epochs, last sigma {self.sigma:g}, {self.links} links"
+
+
+@dataclass(frozen=True)
+class Trial:
+    """A network and its schedule.
+
+    Attributes
+    ----------
+    network : str or gain function
+        See :class:`calib.SOM`.
+    schedule : Schedule
+        How it is trained.
+    side : int
+        Nodes along each side of both lattices.
+    """
+
+    network: str | Gain
+    schedule: Schedule
+    side: int
+
+    def row(self, setting: Setting, n: int | None = None) -> Row:
+        """Errors of all seeds, on 10,000 exact test points of their own for each.
+
+        Parameters
+        ----------
+        setting : Setting
+            Seeds and number of samples.
+        n : int, optional
+            Samples, where not those of the setting.
+        """
+        return joined([self.errors(setting.babble(seed, n), seed) for seed in setting.seeds])
+
+    def errors(self, samples: Samples, seed: int) -> dict[str, Any]:
+        """Errors of one seed as ``calib train`` reports them, with the samples' ranges."""
+        schedule = self.schedule
+        model = train(
+            samples,
+            size=self.side,
+            map=self.network,
+            rule=schedule.rule,
+            epochs=schedule.epochs,
+            sigma=schedule.radii(self.side),
+            links=schedule.links,
+            seed=seed,
+        )
+        return {"errors": model.about.errors, "ranges": ranges(samples)}
+
+
+def ranges(samples: Samples) -> dict[str, float]:
+    """Width of each coordinate: of what the samples cover, and of the joints' limits."""
+    width = np.ptp(samples.x, axis=0)
+    spans = dict(zip(samples.joint_names, samples.upper - samples.lower, strict=True))
+    return {"x": float(width[0]), "y": float(width[1]), **{k: float(v) for k, v in spans.items()}}
+
+
+def joined(results: list[dict[str, Any]]) -> Row:
+    """One row of several seeds: mean over the seeds, and their standard deviation.
+
+    "mean_of_range" and "max_of_range" are the errors as shares of the coordinate's range.
+    """
+    row: Row = {}
+    for readout, sides in results[0]["errors"].items():
+        row[readout] = {}
+        for side, columns in sides.items():
+            for column in columns:
+                found = [r["errors"][readout][side][column] for r in results]
+                name = column if column != "distance" else f"{side}_distance"
+                cell = {k: float(np.mean([f[k] for f in found])) for k in ("mean", "max", "p99")}
+                for k in ("mean", "max"):
+                    cell[f"{k}_spread"] = float(np.std([f[k] for f in found]))
+                if column != "distance":
+                    width = float(np.mean([r["ranges"][column] for r in results]))
+                    cell["mean_of_range"] = cell["mean"] / width
+                    cell["max_of_range"] = cell["max"] / width
+                row[readout][name] = cell
+    return row
+
+
+def association(
+    samples: Samples, network: str | Gain, schedule: Schedule, side: int, seed: int
+) -> Association:
+    """Both maps and their links alone, as ``calib train`` would learn them."""
+    from threadpoolctl import threadpool_limits
+
+    scale = Scale.of_range(samples.lower, samples.upper, samples.revolute)
+    options = Options(
+        (side,) * 2,
+        (side,) * 2,
+        network,
+        schedule.rule,
+        schedule.epochs,
+        schedule.radii(side),
+        seed,
+        taught=False,
+        links=schedule.links,
+    )
+    with threadpool_limits(1, user_api="blas"):
+        return associate(scale, scale.to_unit(samples.q), samples.x, options)
+
+
+def activity_errors(pair: Association, q: Array, x: Array) -> Array:
+    """Absolute errors of the readout ``activity``, (n, 2 + dof) as shares of the ranges."""
+    motor, sensory = pair.motor.scale, pair.sensory.scale
+    u, v = motor.to_unit(q), sensory.to_unit(x)
+    forward = pair.forward(u, "activity") - v
+    inverse = motor.difference(np.clip(pair.inverse(v, u, "activity"), 0.0, 1.0), u)
+    return np.abs(np.concatenate([forward, inverse], axis=1))
