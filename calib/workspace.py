@@ -9,6 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 if TYPE_CHECKING:
+    from .maps.map import Map
     from .model import Model
 
 Array = NDArray[np.float64]
@@ -39,6 +40,15 @@ def sensory_errors(model: Model) -> Array:
 def motor_errors(model: Model) -> Array:
     """Expected error of each motor node, (nodes,) [unit]; NaN where no sample was."""
     return np.where(model.visited, model.bounds, np.nan)
+
+
+def drawn_edges(part: Map) -> NDArray[np.intp]:
+    """Edges (m, 2) of a map, without those that lead once round a full turn."""
+    edges = part.edges
+    if not part.scale.periodic.any():
+        return edges
+    gap = np.abs(part.units[edges[:, 0]] - part.units[edges[:, 1]])
+    return np.asarray(edges[~((gap > 0.5) & part.scale.periodic).any(axis=1)])
 
 
 def reached_positions(model: Model) -> Array:

@@ -7,6 +7,7 @@ import time
 from . import options as o
 from .output import Notes, show, show_json
 from .parsing import BadOption
+from .sketch import show_sketch
 from .summary import error_table, summary
 
 
@@ -55,3 +56,4 @@ def evaluate(
         return
     title = f"{model}: errors on {result.rows} rows ({result.source})"
     show(error_table(loaded, result.errors, title))
+    show_sketch(loaded)

@@ -40,7 +40,7 @@ def preview(
         typer.Option("--html", metavar="FILE", help="Write the page, which needs no network."),
     ] = None,
     data: o.DataOption = None,
-    columns: o.ColumnsOption = None,
+    columns: parsing.ColumnsOption = None,
     meshes: MeshesOption = None,
     port: PortOption = 0,
     no_open: Annotated[
@@ -110,7 +110,7 @@ def checked_folder(meshes: str | None) -> Path | None:
 
 
 def log_of(
-    model: Model, data: str | None, columns: o.Columns | None, notes: Notes
+    model: Model, data: str | None, columns: parsing.Columns | None, notes: Notes
 ) -> Samples | None:
     """Read a log of a model's own arm, None where none is given."""
     import calib

@@ -14,6 +14,7 @@ from .output import Notes, show, show_json
 from .parsing import BadOption
 from .progress import progress_bar
 from .samples import Selection, babbled, measured
+from .sketch import show_sketch
 from .summary import compact_table, size_in_words, summary
 
 if TYPE_CHECKING:
@@ -148,6 +149,7 @@ def _report(model: Model, path: str) -> None:
     about = model.about
     what = "fresh exact samples" if about.source == "simulation" else "held out blocks of the log"
     show(compact_table(model, about.errors, f"errors on {what}"))
+    show_sketch(model)
     print(
         f"{path}: {about.options['map']}, {size_in_words(model)}, {about.samples} samples, "
         f"{model.seconds['total']:.2f} s, {Path(path).stat().st_size / 1e6:.2f} MB"

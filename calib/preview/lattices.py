@@ -9,7 +9,6 @@ import numpy as np
 from numpy.typing import NDArray
 
 if TYPE_CHECKING:
-    from ..maps.map import Map
     from ..model import Model
 
 Array = NDArray[np.float64]
@@ -55,15 +54,6 @@ def panel_beside(frame: Array, points: Array, size: float, dof: int) -> Panel:
     middle = (low[1] + high[1]) / 2
     corner = np.array([high[0] + 0.22 * size, middle - size / 2, np.median(seen[:, 2])])
     return Panel(corner @ frame, size * frame[: min(dof, 3)])
-
-
-def drawn_edges(part: Map) -> NDArray[np.intp]:
-    """Edges (m, 2) of a map, without those that lead once round a full turn."""
-    edges = part.edges
-    if not part.scale.periodic.any():
-        return edges
-    gap = np.abs(part.units[edges[:, 0]] - part.units[edges[:, 1]])
-    return np.asarray(edges[~((gap > 0.5) & part.scale.periodic).any(axis=1)])
 
 
 def strongest_partners(model: Model) -> tuple[NDArray[np.int64], NDArray[np.uint8]]:

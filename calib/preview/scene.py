@@ -12,13 +12,13 @@ from numpy.typing import NDArray
 
 from ..colours import colours, rgb, stops
 from ..error_scale import ErrorScale, length_in_words
-from ..workspace import border, extent, motor_errors, sensory_errors
+from ..workspace import border, drawn_edges, extent, motor_errors, sensory_errors
 from . import arm as arm_layer
 from .body import Body
 from .camera import Camera
 from .canvas import POINT, Canvas
 from .labels import labels
-from .lattices import drawn_edges, panel_beside, strongest_partners, telling_node
+from .lattices import panel_beside, strongest_partners, telling_node
 from .motion import FPS, Motion, drive
 from .placement import Placement, place
 

@@ -1,0 +1,91 @@
+"""Style: figures whose ink follows the page, light, dark or on paper."""
+
+from __future__ import annotations
+
+import io
+import re
+from typing import Any
+
+from ..colours import stops
+
+INK, FAINT = "#010203", "#020304"
+"""Stand for the page's own colours until a figure is written."""
+
+SERIES = {"local": "#1c7ed6", "activity": "#e8590c", "winner": "#7b8794"}
+"""Colours of the readouts; in figures their marks and dashes differ too."""
+DASHES = {"local": "-", "activity": "--", "winner": ":"}
+
+_PAPER = {INK: "#1d2730", FAINT: "#cfd6dc"}
+_SETTINGS: dict[str, Any] = {
+    "font.family": ["DejaVu Sans"],
+    "font.size": 8.5,
+    "axes.titlesize": 9,
+    "axes.labelsize": 8.5,
+    "text.color": INK,
+    "axes.labelcolor": INK,
+    "axes.edgecolor": FAINT,
+    "axes.titlecolor": INK,
+    "xtick.color": INK,
+    "ytick.color": INK,
+    "legend.frameon": False,
+    "grid.color": FAINT,
+    "grid.linewidth": 0.6,
+    "axes.facecolor": "none",
+    "figure.facecolor": "none",
+    "savefig.facecolor": "none",
+    "svg.fonttype": "none",
+    "svg.hashsalt": "calib",
+    "path.simplify": True,
+}
+
+
+def settings(*, paper: bool = False) -> Any:
+    """Matplotlib's settings for the figures, to be used in a with statement.
+
+    With `paper` the ink is dark, else it is the page's own.
+    """
+    import matplotlib as mpl
+
+    chosen = dict(_SETTINGS)
+    if paper:
+        chosen |= {k: _PAPER[v] for k, v in chosen.items() if isinstance(v, str) and v in _PAPER}
+    return mpl.rc_context(chosen)
+
+
+def new_figure(width: float, height: float) -> Any:
+    """Return an empty figure of this size [inch], apart from any window system."""
+    from matplotlib.backends.backend_agg import FigureCanvasAgg
+    from matplotlib.figure import Figure
+
+    figure = Figure(figsize=(width, height), layout="constrained")
+    FigureCanvasAgg(figure)
+    return figure
+
+
+def colour_map(unknown: str = "none") -> Any:
+    """Colours of errors, those of the preview, and one for what is not known."""
+    from matplotlib.colors import LinearSegmentedColormap
+
+    return LinearSegmentedColormap.from_list("calib", list(stops())).with_extremes(bad=unknown)
+
+
+def to_svg(figure: Any, name: str, words: str) -> str:
+    """Return a figure as SVG for a page; `words` say what it shows."""
+    buffer = io.StringIO()
+    metadata = {"Date": None, "Creator": None, "Format": None, "Type": None}
+    figure.savefig(buffer, format="svg", dpi=150, metadata=metadata)
+    svg = buffer.getvalue()
+    svg = svg[svg.index("<svg") :]
+    svg = svg.replace(INK, "currentColor").replace(FAINT, "var(--rule)")
+    # several figures share one page: their names must not meet
+    svg = re.sub(r'\bid="', f'id="{name}-', svg)
+    svg = re.sub(r'(href="|url\()#', rf"\1#{name}-", svg)
+    svg = re.sub(r"<metadata>.*?</metadata>", "", svg, flags=re.DOTALL)
+    return svg.replace("<svg", f'<svg role="img" aria-label="{words}"', 1)
+
+
+def to_png(figure: Any) -> bytes:
+    """Return a figure, drawn with the ink of paper, as a PNG on white."""
+    buffer = io.BytesIO()
+    figure.savefig(buffer, format="png", dpi=144, facecolor="white", metadata={"Software": None})
+    return buffer.getvalue()

@@ -1,0 +1,64 @@
+"""Sketch: a tiny picture of the expected error over the workspace, in characters."""
+
+from __future__ import annotations
+
+import sys
+from typing import TYPE_CHECKING
+
+if TYPE_CHECKING:
+    from calib.model import Model
+
+SHADES = "░▒▓█"
+PLAIN = ".:+#"
+_WIDTH, _MOST = 44, 16
+_TALL = 2.1  # a character's height over its width
+
+
+def show_sketch(model: Model) -> None:
+    """Print the picture where standard output is a terminal, and nothing elsewhere."""
+    if not sys.stdout.isatty():
+        return
+    encoding = (sys.stdout.encoding or "").lower()
+    shades = SHADES if encoding.startswith("utf") else PLAIN
+    print("\n".join(sketch(model, shades)))
+
+
+def sketch(model: Model, shades: str = SHADES, width: int = _WIDTH) -> list[str]:
+    """Return the lines of a picture of the workspace and a legend.
+
+    Parameters
+    ----------
+    model : Model
+        The model; its sensory nodes tell where the workspace is.
+    shades : str
+        Characters from the least to the greatest error.
+    width : int
+        Characters of the workspace's longer side, or so.
+    """
+    import numpy as np
+
+    from calib.error_scale import ErrorScale
+    from calib.workspace import extent, sensory_errors
+
+    x, errors = model.sensory.weights, sensory_errors(model)
+    known = np.isfinite(errors)
+    if known.any():
+        x, errors = x[known], errors[known]
+    low, span = x.min(axis=0), np.ptp(x, axis=0)
+    cell = max(span[0] / width, span[1] / (_MOST * _TALL), 1e-300)
+    columns = int(span[0] / cell) + 1
+    rows = int(span[1] / (cell * _TALL)) + 1
+    i = np.minimum((x[:, 0] - low[0]) / cell, columns - 1).astype(int)
+    j = np.minimum((x[:, 1] - low[1]) / (cell * _TALL), rows - 1).astype(int)
+    place = j * columns + i
+    count = np.bincount(place, minlength=rows * columns)
+    total = np.bincount(place, errors, rows * columns)
+    mean = np.where(count > 0, total / np.maximum(count, 1), np.nan)
+    scale = ErrorScale.of(errors, model.about.unit, extent(model))
+    step = np.minimum(scale.share(mean) * len(shades), len(shades) - 1)
+    letters = [" " if not np.isfinite(s) else shades[int(s)] for s in step]
+    lines = ["".join(letters[r * columns : (r + 1) * columns]).rstrip() for r in range(rows)]
+    text = f"expected error (95 %): {scale.words()}"
+    if not scale.rounding:
+        text = f"{text}  {shades[0]} low  {shades[-1]} high"
+    return [*reversed(lines), text]
