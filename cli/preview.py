@@ -40,7 +40,7 @@ def preview(
         typer.Option("--html", metavar="FILE", help="Write the page, which needs no network."),
     ] = None,
     data: o.DataOption = None,
-    columns: parsing.ColumnsOption = None,
+    columns: o.ColumnsOption = None,
     meshes: MeshesOption = None,
     port: PortOption = 0,
     no_open: Annotated[

@@ -68,6 +68,8 @@ def histogram(evidence: Evidence) -> Any:
 
 def training(evidence: Evidence) -> Any:
     """Quantization error, topographic error and radius, epoch by epoch."""
+    from matplotlib.ticker import NullFormatter
+
     model = evidence.model
     if not len(model.motor.history) or not len(model.sensory.history):
         return None
@@ -86,6 +88,7 @@ def training(evidence: Evidence) -> Any:
             for change in np.flatnonzero(np.diff(history[:, 0])):
                 ax.axvline(change + 1.5, color=_ink(), linewidth=0.6, linestyle=":")
             ax.set_yscale(scale)
+            ax.yaxis.set_minor_formatter(NullFormatter())  # half of the drawing time
             ax.grid(visible=True, axis="y")
             if column == 0:
                 ax.set_ylabel(label)
