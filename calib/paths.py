@@ -65,7 +65,8 @@ def follow_path(
     corners, single = answers.checked_rows(waypoints, ("x", "y"), "waypoints")
     if single or len(corners) < 2:
         raise QueryError(
-            f"a path needs 2 waypoints or more, got {len(corners)}: ask for the inverse of one"
+            f"a path needs 2 waypoints or more, got {len(corners)}: add rows, or ask for the "
+            "inverse of a single one"
         )
     if step is None:
         step = _STEP * model.solver.extent

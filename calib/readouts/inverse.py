@@ -9,6 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ..scale import Scale
+from .closest import closest
 from .families import representatives
 from .folds import twins
 from .linked import Association
@@ -24,7 +25,6 @@ SAME = 1e-5
 
 _ALIKE = 4.0  # node spacings: solutions of redundant joints that are about as close
 _WIDE = 8  # sensory nodes whose partners are tried where others have failed
-_AROUND = 8  # motor nodes that are tried then
 
 
 @dataclass(frozen=True)
@@ -155,11 +155,13 @@ class Solver:
         if len(missed):
             for target, start in (
                 self.starts.propose(x[missed], _WIDE),
-                self.starts.around(x[missed], _AROUND),
+                self.starts.around(x[missed]),
             ):
                 row = missed[target]
                 found = self.newton.settle(start, x[row], near[row])
                 self._take_better(u, left, row, *found, near)
+            missed = np.flatnonzero(left > CLOSE * self.extent)
+            u[missed], left[missed] = closest(self.newton, u[missed], x[missed])
         return u, left
 
     def solve_all(self, x: Array) -> tuple[Index, Array, Array]:

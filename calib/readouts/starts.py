@@ -29,6 +29,7 @@ _MISSED = 2.0  # a start may miss its sensory node by so many of its spacings
 _WIDTH = {1: 8, 2: 8}  # most starts of a sensory node
 _WIDEST = 32  # the same, of redundant arms
 _FOLD = 0.3  # sine between the motions of both joints below which a fold may be near
+_RANKS = (1, 2, 3, 5, 8, 13, 21, 34, 55, 89, 144)  # nodes that are tried, nearest first
 _CHUNK = 512  # sensory nodes at once
 
 
@@ -182,11 +183,15 @@ class Starts:
         keep = keep[(close[keep] & (place < _MOST)) | (~likely & (place < 3))]
         return target[keep], u[keep]
 
-    def around(self, x: Array, count: int) -> tuple[Index, Array]:
-        """Motor nodes whose own positions are nearest to the targets `x`, as `propose`."""
-        count = min(count, self.association.motor.size)
-        index = np.asarray(self._positions.query(x, k=np.arange(1, count + 1))[1])
-        target = np.repeat(np.arange(len(x)), count)
+    def around(self, x: Array) -> tuple[Index, Array]:
+        """Some of the motor nodes whose own positions are near the targets, as `propose`.
+
+        The nearest ones, and fewer and fewer of those further away: of two lobes of the
+        workspace the nearer one can have the further nodes.
+        """
+        ranks = np.array([k for k in _RANKS if k <= self.association.motor.size])
+        index = np.asarray(self._positions.query(x, k=ranks)[1])
+        target = np.repeat(np.arange(len(x)), len(ranks))
         return target, np.clip(self.association.motor.units[index.ravel()], 0.0, 1.0)
 
     @cached_property
