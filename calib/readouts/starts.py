@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import itertools
 from dataclasses import dataclass, field
 from functools import cached_property
 from typing import TYPE_CHECKING
@@ -30,6 +31,7 @@ _WIDTH = {1: 8, 2: 8}  # most starts of a sensory node
 _WIDEST = 32  # the same, of redundant arms
 _FOLD = 0.3  # sine between the motions of both joints below which a fold may be near
 _RANKS = (1, 2, 3, 5, 8, 13, 21, 34, 55, 89, 144)  # nodes that are tried, nearest first
+_CORNERED = 4  # most joints whose corners are tried as well
 _CHUNK = 512  # sensory nodes at once
 
 
@@ -191,8 +193,13 @@ class Starts:
         """
         ranks = np.array([k for k in _RANKS if k <= self.association.motor.size])
         index = np.asarray(self._positions.query(x, k=ranks)[1])
-        target = np.repeat(np.arange(len(x)), len(ranks))
-        return target, np.clip(self.association.motor.units[index.ravel()], 0.0, 1.0)
+        nodes = np.clip(self.association.motor.units[index], 0.0, 1.0)
+        # no node stands in a corner of the joints' range, where the workspace may end
+        dof = nodes.shape[2]
+        corners = list(itertools.product((0.0, 1.0), repeat=dof)) if dof <= _CORNERED else []
+        corner = np.array(corners).reshape(1, -1, dof).repeat(len(x), axis=0)
+        u = np.concatenate([nodes, corner], axis=1)
+        return np.repeat(np.arange(len(x)), u.shape[1]), u.reshape(-1, dof)
 
     @cached_property
     def _positions(self) -> cKDTree:
