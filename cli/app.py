@@ -21,8 +21,8 @@ from .info import info
 from .path import path
 from .preview import preview
 from .query import query_app
-from .reproduce import reproduce
 from .report import report
+from .reproduce import reproduce
 from .robots import robots
 from .train import train
 
