@@ -113,7 +113,7 @@ def test_a_simulated_models_bound_on_the_true_position_holds_for_95_percent(seed
         assert 0.93 <= np.mean(errors[group] <= bound[group]) <= 0.97
 
 
-@pytest.mark.parametrize("rows", [200, 1500])
+@pytest.mark.parametrize("rows", [200, 1000])
 def test_a_logs_bound_on_what_the_sensor_will_read_holds_for_95_percent(rows):
     held = []
     for seed in range(3):

@@ -2,12 +2,20 @@
 
 import numpy as np
 import pytest
+from threadpoolctl import threadpool_limits
 
 from calib.readouts import gp
 from calib.scale import TURN, Scale
 
 PLAIN = Scale(np.zeros(2), np.ones(2), np.zeros(2, dtype=bool))
 TURNING = Scale(np.zeros(2), np.array([TURN, 1.0]), np.array([True, False]))
+
+
+@pytest.fixture(autouse=True)
+def one_thread():
+    """As in training, where sums must not depend on threads."""
+    with threadpool_limits(1, user_api="blas"):
+        yield
 
 
 def points(n, seed=0):

@@ -9,6 +9,12 @@ from calib.scale import TURN
 ROBOTS = ("two_link", "two_link_full", "three_link", "polar", "scara", "tilted")
 
 
+def from_middle(model, q):
+    """Distance of joints to the middle of their ranges, in units of these."""
+    span = model.about.upper - model.about.lower
+    return np.linalg.norm((q - model.about.lower) / span - 0.5, axis=-1)
+
+
 @pytest.mark.parametrize("robot", ROBOTS)
 def test_forward_of_inverse_is_the_target(robot):
     model = trained(robot)
@@ -98,12 +104,21 @@ def test_redundant_joints_slide_towards_the_wish_and_stay_on_target():
     assert (away(said) <= away(q) + 1e-4).all()
 
 
-def test_redundancy_gives_several_answers_all_on_target():
+def test_every_answer_of_a_redundant_arm_is_on_target_and_nearer_ones_come_first():
     model = trained("three_link")
-    x = model.forward(draw(model, 5, seed=7, margin=0.2))
+    x = model.forward(draw(model, 30, seed=7, margin=0.1))
     for target, solutions in zip(x, model.inverse_all(x), strict=True):
-        assert len(solutions) >= 2
+        assert len(solutions) >= 1
         np.testing.assert_allclose(model.forward(solutions), np.tile(target, (len(solutions), 1)))
+        assert (np.diff(from_middle(model, solutions)) >= 0).all()
+
+
+def test_without_a_wish_redundant_joints_stay_as_central_as_the_target_allows():
+    model = trained("three_link")
+    q = draw(model, 100, seed=7, margin=0.1)
+    said = model.inverse(model.forward(q))
+    # the joints drawn reach the target too, so the answer may not be farther out
+    assert (from_middle(model, said) <= from_middle(model, q) + 1e-4).all()
 
 
 def test_beyond_the_stretched_arm_the_nearest_point_lies_on_the_circle():

@@ -11,7 +11,7 @@ import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
-from models import draw, log, measured, trained, turning
+from models import brief_teacher, draw, log, measured, trained, turning
 from safetensors.numpy import save as pack
 
 import calib
@@ -70,7 +70,8 @@ def plain(about):
 
 
 def taught():
-    return calib.train(log(30, 1e-3), size=6)
+    with brief_teacher():
+        return calib.train(log(30, 1e-3), size=6)
 
 
 MODELS = {

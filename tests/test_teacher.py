@@ -2,12 +2,20 @@
 
 import numpy as np
 import pytest
+from threadpoolctl import threadpool_limits
 
 from calib.readouts.teacher import IMAGINED, learn_teacher
 from calib.scale import TURN, Scale
 
 SPAN = np.array([1.5, 2.3])
 SCALE = Scale(np.zeros(2), SPAN, np.zeros(2, dtype=bool))
+
+
+@pytest.fixture(autouse=True)
+def one_thread():
+    """As in training, where sums must not depend on threads."""
+    with threadpool_limits(1, user_api="blas"):
+        yield
 
 
 def points(n, seed=0):

