@@ -17,6 +17,8 @@ from importlib import import_module
 from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
+    from .adaptation.adapting import Adaptation as Adaptation
+    from .adaptation.adapting import adapt as adapt
     from .answers import Answer as Answer
     from .arm.loading import load_arm as load_arm
     from .arm.planar_arm import PlanarArm as PlanarArm
@@ -25,6 +27,8 @@ if TYPE_CHECKING:
     from .data.logs import write_log as write_log
     from .data.samples import Samples as Samples
     from .data.simulation import Simulation as Simulation
+    from .drift.checking import Drift as Drift
+    from .drift.monitor import Monitor as Monitor
     from .errors import CalibError as CalibError
     from .errors import LogError as LogError
     from .errors import ModelError as ModelError
@@ -44,12 +48,15 @@ __version__ = "0.1.0"
 
 # name -> module: loaded when first used, so that light commands stay light
 _HOME = {
+    "Adaptation": "adaptation.adapting",
     "Answer": "answers",
     "CalibError": "errors",
+    "Drift": "drift.checking",
     "Evaluation": "evaluation",
     "LogError": "errors",
     "Model": "model",
     "ModelError": "errors",
+    "Monitor": "drift.monitor",
     "OptionError": "errors",
     "Path": "paths",
     "PlanarArm": "arm.planar_arm",
@@ -58,6 +65,7 @@ _HOME = {
     "SOM": "maps.som",
     "Samples": "data.samples",
     "Simulation": "data.simulation",
+    "adapt": "adaptation.adapting",
     "babble": "data.babbling",
     "evaluate": "evaluation",
     "list_robots": "robots",

@@ -25,6 +25,8 @@ if TYPE_CHECKING:
     from .about import About
     from .data.samples import Samples
     from .drift.baseline import Baseline
+    from .drift.checking import Drift
+    from .drift.monitor import Monitor
     from .evaluation import Evaluation
     from .paths import Path
 
@@ -248,6 +250,34 @@ class Model:
         from .evaluation import evaluate
 
         return evaluate(self, samples)
+
+    def check(self, log: Samples) -> Drift:
+        """Whether new samples still fit the map, and what changed if they do not."""
+        from .drift.checking import check
+
+        return check(self, log)
+
+    def monitor(self) -> Monitor:
+        """A monitor for a stream of samples: ``monitor.update(q, x)`` after each."""
+        from .drift.monitor import Monitor
+
+        return Monitor(self)
+
+    def adapt(self, log: Samples, *, method: str = "few-shot") -> Model:
+        """The model re-calibrated from new samples; this one is left as it is.
+
+        Where nothing improved this one is returned.  :func:`calib.adapt` also tells by how
+        much, and what was found.
+        """
+        from .adaptation.adapting import adapt
+
+        return adapt(self, log, method=method).model
+
+    def correct(self, q: ArrayLike) -> Array:
+        """Joint values (n, dof) that lead to where a nominal controller wants to go with `q`."""
+        from .apply.correcting import correct
+
+        return correct(self, q).q if np.ndim(q) > 1 else correct(self, q).q[0]
 
     def save(self, path: str | os.PathLike[str]) -> None:
         """Write the model into one file, whole or not at all."""

@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import NDArray
 
+from ..alignment import Alignment
 from ..drift.baseline import learn_baseline
 from ..drift.sanity import Comparable, comparable
 from ..errors import OptionError
@@ -15,10 +16,10 @@ from ..evaluation import evaluate_residuals, figures, summarise
 from ..features import Frame
 from ..learning import STREAMS, Progress
 from ..model import Model
+from ..outliers import find_outliers
 from ..readouts.bounds import learn_bounds
 from ..readouts.selection import better, blocks
-from .alignment import Alignment
-from .correction import Correction, choose_correction, find_outliers
+from .correction import Correction, choose_correction
 from .online import BLOCK, HORIZON, OnlineAdapter
 from .rehearsal import rehearse
 from .smooth import fit_smooth
@@ -170,7 +171,7 @@ def _online(model: Model, log: Samples, rows: Comparable, progress: Progress | N
     report = progress or (lambda *_: None)
     kept = find_outliers(
         model.predictor.value, model.motor.scale, model.about.revolute, rows.u, rows.x
-    ).astype(bool)
+    )
     u, x = rows.u[kept], rows.x[kept]
     q = model.motor.scale.from_unit(u)
     # every tenth block is kept apart to judge by

@@ -10,10 +10,10 @@ from numpy.typing import NDArray
 
 from ..features import Frame, find_chain
 from ..maps.map import Map, search_tree
+from ..outliers import find_outliers, spread_points
 from ..readouts import gp
 from ..readouts.selection import better, blocks, select
 from ..readouts.teacher import MOST_ROWS, learn_teacher
-from ..robust import inliers
 from ..scale import Scale
 from .smooth import Folds, Old, Smooth, fit_smooth
 
@@ -88,18 +88,6 @@ class Correction:
         return np.asarray(np.sqrt(usual**2 + 2.0 * self.smooth.doubt(u) ** 2 + away**2))
 
 
-def find_outliers(old: Old, scale: Scale, turning: tuple[bool, ...], u: Array, x: Array) -> Array:
-    """Whether each row agrees with any smooth correction of the old map, (n,) bool."""
-    said = old(u)
-    frame = Frame.of(said, 3).values(said)
-    harmonic = _harmonics(scale, turning, u)
-    sets = [frame, np.concatenate([frame[:, :3], harmonic], axis=1), harmonic]
-    chain = find_chain(scale, turning, *_old_points(old, u.shape[1]))
-    if chain is not None:
-        sets += [np.concatenate([frame[:, :3], chain.values(u)], axis=1)]
-    return inliers(sets, x)
-
-
 def choose_correction(
     old: Old,
     motor: Map,
@@ -127,7 +115,7 @@ def choose_correction(
     rng : Generator
         Draws the rows of a Gaussian process.
     """
-    kept = find_outliers(old, motor.scale, turning, u, x).astype(bool)
+    kept = find_outliers(old, motor.scale, turning, u, x)
     u, x = u[kept], x[kept]
     n = len(u)
     folds: Folds = blocks(n) if n >= _SINGLE else blocks(n, n)
@@ -168,7 +156,7 @@ def _best_smooth(
     old: Old, scale: Scale, turning: tuple[bool, ...], u: Array, x: Array, folds: Folds
 ) -> Smooth:
     said = old(u)
-    points, positions = _old_points(old, u.shape[1])
+    points, positions = spread_points(old, u.shape[1])
     chain = find_chain(scale, turning, points, positions)
     affine = Frame.of(positions, 1)
     tried = [(None, None), (affine, None)]
@@ -226,16 +214,3 @@ def _long_detail(
     errors = np.full(len(u), np.nan)
     errors[selected.rows] = selected.errors
     return selected.predictor.value, errors
-
-
-def _old_points(old: Old, dof: int) -> tuple[Array, Array]:
-    """Points all over the unit box and what the old map says of them."""
-    points = np.random.default_rng(0).random((400, dof))
-    return points, old(points)
-
-
-def _harmonics(scale: Scale, turning: tuple[bool, ...], u: Array) -> Array:
-    from ..readouts.basis import Basis
-
-    turns = tuple(float(s) if t else 0.0 for s, t in zip(scale.span, turning, strict=True))
-    return Basis(turns, 2).values(u)
