@@ -71,9 +71,7 @@ def representatives(newton: Newton, target: Index, u: Array, x: Array) -> tuple[
     chosen = np.sort(order[np.append(True, np.diff(label[order]) > 0)])
     target, u = target[chosen], u[chosen]
     settled, left = newton.settle(u, x[target], middle[chosen], longest=_STEP)
-    closer = np.linalg.norm(newton.scale.difference(settled, u), axis=1) < 5 * _STEP
-    good = (left <= CLOSE * newton.extent) & closer
-    return target, np.where(good[:, None], settled, u)
+    return target, np.where((left <= CLOSE * newton.extent)[:, None], settled, u)
 
 
 def _pairs(newton: Newton, target: Index, u: Array) -> tuple[Index, Index, Array]:

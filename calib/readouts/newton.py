@@ -24,6 +24,7 @@ _CALM = 1e-3  # damping of a single step, as a share of the Jacobian's power
 _CHUNK = 4096  # rows at once: what is held of them fits into the cache
 _SLIDES = 25  # most slides towards the joints that are wished for
 _SETTLED = 1e-6  # of the joints' range: a slide that is shorter is the last
+_SLACK = 2e-6  # of the joints' range: a slide that has come so close to a limit is there
 _LONGEST = 0.25  # of the joints' range: no slide is longer
 
 
@@ -209,7 +210,7 @@ class Newton:
             va, vb = _dot(a, wanted), _dot(b, wanted)
             det = np.maximum(aa * bb - ab * ab, 1e-300)
             move = wanted - a * ((bb * va - ab * vb) / det) - b * ((aa * vb - ab * va) / det)
-            more = ~blocked & self._outward(place, move)
+            more = ~blocked & self._outward(place, move, _SLACK)
             if not more.any():
                 break
             blocked |= more
@@ -231,9 +232,9 @@ class Newton:
         stuck = self._outward(u, push)
         return np.where(stuck[:, None], 0.0, slope) if stuck.any() else slope
 
-    def _outward(self, u: Array, push: Array) -> NDArray[np.bool_]:
+    def _outward(self, u: Array, push: Array, slack: float = 0.0) -> NDArray[np.bool_]:
         """Which joints stand at a limit and are pushed over it, (dof, n)."""
-        stuck = (u <= 0.0) & (push < 0.0) | (u >= 1.0) & (push > 0.0)
+        stuck = (u <= slack) & (push < 0.0) | (u >= 1.0 - slack) & (push > 0.0)
         if self._round:
             stuck &= ~self.scale.periodic[:, None]
         return np.asarray(stuck)
