@@ -53,7 +53,7 @@ def reproduce(
                 bar(share, stage, float("nan"))
 
         setting = Setting.of(seed, quick=quick, report=report)
-        for name in SUBJECTS[:-1] if what == "all" else (what,):
+        for name in _ALL if what == "all" else (what,):
             for key, result in _RUNS[name](setting, folder):
                 document[key] = result.data
                 _keep(result, folder, shown=not as_json)
@@ -115,6 +115,7 @@ _RUNS: dict[str, Callable[[Setting, Path], list[tuple[str, Result]]]] = {
     "networks": _networks,
     "experiments": _experiments,
 }
+_ALL = ("table1", "table2", "figures", "networks", "experiments")  # figures: adaptation too
 _LONG = ("schedules", "adaptation_curves")  # for the CSV files only
 
 

@@ -74,8 +74,10 @@ def coarse_to_fine(
         small = Lattice(tuple(max(2, round(s * shrink)) for s in lattice.shape))
         start = max(start * side ** (2 / lattice.dim - 1), 1.0) if not stages else start
         stages.append(Stage(small, exponential(start, end, n), per_node * small.size, final=False))
-    start = max(_FINE, 2 * last) if stages else max(lattice.shape) / 2
-    epochs = 8 if stages else 20
+    # the gain draws nodes to the border: that takes wider radii and more epochs
+    wide = max(2 * last, max(lattice.shape) / 7) if varying else _FINE
+    start = wide if stages else max(lattice.shape) / 2
+    epochs = (16 if varying else 8) if stages else 20
     radii = exponential(max(start, 1.0), min(last, max(start, 1.0)), epochs)
     stages.append(Stage(lattice, radii, np.iinfo(np.int64).max, final=True))
     return stages

@@ -28,7 +28,7 @@ _TREMBLE = (0.0, 0.5, 1.0, 2.0, 5.0)  # deg
 def networks(setting: Setting) -> Result:
     """Every network and reading of the varying density, at its own default schedule."""
     n = min(setting.samples, _ROWS)
-    few = replace(setting, seeds=setting.seeds[:2])
+    few = replace(setting, seeds=setting.seeds[: 1 if setting.quick else 2])
     names = ["som", *(f"vdsom:{name}" for name in READINGS)]
     names += ["dsom", "gng", "gng:error", "gng:border", "gng:density"]
     rows: dict[str, Row] = {}
@@ -88,7 +88,7 @@ def perturbation(setting: Setting) -> Result:
     n = min(setting.samples, _ROWS)
     seeds = setting.seeds[:2]
     rows: dict[str, Row] = {}
-    for degrees in _TREMBLE:
+    for degrees in _TREMBLE[:: 4 if setting.quick else 1]:
         setting.report(degrees / max(_TREMBLE), f"commands off by {degrees:g} deg")
         tremble = np.radians(degrees)
         changes = [f"{joint}.noise={tremble:.9g}" for joint in ("shoulder", "elbow")]

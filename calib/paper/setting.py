@@ -53,7 +53,7 @@ class Setting:
         """The paper's setting, or a small one; the seeds start at `seed`."""
         say = report or (lambda _share, _what: None)
         if quick:
-            return Setting(16, (8, 12, 16), 3000, (seed, seed + 1), quick=True, report=say)
+            return Setting(12, (8, 12), 1500, (seed, seed + 1), quick=True, report=say)
         return Setting(seeds=tuple(range(seed, seed + 5)), report=say)
 
     def babble(
