@@ -2,6 +2,7 @@
 
 from pathlib import Path
 
+import numpy as np
 import pytest
 from models import brief_teacher
 
@@ -23,8 +24,10 @@ def test_blocks_held_out_of_a_series_are_predicted(series, most):
     errors = model.about.errors["local"]
     assert errors["forward"]["distance"]["mean"] <= most
     assert errors["inverse"]["distance"]["mean"] <= most
-    bound = model.expected_error(samples.q[::50])
-    assert most / 10 < bound.mean() < 4 * most
+    bound = model.expected_error(samples.q)
+    known = np.isfinite(bound)
+    assert known.mean() > 0.999  # but for a row or two far from all others
+    assert most / 10 < bound[known].mean() < 4 * most
     assert model.about.bound_of == "sensor reading"
 
 
