@@ -8,7 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from ..features import Frame, find_chain
+from ..features import Chain, Frame, find_chain
 from ..maps.map import Map, search_tree
 from ..outliers import find_outliers, spread_points
 from ..readouts import gp
@@ -159,7 +159,7 @@ def _best_smooth(
     points, positions = spread_points(old, u.shape[1])
     chain = find_chain(scale, turning, points, positions)
     affine = Frame.of(positions, 1)
-    tried = [(None, None), (affine, None)]
+    tried: list[tuple[Frame | None, Chain | None]] = [(None, None), (affine, None)]
     if chain is not None:
         tried += [(None, chain), (affine, chain)]
     tried += [(Frame.of(positions, degree), None) for degree in _DEGREES]

@@ -23,9 +23,10 @@ def matching_sigma(network: Map, error: float) -> float:
     float
         The radius of the whole map where the error is larger than at the start.
     """
-    side = network.lattice.size ** (1 / network.lattice.dim)
+    dim = len(network.lattice.shape)
+    side = network.lattice.size ** (1 / dim)
     nodes, sigma, past = network.history[:, 0], network.history[:, 1], network.history[:, 2]
-    full = sigma * side / nodes ** (1 / network.lattice.dim)
+    full = sigma * side / nodes ** (1 / dim)
     # the error of an epoch is that of the radius before it
     past, full = past[1:], full[:-1]
     if not len(past) or error > past.max():

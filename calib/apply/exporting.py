@@ -76,7 +76,7 @@ def _motion(joint: Any, value: float) -> Array:
     if joint.type == "prismatic":
         motion[:3, 3] = value * axis
     elif value:
-        k = np.cross(np.eye(3), -axis)
+        k = np.cross(np.eye(3), axis)
         motion[:3, :3] += np.sin(value) * k + (1.0 - np.cos(value)) * k @ k
     return motion
 

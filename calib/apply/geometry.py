@@ -17,8 +17,9 @@ if TYPE_CHECKING:
 
 Array = NDArray[np.float64]
 
-_POINTS = 2000
+_POINTS = 500
 _STEPS = 50
+_RIGID = 1000.0  # a displacement [m] is so many times less likely than an offset [rad or m]
 
 
 @dataclass(frozen=True, eq=False)
@@ -104,15 +105,16 @@ def fit_geometry(model: Model) -> Geometry:
     for frame in reversed(frames(model)):
         x = np.linalg.solve(frame.matrix, (x - frame.shift).T).T
     dof = arm.dof
-    theta = np.zeros(dof + 2 * dof + 2)
+    theta: Array = np.zeros(dof + 2 * dof + 2)
+    size = np.append(np.ones(dof), np.full(2 * dof + 2, 1.0 / _RIGID))
     for _ in range(_STEPS):
         residual = (x - _forward(arm, theta, q)).ravel()
-        slope = _slopes(arm, theta, q)
-        step = np.linalg.lstsq(slope, residual, rcond=1e-7)[0]
+        slope = _slopes(arm, theta, q) * size
+        step = size * np.linalg.lstsq(slope, residual, rcond=1e-7)[0]
         theta = theta + step
         if np.abs(step).max() < 1e-12:
             break
-    theta = _shortest(arm, theta, q)
+    theta = _shortest(arm, theta, q, size)
     left = x - _forward(arm, theta, q)
     rms = float(np.sqrt(np.mean(np.sum(left**2, axis=1))))
     before = float(np.sqrt(np.mean(np.sum((x - arm.forward(q)) ** 2, axis=1))))
@@ -151,22 +153,22 @@ def _slopes(arm: PlanarArm, theta: Array, q: Array) -> Array:
     return np.stack(columns, axis=1)
 
 
-def _shortest(arm: PlanarArm, theta: Array, q: Array) -> Array:
+def _shortest(arm: PlanarArm, theta: Array, q: Array, size: Array) -> Array:
     """Follow the directions that change nothing to where the change is smallest."""
-    for _ in range(20):
-        slope = _slopes(arm, theta, q)
-        size, directions = np.linalg.svd(slope, full_matrices=False)[1:]
-        idle = directions[size < 1e-6 * size[0]]
+    target = _forward(arm, theta, q)
+    for _ in range(40):
+        singular, directions = np.linalg.svd(_slopes(arm, theta, q) * size, full_matrices=False)[1:]
+        idle = directions[singular < 1e-6 * singular[0]]
         if not len(idle):
             break
-        step = -idle.T @ (idle @ theta)
-        target = _forward(arm, theta, q)
-        theta = theta + 0.5 * step
+        step = -size * (idle.T @ (idle @ (theta / size)))
+        theta = theta + 0.7 * step
         # return to the same positions: the directions are straight only nearby
         for _ in range(3):
             gap = (target - _forward(arm, theta, q)).ravel()
-            theta = theta + np.linalg.lstsq(_slopes(arm, theta, q), gap, rcond=1e-6)[0]
-        if np.abs(step).max() < 1e-10:
+            slope = _slopes(arm, theta, q) * size
+            theta = theta + size * np.linalg.lstsq(slope, gap, rcond=1e-6)[0]
+        if np.abs(step).max() < 1e-9:
             break
     return theta
 

@@ -135,7 +135,7 @@ class Monitor:
         self._usual = usual + 0.05 * (min(size, 3.0 * usual) - usual)
         if size > _CLIP * max(usual, self._noise):
             residual *= _CLIP * max(usual, self._noise) / size
-        away, winner = self._sensory.query((position - self._origin) / self._size)
+        away, winner = self._nearest((position - self._origin) / self._size)
         fade = self._fade
         phi = self._features(joints, said)
         self._moments *= fade
@@ -153,6 +153,10 @@ class Monitor:
         else:
             self._state = self._state._replace(samples=self._samples)
         return self._state
+
+    def _nearest(self, v: Array) -> tuple[float, int]:
+        distance, winner = self._sensory.query(v)
+        return float(distance), int(winner)
 
     @property
     def state(self) -> State:
