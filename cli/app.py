@@ -15,9 +15,13 @@ from typer.core import TyperGroup
 
 from calib.errors import CalibError
 
+from .adapt import adapt
 from .babble import babble
+from .check import check
+from .correct import correct
 from .evaluate import evaluate
 from .info import info
+from .log import log
 from .path import path
 from .preview import preview
 from .query import query_app
@@ -25,8 +29,24 @@ from .report import report
 from .reproduce import reproduce
 from .robots import robots
 from .train import train
+from .urdf import urdf
 
-COMMANDS = ("robots", "train", "query", "evaluate", "babble", "preview", "report", "reproduce", "info")
+COMMANDS = (
+    "robots",
+    "train",
+    "query",
+    "evaluate",
+    "check",
+    "adapt",
+    "correct",
+    "urdf",
+    "babble",
+    "log",
+    "preview",
+    "report",
+    "reproduce",
+    "info",
+)
 INTERRUPTED = 130
 _TRACEBACK = "CALIB_TRACEBACK"
 
@@ -172,7 +192,12 @@ app.command()(train)
 query_app.command()(path)
 app.add_typer(query_app, name="query")
 app.command()(evaluate)
+app.command()(check)
+app.command()(adapt)
+app.command()(correct)
+app.command()(urdf)
 app.command()(babble)
+app.command()(log)
 app.command()(preview)
 app.command()(report)
 app.command()(reproduce)

@@ -98,12 +98,12 @@ def fit_geometry(model: Model) -> Geometry:
         )
     u = np.random.default_rng(0).random((_POINTS, arm.dof))
     q = model.motor.scale.from_unit(u)
-    x = model.forward(q)
+    x: Array = model.forward(q)
     known = np.isfinite(x).all(axis=1)
     q, x = q[known], x[known]
     # undo what is the sensor's: the URDF describes the arm alone
     for frame in reversed(frames(model)):
-        x = np.linalg.solve(frame.matrix, (x - frame.shift).T).T
+        x = np.asarray(np.linalg.solve(frame.matrix, (x - frame.shift).T).T, dtype=float)
     dof = arm.dof
     theta: Array = np.zeros(dof + 2 * dof + 2)
     size = np.append(np.ones(dof), np.full(2 * dof + 2, 1.0 / _RIGID))

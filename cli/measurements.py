@@ -1,0 +1,54 @@
+"""Measurements: a log that is read for a model that there is already."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from typing import TYPE_CHECKING
+
+from .output import Notes
+
+if TYPE_CHECKING:
+    from calib.data.samples import Samples
+    from calib.model import Model
+
+_METRES = {"m": 1.0, "cm": 1e-2, "mm": 1e-3, "um": 1e-6}
+
+
+def log_for(
+    model: Model,
+    path: str,
+    columns: Mapping[str, str] | None,
+    degrees: bool,
+    unit: str | None,
+    notes: Notes,
+) -> Samples:
+    """Read a log of a model's joints, in the model's unit where that is known.
+
+    Parameters
+    ----------
+    model : Model
+        Names the joints.
+    path, columns, degrees, unit
+        As typed.
+    notes : Notes
+        Says what was assumed.
+    """
+    from dataclasses import replace
+
+    import calib
+
+    about = model.about
+    log = calib.read_log(
+        path,
+        joints=list(about.joint_names),
+        columns=columns,
+        degrees=degrees,
+        unit=unit or about.unit,
+        prismatic=[n for n, t in zip(about.joint_names, about.revolute, strict=True) if not t],
+    )
+    notes.say(log.notes)
+    if unit is not None and unit != about.unit and {unit, about.unit} <= set(_METRES):
+        factor = _METRES[unit] / _METRES[about.unit]
+        notes.say([f"positions converted from {unit} to {about.unit}"])
+        log = replace(log, x=log.x * factor, unit=about.unit)
+    return log
