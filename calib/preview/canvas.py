@@ -57,17 +57,10 @@ class Canvas:
         self._object(path, "Points", self._geometry(points, colour), material)
 
     def mesh(
-        self,
-        path: str,
-        vertices: ArrayLike,
-        faces: ArrayLike,
-        colour: NDArray[np.uint8] | str,
-        opacity: float = 1.0,
-        *,
-        flat: bool = False,
+        self, path: str, vertices: ArrayLike, faces: ArrayLike, colour: str, opacity: float = 1.0
     ) -> None:
-        """Triangles (m, 3) of vertices (n, 3); `flat` ones look the same in any light."""
-        material = self._material("MeshBasic" if flat else "MeshPhong", colour, opacity)
+        """Triangles (m, 3) of vertices (n, 3)."""
+        material = self._material("MeshPhong", colour, opacity)
         self._object(path, "Mesh", self._geometry(vertices, colour, faces), material)
 
     def box(self, path: str, size: Sequence[float], colour: str, opacity: float = 1.0) -> None:
@@ -75,13 +68,17 @@ class Canvas:
         geometry = dict(zip(("width", "height", "depth"), map(float, size), strict=True))
         self._shape(path, {"type": "BoxGeometry", **geometry}, colour, opacity)
 
-    def sphere(
-        self, path: str, radius: float, colour: str, opacity: float = 1.0, *, flat: bool = False
-    ) -> None:
+    def sphere(self, path: str, radius: float, colour: str, opacity: float = 1.0) -> None:
         """A sphere of this radius [m]."""
-        geometry = {"type": "SphereGeometry", "radius": float(radius)}
-        geometry |= {"widthSegments": 24, "heightSegments": 16}
-        self._shape(path, geometry, colour, opacity, flat)
+        self._shape(path, _ball(radius), colour, opacity)
+
+    def marker(
+        self, path: str, radius: float, colour: str, opacity: float = 1.0, order: int = 1
+    ) -> None:
+        """A ball that nothing hides, flat in any light; one of a higher `order` is on top."""
+        material = self._material("MeshBasic", colour, opacity)
+        material |= {"transparent": True, "depthTest": False, "depthWrite": False}
+        self._object(path, "Mesh", _ball(radius), material, order)
 
     def cylinder(
         self, path: str, radius: float, length: float, colour: str, opacity: float = 1.0
@@ -141,14 +138,16 @@ class Canvas:
 
         return [umsgpack.packb(command) for command in self._commands]
 
-    def _shape(
-        self, path: str, geometry: dict[str, Any], colour: str, opacity: float, flat: bool = False
-    ) -> None:
-        kind = "MeshBasic" if flat else "MeshPhong"
-        self._object(path, "Mesh", geometry, self._material(kind, colour, opacity))
+    def _shape(self, path: str, geometry: dict[str, Any], colour: str, opacity: float) -> None:
+        self._object(path, "Mesh", geometry, self._material("MeshPhong", colour, opacity))
 
     def _object(
-        self, path: str, kind: str, geometry: dict[str, Any], material: dict[str, Any]
+        self,
+        path: str,
+        kind: str,
+        geometry: dict[str, Any],
+        material: dict[str, Any],
+        order: int = 0,
     ) -> None:
         self._count += 1
         names = {part: f"{part}-{self._count}" for part in ("object", "geometry", "material")}
@@ -159,6 +158,7 @@ class Canvas:
             "object": {
                 "uuid": names["object"],
                 "type": kind,
+                "renderOrder": order,
                 "geometry": names["geometry"],
                 "material": names["material"],
                 "matrix": np.eye(4).ravel().tolist(),
@@ -212,6 +212,11 @@ def quaternions(rotations: Array) -> Array:
     flips = np.sign(np.sum(q[1:] * q[:-1], axis=1))
     signs = np.concatenate([[1.0], np.cumprod(np.where(flips < 0, -1.0, 1.0))])
     return q * signs[:, None]
+
+
+def _ball(radius: float) -> dict[str, Any]:
+    size = {"radius": float(radius), "widthSegments": 24, "heightSegments": 16}
+    return {"type": "SphereGeometry", **size}
 
 
 def _attribute(array: NDArray[Any], width: int) -> dict[str, Any]:

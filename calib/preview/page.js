@@ -226,7 +226,9 @@
       group.add(dot);
     });
     viewer.set_object(["Inverse answers"], group);
-    viewer.set_property(["Arm"], "visible", false);
+    for (const name of ["Arm", "Target path", "Reached path"]) {
+      viewer.set_property([name], "visible", false);
+    }
     const ways = answer.branches.map((branch) => branch.words);
     element("calib-answer").textContent = [answer.words, ...ways].join("\n");
     viewer.set_dirty();

@@ -55,7 +55,7 @@ def html(scene: Scene, model: Model, *, live: bool = False) -> str:
         "POLICY": _POLICY,
         "STYLE": (_HERE / "page.css").read_text(encoding="utf-8"),
         "VIEWER": viewer_script(),
-        "DATA": text.replace("</", "<\\/").replace("<!--", "<\\!--"),
+        "DATA": text.replace("<", "\\u003c"),
         "SCRIPT": (_HERE / "page.js").read_text(encoding="utf-8"),
     }
     template = (_HERE / "page.html").read_text(encoding="utf-8")

@@ -217,15 +217,15 @@ class _Drawing:
             self._layer(name, colour, about)
             canvas.lines(f"{name}/line", lift(points) + self.front, along, colour)
         tracks = {}
-        for name, points, radius, colour in (
-            ("Target path/target", motion.target, 0.016, TARGET),
-            ("Reached path/tip", motion.reached, 0.011, REACHED),
+        # the two may coincide: the target is a glass ball around the tip
+        canvas.marker("Target path/target", 0.022 * self.size, TARGET, 0.45, order=1)
+        canvas.marker("Reached path/tip", 0.012 * self.size, REACHED, order=2)
+        for name, points in (
+            ("Target path/target", motion.target),
+            ("Reached path/tip", motion.reached),
         ):
             moves = np.tile(np.eye(4), (n, 1, 1))
             moves[:, :3, 3] = lift(points)
-            # the two may coincide: the target is a glass ball around the tip
-            glass = 0.4 if name.endswith("target") else 1.0
-            canvas.sphere(name, radius * self.size, colour, glass, flat=True)
             canvas.place(name, moves[0])
             tracks[name] = moves
         for link, transforms in poses.items():
@@ -259,6 +259,7 @@ class _Drawing:
                 "point": self.placement.origin.tolist(),
                 "normal": self.placement.frame[2].tolist(),
             },
+            "size": self.size,
             "dot": 0.022 * self.size * POINT,
         }
 

@@ -8,7 +8,7 @@ from collections.abc import Callable
 from http.server import BaseHTTPRequestHandler, ThreadingHTTPServer
 from typing import Any
 
-from ..errors import OptionError
+from ..errors import CalibError, OptionError
 
 ADDRESS = "127.0.0.1"
 """The loopback interface: no other computer can reach it."""
@@ -77,7 +77,7 @@ class _Handler(BaseHTTPRequestHandler):
         try:
             question = json.loads(self.rfile.read(int(length)))
             reply = json.dumps(answer(question), allow_nan=False).encode()
-        except (ValueError, TypeError, KeyError) as error:
+        except (ValueError, TypeError, KeyError, CalibError) as error:
             self._send(400, "text/plain", str(error).encode())
             return
         self._send(200, "application/json", reply)

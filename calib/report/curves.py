@@ -87,7 +87,7 @@ def training(evidence: Evidence) -> Any:
             ax.plot(epoch, values, "o-", color=SERIES["local"], markersize=2.5, linewidth=1.2)
             for change in np.flatnonzero(np.diff(history[:, 0])):
                 ax.axvline(change + 1.5, color=_ink(), linewidth=0.6, linestyle=":")
-            ax.set_yscale(scale)
+            ax.set_yscale(scale if (values > 0).any() else "linear")
             ax.yaxis.set_minor_formatter(NullFormatter())  # half of the drawing time
             ax.grid(visible=True, axis="y")
             if column == 0:

@@ -77,6 +77,8 @@ def to_svg(figure: Any, name: str, words: str) -> str:
     svg = buffer.getvalue()
     svg = svg[svg.index("<svg") :]
     svg = svg.replace(INK, "currentColor").replace(FAINT, "var(--rule)")
+    # two equal images, such as colour bars, get one name, which nothing refers to
+    svg = re.sub(r'\bid="image[0-9a-f]+"', "", svg)
     # several figures share one page: their names must not meet
     svg = re.sub(r'\bid="', f'id="{name}-', svg)
     svg = re.sub(r'(href="|url\()#', rf"\1#{name}-", svg)

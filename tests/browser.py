@@ -1,0 +1,107 @@
+"""A real browser without a window and without a network, for the tests of pages."""
+
+from __future__ import annotations
+
+import io
+import os
+import re
+import shutil
+import subprocess
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+NAMES = ("chromium", "chromium-browser", "google-chrome", "google-chrome-stable", "chrome")
+NOISE = ("GL Driver Message",)  # Chromium's remarks on its own software rendering
+
+
+@dataclass(frozen=True)
+class Sight:
+    """What a page looked like: its pixels (height, width, 3), console and document."""
+
+    pixels: np.ndarray
+    console: list[str]
+
+
+def chromium() -> str:
+    """Path of a Chromium, or skip the test, aloud."""
+    found = next((path for name in NAMES if (path := shutil.which(name))), None)
+    if found is None:
+        pytest.skip("no Chromium here: apt-get install chromium to run the browser tests")
+    return found
+
+
+def command(folder: Path, *, dark: bool = False, size: tuple[int, int] = (900, 700)) -> list[str]:
+    """Command line of a Chromium that reaches nothing but this computer."""
+    options = [
+        "--headless",
+        "--disable-gpu",
+        "--disable-quic",
+        "--no-first-run",
+        "--disable-background-networking",
+        "--disable-component-update",
+        "--disable-sync",
+        "--disable-extensions",
+        "--hide-scrollbars",
+        "--use-gl=angle",
+        "--use-angle=swiftshader",
+        "--enable-unsafe-swiftshader",
+        "--force-prefers-reduced-motion",
+        "--force-device-scale-factor=1",
+        "--host-resolver-rules=MAP * ~NOTFOUND , EXCLUDE 127.0.0.1",
+        "--proxy-server=http://127.0.0.1:9",
+        "--proxy-bypass-list=127.0.0.1",
+        "--enable-logging=stderr",
+        f"--blink-settings=preferredColorScheme={0 if dark else 1}",
+        f"--user-data-dir={folder / 'profile'}",
+        f"--window-size={size[0]},{size[1]}",
+    ]
+    if hasattr(os, "geteuid") and os.geteuid() == 0:
+        options.append("--no-sandbox")  # Chromium refuses to run as root with it
+    return [chromium(), *options]
+
+
+def look(
+    url: str | Path, folder: Path, *, dark: bool = False, size: tuple[int, int] = (900, 700)
+) -> Sight:
+    """Open a page, wait until it has drawn, and return what is seen."""
+    from PIL import Image
+
+    address = url.resolve().as_uri() if isinstance(url, Path) else url
+    picture = folder / "seen.png"
+    picture.unlink(missing_ok=True)
+    done = subprocess.run(
+        [
+            *command(folder, dark=dark, size=size),
+            "--virtual-time-budget=6000",
+            f"--screenshot={picture}",
+            address,
+        ],
+        capture_output=True,
+        text=True,
+        check=False,
+        timeout=180,
+    )
+    assert picture.exists(), done.stderr[-2000:]
+    pixels = np.asarray(Image.open(io.BytesIO(picture.read_bytes())).convert("RGB"))
+    return Sight(pixels.astype(int), _console(done.stderr))
+
+
+def document(url: str | Path, folder: Path) -> str:
+    """Open a page and return its document after its scripts have run."""
+    address = url.resolve().as_uri() if isinstance(url, Path) else url
+    done = subprocess.run(
+        [*command(folder), "--virtual-time-budget=6000", "--dump-dom", address],
+        capture_output=True,
+        text=True,
+        check=False,
+        timeout=180,
+    )
+    return done.stdout
+
+
+def _console(log: str) -> list[str]:
+    lines = re.findall(r":CONSOLE(?::\d+|\(\d+\))?\]\s*(.*)", log)
+    return [line for line in lines if not any(word in line for word in NOISE)]
