@@ -48,6 +48,8 @@ class About:
         The URDF's own text ("" without one).
     errors : dict
         Errors per readout as ``calib evaluate --json`` prints them.
+    tested, left_out : int
+        Samples behind those errors, and samples outside of what was learned from the others.
     notes : tuple of str
         What was said aloud while the model was made.
     """
@@ -70,6 +72,8 @@ class About:
     simulation: Mapping[str, Any] | None
     urdf: str
     errors: Mapping[str, Any] = field(default_factory=dict)
+    tested: int = 0
+    left_out: int = 0
     notes: tuple[str, ...] = ()
 
     @property

@@ -220,7 +220,7 @@ def evaluate(model: Model, samples: Samples | None = None) -> Evaluation:
     simulation = simulation_of(model)
     if simulation is None:
         return Evaluation(
-            dict(about.errors), about.samples, 0, "rows held out in contiguous blocks"
+            dict(about.errors), about.tested, about.left_out, "rows held out in contiguous blocks"
         )
     residuals = fresh_residuals(model, simulation)
     return Evaluation(

@@ -151,7 +151,13 @@ class _Trainer:
             )
             baseline = learn_baseline(model.association, u, held.x, error)
         self.watch.seconds["total"] = time.perf_counter() - started
-        about = replace(model.about, errors=summarise(tested), notes=tuple(self.notes))
+        about = replace(
+            model.about,
+            errors=summarise(tested),
+            tested=len(tested.q),
+            left_out=tested.left_out,
+            notes=tuple(self.notes),
+        )
         self.progress(1.0, "done", float("nan"))
         return replace(
             model, about=about, bounds=bounds, baseline=baseline, seconds=self.watch.seconds
