@@ -211,7 +211,7 @@ def quaternions(rotations: Array) -> Array:
     q = np.asarray(Rotation.from_matrix(rotations).as_quat())
     flips = np.sign(np.sum(q[1:] * q[:-1], axis=1))
     signs = np.concatenate([[1.0], np.cumprod(np.where(flips < 0, -1.0, 1.0))])
-    return q * signs[:, None]
+    return np.asarray(q * signs[:, None])
 
 
 def _ball(radius: float) -> dict[str, Any]:

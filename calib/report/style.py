@@ -46,7 +46,7 @@ def settings(*, paper: bool = False) -> Any:
     """
     import matplotlib as mpl
 
-    chosen = dict(_SETTINGS)
+    chosen: Any = dict(_SETTINGS)
     if paper:
         chosen |= {k: _PAPER[v] for k, v in chosen.items() if isinstance(v, str) and v in _PAPER}
     return mpl.rc_context(chosen)
