@@ -13,7 +13,7 @@ from .predictor import Predictor
 
 Array = NDArray[np.float64]
 
-ROUNDING = 1e-14
+ROUNDING = 1e-15
 """Share of the extent below which a target is met as well as numbers allow."""
 
 CLOSE = 1e-9

@@ -1,0 +1,58 @@
+"""Expected errors: the 95 % bound holds for 93 to 97 % of fresh queries.
+
+Border queries are fewer, so that chance moves their share by up to two percent more.
+"""
+
+import numpy as np
+import pytest
+from models import trained
+
+import calib
+from calib.readouts.bounds import near_border
+
+CASES = [("two_link", 0.0), ("two_link", 1e-3), ("two_link_full", 1e-3), ("polar", 1e-3)]
+
+
+def fresh(model, robot, n=12_000):
+    """Return joints and exact positions that training never saw."""
+    arm = calib.load_arm(robot)
+    q = np.random.default_rng(99).uniform(arm.lower, arm.upper, (n, arm.dof))
+    return arm, q, arm.forward(q)
+
+
+@pytest.mark.parametrize(("robot", "noise"), CASES)
+def test_forward(robot, noise):
+    model = trained(robot, n=8000, size=30, noise=noise)
+    _, q, x = fresh(model, robot)
+    held = np.linalg.norm(model.forward(q) - x, axis=1) <= model.expected_error(q)
+    border = near_border(model.motor, model.motor.scale.to_unit(q))
+    assert 0.93 <= held.mean() <= 0.97
+    assert 0.91 <= held[border].mean() <= 0.98
+
+
+@pytest.mark.parametrize(("robot", "noise"), CASES)
+def test_inverse(robot, noise):
+    model = trained(robot, n=8000, size=30, noise=noise)
+    arm, q, x = fresh(model, robot)
+    near = q[np.random.default_rng(1).permutation(len(q))]
+    answer = model.solve(x, near=near)
+    reached = answer.reachable
+    assert reached.mean() > 0.99
+    away = np.linalg.norm(arm.forward(answer.q) - x, axis=1)[reached]
+    held = away <= answer.expected_error[reached]
+    assert 0.93 <= held.mean() <= 0.97
+
+
+def test_bounds_follow_the_noise():
+    small, large = (trained("two_link", n=8000, size=30, noise=s) for s in (1e-4, 1e-3))
+    q = np.random.default_rng(3).uniform(small.about.lower, small.about.upper, (500, 2))
+    ratio = large.expected_error(q) / small.expected_error(q)
+    assert 5 < np.median(ratio) < 20
+
+
+def test_exact_samples_have_bounds_at_the_level_of_rounding():
+    model = trained("two_link", n=8000, size=30)
+    q = np.random.default_rng(4).uniform(model.about.lower, model.about.upper, (500, 2))
+    bound = model.expected_error(q)
+    assert bound.min() > 0
+    assert bound.max() < 1e-9

@@ -1,0 +1,204 @@
+"""Paths: one branch where there is one, no jumps, and told where one cannot be avoided."""
+
+import itertools
+import math
+
+import numpy as np
+import pytest
+from models import trained, two_link, two_link_inverse
+
+import calib
+
+SQUARE = [[0.30, 0.30], [0.25, 0.35], [0.15, 0.30], [0.30, 0.30]]
+
+
+def full():
+    """Return a model of an arm with both branches."""
+    return trained("two_link_full", n=8000, size=40)
+
+
+def one_sided(model, sign):
+    """Return targets that only one branch reaches."""
+    q = np.random.default_rng(1).uniform(model.about.lower, model.about.upper, (400, 2))
+    q = q[np.sign(q[:, 1]) == sign]
+    other = two_link_inverse(two_link(q), -sign)
+    beyond = ((other < model.about.lower - 0.1) | (other > model.about.upper + 0.1)).any(axis=1)
+    return two_link(q[beyond & (np.abs(q[:, 1]) > 0.5)])
+
+
+def steps(path, model):
+    """Largest move of a joint between two rows, as a share of its range."""
+    span = model.about.upper - model.about.lower
+    return np.abs(np.diff(path.q, axis=0) / span).max(axis=1)
+
+
+@pytest.mark.parametrize("sign", [1.0, -1.0])
+def test_a_path_stays_on_the_branch_where_it_starts(sign):
+    model = full()
+    waypoints = np.array([[0.33, 0.30], [0.30, 0.35], [0.33, 0.33]])
+    start = two_link_inverse(waypoints[:1], sign)[0]
+    path = model.path(waypoints, start=start)
+    assert len(path.jumps) == 0
+    assert (np.sign(path.q[:, 1]) == sign).all()
+    np.testing.assert_allclose(path.q, two_link_inverse(path.target, sign), atol=1e-6)
+    assert steps(path, model).max() < 0.1
+
+
+def test_without_a_start_the_branch_that_can_follow_the_whole_path_is_taken():
+    model = full()
+    # both branches reach the first waypoint, one of them the last
+    for sign in (1.0, -1.0):
+        end = one_sided(model, sign)
+        begin = np.array([0.35, 0.35])
+        for goal in end[np.argsort(np.linalg.norm(end - begin, axis=1))][:3]:
+            path = model.path([begin, goal])
+            if not path.reachable.all():
+                continue
+            assert len(model.inverse_all([begin])[0]) == 2
+            assert len(path.jumps) == 0
+            assert np.sign(path.q[-1, 1]) == sign
+            assert steps(path, model).max() < 0.15
+
+
+def test_a_jump_that_cannot_be_avoided_is_told_where_it_is():
+    model = full()
+    plus, minus = one_sided(model, 1.0), one_sided(model, -1.0)
+    share = np.linspace(0, 1, 20)[:, None]
+    told = tried = 0
+    for a, b in itertools.product(plus[:15], minus[:15]):
+        if tried == 6 or not model.solve(a + share * (b - a)).reachable.all():
+            continue
+        tried += 1
+        path = model.path([a, b])
+        moves = steps(path, model)
+        # elbows change sides at the stretched pose, or by a jump that is told
+        far = np.flatnonzero(moves > 0.2) + 1
+        assert set(far) <= set(path.jumps.tolist())
+        assert len(path.jumps) <= 1
+        told += len(path.jumps)
+    assert tried == 6
+    assert told >= 1
+
+
+def test_rows_lie_on_the_lines_at_most_a_step_apart():
+    model = full()
+    path = model.path(SQUARE, step=0.007)
+    gaps = np.linalg.norm(np.diff(path.target, axis=0), axis=1)
+    assert gaps.max() <= 0.007 + 1e-12
+    for k, waypoint in enumerate(SQUARE):
+        last = np.flatnonzero(path.waypoint == k)[-1]
+        np.testing.assert_array_equal(path.target[last], waypoint)
+    assert (np.diff(path.waypoint) >= 0).all()
+    np.testing.assert_allclose(two_link(path.q), path.target, atol=1e-8)
+
+
+def test_the_waypoints_alone():
+    path = full().path(SQUARE, step=math.inf)
+    np.testing.assert_array_equal(path.target, SQUARE)
+    assert len(path.jumps) == 0
+    np.testing.assert_allclose(path.q[0], path.q[-1], atol=1e-6)
+
+
+def test_out_of_reach_joints_stay_as_close_as_they_can():
+    model = full()
+    path = model.path([[0.35, 0.35], [0.45, 0.45], [0.30, 0.40]])
+    out = ~path.reachable
+    assert out.any()
+    assert not out.all()
+    assert len(path.jumps) == 0
+    far = np.linalg.norm(path.target[out], axis=1) - 0.55
+    np.testing.assert_allclose(path.distance[out], far, atol=1e-4)
+
+
+def test_a_redundant_arm_follows_a_circle_without_a_jump():
+    model, arm = trained("three_link", n=8000), calib.load_arm("three_link")
+    turn = np.linspace(0, 2 * np.pi, 25)
+    circle = np.stack([0.15 + 0.08 * np.cos(turn), 0.40 + 0.08 * np.sin(turn)], axis=1)
+    path = model.path(circle)
+    assert len(path.jumps) == 0
+    assert path.reachable.all()
+    assert np.linalg.norm(arm.forward(path.q) - path.target, axis=1).max() < 1e-7
+    assert steps(path, model).max() < 0.1
+
+
+@pytest.mark.parametrize(
+    ("waypoints", "options", "part"),
+    [
+        ([[0.3, 0.3]], {}, "2 waypoints or more, got 1"),
+        ([0.3, 0.3], {}, "2 waypoints or more"),
+        (np.zeros((0, 2)), {}, "got 0"),
+        ([[0.3, 0.3], [np.nan, 0.1]], {}, "row 1"),
+        (SQUARE, {"start": [0.1]}, "near"),
+        (SQUARE, {"start": [9.0, 0.0]}, "shoulder = 9"),
+        (SQUARE, {"step": 0.0}, "greater than zero"),
+        (SQUARE, {"step": float("nan")}, "greater than zero"),
+        (SQUARE, {"step": 1e-9}, "give a longer one"),
+    ],
+)
+def test_bad_paths_are_told_in_one_line(waypoints, options, part):
+    with pytest.raises(calib.QueryError) as told:
+        full().path(waypoints, **options)
+    assert part in str(told.value)
+    assert "\n" not in str(told.value)
+
+
+@pytest.fixture(scope="module")
+def saved(tmp_path_factory):
+    """A model file and waypoints."""
+    folder = tmp_path_factory.mktemp("paths")
+    full().save(folder / "full.calib")
+    lines = ["x,y", *(f"{x},{y}" for x, y in SQUARE)]
+    (folder / "way.csv").write_text("\n".join(lines) + "\n")
+    return folder
+
+
+def test_command_writes_what_python_answers(saved, run):
+    out = saved / "joints.csv"
+    done = run("query", "path", saved / "full.calib", "--input", saved / "way.csv", "--output", out)
+    assert done.code == 0, done.err
+    header, *rows = out.read_text().splitlines()
+    assert header == "waypoint,x,y,shoulder,elbow,distance,expected_error,reachable,jump"
+    path = full().path(SQUARE)
+    table = np.array([[float(v) for v in row.split(",")] for row in rows])
+    np.testing.assert_allclose(table[:, 3:5], path.q, rtol=1e-12, atol=1e-14)
+    np.testing.assert_array_equal(table[:, 0], path.waypoint + 1)
+    assert done.out == ""
+
+
+def test_command_starts_where_it_is_told(saved, run):
+    for degrees, start in (((), "-0.1,1.5"), (("--degrees",), "10,80")):
+        done = run(
+            *("query", "path", saved / "full.calib", "--input", saved / "way.csv"),
+            *("--step", "inf", "--json", "--from", start if degrees else "0.1,1.5", *degrees),
+        )
+        assert done.code == 0, done.err
+        assert done.document["rows"] == 4
+        assert min(done.document["path"]["elbow"]) > 0
+
+
+def test_command_says_no_where_there_is_no_way(saved, run):
+    far = saved / "far.csv"
+    far.write_text("x,y\n0.3,0.3\n0.6,0.6\n")
+    done = run("query", "path", saved / "full.calib", "--input", far, "--json")
+    assert done.code == 3
+    assert done.document["out_of_reach"]
+    assert "out of reach" in done.err
+
+
+@pytest.mark.parametrize(
+    ("text", "code", "part"),
+    [
+        ("", 1, "empty"),
+        ("x,y\n", 1, "2 waypoints or more, got 0"),
+        ("x,y\n0.3,0.3\n", 1, "2 waypoints or more, got 1"),
+        ("x,z\n1,2\n", 1, "y"),
+        ("x,y\n0.3,0.3\nnan,0\n0.3,0.35\n", 1, "row 2 of 3"),
+    ],
+)
+def test_bad_files_are_told_in_one_line(text, code, part, saved, run):
+    bad = saved / "bad.csv"
+    bad.write_text(text)
+    done = run("query", "path", saved / "full.calib", "--input", bad, "--output", saved / "o.csv")
+    assert done.code == code
+    assert part in done.err
+    assert len(done.err.strip().splitlines()) == 1
