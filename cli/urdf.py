@@ -54,6 +54,16 @@ def urdf(
                     number(1e3 * float(geometry.interval_moved[k, axis])),
                 ]
             )
+    for axis, label in enumerate(("along x", "along y")):
+        rows.append(
+            [
+                "base" if axis == 0 else "",
+                label,
+                "mm",
+                fixed(1e3 * float(geometry.base[axis]), 4),
+                number(1e3 * float(geometry.interval_base[axis])),
+            ]
+        )
     show(Table(["joint", "change of", "unit", "value", "+-"], rows, "against the URDF", left=3))
     print(
         f"{output}: {number(1e3 * geometry.residual)} mm rms are no geometry of this arm "

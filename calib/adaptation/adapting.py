@@ -247,7 +247,7 @@ def _finished(
         bound_of="sensor reading",
         simulation=None,
         samples=made.samples,
-        taught=True,
+        taught=False,
         unit=_unit(old, log, frame),
         errors=errors,
         notes=made.notes,
@@ -291,7 +291,8 @@ def _notes(model: Model, correction: Correction, u: Array, x: Array, outliers: i
 
 
 def _outlier_note(outliers: int) -> list[str]:
-    return [f"{outliers} rows contradict all others and are left out"] if outliers else []
+    rows = "1 row contradicts" if outliers == 1 else f"{outliers} rows contradict"
+    return [f"{rows} all others: left out"] if outliers else []
 
 
 def _lost(model: Model, correction: Correction, points: Array) -> list[str]:

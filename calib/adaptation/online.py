@@ -21,6 +21,7 @@ from ..maps.map import Map
 from ..maps.online import present
 from ..readouts.linked import Association
 from ..readouts.selection import select
+from ..readouts.teacher import MOST_ROWS, learn_teacher
 from .radius import matching_sigma
 
 if TYPE_CHECKING:
@@ -181,7 +182,14 @@ class OnlineAdapter:
             return model
         motor, sensory = self._map("motor"), self._map("sensory")
         q, x = np.concatenate(self._q), np.concatenate(self._x)
-        u = motor.scale.to_unit(q)
+        # a short stream may have been shown again and again
+        first = np.sort(np.unique(np.hstack([q, x]), axis=0, return_index=True)[1])
+        u, x = motor.scale.to_unit(q[first]), x[first]
+        if len(u) < MOST_ROWS:
+            rng = np.random.default_rng(model.about.seed)
+            teacher = learn_teacher(motor.scale, model.about.revolute, u, x, rng)
+            u = teacher.imagine(rng)
+            x = teacher.value(u)
         wiring = model.association.wiring
         a, b = wiring.activity(motor, u), wiring.activity(sensory, sensory.scale.to_unit(x))
         selected = select(motor, model.about.revolute, u, x)

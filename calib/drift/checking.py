@@ -163,7 +163,8 @@ def check(model: Model, log: Samples) -> Drift:
     outliers = int(np.count_nonzero(~kept))
     notes = list(rows.notes)
     if outliers:
-        notes.append(f"{outliers} rows contradict all others and are left out")
+        rows_said = "1 row contradicts" if outliers == 1 else f"{outliers} rows contradict"
+        notes.append(f"{rows_said} all others: left out")
     return Drift(
         drifted,
         len(u),
