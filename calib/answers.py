@@ -117,7 +117,8 @@ def anchor(model: Model, near: ArrayLike | None, n: int) -> Array:
             f"near has {names[k]} = {rows[row, k]:.6g}: expected a value in its range "
             f"{lower[k]:.6g} to {upper[k]:.6g}"
         )
-    return np.broadcast_to(scale.to_unit(rows), (n, len(names)))
+    unit = scale.to_unit(rows)
+    return unit if len(unit) == n else np.broadcast_to(unit, (n, len(names)))
 
 
 def checked_rows(values: ArrayLike, names: tuple[str, ...], what: str) -> tuple[Array, bool]:

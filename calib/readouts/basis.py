@@ -97,12 +97,18 @@ class Basis:
 
     def plain(self, u: Array) -> list[Array]:
         """One-dimensional functions of each coordinate as they are, (functions, n) each."""
+        if all(self.turns):
+            return list(_harmonics(u.T, self.highest, self._rates))
         return [
             _harmonics(u[:, k], self.highest, turns)
             if turns
             else _polynomials(u[:, k], self.highest)
             for k, turns in enumerate(self.turns)
         ]
+
+    @cached_property
+    def _rates(self) -> Array:
+        return np.array(self.turns)[:, None]
 
     @cached_property
     def derivatives(self) -> list[Array]:
@@ -150,17 +156,22 @@ def largest_harmonic(turns: float) -> int:
     return 11
 
 
-def _harmonics(u: Array, degree: int, turns: float) -> Array:
-    """1, cos, sin, cos 2, sin 2 ... of the angle turns * (u - 1/2), (2 degree + 1, n)."""
-    value = np.empty((2 * degree + 1, len(u)))
-    value[0] = 1.0
+def _harmonics(u: Array, degree: int, turns: float | Array) -> Array:
+    """1, cos, sin, cos 2, sin 2 ... of the angle turns * (u - 1/2).
+
+    Of the shape (2 degree + 1, n) for `u` (n,), and (d, 2 degree + 1, n) for `u` (d, n).
+    """
+    value = np.empty((*u.shape[:-1], 2 * degree + 1, u.shape[-1]))
+    value[..., 0, :] = 1.0
     if not degree:
         return value
     angle = turns * (u - 0.5)
-    cos, sin = np.cos(angle, out=value[1]), np.sin(angle, out=value[2])
+    cos, sin = value[..., 1, :], value[..., 2, :]
+    np.cos(angle, out=cos)
+    np.sin(angle, out=sin)
     for k in range(3, 2 * degree + 1, 2):  # of the sum of two angles
-        value[k] = value[k - 2] * cos - value[k - 1] * sin
-        value[k + 1] = value[k - 1] * cos + value[k - 2] * sin
+        value[..., k, :] = value[..., k - 2, :] * cos - value[..., k - 1, :] * sin
+        value[..., k + 1, :] = value[..., k - 1, :] * cos + value[..., k - 2, :] * sin
     return value
 
 

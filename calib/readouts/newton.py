@@ -92,10 +92,13 @@ class Newton:
             if not len(rows):
                 break
             trial = self._clip(u + self._step(u, slope, gap, damping))
-            moved = np.abs(trial - u).max(axis=0)
             value, trial_slope = self._evaluate(trial)
             trial_gap = x - value
             now = np.sqrt(trial_gap[0] * trial_gap[0] + trial_gap[1] * trial_gap[1])
+            if now.max() <= met:
+                u, left = trial, now
+                break
+            moved = np.abs(trial - u).max(axis=0)
             better = now < left
             stalled = (left - now < 1e-9 * left) & (better | (left < rounding))
             if better.all():
@@ -116,6 +119,8 @@ class Newton:
                 keep = np.flatnonzero(~done)
                 rows, damping = rows[keep], damping[keep]
                 u, x, gap, left, slope = (part[..., keep] for part in (u, x, gap, left, slope))
+        if len(rows) == len(best_left):
+            return u.T, left
         best_u[:, rows], best_left[rows] = u, left
         return best_u.T, best_left
 
