@@ -12,6 +12,8 @@ from .lattice import Lattice
 
 Array = NDArray[np.float64]
 
+_MANY = 4000
+
 
 @dataclass(frozen=True, eq=False)
 class Epoch:
@@ -46,7 +48,8 @@ def nearest(weights: Array, u: Array, k: int | list[int]) -> tuple[Array, NDArra
     from scipy.spatial import cKDTree
 
     tree = cKDTree(weights, compact_nodes=False, balanced_tree=False)
-    distance, index = tree.query(u, k=k, workers=-1)
+    # for a few samples threads take longer to start than to search
+    distance, index = tree.query(u, k=k, workers=-1 if len(u) > _MANY else 1)
     return np.asarray(distance), np.asarray(index, dtype=np.intp)
 
 

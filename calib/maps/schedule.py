@@ -75,9 +75,9 @@ def coarse_to_fine(
         start = max(start * side ** (2 / lattice.dim - 1), 1.0) if not stages else start
         stages.append(Stage(small, exponential(start, end, n), per_node * small.size, final=False))
     # the gain draws nodes to the border: that takes wider radii and more epochs
-    wide = max(2 * last, max(lattice.shape) / 7) if varying else _FINE
+    wide = max(2 * last, max(lattice.shape) / 5) if varying else _FINE
     start = wide if stages else max(lattice.shape) / 2
-    epochs = (16 if varying else 8) if stages else 20
+    epochs = (20 if varying else 8) if stages else 20
     radii = exponential(max(start, 1.0), min(last, max(start, 1.0)), epochs)
     stages.append(Stage(lattice, radii, np.iinfo(np.int64).max, final=True))
     return stages

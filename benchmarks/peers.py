@@ -1,0 +1,316 @@
+"""What a user would otherwise take: one class each, all with fit, forward and inverse.
+
+Every peer learns from the same rows.  Those that have no inverse of their own learn
+joints from positions as a second function, which works because the arm has one branch.
+"""
+
+from __future__ import annotations
+
+import pickle
+from typing import Any
+
+import numpy as np
+import pinocchio as pin
+from numpy.typing import NDArray
+from scipy.interpolate import RBFInterpolator
+from sklearn.gaussian_process import GaussianProcessRegressor
+from sklearn.gaussian_process.kernels import RBF, ConstantKernel, WhiteKernel
+from sklearn.neighbors import KNeighborsRegressor
+from sklearn.neural_network import MLPRegressor
+
+import calib
+from calib.links import WIRINGS
+from calib.maps.lattice import Lattice
+from calib.maps.map import Map
+from calib.readouts.linked import Association
+from calib.scale import Scale
+
+Array = NDArray[np.float64]
+
+GP_ROWS = 4000
+GP_TUNED_ON = 400
+MINISOM_STEPS = 50_000
+
+
+def _held(a: Array) -> NDArray[np.bool_]:
+    """A contiguous block of at most 500 rows that hyperparameters are chosen on."""
+    rows = np.arange(len(a)) - int(0.4 * len(a))
+    return (rows >= 0) & (rows < min(500, len(a) // 10))
+
+
+class Standard:
+    """Zero mean and unit deviation in and out."""
+
+    def __init__(self, x: Array, y: Array) -> None:
+        self.mx, self.sx, self.my, self.sy = x.mean(0), x.std(0), y.mean(0), y.std(0)
+
+    def into(self, x: Array) -> Array:
+        return (x - self.mx) / self.sx
+
+    def out(self, y: Array) -> Array:
+        return y * self.sy + self.my
+
+
+class Regression:
+    """Two functions learned from the same rows: joints to position, position to joints."""
+
+    name = ""
+    note = ""
+
+    def fit(self, q: Array, x: Array, _log: calib.Samples | None = None) -> Regression:
+        self.there, self.back = self._learn(q, x), self._learn(x, q)
+        return self
+
+    def fit_forward(self, q: Array, x: Array) -> Regression:
+        self.there = self._learn(q, x)
+        return self
+
+    def _learn(self, a: Array, b: Array) -> Any:
+        scale = Standard(a, b)
+        return scale, self.make(scale.into(a), (b - scale.my) / scale.sy)
+
+    def make(self, a: Array, b: Array) -> Any:
+        raise NotImplementedError
+
+    def say(self, learned: Any, a: Array) -> Array:
+        return np.asarray(learned.predict(a))
+
+    def forward(self, q: Array) -> Array:
+        scale, learned = self.there
+        return scale.out(self.say(learned, scale.into(q)))
+
+    def inverse(self, x: Array, _near: Array) -> Array:
+        scale, learned = self.back
+        return scale.out(self.say(learned, scale.into(x)))
+
+    def size(self) -> int:
+        return len(pickle.dumps((self.there, self.back)))
+
+
+class Neighbours(Regression):
+    name = "k-nearest neighbours"
+    note = "scikit-learn, k = 5, distance weights"
+
+    def make(self, a: Array, b: Array) -> Any:
+        return KNeighborsRegressor(5, weights="distance").fit(a, b)
+
+
+class Gaussian(Regression):
+    name = "Gaussian process"
+    note = f"scikit-learn, at most {GP_ROWS:,} rows, kernel tuned on {GP_TUNED_ON}"
+
+    def make(self, a: Array, b: Array) -> Any:
+        kernel = ConstantKernel(10.0, (1e-2, 1e5)) * RBF([2.0] * a.shape[1], (0.3, 50.0))
+        kernel = kernel + WhiteKernel(1e-4, (1e-12, 1.0))
+        some = slice(None, None, max(1, len(a) // GP_TUNED_ON))
+        tuned = GaussianProcessRegressor(kernel, alpha=1e-12, random_state=0).fit(a[some], b[some])
+        rows = slice(None, None, -(-len(a) // GP_ROWS))
+        return GaussianProcessRegressor(tuned.kernel_, alpha=1e-11, optimizer=None).fit(
+            a[rows], b[rows]
+        )
+
+
+class Radial(Regression):
+    name = "RBFInterpolator"
+    note = "scipy, thin plate, 60 neighbours, smoothing by held-out rows"
+
+    def make(self, a: Array, b: Array) -> Any:
+        held = _held(a)
+        best = min(
+            (0.0, 1e-3, 1e-1),
+            key=lambda s: float(
+                np.abs(
+                    RBFInterpolator(a[~held], b[~held], neighbors=60, smoothing=s)(a[held])
+                    - b[held]
+                ).mean()
+            ),
+        )
+        return RBFInterpolator(a, b, neighbors=60, smoothing=best)
+
+    def say(self, learned: Any, a: Array) -> Array:
+        return np.asarray(learned(a))
+
+
+class Perceptron(Regression):
+    name = "MLP"
+    note = "scikit-learn, 64-64 tanh, L-BFGS, 150 iterations"
+
+    def make(self, a: Array, b: Array) -> Any:
+        return MLPRegressor(
+            hidden_layer_sizes=(64, 64),
+            activation="tanh",
+            solver="lbfgs",
+            max_iter=150,
+            alpha=1e-6,
+            random_state=0,
+        ).fit(a, b)
+
+
+class Polynomial(Regression):
+    name = "global polynomial"
+    note = "degree up to 12 by held-out rows"
+
+    def make(self, a: Array, b: Array) -> Any:
+        # into [-1, 1], Chebyshev terms of the total degree
+        low, high = a.min(0), a.max(0)
+        held = _held(a)
+
+        def terms(z: Array, degree: int) -> Array:
+            t = 2 * (z - low) / (high - low) - 1
+            u, v = (np.polynomial.chebyshev.chebvander(c, degree) for c in t.T)
+            pairs = [(i, j) for i in range(degree + 1) for j in range(degree + 1 - i)]
+            return np.stack([u[:, i] * v[:, j] for i, j in pairs], axis=1)
+
+        def gap(degree: int) -> float:
+            c = np.linalg.lstsq(terms(a[~held], degree), b[~held], rcond=None)[0]
+            return float(np.abs(terms(a[held], degree) @ c - b[held]).mean())
+
+        most = max(d for d in range(1, 13) if (d + 1) * (d + 2) / 2 < len(a) / 3)
+        degree = min(range(1, most + 1), key=gap)
+        return terms, degree, np.linalg.lstsq(terms(a, degree), b, rcond=None)[0]
+
+    def say(self, learned: Any, a: Array) -> Array:
+        terms, degree, c = learned
+        return np.asarray(terms(a, degree) @ c)
+
+    def size(self) -> int:
+        return sum(learned[2].nbytes for _, learned in (self.there, self.back))
+
+
+class Refit:
+    """Least squares of the true kinematic model: what a perfect model can give."""
+
+    name = "kinematic model, refitted"
+    note = "least squares of lengths, base and joint offsets; Pinocchio computes the kinematics"
+
+    def fit(self, q: Array, x: Array, _log: calib.Samples | None = None) -> Refit:
+        # the lengths times the sine and cosine of their offsets, and the base, are linear
+        fits = []
+        for sign in (1.0, -1.0):
+            first, both = sign * q[:, 0], sign * (q[:, 0] + q[:, 1])
+            zero, one = np.zeros(len(q)), np.ones(len(q))
+            c, s, d, e = np.cos(first), np.sin(first), np.cos(both), np.sin(both)
+            a = np.concatenate(
+                [
+                    np.stack([c, -s, d, -e, one, zero], axis=1),
+                    np.stack([s, c, e, d, zero, one], axis=1),
+                ]
+            )
+            b = np.concatenate([x[:, 0], x[:, 1]])
+            p = np.linalg.lstsq(a, b, rcond=None)[0]
+            fits.append((float(np.sum((a @ p - b) ** 2)), sign, p))
+        _, self.sign, p = min(fits, key=lambda f: f[0])
+        self.lengths = np.hypot(p[[0, 2]], p[[1, 3]])
+        turned = np.arctan2(p[[1, 3]], p[[0, 2]])
+        self.offsets = np.array([turned[0], turned[1] - turned[0]])
+        self.base = p[4:]
+        return self
+
+    def fit_forward(self, q: Array, x: Array) -> Refit:
+        return self.fit(q, x)
+
+    def forward(self, q: Array) -> Array:
+        model = pin.Model()
+        shoulder = model.addJoint(0, pin.JointModelRZ(), pin.SE3.Identity(), "shoulder")
+        first = pin.SE3(np.eye(3), np.array([self.lengths[0], 0.0, 0.0]))
+        model.addJoint(shoulder, pin.JointModelRZ(), first, "elbow")
+        data = model.createData()
+        tip = np.array([self.lengths[1], 0.0, 0.0])
+        result = np.empty((len(q), 2))
+        for row, angles in enumerate(self.sign * q + self.offsets):
+            pin.forwardKinematics(model, data, angles)
+            result[row] = data.oMi[2].act(tip)[:2]
+        return result + self.base
+
+    def inverse(self, x: Array, near: Array) -> Array:
+        a, b = self.lengths
+        d = x - self.base
+        c = np.clip((np.sum(d**2, axis=1) - a * a - b * b) / (2 * a * b), -1.0, 1.0)
+        wanted = self.sign * near + self.offsets
+        bend = np.arccos(c) * np.where(np.sin(wanted[:, 1]) < 0, -1.0, 1.0)
+        turn = np.arctan2(d[:, 1], d[:, 0]) - np.arctan2(b * np.sin(bend), a + b * np.cos(bend))
+        q = self.sign * (np.stack([turn, bend], axis=1) - self.offsets)
+        return q + 2 * np.pi * np.round((near - q) / (2 * np.pi))
+
+    def size(self) -> int:
+        return 8 * 7
+
+
+class Calib:
+    """The model that ``calib train`` leaves."""
+
+    name = "calib"
+    note = "defaults: VDSOM, readout local"
+
+    def fit(self, _q: Array, _x: Array, log: calib.Samples | None = None) -> Calib:
+        self.model = calib.train(log)
+        return self
+
+    def forward(self, q: Array) -> Array:
+        return np.asarray(self.model.forward(q))
+
+    def inverse(self, x: Array, near: Array) -> Array:
+        return np.asarray(self.model.inverse(x, near=near, nearest=True))
+
+    def size(self) -> int:
+        from calib.storage import to_bytes
+
+        return len(to_bytes(self.model))
+
+
+class MiniSomLinked:
+    """MiniSom in place of our maps, with the same links and the readout ``activity``."""
+
+    name = "MiniSom + the same links"
+    note = f"{MINISOM_STEPS:,} steps, readout activity; calib's own activity is the next row"
+
+    def fit(self, q: Array, x: Array, log: calib.Samples | None = None) -> MiniSomLinked:
+        from minisom import MiniSom
+
+        assert log is not None
+        scales = Scale.of_range(log.lower, log.upper, log.revolute), Scale.of_data(x)
+        maps = []
+        for scale, points in zip(scales, (q, x), strict=True):
+            u = scale.to_unit(points)
+            som = MiniSom(70, 70, 2, sigma=20.0, learning_rate=0.5, random_seed=0)
+            som._sigma_decay_function = lambda s, t, _m: s * (0.5 / 20.0) ** (t / MINISOM_STEPS)
+            som._learning_rate_decay_function = lambda r, t, _m: r * 0.02 ** (t / MINISOM_STEPS)
+            som.random_weights_init(u)
+            som.train(u, MINISOM_STEPS, random_order=True)
+            weights = som.get_weights().reshape(-1, 2)
+            maps.append(Map(weights, Lattice((70, 70)), scale, np.zeros((0, 4))))
+        wiring = WIRINGS["reciprocal"]
+        a, b = (
+            wiring.activity(net, scale.to_unit(points))
+            for net, scale, points in zip(maps, scales, (q, x), strict=True)
+        )
+        self.pair = Association(*maps, wiring.link(a, b), wiring)
+        return self
+
+    def forward(self, q: Array) -> Array:
+        motor, sensory = self.pair.motor.scale, self.pair.sensory.scale
+        return sensory.from_unit(self.pair.forward(motor.to_unit(q), "activity"))
+
+    def inverse(self, x: Array, near: Array) -> Array:
+        motor, sensory = self.pair.motor.scale, self.pair.sensory.scale
+        u = self.pair.inverse(sensory.to_unit(x), motor.to_unit(near), "activity")
+        return motor.from_unit(np.clip(u, 0.0, 1.0))
+
+    def size(self) -> int:
+        links = self.pair.links
+        return int(2 * 4900 * 2 * 8 + links.data.nbytes + links.indices.nbytes)
+
+
+class CalibActivity(Calib):
+    name = "calib, readout activity"
+    note = "the paper's readout"
+
+    def forward(self, q: Array) -> Array:
+        return np.asarray(self.model.forward(q, "activity"))
+
+    def inverse(self, x: Array, near: Array) -> Array:
+        return np.asarray(self.model.inverse(x, near=near, readout="activity", nearest=True))
+
+
+PEERS = (Calib, Refit, Polynomial, Gaussian, Radial, Perceptron, Neighbours)
+SLOW = (MiniSomLinked, CalibActivity)
