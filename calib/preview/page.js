@@ -5,7 +5,19 @@
   const THREE = MeshCat.THREE;
   const element = (id) => document.getElementById(id);
   const data = JSON.parse(element("calib-data").textContent);
-  const viewer = new MeshCat.Viewer(element("meshcat-pane"));
+  const pane = element("meshcat-pane");
+
+  // smoothing the edges of ten thousand lines is what a computer without a graphics card
+  // cannot do thirty times a second
+  function software() {
+    const gl = document.createElement("canvas").getContext("webgl");
+    const info = gl && gl.getExtension("WEBGL_debug_renderer_info");
+    const name = info ? gl.getParameter(info.UNMASKED_RENDERER_WEBGL) : "";
+    return /swiftshader|llvmpipe|softpipe|software|basic render/i.test(name);
+  }
+  const renderer = new THREE.WebGLRenderer({ antialias: !software(), alpha: true });
+  pane.appendChild(renderer.domElement);
+  const viewer = new MeshCat.Viewer(pane, true, renderer);
   const media = (query) => window.matchMedia(`(${query})`);
   const dark = media("prefers-color-scheme: dark");
   const still = media("prefers-reduced-motion: reduce").matches;
@@ -180,9 +192,9 @@
   }
 
   let pressed = null;
-  const pane = viewer.renderer.domElement;
-  pane.addEventListener("pointerdown", (event) => { pressed = [event.clientX, event.clientY]; });
-  pane.addEventListener("pointerup", (event) => {
+  const canvas = renderer.domElement;
+  canvas.addEventListener("pointerdown", (event) => { pressed = [event.clientX, event.clientY]; });
+  canvas.addEventListener("pointerup", (event) => {
     const [x, y] = [event.clientX, event.clientY];
     if (!pressed || Math.hypot(x - pressed[0], y - pressed[1]) > 4) return;
     const node = nearest(x, y, 16);
@@ -274,7 +286,7 @@
     // before meshcat's own controls see it
     for (const name of ["pointerdown", "pointermove", "mousedown", "mousemove"]) {
       window.addEventListener(name, (event) => {
-        if (event.target === pane) follow(event);
+        if (event.target === canvas) follow(event);
       }, true);
     }
   }

@@ -161,7 +161,7 @@ class _Drawing:
             tint = colours(scale.share(errors))
             self._layer(name, "scale", f"{_shape(part)} nodes {text}")
             edges = drawn_edges(part)
-            canvas.lines(f"{name}/lattice", points, edges, tint, 0.75)
+            canvas.lines(f"{name}/lattice", points, edges, tint)
             ends = points[edges]
             spacing = float(np.median(np.linalg.norm(ends[:, 0] - ends[:, 1], axis=1)))
             width = 0.5 if part.units.shape[1] == 2 else 0.25
