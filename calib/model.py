@@ -305,7 +305,9 @@ class Model:
         margin = self.motor.spacing
         inside = (u >= -margin) & (u <= 1.0 + margin) | self.motor.scale.periodic
         known: NDArray[np.bool_] = np.asarray(inside.all(axis=1))
-        if not self.visited.all() and known.any():
+        # a lattice of fewer dimensions than joints leaves gaps that tell nothing
+        full = getattr(self.motor.lattice, "dim", u.shape[1]) == u.shape[1]
+        if full and not self.visited.all() and known.any():
             tree = self._visited_tree
             near = np.asarray(tree.query(u[known])[0]) <= _SUPPORT * self.motor.spacing
             known[known] = near
