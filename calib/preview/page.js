@@ -117,9 +117,11 @@
   }
 
   // ------------------------------------------------------------------ words in the picture
-  const labels = data.labels.map(({ layer: name, text, at }) => (
-    { name, node: make("span", text, element("calib-labels")), at: space(at) }
-  ));
+  const labels = data.labels.map(({ layer: name, text, at, align }) => {
+    const node = make("span", text, element("calib-labels"));
+    if (align === "right") node.style.transform = "translate(-100%, -50%)";
+    return { name, node, at: space(at) };
+  });
   const screen = (point) => {
     const p = point.clone().project(viewer.camera);
     return [(p.x + 1) * 0.5 * window.innerWidth, (1 - p.y) * 0.5 * window.innerHeight, p.z];
