@@ -69,8 +69,8 @@ def episode(setting: Setting, change: str) -> Episode:
         setting.report(step.samples / n, f"{change}: sigma {step.sigma:.2f}")
         if step.samples == n:
             after = adapter.model()
-    q, old = setting.validation(samples, seed)
-    _, x = setting.validation(stream, seed)
+    q, old = setting.validation(samples, seed, 40_000)
+    _, x = setting.validation(stream, seed, 40_000)
     errors = {
         readout: {
             "trained": _error(before, q, old, readout),

@@ -76,7 +76,7 @@ def lattice_figure(setting: Setting, path: Path) -> None:
 
 def changed_figure(episodes: Mapping[str, Episode], path: Path) -> None:
     """Sensory map before a change, with its distortion there, and after it has followed."""
-    figure = _figure(12.4, 3.9 * len(episodes))
+    figure = _figure(12.4, 3.0 * len(episodes))
     axes = np.atleast_2d(figure.subplots(len(episodes), 3))
     for row, (name, e) in zip(axes, episodes.items(), strict=True):
         span = float(e.before.sensory.scale.span.mean()) * 1e3
@@ -86,13 +86,13 @@ def changed_figure(episodes: Mapping[str, Episode], path: Path) -> None:
         seen = np.isfinite(error)
         heat = node_means(e.after.sensory, e.x[seen], error[seen])
         panels = (
-            (e.before.sensory, _per_node(e.before.sensory, e.x, old), most, "distortion [mm]"),
-            (e.after.sensory, _per_node(e.after.sensory, e.x, new), most, "distortion [mm]"),
+            (e.before.sensory, node_means(e.before.sensory, e.x, old), most, "distortion [mm]"),
+            (e.after.sensory, node_means(e.after.sensory, e.x, new), most, "distortion [mm]"),
             (e.after.sensory, heat, float(np.nanquantile(heat, 0.99)), "forward error [mm]"),
         )
         titles = (f"link {name}, before adapting", "after adapting", "error after adapting")
         for ax, (net, values, top, label), title in zip(row, panels, titles, strict=True):
-            ax.plot(*(e.x[::7] * 1e3).T, ".", color="#b8c2cb", markersize=1.2, zorder=0)
+            ax.plot(*(e.x[::20] * 1e3).T, ".", color="#b8c2cb", markersize=1.2, zorder=0)
             lines = draw_lattice(ax, net, values, 1e3, (0.0, top))
             ax.set(title=title, xlabel="x [mm]", ylabel="y [mm]", aspect="equal")
             _bar(figure, lines, ax, label)
@@ -130,8 +130,11 @@ def curves_figure(episodes: Mapping[str, Episode], path: Path) -> None:
         ax.legend(frameon=False, fontsize=8)
     axes[0, 0].set_yscale("log")
     axes[0, 1].set_yscale("log")
+    axes[0, 1].set_yticks([1, 2, 5, 10, 20, 50], labels=["1", "2", "5", "10", "20", "50"])
+    axes[0, 1].minorticks_off()
     for ax in axes[1]:
         ax.set_xlabel("samples after the change")
+        ax.locator_params(axis="x", nbins=5)
     figure.savefig(path, dpi=_DPI)
 
 
@@ -146,10 +149,6 @@ def node_means(net: Map, points: Array, values: Array) -> Array:
 def distortion(net: Map, points: Array) -> Array:
     """Distance of each point to its winner, (n,), in the unit box."""
     return net.nearest(net.scale.to_unit(points))[0][:, 0]
-
-
-def _per_node(net: Map, points: Array, values: Array) -> Array:
-    return node_means(net, points, values)
 
 
 def draw_lattice(ax: Any, net: Map, heat: Array, factor: float, limits: tuple[float, float]) -> Any:
@@ -182,7 +181,7 @@ def _share_limits(row: Any) -> None:
 
 
 def _bar(figure: Any, lines: Any, ax: Any, label: str) -> None:
-    bar = figure.colorbar(lines, ax=ax, shrink=0.85, pad=0.02, extend="max")
+    bar = figure.colorbar(lines, ax=ax, shrink=0.7, aspect=18, pad=0.02, extend="max")
     bar.set_label(label)
     bar.outline.set_visible(False)
 

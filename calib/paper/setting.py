@@ -65,10 +65,10 @@ class Setting:
         arm = load_arm(ROBOT)
         return babble(arm, n or self.samples, seed=seed, noise=noise, changes=tuple(changes))
 
-    def validation(self, samples: Samples, seed: int) -> tuple[Array, Array]:
+    def validation(self, samples: Samples, seed: int, n: int | None = None) -> tuple[Array, Array]:
         """Joints and exact positions that neither training nor the tables see."""
         simulation = samples.simulation
         assert simulation is not None  # noqa: S101
         rng = np.random.default_rng(np.random.SeedSequence(seed, spawn_key=(_VALIDATION,)))
-        q = simulation.draw(2000 if self.quick else 6000, rng)
+        q = simulation.draw(2000 if self.quick else n or 6000, rng)
         return q, simulation.exact(q)

@@ -1,0 +1,102 @@
+"""The dynamic map: what its source says of elasticity, time and density."""
+
+import numpy as np
+import pytest
+
+import calib
+from calib.maps.dsom import present
+from calib.maps.lattice import Lattice
+
+
+def uniform(n, seed=0):
+    return np.random.default_rng(seed).random((n, 2))
+
+
+def step(weights, x, elasticity, rate, shape):
+    moved = weights.copy()
+    present(moved, Lattice(shape), np.atleast_2d(x), elasticity, rate)
+    return moved
+
+
+def test_one_sample_moves_a_3x3_map_as_the_source_says():
+    w, x = uniform(9, seed=3), np.array([0.2, 0.9])
+    d = np.linalg.norm(w - x, axis=1) / np.sqrt(2)  # over the diagonal of the box
+    s = d.argmin()
+    p = Lattice((3, 3)).positions() / 2  # a lattice of unit sides
+    h = np.exp(-np.sum((p - p[s]) ** 2, axis=1) / (1.5 * d[s]) ** 2)
+    expected = w + 0.1 * (d * h)[:, None] * (x - w)
+    np.testing.assert_allclose(step(w, x, 1.5, 0.1, (3, 3)), expected, atol=2e-4)
+
+
+def test_a_sample_that_stands_on_a_node_moves_nothing():
+    w = uniform(25, seed=1)
+    assert (step(w, w[7], 2.0, 0.5, (5, 5)) == w).all()
+
+
+def test_the_closer_the_winner_the_less_anything_moves():
+    w = Lattice((5, 5)).positions() / 4
+    moved = [np.abs(step(w, w[12] + gap, 2.0, 0.1, (5, 5)) - w).sum() for gap in (0.02, 0.1)]
+    assert 0 < moved[0] < 0.1 * moved[1]
+
+
+def test_elasticity_couples_the_nodes():
+    w = Lattice((9, 9)).positions() / 8
+    x = np.array([1.3, 1.3])
+    loose, tight = (np.abs(step(w, x, e, 0.1, (9, 9)) - w).max(axis=1) > 1e-6 for e in (0.5, 3.0))
+    assert loose.sum() < tight.sum() == 81
+
+
+def test_learning_does_not_depend_on_time():
+    """The same sample and the same map: the same step, however old the map is."""
+    w, x = uniform(16, seed=2), uniform(1, seed=5)
+    young = step(w, x, 2.0, 0.1, (4, 4))
+    old = w.copy()
+    present(old, Lattice((4, 4)), np.repeat(w[:1], 1000, axis=0), 2.0, 0.1)
+    np.testing.assert_allclose(old, w, atol=1e-12)
+    np.testing.assert_allclose(step(old, x, 2.0, 0.1, (4, 4)), young, atol=1e-12)
+
+
+def test_an_old_map_still_follows_a_change():
+    lattice, w = Lattice((6, 6)), Lattice((6, 6)).positions() / 10
+    first, then = 0.5 * uniform(4000), 0.5 + 0.5 * uniform(4000, seed=1)
+    errors = []
+    for samples in (first, then):
+        errors.append(np.mean(present(w.copy(), lattice, then[:200], 2.0, 0.0)))
+        present(w, lattice, samples, 2.0, 0.1)
+    errors.append(np.mean(present(w.copy(), lattice, then[:200], 2.0, 0.0)))
+    assert errors[2] < 0.3 * errors[1]
+
+
+def test_density_is_not_followed():
+    """Nine of ten samples lie in one half, yet a SOM puts more nodes there than a DSOM."""
+    rng = np.random.default_rng(0)
+    x = rng.random((6000, 2))
+    x[:5400, 0] *= 0.5
+    x[5400:, 0] = 0.5 + 0.5 * x[5400:, 0]
+    share = {
+        name: float(np.mean(calib.SOM((12, 12), name, seed=1).fit(x).weights[:, 0] < 0.5))
+        for name in ("som", "dsom")
+    }
+    assert share["som"] > share["dsom"] + 0.05
+
+
+def test_a_dsom_unfolds_and_represents_its_samples():
+    x = uniform(4000)
+    network = calib.SOM((10, 10), "dsom").fit(x)
+    assert network.topographic_error(x) < 0.1
+    assert network.quantization_error(x) < 1.6 * 0.377 / 10
+
+
+def test_the_same_seed_gives_the_same_map():
+    a, b = (calib.SOM((6, 6), "dsom", seed=4).fit(uniform(500)) for _ in range(2))
+    assert a.units.tobytes() == b.units.tobytes()
+
+
+def test_a_model_of_dsoms_answers_and_survives_a_file(tmp_path):
+    log = calib.babble(calib.load_arm("two_link"), 1500, seed=0)
+    model = calib.train(log, size=10, map="dsom")
+    model.save(tmp_path / "m.calib")
+    again = calib.load(tmp_path / "m.calib")
+    assert model.about.errors["activity"]["forward"]["distance"]["mean"] < 0.04
+    q = log.q[:5]
+    assert again.forward(q, "activity") == pytest.approx(model.forward(q, "activity"), nan_ok=True)

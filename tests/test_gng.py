@@ -1,0 +1,121 @@
+"""Growing neural gas: ages, insertion, removal, growth, and what a gain does to it."""
+
+import numpy as np
+import pytest
+
+import calib
+from calib.maps.gng import Gas, Pace, insert, present
+from calib.maps.graph import Graph
+
+
+def uniform(n, seed=0):
+    return np.random.default_rng(seed).random((n, 2))
+
+
+def gas(weights, pairs, age=None, error=None):
+    weights = np.array(weights, dtype=float)
+    pairs = np.array(pairs, dtype=np.intp).reshape(-1, 2)
+    age = np.zeros(len(pairs)) if age is None else np.array(age, dtype=float)
+    error = np.zeros(len(weights)) if error is None else np.array(error, dtype=float)
+    return Gas(weights, error, pairs, age)
+
+
+def edges(g):
+    return {tuple(p): a for p, a in zip(g.pairs.tolist(), g.age.tolist(), strict=True)}
+
+
+def test_one_sample_does_what_the_source_says():
+    g = gas([[0.0], [1.0], [3.0]], [[0, 1], [0, 2]], age=[4, 7])
+    present(g, np.array([[0.2]]), Pace(winner=0.1, neighbour=0.01, decay=0.9))
+    # node 0 wins, node 1 is second: the winner moves by epsilon_b, both neighbours by
+    # epsilon_n, the edge to the second is renewed, the other edge of the winner ages
+    np.testing.assert_allclose(g.weights[:, 0], [0.02, 1 - 0.008, 3 - 0.028], atol=1e-12)
+    assert edges(g) == {(0, 1): 0.0, (0, 2): 8.0}
+    np.testing.assert_allclose(g.error, [0.9 * 0.04, 0.0, 0.0])
+
+
+def test_edges_of_the_winner_alone_grow_older():
+    g = gas([[0.0], [1.0], [5.0], [6.0]], [[0, 1], [2, 3]], age=[3, 3])
+    present(g, np.array([[0.1]]), Pace())
+    assert edges(g) == {(0, 1): 0.0, (2, 3): 3.0}
+
+
+def test_the_two_nearest_nodes_are_joined():
+    g = gas([[0.0], [1.0], [5.0]], [[0, 2], [1, 2]])
+    present(g, np.array([[0.4]]), Pace())
+    assert (0, 1) in edges(g)
+
+
+def test_an_edge_beyond_the_oldest_age_is_removed_and_a_node_without_edges_too():
+    g = gas([[0.0], [1.0], [5.0]], [[0, 1], [0, 2]], age=[0, 50])
+    present(g, np.array([[0.1]]), Pace(oldest=50))
+    assert edges(g) == {(0, 1): 0.0}
+    assert len(g.weights) == len(g.error) == 2
+
+
+def test_a_node_is_inserted_between_the_worst_and_its_worst_neighbour():
+    g = gas([[0.0], [1.0], [3.0], [9.0]], [[0, 1], [1, 2], [2, 3]], error=[1, 8, 4, 2])
+    new = insert(g, Pace(shared=0.5))
+    assert g.weights[new] == pytest.approx(2.0)
+    assert set(edges(g)) == {(0, 1), (2, 3), (1, new), (2, new)}
+    np.testing.assert_allclose(g.error, [1, 4, 2, 2, 4])
+
+
+def test_a_gas_grows_to_its_size_and_follows_its_samples():
+    x = uniform(3000)
+    network = calib.SOM((10, 10), "gng").fit(x)
+    assert 95 <= network.size <= 100
+    assert network.quantization_error(x) < 1.15 * 0.377 / 10
+    assert network.topographic_error(x) < 0.05
+    assert network.history[0, 0] < network.history[-1, 0]
+
+
+def test_a_gas_leaves_a_hole_empty_that_a_lattice_crosses():
+    x = uniform(6000)
+    x = x[np.linalg.norm(x - 0.5, axis=1) > 0.3]
+    gap = {}
+    for name in ("som", "gng"):
+        w = calib.SOM((10, 10), name).fit(x).weights
+        gap[name] = int(np.sum(np.linalg.norm(w - 0.5, axis=1) < 0.22))
+    assert gap["gng"] == 0 < gap["som"]
+
+
+def test_a_gain_decides_where_nodes_are_inserted():
+    x = uniform(3000)
+
+    def right(visit):
+        return np.where(visit.weights[visit.winners, 0] > 0.5, 30.0, 1.0)
+
+    grown = Gas(x[:2].copy(), np.zeros(2))
+    pace = Pace(decay=0.999)
+    for k in range(0, 3000, 10):
+        present(grown, x[k : k + 10], pace, right)
+        if k % 50 == 0:
+            insert(grown, pace)
+    assert np.mean(grown.weights[:, 0] > 0.5) > 0.6
+
+
+def test_a_graph_answers_what_a_lattice_does():
+    graph = Graph(4, np.array([[0, 1], [1, 2], [1, 3]]))
+    assert graph.shape == (4,)
+    assert graph.degree.tolist() == [1, 3, 1, 1]
+    i, j = np.array([0, 1, 3, 2]), np.array([1, 0, 2, 2])
+    assert graph.adjacent(i, j).tolist() == [True, True, False, True]
+
+
+def test_the_same_seed_gives_the_same_gas():
+    a, b = (calib.SOM((6, 6), "gng:density", seed=4).fit(uniform(500)) for _ in range(2))
+    assert a.units.tobytes() == b.units.tobytes()
+    assert (a.edges == b.edges).all()
+
+
+def test_a_model_of_gases_survives_a_file(tmp_path):
+    log = calib.babble(calib.load_arm("two_link"), 1500, seed=0)
+    model = calib.train(log, size=10, map="gng")
+    model.save(tmp_path / "m.calib")
+    again = calib.load(tmp_path / "m.calib")
+    assert (again.motor.edges == model.motor.edges).all()
+    assert again.motor.lattice.shape == (model.motor.size,)
+    assert model.about.errors["activity"]["forward"]["distance"]["mean"] < 0.03
+    q = log.q[:5]
+    np.testing.assert_array_equal(again.forward(q), model.forward(q))

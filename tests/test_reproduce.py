@@ -1,0 +1,135 @@
+"""The paper's experiments: what they hold, and a small run of the command line."""
+
+import csv
+import json
+
+import numpy as np
+import pytest
+
+import calib
+from calib.paper.experiments import crowded
+from calib.paper.published import COLUMNS, TABLE1, TABLE2
+from calib.paper.search import best_schedule, candidates
+from calib.paper.setting import Setting
+from calib.paper.tables import Table, printed
+from calib.paper.trial import Schedule, joined
+
+
+def test_the_papers_tables_are_as_printed():
+    assert TABLE1["som"]["x"] == (2.6, 26.0)
+    assert TABLE1["vdsom"]["elbow"] == (0.44, 5.36)
+    assert TABLE2[70] == TABLE1["vdsom"]
+    assert TABLE2[30]["shoulder"] == (0.91, 4.6)
+
+
+def test_json_holds_the_papers_figures_in_si_units():
+    assert printed(TABLE1)["vdsom"]["x"]["max"] == pytest.approx(0.0117)
+    assert printed(TABLE1)["som"]["shoulder"]["mean"] == pytest.approx(np.radians(0.37))
+
+
+def test_rows_of_several_seeds_are_their_mean_and_spread():
+    def result(value):
+        cell = {"mean": value, "max": 2 * value, "p99": value}
+        sides = {"forward": {"x": cell, "distance": cell}, "inverse": {"elbow": cell}}
+        return {"errors": {"activity": sides}, "ranges": {"x": 2.0, "elbow": 4.0}}
+
+    row = joined([result(1.0), result(3.0)])["activity"]
+    assert row["x"]["mean"] == 2.0
+    assert row["x"]["mean_spread"] == 1.0
+    assert row["x"]["max"] == 4.0
+    assert row["x"]["mean_of_range"] == 1.0
+    assert row["elbow"]["max_of_range"] == 1.0
+    assert row["forward_distance"]["mean"] == 2.0
+
+
+def test_csv_keeps_numbers_in_full_and_empty_cells_empty():
+    table = Table("t", "title", ("a", "b"), [("x, y", 1 / 3), ("z", None)])
+    assert table.csv() == f'a,b\n"x, y",{1 / 3!r}\nz,\n'
+
+
+def test_schedules_are_chosen_on_points_that_no_table_sees():
+    setting = Setting.of(quick=True)
+    samples = setting.babble(0)
+    q, x = setting.validation(samples, 0)
+    np.testing.assert_array_equal(x, samples.simulation.exact(q))
+    model = calib.train(samples, size=4)
+    tested = samples.simulation.draw(
+        10_000, np.random.default_rng(np.random.SeedSequence(0, spawn_key=(4,)))
+    )
+    assert not np.isin(q[:, 0], tested[:, 0]).any()
+    assert not np.isin(q[:, 0], samples.q[:, 0]).any()
+    assert model.about.errors
+
+
+def test_every_network_is_offered_the_same_schedules():
+    setting = Setting.of()
+    offered = candidates(setting)
+    assert Schedule() in offered
+    assert len(set(offered)) == len(offered) > 10
+
+
+def test_the_best_schedule_comes_first_and_is_the_same_each_time():
+    setting = Setting(8, (8,), 600, (0,), quick=True)
+    a, b = (best_schedule(setting, "som") for _ in range(2))
+    assert a == b
+    assert [f.score for f in a] == sorted(f.score for f in a)
+
+
+def test_crowding_keeps_the_number_of_rows_and_draws_the_border_more_often():
+    samples = calib.babble(calib.load_arm("two_link"), 5000, seed=0)
+
+    def near(log):
+        u = (log.q - log.lower) / (log.upper - log.lower)
+        return float(np.mean(np.minimum(u, 1 - u).min(axis=1) < 0.05))
+
+    few, many = near(samples), near(crowded(samples, 10, 0))
+    assert len(crowded(samples, 10, 0)) == 5000
+    assert many == pytest.approx(10 * few / (1 + 9 * few), rel=0.05)
+    assert crowded(samples, 1, 0) is samples
+
+
+def test_the_same_schedule_gives_the_paper_its_ratio():
+    """At a last radius of 2 nodes the varying density is far ahead, as in Table 1."""
+    log = calib.babble(calib.load_arm("two_link"), 8000, seed=0)
+    som, vdsom = (
+        calib.train(log, size=30, map=name, epochs=15, sigma=(15.0, 2.0)).about.errors["activity"]
+        for name in ("som", "vdsom")
+    )
+    for side, column in (("forward", "x"), ("forward", "y")):
+        assert vdsom[side][column]["mean"] < 0.6 * som[side][column]["mean"]
+        assert vdsom[side][column]["max"] < 0.7 * som[side][column]["max"]
+    for joint in ("shoulder", "elbow"):
+        assert vdsom["inverse"][joint]["mean"] < 0.8 * som["inverse"][joint]["mean"]
+
+
+def test_a_quick_run_writes_tables_and_one_json_document(run, tmp_path):
+    done = run("reproduce", "table2", "--quick", "--json", "-o", tmp_path)
+    assert done.code == 0, done.err
+    table = done.document["table2"]
+    assert set(table) >= {"8x8", "12x12", "paper"}
+    cell = table["12x12"]["activity"]["x"]
+    assert set(cell) >= {"mean", "max", "p99", "mean_spread", "mean_of_range"}
+    assert set(table["12x12"]) == {"winner", "activity", "local"}
+    with (tmp_path / "table2.csv").open() as file:
+        rows = list(csv.DictReader(file))
+    assert len(rows) == 2 * 3 * len(COLUMNS)
+    row = next(r for r in rows if r["network"] == "VDSOM 12x12" and r["readout"] == "activity")
+    assert float(row["mean"]) == pytest.approx(1e3 * cell["mean"])
+
+
+def test_figures_and_curves_of_the_adaptation_are_drawn(run, tmp_path):
+    done = run("reproduce", "adaptation", "--quick", "--json", "-o", tmp_path)
+    assert done.code == 0, done.err
+    found = json.loads(json.dumps(done.document["adaptation"]))
+    for name in ("lengthened", "shortened"):
+        errors = found[name]["errors"]["activity"]
+        assert errors["adapted"]["mean"] < 0.6 * errors["changed"]["mean"]
+        assert found[name]["distortion"]["adapted"] < found[name]["distortion"]["changed"]
+    for picture in ("changed.png", "adaptation.png"):
+        assert (tmp_path / picture).read_bytes().startswith(b"\x89PNG")
+
+
+def test_what_cannot_be_reproduced_is_refused_with_the_choices(run):
+    done = run("reproduce", "table3")
+    assert done.code == 2
+    assert "table1" in done.err
