@@ -30,7 +30,7 @@ Array = NDArray[np.float64]
 LEAST_ROWS = 10
 """Fewest rows that anything can be learned and checked from."""
 
-_BOUND_SAMPLES = 6000
+_BOUND_SAMPLES = 12_000
 _TEST_SAMPLES = 10_000
 
 

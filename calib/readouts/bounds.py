@@ -12,6 +12,7 @@ Array = NDArray[np.float64]
 
 COVERAGE = 0.95
 _AROUND = 50  # held-out errors that tell the scale around a node
+_PASSES = 4  # over the two groups of nodes
 _BORDER = 1.5  # nodes within so many spacings of a limit form a group of their own
 
 
@@ -48,14 +49,18 @@ def learn_bounds(motor: Map, u: Array, errors: Array, doubt: Array | None = None
     doubt = np.maximum(doubt, floor)
     nodes = doubt[: motor.size]
     border = near_border(motor, u)
-    bound = np.empty(motor.size)
-    for group, of in ((False, ~border), (True, border)):
-        chosen = of if np.count_nonzero(of) >= 40 else np.ones(len(u), dtype=bool)
-        ratio = np.sort(errors[chosen] / blend_nodes(motor, nodes, u[chosen]))
-        # the finite-sample quantile of conformal prediction
-        rank = min(len(ratio) - 1, int(np.ceil((len(ratio) + 1) * COVERAGE)) - 1)
-        mine = near_border(motor, motor.units) == group
-        bound[mine] = nodes[mine] * ratio[rank]
+    bound = nodes.copy()
+    index, weight = blend(motor, u, blend_size(u.shape[1]))
+    edge = near_border(motor, motor.units)
+    # both groups' nodes speak for samples between them: again, until both fit
+    for _ in range(_PASSES):
+        for group, of in ((False, ~border), (True, border)):
+            chosen = of if np.count_nonzero(of) >= 40 else np.ones(len(u), dtype=bool)
+            said = np.einsum("nm,nm->n", weight[chosen], bound[index[chosen]])
+            ratio = np.sort(errors[chosen] / said)
+            # the finite-sample quantile of conformal prediction
+            rank = min(len(ratio) - 1, int(np.ceil((len(ratio) + 1) * COVERAGE)) - 1)
+            bound[edge == group] *= ratio[rank]
     return bound
 
 

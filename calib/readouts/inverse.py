@@ -122,8 +122,8 @@ class Solver:
         folds = np.flatnonzero(folded)
         if len(folds):
             row, twin = twins(self.newton, u[folds])
-            row = folds[row]
-            self._take_better(u, left, row, *self.newton.refine(twin, x[row]), near)
+            owner = folds[row]
+            self._take_better(u, left, owner, *self.newton.refine(twin, x[owner]), near)
         return u, left
 
     @property
@@ -196,9 +196,14 @@ class Solver:
 
     def solutions(self, x: Array) -> tuple[Index, Array, Array]:
         """Solutions of each target as `solve_all` finds them, many of each family."""
-        start, _, _ = self.starts.of(x)
+        start, _, folded = self.starts.of(x)
         target, column = np.nonzero(~np.isnan(start[..., 0]))
-        u, left = self.newton.refine(start[target, column], x[target])
+        u = start[target, column]
+        if folded.any():
+            # where branches meet they can change much between neighbouring nodes
+            row, more = self.starts.propose(x[folded], _WIDE)
+            target, u = np.append(target, np.flatnonzero(folded)[row]), np.concatenate([u, more])
+        u, left = self.newton.refine(u, x[target])
         if u.shape[1] == 2:
             row, other = twins(self.newton, u)
             other, other_left = self.newton.refine(other, x[target[row]])
