@@ -154,7 +154,7 @@ def page(real: list[dict[str, Any]], rows: list[dict[str, Any]]) -> str:
         f"`two_link`, the same rows for all, {TESTS:,} exact test points.  Noise is that of the "
         "sensor along each axis.  Inverse: distance from the target to where the answered joints "
         'really lead.  "Refused": test points that calib says it has seen no sample near, '
-        "left out of its errors.  Noise-free micrometres are the interpolation of a smooth function: the "
+        "left out of its errors.  Noise-free micrometres interpolate a smooth function: the "
         "position of a planar arm is a harmonic polynomial of its joint angles, which calib's "
         "trend can represent exactly.  They say that nothing is lost, not that an arm is so "
         "precise.  The refitted kinematic model knows that the arm has two links; nobody else "
