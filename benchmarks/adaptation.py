@@ -93,19 +93,19 @@ def smallest(quick: bool) -> list[dict[str, Any]]:
     arm, model = calib.load_arm("two_link"), trained(1e-3)
     kinds: dict[str, tuple[Callable[[float], str], tuple[float, ...]]] = {
         "elbow link [mm]": (
-            lambda v: f"elbow.length={0.25 + 1e-3 * v!r}",
+            lambda v: f"elbow.length={0.25 + 1e-3 * v:.6f}",
             (0.1, 0.2, 0.3, 0.4, 0.6, 0.8, 1.2, 2.0),
         ),
         "elbow encoder [deg]": (
-            lambda v: f"elbow.offset={np.deg2rad(v)!r}",
+            lambda v: f"elbow.offset={float(np.deg2rad(v))!r}",
             (0.02, 0.04, 0.06, 0.08, 0.1, 0.15, 0.2, 0.4),
         ),
         "camera turned [deg]": (
-            lambda v: f"sensor.rotate={np.deg2rad(v)!r}",
+            lambda v: f"sensor.rotate={float(np.deg2rad(v))!r}",
             (0.02, 0.04, 0.06, 0.08, 0.1, 0.15, 0.2, 0.4),
         ),
         "camera shifted [mm]": (
-            lambda v: f"sensor.shift={1e-3 * v!r},0",
+            lambda v: f"sensor.shift={1e-3 * v:.6f},0",
             (0.1, 0.2, 0.3, 0.4, 0.6, 0.8, 1.2, 2.0),
         ),
     }
@@ -216,9 +216,11 @@ def online(quick: bool) -> list[dict[str, Any]]:
         truth = stream.simulation.exact(q)
         horizon = 4_000 if quick else 10_000
         settled = None
-        for step, adapter in follow(model, stream.q, stream.x, horizon=horizon):
+        steps = list(follow(model, stream.q, stream.x, horizon=horizon))
+        for step, _ in steps:
             below = step.adapting and step.zeta_sensory < step.threshold
             settled = (settled or step.samples) if below else None
+        step, adapter = steps[-1]
         followed = adapter.model()
         fresh = calib.train(calib.babble(arm, 20_000, seed=1, changes=[change]), size=70)
         row: dict[str, Any] = {

@@ -13,12 +13,13 @@ from ..drift.baseline import learn_baseline
 from ..drift.sanity import Comparable, comparable
 from ..errors import OptionError
 from ..evaluation import evaluate_residuals, figures, summarise
-from ..features import Frame
+from ..features import Frame, find_chain
 from ..learning import STREAMS, Progress
 from ..model import Model
-from ..outliers import find_outliers
+from ..outliers import find_outliers, spread_points
 from ..readouts.bounds import learn_bounds
 from ..readouts.selection import better, blocks
+from ..robust import solve
 from .correction import Correction, choose_correction
 from .online import BLOCK, HORIZON, OnlineAdapter
 from .rehearsal import rehearse
@@ -272,7 +273,28 @@ def _frame(model: Model, correction: Correction, u: Array, x: Array) -> Alignmen
     gap = np.linalg.norm(x - said, axis=1)
     if float(affine.errors.mean()) > _EXPLAINED * float(gap.mean()):
         return None
-    return Alignment.between(said, correction.smooth.value(u))
+    frame = Alignment.between(said, correction.smooth.value(u))
+    return None if _is_offset(model, frame, float(gap.mean())) else frame
+
+
+def _is_offset(model: Model, frame: Alignment, moved: float) -> bool:
+    """Whether a turn about the first joint, its encoder's offset, is the same as a frame."""
+    if not model.about.revolute[0] or frame.mirrored:
+        return False
+    points, positions = spread_points(model.predictor.value, len(model.about.joint_names))
+    chain = find_chain(model.motor.scale, model.about.revolute, points, positions)
+    if chain is None:
+        return False
+    # the constant of the chain is where the first joint stands
+    base = solve(chain.values(points), positions)[0]
+    turn = np.array(
+        [
+            [np.cos(frame.angle), -np.sin(frame.angle)],
+            [np.sin(frame.angle), np.cos(frame.angle)],
+        ]
+    )
+    gap = (positions - base) @ turn.T + base - frame.apply(positions)
+    return float(np.linalg.norm(gap, axis=1).mean()) < _EXPLAINED * moved
 
 
 def _notes(model: Model, correction: Correction, u: Array, x: Array, outliers: int) -> list[str]:
@@ -281,6 +303,12 @@ def _notes(model: Model, correction: Correction, u: Array, x: Array, outliers: i
     if frame is not None:
         notes += frame.loud()
         notes.append(f"the sensor's frame moved: {frame.words(model.about.unit)}")
+    elif correction.name == "sensor frame":
+        turned = Alignment.between(model.predictor.value(u), correction.smooth.value(u)).angle
+        notes.append(
+            f"{model.about.joint_names[0]} is off by {np.degrees(turned):.3g} deg, or the sensor "
+            "was turned about its axis: the same to this log, taken as the former"
+        )
     points = np.random.default_rng(0).random((300, u.shape[1]))
     for name in _lost(model, correction, points):
         notes.append(

@@ -39,7 +39,7 @@ _GLANCE = 5  # one sample in so many tells the error
 _WINDOW = 200.0  # samples that a running mean remembers
 _SIGMA_END = 0.5  # neighbourhood radius once settled [nodes]
 _ALPHA = (0.5, 0.05)  # learning rate just after a reset and once settled
-_ETA = 0.3  # eta_init of eq. 12
+_ETA = 0.13  # eta_init of eq. 12: eta beta stays below 1, where eq. 11 is stable
 _BETA = 1.0  # beta_init of eq. 12
 _KEPT = 20_000  # latest samples that the local models are fitted to
 _FIRED = 4.0  # standard deviations of a running mean that are no chance
@@ -157,7 +157,7 @@ class OnlineAdapter:
         wiring = self._model.association.wiring
         t = np.minimum(self._since + np.arange(len(u)), self._horizon)
         beta = _BETA * np.exp(1.0 - t / self._horizon)  # eq. 12
-        eta = np.minimum(_ETA * np.exp(1.0 - t / self._horizon), 1.0 / beta)
+        eta = _ETA * np.exp(1.0 - t / self._horizon)
         a = wiring.activity(self._map("motor"), u).toarray()
         b = wiring.activity(self._map("sensory"), v).toarray()
         for a_motor, a_sensory, e, f in zip(a, b, eta, beta, strict=True):

@@ -23,7 +23,7 @@ if TYPE_CHECKING:
 
 Array = NDArray[np.float64]
 
-_SIGMAS = 3.1  # standard deviations that chance exceeds once in 1,000
+_SIGMAS = 4.0  # skewed as the distances are, chance exceeds so many once in 1,000
 _DRAWS = 40  # undisturbed logs that are imagined for the reverse distortion
 _MOST = 1000  # rows that it looks at
 _GRAIN = 1e-6  # share of the extent below which nothing counts as drift

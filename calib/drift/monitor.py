@@ -26,6 +26,7 @@ FALSE_ALARM = 1e-6
 """Share of the samples of an undisturbed stream that raise an alarm, nominally."""
 
 _WARM = 20  # samples before the first judgement
+_MOST, _DOUBTED = 100.0, 4.0  # largest ratio of distortions, of a sample that is clipped
 _CLIP = 8.0  # a residual counts for at most so many standard deviations of the recent ones
 
 
@@ -133,8 +134,10 @@ class Monitor:
         size = math.hypot(residual[0], residual[1])
         usual = self._usual or self._noise
         self._usual = usual + 0.05 * (min(size, 3.0 * usual) - usual)
+        most = _MOST
         if size > _CLIP * max(usual, self._noise):
             residual *= _CLIP * max(usual, self._noise) / size
+            most = _DOUBTED
         away, winner = self._nearest((position - self._origin) / self._size)
         fade = self._fade
         phi = self._features(joints, said)
@@ -145,7 +148,7 @@ class Monitor:
         self._power = fade * self._power + residual[0] ** 2 + residual[1] ** 2
         self._weight = fade * self._weight + 1.0
         self._square = fade * fade * self._square + 1.0
-        ratio = min(away * away / self._expected[winner], 100.0)
+        ratio = min(away * away / self._expected[winner], most)
         self._ratio = fade * self._ratio + ratio
         self._samples += 1
         if self._samples >= _WARM:

@@ -1,0 +1,258 @@
+"""Few-shot adaptation: facts about what few samples are enough for."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from drifting import arm, error, log, model
+
+import calib
+from calib.adaptation.correction import choose_correction
+from calib.adaptation.smooth import fit_smooth
+from calib.alignment import Alignment
+from calib.features import Frame, find_chain
+from calib.robust import inliers, robust_solve, solve
+
+CHANGES = {
+    "link": ("elbow.length=+20%",),
+    "links": ("shoulder.length=-10%", "elbow.length=-20%"),
+    "camera": ("sensor.rotate=0.14", "sensor.shift=0.03,0", "sensor.scale=1.05"),
+    "encoders": ("shoulder.offset=0.0524", "elbow.offset=-0.0349"),
+    "mirror": ("sensor.mirror=x",),
+}
+
+
+@pytest.mark.parametrize("name", CHANGES)
+def test_thirty_exact_samples(name):
+    samples = log(*CHANGES[name], n=30, noise=0.0)
+    assert error(model(), samples) > 0.01
+    assert error(model().adapt(samples), samples) < 2e-5
+
+
+@pytest.mark.parametrize("name", ["link", "mirror"])
+def test_a_hundred_noisy_samples_with_outliers(name):
+    samples = log(*CHANGES[name], "sensor.outliers=0.05", n=100)
+    found = calib.adapt(model(), samples)
+    assert found.improved
+    assert found.outliers >= 2
+    assert error(found.model, samples) < 5e-4
+    # held-out rows tell what is left: the noise itself
+    assert found.after["mean"] == pytest.approx(1.25e-3, rel=0.3)
+
+
+def test_a_bent_frame():
+    samples = log(n=100, noise=0.0)
+
+    def bent(x):
+        away = x - np.array([0.2, 0.25])
+        return x + 0.8 * np.sum(away**2, axis=1, keepdims=True) * away
+
+    seen = replace(samples, x=bent(samples.x), simulation=None)
+    found = calib.adapt(model(), seen)
+    q = np.random.default_rng(3).uniform(arm().lower, arm().upper, (500, 2))
+    truth = bent(samples.simulation.exact(q))
+    assert np.linalg.norm(found.model.forward(q) - truth, axis=1).mean() < 2e-5
+    assert "bent" in found.correction
+
+
+def test_the_old_model_is_left_as_it_was():
+    before = model().forward([0.5, 1.0])
+    adapted = model().adapt(log("elbow.length=+20%", n=30))
+    assert np.array_equal(model().forward([0.5, 1.0]), before)
+    assert model().history == ()
+    assert not np.allclose(adapted.forward([0.5, 1.0]), before)
+
+
+def test_nothing_to_improve():
+    found = calib.adapt(model(1e-3), log(n=100))
+    assert not found.improved
+    assert found.model is model(1e-3)
+
+
+def test_never_worse_than_from_scratch():
+    samples = log("elbow.length=+20%", n=100)
+    alone = calib.train(replace(samples, simulation=None), size=30)
+    assert error(model().adapt(samples), samples) <= error(alone, samples) * 1.05
+
+
+def test_the_log_alone_where_the_old_map_is_of_no_use():
+    samples = log(n=300, noise=1e-4)
+    strange = replace(samples, x=np.sin(3 * samples.q), simulation=None)
+    found = calib.adapt(model(), strange)
+    q = np.random.default_rng(3).uniform(arm().lower, arm().upper, (500, 2))
+    assert np.linalg.norm(found.model.forward(q) - np.sin(3 * q), axis=1).mean() < 0.01
+
+
+def test_beyond_the_log_the_smooth_part_of_the_correction_holds():
+    samples = log("sensor.shift=0.02,0.01", n=600)
+    corner = samples.take((samples.q < arm().lower + 0.4 * (arm().upper - arm().lower)).all(axis=1))
+    found = calib.adapt(model(), corner)
+    assert error(model(), samples) > 0.02
+    assert error(found.model, samples) < 0.004
+    assert any("covers" in note for note in found.notes)
+
+
+def test_bounds_grow_where_the_log_says_nothing():
+    samples = log("elbow.length=+10%", n=600)
+    low = samples.take(samples.q[:, 0] < 0.5)
+    adapted = calib.adapt(model(), low).model
+    near, far = adapted.expected_error([[0.25, 1.5], [1.5, 1.5]])
+    assert far > near
+
+
+@pytest.mark.parametrize("readout", ["activity", "winner"])
+def test_the_maps_follow_too(readout):
+    samples = log("elbow.length=+20%", n=100, noise=0.0)
+    adapted = model().adapt(samples)
+    q = np.random.default_rng(7).uniform(arm().lower, arm().upper, (500, 2))
+    gap = np.linalg.norm(adapted.forward(q, readout) - samples.simulation.exact(q), axis=1)
+    assert gap.mean() < 0.025
+    x = samples.simulation.exact(q)
+    assert np.nanmax(np.abs(adapted.inverse(x, near=q) - q)) < 1e-6
+
+
+def test_a_shorter_arm_does_not_promise_its_old_reach():
+    adapted = model().adapt(log("elbow.length=-40%", n=100))
+    stretched = model().forward([0.3, 0.3])
+    assert np.isfinite(model().inverse(stretched)).all()
+    assert np.isnan(adapted.inverse(stretched)).all()
+
+
+def test_a_locked_joint_is_told_plainly():
+    samples = log("elbow.lock=1.0", n=60)
+    found = calib.adapt(model(), samples)
+    assert found.improved
+    assert any("elbow" in n and "lost a degree of freedom" in n for n in found.notes)
+    assert error(found.model, samples) < 1e-3
+
+
+@pytest.mark.parametrize(
+    ("change", "words"),
+    [
+        ("sensor.scale=1000", "1000 times the model's.*--unit mm"),
+        ("sensor.mirror=y", "mirrored"),
+    ],
+)
+def test_what_must_be_said_aloud(change, words):
+    found = calib.adapt(model(), log(change, n=60, noise=0.0))
+    import re
+
+    assert any(re.search(words, note) for note in found.notes)
+    assert found.improved
+
+
+def test_exchanged_axes_are_said_aloud():
+    samples = log(n=60)
+    found = calib.adapt(model(), replace(samples, x=samples.x[:, ::-1], simulation=None))
+    assert any("x and y" in note and "exchanged" in note for note in found.notes)
+
+
+def test_history_is_kept_inside(tmp_path):
+    once = model().adapt(log("elbow.length=+20%", n=60))
+    twice = once.adapt(log("elbow.length=-20%", n=60))
+    assert len(twice.history) == 2
+    assert twice.history[0] == once.history[0]
+    assert twice.history[0]["from"]["source"] == "simulation"
+    twice.save(tmp_path / "m.calib")
+    assert calib.load(tmp_path / "m.calib").history == twice.history
+
+
+def test_same_log_same_bytes():
+    from calib.storage import to_bytes
+
+    samples = log("elbow.length=+20%", n=60)
+    assert to_bytes(model().adapt(samples)) == to_bytes(model().adapt(samples))
+
+
+def test_an_adapted_model_is_calibrated():
+    adapted = model().adapt(log("elbow.length=+20%", n=100))
+    assert not adapted.check(log("elbow.length=+20%", seed=9)).drifted
+    assert adapted.check(log(seed=9)).drifted
+
+
+def test_expected_errors_hold():
+    samples = log("elbow.length=+20%", n=200)
+    adapted = model().adapt(samples)
+    fresh = log("elbow.length=+20%", n=2000, seed=4)
+    inside = np.linalg.norm(adapted.forward(fresh.q) - fresh.x, axis=1) <= (
+        adapted.expected_error(fresh.q)
+    )
+    assert inside.mean() > 0.9
+
+
+def test_online_method_needs_thousands_and_says_what_it_did():
+    found = calib.adapt(model(), log("elbow.length=+20%", n=3000, noise=0.0), method="online")
+    assert found.improved
+    assert found.model.history[0]["method"] == "online"
+    assert any("were shown" in note for note in found.notes)
+
+
+def test_unknown_method():
+    with pytest.raises(calib.OptionError, match="few-shot, online"):
+        calib.adapt(model(), log(), method="magic")
+
+
+def test_robust_regression_ignores_a_tenth_of_nonsense():
+    rng = np.random.default_rng(0)
+    features = np.column_stack([np.ones(100), rng.standard_normal((100, 2))])
+    truth = np.array([[1.0, 2.0], [3.0, -1.0], [0.5, 0.0]])
+    x = features @ truth
+    x[:10] += 100 * rng.standard_normal((10, 2))
+    assert np.abs(robust_solve(features, x) - truth).max() < 1e-6
+    assert np.abs(solve(features, x) - truth).max() > 0.1
+    assert np.array_equal(np.flatnonzero(~inliers([features], x)), np.arange(10))
+
+
+def test_a_chain_of_links_is_found_with_its_senses():
+    u = np.random.default_rng(0).random((200, 2))
+    scale = model().motor.scale
+    q = scale.from_unit(u)
+    for sense in (1, -1):
+        angle = q[:, 0] + sense * q[:, 1]
+        x = np.stack([np.cos(q[:, 0]) + np.cos(angle), np.sin(q[:, 0]) + np.sin(angle)], axis=1)
+        chain = find_chain(scale, (True, True), u, x)
+        assert chain.senses == (1, sense)
+    assert find_chain(scale, (True, True), u, q**3) is None
+
+
+def test_held_out_errors_are_those_of_fits_without_the_row():
+    samples = log("sensor.shift=0.02,0", n=25)
+    u = model().motor.scale.to_unit(samples.q)
+    old = model().predictor.value
+    frame = Frame.of(old(u), 1)
+    folds = [np.array([k]) for k in range(25)]
+    fitted = fit_smooth(old, frame, None, u, samples.x, folds)
+    rest = np.arange(1, 25)
+    alone = fit_smooth(old, frame, None, u[rest], samples.x[rest], folds[:-1])
+    said = frame.values(old(u[:1])) @ alone.moved
+    assert fitted.errors[0] == pytest.approx(np.linalg.norm(samples.x[0] - said), rel=1e-6)
+
+
+def test_simplest_correction_that_explains_the_log():
+    samples = log("sensor.shift=0.02,0.01", n=100)
+    chosen = choose_correction(
+        model().predictor.value,
+        model().motor,
+        (True, True),
+        model().motor.scale.to_unit(samples.q),
+        samples.x,
+        np.random.default_rng(0),
+    )
+    assert chosen.name == "sensor frame"
+    assert chosen.detail is None
+
+
+def test_alignment_in_words():
+    turned = Alignment(np.array([[0.0, -1.0], [1.0, 0.0]]) * 1.05, np.array([0.03, 0.0]))
+    assert turned.angle == pytest.approx(np.pi / 2)
+    assert turned.scale == pytest.approx(1.05)
+    assert not turned.mirrored
+    assert turned.words("m") == "turned 90 deg, scaled 1.05, shifted 30, 0 mm"
+    mirror = Alignment(np.diag([-1.0, 1.0]), np.zeros(2))
+    assert mirror.mirrored
+    assert not mirror.swapped
+    assert mirror.loud() == ["the log's positions are mirrored, compared with the model"]
+    assert Alignment(np.array([[0.0, 1.0], [1.0, 0.0]]), np.zeros(2)).swapped
+    assert np.allclose(Alignment.from_json(turned.to_json()).matrix, turned.matrix)

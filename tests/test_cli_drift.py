@@ -1,0 +1,155 @@
+"""The commands check and adapt, and what they refuse."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from drifting import arm, log, model
+
+import calib
+
+
+@pytest.fixture(scope="module")
+def folder(tmp_path_factory):
+    folder = tmp_path_factory.mktemp("drift")
+    model().save(folder / "m.calib")
+    calib.write_log(log(n=100), folder / "same.csv")
+    calib.write_log(log("elbow.length=+5%", n=100), folder / "new.csv")
+    return folder
+
+
+def test_check_adapt_check(folder, run):
+    calm = run("check", folder / "m.calib", "--data", folder / "same.csv")
+    assert calm.code == 0
+    assert "still calibrated" in calm.out
+    drifted = run("check", folder / "m.calib", "--data", folder / "new.csv")
+    assert drifted.code == 3
+    assert "the link of elbow" in drifted.out
+    done = run("adapt", folder / "m.calib", "--data", folder / "new.csv")
+    assert done.code == 0, done.err
+    assert (folder / "m.adapted.calib").exists()
+    again = run("check", folder / "m.adapted.calib", "--data", folder / "new.csv")
+    assert again.code == 0
+
+
+def test_check_as_json(folder, run):
+    found = run("check", folder / "m.calib", "--data", folder / "new.csv", "--json")
+    assert found.code == 3
+    document = found.document
+    assert document["drifted"] is True
+    assert document["threshold"] == 1
+    assert document["score"] > 1
+    assert set(document["distortion"]["links"]) == {"value", "threshold"}
+    assert "length:elbow" in document["causes"]
+    assert "links" in document["fired"]
+
+
+def test_adapt_as_json_and_output(folder, run, tmp_path):
+    out = tmp_path / "mine.calib"
+    done = run("adapt", folder / "m.calib", "--data", folder / "new.csv", "-o", out, "--json")
+    assert done.code == 0
+    assert done.document["model"] == str(out)
+    assert done.document["improved"] is True
+    assert done.document["after"]["mean"] < 0.2 * done.document["before"]["mean"]
+    assert calib.load(out).history[0]["samples"] == done.document["samples"]
+
+
+def test_an_adapted_model_keeps_its_name(folder, run):
+    path = folder / "n.adapted.calib"
+    model().save(path)
+    done = run("adapt", path, "--data", folder / "new.csv", "--json")
+    assert done.document["model"] == str(path)
+    assert len(calib.load(path).history) == 1
+
+
+def test_no_improvement_writes_nothing(folder, run, tmp_path):
+    out = tmp_path / "o.calib"
+    done = run("adapt", folder / "m.calib", "--data", folder / "same.csv", "-o", out, "--json")
+    assert done.code == 3
+    assert done.document["improved"] is False
+    assert done.document["model"] is None
+    assert not out.exists()
+
+
+def test_millimetres(folder, run, tmp_path):
+    samples = log("elbow.length=+5%", n=100)
+    table = np.hstack([samples.q, 1e3 * samples.x])
+    path = tmp_path / "mm.csv"
+    np.savetxt(path, table, delimiter=",", header="shoulder,elbow,x,y", comments="")
+    converted = run(
+        "adapt", folder / "m.calib", "--data", path, "--unit", "mm", "-o", tmp_path / "a", "--json"
+    )
+    assert converted.code == 0
+    assert converted.document["unit"] == "m"
+    raw = run("adapt", folder / "m.calib", "--data", path, "-o", tmp_path / "b", "--json")
+    assert raw.code == 0
+    assert "--unit mm" in raw.err
+    assert raw.document["unit"] == "sensor"
+
+
+@pytest.mark.parametrize(
+    ("rows", "words"),
+    [
+        ("0.5,1.0,0.3,0.3\n0.6,1.1,0.2,0.3\n0.4,0.9,0.3,0.2\n", "3 different rows"),
+        ("0.5,1.0,0.3,0.3\n" * 20, "does not move"),
+        ("", "no rows"),
+    ],
+)
+@pytest.mark.parametrize("command", ["check", "adapt"])
+def test_bad_logs_are_one_line(folder, run, tmp_path, command, rows, words):
+    path = tmp_path / "bad.csv"
+    path.write_text("shoulder,elbow,x,y\n" + rows)
+    done = run(command, folder / "m.calib", "--data", path)
+    assert done.code == 1
+    assert words in done.err
+    assert done.err.strip().splitlines()[-1].startswith("error: ")
+    assert done.out == ""
+
+
+def test_another_robots_log(folder, run, tmp_path):
+    path = tmp_path / "other.csv"
+    path.write_text("a,b,x,y\n1,2,3,4\n")
+    done = run("check", folder / "m.calib", "--data", path)
+    assert done.code == 1
+    assert "shoulder" in done.err
+    assert "--columns" in done.err
+
+
+def test_other_column_names_degrees_order_and_holes(folder, run, tmp_path):
+    samples = log("elbow.length=+5%", n=150)
+    order = np.random.default_rng(0).permutation(150)
+    q = np.rad2deg(samples.q)[order]
+    x = samples.x[order]
+    lines = ["j1,j2,cam_u,cam_v"]
+    lines += [f"{a},{b},{u},{v}" for (a, b), (u, v) in zip(q, x, strict=True)]
+    lines[5] = lines[5].rpartition(",")[0] + ","
+    lines += lines[1:30]
+    path = tmp_path / "odd.csv"
+    path.write_text("\n".join(lines) + "\n")
+    columns = "shoulder=j1,elbow=j2,x=cam_u,y=cam_v"
+    done = run(
+        "adapt", folder / "m.calib", "--data", path, "--columns", columns, "--degrees", "--json",
+        "-o", tmp_path / "a.calib",
+    )  # fmt: skip
+    assert done.code == 0, done.err
+    assert done.document["samples"] == 149
+    assert "repeated" in done.err
+    truth = samples.simulation.exact(arm().lower[None] + 0.3)
+    said = calib.load(tmp_path / "a.calib").forward(arm().lower[None] + 0.3)
+    assert np.abs(said - truth).max() < 2e-3
+
+
+def test_degrees_by_mistake(folder, run, tmp_path):
+    samples = log(n=60)
+    path = tmp_path / "deg.csv"
+    table = np.hstack([np.rad2deg(samples.q), samples.x])
+    np.savetxt(path, table, delimiter=",", header="shoulder,elbow,x,y", comments="")
+    done = run("adapt", folder / "m.calib", "--data", path)
+    assert done.code == 1
+    assert "--degrees" in done.err
+
+
+def test_wrong_usage(folder, run):
+    assert run("adapt", folder / "m.calib").code == 2
+    assert run("adapt", folder / "m.calib", "--data", "x.csv", "--method", "magic").code == 2
+    assert run("check", folder / "none.calib", "--data", folder / "new.csv").code == 1
