@@ -12,6 +12,7 @@ Array = NDArray[np.float64]
 
 COVERAGE = 0.95
 _AROUND = 50  # held-out errors that tell the scale around a node
+_LEAST = 1e-3  # a pass shrinks a group by no more, so that errors of zero leave a bound
 _PASSES = 4  # over the two groups of nodes
 _BORDER = 1.5  # nodes within so many spacings of a limit form a group of their own
 
@@ -60,7 +61,7 @@ def learn_bounds(motor: Map, u: Array, errors: Array, doubt: Array | None = None
             ratio = np.sort(errors[chosen] / said)
             # the finite-sample quantile of conformal prediction
             rank = min(len(ratio) - 1, int(np.ceil((len(ratio) + 1) * COVERAGE)) - 1)
-            bound[edge == group] *= ratio[rank]
+            bound[edge == group] *= max(ratio[rank], _LEAST)
     return bound
 
 
