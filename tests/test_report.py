@@ -12,14 +12,15 @@ import numpy as np
 import pytest
 from models import log, measured, trained
 
+import calib
 from calib.maps.lattice import Lattice
 from calib.maps.map import Map
 from calib.paper.published import TABLE1
+from calib.report.changes import adaptation_table, history_table
 from calib.report.curves import bound_pairs, coverage
 from calib.report.evidence import gather
 from calib.report.maps import hits, u_matrix
 from calib.report.page import SECTIONS, pictures, report
-from calib.report.tables import flat, history_table
 from calib.scale import Scale
 
 
@@ -138,7 +139,19 @@ def test_earlier_states_are_told_whatever_they_hold(noisy):
     assert "Before and after" in Reader(text).headings
     cells = Reader(history_table(history)).cells
     assert {"state 1", "state 2", "errors, mean", "0.00123", "link, sensor", "True"} <= set(cells)
-    assert dict(flat({"a": {"b": 1}}))["a, b"] == "1"
+    assert adaptation_table(history, "m") == ""
+
+
+def test_an_adapted_model_tells_before_and_after_and_a_log_its_distortion():
+    model = trained("two_link", n=3000, size=20)
+    arm = calib.load_arm("two_link")
+    bent = calib.babble(arm, 120, seed=1, changes=["elbow.length=+20%"])
+    adapted = model.adapt(bent)
+    cells = Reader(report(adapted, bent)).cells
+    event = adapted.history[-1]
+    assert f"{event['samples']}" in cells
+    assert {"motor", "sensory", "links", "before: mean (largest)"} <= set(cells)
+    assert "It has drifted." in report(model, bent)
 
 
 def test_names_are_escaped(noisy):

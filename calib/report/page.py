@@ -10,9 +10,10 @@ from typing import TYPE_CHECKING, Any
 
 from ..error_scale import length_in_words
 from . import curves, maps
+from .changes import adaptation_table, drift_text, history_table
 from .evidence import Evidence, gather
 from .style import settings, to_png, to_svg
-from .tables import error_table, fact_list, facts, history_table, is_papers_arm
+from .tables import error_table, fact_list, facts, is_papers_arm
 
 if TYPE_CHECKING:
     from ..data.samples import Samples
@@ -121,8 +122,11 @@ def report(model: Model, samples: Samples | None = None) -> str:
         parts += [
             _heading("Before and after"),
             '<p class="soft">Earlier states of this model and what made it change.</p>',
+            adaptation_table(model.history, about.unit),
             history_table(model.history),
         ]
+    if samples is not None:
+        parts += [_heading("Does the log still fit?"), drift_text(model.check(samples))]
     with settings():
         for section in SECTIONS:
             figure = section.draw(evidence)

@@ -4,8 +4,8 @@ from __future__ import annotations
 
 import html
 import math
-from collections.abc import Iterable, Mapping, Sequence
-from typing import TYPE_CHECKING, Any
+from collections.abc import Iterable, Sequence
+from typing import TYPE_CHECKING
 
 from ..error_scale import length_in_words
 from ..paper.published import TABLE1
@@ -128,26 +128,3 @@ def _source(evidence: Evidence) -> str:
     parts = [f"{about.samples:,} simulated samples"]
     parts.append(f"sensor noise {length_in_words(noise, about.unit)}" if noise else "no noise")
     return ", ".join([*parts, *map(str, about.simulation.get("changes", ()))])
-
-
-def history_table(history: Sequence[Mapping[str, Any]]) -> str:
-    """Return the earlier states of an adapted model, whatever facts they state."""
-    rows = [dict(flat(state)) for state in history]
-    names = list(dict.fromkeys(name for row in rows for name in row))
-    return table(
-        ["fact", *(f"state {k + 1}" for k in range(len(rows)))],
-        [[name.replace("_", " "), *(row.get(name, "") for row in rows)] for name in names],
-    )
-
-
-def flat(state: Mapping[str, Any], prefix: str = "") -> Iterable[tuple[str, str]]:
-    """Names and values of nested facts, numbers with four digits."""
-    for name, value in state.items():
-        label = f"{prefix}{name}"
-        if isinstance(value, Mapping):
-            yield from flat(value, f"{label}, ")
-        elif isinstance(value, bool) or not isinstance(value, (int, float)):
-            text = ", ".join(map(str, value)) if isinstance(value, (list, tuple)) else str(value)
-            yield label, text[:200]
-        else:
-            yield label, f"{value:.4g}"
