@@ -240,7 +240,7 @@ def online(quick: bool) -> list[dict[str, Any]]:
 def real_arm(folder: Path, quick: bool) -> list[dict[str, Any]]:
     """UR10, ten contiguous blocks, each held out once; nominal URDF adapted on the others."""
     rows = []
-    for series in ("a", "c"):
+    for series in ("c", "a"):
         path = folder / f"series_{series}.csv"
         free = calib.read_log(path, joints=JOINTS)
         ranges = {
@@ -251,7 +251,7 @@ def real_arm(folder: Path, quick: bool) -> list[dict[str, Any]]:
         log = calib.read_log(path, arm)
         model = calib.train(calib.babble(arm, 20_000, seed=0), size=70)
         blocks = np.array_split(np.arange(len(log)), 10)
-        for n in (None, 1500, 100):
+        for n in (100, 1500, None):
             urdf, alone, seconds = [], [], 0.0
             for k, held in enumerate(blocks[:: 5 if quick else 1]):
                 others = np.setdiff1d(np.arange(len(log)), held)

@@ -195,10 +195,13 @@ def _held_out(features: Array, x: Array, folds: Folds) -> tuple[Array, Array]:
     residual = x - basis @ (basis.T @ x)
     result = np.empty_like(residual)
     for rows in folds:
-        hat = basis[rows] @ basis[rows].T
-        # (I - H_bb)^-1 r_b; a fold that alone determines a coefficient has no answer
-        gap = np.eye(len(rows)) - hat
-        result[rows] = np.linalg.lstsq(gap, residual[rows], rcond=1e-9)[0]
-        worst = np.einsum("ii->i", hat) > 1 - 1e-9
+        part = basis[rows]
+        # (I - B B')^-1 r = r + B (I - B' B)^-1 B' r
+        within = np.eye(part.shape[1]) - part.T @ part
+        result[rows] = (
+            residual[rows] + part @ np.linalg.lstsq(within, part.T @ residual[rows], rcond=1e-12)[0]
+        )
+        # a row that alone determines a coefficient has no answer
+        worst = np.sum(part**2, axis=1) > 1 - 1e-9
         result[rows[worst]] = x[rows[worst]]
     return result, np.sum(basis**2, axis=1)
