@@ -34,6 +34,7 @@ window.addEventListener("load", () => {
   const times = [];
   viewer.animator.pause();
   viewer.set_3d_pane_size(900, 700);
+  viewer.controls.dispatchEvent({ type: "start" });  // as when a hand turns it
   for (let k = 0; k < FRAMES; k += 1) {
     const start = performance.now();
     viewer.camera.position.sub(viewer.controls.target).applyAxisAngle(up, 0.03)

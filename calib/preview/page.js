@@ -15,11 +15,11 @@
     const name = info ? gl.getParameter(info.UNMASKED_RENDERER_WEBGL) : "";
     return /swiftshader|llvmpipe|softpipe|software|basic render/i.test(name);
   }
-  const renderer = new THREE.WebGLRenderer({ antialias: !software(), alpha: true });
+  const slow = software();
+  const renderer = new THREE.WebGLRenderer({ antialias: !slow, alpha: true });
   pane.appendChild(renderer.domElement);
   const viewer = new MeshCat.Viewer(pane, true, renderer);
   const media = (query) => window.matchMedia(`(${query})`);
-  const dark = media("prefers-color-scheme: dark");
   const still = media("prefers-reduced-motion: reduce").matches;
 
   // bytes of a base64 text
@@ -27,15 +27,8 @@
   for (const command of data.commands) viewer.handle_command_bytearray(bytes(command));
   data.commands = null;
 
-  const ground = () => {
-    const [top, bottom] = dark.matches
-      ? [[0.09, 0.11, 0.13], [0.06, 0.07, 0.09]]
-      : [[0.95, 0.96, 0.97], [0.9, 0.92, 0.94]];
-    viewer.set_property(["Background"], "top_color", top);
-    viewer.set_property(["Background"], "bottom_color", bottom);
-  };
-  ground();
-  dark.addEventListener("change", ground);
+  // the page's own ground shows through, light or dark: one full picture less to paint
+  viewer.set_property(["Background"], "visible", false);
 
   // meshcat's z is up, three.js's is y
   const space = (p) => new THREE.Vector3(p[0], p[2], -p[1]);
@@ -63,7 +56,14 @@
     viewer.set_dirty();
   }
   window.addEventListener("resize", fit);
-  viewer.controls.addEventListener("start", () => { moved = true; });
+  const dots = (shown) => {
+    for (const name of ["Sensory map", "Motor map"]) {
+      viewer.scene_tree.find([name, "nodes"]).object.visible = shown || !slow;
+    }
+    viewer.set_dirty();
+  };
+  viewer.controls.addEventListener("start", () => { moved = true; dots(false); });
+  viewer.controls.addEventListener("end", () => dots(true));
 
   // ------------------------------------------------------------------ panel
   const make = (tag, text, parent) => {
