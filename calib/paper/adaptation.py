@@ -137,8 +137,8 @@ def adaptation(setting: Setting) -> tuple[Result, dict[str, Episode]]:
             )
     header = ["change", "state", "zeta"]
     header += [f"{r} {k} [mm]" for r in _READOUTS for k in ("mean", "max")]
-    columns = ("change", "samples", "zeta motor", "zeta sensory", "threshold", "error [mm]")
-    columns += ("sigma [nodes]", "eta", "beta", "adapting")
+    columns = ["change", "samples", "zeta motor", "zeta sensory", "threshold", "error [mm]"]
+    columns += ["sigma [nodes]", "eta", "beta", "adapting"]
     words = " and ".join(f"{k}: {v}" for k, v in CHANGES.items())
     tables = (
         Table("adaptation", f"distortion and forward error, {words}", header, summary),

@@ -19,6 +19,7 @@ from .trial import activity_errors, association
 
 if TYPE_CHECKING:
     from ..maps.map import Map
+    from ..readouts.linked import Association
 
 Array = NDArray[np.float64]
 
@@ -39,7 +40,7 @@ def lattice_figure(setting: Setting, path: Path) -> None:
     assert simulation is not None  # noqa: S101
     q = simulation.draw(60_000 if not setting.quick else 5_000, np.random.default_rng(seed + 5))
     x = simulation.exact(q)
-    drawn = []
+    drawn: list[tuple[str, Association, Array, Array]] = []
     for network in ("som", "vdsom"):
         setting.report(0.5 * len(drawn), f"lattices of the {network}")
         pair = association(samples, network, SAME, setting.side, seed)
@@ -47,7 +48,7 @@ def lattice_figure(setting: Setting, path: Path) -> None:
         forward = np.linalg.norm(errors[:, :2] * pair.sensory.scale.span, axis=1) * 1e3
         inverse = np.degrees(np.linalg.norm(errors[:, 2:] * pair.motor.scale.span, axis=1))
         drawn.append((network, pair, forward, inverse))
-    top = [float(np.quantile(drawn[0][k], 0.99)) for k in (2, 3)]
+    top = [float(np.quantile(errors, 0.99)) for errors in drawn[0][2:]]
     for row, (network, pair, forward, inverse) in zip(axes, drawn, strict=True):
         parts = (
             (pair.motor, q, forward, np.degrees(1.0), "deg", "forward error [mm]", top[0]),

@@ -170,10 +170,10 @@ def _ratio_table(found: Mapping[str, Mapping[str, Mapping[str, float]]]) -> Tabl
         "paper": "the paper",
     }
     header = ["VDSOM over SOM, activity", *(f"{c} {k}" for c in COLUMNS for k in ("mean", "max"))]
-    rows = [
-        [words[name], *(columns[c][k] for c in COLUMNS for k in ("mean", "max"))]
-        for name, columns in found.items()
-    ]
+    rows: list[list[str | float | None]] = []
+    for name, columns in found.items():
+        cells = [columns[c][k] for c in COLUMNS for k in ("mean", "max")]
+        rows.append([words[name], *cells])
     return Table("ratios", "errors of the VDSOM over those of the SOM", header, rows)
 
 

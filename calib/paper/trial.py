@@ -156,4 +156,4 @@ def activity_errors(pair: Association, q: Array, x: Array) -> Array:
     u, v = motor.to_unit(q), sensory.to_unit(x)
     forward = pair.forward(u, "activity") - v
     inverse = motor.difference(np.clip(pair.inverse(v, u, "activity"), 0.0, 1.0), u)
-    return np.abs(np.concatenate([forward, inverse], axis=1))
+    return np.asarray(np.abs(np.concatenate([forward, inverse], axis=1)))
