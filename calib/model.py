@@ -309,8 +309,10 @@ class Model:
         full = getattr(self.motor.lattice, "dim", u.shape[1]) == u.shape[1]
         if full and not self.visited.all() and known.any():
             tree = self._visited_tree
-            near = np.asarray(tree.query(u[known])[0]) <= _SUPPORT * self.motor.spacing
-            known[known] = near
+            # where samples are fewer than nodes the visited nodes stand further apart
+            apart = (self.motor.size / np.count_nonzero(self.visited)) ** (1 / u.shape[1])
+            reach = _SUPPORT * apart * self.motor.spacing
+            known[known] = np.asarray(tree.query(u[known])[0]) <= reach
         return known
 
     @cached_property

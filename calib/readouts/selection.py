@@ -24,6 +24,7 @@ Array = NDArray[np.float64]
 
 FOLDS = 10
 _ROUNDING = 1e-9  # share of the extent that is no improvement
+_PRICE = 5e-4  # share of the error by which one more function of a trend must mend it
 _HELD_OUT = 1000  # rows on which local models are compared
 _CANDIDATES = ((0, 30), (1, 50), (1, 200), (2, 24), (2, 60), (3, 40))
 
@@ -78,7 +79,7 @@ def select(
     best: tuple[TrendChoice, tuple[int, int] | None, NDArray[np.intp], Array] | None = None
     for choice in choices or choose_trends(motor.scale, turning, u, x, folds):
         shape, rows, errors = _compare(motor, u, x, folds, choice.without)
-        if best is None or better(errors, best[3]):
+        if best is None or outdoes(errors, best[3], choice.trend.terms - best[0].trend.terms):
             best = (choice, shape, rows, errors)
     assert best is not None  # noqa: S101
     choice, shape, rows, errors = best
@@ -87,6 +88,14 @@ def select(
         residual = x - choice.trend.value(u)
         models = local.fit(motor.units, u, residual, motor.scale, *shape)
     return Selected(Predictor(motor, choice.trend, models), rows, errors)
+
+
+def outdoes(errors: Array, simpler: Array, extra: int) -> bool:
+    """Whether the held-out errors of a trend are worth its `extra` functions.
+
+    Noise hides how far a simpler trend is off, so it is not favoured beyond their price.
+    """
+    return bool(errors.mean() * (1.0 + _PRICE * extra) < simpler.mean())
 
 
 def better(errors: Array, others: Array, least: float = 0.0) -> bool:

@@ -12,7 +12,7 @@ from ..maps.map import search_tree
 from ..scale import Scale
 from . import gp
 from .gp import GaussianProcess
-from .selection import better, blocks
+from .selection import better, blocks, outdoes
 from .trend import Trend
 from .trend_choice import TrendChoice, choose_trends
 
@@ -96,9 +96,12 @@ def learn_teacher(
     folds = blocks(len(u))
     best: Teacher | None = None
     for choice in choose_trends(scale, turning, u, x, folds):
-        for teacher in _teachers(choice, scale, u, x, folds, rng):
-            if best is None or better(teacher.errors, best.errors):
-                best = teacher
+        alone, *helped = _teachers(choice, scale, u, x, folds, rng)
+        teacher = next((t for t in helped if better(t.errors, alone.errors)), alone)
+        if best is None or outdoes(
+            teacher.errors, best.errors, teacher.trend.terms - best.trend.terms
+        ):
+            best = teacher
     assert best is not None  # noqa: S101
     return best
 

@@ -29,6 +29,11 @@ class Trend:
     basis: Basis
     coefficients: Array
 
+    @property
+    def terms(self) -> int:
+        """Number of functions."""
+        return len(self.coefficients)
+
     def value(self, u: Array) -> Array:
         """Trend at the points `u` (n, d) of the unit box, (n, 2)."""
         weights = self._weights[:2]
