@@ -32,6 +32,7 @@ _WIDEST = 32  # the same, of redundant arms
 _FOLD = 0.3  # sine between the motions of both joints below which a fold may be near
 _RANKS = (1, 2, 3, 5, 8, 13, 21, 34, 55, 89, 144)  # nodes that are tried, nearest first
 _CORNERED = 4  # most joints whose corners are tried as well
+_AHEAD = 48  # sensory nodes that a single query makes known
 _CHUNK = 512  # sensory nodes at once
 
 
@@ -100,12 +101,19 @@ class Starts:
         if self._known[nodes].all():
             return
         missing = np.unique(nodes[~self._known[nodes]])
+        if len(missing) < _AHEAD:
+            # single queries follow each other: their neighbours in one go, for later
+            sensory = self.association.sensory
+            k = min(_AHEAD, sensory.size)
+            around = np.unique(sensory.nearest(sensory.units[missing], k)[1])
+            missing = around[~self._known[around]]
         for first in range(0, len(missing), _CHUNK):
             self._learn(missing[first : first + _CHUNK])
         self._known[missing] = True
 
     def _learn(self, nodes: Index) -> None:
-        x = self.association.sensory.weights[nodes]
+        sensory = self.association.sensory
+        x = sensory.scale.from_unit(sensory.units[nodes])
         target, u = self.propose(x)
         u, left = self.newton.refine(u, x[target], CLOSE)
         order = np.lexsort((left, target))
