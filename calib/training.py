@@ -101,7 +101,8 @@ def train(
         raise OptionError(f"seed {seed!r}: expected a whole number, 0 or more")
     if len(samples) < LEAST_ROWS:
         raise LogError(
-            f"{len(samples)} samples are too few to learn from: give at least {LEAST_ROWS}"
+            f"{len(samples)} sample{'s are' if len(samples) != 1 else ' is'} too few to learn "
+            f"from: give at least {LEAST_ROWS}"
         )
     check_wiring(links)
     motor, sensory, notes = lattice_sizes(samples, size, motor_size, sensory_size)

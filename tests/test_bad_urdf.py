@@ -136,6 +136,13 @@ def test_each_bad_urdf_gets_one_line(case):
         assert word in message
 
 
+def test_the_joint_that_leaves_the_plane_is_named_without_being_asked():
+    head, elbow = GOOD.split(ELBOW)
+    with pytest.raises(RobotError, match=r"joint 'elbow' has the axis \(1, 0, 0\)") as caught:
+        arm_from_urdf(head + ELBOW + elbow.replace(AXIS, '<axis xyz="1 0 0"/>', 1))
+    assert "\n" not in str(caught.value)
+
+
 def test_a_slide_without_end_asks_for_a_range():
     text = read_urdf(resolve_robot("polar")).replace('upper="0.25"', 'upper="1e16"')
     with pytest.raises(RobotError, match=r"'slide'.*unusable.*--range slide=LOWER:UPPER \[m\]"):

@@ -16,7 +16,7 @@ from numpy.typing import NDArray
 from ..errors import RobotError
 from ..wording import listed
 from .chain import lever_lengths
-from .planarity import MIN_LEVER, PARALLEL, fits
+from .planarity import MIN_LEVER, PARALLEL, common_normal, fits
 from .posture import Posture
 from .ranges import full_range, limits_fault
 from .tree import Joint, Urdf
@@ -123,9 +123,15 @@ def choose(candidates: Sequence[Candidate]) -> tuple[Candidate, str | None]:
     return best, f"chosen by reach: {best} (others: {others})"
 
 
-def nothing_found(urdf: Urdf, tip: str | None) -> RobotError:
+def nothing_found(urdf: Urdf, posture: Posture, tip: str | None) -> RobotError:
     """Explain that a robot (or a tip) has no planar arm."""
     joints = urdf.path(tip) if tip else urdf.joints
+    turning = [joint for joint in joints if joint.revolute and not limits_fault(joint)]
+    if len(turning) == 2:  # the one pair there is: say what is wrong with it
+        try:
+            common_normal(turning, posture)
+        except RobotError as error:
+            return error
     movable = [joint.name for joint in joints if joint.movable]
     faults = [
         f"{joint.name}: {limits_fault(joint)}"

@@ -159,7 +159,7 @@ def _select(
         }
         candidates = find_candidates(urdf, posture, tip, excluded)
         if not candidates:
-            raise nothing_found(urdf, tip)
+            raise nothing_found(urdf, posture, tip)
         chosen, note = choose(candidates)
         notes += [note] if note else []
         return list(chosen.joints), chosen.tip
