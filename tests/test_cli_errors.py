@@ -62,7 +62,7 @@ CASES = [
     ("train two_link --sigma 3", 2, "--sigma '3' START:END"),
     ("train two_link --sigma 3:0", 2, "--sigma '3:0'"),
     ("train two_link --samples 0", 2, "--samples '0'"),
-    ("train two_link --samples 1", 1, "1 samples"),
+    ("train two_link --samples 1", 1, "1 sample is too few"),
     ("train two_link --samples 1e4", 2, "--samples '1e4' whole"),
     ("train two_link --samples 99999999999", 1, "99999999999"),
     ("train two_link --noise -1", 2, "--noise '-1' zero or more"),
