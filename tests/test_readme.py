@@ -1,0 +1,86 @@
+"""The README's commands and code run, and its links lead somewhere."""
+
+from __future__ import annotations
+
+import re
+import shlex
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+import calib
+
+ROOT = Path(__file__).parents[1]
+TEXT = (ROOT / "README.md").read_text(encoding="utf-8")
+COMMANDS = [
+    part.split("#")[0].strip()
+    for line in TEXT.splitlines()
+    if line.startswith("    ")
+    for part in line.split("&&")
+    if part.strip().startswith("calib ")
+]
+# what the README's files stand for
+NEEDS = "ur10.urdf"
+
+
+@pytest.fixture(scope="module")
+def folder(tmp_path_factory):
+    """A folder with the logs and tables that the README speaks of."""
+    path = tmp_path_factory.mktemp("readme")
+    arm = calib.load_arm("two_link")
+    for seed, name in enumerate(("log.csv", "another.csv")):
+        calib.write_log(calib.babble(arm, 300, seed=seed, noise=1e-3), path / name)
+    changed = calib.babble(arm, 100, seed=5, noise=1e-3, changes=["elbow.length=+5%"])
+    calib.write_log(changed, path / "new.csv")
+    (path / "targets.csv").write_text("x,y\n0.1,0.4\n0.3,0.3\n")
+    (path / "waypoints.csv").write_text("x,y\n0.2,0.4\n0.3,0.3\n")
+    (path / "q.csv").write_text("shoulder,elbow\n0.5,1.0\n")
+    return path
+
+
+def real_urdf():
+    pinocchio = pytest.importorskip("pinocchio")
+    robots = Path(pinocchio.__file__).parents[4] / "share/example-robot-data/robots"
+    return next(robots.rglob("ur10_robot.urdf"), None) if robots.is_dir() else None
+
+
+def test_the_commands_run_in_order(run, folder, monkeypatch):
+    monkeypatch.chdir(folder)
+    assert len(COMMANDS) > 12
+    for command in COMMANDS:
+        words = shlex.split(command)[1:]
+        if words[0] == "preview":
+            words += ["--html", "page.html"]  # no server, no browser
+        if NEEDS in words:
+            urdf = real_urdf()
+            if urdf is None:
+                continue  # without the package of real robots
+            (folder / NEEDS).write_text(urdf.read_text())
+        done = run(*words)
+        expected = 3 if words[0] == "check" else 0  # the README says so: it has drifted
+        assert done.code == expected, (command, done.err)
+    assert {"two_link.calib", "arm.calib", "two_link.adapted.calib", "joints.csv", "q2.csv"} <= {
+        p.name for p in folder.iterdir()
+    }
+
+
+def test_the_python_code_does_what_its_comments_say(tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    (code,) = re.findall(r"```python\n(.*?)```", TEXT, re.DOTALL)
+    names: dict[str, object] = {}
+    exec(compile(code, "README.md", "exec"), names)
+    assert np.shape(names["x"]) == np.shape(names["q"]) == (2,)
+    assert calib.load("two_link.calib").about.samples == 20_000
+
+
+@pytest.mark.parametrize("page", [*sorted(ROOT.glob("docs/*.md")), ROOT / "README.md"], ids=str)
+def test_links_lead_to_files(page):
+    text = page.read_text(encoding="utf-8")
+    links = re.findall(r"\]\((?!https?:)([^)#]+)", text)
+    assert [link for link in links if not (page.parent / link).exists()] == []
+
+
+def test_the_second_command_is_what_is_checked_on_every_change():
+    assert "python -m pytest" in TEXT
+    assert "step python -m pytest" in (ROOT / ".ci/run").read_text()
