@@ -19,7 +19,7 @@ from .learning import Options, Progress, Stopwatch, learn
 from .links import check_wiring
 from .maps.density import Gain
 from .model import Model
-from .readouts.bounds import learn_bounds
+from .readouts.bounds import learn_bounds, near_border
 from .readouts.selection import blocks
 from .readouts.teacher import MOST_ROWS, learn_teacher
 from .scale import Scale
@@ -113,6 +113,18 @@ def train(
         return _Trainer(samples, options, notes, progress or (lambda *_: None)).run()
 
 
+def on_limits(samples: Samples, q: Array, rng: np.random.Generator) -> Array:
+    """Joint values `q` (n, dof) with one joint of each row moved onto one of its limits.
+
+    Inverse answers often stand there, where a map is least certain.
+    """
+    moved, rows = q.copy(), np.arange(len(q))
+    joint = rng.integers(q.shape[1], size=len(q))
+    upper = rng.random(len(q)) < 0.5
+    moved[rows, joint] = np.where(upper, samples.upper[joint], samples.lower[joint])
+    return moved
+
+
 @dataclass
 class _Trainer:
     """One training: the steps in the order of the data flow, with their times."""
@@ -134,6 +146,13 @@ class _Trainer:
                 rng = np.random.default_rng(options.stream("bounds"))
                 q = simulation.draw(_BOUND_SAMPLES, rng)
                 held = Residuals.of(model, q, simulation.exact(q), readouts=("local",))
+                near = near_border(model.motor, scale.to_unit(held.q))
+                q = on_limits(samples, q[: np.count_nonzero(near) // 3], rng)
+                at_limits = (
+                    Residuals.of(model, q, simulation.exact(q), readouts=("local",))
+                    if len(q)
+                    else None
+                )
                 q = simulation.draw(
                     _TEST_SAMPLES, np.random.default_rng(options.stream("evaluation"))
                 )
@@ -141,12 +160,17 @@ class _Trainer:
                 tested = evaluate_residuals(model, q, simulation.exact(q), simulation.exact)
             else:
                 held = tested = self._held_out(scale)
+                at_limits = None
             doubt = None
-            u = scale.to_unit(held.q)
+            u, miss = scale.to_unit(held.q), held.errors["local"]
+            known = u
+            if at_limits is not None:
+                known = np.concatenate([u, scale.to_unit(at_limits.q)])
+                miss = np.concatenate([miss, at_limits.errors["local"]])
             if self.teacher is not None:
-                nodes = np.concatenate([np.clip(model.motor.units, 0, 1), u])
+                nodes = np.concatenate([np.clip(model.motor.units, 0, 1), known])
                 doubt = self.teacher.deviation(nodes)
-            bounds = learn_bounds(model.motor, u, held.errors["local"], doubt)
+            bounds = learn_bounds(model.motor, known, miss, doubt)
             error = np.linalg.norm(
                 model.predictor.value(scale.to_unit(samples.q)) - samples.x, axis=1
             )
