@@ -147,7 +147,7 @@ class _Trainer:
                 q = simulation.draw(_BOUND_SAMPLES, rng)
                 held = Residuals.of(model, q, simulation.exact(q), readouts=("local",))
                 near = near_border(model.motor, scale.to_unit(held.q))
-                q = on_limits(samples, q[: np.count_nonzero(near) // 3], rng)
+                q = on_limits(samples, q[: np.count_nonzero(near) // 20], rng)
                 at_limits = (
                     Residuals.of(model, q, simulation.exact(q), readouts=("local",))
                     if len(q)
