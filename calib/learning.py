@@ -14,6 +14,7 @@ from numpy.typing import NDArray
 from .links import WIRINGS
 from .maps.density import Gain
 from .maps.som import SOM
+from .parallel import side_by_side
 from .readouts.linked import Association
 from .readouts.predictor import Predictor
 from .readouts.selection import select
@@ -136,36 +137,49 @@ def associate(
     progress: Progress | None = None,
 ) -> Association:
     """Learn both maps and the links between them: the paper's part; see :func:`learn`."""
-    watch = watch or Stopwatch()
-    report = progress or (lambda *_: None)
-    maps: list[Map] = []
+    motor, sensory = _both_maps(scale, u, x, options, watch or Stopwatch(), progress)
+    with (watch or Stopwatch())("links"):
+        return _linked(motor, sensory, u, x, options)
+
+
+def _both_maps(
+    scale: Scale,
+    u: Array,
+    x: Array,
+    options: Options,
+    watch: Stopwatch,
+    progress: Progress | None,
+) -> tuple[Map, Map]:
+    """Motor and sensory map, at the same time."""
     seen = Scale.of_data(x)
     v = seen.to_unit(x)
-    parts = (
-        ("motor", options.motor_size, scale.from_unit(u), scale, v),
-        ("sensory", options.sensory_size, x, seen, u),
-    )
-    for k, (name, size, points, box, partners) in enumerate(parts):
-        stage = f"{name} map"
 
-        def tell(done: float, error: float, k: int = k, stage: str = stage) -> None:
-            report((k + done) * 0.35, stage, error)
+    def fit(name: str, size: tuple[int, ...], points: Array, box: Scale, partners: Array) -> Map:
+        def tell(done: float, error: float) -> None:
+            if progress is not None and name == "sensory":
+                progress(0.7 * done, "maps", error)
 
-        with watch(stage):
-            som = SOM(
-                size,
-                options.map,
-                options.rule,
-                options.epochs,
-                options.sigma,
-                options.stream(name),
-            )
-            maps.append(som.fit(points, scale=box, progress=tell, partners=partners))
-    motor, sensory = maps
-    report(0.7, "links", float("nan"))
-    with watch("links"):
-        wiring = WIRINGS[options.links]
-        links = wiring.link(wiring.activity(motor, u), wiring.activity(sensory, v))
+        som = SOM(
+            size,
+            options.map,
+            options.rule,
+            options.epochs,
+            options.sigma,
+            options.stream(name),
+        )
+        return som.fit(points, scale=box, progress=tell, partners=partners)
+
+    with watch("maps"):
+        return side_by_side(
+            lambda: fit("motor", options.motor_size, scale.from_unit(u), scale, v),
+            lambda: fit("sensory", options.sensory_size, x, seen, u),
+        )
+
+
+def _linked(motor: Map, sensory: Map, u: Array, x: Array, options: Options) -> Association:
+    """Both maps and the links between them."""
+    wiring, v = WIRINGS[options.links], sensory.scale.to_unit(x)
+    links = wiring.link(wiring.activity(motor, u), wiring.activity(sensory, v))
     return Association(motor, sensory, links, wiring)
 
 
@@ -201,10 +215,16 @@ def learn(
     """
     watch = watch or Stopwatch()
     report = progress or (lambda *_: None)
-    association = associate(scale, u, x, options, watch=watch, progress=progress)
-    report(0.8, "local models", float("nan"))
-    with watch("local models"):
-        selected = select(association.motor, turning, u, x, trend)
-    winners = association.motor.nearest(u)[1][:, 0]
-    visited = np.bincount(winners, minlength=association.motor.size) > 0
+    motor, sensory = _both_maps(scale, u, x, options, watch, progress)
+    report(0.7, "links and local models", float("nan"))
+
+    def link() -> tuple[Association, NDArray[np.bool_]]:
+        association = _linked(motor, sensory, u, x, options)
+        winners = motor.nearest(u)[1][:, 0]
+        return association, np.bincount(winners, minlength=motor.size) > 0
+
+    with watch("links and local models"):
+        selected, (association, visited) = side_by_side(
+            lambda: select(motor, turning, u, x, trend), link
+        )
     return Learned(association, selected.predictor, visited)

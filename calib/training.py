@@ -5,25 +5,29 @@ from __future__ import annotations
 import time
 from collections.abc import Mapping
 from dataclasses import dataclass, replace
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from numpy.typing import NDArray
 
 from .about import About
 from .data.samples import Samples
-from .drift.baseline import learn_baseline
+from .drift.baseline import Baseline, learn_baseline
 from .errors import LogError, OptionError
-from .evaluation import Residuals, evaluate_residuals, summarise
+from .evaluation import Residuals, evaluate_residuals, fresh_residuals, summarise
 from .learning import Options, Progress, Stopwatch, learn
 from .links import check_wiring
 from .maps.density import Gain
 from .model import Model
+from .parallel import side_by_side
 from .readouts.bounds import learn_bounds, near_border
 from .readouts.selection import blocks
 from .readouts.teacher import MOST_ROWS, learn_teacher
 from .scale import Scale
 from .sizes import Size, lattice_sizes
+
+if TYPE_CHECKING:
+    from .data.simulation import Simulation
 
 Array = NDArray[np.float64]
 
@@ -31,7 +35,6 @@ LEAST_ROWS = 10
 """Fewest rows that anything can be learned and checked from."""
 
 _BOUND_SAMPLES = 12_000
-_TEST_SAMPLES = 10_000
 
 
 def train(
@@ -137,44 +140,21 @@ class _Trainer:
     def run(self) -> Model:
         started = time.perf_counter()
         self.watch = Stopwatch()
-        samples, options = self.samples, self.options
+        samples = self.samples
         scale = Scale.of_range(samples.lower, samples.upper, samples.revolute)
         simulation = samples.simulation
         model = self._learn(scale, samples.q, samples.x, share=0.75 if simulation else 0.2)
         with self.watch("evaluation"):
             if simulation is not None:
-                rng = np.random.default_rng(options.stream("bounds"))
-                q = simulation.draw(_BOUND_SAMPLES, rng)
-                held = Residuals.of(model, q, simulation.exact(q), readouts=("local",))
-                near = near_border(model.motor, scale.to_unit(held.q))
-                q = on_limits(samples, q[: np.count_nonzero(near) // 20], rng)
-                at_limits = (
-                    Residuals.of(model, q, simulation.exact(q), readouts=("local",))
-                    if len(q)
-                    else None
-                )
-                q = simulation.draw(
-                    _TEST_SAMPLES, np.random.default_rng(options.stream("evaluation"))
-                )
                 self.progress(0.8, "evaluation", float("nan"))
-                tested = evaluate_residuals(model, q, simulation.exact(q), simulation.exact)
+                (bounds, baseline), tested = side_by_side(
+                    lambda: self._simulated_bounds(model, simulation),
+                    lambda: fresh_residuals(model, simulation),
+                )
             else:
-                held = tested = self._held_out(scale)
-                at_limits = None
-            doubt = None
-            u, miss = scale.to_unit(held.q), held.errors["local"]
-            known = u
-            if at_limits is not None:
-                known = np.concatenate([u, scale.to_unit(at_limits.q)])
-                miss = np.concatenate([miss, at_limits.errors["local"]])
-            if self.teacher is not None:
-                nodes = np.concatenate([np.clip(model.motor.units, 0, 1), known])
-                doubt = self.teacher.deviation(nodes)
-            bounds = learn_bounds(model.motor, known, miss, doubt)
-            error = np.linalg.norm(
-                model.predictor.value(scale.to_unit(samples.q)) - samples.x, axis=1
-            )
-            baseline = learn_baseline(model.association, u, held.x, error)
+                tested = self._held_out(scale)
+                held = scale.to_unit(tested.q), tested.errors["local"]
+                bounds, baseline = self._bounds(model, *held, held[0], tested.x)
         self.watch.seconds["total"] = time.perf_counter() - started
         about = replace(
             model.about,
@@ -211,6 +191,34 @@ class _Trainer:
         )
         empty = np.zeros(learned.association.motor.size)
         return Model(self._about(), learned.association, learned.predictor, empty, learned.visited)
+
+    def _simulated_bounds(self, model: Model, simulation: Simulation) -> tuple[Array, Baseline]:
+        """Bounds and baseline from exact samples that are neither learned nor tested."""
+        scale = model.motor.scale
+        rng = np.random.default_rng(self.options.stream("bounds"))
+        q = simulation.draw(_BOUND_SAMPLES, rng)
+        held = Residuals.of(model, q, simulation.exact(q), readouts=("local",))
+        u, miss = scale.to_unit(held.q), held.errors["local"]
+        near = np.count_nonzero(near_border(model.motor, u))
+        known, q = u, on_limits(self.samples, q[: near // 20], rng)
+        if len(q):
+            limits = Residuals.of(model, q, simulation.exact(q), readouts=("local",))
+            known = np.concatenate([u, scale.to_unit(limits.q)])
+            miss = np.concatenate([miss, limits.errors["local"]])
+        return self._bounds(model, known, miss, u, held.x)
+
+    def _bounds(
+        self, model: Model, known: Array, miss: Array, u: Array, x: Array
+    ) -> tuple[Array, Baseline]:
+        """Bounds from the errors `miss` (n,) at `known` (n, dof), and what is undisturbed."""
+        samples, doubt = self.samples, None
+        if self.teacher is not None:
+            nodes = np.concatenate([np.clip(model.motor.units, 0, 1), known])
+            doubt = self.teacher.deviation(nodes)
+        bounds = learn_bounds(model.motor, known, miss, doubt)
+        said = model.predictor.value(model.motor.scale.to_unit(samples.q))
+        error = np.linalg.norm(said - samples.x, axis=1)
+        return bounds, learn_baseline(model.association, u, x, error)
 
     def _held_out(self, scale: Scale) -> Residuals:
         """Errors on contiguous blocks of the log that training has not seen."""

@@ -123,19 +123,16 @@ def _compare(
     candidates = [
         c for c in _CANDIDATES if 1.2 * len(exponents(u.shape[1], c[0])) <= c[1] < len(u) // 4
     ]
-    held: list[NDArray[np.intp]] = []
-    plain: list[Array] = []
+    held = [folds[fold][:: max(1, len(folds[fold]) // quota)] for fold in use]
+    left = [x[rows] - without[fold].value(u[rows]) for fold, rows in zip(use, held, strict=True)]
+    errors = np.linalg.norm(np.concatenate(left), axis=1)
+    least = _ROUNDING * float(np.linalg.norm(np.ptp(x, axis=0)))
+    if errors.mean() <= least:  # nothing is left to mend
+        return None, np.concatenate(held), errors
     found: dict[tuple[int, int], list[Array]] = {c: [] for c in candidates}
-    for fold in use:
-        rows = folds[fold][:: max(1, len(folds[fold]) // quota)]
+    for fold, rows, target in zip(use if candidates else (), held, left, strict=False):
         others = np.setdiff1d(np.arange(len(u)), folds[fold], assume_unique=True)
-        trend = without[fold]
-        target = x[rows] - trend.value(u[rows])
-        held.append(rows)
-        plain.append(np.linalg.norm(target, axis=1))
-        if not candidates:
-            continue
-        residual = x[others] - trend.value(u[others])
+        residual = x[others] - without[fold].value(u[others])
         index, weight = local.blend(motor, u[rows], size)
         nodes, place = np.unique(index, return_inverse=True)
         most = max(k for _, k in candidates)
@@ -146,15 +143,12 @@ def _compare(
             )
             said = _blended(models, motor, u[rows], index, place.reshape(index.shape), weight)
             found[degree, k].append(np.linalg.norm(target - said, axis=1))
-    rows = np.concatenate(held)
-    errors = np.concatenate(plain)
     choice: tuple[int, int] | None = None
-    least = _ROUNDING * float(np.linalg.norm(np.ptp(x, axis=0)))
     for c, parts in found.items():
         tried = np.concatenate(parts)
         if better(tried, errors, least):
             choice, errors = c, tried
-    return choice, rows, errors
+    return choice, np.concatenate(held), errors
 
 
 def _blended(
