@@ -30,7 +30,10 @@ def correct(
     degrees: o.DegreesOption = False,
     as_json: o.JsonOption = False,
 ) -> None:
-    """Joint values that bring the real arm to where the nominal one would be."""
+    """Joint values that bring the real arm to where the nominal one would be.
+
+    Exit code 3 if the real arm cannot reach one of these places.
+    """
     import numpy as np
 
     import calib

@@ -59,15 +59,18 @@ def path(
     degrees: o.DegreesOption = False,
     as_json: o.JsonOption = False,
 ) -> None:
-    """Joint values along straight lines through waypoints, on one branch where possible."""
+    """Joint values along straight lines through waypoints, on one branch where possible.
+
+    Exit code 3 if the joints have to jump between branches or a point is out of reach.
+    """
     if as_json and output == "-":
         raise BadOption("--json and --output '-' both want standard output: expected one of them")
     import numpy as np
 
     import calib
-    from calib.data.tables import read_table
+    from calib.data.tables import read_table, write_table
 
-    from .batch import numbered, write_table
+    from .batch import numbered
 
     loaded = calib.load(model)
     joints = JointFormat(loaded.about, degrees)

@@ -43,7 +43,7 @@ def forward(
     degrees: o.DegreesOption = False,
     as_json: o.JsonOption = False,
 ) -> None:
-    """Position of the tip for joint values."""
+    """Position of the tip for joint values; exit code 3 outside of what was learned."""
     typed = _numbers(values or [])
     _check_streams(typed, input_, output, as_json)
     loaded = _load(model)
@@ -86,7 +86,7 @@ def inverse(
     degrees: o.DegreesOption = False,
     as_json: o.JsonOption = False,
 ) -> None:
-    """Joint values that bring the tip to a position."""
+    """Joint values that bring the tip to a position; exit code 3 if it is out of reach."""
     typed = _numbers(target or [])
     _check_streams(typed, input_, output, as_json)
     if every and input_ is not None:

@@ -385,6 +385,44 @@ def test_joints_and_tips_that_cannot_be_are_told_in_one_line(options, words):
         assert word in message
 
 
+NO_TIP = chain_urdf(turning(), turning(), tip="0 0 0")
+STUCK_CHAIN = chain_urdf(turning(lower="0", upper="0"), turning())
+SIDE_BY_SIDE = (
+    '<robot name="r"><link name="o"/><link name="l"/><link name="m"/>'
+    f'<joint name="a" type="revolute"><parent link="o"/><child link="l"/>{turning()}</joint>'
+    f'<joint name="b" type="revolute"><parent link="o"/><child link="m"/>{turning()}</joint>'
+    "</robot>"
+)
+
+
+@pytest.mark.parametrize(
+    ("text", "options", "words"),
+    [
+        # two joints, but whatever the last one carries lies on its axis
+        (NO_TIP, {}, ["'j2'", "lies on its axis", "add a tip link"]),
+        (NO_TIP, {"tip": "tip"}, ["'tip' lies on its axis", "add a tip link"]),
+        (chain_urdf(turning(), turning()), {"tip": "l2"}, ["'l2' lies on its axis", "from tip"]),
+        # two joints side by side
+        (SIDE_BY_SIDE, {}, ["in one chain", "a, b"]),
+        # limits that leave no room: named only where they are the reason
+        (STUCK_CHAIN, {}, ["j1", "no room (0 to 0)", "--range j1=LOWER:UPPER"]),
+        (STUCK_CHAIN, {"lock": {"j2": 0.0}}, ["in one chain", "j2 is locked"]),
+    ],
+)
+def test_the_reason_for_finding_no_arm_is_the_true_one(text, options, words):
+    with pytest.raises(RobotError) as caught:
+        arm_from_urdf(text, **options)
+    for word in words:
+        assert word in str(caught.value)
+    assert "\n" not in str(caught.value)
+
+
+def test_joints_that_their_limits_hold_move_once_they_are_given_a_range():
+    arm = arm_from_urdf(STUCK_CHAIN, ranges={"j1": (-1, 1)})
+    assert arm.joint_names == ("j1", "j2")
+    assert arm.lower[0] == -1
+
+
 def test_an_arm_that_is_not_planar_is_refused_naming_the_joint_and_its_axis():
     text = chain_urdf(turning(), turning(axis="0 1 0"), turning())
     with pytest.raises(RobotError, match=r"not planar: joint 'j2' has the axis \(0, 1, 0\)"):

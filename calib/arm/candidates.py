@@ -14,7 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ..errors import RobotError
-from ..wording import listed
+from ..wording import listed, quoted
 from .chain import lever_lengths
 from .planarity import MIN_LEVER, PARALLEL, common_normal, fits
 from .posture import Posture
@@ -123,31 +123,83 @@ def choose(candidates: Sequence[Candidate]) -> tuple[Candidate, str | None]:
     return best, f"chosen by reach: {best} (others: {others})"
 
 
-def nothing_found(urdf: Urdf, posture: Posture, tip: str | None) -> RobotError:
-    """Explain that a robot (or a tip) has no planar arm."""
+def nothing_found(
+    urdf: Urdf, posture: Posture, tip: str | None, locked: Collection[str], fixed: Collection[str]
+) -> RobotError:
+    """Explain that a robot (or a tip) has no planar arm.
+
+    Parameters
+    ----------
+    urdf : Urdf
+    posture : Posture
+    tip : str or None
+        The tip, if the user named it.
+    locked : collection of str
+        Joints that the user holds.
+    fixed : collection of str
+        Joints that their limits leave no room, and that the user gave no range.
+    """
+    to_tip = f" that moves {tip!r}" if tip else ""
     joints = urdf.path(tip) if tip else urdf.joints
-    turning = [joint for joint in joints if joint.revolute and not limits_fault(joint)]
+    moving = [joint for joint in joints if joint.movable and not joint.mimic]
+    names = listed(joint.name for joint in moving)
+    if len(moving) < 2:
+        return RobotError(f"a planar arm needs two movable joints or more{to_tip}, found {names}")
+    free = [joint for joint in moving if joint.name not in locked]
+    chains = [[joint for joint in urdf.path(end.child) if joint in free] for end in free]
+    if not chains or max(map(len, chains)) < 2:
+        left = f" when {listed(locked)} is locked" if locked else ""
+        return RobotError(
+            f"no planar arm{to_tip}: it needs two joints in one chain, and none of the movable "
+            f"joints moves another{left}: {names}"
+        )
+    freed = find_candidates(urdf, posture, tip, locked)
+    if freed:
+        stuck = [joint for joint in freed[0].joints if joint.name in fixed]
+        faults = "; ".join(f"{joint.name}: {limits_fault(joint)}" for joint in stuck)
+        ranges = " ".join(f"--range {joint.name}=LOWER:UPPER" for joint in stuck)
+        return RobotError(
+            f"no planar arm{to_tip} without joints that have no room to move; {faults}; "
+            f"give {ranges}"
+        )
+    turning = [joint for joint in max(chains, key=len) if joint.revolute]
     if len(turning) == 2:  # the one pair there is: say what is wrong with it
         try:
             common_normal(turning, posture)
         except RobotError as error:
             return error
-    movable = [joint.name for joint in joints if joint.movable]
-    faults = [
-        f"{joint.name}: {limits_fault(joint)}"
-        for joint in joints
-        if joint.movable and limits_fault(joint)
-    ]
-    left_out = f"; left out {'; '.join(faults[:3])} (--range JOINT=LO:HI)" if faults else ""
-    to_tip = f" that moves {tip!r}" if tip else ""
-    if len(movable) < 2:
-        return RobotError(
-            f"a planar arm needs two movable joints or more{to_tip}, found {listed(movable)}"
-        )
+    for chain in chains:
+        for members, _ in _planar_sets(chain, posture):
+            moved = _frames_moved(members[-1], urdf, posture)
+            if len(members) > 1 and (not moved or (tip and tip not in moved)):
+                remedy = (
+                    f"choose the tip from {listed(moved)}"
+                    if moved
+                    else "add a tip link on a fixed joint to the URDF"
+                )
+                what = quoted(tip) if tip else "every frame that it moves"
+                return RobotError(
+                    f"no planar arm{to_tip}: joint {quoted(members[-1].name)} is the last of its "
+                    f"plane and {what} lies on its axis; {remedy}"
+                )
     return RobotError(
         f"no planar arm of two or more joints{to_tip} was found: name the joints, and as tip a "
-        f"frame off the last one's axis; movable joints: {listed(movable)}{left_out}"
+        f"frame off the last one's axis; movable joints: {names}"
     )
+
+
+def _frames_moved(joint: Joint, urdf: Urdf, posture: Posture) -> list[str]:
+    """Links beyond a joint whose origins it moves."""
+    axis, point = posture.axes[joint.name], posture.points[joint.name]
+    return [
+        link
+        for link in urdf.links
+        if joint in urdf.path(link)
+        and not (
+            joint.revolute
+            and float(np.linalg.norm(np.cross(axis, posture.links[link] - point))) < MIN_LEVER
+        )
+    ]
 
 
 def _planar_sets(path: list[Joint], posture: Posture) -> list[tuple[list[Joint], Array]]:

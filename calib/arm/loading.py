@@ -152,14 +152,14 @@ def _select(
 ) -> tuple[list[Joint], str]:
     """Return the active joints, base to tip, and the tip link: as named, or found."""
     if joints is None:
-        excluded = set(lock) | {
+        fixed = {
             joint.name
             for joint in urdf.joints
             if fixed_by_limits(joint) and joint.name not in ranges
         }
-        candidates = find_candidates(urdf, posture, tip, excluded)
+        candidates = find_candidates(urdf, posture, tip, fixed.union(lock))
         if not candidates:
-            raise nothing_found(urdf, posture, tip)
+            raise nothing_found(urdf, posture, tip, lock, fixed)
         chosen, note = choose(candidates)
         notes += [note] if note else []
         return list(chosen.joints), chosen.tip

@@ -1,0 +1,138 @@
+"""Write the reference of the command line from the program itself.
+
+python docs/make_cli.py                 # writes docs/cli.md
+"""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Iterator
+from pathlib import Path
+from typing import Any
+
+import typer
+from calib_cli.app import app
+
+PAGE = Path(__file__).parent / "cli.md"
+DEFAULT = re.compile(r" \(default ([^)]*)\)")
+INTRODUCTION = """\
+# Command line
+
+Written by `python docs/make_cli.py` from the program; edit the program, not this page.
+
+Results go to standard output; notes, warnings and progress to standard error. Files, the
+JSON documents and what is typed are in rad, m and s; tables for people print mm and degrees
+and say so. A negative number is an ordinary argument: `calib query inverse m.calib -0.1 0.3`.
+Numbers that are typed may be followed by options, and options may come first.
+
+| exit code | meaning |
+|---:|---|
+| 0 | done |
+| 1 | an error, told in one line on standard error: the value, what was expected, what to do |
+| 2 | the command was typed wrongly: an unknown option, a value that cannot be read |
+| 3 | the answer is no: drifted, out of reach, not improved; each command says what it means |
+| 130 | interrupted with Ctrl-C; nothing half done is left behind |
+"""
+
+
+def commands(command: Any, words: tuple[str, ...] = ("calib",)) -> Iterator[tuple[str, Any]]:
+    """Yield every command that does something, with the words that call it."""
+    if not hasattr(command, "commands"):
+        yield " ".join(words), command
+        return
+    order = list(command.list_commands(typer.Context(command)))
+    for name in order:
+        yield from commands(command.commands[name], (*words, name))
+
+
+def anchor(title: str) -> str:
+    """Return the anchor that GitHub gives a heading of plain words."""
+    return title.lower().replace(" ", "-")
+
+
+def usage(name: str, command: Any) -> str:
+    """Return one line: the command, what must be given, what may be."""
+    words = [name]
+    for parameter in command.params:
+        if parameter.param_type_name == "argument":
+            shown = parameter.metavar
+            words.append(shown if parameter.required else f"[{shown}]")
+    words += [
+        f"{parameter.opts[0]} {parameter.metavar}"
+        for parameter in command.params
+        if parameter.param_type_name == "option" and parameter.required
+    ]
+    optional = any(p.param_type_name == "option" and not p.required for p in command.params)
+    return " ".join([*words, "[OPTIONS]"] if optional else words)
+
+
+def row(parameter: Any) -> str:
+    """Return a table's row: how it is typed, what it does, its default."""
+    if parameter.param_type_name == "argument":
+        typed, needed = f"`{parameter.metavar}`", parameter.required
+    else:
+        names = sorted(parameter.opts, key=len, reverse=True)
+        value = "" if parameter.is_flag else f" {parameter.metavar}"
+        typed = ", ".join([f"`{names[0]}{value}`", *(f"`{name}`" for name in names[1:])])
+        needed = parameter.required
+    told = DEFAULT.search(parameter.help)  # what the help says itself goes first
+    default = ""
+    if needed:
+        default = "required"
+    elif told:
+        default = told[1]
+    elif not getattr(parameter, "is_flag", False) and parameter.default not in (None, (), []):
+        default = f"`{parameter.default}`"
+    meaning = DEFAULT.sub("", parameter.help)
+    if getattr(parameter, "multiple", False) and "repeatable" not in meaning:
+        meaning += " Repeatable."
+    return f"| {_cell(typed)} | {_cell(meaning)} | {_cell(default)} |"
+
+
+def section(name: str, command: Any) -> str:
+    """Return the chapter of one command."""
+    paragraphs = [" ".join(part.split()) for part in (command.help or "").split("\n\n")]
+    lines = [f"## {name}", "", *_spaced(paragraphs), "```text", usage(name, command), "```", ""]
+    if command.params:
+        lines += [
+            "| argument or option | meaning | default |",
+            "|---|---|---|",
+            *map(row, command.params),
+            "",
+        ]
+    return "\n".join(lines)
+
+
+def page() -> str:
+    """Return the whole page."""
+    program = typer.main.get_command(app)
+    every = list(commands(program))
+    overview = [
+        f"| [`{name}`](#{anchor(name)}) | {_cell(_first_sentence(command.help))} |"
+        for name, command in every
+    ]
+    parts = [
+        INTRODUCTION,
+        "`calib --version` prints the version; `--help` after any command prints its part of "
+        "this page.\n",
+        "\n".join(["| command | what it does |", "|---|---|", *overview, ""]),
+        *(section(name, command) for name, command in every),
+    ]
+    return "\n".join(parts)
+
+
+def _first_sentence(text: str) -> str:
+    """What a command does, without what its exit code says."""
+    return " ".join(text.split("\n\n")[0].split()).rstrip(".").split("; exit code")[0]
+
+
+def _spaced(paragraphs: list[str]) -> list[str]:
+    return [line for paragraph in paragraphs for line in (paragraph, "")]
+
+
+def _cell(text: str) -> str:
+    return text.replace("|", "\\|")
+
+
+if __name__ == "__main__":
+    PAGE.write_text(page(), encoding="utf-8")
