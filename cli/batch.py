@@ -5,30 +5,23 @@ This file is imported only for a batch: it needs NumPy.
 
 from __future__ import annotations
 
-import sys
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
-from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from numpy.typing import NDArray
 
-from calib.atomic import atomic_write
-from calib.data.columns import PARQUET
-from calib.data.tables import read_table
+from calib.data.tables import read_table, write_table
 
 from .output import note, show_json
 from .units import JointFormat
 
 if TYPE_CHECKING:
-    import polars as pl
-
     from calib import Model
 
 Array = NDArray[np.float64]
 
-_MISSING = "nan"  # an answer that there is not
 _TOLD = 10  # so many rows are named at most
 
 
@@ -146,23 +139,6 @@ def _finish(
         if rows:
             note(f"{numbered(rows)} of {len(columns['x'])}: {what}")
     return 1 if invalid else 3 if refused else 0
-
-
-def write_table(path: str, columns: Mapping[str, NDArray[Any]]) -> None:
-    """Write columns as a CSV file, a Parquet file, or (`-`) to standard output."""
-    import polars as pl
-
-    frame = pl.DataFrame(dict(columns))
-    if path == "-":
-        sys.stdout.write(_csv(frame))
-    elif Path(path).suffix.lower() in PARQUET:
-        atomic_write(path, frame.write_parquet)
-    else:
-        atomic_write(path, _csv(frame).encode())
-
-
-def _csv(frame: pl.DataFrame) -> str:
-    return frame.fill_nan(None).write_csv(null_value=_MISSING)
 
 
 def numbered(numbers: Sequence[int]) -> str:

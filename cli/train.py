@@ -112,17 +112,11 @@ def train(
 
 def check_output(path: str) -> None:
     """Refuse an output that cannot be written before the work starts."""
-    from calib.errors import CalibError
+    from calib.atomic import check_writable
 
     if path == "-":
         raise BadOption("--output '-': expected a file, a model is no text to print")
-    target = Path(path)
-    if target.is_dir():
-        raise CalibError(f"cannot write {path!r}: it is a folder; name a file in it")
-    if not target.parent.is_dir():
-        raise CalibError(
-            f"cannot write {path!r}: there is no folder {str(target.parent)!r}; make it first"
-        )
+    check_writable(path)
 
 
 def _check_source(

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import io
 import os
 import sys
 from collections.abc import Mapping, Sequence
@@ -59,12 +60,15 @@ def write_table(path: str | os.PathLike[str], columns: Mapping[str, ArrayLike]) 
 
     frame = pl.DataFrame({name: np.asarray(values) for name, values in columns.items()})
     if os.fspath(path) == "-":
-        sys.stdout.write(_csv_ready(frame).write_csv(null_value="nan"))
+        sys.stdout.write(_csv(frame))
     elif Path(path).suffix.lower() in PARQUET:
-        atomic_write(path, frame.write_parquet)
+        # by way of memory: what Polars says of a full disk is no OSError
+        content = io.BytesIO()
+        frame.write_parquet(content)
+        atomic_write(path, content.getvalue())
     else:
-        atomic_write(path, lambda file: _csv_ready(frame).write_csv(file, null_value="nan"))
+        atomic_write(path, _csv(frame).encode())
 
 
-def _csv_ready(frame: pl.DataFrame) -> pl.DataFrame:
-    return frame.fill_nan(None)  # Polars spells it "NaN" otherwise
+def _csv(frame: pl.DataFrame) -> str:
+    return frame.fill_nan(None).write_csv(null_value="nan")  # Polars spells it "NaN" otherwise

@@ -12,6 +12,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import NDArray
 
+from ..atomic import atomic_write
 from .adaptation import Episode
 from .search import SAME
 from .setting import Setting
@@ -72,7 +73,7 @@ def lattice_figure(setting: Setting, path: Path) -> None:
         "readout activity",
         fontsize=9,
     )
-    figure.savefig(path, dpi=_DPI)
+    _save(figure, path)
 
 
 def changed_figure(episodes: Mapping[str, Episode], path: Path) -> None:
@@ -98,7 +99,7 @@ def changed_figure(episodes: Mapping[str, Episode], path: Path) -> None:
             ax.set(title=title, xlabel="x [mm]", ylabel="y [mm]", aspect="equal")
             _bar(figure, lines, ax, label)
         _share_limits(row)
-    figure.savefig(path, dpi=_DPI)
+    _save(figure, path)
 
 
 def curves_figure(episodes: Mapping[str, Episode], path: Path) -> None:
@@ -136,7 +137,11 @@ def curves_figure(episodes: Mapping[str, Episode], path: Path) -> None:
     for ax in axes[1]:
         ax.set_xlabel("samples after the change")
         ax.locator_params(axis="x", nbins=5)
-    figure.savefig(path, dpi=_DPI)
+    _save(figure, path)
+
+
+def _save(figure: Any, path: Path) -> None:
+    atomic_write(path, lambda file: figure.savefig(file, format="png", dpi=_DPI))
 
 
 def node_means(net: Map, points: Array, values: Array) -> Array:
