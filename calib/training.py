@@ -64,7 +64,7 @@ def train(
         Where they differ from `size`.
     map : str or gain function
         Network: "vdsom", "som", "dsom", "gng", "vdgng", or a reading of the varying
-        density such as "vdsom:error" or "gng:error" (:mod:`calib.maps.density`).
+        density (eq. 7 and 8) such as "vdsom:error" or "gng:error".
     rule : {"batch", "online"}
         Kohonen's batch map, or the paper's eq. 1 to 4, sample by sample.
     epochs : int, optional
@@ -73,7 +73,7 @@ def train(
     sigma : (float, float), optional
         Neighbourhood radius at the start and at the end [nodes].
     links : {"reciprocal", "oja", "local", "mutual"}
-        How the links are learned and read, see :data:`calib.links.WIRINGS`.
+        How the links (eq. 5) are learned and read (eq. 6), see docs/paper.md.
     seed : int
         The same seed gives the same model, byte for byte.
     progress : callable, optional

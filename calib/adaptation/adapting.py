@@ -87,11 +87,16 @@ def adapt(
         New samples of the same arm, at least ten.
     method : {"few-shot", "online"}
         A correction of the old map and a rehearsal of it, for tens to thousands of
-        samples; or the paper's rule, which needs thousands.
+        samples; or the paper's rule (eq. 10 to 12), which needs thousands.
     seed : int, optional
         Seed of what is imagined; the model's own where not given.
     progress : callable, optional
         Called with the share of the work done, the stage and the current error.
+
+    Returns
+    -------
+    Adaptation
+        The new model, what was corrected, and the errors on held-out rows before and after.
 
     Raises
     ------

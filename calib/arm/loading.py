@@ -54,10 +54,22 @@ def load_arm(
     ranges : mapping of str to (lower, upper), optional
         Part of a joint's range [rad or m] to babble and learn.
 
+    Returns
+    -------
+    PlanarArm
+        What was chosen or assumed stands in its `notes`.
+
     Raises
     ------
     RobotError, OptionError
         In one line, naming what was given, what was expected and what to do.
+
+    Examples
+    --------
+    >>> import calib
+    >>> arm = calib.load_arm("two_link")
+    >>> arm.joint_names, arm.tip, arm.forward([0.0, 0.0]).round(3).tolist()
+    (('shoulder', 'elbow'), 'tip', [0.55, 0.0])
     """
     path = resolve_robot(robot)
     text = read_urdf(path)

@@ -153,7 +153,12 @@ def write_log(samples: Samples, path: str | os.PathLike[str]) -> None:
 
     Examples
     --------
-    >>> write_log(calib.babble(arm, 100), "log.csv")                # doctest: +SKIP
+    >>> import calib
+    >>> arm = calib.load_arm("two_link")
+    >>> samples = calib.babble(arm, 100)
+    >>> calib.write_log(samples, "log.csv")
+    >>> bool((calib.read_log("log.csv", arm).q == samples.q).all())
+    True
     """
     check_names(samples.joint_names)
     joints = {name: samples.q[:, k] for k, name in enumerate(samples.joint_names)}

@@ -42,9 +42,9 @@ class Simulation:
 
     Examples
     --------
-    >>> import calib
+    >>> import calib, numpy as np
     >>> arm = calib.load_arm("two_link")
-    >>> turned = Simulation(arm, noise=1e-3, changes=parse_changes("sensor.mirror=x"))
+    >>> turned = calib.Simulation(arm, noise=1e-3, changes=("sensor.mirror=x",))
     >>> rng = np.random.default_rng(0)
     >>> turned.measure(turned.draw(5, rng), rng).shape
     (5, 2)

@@ -76,9 +76,14 @@ class Monitor:
 
     Examples
     --------
-    >>> monitor = model.monitor()                                   # doctest: +SKIP
-    >>> state = monitor.update([0.3, 1.2], [0.21, 0.35])            # doctest: +SKIP
-    >>> state.drifted                                               # doctest: +SKIP
+    >>> import calib
+    >>> arm = calib.load_arm("two_link")
+    >>> model = calib.train(calib.babble(arm, 500, noise=1e-3), size=10)
+    >>> monitor = model.monitor()
+    >>> calm = calib.babble(arm, 50, seed=1, noise=1e-3)
+    >>> for q, x in zip(calm.q, calm.x):
+    ...     state = monitor.update(q, x)
+    >>> state.drifted
     False
     """
 
