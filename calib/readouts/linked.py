@@ -141,7 +141,7 @@ class Association:
     @cached_property
     def clusters(self) -> Clusters:
         """The branches of each sensory node."""
-        from scipy.sparse import coo_array
+        from scipy.sparse import csr_array
         from scipy.sparse.csgraph import connected_components
 
         links, motor = self.partners, self.motor
@@ -149,14 +149,17 @@ class Association:
         j = np.repeat(np.arange(ns), np.diff(links.indptr))
         i = links.indices.astype(np.intp)
         # two links of one sensory node are joined where their motor nodes are close
-        distance, near = motor.nearest(motor.units, min(3 ** min(motor.units.shape[1], 3), nm))
-        near = np.where(distance <= _JOINED * motor.spacing, near, nm)
-        key = j * (nm + 1) + i  # ascending: rows are sorted
-        other = j[:, None] * (nm + 1) + near[i]
+        start, close = _close_nodes(motor)
+        several = np.diff(start)[i]
+        row = np.repeat(np.arange(len(i)), several)
+        turn = np.arange(len(row)) - np.repeat(np.cumsum(several) - several, several)
+        key = j * nm + i  # ascending: rows are sorted
+        other = j[row] * nm + close[start[i[row]] + turn]
         place = np.minimum(np.searchsorted(key, other), len(key) - 1)
-        row, column = np.nonzero(key[place] == other)
-        graph = coo_array((np.ones(len(row)), (row, place[row, column])), shape=(len(key),) * 2)
-        label = connected_components(graph.tocsr(), directed=False)[1].astype(np.intp)
+        met = key[place] == other
+        indptr = np.append(0, np.cumsum(np.bincount(row[met], minlength=len(key))))
+        graph = csr_array((np.ones(len(place[met])), place[met], indptr), shape=(len(key),) * 2)
+        label = connected_components(graph, directed=False)[1].astype(np.intp)
 
         # strongest link of each cluster, clusters of each sensory node by strength
         order = np.lexsort((-links.data, label))
@@ -180,6 +183,19 @@ class Association:
         cores = np.zeros((ns, width), dtype=np.intp)
         cores[owner[keep], place_in_row[keep]] = i[first][rank][keep]
         return Clusters(centers, strength, cores)
+
+
+def _close_nodes(network: Map) -> tuple[Index, Index]:
+    """Nodes of a higher number close to each node: where each one's begin, and all of them."""
+    n, dim = network.units.shape
+    distance, near = network.nearest(network.units, min(3 ** min(dim, 3), n))
+    one, column = np.nonzero(distance <= _JOINED * network.spacing)
+    two = near[one, column]
+    pair = np.unique(np.minimum(one, two) * n + np.maximum(one, two))
+    one, two = np.divmod(pair, n)
+    apart = one < two
+    counts = np.bincount(one[apart], minlength=n)
+    return np.append(0, np.cumsum(counts)), two[apart]
 
 
 def _strongest(links: csr_array, own: Map) -> Index:
