@@ -40,6 +40,8 @@ if TYPE_CHECKING:
     from .maps.som import SOM as SOM
     from .model import Model as Model
     from .paths import Path as Path
+    from .planning.planning import Plan as Plan
+    from .planning.planning import plan as plan
     from .robots import list_robots as list_robots
     from .storage import load as load
     from .training import train as train
@@ -59,6 +61,7 @@ _HOME = {
     "Monitor": "drift.monitor",
     "OptionError": "errors",
     "Path": "paths",
+    "Plan": "planning.planning",
     "PlanarArm": "arm.planar_arm",
     "QueryError": "errors",
     "RobotError": "errors",
@@ -71,6 +74,7 @@ _HOME = {
     "list_robots": "robots",
     "load": "storage",
     "load_arm": "arm.loading",
+    "plan": "planning.planning",
     "read_log": "data.logs",
     "train": "training",
     "write_log": "data.logs",

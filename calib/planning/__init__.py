@@ -1,0 +1,1 @@
+"""Planning: which poses to measure with a real arm, and in which order."""
