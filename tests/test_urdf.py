@@ -13,7 +13,8 @@ from reference import random_joints
 
 from calib.arm.loading import arm_from_urdf
 from calib.arm.urdf import MAX_JOINTS, parse_urdf, read_urdf
-from calib.robots import list_robots
+from calib.errors import RobotError
+from calib.robots import list_robots, resolve_robot
 
 TWO = """<robot name="two">
   <link name="a"/><link name="b"/><link name="c"/><link name="d"/>
@@ -122,3 +123,18 @@ def test_the_longest_chain_that_is_allowed_is_loaded():
             f'<child link="{child}"/></joint>'
         )
     assert arm_from_urdf(text + "</robot>").joint_names == ("j1", "j2")
+
+
+@pytest.mark.parametrize("what", ["base", "upper_arm", "elbow", "tip"])
+@pytest.mark.parametrize("name", ["universe", "root_joint"])
+def test_names_that_mean_something_to_pinocchio_are_only_names(what, name):
+    text = read_urdf(resolve_robot("two_link"))
+    arm, renamed = arm_from_urdf(text), arm_from_urdf(text.replace(f'"{what}"', f'"{name}"'))
+    q = random_joints(arm, 10)
+    np.testing.assert_array_equal(renamed.forward(q), arm.forward(q))
+
+
+def test_a_robot_of_one_joint_is_refused_in_one_line():
+    one = TWO.replace('<joint name="j2" type="revolute">', '<joint name="j2" type="fixed">')
+    with pytest.raises(RobotError, match="two movable joints or more.*found j1"):
+        arm_from_urdf(one)

@@ -39,14 +39,20 @@ class Kinematics:
 
     def __init__(self, urdf: Urdf) -> None:
         pin = _import_pinocchio()
+        numbered = urdf.numbered()
         try:
-            self._model: Any = pin.buildModelFromXML(urdf.plain())
+            self._model: Any = pin.buildModelFromXML(numbered.plain())
         except Exception as error:  # Pinocchio raises what its parser happened to throw
             raise RobotError(
                 f"Pinocchio cannot read the robot {urdf.name!r} ({error}): check its joints"
             ) from None
         self._pin = pin
         self._urdf = urdf
+        joints = zip(urdf.joints, numbered.joints, strict=True)
+        self._joints = {joint.name: self._model.getJointId(own.name) for joint, own in joints}
+        links = zip(urdf.links, numbered.links, strict=True)
+        body = pin.FrameType.BODY
+        self._frames = {link: self._model.getFrameId(own, body) for link, own in links}
 
     def posture(self, values: Mapping[str, float]) -> Posture:
         """Return the posture at joint values [rad or m]; joints not named are at zero."""
@@ -54,24 +60,22 @@ class Kinematics:
         data = model.createData()
         q = np.zeros(model.nq)
         for name, value in values.items():
-            q[model.joints[model.getJointId(name)].idx_q] = value
+            q[model.joints[self._joints[name]].idx_q] = value
         pin.computeJointJacobians(model, data, q)
         pin.updateFramePlacements(model, data)
+        jacobian = np.reshape(data.J, (6, model.nv))  # of one joint it would be a vector
         axes: dict[str, Array] = {}
         points: dict[str, Array] = {}
         for joint in self._urdf.joints:
             if not joint.movable:
                 continue
-            number = model.getJointId(joint.name)
+            number = self._joints[joint.name]
             column = model.joints[number].idx_v
             rows = slice(3, 6) if joint.revolute else slice(0, 3)
-            axes[joint.name] = np.array(data.J[rows, column])
+            axes[joint.name] = jacobian[rows, column].copy()
             points[joint.name] = np.array(data.oMi[number].translation)
         links = {
-            link: np.array(
-                data.oMf[model.getFrameId(link, pin.FrameType.BODY)].translation, dtype=float
-            )
-            for link in self._urdf.links
+            link: np.array(data.oMf[frame].translation) for link, frame in self._frames.items()
         }
         return Posture(axes, points, links)
 

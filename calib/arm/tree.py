@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import xml.etree.ElementTree as ET
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property
 
 Vector = tuple[float, float, float]
@@ -98,6 +98,18 @@ class Urdf:
                 carrying.add(link)
                 link = self._above[link].parent if link in self._above else link
         return carrying
+
+    def numbered(self) -> Urdf:
+        """Return the same tree with numbers in its names, in the same order.
+
+        A stranger's names may mean something to Pinocchio: it calls the world `universe`.
+        """
+        links = {link: f"link_{k}" for k, link in enumerate(self.links)}
+        joints = tuple(
+            replace(joint, name=f"joint_{k}", parent=links[joint.parent], child=links[joint.child])
+            for k, joint in enumerate(self.joints)
+        )
+        return replace(self, root=links[self.root], links=tuple(links.values()), joints=joints)
 
     def plain(self) -> str:
         """Return a URDF of links and joints only, which Pinocchio reads without objection.
