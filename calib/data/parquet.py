@@ -2,12 +2,12 @@
 
 from __future__ import annotations
 
-import io
 import os
 import sys
 from collections.abc import Iterator, Sequence
 from contextlib import contextmanager, suppress
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 import numpy as np
 from numpy.typing import NDArray
@@ -15,51 +15,75 @@ from numpy.typing import NDArray
 from ..errors import LogError
 from .cells import parse_cell
 
+if TYPE_CHECKING:
+    import polars as pl
+
 Array = NDArray[np.float64]
 
 
-def parquet_header(label: str, data: Path | io.BytesIO) -> tuple[str, ...]:
+BATCH = 1 << 18
+"""Rows of a Parquet file that are held at once."""
+
+
+def parquet_header(label: str, path: Path) -> tuple[str, ...]:
     """Return the names of the columns."""
     import polars as pl
 
     with _one_line_errors(label):
-        return tuple(pl.read_parquet_schema(data))
+        return tuple(pl.read_parquet_schema(path))
 
 
-def read_parquet(
-    label: str, data: Path | io.BytesIO, names: Sequence[str], *, lenient: bool = False
-) -> Array:
-    """Read some columns as numbers.
+def parquet_batches(
+    label: str, path: Path, names: Sequence[str], *, lenient: bool = False
+) -> Iterator[Array]:
+    """Read some columns as numbers, some rows at a time.
 
     Parameters
     ----------
     label : str
         What errors call the file.
-    data : Path or BytesIO
+    path : Path
         The file.
     names : sequence of str
         The columns wanted; all of them exist.
     lenient : bool
         Whether text in a number's place is NaN rather than an error.
 
-    Returns
-    -------
+    Yields
+    ------
     (n, len(names)) array
-        NaN where a value is missing.
+        The next rows, NaN where a value is missing.
     """
     import polars as pl
 
     with _one_line_errors(label):
-        frame = pl.read_parquet(data, columns=list(dict.fromkeys(names)))
+        table = pl.scan_parquet(path, glob=False).select(list(dict.fromkeys(names)))
+    first, height = 0, BATCH
+    while height == BATCH:
+        with _one_line_errors(label):
+            frame = table.slice(first, BATCH).collect()
+        height = frame.height
+        if height:
+            yield _numbers(frame, names, label, first, lenient)
+        first += height
+
+
+def _numbers(
+    frame: pl.DataFrame, names: Sequence[str], label: str, first: int, lenient: bool
+) -> Array:
+    import polars as pl
+
     values = np.empty((frame.height, len(names)))
     for i, name in enumerate(names):
         column = frame[name]
         if column.dtype.is_numeric() or column.dtype == pl.Null:
             values[:, i] = column.cast(pl.Float64).fill_null(np.nan).to_numpy()
         elif column.dtype == pl.String:
-            for row, text in enumerate(column):
-                where = f"{label}, row {row + 1}, column {name!r}"
-                values[row, i] = parse_cell((text or "").strip(), where, lenient=lenient)
+            for row, text in enumerate(column, start=first + 1):
+                where = f"{label}, row {row}, column {name!r}"
+                values[row - first - 1, i] = parse_cell(
+                    (text or "").strip(), where, lenient=lenient
+                )
         else:
             raise LogError(f"{label}, column {name!r} holds {column.dtype}, expected numbers")
     return values

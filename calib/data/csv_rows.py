@@ -1,0 +1,197 @@
+"""CSV files: batches of numbers, fast where every line is plain, careful where it is not."""
+
+from __future__ import annotations
+
+import csv
+import io
+from array import array
+from collections.abc import Iterator, Sequence
+from pathlib import Path
+from typing import IO
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ..errors import LogError
+from .cells import parse_cell
+
+Array = NDArray[np.float64]
+
+BLOCK = 1 << 23
+"""Bytes of a CSV file that are held at once."""
+
+_ROWS = 1 << 16  # rows of a batch that is read cell by cell
+
+
+def csv_batches(
+    label: str,
+    path: Path,
+    header: Sequence[str],
+    separator: str,
+    skip: int,
+    index: Sequence[int],
+    *,
+    lenient: bool = False,
+) -> Iterator[Array]:
+    """Read some columns as numbers, some rows at a time.
+
+    Parameters
+    ----------
+    label : str
+        What errors call the file.
+    path : Path
+        The file.
+    header : sequence of str
+        Names of all columns.
+    separator : str
+        Between the fields of a row.
+    skip : int
+        Lines up to the end of the header.
+    index : sequence of int
+        The columns wanted.
+    lenient : bool
+        Whether text in a number's place is NaN rather than an error.
+
+    Yields
+    ------
+    (n, len(index)) array
+        The next rows, NaN where a value is missing. Blank lines are no rows.
+    """
+    careful = _Careful(label, header, separator, index, lenient)
+    with path.open("rb") as file:
+        start = file.readline()
+        # a header of several lines, or one that only a carriage return ends
+        if skip != 1 or b"\r" in start.rstrip(b"\r\n"):
+            file.seek(0)
+            yield from careful.batches(file, 0, 0, skip)
+            return
+        rows, lines = 0, 1
+        while block := _next_block(label, file):
+            values = _read_plain(block, len(header), separator, index)
+            if values is not None:
+                yield values
+                rows += len(values)
+            elif b'"' in block:  # which may hold line ends: no later block begins a row for sure
+                file.seek(-len(block), io.SEEK_CUR)
+                yield from careful.batches(file, rows, lines)
+                return
+            else:
+                for values in careful.batches(io.BytesIO(block), rows, lines):
+                    yield values
+                    rows += len(values)
+            lines += block.count(b"\n")
+
+
+def csv_rows(
+    label: str, file: IO[bytes], separator: str, lines: int = 0
+) -> Iterator[tuple[int, list[str]]]:
+    """Yield the number of the line that ends a row, and its fields; blank lines are skipped."""
+    text = io.TextIOWrapper(file, encoding="utf-8" if lines else "utf-8-sig", newline="")
+    reader = csv.reader(text, delimiter=separator)
+    try:
+        for row in reader:
+            if row and (len(row) > 1 or row[0].strip()):
+                yield lines + reader.line_num, row
+    except UnicodeDecodeError:
+        raise LogError(f"{label} is not UTF-8 text: save it as UTF-8 CSV") from None
+    except csv.Error as error:
+        raise LogError(f"{label}, line {lines + reader.line_num} is no CSV: {error}") from None
+    finally:
+        text.detach()  # the file is its owner's to close
+
+
+def _next_block(label: str, file: IO[bytes]) -> bytes:
+    """Return the next whole lines."""
+    block = file.read(BLOCK)
+    if block and not block.endswith(b"\n"):
+        rest = file.readline(BLOCK)
+        if len(rest) == BLOCK and not rest.endswith(b"\n"):
+            raise LogError(f"{label} has a line of more than {BLOCK >> 20} MB: expected CSV")
+        block += rest
+    return block
+
+
+def _read_plain(block: bytes, width: int, separator: str, index: Sequence[int]) -> Array | None:
+    """Read clean lines in Polars; None sends every doubtful block to the careful reader."""
+    import polars as pl
+
+    if not _is_plain(block, width, separator):
+        return None
+    wanted = sorted(set(index))
+    schema = {f"c{i}": pl.Float64() if i in wanted else pl.String() for i in range(width)}
+    try:
+        frame = pl.read_csv(
+            io.BytesIO(block),
+            has_header=False,
+            separator=separator,
+            schema=schema,
+            columns=wanted,
+        )
+    except (pl.exceptions.PolarsError, pl.exceptions.PanicException, OSError, ValueError):
+        return None
+    frame = frame.select([f"c{i}" for i in index])
+    blank = frame.select(pl.all_horizontal(pl.all().is_null())).to_series().any()
+    if frame.height == 0 or blank:
+        return None
+    return frame.to_numpy()
+
+
+def _is_plain(block: bytes, width: int, separator: str) -> bool:
+    """Whether every line has as many fields as the header, and none is quoted.
+
+    Versions of Polars differ in what they make of the others.
+    """
+    if b'"' in block:
+        return False
+    text = np.frombuffer(block, dtype=np.uint8)
+    ends = np.flatnonzero(text == ord("\n"))
+    if not block.endswith(b"\n"):
+        ends = np.append(ends, len(text))
+    marks = np.flatnonzero(text == ord(separator))
+    before = np.searchsorted(marks, ends)
+    return bool((before == (width - 1) * np.arange(1, len(ends) + 1)).all())
+
+
+class _Careful:
+    """Reads row by row: slower, with an opinion on every cell."""
+
+    def __init__(
+        self, label: str, header: Sequence[str], separator: str, index: Sequence[int], lenient: bool
+    ) -> None:
+        self.label, self.header, self.separator = label, header, separator
+        self.index, self.lenient = index, lenient
+
+    def batches(self, file: IO[bytes], number: int, lines: int, skip: int = 0) -> Iterator[Array]:
+        """Rows of the rest of a file, of which so many rows and lines were read already."""
+        values = array("d")
+        for line, row in csv_rows(self.label, file, self.separator, lines):
+            if line <= skip:
+                continue
+            number += 1
+            values.extend(self._numbers(number, row))
+            if len(values) == _ROWS * len(self.index):
+                yield self._table(values)
+                values = array("d")
+        if values:
+            yield self._table(values)
+
+    def _numbers(self, number: int, row: list[str]) -> list[float]:
+        width = len(self.header)
+        where = f"{self.label}, row {number}"
+        surplus = any(field.strip() for field in row[width:])
+        if surplus and not self.lenient:
+            raise LogError(
+                f"{where} has {len(row)} fields under a header of {width}: write decimals "
+                "with a point and quote text that holds a comma"
+            )
+        return [
+            parse_cell(
+                row[i].strip() if i < len(row) and not surplus else "",
+                f"{where}, column {self.header[i]!r}",
+                lenient=self.lenient,
+            )
+            for i in self.index
+        ]
+
+    def _table(self, values: array[float]) -> Array:
+        return np.array(values, dtype=np.float64).reshape(-1, len(self.index))
