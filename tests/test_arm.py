@@ -10,7 +10,9 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from reference import pinocchio_forward, random_joints
 
+from calib.arm.candidates import find_tip
 from calib.arm.loading import arm_from_urdf, load_arm
+from calib.arm.urdf import parse_urdf
 from calib.errors import CalibError, OptionError, QueryError, RobotError
 from calib.robots import list_robots
 
@@ -476,3 +478,105 @@ def test_without_pinocchio_the_remedy_is_told(monkeypatch):
     monkeypatch.setitem(sys.modules, "pinocchio", None)
     with pytest.raises(RobotError, match="pip install pin"):
         load_arm("two_link")
+
+
+# --- found by changing the code and seeing no test fail ---------------------------------
+
+BENT = chain_urdf(turning(), turning(), tip="0.12 0.16 0")  # the last link is 0.2 m, bent
+SLIDING_TIP = chain_urdf(turning(), turning(axis="1 0 0") + SLIDE, tip="0 0 0")
+
+
+@pytest.mark.parametrize("text", [BENT, *(load_arm(name).urdf for name in BUNDLED)])
+def test_a_moved_tip_is_told_by_the_last_link_wherever_that_points(text):
+    arm = arm_from_urdf(text)
+    q = random_joints(arm, 20)
+    flat = arm.plane.project(arm.points(q))
+    link = flat[:, -1] - flat[:, -2]
+    if not arm.revolute[-1]:  # its zero posture's link, which the slide's travel is not part of
+        link = link / np.linalg.norm(link, axis=1, keepdims=True)
+    along = link / np.linalg.norm(link, axis=1, keepdims=True)
+    left = np.stack([-along[:, 1], along[:, 0]], axis=1)
+    moved = arm.with_tip_offset(0.03, -0.02).forward(q) - arm.forward(q)
+    np.testing.assert_allclose(moved, 0.03 * along - 0.02 * left, atol=1e-14)
+
+
+def test_a_tip_on_its_slide_is_moved_along_the_planes_axes():
+    arm = arm_from_urdf(SLIDING_TIP)
+    moved = arm.with_tip_offset(0.03, -0.02).forward([0.0, 0.1]) - arm.forward([0.0, 0.1])
+    np.testing.assert_allclose(moved, [0.03, -0.02], atol=1e-15)
+
+
+@pytest.mark.parametrize("offset", [(np.nan, 0.0), (0.0, np.inf)])
+def test_a_tip_is_moved_by_finite_numbers_only(offset):
+    with pytest.raises(OptionError, match=r"tip offset .*expected two finite numbers"):
+        load_arm("two_link").with_tip_offset(*offset)
+
+
+@pytest.mark.parametrize("value", [-1.0, 0.0, 1.0])
+def test_a_joint_may_be_locked_up_to_its_limits_in_silence(value):
+    text = chain_urdf(turning(), turning(), turning())
+    arm = arm_from_urdf(text, ["j1", "j2"], "tip", lock={"j3": value})
+    assert arm.locked == {"j3": value}
+    assert arm.notes == ()
+
+
+def test_a_locked_joint_off_the_way_to_the_tip_is_said_aloud():
+    text = chain_urdf(turning(), turning(), turning())
+    arm = arm_from_urdf(text, ["j1", "j2"], "l3", lock={"j3": 0.5})
+    assert arm.locked == {"j3": 0.5}
+    idle = arm_from_urdf(text, ["j1", "j2"], "mount", lock={"j3": 0.5})
+    assert idle.notes == ()
+    aside = branching(turning("0 0 1", "0 0.1 0"), "aside")
+    assert arm_from_urdf(aside, ["j1", "j2"], "tip", lock={"aside": 0.1}).notes == (
+        "locked joints that do not move the tip: aside",
+    )
+
+
+def branching(inside: str, *names: str, kind: str = "revolute") -> str:
+    """Two joints and a tip; further links of these names hang on the second joint's link."""
+    text = chain_urdf(turning(), turning()).removesuffix("</robot>")
+    for name in names:
+        text += (
+            f'<link name="{name}_link"/><joint name="{name}" type="{kind}">'
+            f'<parent link="l2"/><child link="{name}_link"/>{inside}</joint>'
+        )
+    return text + "</robot>"
+
+
+def test_at_a_branching_a_tools_name_is_followed_or_else_the_only_way_with_joints():
+    far = '<origin xyz="0.1 0 0"/>'
+    plain = parse_urdf(branching(far, "camera", kind="fixed"))
+    assert find_tip(plain, "l1") == "tip"  # the usual name of a tip
+    odd = branching(far, "camera", kind="fixed").replace('"tip"', '"lamp"')
+    assert find_tip(parse_urdf(odd), "l1") == "l2"  # neither is better
+    assert find_tip(parse_urdf(odd.replace("camera_link", "my_TCP")), "l0") == "my_TCP"
+    two = odd.replace("camera_link", "left_tool0").replace('"lamp"', '"right_tool0"')
+    assert find_tip(parse_urdf(two), "l0") == "l2"
+    # a cover beside the one link that goes on moving
+    onward = branching(turning(), "wrist").replace('"tip"', '"cover"')
+    assert find_tip(parse_urdf(onward), "l0") == "wrist_link"
+    # a fixed part that carries a joint counts as well as a joint does
+    mounted = parse_urdf(
+        odd.replace(
+            "</robot>",
+            '<link name="end"/><joint name="j" type="revolute"><parent link="camera_link"/>'
+            f'<child link="end"/>{turning()}</joint></robot>',
+        )
+    )
+    assert find_tip(mounted, "l0") == "end"
+
+
+def test_a_tip_on_the_axis_is_told_with_those_that_are_off_it():
+    with pytest.raises(RobotError) as caught:
+        load_arm("two_link", ["shoulder", "elbow"], "forearm")
+    assert str(caught.value).endswith("choose a tip off the axis from tip")
+    text = NO_TIP.replace("tip", "end")
+    with pytest.raises(RobotError, match=r"does not move the tip 'end'.*or add a tip link"):
+        arm_from_urdf(text, ["j1", "j2"], "end")
+
+
+def test_without_a_tip_the_reason_speaks_of_none():
+    with pytest.raises(RobotError, match=r"^no planar arm: joint 'j2' is the last"):
+        arm_from_urdf(NO_TIP)
+    with pytest.raises(RobotError, match=r"^no planar arm that moves 'tip': joint 'j2'"):
+        arm_from_urdf(NO_TIP, tip="tip")

@@ -16,7 +16,7 @@ from numpy.typing import NDArray
 from ..errors import RobotError
 from ..wording import listed, quoted
 from .chain import lever_lengths
-from .planarity import MIN_LEVER, PARALLEL, common_normal, fits
+from .planarity import MIN_LEVER, PARALLEL, common_normal, fits, frames_moved
 from .posture import Posture
 from .ranges import full_range, limits_fault
 from .tree import Joint, Urdf
@@ -170,7 +170,7 @@ def nothing_found(
             return error
     for chain in chains:
         for members, _ in _planar_sets(chain, posture):
-            moved = _frames_moved(members[-1], urdf, posture)
+            moved = frames_moved(members[-1], urdf, posture)
             if len(members) > 1 and (not moved or (tip and tip not in moved)):
                 remedy = (
                     f"choose the tip from {listed(moved)}"
@@ -186,20 +186,6 @@ def nothing_found(
         f"no planar arm of two or more joints{to_tip} was found: name the joints, and as tip a "
         f"frame off the last one's axis; movable joints: {names}"
     )
-
-
-def _frames_moved(joint: Joint, urdf: Urdf, posture: Posture) -> list[str]:
-    """Links beyond a joint whose origins it moves."""
-    axis, point = posture.axes[joint.name], posture.points[joint.name]
-    return [
-        link
-        for link in urdf.links
-        if joint in urdf.path(link)
-        and not (
-            joint.revolute
-            and float(np.linalg.norm(np.cross(axis, posture.links[link] - point))) < MIN_LEVER
-        )
-    ]
 
 
 def _planar_sets(path: list[Joint], posture: Posture) -> list[tuple[list[Joint], Array]]:

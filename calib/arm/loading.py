@@ -22,7 +22,16 @@ from .planar_arm import PlanarArm
 from .planarity import check_tip, common_normal
 from .plane import plane_of
 from .posture import Kinematics, Posture
-from .ranges import Range, fixed_by_limits, full_range, neutral, one_turn, travel, unit_of
+from .ranges import (
+    Range,
+    check_limits,
+    fixed_by_limits,
+    full_range,
+    neutral,
+    one_turn,
+    travel,
+    unit_of,
+)
 from .tree import Joint, Urdf
 from .urdf import parse_urdf, read_urdf
 
@@ -119,7 +128,7 @@ def arm_from_urdf(
         revolute=tuple(joint.revolute for joint in active),
     )
     plane = plane_of(normal, chain.tip)
-    check_tip(active[-1], chain, plane, tip, urdf)
+    check_tip(active[-1], tip, urdf, posture)
     held = {j.name: values[j.name] for j in path if j.movable and j not in active}
     notes += _lock_notes(urdf, held, lock)
     arm = PlanarArm(
@@ -142,6 +151,7 @@ def arm_from_urdf(
 def _with_ranges(arm: PlanarArm, active: Sequence[Joint], ranges: Mapping[str, Range]) -> PlanarArm:
     """Return the arm with the ranges that were chosen, or else its joints' limits."""
     arm = arm.with_range(ranges)
+    check_limits([joint for joint in active if joint.name not in ranges])
     lower, upper, notes = arm.lower.copy(), arm.upper.copy(), list(arm.notes)
     for k, joint in enumerate(active):
         if joint.name in ranges:

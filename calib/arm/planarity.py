@@ -9,8 +9,6 @@ from numpy.typing import NDArray
 
 from ..errors import RobotError
 from ..wording import listed, quoted
-from .chain import Chain
-from .plane import Plane
 from .posture import Posture
 from .tree import Joint, Urdf
 
@@ -60,13 +58,27 @@ def common_normal(active: Sequence[Joint], posture: Posture) -> Array:
     return np.mean(aligned, axis=0) if aligned else normal
 
 
-def check_tip(last: Joint, chain: Chain, plane: Plane, tip: str, urdf: Urdf) -> None:
+def frames_moved(joint: Joint, urdf: Urdf, posture: Posture) -> list[str]:
+    """Links beyond a joint whose origins it moves."""
+    axis, point = posture.axes[joint.name], posture.points[joint.name]
+    return [
+        link
+        for link in urdf.links
+        if joint in urdf.path(link)
+        and not (
+            joint.revolute
+            and float(np.linalg.norm(np.cross(axis, posture.links[link] - point))) < MIN_LEVER
+        )
+    ]
+
+
+def check_tip(last: Joint, tip: str, urdf: Urdf, posture: Posture) -> None:
     """Refuse a tip on the axis of the last turning joint: that joint would not move it."""
-    if last.revolute and float(np.linalg.norm(chain.links(plane)[-1])) < MIN_LEVER:
-        beyond = [link for link in urdf.links if last in urdf.path(link) and link != tip]
+    moved = frames_moved(last, urdf, posture)
+    if tip not in moved:
         remedy = (
-            f"choose a tip off the axis from {listed(beyond)}"
-            if beyond
+            f"choose a tip off the axis from {listed(moved)}"
+            if moved
             else "add a tip link on a fixed joint to the URDF"
         )
         raise RobotError(
