@@ -5,9 +5,20 @@ A message says what was given, what was expected and what to do about it.
 
 from __future__ import annotations
 
+from .wording import printable
+
 
 class CalibError(Exception):
-    """Base of every error that calib raises on purpose."""
+    """Base of every error that calib raises on purpose.
+
+    Parameters
+    ----------
+    message : str
+        What happened; names within it may come from a stranger's file.
+    """
+
+    def __init__(self, message: str = "") -> None:
+        super().__init__(printable(message))
 
 
 class RobotError(CalibError):

@@ -6,23 +6,45 @@ from collections.abc import Iterable
 from difflib import get_close_matches
 
 
+_LONGEST = 60  # characters of a name that are shown
+
+
+def printable(text: str) -> str:
+    """Return a text whose line breaks, control characters and the like are written out.
+
+    Examples
+    --------
+    >>> printable("el\\nbow"), printable("été")
+    ('el\\\\nbow', 'été')
+    """
+    if text.isprintable():
+        return text
+    return "".join(c if c.isprintable() else repr(c)[1:-1] for c in text)
+
+
+def clipped(name: str) -> str:
+    """Return a name that may be long, short enough for a line with several of them."""
+    return name if len(name) <= _LONGEST else name[: _LONGEST - 3] + "..."
+
+
 def quoted(name: str) -> str:
     """Return a name from a file or a user, safe to print in one line."""
-    return repr(name if len(name) <= 60 else name[:57] + "...")
+    return repr(clipped(name))
 
 
 def listed(names: Iterable[str], most: int = 12) -> str:
-    """Names in one line, cut after `most` of them."""
+    """Names in one line, long ones cut, and cut after `most` of them."""
     items = list(names)
     if not items:
         return "(none)"
+    shown = map(clipped, items[:most])
     more = f", ... ({len(items)} in all)" if len(items) > most else ""
-    return ", ".join(items[:most]) + more
+    return ", ".join(shown) + more
 
 
 def suggestion(name: str, names: Iterable[str]) -> str:
     """Say what may have been meant by a name, and which names there are."""
     items = list(names)
     close = get_close_matches(name, items, n=1)
-    meant = f"did you mean {close[0]}? " if close else ""
+    meant = f"did you mean {clipped(close[0])}? " if close else ""
     return f"{meant}choose from {listed(items)}"

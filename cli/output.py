@@ -13,6 +13,8 @@ from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any
 
+from calib.wording import printable
+
 # what is below a nanometre or a millionth of a degree is rounding
 _LEAST, _TINY = 1e-6, "<1e-6"
 
@@ -109,7 +111,7 @@ def plain(value: Any) -> Any:
 
 def note(text: str) -> None:
     """Say something on standard error, in one line."""
-    print(" ".join(text.split()), file=sys.stderr)
+    print(printable(" ".join(text.split())), file=sys.stderr)
 
 
 class Notes:

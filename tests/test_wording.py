@@ -1,0 +1,38 @@
+"""Wording: whatever a name holds, a message stays one printable line of bearable length."""
+
+from __future__ import annotations
+
+from hypothesis import given
+from hypothesis import strategies as st
+
+from calib.errors import CalibError, RobotError
+from calib.wording import listed, printable, quoted, suggestion
+
+
+@given(st.text())
+def test_what_is_printable_stays_and_all_else_is_written_out(text):
+    shown = printable(text)
+    assert shown.isprintable()
+    assert (shown == text) == text.isprintable()
+    assert str(RobotError(text)) == shown
+
+
+def test_an_error_has_no_line_breaks_and_no_commands_for_the_terminal():
+    for name in ("a\nb", "a\u2028b", "a\x1b[2Jb", "a\u009bb", "a\u202eb", "a\0b"):
+        message = str(CalibError(f"joint {name} does not exist"))
+        assert message.isprintable()
+        assert message == f"joint {repr(name)[1:-1]} does not exist"
+
+
+@given(st.lists(st.text(min_size=1), min_size=1))
+def test_names_are_listed_in_their_order(names):
+    short = [name[:57] for name in names]
+    assert listed(short, len(short)) == ", ".join(short)
+
+
+def test_long_names_and_many_names_make_no_long_line():
+    names = [f"{k}{'x' * 5000}" for k in range(2000)]
+    assert len(quoted(names[0])) < 70
+    assert len(listed(names)) < 1000
+    assert len(suggestion(names[7] + "y", names[:20])) < 1100
+    assert "(2000 in all)" in listed(names)
