@@ -580,3 +580,14 @@ def test_without_a_tip_the_reason_speaks_of_none():
         arm_from_urdf(NO_TIP)
     with pytest.raises(RobotError, match=r"^no planar arm that moves 'tip': joint 'j2'"):
         arm_from_urdf(NO_TIP, tip="tip")
+
+
+def test_all_joints_without_limits_are_asked_for_at_once():
+    text = chain_urdf(*[turning().split("<limit")[0]] * 2)
+    with pytest.raises(RobotError) as caught:
+        arm_from_urdf(text)
+    for joint in ("j1", "j2"):
+        assert f"joint '{joint}' cannot be babbled, it states no limits" in str(caught.value)
+        assert f"--range {joint}=LOWER:UPPER [rad]" in str(caught.value)
+    arm = arm_from_urdf(text, ranges={"j1": (-1, 1), "j2": (0, 1)})
+    np.testing.assert_array_equal([arm.lower, arm.upper], [[-1, 0], [1, 1]])

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Sequence
 
 from ..errors import OptionError, RobotError
 from .tree import Joint
@@ -58,14 +59,20 @@ def neutral(joint: Joint) -> float:
     return min(max(0.0, lower), upper)
 
 
+def check_limits(joints: Sequence[Joint]) -> None:
+    """Ask for `--range` of all joints whose limits are unusable."""
+    faulty = [joint for joint in joints if limits_fault(joint)]
+    if faulty:
+        faults = "; ".join(
+            f"joint {joint.name!r} cannot be babbled, {limits_fault(joint)}" for joint in faulty
+        )
+        asked = " ".join(f"--range {joint.name}=LOWER:UPPER [{unit_of(joint)}]" for joint in faulty)
+        raise RobotError(f"{faults}: give {asked}")
+
+
 def full_range(joint: Joint) -> Range:
     """Return the limits of a joint, or ask for `--range` where they are unusable."""
-    fault = limits_fault(joint)
-    if fault:
-        raise RobotError(
-            f"joint {joint.name!r} cannot be babbled, {fault}: "
-            f"give --range {joint.name}=LOWER:UPPER [{unit_of(joint)}]"
-        )
+    check_limits([joint])
     return (-math.inf, math.inf) if joint.limits is None else joint.limits
 
 
