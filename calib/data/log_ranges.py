@@ -38,7 +38,8 @@ class JointColumn:
     limits : (float, float) or None [rad or m]
         The arm's range of this joint; None without an arm.
     chosen : (float, float) or None [rad or m]
-        The range that the user asked for, which goes before the limits.
+        The range that the user asked for, which goes before the limits; all values lie
+        in it, see `ChosenRange`.
     degrees : bool
         Whether the log and the messages are in degrees.
     rows : (n,) array of int or None
@@ -55,10 +56,7 @@ class JointColumn:
     rows: NDArray[np.intp] | None = None
 
     def settle(self) -> tuple[Array, Range, list[str]]:
-        """Return the values, wrapped where needed, the joint's range, and notes.
-
-        The values that lie outside of a range that the user chose are NaN.
-        """
+        """Return the values, wrapped where needed, the joint's range, and notes."""
         if self.chosen is not None:
             return self._within_chosen(self.chosen)
         if self.limits is None:
@@ -72,24 +70,9 @@ class JointColumn:
         return float(self.values.min()), float(self.values.max())
 
     def _within_chosen(self, chosen: Range) -> tuple[Array, Range, list[str]]:
-        low, high = _checked(self.joint, chosen, self.revolute)
-        values, notes = self.values, []
-        if self.revolute:
-            values = _wrap(values, low, high)
-            notes += self._wrapped_note(values, (low, high))
-        edge = _ROUNDED * (high - low)
-        outside = (values < low - edge) | (values > high + edge)
-        if outside.all():
-            raise LogError(
-                f"{self.label}: no value of {self.joint!r} lies in the range "
-                f"{self._show((low, high))}; the log has {self._show(self._extremes)}"
-            )
-        if outside.any():
-            notes.append(
-                f"{outside.sum()} rows left out: {self.joint} outside of the range "
-                f"{self._show((low, high))}"
-            )
-        return np.where(outside, np.nan, np.clip(values, low, high)), (low, high), notes
+        low, high = chosen
+        values = wrap(self.values, low, high) if self.revolute else self.values
+        return np.clip(values, low, high), (low, high), self._wrapped_note(values, chosen)
 
     def _within_data(self) -> tuple[Array, Range, list[str]]:
         low, high = self._extremes
@@ -119,7 +102,7 @@ class JointColumn:
     def _within_limits(self, limits: Range) -> tuple[Array, Range, list[str]]:
         values, notes = self.values, []
         if self.revolute and np.ptp(values) <= TURN + 1e-9 and _beyond(values, limits) > _SLACK:
-            wrapped = _wrap(values, *limits)
+            wrapped = wrap(values, *limits)
             if _beyond(wrapped, limits) <= _SLACK:
                 notes += self._wrapped_note(wrapped, limits)
                 values = wrapped
@@ -171,11 +154,68 @@ class JointColumn:
         return f"{math.degrees(value):g} deg" if self.degrees else f"{value:g} rad"
 
     def _show(self, limits: Range) -> str:
-        if not self.revolute:
-            return f"{limits[0]:.4g}..{limits[1]:.4g} m"
-        if self.degrees:
-            return f"{math.degrees(limits[0]):.4g}..{math.degrees(limits[1]):.4g} deg"
-        return f"{limits[0]:.4g}..{limits[1]:.4g} rad"
+        return _shown(limits, self.revolute, self.degrees)
+
+
+@dataclass
+class ChosenRange:
+    """A joint's range that the user chose, and what of a log lies in it.
+
+    Attributes
+    ----------
+    label, joint : str
+        What messages call the log, and the joint's name.
+    limits : (float, float) [rad or m]
+        The range.
+    revolute, degrees : bool
+        Whether the joint turns, and whether the messages are in degrees.
+    outside : int
+        Values outside of the range so far.
+    """
+
+    label: str
+    joint: str
+    limits: Range
+    revolute: bool
+    degrees: bool = False
+    outside: int = 0
+
+    def __post_init__(self) -> None:
+        self.limits = _checked(self.joint, self.limits, self.revolute)
+        self._inside = False
+        self._extremes = math.inf, -math.inf
+
+    def holds(self, values: Array) -> NDArray[np.bool_]:
+        """Whether each value (n,) lies in the range, once wrapped, (n,)."""
+        away = outside_of(values, *self.limits, self.revolute)
+        self.outside += int(np.count_nonzero(away))
+        self._inside |= not away.all()
+        low, high = self._extremes
+        self._extremes = (
+            float(values.min(initial=low)),
+            float(values.max(initial=high)),
+        )
+        return ~away
+
+    def notes(self) -> list[str]:
+        """Say how many rows were left out; it is an error if all were."""
+        shown = _shown(self.limits, self.revolute, self.degrees)
+        if not self._inside:
+            raise LogError(
+                f"{self.label}: no value of {self.joint!r} lies in the range {shown}; the log "
+                f"has {_shown(self._extremes, self.revolute, self.degrees)}"
+            )
+        if not self.outside:
+            return []
+        return [f"{self.outside} rows left out: {self.joint} outside of the range {shown}"]
+
+
+def outside_of(values: Array, low: float, high: float, revolute: bool) -> NDArray[np.bool_]:
+    """Whether values (n,) lie outside of a range by more than rounding, once wrapped, (n,)."""
+    if revolute:
+        values = wrap(values, low, high)
+    edge = _ROUNDED * (high - low)
+    return np.asarray((values < low - edge) | (values > high + edge))
 
 
 def one_turn(angles: Array) -> tuple[Array, Range, float]:
@@ -210,11 +250,11 @@ def one_turn(angles: Array) -> tuple[Array, Range, float]:
         centre = math.remainder(circle[widest] + gap / 2.0 + math.pi, TURN)
         centre = math.pi if centre <= -math.pi + 1e-9 else centre
     low, high = centre - math.pi, centre + math.pi
-    return _wrap(angles, low, high), (low, high), gap
+    return wrap(angles, low, high), (low, high), gap
 
 
-def _wrap(values: Array, low: float, high: float) -> Array:
-    """Move the angles outside of a range by whole turns, up to one turn above its low end."""
+def wrap(values: Array, low: float, high: float) -> Array:
+    """Move the angles (n,) outside of a range by whole turns to where they are nearest to it."""
     moved = low + np.mod(values - low, TURN)
     # An angle just below the range is nearer to it than a turn later.
     moved = np.where(moved - high > TURN / 2.0 - (high - low) / 2.0, moved - TURN, moved)
@@ -226,6 +266,15 @@ def _beyond(values: Array, limits: Range) -> float:
     """Return by how much the values leave the limits, as a share of their width."""
     excess = max(limits[0] - float(values.min()), float(values.max()) - limits[1], 0.0)
     return excess / (limits[1] - limits[0])
+
+
+def _shown(limits: Range, revolute: bool, degrees: bool) -> str:
+    low, high = limits
+    if not revolute:
+        return f"{low:.4g}..{high:.4g} m"
+    if degrees:
+        return f"{math.degrees(low):.4g}..{math.degrees(high):.4g} deg"
+    return f"{low:.4g}..{high:.4g} rad"
 
 
 def _checked(joint: str, chosen: Range, revolute: bool) -> Range:

@@ -12,8 +12,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ..errors import LogError, OptionError
-from .columns import Source, open_source, read_columns
-from .log_ranges import JointColumn, Range
+from .columns import Source, open_source, read_batches
+from .log_ranges import ChosenRange, JointColumn, Range
+from .long_log import LongLog
+from .measured_rows import MeasuredRows
+from .reservoir import Reservoir
 from .roles import check_names, find_roles
 from .samples import Samples
 from .tables import write_table
@@ -22,6 +25,9 @@ if TYPE_CHECKING:
     from ..arm.planar_arm import PlanarArm
 
 Array = NDArray[np.float64]
+
+MOST_ROWS = 200_000
+"""Rows of a log that are held; of a longer one so many are drawn."""
 
 _STILL = {True: math.radians(0.5), False: 1e-3}  # a locked joint may stir [rad, m]
 
@@ -36,12 +42,16 @@ def read_log(
     unit: str = "m",
     ranges: Mapping[str, Range] | None = None,
     prismatic: Sequence[str] = (),
+    most: int = MOST_ROWS,
+    seed: int = 0,
 ) -> Samples:
     """Read a measured log: one column for each joint, and x, y or x, y, z.
 
     Further columns are ignored. Rows with a value that is missing or not finite are left
     out, counted in `Samples.dropped` and told in `Samples.notes`. Positions may be in the
-    sensor's own unit and axes; of x, y, z the plane is fitted.
+    sensor's own unit and axes; of x, y, z the plane is fitted. A log is read in batches and
+    may be of any length; of one with more than `most` rows so many are drawn at random, and
+    those with each joint's least and largest value.
 
     Parameters
     ----------
@@ -61,11 +71,15 @@ def read_log(
         The range of a joint; it goes before the arm's limits. Rows outside are left out.
     prismatic : sequence of str
         Without an arm: the joints that slide.
+    most : int
+        Rows of a long log that are held.
+    seed : int
+        Of the rows that are drawn: which they are depends on nothing else.
 
     Returns
     -------
     Samples
-        Rows in the order of the file.
+        Rows in the order of the file. Those of a long log are in `Samples.long_log`.
 
     Raises
     ------
@@ -79,20 +93,34 @@ def read_log(
     can turn all the way round, or without an arm one that went further than a turn, has
     a range of one turn: about 0, or where the log says otherwise about the log's values.
     """
+    if isinstance(most, bool) or not isinstance(most, (int, np.integer)) or most < 2:
+        raise OptionError(f"most is {most!r}, expected a whole number of rows, 2 or more")
     source = open_source(path)
     roles = find_roles(source, arm, joints, columns)
     names, axes = roles.joints, roles.axes
     revolute = _revolute(arm, names, prismatic)
-    values = read_columns(source, roles.columns)
-    total = len(values)
-    rows = np.flatnonzero(np.isfinite(values).all(axis=1))
-    notes = _dropped_note(source, values, rows, roles.columns)
-    if len(rows) < total:
-        values = values[rows]
+    chosen = {
+        k: ChosenRange(source.label, name, (ranges or {})[name], revolute[k], degrees)
+        for k, name in enumerate(names)
+        if name in (ranges or {})
+    }
+    turning = [k for k, turns in enumerate(revolute) if turns and degrees]
+    measured = MeasuredRows(source, roles.columns, turning, chosen)
+    reservoir = Reservoir(most, extremes=len(names), seed=seed)
+    count = 0
+    for batch, numbers in measured.batches():
+        reservoir.add(batch, numbers)
+        count += len(batch)
+    notes = measured.notes()
+    values, rows = reservoir.rows()
+    if len(rows) < count:
+        notes.append(
+            f"{count:,} rows: {len(rows):,} of them, drawn evenly, are held; other counts of "
+            "values are of these"
+        )
     _check_values(source, values, names, axes)
     q = np.ascontiguousarray(values[:, : len(names)])
     if degrees:
-        q[:, list(revolute)] = np.deg2rad(q[:, list(revolute)])
         notes += _degrees_note(q, revolute)
     lower, upper = np.empty(len(names)), np.empty(len(names))
     for k, joint in enumerate(names):
@@ -102,17 +130,13 @@ def read_log(
             values=q[:, k],
             revolute=revolute[k],
             limits=(float(arm.lower[k]), float(arm.upper[k])) if arm else None,
-            chosen=(ranges or {}).get(joint),
+            chosen=chosen[k].limits if k in chosen else None,
             degrees=degrees,
-            rows=rows + 1,
+            rows=rows,
         )
         q[:, k], (lower[k], upper[k]), said = column.settle()
         notes += said
     x = np.ascontiguousarray(values[:, len(names) :])
-    inside = np.isfinite(q).all(axis=1)
-    if not inside.all():
-        q, x = q[inside], x[inside]
-        _check_values(source, np.hstack([q, x]), names, axes)
     plane = rms = None
     if len(axes) == 3:
         from ..arm.plane import fit_plane
@@ -133,11 +157,14 @@ def read_log(
         upper=upper,
         revolute=revolute,
         unit=unit,
-        dropped=total - len(rows),
+        dropped=measured.total - measured.usable,
         arm=replace(arm, lower=lower, upper=upper) if arm else None,
         notes=tuple(notes),
         plane=plane,
         out_of_plane_rms=rms,
+        long_log=LongLog(measured, lower, upper, revolute, plane, count)
+        if len(rows) < count
+        else None,
     )
 
 
@@ -200,10 +227,17 @@ def locked_from_log(
     found = [name for name in names if mapping.get(name, name) in source.header]
     if not found:
         return {}, ()
-    table = read_columns(source, [mapping.get(name, name) for name in found])
+    reservoirs = [Reservoir(MOST_ROWS, extremes=1) for _ in found]
+    row = 0
+    for batch in read_batches(source, [mapping.get(name, name) for name in found]):
+        numbers = np.arange(row, row + len(batch))
+        row += len(batch)
+        for reservoir, column in zip(reservoirs, batch.T, strict=True):
+            there = np.isfinite(column)
+            reservoir.add(column[there, None], numbers[there])
     values, notes = {}, []
-    for name, column in zip(found, table.T, strict=True):
-        recorded = column[np.isfinite(column)]
+    for name, reservoir in zip(found, reservoirs, strict=True):
+        recorded = reservoir.rows()[0].ravel()
         if not len(recorded):
             continue
         turns = name not in prismatic
@@ -229,27 +263,6 @@ def _revolute(
         if name not in names:
             raise OptionError(f"{name!r} is to slide but is no joint; joints: {', '.join(names)}")
     return tuple(name not in prismatic for name in names)
-
-
-def _dropped_note(
-    source: Source, values: Array, rows: NDArray[np.intp], columns: Sequence[str]
-) -> list[str]:
-    if not len(values):
-        raise LogError(f"{source.label} has a header and no rows")
-    dropped = len(values) - len(rows)
-    if not dropped:
-        return []
-    for name, column in zip(columns, values.T, strict=True):
-        if not np.isfinite(column).any():
-            raise LogError(f"{source.label}: column {name!r} has no finite value in any row")
-    if dropped == len(values):
-        raise LogError(f"{source.label}: each of the {dropped} rows misses a value")
-    first = int(np.argmin(np.isfinite(values).all(axis=1)))
-    name = columns[int(np.argmin(np.isfinite(values[first])))]
-    return [
-        f"{dropped} of {len(values)} rows left out: a value is missing or not finite "
-        f"(the first is row {first + 1}, column {name!r})"
-    ]
 
 
 def _check_values(source: Source, values: Array, names: Sequence[str], axes: Sequence[str]) -> None:
