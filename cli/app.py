@@ -23,6 +23,7 @@ from .evaluate import evaluate
 from .info import info
 from .log import log
 from .path import path
+from .plan import plan
 from .preview import preview
 from .query import query_app
 from .report import report
@@ -33,6 +34,7 @@ from .urdf import urdf
 
 COMMANDS = (
     "robots",
+    "plan",
     "train",
     "query",
     "evaluate",
@@ -188,6 +190,7 @@ def start(
 
 
 app.command()(robots)
+app.command()(plan)
 app.command()(train)
 query_app.command()(path)
 app.add_typer(query_app, name="query")

@@ -60,6 +60,21 @@ class JointRange(NamedTuple):
     high: float
 
 
+class Margin(NamedTuple):
+    """A distance from limits [rad, m, or deg as typed], or a share of each joint's range."""
+
+    value: float
+    share: bool
+
+
+class Side(NamedTuple):
+    """An axis of the plane and bounds along it."""
+
+    axis: str
+    low: float
+    high: float
+
+
 def bad_option(option: str, text: str, expected: str) -> BadOption:
     """Return the error for a value that an option cannot have."""
     shown = text if len(text) <= 60 else text[:57] + "..."
@@ -218,3 +233,29 @@ def joint_range(text: str) -> JointRange:
     except ValueError:
         expected = "JOINT=LOW:HIGH with LOW below HIGH such as elbow=0.5:1.5"
         raise bad_option("--range", text, expected) from None
+
+
+def margin(text: str) -> Margin:
+    """Parse `0.02` or `2%`."""
+    number, percent, rest = text.strip().partition("%")
+    try:
+        value = finite(number.strip())
+    except ValueError:
+        value = -1.0
+    if value < 0.0 or rest or (percent and value >= 50.0):
+        expected = "a number, zero or more, or a share below 50% such as 2%"
+        raise bad_option("--margin", text, expected)
+    return Margin(value / 100.0, True) if percent else Margin(value, False)
+
+
+def side(text: str) -> Side:
+    """Parse `x=lo:hi`."""
+    axis, _, limits = (piece.strip() for piece in text.partition("="))
+    try:
+        low, high = (finite(part.strip()) for part in limits.split(":"))
+        if axis not in ("x", "y") or not low < high:
+            raise ValueError(text)
+        return Side(axis, low, high)
+    except ValueError:
+        expected = "x=LOW:HIGH or y=LOW:HIGH with LOW below HIGH such as x=0.1:0.4"
+        raise bad_option("--keep", text, expected) from None

@@ -9,17 +9,18 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from ..arm.planar_arm import PlanarArm
 from ..errors import OptionError
 from .keep import keep_of
-from .routes import Route, dense, free_route, kept_route
+from .routes import Choice, Route, dense, free_route, kept_route
 from .space import Space, space_of
-from .spread import candidates
+from .spread import candidates, farthest
+from .telling import effects, most_telling
 from .tour import length
 
 if TYPE_CHECKING:
     import os
 
-    from ..arm.planar_arm import PlanarArm
     from ..data.samples import Samples
     from ..model import Model
 
@@ -27,6 +28,8 @@ Array = NDArray[np.float64]
 
 MOST_POSES = 1000
 """More are babbled, not planned."""
+
+PURPOSES = ("learn", "check")
 
 _ORDERS = 100  # random ones, to compare with
 
@@ -115,6 +118,7 @@ def plan(
     source: PlanarArm | Model,
     n: int = 60,
     *,
+    purpose: str = "learn",
     seed: int = 0,
     margin: float | Sequence[float] | None = None,
     ranges: Mapping[str, tuple[float, float]] | None = None,
@@ -131,6 +135,9 @@ def plan(
         or checked.
     n : int
         How many poses.
+    purpose : {"learn", "check"}
+        Poses that cover the joint space, to learn from; or, with a model, poses that tell
+        the causes of a drift apart.
     seed : int
         The same seed gives the same poses.
     margin : float or sequence of float, optional [rad or m]
@@ -167,7 +174,7 @@ def plan(
     n, seed = _whole("n", n, 1, MOST_POSES), _whole("seed", seed, 0, 2**63 - 1)
     space = space_of(source, margin, ranges)
     rng = np.random.default_rng(seed)
-    taken = _taken(space, measured)
+    choose = _choice(source, space, purpose, measured)
     begin = None if start is None else _in_unit(space, space.joints(start, "start"))
     neutral = _in_unit(space, np.clip(0.0, space.lower, space.upper))
     notes: list[str] = []
@@ -175,13 +182,18 @@ def plan(
         box = keep_of(space, keep)
         if begin is None and box.holds(neutral[None])[0]:
             begin = neutral
-        route = kept_route(box, n, begin, taken, dense(space, rng), rng)
+        route = kept_route(box, choose, n, begin, dense(space, rng), rng)
         if begin is None:
             notes.append("the way begins at the first pose: give --from to begin where the arm is")
     else:
         begin = neutral if begin is None else begin
-        route = free_route(space, n, begin, taken, candidates(space, rng))
-    return _made(source, space, route, begin, measured, notes)
+        route = free_route(choose, n, begin, candidates(space, rng))
+    how = "telling the causes of a drift apart"
+    if purpose == "learn":
+        how = "as far from each other as possible"
+        if measured is not None:
+            how += f" and from the {len(measured)} measured ones"
+    return _made(source, space, route, begin, how, notes)
 
 
 def _made(
@@ -189,7 +201,7 @@ def _made(
     space: Space,
     route: Route,
     begin: Array | None,
-    measured: Samples | None,
+    how: str,
     notes: list[str],
 ) -> Plan:
     """Put the plan together, and say in words what it is."""
@@ -205,19 +217,16 @@ def _made(
         for _ in range(_ORDERS)
     ]
     own = float(np.abs(np.diff(way, axis=0) / space.scale.span).max(axis=1).sum())
-    bound = source.expected_error(q) if hasattr(source, "expected_error") else None
+    bound = None if isinstance(source, PlanarArm) else source.expected_error(q)
     low, high = space.corners
     border = np.isclose(route.u, low) | np.isclose(route.u, high)
     count = int(np.count_nonzero(border.any(axis=1) & ~route.via))
-    spread = "as far from each other as possible"
-    if measured is not None:
-        spread += f" and from the {len(measured)} measured ones"
-    why = [
-        f"{len(q) - int(route.via.sum())} poses, {spread}; {count} of them at an end of a joint's "
-        "range, where maps are weakest",
-    ]
+    wanted = len(q) - int(route.via.sum())
+    why = [f"{wanted} poses, {how}; {count} of them at an end of a joint's range"]
     if route.via.any():
-        why.append(f"{int(route.via.sum())} further poses lead round the border of the box")
+        more = int(route.via.sum())
+        poses = "1 further pose leads" if more == 1 else f"{more} further poses lead"
+        why.append(f"{poses} round the border of the box")
     return Plan(
         space.joint_names,
         q,
@@ -230,8 +239,24 @@ def _made(
         float(np.mean(others)),
         space.unit,
         tuple(why),
-        tuple([*notes, *route.notes]),
+        (*notes, *route.notes),
     )
+
+
+def _choice(
+    source: PlanarArm | Model, space: Space, purpose: str, measured: Samples | None
+) -> Choice:
+    """Return how poses are chosen."""
+    if purpose not in PURPOSES:
+        raise OptionError(f"purpose {purpose!r} is unknown, choose one of {', '.join(PURPOSES)}")
+    if purpose == "learn":
+        taken = _taken(space, measured)
+        return lambda points, n: farthest(space.scale, points, n, taken)
+    if measured is not None:
+        raise OptionError("measured rows do not count for a check, which needs new ones")
+    if isinstance(source, PlanarArm):
+        raise OptionError("a robot cannot have drifted: expected a model for the purpose 'check'")
+    return lambda points, n: most_telling(effects(source, points), points, n)
 
 
 def _taken(space: Space, measured: Samples | None) -> Array:

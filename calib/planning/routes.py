@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import itertools
+from collections.abc import Callable
 from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
@@ -11,7 +13,7 @@ from numpy.typing import NDArray
 from ..errors import OptionError
 from .keep import Keep, moves
 from .space import Space
-from .spread import candidates, farthest
+from .spread import candidates
 from .tour import shortest_tour
 
 if TYPE_CHECKING:
@@ -19,6 +21,8 @@ if TYPE_CHECKING:
 
 Array = NDArray[np.float64]
 Index = NDArray[np.intp]
+Choice = Callable[[Array, int], Index]
+"""Chooses so many of some poses (m, dof), by their rows."""
 
 _DENSE = 12  # draws of candidates where the tip has to stay within a box
 _NODES = 3000  # poses that routes may lead through
@@ -49,30 +53,33 @@ class Route:
     notes: tuple[str, ...] = ()
 
 
-def free_route(space: Space, n: int, start: Array, taken: Array, points: Array) -> Route:
+def free_route(choose: Choice, n: int, start: Array, points: Array) -> Route:
     """Visit poses of a box of joint values: every straight move is allowed.
 
     Parameters
     ----------
-    space : Space
+    choose : callable
+        Chooses the poses.
     n : int
-        Number of poses.
+        How many.
     start : (dof,) array
         Where the way begins, in units of the joints' ranges; it is not measured.
-    taken : (k, dof) array
-        Poses that were measured before.
     points : (m, dof) array
         What to choose from.
     """
-    chosen = points[farthest(space.scale, points, n, taken)]
-    nodes = np.vstack([start, chosen])
+    nodes = np.vstack([start, points[choose(points, n)]])
     away = moves(nodes[:, None], nodes[None])
     order = shortest_tour(away)
     return Route(nodes[order[1:]], np.zeros(n, dtype=bool), away[np.ix_(order, order)])
 
 
 def kept_route(
-    keep: Keep, n: int, start: Array | None, taken: Array, points: Array, rng: np.random.Generator
+    keep: Keep,
+    choose: Choice,
+    n: int,
+    start: Array | None,
+    points: Array,
+    rng: np.random.Generator,
 ) -> Route:
     """Visit poses without the tip leaving a box, where need be through further poses.
 
@@ -82,7 +89,7 @@ def kept_route(
     Parameters
     ----------
     keep : Keep
-    n, taken
+    choose, n
         As for `free_route`.
     start : (dof,) array or None
         Where the way begins; None for any pose.
@@ -121,12 +128,12 @@ def kept_route(
     joined = joined[joined > 0] if start is not None else joined
     if len(joined) < n:
         raise OptionError(_too_few(keep, points, len(joined), n))
-    chosen = joined[farthest(space.scale, nodes[joined], n, taken)]
+    chosen = joined[choose(nodes[joined], n)]
     terminals = chosen if start is None else np.append(0, chosen)
     away, before = _ways(keep, nodes, graph, terminals)
     order = shortest_tour(away)
     rows, via = [terminals[order[:1]]], [np.zeros(1, dtype=bool)]
-    for a, b in zip(order[:-1], order[1:], strict=True):
+    for a, b in itertools.pairwise(order.tolist()):
         way = _shortcut(keep, nodes, _trace(before[a], terminals[a], terminals[b]))
         rows.append(way)
         via.append(np.arange(len(way)) < len(way) - 1)

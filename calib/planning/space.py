@@ -11,13 +11,13 @@ from typing import TYPE_CHECKING
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from ..arm.planar_arm import PlanarArm
 from ..arm.ranges import Range, checked_range
 from ..errors import OptionError
 from ..scale import Scale
 from ..wording import quoted, suggestion
 
 if TYPE_CHECKING:
-    from ..arm.planar_arm import PlanarArm
     from ..model import Model
 
 Array = NDArray[np.float64]
@@ -115,7 +115,7 @@ def space_of(
         If a joint is unknown, a range is outside of what there is, or the margins leave
         nothing.
     """
-    space, limits = _of_model(source) if hasattr(source, "predictor") else _of_arm(source)
+    space, limits = _of_arm(source) if isinstance(source, PlanarArm) else _of_model(source)
     lower, upper = space.lower.copy(), space.upper.copy()
     for name, chosen in (ranges or {}).items():
         if name not in space.joint_names:
