@@ -14,6 +14,7 @@ import typer
 from typer.core import TyperGroup
 
 from calib.errors import CalibError
+from calib.wording import printable
 
 from .adapt import adapt
 from .babble import babble
@@ -21,6 +22,7 @@ from .check import check
 from .correct import correct
 from .evaluate import evaluate
 from .info import info
+from .interrupts import received
 from .log import log
 from .path import path
 from .plan import plan
@@ -50,6 +52,7 @@ COMMANDS = (
     "info",
 )
 INTERRUPTED = 130
+_SIGNAL = 128  # a larger code names the signal that ended it
 _TRACEBACK = "CALIB_TRACEBACK"
 
 
@@ -75,7 +78,7 @@ class CalibGroup(TyperGroup):
             if os.environ.get(_TRACEBACK):
                 raise
             line, code = describe_error(error)
-            if code != INTERRUPTED:
+            if code < _SIGNAL:
                 print(line, file=sys.stderr)
         code = code if isinstance(code, int) else 0
         if standalone_mode:
@@ -110,14 +113,14 @@ def describe_error(error: Exception) -> tuple[str, int]:
         130 for an interruption, 2 for wrong usage, else 1.
     """
     text, code = _text_and_code(error)
-    return "error: " + " ".join(text.split()), code
+    return "error: " + printable(" ".join(text.split())), code
 
 
 def _text_and_code(error: Exception) -> tuple[str, int]:
     if isinstance(error, CalibError):
         return str(error), 1
     if isinstance(error, typer.Abort) or _was_interrupted(error):
-        return "interrupted", INTERRUPTED
+        return "interrupted", received() or INTERRUPTED
     if hasattr(error, "format_message"):  # an error of usage, told by Typer
         context = getattr(error, "ctx", None)
         help_line = f" (see {context.command_path} --help)" if context else ""
@@ -137,6 +140,8 @@ def _text_and_code(error: Exception) -> tuple[str, int]:
 
 def _was_interrupted(error: BaseException | None) -> bool:
     """Whether Ctrl-C is behind an error, as when it comes while Python makes a class."""
+    if received() is not None:
+        return True
     while error is not None and not isinstance(error, KeyboardInterrupt):
         error = error.__cause__
     return error is not None
