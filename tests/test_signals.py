@@ -1,0 +1,112 @@
+"""Ctrl-C and SIGTERM, at every stage: no traceback, no result, nothing left, the old file whole."""
+
+from __future__ import annotations
+
+import os
+import signal
+import subprocess
+import sys
+
+import pytest
+
+pytestmark = pytest.mark.skipif(os.name == "nt", reason="signals of POSIX")
+
+# A command line that sends itself a signal when the function that is named is first called.
+AT = """
+import importlib, os, signal, sys
+number, where = int(sys.argv[1]), sys.argv[2]
+sys.argv[1:] = sys.argv[3:]
+from calib_cli import main
+
+def send(*args, **options):
+    os.kill(os.getpid(), number)
+    return original(*args, **options)
+
+if where.startswith("import "):
+    class Finder:
+        @staticmethod
+        def find_spec(name, path=None, target=None):
+            if name == where.split()[1]:
+                os.kill(os.getpid(), number)
+    sys.meta_path.insert(0, Finder)
+else:
+    module, _, name = where.rpartition(".")
+    place = importlib.import_module(module)
+    original = getattr(place, name)
+    setattr(place, name, send)
+main()
+"""
+
+# Compiled code that never comes back to Python: a lock that is taken twice.
+DEEP = """
+import ctypes
+from calib_cli import interrupts
+
+interrupts.install()
+library, mutex = ctypes.CDLL(None), ctypes.create_string_buffer(128)
+library.pthread_mutex_init(mutex, None)
+library.pthread_mutex_lock(mutex)
+print("ready", flush=True)
+try:
+    library.pthread_mutex_lock(mutex)
+except KeyboardInterrupt:
+    interrupts.leave(None)
+"""
+
+STAGES = [
+    "import calib_cli.app",
+    "import calib.training",
+    "import scipy.spatial",
+    "calib.training.lattice_sizes",
+    "calib.learning.SOM",
+    "calib.learning.select",
+    "calib.training.learn_bounds",
+    "calib.storage.to_bytes",
+    "calib.atomic._create",
+    "os.fsync",
+    "os.replace",
+]
+
+
+def at(stage, number, folder):
+    command = ["train", "two_link", "--size", "6", "-n", "300"]
+    return subprocess.run(
+        [sys.executable, "-c", AT, str(int(number)), stage, *command],
+        capture_output=True,
+        cwd=folder,
+        timeout=120,
+        check=False,
+    )
+
+
+@pytest.mark.parametrize("stage", STAGES)
+def test_ctrl_c_at_any_stage_is_130_in_silence(stage, tmp_path):
+    (tmp_path / "two_link.calib").write_bytes(b"old")
+    done = at(stage, signal.SIGINT, tmp_path)
+    assert (done.returncode, done.stdout, done.stderr) == (130, b"", b"")
+    assert [path.name for path in tmp_path.iterdir()] == ["two_link.calib"]
+    assert (tmp_path / "two_link.calib").read_bytes() == b"old"
+
+
+@pytest.mark.parametrize("stage", ["import scipy.spatial", "calib.learning.select", "os.fsync"])
+def test_a_polite_kill_is_143_in_silence(stage, tmp_path):
+    (tmp_path / "two_link.calib").write_bytes(b"old")
+    done = at(stage, signal.SIGTERM, tmp_path)
+    assert (done.returncode, done.stdout, done.stderr) == (143, b"", b"")
+    assert [path.name for path in tmp_path.iterdir()] == ["two_link.calib"]
+    assert (tmp_path / "two_link.calib").read_bytes() == b"old"
+
+
+def test_a_stage_that_does_not_exist_would_be_noticed(tmp_path):
+    """The stages above are places in the program that a training comes by."""
+    done = at("calib.report.page.report", signal.SIGINT, tmp_path)
+    assert done.returncode == 0
+
+
+@pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM])
+def test_compiled_code_is_not_waited_for(number):
+    with subprocess.Popen([sys.executable, "-c", DEEP], stdout=subprocess.PIPE) as process:
+        assert process.stdout.readline() == b"ready\n"
+        process.send_signal(number)
+        assert process.stdout.read() == b""
+        assert process.wait(120) == 128 + number
