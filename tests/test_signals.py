@@ -46,8 +46,8 @@ interrupts.install()
 library, mutex = ctypes.CDLL(None), ctypes.create_string_buffer(128)
 library.pthread_mutex_init(mutex, None)
 library.pthread_mutex_lock(mutex)
-print("ready", flush=True)
 try:
+    print("ready", flush=True)
     library.pthread_mutex_lock(mutex)
 except KeyboardInterrupt:
     interrupts.leave(None)
