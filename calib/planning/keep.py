@@ -36,7 +36,7 @@ class Keep:
     low, high : (2,) array [unit]
         The box; infinite where there is no bound.
     reach : (dof,) array [unit per range]
-        How far the tip moves at most per range of each joint.
+        How far the tip moves per range of each joint, about at most.
     step : float [unit]
         Longest way of the tip between two places that are checked. Each has to be within
         the box by half of it, so that the way between them is within the box as well.
@@ -50,9 +50,7 @@ class Keep:
 
     def holds(self, u: Array) -> NDArray[np.bool_]:
         """Whether the tip is well within the box at poses (n, dof) of the unit box, (n,)."""
-        x = self.space.position(self.space.scale.from_unit(u))
-        inside = (x >= self.low + self.step / 2) & (x <= self.high - self.step / 2)
-        return np.asarray(inside.all(axis=1))  # NaN, where nothing is known, is not
+        return self._inside(self.space.position(self.space.scale.from_unit(u)))
 
     def clear(self, start: Array, end: Array) -> NDArray[np.bool_]:
         """Whether straight moves in joint space (n, dof) stay within the box, (n,)."""
@@ -60,14 +58,22 @@ class Keep:
         count = np.clip(np.ceil(way / self.step), 1, _MOST_STEPS).astype(np.intp)
         # a move too long to be checked closely is not known to be clear
         clear = np.asarray(way <= _MOST_STEPS * self.step)
-        share = np.linspace(0.0, 1.0, 1 + int(count.max(initial=1)))
-        for part in np.array_split(np.arange(len(start)), 1 + len(start) * len(share) // _CHUNK):
+        places = len(start) * (1 + int(count.max(initial=1)))
+        for part in np.array_split(np.arange(len(start)), 1 + places // _CHUNK):
             most = 1 + int(count[part].max(initial=1))
             share = np.minimum(np.arange(most) / count[part, None], 1.0)[..., None]
             points = start[part, None] + share * (end[part] - start[part])[:, None]
-            held = self.holds(points.reshape(-1, start.shape[1])).reshape(len(part), -1)
-            clear[part] &= held.all(axis=1)
+            q = self.space.scale.from_unit(points.reshape(-1, start.shape[1]))
+            x = self.space.position(q).reshape(len(part), most, 2)
+            # however fast the tip moves: it was looked at closely enough
+            close = np.linalg.norm(np.diff(x, axis=1), axis=2) <= self.step
+            clear[part] &= self._inside(x).all(axis=1) & close.all(axis=1)
         return clear
+
+    def _inside(self, x: Array) -> NDArray[np.bool_]:
+        """Whether positions (..., 2) are well within the box; NaN, which is unknown, is not."""
+        room = self.step / 2
+        return np.asarray(((x >= self.low + room) & (x <= self.high - room)).all(axis=-1))
 
     def roadmap(self, u: Array, near: int) -> csr_array:
         """Clear moves among poses and their length, (n, n).
@@ -133,6 +139,8 @@ def keep_of(space: Space, box: Mapping[str, tuple[float, float]]) -> Keep:
     u = np.random.default_rng(0).random((_PROBES, space.dof))
     x = space.position(space.scale.from_unit(u))
     known = np.isfinite(x).all(axis=1)
+    if not known.any():
+        raise OptionError("keep: the model knows no position, so that none can be kept")
     u, x = u[known], x[known]
     reach = np.empty(space.dof)
     for k in range(space.dof):

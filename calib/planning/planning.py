@@ -31,6 +31,7 @@ MOST_POSES = 1000
 
 PURPOSES = ("learn", "check")
 
+_UNSEEN = "obstacles and self-collision are not looked at: go slowly the first time"
 _ORDERS = 100  # random ones, to compare with
 
 
@@ -177,7 +178,11 @@ def plan(
     choose = _choice(source, space, purpose, measured)
     begin = None if start is None else _in_unit(space, space.joints(start, "start"))
     neutral = _in_unit(space, np.clip(0.0, space.lower, space.upper))
-    notes: list[str] = []
+    notes = [_UNSEEN]
+    if purpose == "learn" and measured is None and not isinstance(source, PlanarArm):
+        notes.append(
+            "the model does not keep its samples: give them too (--data) to plan poses between them"
+        )
     if keep:
         box = keep_of(space, keep)
         if begin is None and box.holds(neutral[None])[0]:

@@ -25,7 +25,7 @@ Index = NDArray[np.intp]
 
 _PRIOR = 1e-2  # information on each change before the first pose; one pose brings about 1
 _PASSES = 2  # of exchanges, after which little changes
-_APART = 0.1  # least distance of two poses, in units of the joints' ranges
+_APART = 0.05  # least distance of two poses, in units of the joints' ranges
 
 
 def effects(model: Model, u: Array) -> Array:
@@ -75,8 +75,8 @@ def most_telling(changes: Array, u: Array, n: int) -> Index:
     changes : (m, 2, p) array
         See `effects`.
     u : (m, dof) array
-        The poses to choose from. Chosen ones are not closer together than a tenth of the
-        joints' ranges while there is room, so that no place is trusted alone.
+        The poses to choose from. Chosen ones are not closer together than a twentieth of
+        the joints' ranges while there is room, so that no place is trusted alone.
     n : int
         How many, at most m.
 

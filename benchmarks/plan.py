@@ -1,0 +1,259 @@
+"""Planned poses against random ones: accuracy, travel, and what a check finds.
+
+    python benchmarks/plan.py [--quick] [--only spread more check full]
+
+Prints the tables of docs/plan.md.  Everything is simulated with 1 mm noise per axis and fixed
+seeds.  What a log teaches is measured by the teacher that `calib.train` makes of it, whose
+predictions the maps learn; `full` trains whole models of some of the logs to show that they
+are the same.
+"""
+
+from __future__ import annotations
+
+import argparse
+import sys
+from collections.abc import Callable, Iterable, Sequence
+from dataclasses import replace
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.stats import qmc
+
+import calib
+from calib.data.changes import parse_changes
+from calib.data.simulation import Simulation
+from calib.planning.space import space_of
+from calib.planning.spread import candidates
+from calib.readouts.basis import Basis
+from calib.readouts.teacher import learn_teacher
+from calib.scale import Scale
+
+Array = NDArray[np.float64]
+Design = Callable[[calib.PlanarArm, int, int], Array]
+
+NOISE = 1e-3  # of the sensor, per axis [m]
+CHANGES = {
+    "no change": ([], set()),
+    "shoulder link +1 %": (["shoulder.length=+1%"], {"length:shoulder"}),
+    "elbow link +1 %": (["elbow.length=+1%"], {"length:elbow"}),
+    "elbow encoder 0.4 deg": (["elbow.offset=0.007"], {"offset:elbow"}),
+    "camera turned 0.3 deg": (["sensor.rotate=0.0052"], {"sensor", "offset:shoulder"}),
+    "camera shifted 1.5 mm": (["sensor.shift=0.0015,0"], {"sensor"}),
+}
+
+
+def uniform(arm: calib.PlanarArm, n: int, seed: int) -> Array:
+    """Random babbling."""
+    return calib.babble(arm, n, seed=seed).q
+
+
+def sobol(arm: calib.PlanarArm, n: int, seed: int) -> Array:
+    """Sobol's sequence, shifted at random."""
+    return calib.babble(arm, n, seed=seed, method="sobol").q
+
+
+def halton(arm: calib.PlanarArm, n: int, seed: int) -> Array:
+    """Halton's sequence, crowded towards the limits as Chebyshev's nodes are."""
+    points = qmc.Halton(arm.dof, scramble=False).random(n)
+    u = (points + np.random.default_rng(seed).random(arm.dof)) % 1.0
+    return arm.lower + (arm.upper - arm.lower) * (0.5 - 0.5 * np.cos(np.pi * u))
+
+
+def d_optimal(arm: calib.PlanarArm, n: int, seed: int, degree: int = 4) -> Array:
+    """Greedy D-optimal design for polynomials of a degree, with one pass of exchanges."""
+    space = space_of(arm)
+    u = candidates(space, np.random.default_rng(seed))[::2]
+    rows = Basis((0.0,) * arm.dof, degree).values(u)
+    inverse = np.eye(rows.shape[1]) * 1e6
+    chosen: list[int] = []
+
+    def step(row: int, sign: float) -> None:
+        nonlocal inverse
+        v = inverse @ rows[row]
+        inverse = inverse - sign * np.outer(v, v) / (1.0 + sign * rows[row] @ v)
+
+    def best() -> int:
+        return int(np.einsum("ni,ni->n", rows @ inverse, rows).argmax())
+
+    for _ in range(n):
+        chosen.append(best())
+        step(chosen[-1], 1.0)
+    for _ in range(n):
+        step(chosen.pop(0), -1.0)
+        chosen.append(best())
+        step(chosen[-1], 1.0)
+    return space.scale.from_unit(u[chosen])
+
+
+def planned(arm: calib.PlanarArm, n: int, seed: int) -> Array:
+    """What `calib plan` writes."""
+    return calib.plan(arm, n, seed=seed).q
+
+
+DESIGNS: dict[str, Design] = {
+    "random": uniform,
+    "Sobol": sobol,
+    "Halton, crowded": halton,
+    "D-optimal, degree 4": d_optimal,
+    "calib plan": planned,
+}
+
+
+def measure(
+    arm: calib.PlanarArm, q: Array, seed: int, changes: Sequence[str] = ()
+) -> calib.Samples:
+    """What the sensor reads at the poses."""
+    simulation = Simulation(arm, NOISE, parse_changes(changes))
+    x = simulation.measure(q, np.random.default_rng([seed, 1]))
+    return replace(calib.babble(arm, len(q)), q=q, x=x, simulation=None)
+
+
+def errors(arm: calib.PlanarArm, log: calib.Samples) -> tuple[float, float]:
+    """Mean and 99 % quantile of the error all over the joints' ranges [mm]."""
+    scale = Scale.of_range(arm.lower, arm.upper, arm.revolute)
+    rng = np.random.default_rng(0)
+    teacher = learn_teacher(scale, arm.revolute, scale.to_unit(log.q), log.x, rng)
+    return judged(arm, lambda u: teacher.value(u))
+
+
+def judged(arm: calib.PlanarArm, value: Callable[[Array], Array]) -> tuple[float, float]:
+    """Errors of a prediction on fresh poses [mm]."""
+    u = np.random.default_rng(99).random((4000, arm.dof))
+    truth = arm.forward(arm.lower + u * (arm.upper - arm.lower))
+    gap = 1e3 * np.linalg.norm(value(u) - truth, axis=1)
+    return float(gap.mean()), float(np.quantile(gap, 0.99))
+
+
+def table(header: Iterable[str], rows: Iterable[Iterable[str]]) -> None:
+    """Print a table in Markdown."""
+    header = list(header)
+    print("| " + " | ".join(header) + " |")
+    print("|" + "---|" * len(header))
+    for row in rows:
+        print("| " + " | ".join(row) + " |", flush=True)
+    print(flush=True)
+
+
+def spread(seeds: int) -> None:
+    """Error by design and number of poses."""
+    for robot, counts in (("two_link", (30, 60, 100)), ("three_link", (60, 100)), ("polar", (60,))):
+        arm = calib.load_arm(robot)
+        rows = []
+        for name, design in DESIGNS.items():
+            row = [name]
+            for n in counts:
+                found = np.array(
+                    [errors(arm, measure(arm, design(arm, n, s), s)) for s in range(seeds)]
+                )
+                mean, p99 = found.mean(axis=0)
+                row.append(f"{mean:.2f} ({found[:, 0].max():.2f}), {p99:.1f}")
+            rows.append(row)
+            print(robot, row, file=sys.stderr, flush=True)
+        print(f"{robot}: mean error [mm] over {seeds} seeds (worst seed), 99 % quantile\n")
+        table(["design", *(f"{n} poses" for n in counts)], rows)
+    rows = []
+    for robot in ("two_link", "three_link", "polar"):
+        arm = calib.load_arm(robot)
+        row = [robot]
+        for n in (30, 60, 100):
+            plans = [calib.plan(arm, n, seed=s) for s in range(seeds)]
+            own, other = (
+                np.mean([getattr(p, name) for p in plans]) for name in ("length", "random_length")
+            )
+            row.append(f"{own:.1f} against {other:.1f} ({100 * own / other:.0f} %)")
+        rows.append(row)
+    print("travel, in ranges of the joint that moves most, against a random order\n")
+    table(["robot", "30 poses", "60 poses", "100 poses"], rows)
+
+
+def more(seeds: int) -> None:
+    """Error after adding 30 poses to 60."""
+    arm = calib.load_arm("two_link")
+    rows = []
+    for name in ("spread over the ranges", "crowded in a corner"):
+        found: dict[str, list[tuple[float, float]]] = {}
+        for s in range(seeds):
+            rng = np.random.default_rng([s, 7])
+            u = rng.random((60, 2)) if name.startswith("spread") else rng.beta(1.2, 3.0, (60, 2))
+            log = measure(arm, arm.lower + u * (arm.upper - arm.lower), s)
+            further = {
+                "60 rows": None,
+                "+ 30 random": uniform(arm, 30, s + 1000),
+                "+ 30 planned": planned(arm, 30, s),
+                "+ 30 planned with --data": calib.plan(arm, 30, seed=s, measured=log).q,
+            }
+            for what, q in further.items():
+                both = log
+                if q is not None:
+                    new = measure(arm, q, s + 500)
+                    both = replace(log, q=np.vstack([log.q, new.q]), x=np.vstack([log.x, new.x]))
+                found.setdefault(what, []).append(errors(arm, both))
+        means = {what: np.mean(pairs, axis=0) for what, pairs in found.items()}
+        rows.append([name, *(f"{mean:.2f}, {p99:.1f}" for mean, p99 in means.values())])
+    print(f"two_link: mean error [mm] over {seeds} seeds, 99 % quantile\n")
+    table(["60 random rows", *found], rows)
+
+
+def check(seeds: int) -> None:
+    """What a check of 20 poses finds."""
+    arm = calib.load_arm("two_link")
+    model = calib.train(calib.babble(arm, 20_000, seed=0, noise=NOISE), size=40)
+    designs: dict[str, Design] = {
+        "random": uniform,
+        "planned to learn": planned,
+        "planned to check": lambda _, n, s: calib.plan(model, n, seed=s, purpose="check").q,
+    }
+    calm = 5 * seeds  # false alarms are rare
+    poses = {name: [make(arm, 20, s) for s in range(calm)] for name, make in designs.items()}
+    rows = []
+    for change, (texts, true) in CHANGES.items():
+        row = [change]
+        for logs in poses.values():
+            some = logs[:seeds] if true else logs
+            drifts = [model.check(measure(arm, q, s, texts)) for s, q in enumerate(some)]
+            named = [set(d.causes) - {"noise", "workspace"} for d in drifts]
+            right = sum(bool(names) and names <= true for names in named)
+            found = sum(d.drifted for d in drifts)
+            row.append(f"{found}, {right}" if true else f"{found} of {calm}")
+        rows.append(row)
+        print(row, file=sys.stderr, flush=True)
+    print(f"two_link: of {seeds} checks of 20 poses how many find a drift, and name it alone\n")
+    table(["change", *designs], rows)
+
+
+def full(seeds: int) -> None:
+    """Whole models, to compare with their teachers."""
+    arm = calib.load_arm("two_link")
+    rows = []
+    for name, design in (("random", uniform), ("calib plan", planned)):
+        pairs = []
+        for s in range(seeds):
+            log = measure(arm, design(arm, 60, s), s)
+            model = calib.train(replace(log, lower=arm.lower, upper=arm.upper))
+            value = judged(arm, lambda u, m=model: m.forward(m.motor.scale.from_unit(u)))
+            pairs.append((errors(arm, log)[0], value[0]))
+        taught, learned = np.mean(pairs, axis=0)
+        rows.append([name, f"{taught:.3f}", f"{learned:.3f}"])
+    print(f"two_link, 60 poses, {seeds} seeds: mean error [mm]\n")
+    table(["design", "teacher", "model"], rows)
+
+
+def main() -> None:
+    """Print the tables."""
+    parser = argparse.ArgumentParser(description=__doc__.split("\n")[0])
+    parser.add_argument("--quick", action="store_true", help="3 seeds instead of 20")
+    parts: dict[str, Callable[[int], None]] = {
+        "spread": spread,
+        "more": more,
+        "check": check,
+        "full": full,
+    }
+    parser.add_argument("--only", nargs="+", choices=parts, default=list(parts))
+    options = parser.parse_args()
+    for name in options.only:
+        seeds = 3 if options.quick else 20
+        parts[name](min(seeds, 4) if name == "full" else seeds)
+
+
+if __name__ == "__main__":
+    main()
