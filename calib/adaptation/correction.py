@@ -70,7 +70,7 @@ class Correction:
         detail = self.detail(u)
         trust = self.trust(u)[:, None]
         gap = detail - value if self.scratch else detail
-        return np.asarray(value + np.where(trust > 0, trust * gap, 0.0))
+        return np.asarray(value + trust * gap)
 
     def trust(self, u: Array) -> Array:
         """How much the detail counts at `u`: 1 near rows of the log, 0 far from all, (n,)."""
