@@ -2,14 +2,25 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import asdict, dataclass, field, fields
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
+from .plain import finite, numbers, of_type, texts
+
 Array = NDArray[np.float64]
+
+_TYPES: dict[type, tuple[str, ...]] = {
+    str: ("robot", "tip", "unit", "bound_of", "source", "urdf"),
+    bool: ("taught",),
+    int: ("samples", "seed", "tested", "left_out"),
+    dict: ("locked", "options", "errors"),
+}
+_OPTIONS = ("map", "rule", "epochs", "sigma")
+_WIDEST = 1e9  # range of a joint [rad or m]
 
 
 @dataclass(frozen=True, eq=False)
@@ -89,11 +100,67 @@ class About:
 
     @classmethod
     def from_json(cls, data: Mapping[str, Any]) -> About:
-        """Rebuild what `to_json` returned."""
+        """Rebuild what `to_json` returned.
+
+        Raises
+        ------
+        ValueError
+            If it is not of that form: a file may come from anyone.
+        """
         known = {f.name for f in fields(cls)}
         values = {k: v for k, v in data.items() if k in known}
+        check_about(values)
         for name in ("joint_names", "revolute", "notes"):
             values[name] = tuple(values[name])
         for name in ("lower", "upper"):
             values[name] = np.array(values[name], dtype=float)
         return cls(**values)
+
+
+def check_about(data: Mapping[str, Any]) -> None:
+    """Check the plain data of an `About`, which may come from a stranger's file.
+
+    Raises
+    ------
+    KeyError, ValueError
+        If something is missing or is not what it should be.
+    """
+    for kind, names in _TYPES.items():
+        for name in names:
+            of_type(name, data[name], kind)
+    joints = texts("joint_names", data["joint_names"])
+    dof = len(joints)
+    if not dof or len(set(joints)) < dof or not all(joints):
+        raise ValueError("joint_names: expected names, each once")
+    turns = of_type("revolute", data["revolute"], list)
+    if len(turns) != dof or not all(isinstance(turn, bool) for turn in turns):
+        raise ValueError("revolute: expected true or false for each joint")
+    lower, upper = (numbers(name, data[name], dof) for name in ("lower", "upper"))
+    if not all(0.0 < high - low < _WIDEST for low, high in zip(lower, upper, strict=True)):
+        raise ValueError("lower, upper: expected a range for each joint")
+    for name, value in data["locked"].items():
+        finite(f"locked {name}", value)
+    if data["plane"] is not None:
+        for name in ("origin", "x", "y"):
+            numbers(f"plane {name}", of_type("plane", data["plane"], dict)[name], 3)
+    if data["simulation"] is not None:
+        simulation = of_type("simulation", data["simulation"], dict)
+        finite("noise", simulation["noise"])
+        texts("changes", simulation["changes"])
+    texts("notes", data["notes"])
+    if min(data["samples"], data["seed"], data["tested"], data["left_out"]) < 0:
+        raise ValueError("samples, seed, tested, left_out: expected zero or more")
+    for name in _OPTIONS:
+        _ = data["options"][name]
+    _check_errors(data["errors"], joints)
+
+
+def _check_errors(errors: Mapping[str, Any], joints: Sequence[str]) -> None:
+    for readout, directions in errors.items():
+        for direction, names in (("forward", ("x", "y")), ("inverse", joints)):
+            found = of_type(readout, directions, dict)[direction]
+            for name in (*names, "distance"):
+                error = of_type(name, of_type(direction, found, dict)[name], dict)
+                for key in ("mean", "max", "p99"):
+                    if error[key] is not None:
+                        finite(f"error {key}", error[key])

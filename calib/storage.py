@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import hashlib
 import json
+import math
 import os
 from collections.abc import Mapping
 from dataclasses import asdict
@@ -20,7 +21,8 @@ from .errors import CalibError, ModelError
 from .links import Wiring
 from .maps.graph import Graph
 from .maps.lattice import Lattice
-from .maps.map import Map
+from .maps.map import HISTORY, Map
+from .plain import finite, numbers, of_type
 from .readouts.basis import Basis
 from .readouts.linked import Association
 from .readouts.local import LocalModels
@@ -36,6 +38,8 @@ FORMAT = 1
 
 _KEY = "calib"
 _LARGEST = 2_000_000_000  # bytes
+_LARGE = 1e30  # no number of a model is so large, and its square is one still
+_FUNCTIONS = 100_000  # of a trend
 _NONSENSE = (  # what building a model from a description without sense raises
     CalibError,
     AttributeError,
@@ -207,8 +211,9 @@ def _build(header: Mapping[str, Any], tensors: Mapping[str, NDArray[Any]]) -> Mo
     dof = len(about.joint_names)
     motor = _map("motor", header, tensors, dof)
     sensory = _map("sensory", header, tensors, 2)
-    counts = tensors["links.counts"].astype(np.int64)
-    indices = tensors["links.indices"].astype(np.int32)
+    counts = _whole(tensors, "links.counts").astype(np.int64)
+    indices = _whole(tensors, "links.indices").astype(np.int32)
+    _expect("links.data", tensors["links.data"], indices.shape)
     _expect("links.counts", counts, (motor.size,))
     if counts.sum() != len(indices) or len(indices) != len(tensors["links.data"]):
         raise ValueError("the links' lengths differ")
@@ -221,6 +226,10 @@ def _build(header: Mapping[str, Any], tensors: Mapping[str, NDArray[Any]]) -> Mo
     turns = tuple(float(t) for t in header["trend"]["turns"])
     if len(turns) != dof:
         raise ValueError("the trend is of another arm")
+    if not all(0.0 <= turn < _LARGE for turn in turns):  # zero of joints that slide
+        raise ValueError(f"{turns} are no turns")
+    if math.comb(_small(header["trend"]["degree"], 60) + dof, dof) > _FUNCTIONS:
+        raise ValueError("the trend has too many functions")
     basis = Basis(turns, *(_small(header["trend"][k], 60) for k in ("degree", "each")))
     _expect("trend.coefficients", tensors["trend.coefficients"], (len(basis.orders), 2))
     degree = _small(header["local"]["degree"], 3, least=-1)
@@ -234,6 +243,8 @@ def _build(header: Mapping[str, Any], tensors: Mapping[str, NDArray[Any]]) -> Mo
         from .readouts.basis import exponents
 
         _expect("local.radius", models.radius, (motor.size,))
+        if not (models.radius > 0.0).all():
+            raise ValueError("local.radius is not above zero")
         terms = len(exponents(dof, degree))
         _expect("local.coefficients", models.coefficients, (motor.size, terms, 2))
     _expect("bounds", tensors["bounds"], (motor.size,))
@@ -244,7 +255,7 @@ def _build(header: Mapping[str, Any], tensors: Mapping[str, NDArray[Any]]) -> Mo
         Predictor(motor, Trend(basis, tensors["trend.coefficients"]), models),
         tensors["bounds"],
         tensors["visited"].astype(bool),
-        tuple(header["history"]),
+        _history(header["history"]),
         _baseline(header.get("baseline"), tensors, motor, sensory),
     )
 
@@ -257,7 +268,19 @@ def _baseline(
     parts = [tensors[f"baseline.{name}"].astype(float) for name in ("motor", "sensory")]
     for name, part, lattice in zip(("motor", "sensory"), parts, (motor, sensory), strict=True):
         _expect(f"baseline.{name}", part, (lattice.size,))
+    numbers("spread", stated["spread"], 2)
+    finite("noise", stated["noise"])
     return Baseline.from_json(stated, *parts)
+
+
+def _history(stated: Any) -> tuple[dict[str, Any], ...]:
+    from .alignment import Alignment
+
+    states = tuple(of_type("history", state, dict) for state in of_type("history", stated, list))
+    for state in states:
+        if state.get("frame") is not None:
+            Alignment.from_json([numbers("frame", row, 3) for row in state["frame"]])
+    return states
 
 
 def _map(
@@ -267,9 +290,9 @@ def _map(
     units = tensors[f"{name}.units"]
     lattice: Lattice | Graph
     if f"{name}.edges" in tensors:
-        edges = tensors[f"{name}.edges"].astype(np.intp)
+        edges = _whole(tensors, f"{name}.edges").astype(np.intp)
         _expect(f"{name}.edges", edges, (len(edges), 2))
-        if len(edges) and edges.max() >= len(units):
+        if not len(edges) or edges.max() >= len(units):
             raise ValueError(f"an edge of the {name} map ends at no node")
         lattice = Graph(len(units), edges)
     else:
@@ -278,9 +301,16 @@ def _map(
     lower, span = tensors[f"{name}.lower"], tensors[f"{name}.span"]
     _expect(f"{name}.lower", lower, (dim,))
     _expect(f"{name}.span", span, (dim,))
+    if not (span > 0.0).all():
+        raise ValueError(f"{name}.span is not above zero")
     periodic = tensors[f"{name}.periodic"].astype(bool)
     _expect(f"{name}.periodic", periodic, (dim,))
-    return Map(units, lattice, Scale(lower, span, periodic), tensors[f"{name}.history"])
+    history = tensors[f"{name}.history"]
+    _expect(f"{name}.history", history, (len(history), len(HISTORY)))
+    found = Map(units, lattice, Scale(lower, span, periodic), history)
+    if not found.spacing > 0.0:
+        raise ValueError(f"the nodes of the {name} map are all in one place")
+    return found
 
 
 def _wiring(stated: Mapping[str, Any]) -> Wiring:
@@ -293,8 +323,16 @@ def _wiring(stated: Mapping[str, Any]) -> Wiring:
 def _expect(name: str, array: NDArray[Any], shape: tuple[int, ...]) -> None:
     if array.shape != shape:
         raise ValueError(f"{name} has the shape {array.shape}, expected {shape}")
-    if array.dtype.kind == "f" and not np.isfinite(array).all():
-        raise ValueError(f"{name} holds a value that is not finite")
+    if array.dtype.kind not in "fiub":
+        raise ValueError(f"{name} holds {array.dtype}, expected numbers")
+    if array.dtype.kind == "f" and not (np.abs(array) < _LARGE).all():
+        raise ValueError(f"{name} holds a value that is not finite, or beyond {_LARGE:g}")
+
+
+def _whole(tensors: Mapping[str, NDArray[Any]], name: str) -> NDArray[Any]:
+    if tensors[name].dtype.kind != "u":
+        raise ValueError(f"{name} holds {tensors[name].dtype}, expected whole numbers")
+    return tensors[name]
 
 
 def _small(value: Any, most: int, least: int = 0) -> int:

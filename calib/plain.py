@@ -1,0 +1,41 @@
+"""Plain data from a file that may come from anyone: what it is has to be checked."""
+
+from __future__ import annotations
+
+import math
+from typing import Any, TypeVar
+
+T = TypeVar("T")
+
+
+def of_type(name: str, value: Any, kind: type[T]) -> T:
+    """Return a value that is of a type; true and false are no numbers.
+
+    Raises
+    ------
+    ValueError
+        If it is not.
+    """
+    if not isinstance(value, kind) or (isinstance(value, bool) and kind is not bool):
+        raise ValueError(f"{name}: {value!r:.40} is no {kind.__name__}")
+    return value
+
+
+def finite(name: str, value: Any) -> float:
+    """Return a finite number."""
+    if isinstance(value, bool) or not isinstance(value, int | float) or not math.isfinite(value):
+        raise ValueError(f"{name}: {value!r:.40} is no finite number")
+    return float(value)
+
+
+def numbers(name: str, values: Any, count: int) -> list[float]:
+    """Return a list of so many finite numbers."""
+    found = [finite(name, value) for value in of_type(name, values, list)]
+    if len(found) != count:
+        raise ValueError(f"{name}: {len(found)} numbers, expected {count}")
+    return found
+
+
+def texts(name: str, values: Any) -> list[str]:
+    """Return a list of texts."""
+    return [of_type(name, value, str) for value in of_type(name, values, list)]
