@@ -21,6 +21,9 @@ REACHED = 1e-4
 """Share of the workspace's extent that counts as reached."""
 
 
+_IN_SIGHT = 1e6  # extents of the workspace
+
+
 class Answer(NamedTuple):
     """Inverse answers, one row each.
 
@@ -58,17 +61,19 @@ class Answer(NamedTuple):
 def solve(model: Model, x: Array, near: Array, readout: str) -> Answer:
     """Answer the targets `x` (n, 2) with the solutions closest to `near` (n, dof, unit box)."""
     check_readout(readout)
+    seen = in_sight(model, x)
     if readout == "local":
-        u, _ = model.solver.solve(x, near)
+        u, _ = model.solver.solve(seen, near)
         return answer(model, u, x, None)
     sensory, association = model.sensory, model.association
-    v = sensory.scale.to_unit(x)
+    v = sensory.scale.to_unit(seen)
     u = model.solver.clip(association.inverse(v, near, readout))
     return answer(model, u, x, sensory.scale.from_unit(association.forward(u, readout)))
 
 
 def joints(model: Model, x: Array, near: Array, *, nearest: bool) -> Array:
     """Joint values (n, dof) alone; NaN out of reach unless `nearest`."""
+    x = in_sight(model, x)
     u, distance = model.solver.solve(x, near)
     q = model.motor.scale.from_unit(u)
     far = np.flatnonzero(distance > REACHED * model.solver.extent)
@@ -81,17 +86,30 @@ def joints(model: Model, x: Array, near: Array, *, nearest: bool) -> Array:
 
 def solve_all(model: Model, x: Array) -> list[Answer]:
     """Every distinct solution of each target, see :meth:`calib.Model.solve_all`."""
-    target, u, _ = model.solver.solve_all(x)
+    target, u, _ = model.solver.solve_all(in_sight(model, x))
     every = answer(model, u, x[target], None)
     edges = np.searchsorted(target, np.arange(len(x) + 1)).tolist()
     return [every.take(slice(a, b)) for a, b in itertools.pairwise(edges)]
+
+
+def in_sight(model: Model, x: Array) -> Array:
+    """Targets (n, 2), those a million extents away and further moved closer.
+
+    What is nearest to them lies in the same direction, and their squares would overflow.
+    """
+    scale = model.sensory.scale
+    limit = _IN_SIGHT * (model.solver.extent + float(np.abs(scale.lower).max()))
+    furthest = np.abs(x).max(axis=1, keepdims=True)
+    far = furthest > limit
+    return np.where(far, x / np.where(far, furthest, 1.0) * limit, x) if far.any() else x
 
 
 def answer(model: Model, u: Array, x: Array, position: Array | None) -> Answer:
     """Describe joints `u` (n, dof) of the unit box that answer the targets `x` (n, 2)."""
     if position is None:
         position = model.predictor.value(u)
-    distance = np.linalg.norm(position - x, axis=1)
+    with np.errstate(over="ignore"):  # the distance of a target at 1e308 may be infinite
+        distance = np.hypot(*(position - x).T)
     bound = blend_nodes(model.motor, model.bounds, u)
     within = distance <= np.maximum(bound, REACHED * model.solver.extent)
     return Answer(model.motor.scale.from_unit(u), position, distance, bound, within)

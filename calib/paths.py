@@ -74,7 +74,7 @@ def follow_path(
         raise QueryError(f"step {step!r}: expected a length greater than zero, such as 0.005")
     x, waypoint = _lines(corners, float(step))
     first = None if start is None else answers.anchor(model, start, 1)[0]
-    track = follow(model.solver, x, first)
+    track = follow(model.solver, answers.in_sight(model, x), first)
     said = answers.answer(model, track.u, x, None)
     jumps = np.array(track.jumps, dtype=np.intp)
     return Path(x, *said, waypoint, jumps)
@@ -82,10 +82,14 @@ def follow_path(
 
 def _lines(corners: Array, step: float) -> tuple[Array, NDArray[np.intp]]:
     """Points at most `step` apart on the lines between corners, and where each leads to."""
-    length = np.linalg.norm(np.diff(corners, axis=0), axis=1)
-    if float(length.sum()) / step + len(corners) > _MOST:
+    with np.errstate(over="ignore"):
+        length = np.hypot(*np.diff(corners, axis=0).T)
+        total = float(length.sum())
+    if not math.isfinite(total):
+        raise QueryError("the waypoints are too far apart to draw lines between them")
+    if total / step + len(corners) > _MOST:
         raise QueryError(
-            f"step {step:g} makes more than {_MOST:,} rows of a path {length.sum():.4g} long: "
+            f"step {step:g} makes more than {_MOST:,} rows of a path {total:.4g} long: "
             "give a longer one"
         )
     points, leads = [corners[:1]], [np.zeros(1, dtype=np.intp)]

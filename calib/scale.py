@@ -42,7 +42,8 @@ class Scale:
 
     def to_unit(self, x: Array) -> Array:
         """Coordinates (n, d) in the unit box; periodic ones are wrapped into [0, 1)."""
-        u = (x - self.lower) / self.span
+        with np.errstate(over="ignore"):  # infinitely far outside is outside
+            u = (x - self.lower) / self.span
         if self.periodic.any():
             u[:, self.periodic] %= 1.0
             u[u == 1.0] = np.where(self.periodic, 0.0, 1.0)[np.nonzero(u == 1.0)[1]]

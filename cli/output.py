@@ -17,6 +17,7 @@ from calib.wording import printable
 
 # what is below a nanometre or a millionth of a degree is rounding
 _LEAST, _TINY = 1e-6, "<1e-6"
+_HUGE = 1e12  # written out it would be wider than its column
 
 
 @dataclass(frozen=True)
@@ -145,4 +146,6 @@ def fixed(value: float, decimals: int) -> str:
     """Return a number with so many decimals, never minus zero, or a dash for none."""
     if not math.isfinite(value):
         return "-"
+    if abs(value) >= _HUGE:
+        return f"{value:.3e}"
     return f"{round(value, decimals) + 0.0:.{decimals}f}"
