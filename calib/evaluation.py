@@ -61,7 +61,7 @@ class Residuals:
         """Forward residuals."""
         known = np.isfinite(model.forward(q, "winner")[:, 0])
         q, x = q[known], x[known]
-        forward = {r: model.forward(q, r) - x for r in readouts} if len(q) else {}
+        forward = {r: model.forward(q, r) - x if len(q) else np.empty((0, 2)) for r in readouts}
         left_out = int(np.count_nonzero(~known))
         return Residuals(q, x, forward, {}, {}, model.about.joint_names, left_out)
 

@@ -3,6 +3,7 @@
 import numpy as np
 import pytest
 from models import brief_teacher, draw, log, measured, papers, trained, two_link
+from planar import chain_urdf
 from threadpoolctl import threadpool_limits
 
 import calib
@@ -125,6 +126,19 @@ def test_three_joints_get_a_lattice_of_three_axes():
     samples = calib.babble(calib.load_arm("three_link"), 20_000)
     motor, sensory, _ = calib.training.lattice_sizes(samples, None, None, None)
     assert (motor, sensory) == ((17, 17, 17), (70, 70))
+
+
+def test_an_arm_whose_limits_no_sample_came_near_is_learned(tmp_path):
+    # nothing can be said about the joints' limits there, which is no reason to say nothing
+    path = tmp_path / "chain.urdf"
+    path.write_text(chain_urdf(3))
+    samples = calib.babble(calib.load_arm(path), 300, seed=1)
+    model = calib.train(samples, size=5)
+    answers = model.forward(samples.q)
+    known = np.isfinite(answers[:, 0])
+    assert known.mean() > 0.5
+    gap = np.linalg.norm(answers - samples.x, axis=1)
+    assert (gap <= model.expected_error(samples.q))[known].mean() > 0.8
 
 
 def test_lattices_may_differ_and_need_not_be_square():
