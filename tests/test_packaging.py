@@ -10,6 +10,7 @@ import zipfile
 from importlib.metadata import entry_points, version
 from pathlib import Path
 
+import calib_cli
 import pytest
 
 import calib
@@ -39,20 +40,38 @@ def test_every_package_is_named():
     """Setuptools packs what is listed: a forgotten folder would be missing in the wheel."""
     listed = re.search(r"^packages = \[(.*)\]$", text_of("pyproject.toml"), re.MULTILINE)
     assert listed is not None
+    package = Path(calib.__file__).parent
     found = {
-        ".".join(path.parent.relative_to(ROOT).parts)
-        for path in (ROOT / "calib").rglob("__init__.py")
-    }
+        ".".join(path.parent.relative_to(package.parent).parts)
+        for path in package.rglob("__init__.py")
+    } - {"calib._robots"}
     assert set(re.findall(r'"(.+?)"', listed[1])) == found | {"calib._robots", "calib_cli"}
 
 
 def test_types_are_announced():
-    assert (ROOT / "calib" / "py.typed").is_file()
-    assert (ROOT / "cli" / "py.typed").is_file()
+    assert (Path(calib.__file__).parent / "py.typed").is_file()
+    assert (Path(calib_cli.__file__).parent / "py.typed").is_file()
+
+
+def test_the_versions_of_python_are_stated_as_they_are_tried():
+    stated = re.findall(r'"Programming Language :: Python :: (3\.\d+)"', text_of("pyproject.toml"))
+    assert stated == ["3.10", "3.11", "3.12", "3.13"]
+    assert 'requires-python = ">=3.10"' in text_of("pyproject.toml")
+
+
+def test_every_dependency_has_a_lower_bound():
+    """A bound is what `.ci/legs lowest` installs; without one it would try the newest."""
+    table = re.search(r"^dependencies = \[\n(.*?)^\]", text_of("pyproject.toml"), re.M | re.S)
+    assert table is not None
+    wanted = re.findall(r'^  "(.+?)",$', table[1], re.M)
+    assert len(wanted) > 10
+    assert [w for w in wanted if not re.match(r"[\w-]+>=\d+(\.\d+)+(; |$)", w)] == []
 
 
 def test_wheel_holds_all_that_is_needed(tmp_path):
     pytest.importorskip("build", reason="the package `build` is not installed: pip install build")
+    if not (ROOT / "calib").is_dir():
+        pytest.skip("the tests of an installed package: its source is elsewhere")
     if int(version("setuptools").partition(".")[0]) < 77:
         pytest.skip("setuptools is too old to build the wheel: pip install -U setuptools")
     source = tmp_path / "source"
