@@ -1,6 +1,6 @@
 """Planned poses against random ones: accuracy, travel, and what a check finds.
 
-    python benchmarks/plan.py [--quick] [--only spread more check full]
+    python benchmarks/plan.py [--quick] [--only spread more check adapt full]
 
 Prints the tables of docs/plan.md.  Everything is simulated with 1 mm noise per axis and fixed
 seeds.  What a log teaches is measured by the teacher that `calib.train` makes of it, whose
@@ -20,6 +20,7 @@ from numpy.typing import NDArray
 from scipy.stats import qmc
 
 import calib
+from calib.adaptation.correction import choose_correction
 from calib.data.changes import parse_changes
 from calib.data.simulation import Simulation
 from calib.planning.space import space_of
@@ -32,13 +33,25 @@ Array = NDArray[np.float64]
 Design = Callable[[calib.PlanarArm, int, int], Array]
 
 NOISE = 1e-3  # of the sensor, per axis [m]
-CHANGES = {
+FOUND = {
     "no change": ([], set()),
     "shoulder link +1 %": (["shoulder.length=+1%"], {"length:shoulder"}),
     "elbow link +1 %": (["elbow.length=+1%"], {"length:elbow"}),
     "elbow encoder 0.4 deg": (["elbow.offset=0.007"], {"offset:elbow"}),
     "camera turned 0.3 deg": (["sensor.rotate=0.0052"], {"sensor", "offset:shoulder"}),
     "camera shifted 1.5 mm": (["sensor.shift=0.0015,0"], {"sensor"}),
+    "shoulder link +3 %": (["shoulder.length=+3%"], {"length:shoulder"}),
+    "elbow link +3 %": (["elbow.length=+3%"], {"length:elbow"}),
+    "elbow encoder 1.2 deg": (["elbow.offset=0.021"], {"offset:elbow"}),
+}
+MENDED = {
+    "elbow link +5 %": ["elbow.length=+5%"],
+    "encoders 3, -2 deg": ["shoulder.offset=0.0523599", "elbow.offset=-0.0349066"],
+    "camera 8 deg, 30 mm, 1.05": [
+        "sensor.rotate=0.139626",
+        "sensor.shift=0.03,0",
+        "sensor.scale=1.05",
+    ],
 }
 
 
@@ -97,6 +110,7 @@ DESIGNS: dict[str, Design] = {
     "D-optimal, degree 4": d_optimal,
     "calib plan": planned,
 }
+PAIR = {name: DESIGNS[name] for name in ("random", "calib plan")}
 
 
 def measure(
@@ -196,21 +210,14 @@ def more(seeds: int) -> None:
 
 def check(seeds: int) -> None:
     """What a check of 20 poses finds."""
-    arm = calib.load_arm("two_link")
-    model = calib.train(calib.babble(arm, 20_000, seed=0, noise=NOISE), size=40)
-    designs: dict[str, Design] = {
-        "random": uniform,
-        "planned to learn": planned,
-        "planned to check": lambda _, n, s: calib.plan(model, n, seed=s, purpose="check").q,
-    }
+    arm, model = knocked()
     calm = 5 * seeds  # false alarms are rare
-    poses = {name: [make(arm, 20, s) for s in range(calm)] for name, make in designs.items()}
     rows = []
-    for change, (texts, true) in CHANGES.items():
+    for change, (texts, true) in FOUND.items():
         row = [change]
-        for logs in poses.values():
-            some = logs[:seeds] if true else logs
-            drifts = [model.check(measure(arm, q, s, texts)) for s, q in enumerate(some)]
+        for design in PAIR.values():
+            some = range(seeds if true else calm)
+            drifts = [model.check(measure(arm, design(arm, 20, s), s, texts)) for s in some]
             named = [set(d.causes) - {"noise", "workspace"} for d in drifts]
             right = sum(bool(names) and names <= true for names in named)
             found = sum(d.drifted for d in drifts)
@@ -218,14 +225,48 @@ def check(seeds: int) -> None:
         rows.append(row)
         print(row, file=sys.stderr, flush=True)
     print(f"two_link: of {seeds} checks of 20 poses how many find a drift, and name it alone\n")
-    table(["change", *designs], rows)
+    table(["change", *PAIR], rows)
+
+
+def adapt(seeds: int) -> None:
+    """Error after a re-calibration with 20 poses."""
+    arm, model = knocked()
+    scale, u = model.motor.scale, np.random.default_rng(99).random((2000, 2))
+    rows = []
+    for change, texts in MENDED.items():
+        truth = Simulation(arm, changes=parse_changes(texts)).exact(scale.from_unit(u))
+        row = [change]
+        for design in PAIR.values():
+            left = []
+            for s in range(seeds):
+                log = measure(arm, design(arm, 20, s), s, texts)
+                correction = choose_correction(
+                    model.predictor.value,
+                    model.motor,
+                    arm.revolute,
+                    scale.to_unit(log.q),
+                    log.x,
+                    np.random.default_rng(0),
+                )
+                left.append(1e3 * np.linalg.norm(correction.value(u) - truth, axis=1).mean())
+            row.append(f"{np.mean(left):.2f} ({max(left):.2f})")
+        rows.append(row)
+        print(row, file=sys.stderr, flush=True)
+    print(f"two_link: mean error [mm] of the correction over {seeds} seeds (worst seed)\n")
+    table(["change", *PAIR], rows)
+
+
+def knocked() -> tuple[calib.PlanarArm, calib.Model]:
+    """The arm, and a model of how it was before the changes."""
+    arm = calib.load_arm("two_link")
+    return arm, calib.train(calib.babble(arm, 20_000, seed=0, noise=NOISE), size=40)
 
 
 def full(seeds: int) -> None:
     """Whole models, to compare with their teachers."""
     arm = calib.load_arm("two_link")
     rows = []
-    for name, design in (("random", uniform), ("calib plan", planned)):
+    for name, design in PAIR.items():
         pairs = []
         for s in range(seeds):
             log = measure(arm, design(arm, 60, s), s)
@@ -246,6 +287,7 @@ def main() -> None:
         "spread": spread,
         "more": more,
         "check": check,
+        "adapt": adapt,
         "full": full,
     }
     parser.add_argument("--only", nargs="+", choices=parts, default=list(parts))

@@ -19,7 +19,6 @@ from .parsing import (
     bad_option,
     margin,
     numbers,
-    one_of,
     side,
     whole,
 )
@@ -55,16 +54,6 @@ def plan(
             "--poses", "-n", parser=whole("--poses", 1, 1000), metavar="N", help="How many poses."
         ),
     ] = 60,
-    purpose: Annotated[
-        str,
-        typer.Option(
-            "--for",
-            parser=one_of("--for", ("learn", "check")),
-            metavar="learn|check",
-            help="Poses to learn from (default); or, with MODEL, poses for calib check, which tell "
-            "the causes of a drift apart.",
-        ),
-    ] = "learn",
     joints: o.JointsOption = None,
     tip: o.TipOption = None,
     lock: o.LockOption = None,
@@ -128,7 +117,6 @@ def plan(
     found = calib.plan(
         known,
         poses,
-        purpose=purpose,
         seed=seed,
         margin=_margin(margins, known, typed),
         # an arm was loaded with them, which it may need where it states no limits

@@ -48,7 +48,7 @@ def main() -> None:
 
     # a knock: the forearm's encoder slips by one degree
     knock = ["elbow.offset=0.0175"]
-    few = calib.plan(model, 20, purpose="check")
+    few = calib.plan(model, 20)
     seen = measured(arm, few.q, 2, knock)
     drift = model.check(seen)
     print(f"drifted: {drift.drifted}, causes: {', '.join(drift.causes)}")

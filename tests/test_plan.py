@@ -12,12 +12,9 @@ from hypothesis import strategies as st
 from models import brief_teacher, trained, two_link_inverse
 
 import calib
-from calib.data.changes import parse_changes
-from calib.data.simulation import Simulation
 from calib.planning.keep import keep_of
 from calib.planning.space import space_of
 from calib.planning.spread import farthest
-from calib.planning.telling import effects, most_telling
 from calib.planning.tour import length, shortest_tour
 from calib.scale import TURN, Scale
 
@@ -323,81 +320,6 @@ def test_planned_poses_teach_more_than_random_ones(arm):
     assert np.mean(planned) < 0.9 * np.mean(sobol)
 
 
-# --- checks -------------------------------------------------------------------------------
-
-
-def determinant(changes, rows, prior=1e-2):
-    """Logarithm of the determinant of the information of some poses."""
-    part = changes[rows].reshape(-1, changes.shape[2])
-    return np.linalg.slogdet(prior * np.eye(changes.shape[2]) + part.T @ part)[1]
-
-
-def test_effects_are_what_small_changes_do():
-    """Each against the simulated arm with that change, after it and before it."""
-    arm, model = calib.load_arm("two_link"), trained("two_link", n=3000, size=20)
-    u = np.random.default_rng(0).random((50, 2))
-    q = arm.lower + u * (arm.upper - arm.lower)
-    found = effects(model, u)
-    names = ["sensor.shift=S,0", "sensor.shift=0,S", "shoulder.offset=S", "elbow.offset=S"]
-    names += ["shoulder.length=L0", "elbow.length=L1"]
-    links = list(arm.link_lengths.values())
-    for name, column in zip(names, (0, 1, 6, 7, 8, 9), strict=True):
-        seen = []
-        for step in (1e-5, -1e-5):
-            text = name.replace("S", repr(step))
-            for k, link in enumerate(links):
-                text = text.replace(f"L{k}", repr(link * (1 + step)))
-            seen.append(Simulation(arm, changes=parse_changes(text)).exact(q))
-        moved = (seen[0] - seen[1]).ravel()
-        said = found[:, :, column].ravel()
-        cosine = moved @ said / np.linalg.norm(moved) / np.linalg.norm(said)
-        assert cosine == pytest.approx(1.0, abs=1e-5)
-    # the frame's turn and growth are within the span of its linear part
-    frame = found[:, :, :6].reshape(100, 6)
-    for name in ("sensor.rotate=1e-5", "sensor.scale=1.00001"):
-        moved = (Simulation(arm, changes=parse_changes(name)).exact(q) - arm.forward(q)).ravel()
-        left = moved - frame @ np.linalg.lstsq(frame, moved, rcond=None)[0]
-        assert np.linalg.norm(left) < 1e-4 * np.linalg.norm(moved)
-
-
-def test_the_most_telling_of_a_few_poses_are_found():
-    """Against all choices of three out of ten, far apart from one another."""
-    for seed in range(10):
-        rng = np.random.default_rng(seed)
-        changes = rng.standard_normal((10, 2, 3))
-        found = determinant(changes, most_telling(changes, 10 * rng.random((10, 2)), 3))
-        every = [determinant(changes, list(c)) for c in itertools.combinations(range(10), 3)]
-        assert found >= np.quantile(every, 0.9)
-
-
-def test_telling_poses_are_apart_while_there_is_room():
-    u = np.random.default_rng(0).random((400, 2))
-    changes = np.concatenate([u, u**2], axis=1).reshape(400, 2, 2)
-    chosen = u[most_telling(changes, u, 12)]
-    gap = np.linalg.norm(chosen[:, None] - chosen[None], axis=2)
-    assert gap[~np.eye(12, dtype=bool)].min() > 0.05
-    few = most_telling(changes[:8], 0.01 * u[:8], 8)  # no room: all of them, each once
-    assert sorted(few.tolist()) == list(range(8))
-
-
-def test_a_check_is_planned_for_a_model_alone(arm):
-    model = trained("two_link", n=3000, size=20)
-    plan = calib.plan(model, 20, purpose="check")
-    assert "telling the causes" in plan.why[0]
-    u, random = (model.motor.scale.to_unit(q) for q in (plan.q, calib.babble(arm, 2000).q))
-    changes = effects(model, np.concatenate([u, random]))
-    own = determinant(changes, np.arange(20))
-    others = [determinant(changes, 20 + np.arange(20 * k, 20 * k + 20)) for k in range(100)]
-    assert own > max(others) + 2.0  # each of ten changes known better by a fifth or more
-    for source, options, part in (
-        (arm, {"purpose": "check"}, "expected a model"),
-        (model, {"purpose": "play"}, "choose one of learn, check"),
-        (model, {"purpose": "check", "measured": calib.babble(arm, 20)}, "needs new ones"),
-    ):
-        with pytest.raises(calib.OptionError, match=part):
-            calib.plan(source, 10, **options)
-
-
 # --- Python's errors and the file ---------------------------------------------------------
 
 
@@ -529,8 +451,6 @@ def test_command_completes_a_log(run, log, tmp_path, arm):
         (["two_link", "--from", "1"], 2, "2 values"),
         (["two_link", "--from", "1,9"], 1, "elbow = 9"),
         (["two_link", "--columns", "x=u"], 2, "--data"),
-        (["two_link", "--for", "check"], 1, "expected a model"),
-        (["two_link", "--for", "test"], 2, "one of learn, check"),
         (["two_linc"], 1, "did you mean two_link"),
         (["no.calib"], 1, "no.calib"),
         (["MODEL", "--tip", "t"], 2, "--tip is for ROBOT"),

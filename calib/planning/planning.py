@@ -12,10 +12,9 @@ from numpy.typing import ArrayLike, NDArray
 from ..arm.planar_arm import PlanarArm
 from ..errors import OptionError
 from .keep import keep_of
-from .routes import Choice, Route, dense, free_route, kept_route
+from .routes import Route, dense, free_route, kept_route
 from .space import Space, space_of
-from .spread import candidates, farthest
-from .telling import effects, most_telling
+from .spread import candidates
 from .tour import length
 
 if TYPE_CHECKING:
@@ -28,8 +27,6 @@ Array = NDArray[np.float64]
 
 MOST_POSES = 1000
 """More are babbled, not planned."""
-
-PURPOSES = ("learn", "check")
 
 _UNSEEN = "obstacles and self-collision are not looked at: go slowly the first time"
 _ORDERS = 100  # random ones, to compare with
@@ -119,7 +116,6 @@ def plan(
     source: PlanarArm | Model,
     n: int = 60,
     *,
-    purpose: str = "learn",
     seed: int = 0,
     margin: float | Sequence[float] | None = None,
     ranges: Mapping[str, tuple[float, float]] | None = None,
@@ -136,9 +132,6 @@ def plan(
         or checked.
     n : int
         How many poses.
-    purpose : {"learn", "check"}
-        Poses that cover the joint space, to learn from; or, with a model, poses that tell
-        the causes of a drift apart.
     seed : int
         The same seed gives the same poses.
     margin : float or sequence of float, optional [rad or m]
@@ -175,29 +168,28 @@ def plan(
     n, seed = _whole("n", n, 1, MOST_POSES), _whole("seed", seed, 0, 2**63 - 1)
     space = space_of(source, margin, ranges)
     rng = np.random.default_rng(seed)
-    choose = _choice(source, space, purpose, measured)
+    taken = _taken(space, measured)
     begin = None if start is None else _in_unit(space, space.joints(start, "start"))
     neutral = _in_unit(space, np.clip(0.0, space.lower, space.upper))
     notes = [_UNSEEN]
-    if purpose == "learn" and measured is None and not isinstance(source, PlanarArm):
+    if measured is None and not isinstance(source, PlanarArm):
         notes.append(
-            "the model does not keep its samples: give them too (--data) to plan poses between them"
+            "the model does not keep its samples: to improve it, give them too (--data), and the "
+            "new poses go between them"
         )
     if keep:
         box = keep_of(space, keep)
         if begin is None and box.holds(neutral[None])[0]:
             begin = neutral
-        route = kept_route(box, choose, n, begin, dense(space, rng), rng)
+        route = kept_route(box, n, begin, taken, dense(space, rng), rng)
         if begin is None:
             notes.append("the way begins at the first pose: give --from to begin where the arm is")
     else:
         begin = neutral if begin is None else begin
-        route = free_route(choose, n, begin, candidates(space, rng))
-    how = "telling the causes of a drift apart"
-    if purpose == "learn":
-        how = "as far from each other as possible"
-        if measured is not None:
-            how += f" and from the {len(measured)} measured ones"
+        route = free_route(space, n, begin, taken, candidates(space, rng))
+    how = "as far from each other as possible"
+    if measured is not None:
+        how += f" and from the {len(measured)} measured ones"
     return _made(source, space, route, begin, how, notes)
 
 
@@ -246,22 +238,6 @@ def _made(
         tuple(why),
         (*notes, *route.notes),
     )
-
-
-def _choice(
-    source: PlanarArm | Model, space: Space, purpose: str, measured: Samples | None
-) -> Choice:
-    """Return how poses are chosen."""
-    if purpose not in PURPOSES:
-        raise OptionError(f"purpose {purpose!r} is unknown, choose one of {', '.join(PURPOSES)}")
-    if purpose == "learn":
-        taken = _taken(space, measured)
-        return lambda points, n: farthest(space.scale, points, n, taken)
-    if measured is not None:
-        raise OptionError("measured rows do not count for a check, which needs new ones")
-    if isinstance(source, PlanarArm):
-        raise OptionError("a robot cannot have drifted: expected a model for the purpose 'check'")
-    return lambda points, n: most_telling(effects(source, points), points, n)
 
 
 def _taken(space: Space, measured: Samples | None) -> Array:

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import itertools
-from collections.abc import Callable
 from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
@@ -13,7 +12,7 @@ from numpy.typing import NDArray
 from ..errors import OptionError
 from .keep import Keep, moves
 from .space import Space
-from .spread import candidates
+from .spread import candidates, farthest
 from .tour import shortest_tour
 
 if TYPE_CHECKING:
@@ -21,8 +20,6 @@ if TYPE_CHECKING:
 
 Array = NDArray[np.float64]
 Index = NDArray[np.intp]
-Choice = Callable[[Array, int], Index]
-"""Chooses so many of some poses (m, dof), by their rows."""
 
 _DENSE = 12  # draws of candidates where the tip has to stay within a box
 _NODES = 3000  # poses that routes may lead through
@@ -53,21 +50,22 @@ class Route:
     notes: tuple[str, ...] = ()
 
 
-def free_route(choose: Choice, n: int, start: Array, points: Array) -> Route:
+def free_route(space: Space, n: int, start: Array, taken: Array, points: Array) -> Route:
     """Visit poses of a box of joint values: every straight move is allowed.
 
     Parameters
     ----------
-    choose : callable
-        Chooses the poses.
+    space : Space
     n : int
-        How many.
+        Number of poses.
     start : (dof,) array
         Where the way begins, in units of the joints' ranges; it is not measured.
+    taken : (k, dof) array
+        Poses that were measured before.
     points : (m, dof) array
         What to choose from.
     """
-    nodes = np.vstack([start, points[choose(points, n)]])
+    nodes = np.vstack([start, points[farthest(space.scale, points, n, taken)]])
     away = moves(nodes[:, None], nodes[None])
     order = shortest_tour(away)
     return Route(nodes[order[1:]], np.zeros(n, dtype=bool), away[np.ix_(order, order)])
@@ -75,9 +73,9 @@ def free_route(choose: Choice, n: int, start: Array, points: Array) -> Route:
 
 def kept_route(
     keep: Keep,
-    choose: Choice,
     n: int,
     start: Array | None,
+    taken: Array,
     points: Array,
     rng: np.random.Generator,
 ) -> Route:
@@ -89,7 +87,7 @@ def kept_route(
     Parameters
     ----------
     keep : Keep
-    choose, n
+    n, taken
         As for `free_route`.
     start : (dof,) array or None
         Where the way begins; None for any pose.
@@ -128,7 +126,7 @@ def kept_route(
     joined = joined[joined > 0] if start is not None else joined
     if len(joined) < n:
         raise OptionError(_too_few(keep, points, len(joined), n))
-    chosen = joined[choose(nodes[joined], n)]
+    chosen = joined[farthest(space.scale, nodes[joined], n, taken)]
     terminals = chosen if start is None else np.append(0, chosen)
     away, before = _ways(keep, nodes, graph, terminals)
     order = shortest_tour(away)
