@@ -5,7 +5,7 @@ A message says what was given, what was expected and what to do about it.
 
 from __future__ import annotations
 
-from .wording import printable
+from .wording import one_line
 
 
 class CalibError(Exception):
@@ -18,7 +18,7 @@ class CalibError(Exception):
     """
 
     def __init__(self, message: str = "") -> None:
-        super().__init__(printable(message))
+        super().__init__(one_line(message))
 
 
 class RobotError(CalibError):

@@ -38,7 +38,7 @@ FORMAT = 1
 
 _KEY = "calib"
 _LARGEST = 2_000_000_000  # bytes
-_LARGE = 1e30  # no number of a model is so large, and its square is one still
+_LARGE = 1e15  # no number of a model is so large, and its powers are numbers still
 _FUNCTIONS = 100_000  # of a trend
 _NONSENSE = (  # what building a model from a description without sense raises
     CalibError,

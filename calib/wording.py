@@ -7,6 +7,7 @@ from difflib import get_close_matches
 
 
 _LONGEST = 60  # characters of a name that are shown
+_LINE = 1_500  # characters of a message
 
 
 def printable(text: str) -> str:
@@ -20,6 +21,12 @@ def printable(text: str) -> str:
     if text.isprintable():
         return text
     return "".join(c if c.isprintable() else repr(c)[1:-1] for c in text)
+
+
+def one_line(text: str) -> str:
+    """Return a message as one printable line, its middle left out where that is long."""
+    line = printable(text)
+    return line if len(line) <= _LINE else f"{line[: _LINE // 2]} ... {line[-_LINE // 3 :]}"
 
 
 def clipped(name: str) -> str:

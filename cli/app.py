@@ -14,7 +14,7 @@ import typer
 from typer.core import TyperGroup
 
 from calib.errors import CalibError
-from calib.wording import printable
+from calib.wording import one_line
 
 from .adapt import adapt
 from .babble import babble
@@ -113,7 +113,7 @@ def describe_error(error: Exception) -> tuple[str, int]:
         130 for an interruption, 2 for wrong usage, else 1.
     """
     text, code = _text_and_code(error)
-    return "error: " + printable(" ".join(text.split())), code
+    return "error: " + one_line(" ".join(text.split())), code
 
 
 def _text_and_code(error: Exception) -> tuple[str, int]:

@@ -13,7 +13,7 @@ from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any
 
-from calib.wording import printable
+from calib.wording import one_line
 
 # what is below a nanometre or a millionth of a degree is rounding
 _LEAST, _TINY = 1e-6, "<1e-6"
@@ -112,7 +112,7 @@ def plain(value: Any) -> Any:
 
 def note(text: str) -> None:
     """Say something on standard error, in one line."""
-    print(printable(" ".join(text.split())), file=sys.stderr)
+    print(one_line(" ".join(text.split())), file=sys.stderr)
 
 
 class Notes:

@@ -6,7 +6,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from calib.errors import CalibError, RobotError
-from calib.wording import listed, printable, quoted, suggestion
+from calib.wording import listed, one_line, printable, quoted, suggestion
 
 
 @given(st.text())
@@ -14,7 +14,7 @@ def test_what_is_printable_stays_and_all_else_is_written_out(text):
     shown = printable(text)
     assert shown.isprintable()
     assert (shown == text) == text.isprintable()
-    assert str(RobotError(text)) == shown
+    assert str(RobotError(text)) == one_line(text)
 
 
 def test_an_error_has_no_line_breaks_and_no_commands_for_the_terminal():
@@ -28,6 +28,15 @@ def test_an_error_has_no_line_breaks_and_no_commands_for_the_terminal():
 def test_names_are_listed_in_their_order(names):
     short = [name[:57] for name in names]
     assert listed(short, len(short)) == ", ".join(short)
+
+
+@given(st.text(max_size=50), st.integers(0, 5000))
+def test_a_message_keeps_its_beginning_and_its_remedy(text, more):
+    message = str(CalibError(f"{text}: {'x' * more}; do this"))
+    assert message.startswith(printable(text))
+    assert message.endswith("x; do this" if more else "do this")
+    assert len(message) < 1500
+    assert more > 1400 or "..." not in message.removeprefix(printable(text))
 
 
 def test_long_names_and_many_names_make_no_long_line():

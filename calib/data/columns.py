@@ -15,6 +15,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ..errors import LogError
+from ..wording import clipped, quoted
 from .csv_rows import csv_batches, csv_rows
 from .parquet import parquet_batches, parquet_header
 
@@ -142,13 +143,13 @@ def _check_columns(source: Source, names: Sequence[str]) -> None:
     for name in names:
         count = source.header.count(name)
         if count > 1:
-            raise LogError(f"{source.label} has {count} columns {name!r}: rename all but one")
+            raise LogError(f"{source.label} has {count} columns {quoted(name)}: rename all but one")
         if count == 0:
             near = get_close_matches(name, source.header, n=1)
-            hint = f"did you mean {near[0]!r}? " if near else ""
+            hint = f"did you mean {quoted(near[0])}? " if near else ""
             raise LogError(
-                f"{source.label} has no column {name!r}: {hint}columns: "
-                f"{_listed(source.header)}; map another name with --columns {name}=OTHER"
+                f"{source.label} has no column {quoted(name)}: {hint}columns: "
+                f"{_listed(source.header)}; map another name with --columns {clipped(name)}=OTHER"
             )
 
 
@@ -174,4 +175,4 @@ def _printable(text: str) -> str:
 
 def _listed(names: Sequence[str], most: int = 12) -> str:
     more = f" and {len(names) - most} more" if len(names) > most else ""
-    return ", ".join(map(repr, names[:most])) + more
+    return ", ".join(map(quoted, names[:most])) + more
