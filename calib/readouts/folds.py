@@ -10,12 +10,16 @@ from .newton import Newton
 Array = NDArray[np.float64]
 Index = NDArray[np.intp]
 
-_SINGULAR = 0.1  # sine between the motions of both joints below which a fold may be near
+SINGULAR = 0.3
+"""Sine between the motions of both joints below which a fold may be near."""
+
+_FINE = 0.1  # the same between solutions, for twins of a map whose nodes stand close
+_COARSE = 5.0  # and per node spacing, where they do not
 _PROBE = 1e-4  # of the joints' range: step of the derivative of the determinant
-_FAR = 0.2  # of the joints' range: a twin is not looked for further away
+_FAR = 0.3  # of the joints' range: a twin is not looked for further away
 
 
-def twins(newton: Newton, u: Array) -> tuple[Index, Array]:
+def twins(newton: Newton, u: Array, spacing: float = 0.0) -> tuple[Index, Array]:
     """Starts for the solutions across a nearby fold, of two joints.
 
     A Jacobian of determinant zero is a fold: two solutions meet there.  Along the direction
@@ -28,6 +32,9 @@ def twins(newton: Newton, u: Array) -> tuple[Index, Array]:
         Holds the forward map.
     u : (n, 2) array
         Solutions in the unit box.
+    spacing : float
+        Of the motor nodes, in the unit box: a coarse map overlooks branches that are
+        further apart, so that twins are looked for further away.
 
     Returns
     -------
@@ -37,7 +44,8 @@ def twins(newton: Newton, u: Array) -> tuple[Index, Array]:
         Where to look for their twins.
     """
     slope = newton.predictor.value_and_slope(u)[1]
-    rows = np.flatnonzero(singular(slope, _SINGULAR))
+    share = min(max(_FINE, _COARSE * spacing), SINGULAR)
+    rows = np.flatnonzero(singular(slope, share))
     if not len(rows):
         return rows, u[rows]
     # the right singular vector of the smaller singular value

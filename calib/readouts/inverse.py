@@ -121,7 +121,7 @@ class Solver:
             self._take_better(u, left, row, *found, near)
         folds = np.flatnonzero(folded)
         if len(folds):
-            row, twin = twins(self.newton, u[folds])
+            row, twin = twins(self.newton, u[folds], self._spacing)
             owner = folds[row]
             self._take_better(u, left, owner, *self.newton.refine(twin, x[owner]), near)
         return u, left
@@ -205,7 +205,7 @@ class Solver:
             target, u = np.append(target, np.flatnonzero(folded)[row]), np.concatenate([u, more])
         u, left = self.newton.refine(u, x[target])
         if u.shape[1] == 2:
-            row, other = twins(self.newton, u)
+            row, other = twins(self.newton, u, self._spacing)
             other, other_left = self.newton.refine(other, x[target[row]])
             target = np.concatenate([target, target[row]])
             u, left = np.concatenate([u, other]), np.concatenate([left, other_left])

@@ -11,7 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ..maps.map import search_tree
-from .folds import singular
+from .folds import SINGULAR, singular
 from .linked import Association
 from .newton import CLOSE, Newton
 
@@ -29,7 +29,6 @@ _APART = 0.3  # refined starts of two joints closer than so many spacings are on
 _MISSED = 2.0  # a start may miss its sensory node by so many of its spacings
 _WIDTH = {1: 8, 2: 8}  # most starts of a sensory node
 _WIDEST = 32  # the same, of redundant arms
-_FOLD = 0.3  # sine between the motions of both joints below which a fold may be near
 _RANKS = (1, 2, 3, 5, 8, 13, 21, 34, 55, 89, 144)  # nodes that are tried, nearest first
 _CORNERED = 4  # most joints whose corners are tried as well
 _AHEAD = 48  # sensory nodes that a single query makes known
@@ -136,7 +135,7 @@ class Starts:
         self._u[nodes[row], place], self._value[nodes[row], place] = u, value
         self._inverse[nodes[row], place] = damped_inverse(slope, 1e-4)
         if dof == 2:
-            self._folded[nodes[row[singular(slope, _FOLD)]]] = True
+            self._folded[nodes[row[singular(slope, SINGULAR)]]] = True
 
     def _distinct(self, table: Array, missed: Array) -> NDArray[np.bool_]:
         """Which of the starts (n, k, dof), best first, are near their node and no repeats."""
