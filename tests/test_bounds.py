@@ -125,3 +125,24 @@ def test_a_logs_bound_on_what_the_sensor_will_read_holds_for_95_percent(rows):
         errors = np.linalg.norm(model.forward(fresh.q[known]) - fresh.x[known], axis=1)
         held.append(np.mean(errors <= model.expected_error(fresh.q[known])))
     assert 0.93 <= np.mean(held) <= 0.98
+
+
+def test_nodes_near_a_limit_have_a_bound_of_their_own():
+    motor, u = grid(), points(4000)
+    border = near_border(motor, u)
+    errors = np.where(border, 4e-3, 1e-3)
+    bounds = learn_bounds(motor, u, errors, np.full(motor.size + 4000, 1.0))
+    edge = near_border(motor, motor.units)
+    # each group shares one doubt, so one bound; both hold where they speak
+    assert np.ptp(bounds[edge]) == pytest.approx(0.0, abs=1e-12)
+    assert np.ptp(bounds[~edge]) == pytest.approx(0.0, abs=1e-12)
+    assert bounds[edge].mean() > 3e-3 > 2e-3 > bounds[~edge].mean()
+    for of in (border, ~border):
+        assert coverage(motor, bounds, u[of], errors[of]) >= 0.95
+
+
+def test_a_joint_that_turns_round_has_no_limit_to_be_near():
+    motor = grid(periodic=True)
+    spacing = motor.spacing
+    u = np.array([[0.0, 0.5], [0.5, 1.4 * spacing], [0.5, 1.6 * spacing], [0.5, 1.0]])
+    assert near_border(motor, u).tolist() == [False, True, False, True]

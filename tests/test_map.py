@@ -6,7 +6,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from calib.maps.lattice import Lattice
-from calib.maps.map import Map
+from calib.maps.map import Map, search_tree
 from calib.scale import TURN, Scale
 
 
@@ -130,3 +130,38 @@ def test_the_box_of_data_holds_them_and_a_constant_coordinate_divides_by_one():
     x = np.array([[1.0, 7.0], [3.0, 7.0], [2.0, 7.0]])
     scale = Scale.of_data(x)
     assert scale.to_unit(x).tolist() == [[0, 0], [1, 0], [0.5, 0]]
+
+
+def test_spacings_are_the_mean_distances_to_joined_nodes():
+    plane = box([0, 0], [1, 1], [False, False])
+    units = [[0.0, 0.0], [0.0, 0.2], [0.4, 0.0], [0.3, 0.3]]
+    kite = network(units, (2, 2), plane)
+    sides = {(0, 1): 0.2, (0, 2): 0.4, (1, 3): np.hypot(0.3, 0.1), (2, 3): np.hypot(0.1, 0.3)}
+    assert kite.spacing == pytest.approx(np.mean(list(sides.values())))
+    own = [np.mean([d for pair, d in sides.items() if k in pair]) for k in range(4)]
+    np.testing.assert_allclose(kite.spacings, own)
+
+
+def test_a_node_on_top_of_its_neighbours_has_the_spacing_of_the_map():
+    plane = box([0, 0], [1, 1], [False, False])
+    units = [[0.0, 0.0], [0.0, 0.0], [0.0, 0.0], [0.6, 0.0]]
+    row = network(units, (4,), plane)
+    assert row.spacing == pytest.approx(0.2)
+    np.testing.assert_allclose(row.spacings, [0.2, 0.2, 0.3, 0.6])
+
+
+def test_coordinates_that_round_up_to_a_whole_turn_are_found_at_its_start():
+    ring = box([0.0], [TURN], [True])
+    points = np.array([[-1e-18], [0.5], [1.0], [1.25]])
+    distance, index = search_tree(points, ring).query(np.array([[0.0], [0.24], [0.6]]), k=1)
+    assert index[1:].tolist() == [3, 1]
+    assert index[0] in (0, 2)
+    np.testing.assert_allclose(distance, [0.0, 0.01, 0.1], atol=1e-12)
+
+
+def test_a_coordinate_that_does_not_go_round_is_left_as_it_is():
+    both = box([0.0, 0.0], [TURN, 1.0], [True, False])
+    tree = search_tree(np.array([[0.5, -0.25], [0.5, 1.5]]), both)
+    distance, index = tree.query(np.array([[0.5, -0.3], [1.5, 1.6]]))
+    assert index.tolist() == [0, 1]
+    np.testing.assert_allclose(distance, [0.05, 0.1], atol=1e-12)

@@ -7,7 +7,7 @@ from hypothesis import strategies as st
 
 from calib.maps.lattice import Lattice
 from calib.maps.map import Map
-from calib.readouts.selection import FOLDS, better, blocks, select
+from calib.readouts.selection import FOLDS, better, blocks, outdoes, select
 from calib.scale import Scale
 
 N = 3000
@@ -117,3 +117,36 @@ def test_better_asks_for_more_than_chance_and_three_percent():
     assert not better(errors, errors)
     assert not better(errors + rng.normal(scale=2.0, size=400) - 0.05, errors)
     assert not better(errors * 0.9, errors, least=0.5)
+
+
+def test_of_many_rows_every_third_fold_is_held_out(motor):
+    u = points(5200)
+    selected = select(motor, (True, True), u, ripple(u) + noise(5200, 1e-4))
+    fold = np.unique(selected.rows // 520)
+    assert fold.tolist() == [0, 3, 6, 9]
+    assert len(np.unique(selected.rows)) == len(selected.rows)
+    assert 1000 <= len(selected.rows) <= 1100
+    few = select(motor, (True, True), u[:2000], arm(u[:2000]))
+    assert np.unique(few.rows // 200).tolist() == list(range(10))
+
+
+def test_a_trend_that_is_given_is_the_trend(motor):
+    u = points(800)
+    given = select(motor, (True, True), u, arm(u)).predictor.trend
+    selected = select(motor, (True, True), u, ripple(u), given)
+    assert selected.predictor.trend is given
+    assert selected.predictor.models.degree >= 0
+
+
+def test_what_is_exact_to_rounding_is_not_mended(motor):
+    u = points(300)
+    tiny = arm(u) + 1e-13 * ripple(u)
+    assert select(motor, (True, True), u, tiny).predictor.models.degree == -1
+
+
+def test_a_wilder_trend_has_its_price():
+    errors = np.full(50, 1.0)
+    assert outdoes(errors, np.full(50, 1.01), 10)  # 10 functions cost half a percent
+    assert not outdoes(errors, np.full(50, 1.004), 10)
+    assert outdoes(errors, np.full(50, 0.996), -10)
+    assert not outdoes(errors, errors, 0)

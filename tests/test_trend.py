@@ -7,6 +7,7 @@ import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
+from threadpoolctl import threadpool_limits
 
 from calib.readouts.basis import Basis, exponents, largest_degree, largest_harmonic
 from calib.readouts.selection import blocks
@@ -199,3 +200,72 @@ def test_noise_does_not_make_the_trend_wilder_than_the_arm():
     for choice in choices:
         assert len(choice.trend.coefficients) <= 30
         assert np.linalg.norm(choice.trend.value(u) - two_link(u), axis=1).mean() < 1.5e-3
+
+
+def test_plain_functions_are_harmonics_of_the_angle_from_the_middle_and_legendre_polynomials():
+    u = np.array([[0.5, 0.5], [0.75, 1.0], [0.1, 0.0]])
+    turned, slid = Basis((2.0, 0.0), 3).plain(u)
+    angle = 2.0 * (u[:, 0] - 0.5)
+    rows = [np.ones(3)]
+    for k in (1, 2, 3):
+        rows += [np.cos(k * angle), np.sin(k * angle)]
+    np.testing.assert_allclose(turned, rows, atol=1e-15)
+    z = 2 * u[:, 1] - 1
+    expected = [np.ones(3), z, (3 * z**2 - 1) / 2, (5 * z**3 - 3 * z) / 2]
+    np.testing.assert_allclose(slid, expected, atol=1e-15)
+
+
+def chain(u, span, links):
+    angle = np.cumsum(u * span, axis=1)
+    return np.stack([np.cos(angle) @ links, np.sin(angle) @ links], axis=1)
+
+
+@pytest.mark.parametrize("dof", [4, 6])
+def test_many_joints_are_a_chain_of_rigid_links_affine_in_each(dof):
+    """Four joints have 81 such functions, six 729: of those only some rows are looked at."""
+    span, links = np.full(dof, 1.7), np.linspace(0.3, 0.1, dof)
+    rng = np.random.default_rng(0)
+    u, turning = rng.random((3000, dof)), (True,) * dof
+    with threadpool_limits(1, user_api="blas"):
+        folds = blocks(3000)
+        chosen = choose_trends(scale_of(span, turning), turning, u, chain(u, span, links), folds)
+    trend = chosen[-1].trend
+    assert (trend.basis.each, trend.basis.degree, trend.terms) == (1, dof, 3**dof)
+    fresh = rng.random((200, dof))
+    assert np.abs(trend.value(fresh) - chain(fresh, span, links)).max() < 1e-6
+    assert len(chosen[-1].without) == 10
+
+
+def test_the_first_choice_is_the_simplest_that_is_nearly_as_good():
+    u = points(400)
+    x = two_link(u) + np.random.default_rng(2).normal(scale=1e-3, size=(400, 2))
+    choices = choose_trends(scale_of(SPAN, (True, True)), (True, True), u, x, blocks(400))
+    assert [c.trend.terms for c in choices] == sorted(c.trend.terms for c in choices)
+    errors = []
+    for choice in choices:
+        held = [
+            np.linalg.norm(x[rows] - without.value(u[rows]), axis=1).mean()
+            for rows, without in zip(blocks(400), choice.without, strict=True)
+        ]
+        errors.append(np.mean(held))
+    assert errors[0] <= 1.6 * errors[-1]
+
+
+def test_a_joint_that_turns_round_may_have_harmonics_of_the_whole_turn_alone():
+    span = (TURN, 2.3)
+    u = points(600)
+    x = two_link(u, span)
+    scale = scale_of(span, (True, True))
+    assert scale.periodic.tolist() == [True, False]
+    chosen = choose_trends(scale, (True, True), u, x, blocks(600))[0].trend
+    assert chosen.basis.turns == span
+    left, right = np.array([[0.0, 0.4]]), np.array([[1.0, 0.4]])
+    np.testing.assert_allclose(chosen.value(left), chosen.value(right), atol=1e-9)
+
+
+def test_too_few_rows_for_many_functions_still_get_a_trend():
+    u = points(10)
+    x = np.stack([u[:, 0] + 2 * u[:, 1], 1 - u[:, 1]], axis=1)
+    chosen = choose_trends(scale_of((1.0, 1.0), (False, False)), (False, False), u, x, blocks(10))
+    assert chosen[0].trend.basis.degree == 1
+    np.testing.assert_allclose(chosen[0].trend.value(u), x, atol=1e-6)
