@@ -1,0 +1,170 @@
+"""Pages of the manual: their blocks, how they run, where their links lead."""
+
+from __future__ import annotations
+
+import hashlib
+import os
+import re
+import shlex
+from collections.abc import Callable, Iterator
+from dataclasses import dataclass, field
+from pathlib import Path
+
+from conftest import Outcome, run_in_process
+
+ROOT = Path(__file__).parents[1]
+PAGES = [ROOT / "README.md", *sorted((ROOT / "docs").rglob("*.md"))]
+_FENCE = re.compile(r"^```(\w*)\n(.*?)^```$", re.DOTALL | re.MULTILINE)
+_NUMBER = re.compile(r"<?[-+]?\d[\d,]*(\.\d+)?(e[-+]?\d+)?")
+_EXIT = re.compile(r"\s+# exit code (\d+)$")
+
+
+@dataclass(frozen=True)
+class Block:
+    """A fenced block: its language, its text, and the emphasised line above it, if any."""
+
+    language: str
+    text: str
+    remark: str
+
+    @property
+    def skipped(self) -> bool:
+        """Whether the page says that it is not run."""
+        return self.remark.startswith("Not run by the tests: ")
+
+
+@dataclass(frozen=True)
+class Command:
+    """A line that is typed, the exit code that the page promises, and what it shows."""
+
+    words: list[str]
+    code: int
+    shown: list[str]
+
+
+@dataclass
+class Shared:
+    """Runs command lines, each only once with the same input files; copies what it made."""
+
+    done: dict[object, tuple[Outcome, dict[str, bytes]]] = field(default_factory=dict)
+
+    def run(self, words: list[str], folder: Path) -> Outcome:
+        """Run `calib` with these words; the current folder is `folder`."""
+        before = _contents(folder)
+        named = {w for word in words for w in (word, *word.split("="))}
+        key = (tuple(words), tuple((n, before[n]) for n in sorted(before) if n in named))
+        if key not in self.done:
+            outcome = run_in_process(*words)
+            after = _contents(folder)
+            made = {n: (folder / n).read_bytes() for n in after if after[n] != before.get(n)}
+            self.done[key] = (outcome, made)
+        outcome, made = self.done[key]
+        for name, content in made.items():
+            (folder / name).write_bytes(content)
+        return outcome
+
+
+SHARED = Shared()
+
+
+def blocks(text: str) -> Iterator[Block]:
+    """Yield the fenced blocks of a page in order."""
+    for found in _FENCE.finditer(text):
+        above = text[: found.start()].rstrip().rsplit("\n\n", 1)[-1]
+        remark = " ".join(above.split()).strip("*") if above.startswith("*") else ""
+        yield Block(found[1], found[2], remark)
+
+
+def commands(block: Block) -> Iterator[Command]:
+    """Yield what a console block types, and the lines that it shows after each."""
+    typed, shown = "", list[str]()
+    for line in [*block.text.replace("\\\n", " ").splitlines(), "$ end"]:
+        if not line.startswith("$ "):
+            shown.append(line)
+            continue
+        if typed:
+            promised = _EXIT.search(typed)
+            yield Command(
+                shlex.split(typed, comments=True), int(promised[1]) if promised else 0, shown
+            )
+        typed, shown = line[2:], []
+
+
+def missing(shown: list[str], printed: list[str]) -> list[str]:
+    """Return the lines of a page that were not printed, and printed ones that it hides.
+
+    Digits do not matter, nor how columns are spaced; `...` stands for any lines, or for any
+    words within a line.
+    """
+    found = [_masked(line) for line in printed if line.strip()]
+    wanted = [_masked(line) for line in shown if line.strip() not in ("", "...")]
+    wrong = [line for line in wanted if not any(_fits(line, other) for other in found)]
+    if shown and not any(line.strip() == "..." for line in shown):
+        wrong += [f"unseen: {o}" for o in found if not any(_fits(line, o) for line in wanted)]
+    return wrong
+
+
+def run_page(
+    page: Path,
+    folder: Path,
+    names: dict[str, object],
+    before: Callable[[Block], None] = lambda _block: None,
+) -> dict[str, object]:
+    """Run the blocks of a page in order, in one folder and with one set of Python names."""
+    for block in blocks(page.read_text(encoding="utf-8")):
+        if block.skipped:
+            continue
+        before(block)
+        if block.language == "python":
+            exec(compile(block.text, page.name, "exec"), names)
+        elif block.language == "console":
+            for command in commands(block):
+                check(command, folder)
+    return names
+
+
+def check(command: Command, folder: Path) -> None:
+    """Run a command of a page and compare its exit code and what it printed."""
+    assert command.words[0] == "calib", f"only calib is run here: {command.words}"
+    outcome = SHARED.run(command.words[1:], folder)
+    said = f"$ {shlex.join(command.words)}\n{outcome.out}{outcome.err}"
+    assert outcome.code == command.code, said
+    wrong = missing(command.shown, [*outcome.out.splitlines(), *outcome.err.splitlines()])
+    assert not wrong, f"{said}\ndiffers from the page: {wrong}"
+
+
+def anchors(text: str) -> set[str]:
+    """Return the anchors that GitHub gives the headings of a page."""
+    found: set[str] = set()
+    outside = _FENCE.sub("", text)
+    for heading in re.findall(r"^#{1,6} (.+)$", outside, re.MULTILINE):
+        plain = re.sub(r"\[([^\]]*)\]\([^)]*\)", r"\1", heading).replace("`", "")
+        anchor = re.sub(r"[^\w\- ]", "", plain.strip().lower()).replace(" ", "-")
+        count = 0
+        while (name := f"{anchor}-{count}" if count else anchor) in found:
+            count += 1
+        found.add(name)
+    return found
+
+
+def links(text: str) -> list[str]:
+    """Return the targets of a page's links and pictures that stay within the repository."""
+    outside = _FENCE.sub("", text)
+    outside = re.sub(r"(?m)^    .*$", "", outside)
+    outside = re.sub(r"`[^`\n]*`", "`code`", outside)
+    return re.findall(r"\]\((?!https?:|mailto:)([^)\s]+)\)", outside)
+
+
+def _contents(folder: Path) -> dict[str, str]:
+    """Digest of each file in a folder."""
+    with os.scandir(folder) as entries:
+        files = sorted(entry.name for entry in entries if entry.is_file())
+    return {n: hashlib.sha256((folder / n).read_bytes()).hexdigest() for n in files}
+
+
+def _masked(line: str) -> str:
+    return " ".join(_NUMBER.sub("#", line).split())
+
+
+def _fits(pattern: str, line: str) -> bool:
+    return re.fullmatch(re.escape(pattern).replace(r"\.\.\.", ".*"), line) is not None

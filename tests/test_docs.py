@@ -1,0 +1,283 @@
+"""The manual: its commands and code run, its links lead somewhere, its references are current."""
+
+from __future__ import annotations
+
+import importlib.util
+import re
+import shutil
+import sys
+import types
+from pathlib import Path
+
+import numpy as np
+import pytest
+from pages import PAGES, ROOT, SHARED, Block, anchors, blocks, links, missing, run_page
+
+import calib
+from calib.data.tables import write_table
+
+DOCS = ROOT / "docs"
+NAMES = [str(page.relative_to(ROOT)) for page in PAGES]
+#: pages whose blocks do not run: the README has a test of its own; the examples of api.md are
+#: those of the docstrings, which test_doctests.py runs
+ELSEWHERE = ("README.md", "docs/api.md")
+RUN = [name for name in NAMES if name not in ELSEWHERE]
+#: what a page takes over from another one
+KNOCKED = (
+    "train two_link",
+    "babble two_link -n 100 --noise 0.001 --seed 6 --change elbow.length=+5% "
+    "--change sensor.outliers=0.05 -o new.csv",
+    "adapt two_link.calib --data new.csv",
+)
+EARLIER = {"docs/apply.md": KNOCKED, "docs/howto/ros.md": KNOCKED}
+NOT_RUN = {
+    ("docs/quickstart.md", "it installs the package that they run."),
+    ("docs/howto/ros.md", "it installs the package that they run."),
+}
+STAND_INS = {
+    ("docs/howto/ros.md", "Run by the tests against stand-ins for `rclpy` and "
+     "`trajectory_msgs`, never with ROS 2."),
+    ("docs/howto/ros.md", "Run by the tests against a stand-in for `robot`, never with LeRobot."),
+}  # fmt: skip
+
+
+@pytest.fixture
+def folder(tmp_path, monkeypatch):
+    """A folder with the files that the pages say a reader has."""
+    monkeypatch.chdir(tmp_path)
+    arm = calib.load_arm("two_link")
+    calib.write_log(calib.babble(arm, 300, seed=0, noise=1e-3), "log.csv")
+    Path("q.csv").write_text("shoulder,elbow\n0.5,1.0\n0.7,1.2\n")
+    Path("targets.csv").write_text("x,y\n0.1,0.4\n0.3,0.3\n")
+    Path("waypoints.csv").write_text("x,y\n0.2,0.4\n0.3,0.3\n")
+    seen = calib.babble(arm, 300, seed=11, noise=5e-4)
+    degrees = np.degrees(seen.q)
+    camera = {"time": np.arange(300) / 2, "shoulder": degrees[:, 0], "elbow": degrees[:, 1]}
+    camera |= {"cam_u": 640 + 800 * seen.x[:, 0], "cam_v": 900 - 800 * seen.x[:, 1]}
+    write_table("camera.csv", camera)
+    space = np.array([1.2, -0.4, 0.9]) + seen.x @ [[0.8, 0.6, 0.0], [-0.36, 0.48, 0.8]]
+    space += np.random.default_rng(0).normal(0.0, 3e-4, space.shape)
+    joints = {"shoulder": seen.q[:, 0], "elbow": seen.q[:, 1]}
+    write_table("tracker.csv", {**joints, **dict(zip("xyz", space.T, strict=True))})
+    return tmp_path
+
+
+def needed(text: str) -> None:
+    """Put the files in place that not every computer can make."""
+    if "ur10.urdf" in text:
+        pinocchio = pytest.importorskip("pinocchio")
+        robots = Path(pinocchio.__file__).parents[4] / "share/example-robot-data/robots"
+        found = next(robots.rglob("ur10_robot.urdf"), None) if robots.is_dir() else None
+        if found is None:
+            pytest.skip("example-robot-data is not installed")
+        shutil.copy(found, "ur10.urdf")
+    if "run.mcap" in text:
+        pytest.importorskip("rosbags")
+        from test_rosbags import write
+
+        write(Path("recording"), kind="mcap")
+        shutil.copy(next(Path("recording").rglob("*.mcap")), "run.mcap")
+
+
+class Robots:
+    """Stand-ins for ROS 2 and LeRobot, as much of them as the page calls."""
+
+    def __init__(self, monkeypatch):
+        self.nominal = types.SimpleNamespace(
+            joint_names=["gripper", "elbow", "shoulder"],
+            points=[types.SimpleNamespace(positions=[0.1, 1.0, 0.5])],
+        )
+        self.published: list[object] = []
+        self.sent: dict[str, float] = {}
+        rclpy = types.ModuleType("rclpy")
+        rclpy.init = lambda: None
+        rclpy.spin = lambda node: node.heard(self.nominal)
+        node = types.ModuleType("rclpy.node")
+        node.Node = self.node()
+        messages = types.ModuleType("trajectory_msgs.msg")
+        messages.JointTrajectory = types.SimpleNamespace
+        for module in (rclpy, node, types.ModuleType("trajectory_msgs"), messages):
+            monkeypatch.setitem(sys.modules, module.__name__, module)
+
+    def node(self) -> type:
+        robots = self
+
+        class Node:
+            def __init__(self, name):
+                self.name = name
+
+            def declare_parameter(self, name, default):
+                assert default.endswith(".calib")
+                return types.SimpleNamespace(value="two_link.adapted.calib")
+
+            def create_publisher(self, kind, topic, depth):
+                return types.SimpleNamespace(publish=robots.published.append)
+
+            def create_subscription(self, kind, topic, callback, depth):
+                self.heard = callback
+
+        return Node
+
+    def send_action(self, action):
+        self.sent = dict(action)
+
+
+@pytest.mark.parametrize("name", RUN)
+def test_commands_and_code_run_and_print_what_the_page_shows(name, folder, monkeypatch):
+    page = ROOT / name
+    text = page.read_text(encoding="utf-8")
+    if not any(block.language in ("console", "python") for block in blocks(text)):
+        return
+    needed(text)
+    for line in EARLIER.get(name, ()):
+        assert SHARED.run(line.split(), folder).code == 0
+    names: dict[str, object] = {}
+    if name == "docs/howto/ros.md":
+        robots = Robots(monkeypatch)
+        shutil.copy("two_link.adapted.calib", "so101.calib")
+        action = {"shoulder_lift.pos": 30.0, "elbow_flex.pos": 60.0, "gripper.pos": 5.0}
+        names = {"robot": robots, "action": dict(action)}
+    run_page(page, folder, names)
+    if name == "docs/howto/ros.md":
+        correct = calib.load("two_link.adapted.calib").correct
+        (message,) = robots.published
+        assert message.points[0].positions == [0.1, *correct([0.5, 1.0])[::-1]]
+        q = np.degrees(correct(np.radians([30.0, 60.0])))
+        expected = {"shoulder_lift.pos": q[0], "elbow_flex.pos": q[1], "gripper.pos": 5.0}
+        assert robots.sent == pytest.approx(expected)
+
+
+def remarks(kind: str) -> set[tuple[str, str]]:
+    return {
+        (name, block.remark.removeprefix("Not run by the tests: "))
+        for name, page in zip(NAMES, PAGES, strict=True)
+        for block in blocks(page.read_text(encoding="utf-8"))
+        if block.remark.startswith(kind)
+    }
+
+
+def test_what_does_not_run_is_known():
+    assert remarks("Not run by the tests") == NOT_RUN
+    assert remarks("Run by the tests against") == STAND_INS
+
+
+def test_blocks_are_of_a_kind_that_is_run_or_is_no_code():
+    kinds = {
+        block.language
+        for page in PAGES
+        for block in blocks(page.read_text(encoding="utf-8"))
+        if page.name != "api.md"
+    }
+    assert kinds <= {"console", "python", "text"}
+    for page in PAGES:  # no fence that the test would not find
+        text = page.read_text(encoding="utf-8")
+        assert text.count("\n```") == 2 * len(list(blocks(text))), page.name
+
+
+@pytest.mark.parametrize("name", NAMES)
+def test_links_and_anchors_lead_somewhere(name):
+    page = ROOT / name
+    text = page.read_text(encoding="utf-8")
+    lost = []
+    for link in links(text):
+        path, _, anchor = link.partition("#")
+        target = (page.parent / path).resolve() if path else page
+        if not target.exists() or (
+            anchor and anchor not in anchors(target.read_text(encoding="utf-8"))
+        ):
+            lost.append(link)
+    assert lost == []
+
+
+def test_every_page_and_picture_is_reached_from_the_index():
+    index = (DOCS / "README.md").read_text(encoding="utf-8")
+    linked = {(DOCS / link.split("#")[0]).resolve() for link in links(index)}
+    assert {page for page in PAGES if page.is_relative_to(DOCS)} - linked == {DOCS / "README.md"}
+    shown = {
+        (page.parent / link).resolve()
+        for page in PAGES
+        for link in links(page.read_text(encoding="utf-8"))
+        if link.endswith(".png")
+    }
+    assert set((DOCS / "img").glob("*.png")) == shown
+
+
+def test_pictures_stay_small():
+    from PIL import Image
+
+    drawn = generator("make_pictures").PICTURES
+    for name in drawn:
+        path = DOCS / "img" / f"{name}.png"
+        assert path.stat().st_size < 200_000, name
+        assert Image.open(path).width == 1000, name
+
+
+@pytest.mark.parametrize("name", ["cli", "api"])
+def test_references_are_as_the_program_is(name):
+    made = generator(f"make_{name}")
+    assert made.PAGE.read_text(encoding="utf-8") == made.page(), f"python docs/make_{name}.py"
+
+
+def generator(name: str) -> types.ModuleType:
+    """Import a script of the manual."""
+    sys.path.insert(0, str(DOCS))
+    try:
+        spec = importlib.util.spec_from_file_location(name, DOCS / f"{name}.py")
+        module = importlib.util.module_from_spec(spec)
+        spec.loader.exec_module(module)
+    finally:
+        sys.path.remove(str(DOCS))
+    return module
+
+
+def test_the_command_reference_does_not_depend_on_the_terminal(monkeypatch):
+    made = generator("make_cli")
+    pages = []
+    for columns in ("40", "200"):
+        monkeypatch.setenv("COLUMNS", columns)
+        monkeypatch.setenv("TERMINAL_WIDTH", columns)
+        pages.append(made.page())
+    assert pages[0] == pages[1]
+
+
+def test_the_references_hold_every_command_option_and_public_name():
+    from calib_cli.app import COMMANDS
+
+    cli = (DOCS / "cli.md").read_text(encoding="utf-8")
+    api = (DOCS / "api.md").read_text(encoding="utf-8")
+    for command in COMMANDS:
+        assert re.search(rf"^## calib {command}\b", cli, re.MULTILINE), command
+    for name in calib.__all__[1:]:
+        assert f"\n### {name}\n" in api, name
+
+
+def test_commands_that_can_say_no_tell_so_in_the_reference():
+    """Exit code 3 is told by each command whose module uses it."""
+    text = (DOCS / "cli.md").read_text(encoding="utf-8")
+    sections = {s.split("\n")[0].split()[-1]: s for s in text.split("\n## calib ")[1:]}
+    for path in (ROOT / "cli").glob("*.py"):
+        if path.stem in sections and "NO = 3" in path.read_text(encoding="utf-8"):
+            assert "xit code 3" in sections[path.stem], path.stem
+
+
+# --- the machinery itself ---------------------------------------------------------------
+
+
+def test_a_page_that_shows_other_words_is_told():
+    printed = ["mean  1.25 mm", "m.calib: done"]
+    assert missing(["mean 7.5 mm", "m.calib: done"], printed) == []
+    assert missing(["..."], printed) == missing([], printed) == []
+    assert missing(["mean 1.25 mm"], printed) == ["unseen: m.calib: done"]
+    assert missing(["median 1.25 mm", "..."], printed) == ["median # mm"]
+    assert missing(["m.calib: ...", "..."], printed) == []
+
+
+def test_anchors_are_those_of_github():
+    text = "# A `b` c\n## Few: `x --y`, (z)\n## Few\n## Few\n```text\n# no\n```\n## Été\n"
+    assert anchors(text) == {"a-b-c", "few-x---y-z", "few", "few-1", "été"}
+
+
+def test_a_block_is_skipped_only_where_the_page_says_why():
+    text = "*Not run by the tests: no.*\n\n```python\n1/0\n```\n\nx\n\n```python\n1\n```\n"
+    assert [block.skipped for block in blocks(text)] == [True, False]
+    assert isinstance(next(blocks(text)), Block)
