@@ -13,14 +13,13 @@ from __future__ import annotations
 import argparse
 import json
 import statistics
-import subprocess
 import sys
 import tempfile
-import time
 from pathlib import Path
 from typing import Any
 
 import numpy as np
+from measure import minisom_rate, process
 
 import calib
 
@@ -99,51 +98,20 @@ def processes() -> dict[str, Any]:
             seconds, memory = [], []
             for _ in range(RUNS):
                 rates.append(minisom_rate())
-                spent, peak = timed([sys.executable, "-m", "calib_cli", *arguments], folder)
-                seconds.append(spent)
-                memory.append(peak)
+                done = process([sys.executable, "-m", "calib_cli", *arguments], Path(folder))
+                seconds.append(done.wall)
+                memory.append(done.peak_mb)
             result[name] = {
                 "seconds": statistics.median(seconds),
                 "slowest": max(seconds),
                 "peak_mb": max(memory),
             }
         result["model_file_mb"] = (Path(folder) / "two_link.calib").stat().st_size / 1e6
-    if rates and rates[0] > 0:
+    if rates[0] > 0:
         rate = statistics.median(rates)
         result["minisom_updates_per_second"] = rate
         result["train_seconds_at_5000_updates"] = result["train"]["seconds"] * rate / 5000
     return result
-
-
-def timed(command: list[str], folder: str) -> tuple[float, float]:
-    """Seconds and peak memory [MB] of one process."""
-    probe = (
-        "import resource,subprocess,sys,time\n"
-        "t=time.perf_counter()\n"
-        "subprocess.run(sys.argv[1:],check=True,capture_output=True)\n"
-        "print(time.perf_counter()-t,resource.getrusage(resource.RUSAGE_CHILDREN).ru_maxrss)"
-    )
-    out = subprocess.run(
-        [sys.executable, "-c", probe, *command],
-        cwd=folder,
-        check=True,
-        capture_output=True,
-        text=True,
-    ).stdout.split()
-    return float(out[0]), float(out[1]) / 1024
-
-
-def minisom_rate() -> float:
-    """Updates per second of MiniSom on a 70x70 lattice, 0 where it is not installed."""
-    try:
-        from minisom import MiniSom
-    except ImportError:
-        return 0.0
-    x = np.random.default_rng(0).random((1500, 2))
-    som = MiniSom(70, 70, 2, sigma=35, learning_rate=0.5, random_seed=0)
-    start = time.perf_counter()
-    som.train_random(x, len(x))
-    return len(x) / (time.perf_counter() - start)
 
 
 def main() -> None:

@@ -1,0 +1,171 @@
+"""Growth of time and memory with nodes, samples and joints; part of docs/performance.md.
+
+    python benchmarks/growth.py [--quick] [--only PART ...] [--out FOLDER]
+
+Every case runs in a process of its own.  Exponents are least squares on logarithms of
+processor time, with 95 % intervals.  PART: som, vdsom, links, train, joints.
+"""
+
+from __future__ import annotations
+
+import argparse
+import json
+import sys
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from measure import ROOT, child, machine, peak_mb, timed
+from performance_page import finish
+
+SIDES = (30, 50, 70, 100, 150, 200, 300)
+ROWS = (20_000, 50_000, 100_000, 200_000, 500_000, 1_000_000, 2_000_000)
+FIXED_ROWS = 200_000  # while nodes grow
+FIXED_SIDE = 70  # while samples grow
+TIMEOUT = 400.0  # [s] of one case
+
+
+def cases(quick: bool) -> dict[str, list[dict[str, Any]]]:
+    """Tasks of each part."""
+    sides, rows = (SIDES, ROWS) if not quick else ((10, 20, 30), (2000, 4000, 8000))
+    fixed = {"rows": FIXED_ROWS, "side": FIXED_SIDE} if not quick else {"rows": 4000, "side": 15}
+    parts: dict[str, list[dict[str, Any]]] = {}
+    for part in ("som", "vdsom", "links", "train"):
+        # a whole training of a lattice of every other size is enough
+        some = slice(None, None, 1 if part in ("som", "links") else 2)
+        parts[part] = [
+            *({"part": part, "varied": "nodes", "side": s, "rows": fixed["rows"]}
+              for s in sides[some]),
+            *({"part": part, "varied": "samples", "side": fixed["side"], "rows": n}
+              for n in rows[some]),
+        ]  # fmt: skip
+    parts["joints"] = [
+        {"part": "joints", "varied": "joints", "joints": k, "rows": min(20_000, fixed["rows"]),
+         "side": fixed["side"]} for k in (2, 3, 4)
+    ]  # fmt: skip
+    return parts
+
+
+def one(task: dict[str, Any]) -> dict[str, Any]:
+    """Time and memory of one case, in this process."""
+    import calib
+
+    arm = calib.load_arm("two_link")
+    log = calib.babble(arm, task["rows"], seed=0)
+    side = (task["side"],) * 2
+    if task["part"] in ("som", "vdsom"):
+        few, net = log.x[:300].copy(), task["part"]
+        calib.SOM((5, 5), map=net).fit(few)
+        run = lambda: calib.SOM(side, map=net).fit(log.x)  # noqa: E731
+    elif task["part"] == "links":
+        run = _linking(arm, log, task["side"])
+    else:
+        if task["part"] == "joints":
+            arm, log = _chain(task["joints"], task["rows"])
+        calib.train(calib.babble(arm, 300, seed=1), size=5)
+        run = lambda: calib.train(log, size=task["side"])  # noqa: E731
+    before = peak_mb()
+    wall, cpu, result = timed(run)
+    row = task | {"seconds": wall, "cpu": cpu, "mb": peak_mb() - before, "peak_mb": peak_mb()}
+    if task["part"] in ("train", "joints"):
+        row["stages"] = result.seconds
+        row["motor"] = "x".join(map(str, result.motor.lattice.shape))
+    return row
+
+
+def _linking(arm: Any, log: Any, side: int) -> Any:
+    """Linking of two ordered maps that need no training."""
+    from calib.links import WIRINGS
+    from calib.maps.lattice import Lattice
+    from calib.maps.map import Map
+    from calib.scale import Scale
+
+    lattice, none = Lattice((side, side)), np.zeros((0, 4))
+    units = (lattice.positions() + 0.5) / side
+    joints = Scale.of_range(log.lower, log.upper, log.revolute)
+    seen = Scale.of_data(log.x)
+    motor = Map(units, lattice, joints, none)
+    sensory = Map(seen.to_unit(arm.forward(joints.from_unit(units))), lattice, seen, none)
+    u, v = joints.to_unit(log.q), seen.to_unit(log.x)
+    wiring = WIRINGS["reciprocal"]
+    wiring.link(wiring.activity(motor, u[:100]), wiring.activity(sensory, v[:100]))
+    return lambda: wiring.link(wiring.activity(motor, u), wiring.activity(sensory, v))
+
+
+def _chain(joints: int, rows: int) -> tuple[Any, Any]:
+    """A chain of equal links with so many joints, and its samples."""
+    import tempfile
+
+    import calib
+
+    sys.path.insert(0, str(ROOT / "tests"))
+    from planar import chain_urdf
+
+    with tempfile.TemporaryDirectory() as folder:
+        path = Path(folder) / "chain.urdf"
+        path.write_text(chain_urdf(joints))
+        arm = calib.load_arm(path)
+        return arm, calib.babble(arm, rows, seed=0)
+
+
+def exponent(x: Any, y: Any) -> dict[str, float]:
+    """Slope of log y over log x, and half of its 95 % interval."""
+    from scipy.stats import linregress, t
+
+    fit = linregress(np.log(x), np.log(y))
+    half = float(t.ppf(0.975, len(x) - 2) * fit.stderr) if len(x) > 2 else float("nan")
+    return {"exponent": float(fit.slope), "interval": half}
+
+
+def fits(rows: list[dict[str, Any]]) -> list[dict[str, Any]]:
+    """Exponents of each part against nodes and samples, of all cases and of the larger half."""
+    found = []
+    for part, varied in dict.fromkeys((r["part"], r["varied"]) for r in rows):
+        some = [r for r in rows if (r["part"], r["varied"]) == (part, varied)]
+        if varied == "joints" or len(some) < 3:
+            continue
+        x = np.array([float(r["side"] ** 2 if varied == "nodes" else r["rows"]) for r in some])
+        larger = slice(-(len(x) // 2 + 1), None)
+        mb = np.array([max(r["mb"], 0.0) for r in some])
+        for what in ("cpu", "seconds"):
+            y = np.array([r[what] for r in some])
+            found.append(
+                {"part": part, "varied": varied, "of": what, "all": exponent(x, y),
+                 "larger": exponent(x[larger], y[larger]),
+                 "nlogn": exponent(x[larger], y[larger] / np.log(x[larger])),
+                 "bytes_each": float(2**20 * np.polyfit(x, mb, 1)[0])}
+            )  # fmt: skip
+    return found
+
+
+def measure(parts: list[str], quick: bool) -> dict[str, Any]:
+    """Run the parts; rows and their fits."""
+    rows = []
+    for part in parts:
+        for task in cases(quick)[part]:
+            row = child(Path(__file__), task, TIMEOUT)
+            if row is not None:
+                rows.append(row)
+                print(json.dumps({k: v for k, v in row.items() if k != "stages"}), file=sys.stderr)
+    return {part: [r for r in rows if r["part"] == part] for part in parts}
+
+
+def main() -> None:
+    """Measure and merge into the page."""
+    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
+    parser.add_argument("--quick", action="store_true", help="tiny sizes: does it all run?")
+    parser.add_argument("--only", nargs="+", choices=list(cases(True)), default=list(cases(True)))
+    parser.add_argument("--out", type=Path, help="folder of the page (default docs)")
+    parser.add_argument("--child", help=argparse.SUPPRESS)
+    options = parser.parse_args()
+    if options.child:
+        print(json.dumps(one(json.loads(options.child))))
+        return
+    found = measure(options.only, options.quick)
+    fitted = {part: fits(rows) for part, rows in found.items()}
+    new = {"growth": found, "fits": fitted, "growth_machine": machine()}
+    finish(options.out, new, options.quick)
+
+
+if __name__ == "__main__":
+    main()

@@ -1,0 +1,210 @@
+"""Libraries that train a self-organizing map, ours among them, behind one call each.
+
+Every peer takes the same array of samples in the unit box and returns its nodes.  Its
+options are those that suit it best among the ones that it documents; where a decay can only
+be set through a private name, that is done and said.
+"""
+
+from __future__ import annotations
+
+import contextlib
+import io
+import warnings
+from collections.abc import Callable
+from dataclasses import dataclass
+from importlib import metadata
+
+import numpy as np
+from numpy.typing import NDArray
+
+Array = NDArray[np.float64]
+
+
+@dataclass(frozen=True)
+class Setting:
+    """How much a peer trains.
+
+    Attributes
+    ----------
+    rows : int
+        Samples that it is given.
+    rounds : int
+        Passes over them (batch), or steps of one sample each (online); 0 for its defaults.
+    start, end : float
+        Neighbourhood radius at the start and at the end [nodes]; 0 where it has no such option.
+    """
+
+    rows: int
+    rounds: int = 0
+    start: float = 0.0
+    end: float = 0.0
+
+    def words(self, online: bool) -> str:
+        """One line for a table."""
+        radius = f", radius {self.start:g} to {self.end:g}" if self.start else ""
+        if online:
+            return f"{self.rounds:,} steps{radius}"
+        passes = f"{self.rounds} x " if self.rounds else ""
+        return f"{passes}{self.rows:,} samples{radius}"
+
+
+@dataclass(frozen=True)
+class Peer:
+    """One library.
+
+    Attributes
+    ----------
+    name, package : str
+        As its users know it, and as it is installed.
+    online : bool
+        Whether it shows one sample at a time.
+    train : callable
+        From samples (n, 2), nodes along a side, a setting and a seed to nodes (side**2, 2).
+    note : str
+        How it is called.
+    seeded : bool
+        Whether the same seed gives the same map.
+    """
+
+    name: str
+    package: str
+    online: bool
+    train: Callable[[Array, int, Setting, int], Array]
+    note: str
+    seeded: bool = True
+
+    def version(self) -> str | None:
+        """Installed version, None where it is not there."""
+        try:
+            return metadata.version(self.package)
+        except metadata.PackageNotFoundError:
+            return None
+
+
+def _exponential(start: float, end: float, total: int) -> Callable[[float, int, int], float]:
+    """A decay from `start` to `end` as most libraries call it: (value, t, total)."""
+    return lambda _value, t, _total: start * (end / start) ** (t / total)
+
+
+def _calib(u: Array, side: int, s: Setting, seed: int) -> Array:
+    import calib
+
+    radii = (s.start, s.end) if s.start else None
+    som = calib.SOM((side, side), map="som", epochs=s.rounds or None, sigma=radii, seed=seed)
+    return som.fit(u[: s.rows]).weights
+
+
+def _minisom(u: Array, side: int, s: Setting, seed: int) -> Array:
+    from minisom import MiniSom
+
+    som = MiniSom(side, side, u.shape[1], sigma=s.start, learning_rate=0.5, random_seed=seed)
+    som._sigma_decay_function = _exponential(s.start, s.end, s.rounds)
+    som._learning_rate_decay_function = _exponential(0.5, 0.05, s.rounds)
+    som.random_weights_init(u)
+    som.train(u, s.rounds, random_order=True)
+    return som.get_weights().reshape(-1, u.shape[1])
+
+
+def _numbasom(u: Array, side: int, s: Setting, _seed: int) -> Array:
+    import numbasom
+
+    with contextlib.redirect_stdout(io.StringIO()):
+        lattice = numbasom.SOM((side, side)).train(u, s.rounds)
+    return lattice.reshape(-1, u.shape[1])
+
+
+def _sparse_online(u: Array, side: int, s: Setting, _seed: int) -> Array:
+    from scipy.sparse import csr_matrix
+    from sparse_som import Som, cooling, topology
+
+    som = Som(side, side, u.shape[1], topology.RECT, 0)
+    som.train(csr_matrix(u, dtype=np.float32), s.rounds, r0=s.start, rN=s.end,
+              rcool=cooling.EXPONENTIAL)  # fmt: skip
+    # a view of memory that goes with the map
+    return np.array(som.codebook, dtype=float).reshape(-1, u.shape[1])
+
+
+def _sparse_batch(u: Array, side: int, s: Setting, _seed: int) -> Array:
+    from scipy.sparse import csr_matrix
+    from sparse_som import BSom, cooling, topology
+
+    som = BSom(side, side, u.shape[1], topology.RECT, 0)
+    rows = csr_matrix(u[: s.rows], dtype=np.float32)
+    som.train(rows, s.rounds, r0=s.start, rN=s.end, cool=cooling.EXPONENTIAL)
+    # a view of memory that goes with the map
+    return np.array(som.codebook, dtype=float).reshape(-1, u.shape[1])
+
+
+def _python_som(u: Array, side: int, s: Setting, seed: int) -> Array:
+    import python_som
+
+    som = python_som.SOM(
+        side, side, u.shape[1], neighborhood_radius=s.start,
+        neighborhood_radius_decay=_exponential(s.start, s.end, max(1, s.rounds - 1)),
+        min_neighborhood_radius=s.end, random_seed=seed,
+    )  # fmt: skip
+    som.weight_initialization(mode="linear", data=u[: s.rows])
+    som.train(u[: s.rows], s.rounds, mode="batch")
+    return som.get_weights().reshape(-1, u.shape[1])
+
+
+def _fastersom(u: Array, side: int, s: Setting, seed: int) -> Array:
+    from fastersom import SOM
+
+    som = SOM(side, side, s.rounds, sigma_initial=s.start, sigma_final=s.end, init="sample",
+              random_state=seed)  # fmt: skip
+    return np.asarray(som.fit(u[: s.rows].astype(np.float32)).weights_, dtype=float)
+
+
+def _susi(u: Array, side: int, s: Setting, seed: int) -> Array:
+    from susi import SOMClustering
+
+    som = SOMClustering(
+        side, side, n_iter_unsupervised=s.rounds, neighborhood_mode_unsupervised="min",
+        learn_mode_unsupervised="min", random_state=seed,
+    )  # fmt: skip
+    return som.fit(u).unsuper_som_.reshape(-1, u.shape[1])
+
+
+def _xpysom(u: Array, side: int, s: Setting, seed: int) -> Array:
+    from xpysom import XPySom
+
+    som = XPySom(side, side, u.shape[1], sigma=s.start, sigmaN=s.end, std_coeff=1.0,
+                 random_seed=seed, xp=np)  # fmt: skip
+    som.train(u[: s.rows], s.rounds)
+    return np.asarray(som.get_weights(), dtype=float).reshape(-1, u.shape[1])
+
+
+OURS = Peer("calib", "calib-arm", False, _calib, 'calib.SOM((n, n), map="som").fit(x)')
+PEERS = (
+    OURS,
+    Peer("python-som", "python-som", False, _python_som,
+         "batch, linear start, radius decay given as a function; its numba kernel where numba is"),
+    Peer("sparse-som", "sparse-som", True, _sparse_online,
+         "Som, exponential cooling, csr input in float32", seeded=False),
+    Peer("numbasom", "numbasom", True, _numbasom, "no options but the steps", seeded=False),
+    Peer("sparse-som batch", "sparse-som", False, _sparse_batch,
+         "BSom (OpenMP), exponential cooling", seeded=False),
+    Peer("fastersom", "fastersom", False, _fastersom, "PyTorch on the CPU, start from samples"),
+    Peer("XPySom", "XPySom", False, _xpysom, "NumPy, exponential decay, std_coeff 1"),
+    Peer("MiniSom", "minisom", True, _minisom,
+         "exponential decay of radius and rate through its private attributes, the public ones "
+         "are slower"),
+    Peer("susi", "susi", True, _susi, "modes min, final radius fixed at 1"),
+)  # fmt: skip
+"""Ours first, then peers from the fastest to the slowest."""
+
+
+def by_name(name: str) -> Peer:
+    """The peer of this name."""
+    return next(p for p in PEERS if p.name == name)
+
+
+def train(peer: Peer, u: Array, side: int, setting: Setting, seed: int) -> Array:
+    """Nodes of a trained map; raises ValueError where they are not finite."""
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore")
+        weights = peer.train(u, side, setting, seed)
+    if weights.shape != (side * side, u.shape[1]) or not np.isfinite(weights).all():
+        raise ValueError(f"{peer.name} returned nodes of shape {weights.shape} or not finite")
+    return weights

@@ -1,0 +1,281 @@
+"""Time to a quality: the least time of a whole training that gives a good enough map.
+
+The quality is the mean distance of fresh samples to their winners over the bound
+0.377 sqrt(A / N) of a perfect hexagonal lattice of N nodes on the area A.  Every training
+runs in a process of its own, after a tiny one that loads and compiles what there is to load.
+"""
+
+from __future__ import annotations
+
+import json
+import sys
+import tempfile
+from dataclasses import asdict, dataclass
+from pathlib import Path
+from typing import Any
+
+import map_peers
+import numpy as np
+from map_peers import OURS, PEERS, Array, Peer, Setting
+from measure import child, peak_mb, spread, timed
+
+BOUND = 0.377
+MARGIN = 0.003  # other seeds are to reach the goal, too
+CAP = 60.0  # [s] longer trainings are extrapolated, not run
+
+
+@dataclass(frozen=True)
+class Race:
+    """One lattice: nodes along a side, samples at hand, qualities to be reached."""
+
+    side: int
+    rows: int
+    goals: tuple[float, ...]
+
+
+RACES = (Race(30, 100_000, (1.10, 1.06)), Race(70, 100_000, (1.10, 1.06)),
+         Race(200, 200_000, (1.08,)))  # fmt: skip
+QUICK = (Race(10, 4000, (1.20,)),)
+
+# peer: radii (start over the side, end), the better ones of several tried on 30x30
+_RADII = {
+    "python-som": ((0.14, 0.3), (0.5, 0.3)),
+    "sparse-som": ((0.5, 0.3), (0.5, 0.5)),
+    "sparse-som batch": ((0.5, 0.3),),
+    "fastersom": ((0.5, 0.3),),
+    "XPySom": ((0.5, 0.3),),
+    "MiniSom": ((0.5, 0.5), (0.5, 0.3)),
+}
+_STEPS = (5, 7, 10, 14, 20, 28, 40, 56, 80, 110)  # per node
+_PASSES = (7, 10, 14, 20, 28, 40)
+_ROWS = (5, 10, 20)  # per node, of the peers' batch maps
+_OURS = (1.5, 2, 2.25, 2.5, 3, 4, 5, 6, 7, 8, 10, 14, 20)
+
+
+def grid(peer: Peer, race: Race) -> list[Setting]:
+    """Settings to try, the cheapest first."""
+    nodes = race.side**2
+    if peer == OURS:
+        return [Setting(round(k * nodes)) for k in _OURS if k * nodes <= race.rows]
+    radii = [(a * race.side, b) for a, b in _RADII.get(peer.name, ((0.0, 0.0),))]
+    if peer.online:
+        settings = [Setting(race.rows, k * nodes, *r) for r in radii for k in _STEPS]
+    else:
+        rows = {min(race.rows, k * nodes) for k in _ROWS}
+        settings = [Setting(n, k, *r) for r in radii for n in rows for k in _PASSES]
+    return sorted(settings, key=lambda s: presented(peer, s))
+
+
+def positions(rows: int, fresh: int) -> tuple[Array, Array, float]:
+    """Samples and fresh ones of two_link's positions in the unit box, and their area there.
+
+    With link lengths a, b, the area of the positions is the integral of the Jacobian's
+    determinant a b sin(elbow) over the joints' ranges, as no position is reached twice.
+    """
+    import calib
+
+    arm = calib.load_arm("two_link")
+    x = calib.babble(arm, rows + fresh, seed=1).x
+    lower, span = x.min(axis=0), np.ptp(x, axis=0)
+    u = (x - lower) / span
+    return u[:rows], u[rows:], area(arm) / float(span.prod())
+
+
+def area(arm: Any) -> float:
+    """Area of two_link's positions [m^2], in closed form."""
+    a, b = arm.link_lengths.values()
+    turn = arm.upper[0] - arm.lower[0]
+    return float(a * b * turn * (np.cos(arm.lower[1]) - np.cos(arm.upper[1])))
+
+
+def area_by_chance(arm: Any, points: int = 1_000_000) -> tuple[float, float]:
+    """The same area by random points of a box, solved for the joints: value, standard error."""
+    a, b = arm.link_lengths.values()
+    x = np.random.default_rng(0).uniform(-(a + b), a + b, (points, 2))
+    cosine = (np.sum(x**2, axis=1) - a**2 - b**2) / (2 * a * b)
+    elbow = np.arccos(np.clip(cosine, -1.0, 1.0))
+    shoulder = np.arctan2(x[:, 1], x[:, 0]) - np.arctan2(b * np.sin(elbow), a + b * np.cos(elbow))
+    q = np.stack([shoulder, elbow], axis=1)
+    inside = (np.abs(cosine) <= 1) & ((q >= arm.lower) & (q <= arm.upper)).all(axis=1)
+    share, box = float(inside.mean()), 4 * (a + b) ** 2
+    return box * share, box * float(np.sqrt(share * (1 - share) / points))
+
+
+def quality(weights: Array, fresh: Array, bound: float, side: int) -> dict[str, float]:
+    """How good a map is on fresh samples."""
+    from scipy.spatial import cKDTree
+
+    distance, index = cKDTree(weights).query(fresh, k=2)
+    steps = np.abs(np.subtract(*(np.stack(np.divmod(i, side)) for i in index.T))).max(axis=0)
+    return {
+        "ratio": float(distance[:, 0].mean()) / bound,
+        "worst": float(distance[:, 0].max()) / bound,
+        "topographic": float(np.mean(steps > 1)),
+    }
+
+
+def one(task: dict[str, Any]) -> dict[str, Any]:
+    """One training, in this process."""
+    peer, setting = map_peers.by_name(task["peer"]), Setting(**task["setting"])
+    u, fresh = np.load(task["samples"]), np.load(task["fresh"])
+    side, seed = task["side"], task["seed"]
+    few = Setting(200, 50 if peer.online else 2, 2.0, 0.5)
+    few = Setting(200) if peer == OURS else few
+    prepared, _, _ = timed(lambda: map_peers.train(peer, u[:200], 5, few, seed))
+    before = peak_mb()
+    wall, cpu, weights = timed(lambda: map_peers.train(peer, u, side, setting, seed))
+    result = {"seconds": wall, "cpu": cpu, "first_s": prepared}
+    result |= {"peak_mb": peak_mb(), "before_mb": before}
+    return result | quality(weights, fresh, task["bound"], side)
+
+
+class Course:
+    """The samples of one race as files, and trainings on them."""
+
+    def __init__(self, race: Race, folder: Path) -> None:
+        self.race, self.folder = race, folder
+        u, fresh, size = positions(race.rows, 20_000)
+        self.bound = BOUND * float(np.sqrt(size / race.side**2))
+        for name, values in (("samples", u), ("fresh", fresh)):
+            np.save(folder / f"{name}{race.side}.npy", values)
+
+    def run(self, peer: Peer, setting: Setting, seed: int = 0) -> dict[str, Any] | None:
+        """Train once, in a fresh process."""
+        side = self.race.side
+        task = {"peer": peer.name, "setting": asdict(setting), "side": side, "seed": seed}
+        task |= {n: str(self.folder / f"{n}{side}.npy") for n in ("samples", "fresh")}
+        return child(Path(__file__), task | {"bound": self.bound}, timeout=6 * CAP)
+
+
+def presented(peer: Peer, setting: Setting) -> int:
+    """Samples that are shown in all, as far as the setting says."""
+    return setting.rounds if peer.online else setting.rows * max(1, setting.rounds)
+
+
+def search(
+    races: tuple[Race, ...], names: list[str], known: list[dict[str, Any]] | None = None
+) -> list[dict[str, Any]]:
+    """Find each peer's cheapest setting for each goal; a row per peer and lattice.
+
+    `known` are rows that were found before; those of smaller lattices shorten the search.
+    """
+    found = list(known or [])
+    with tempfile.TemporaryDirectory() as folder:
+        for race in races:
+            course = Course(race, Path(folder))
+            for peer in (p for p in PEERS if p.version() and p.name in names):
+                smaller = [r for r in found if r["peer"] == peer.name and r["side"] < race.side]
+                found.append(_search(course, peer, _promising(peer, race, smaller)))
+                print(json.dumps(found[-1]), file=sys.stderr)
+    return found
+
+
+def _promising(peer: Peer, race: Race, smaller: list[dict[str, Any]]) -> list[Setting]:
+    """The grid without what was far too little, or had the worse radii, on a smaller lattice."""
+    settings = grid(peer, race)
+    good = [(row["side"], Setting(**s)) for row in smaller[-1:] for s in row["best"].values() if s]
+    if not good:
+        return settings
+    least = 0.6 * min(presented(peer, s) / side**2 for side, s in good)
+    radii = {(round(s.start / side, 3), s.end) for side, s in good}
+    return [
+        s for s in settings
+        if presented(peer, s) >= least * race.side**2
+        and (round(s.start / race.side, 3), s.end) in radii
+    ]  # fmt: skip
+
+
+def _search(course: Course, peer: Peer, settings: list[Setting]) -> dict[str, Any]:
+    """The first of the settings, which is the cheapest, that reaches each goal."""
+    race = course.race
+    best: dict[str, dict[str, Any] | None] = {f"{goal:.2f}": None for goal in race.goals}
+    tried: list[dict[str, Any]] = []
+    unused: list[Setting] = []
+    # processor seconds per presented sample, first of a short training
+    r = settings[0]
+    probe = Setting(race.rows, race.side**2 // 20, r.start, r.end) if peer.online else None
+    probe = probe or Setting(2000, r.rounds and 1, r.start, r.end)
+    done = course.run(peer, probe)
+    rate = done["cpu"] / presented(peer, probe) if done else 0.0
+    for setting in settings:
+        if rate * presented(peer, setting) > CAP:
+            unused.append(setting)
+            continue
+        done = course.run(peer, setting)
+        if done is None:
+            break
+        rate = done["cpu"] / presented(peer, setting)
+        tried.append({"setting": asdict(setting)} | {k: done[k] for k in ("ratio", "cpu")})
+        for goal in race.goals:
+            if done["ratio"] <= goal - MARGIN and best[f"{goal:.2f}"] is None:
+                best[f"{goal:.2f}"] = asdict(setting)
+        if None not in best.values():
+            break
+    return {
+        "side": race.side,
+        "peer": peer.name,
+        "version": peer.version(),
+        "best": best,
+        "closest": min(tried, key=lambda r: r["ratio"]) if tried else None,
+        "cpu_per_sample": rate,
+        "tried": len(tried),
+        "too_slow": len(unused),
+    }
+
+
+def race(races: tuple[Race, ...], found: list[dict[str, Any]]) -> list[dict[str, Any]]:
+    """Repeat the settings that were found, ours and the peers in turn; a row each."""
+    rows: dict[tuple[int, str, str], dict[str, Any]] = {}
+    with tempfile.TemporaryDirectory() as folder:
+        for one_race in races:
+            course = Course(one_race, Path(folder))
+            entries = [
+                (map_peers.by_name(f["peer"]), goal, Setting(**setting))
+                for f in found
+                if f["side"] == one_race.side
+                for goal, setting in f["best"].items()
+                if setting is not None and map_peers.by_name(f["peer"]).version()
+            ]
+            spent: dict[tuple[str, str], float] = {}
+            for seed in range(5):
+                for peer, goal, setting in entries:
+                    if seed >= _repeats(spent, peer, goal):
+                        continue
+                    done = course.run(peer, setting, seed)
+                    if done is None:
+                        continue
+                    spent[peer.name, goal] = done["seconds"]
+                    row = rows.setdefault(
+                        (one_race.side, goal, peer.name),
+                        {"side": one_race.side, "goal": goal, "peer": peer.name,
+                         "setting": setting.words(peer.online),
+                         "presented": presented(peer, setting), "done": []},
+                    )  # fmt: skip
+                    row["done"].append(done)
+    return [_summary(row) for row in rows.values()]
+
+
+def _repeats(spent: dict[tuple[str, str], float], peer: Peer, goal: str) -> int:
+    """Five of what is quick, three of the fastest peer and what is not slow, one of the rest."""
+    last = spent.get((peer.name, goal), 0.0)
+    fastest = min((s for (name, g), s in spent.items() if g == goal and name != OURS.name),
+                  default=0.0)  # fmt: skip
+    return 5 if last < 3 else 3 if last < 12 or last <= fastest else 1
+
+
+def _summary(row: dict[str, Any]) -> dict[str, Any]:
+    done = row.pop("done")
+    for key in ("seconds", "cpu", "ratio", "worst", "topographic", "peak_mb"):
+        row[key] = spread([d[key] for d in done])
+    row["before_mb"] = done[0]["before_mb"]
+    row["first_s"] = done[0]["first_s"]
+    row["reached"] = sum(d["ratio"] <= float(row["goal"]) for d in done)
+    row["per_second"] = row["presented"] / row["seconds"]["median"]
+    print(json.dumps({k: row[k] for k in ("side", "goal", "peer", "setting")}
+                     | {"seconds": row["seconds"]["median"], "ratio": row["ratio"]["median"]}),
+          file=sys.stderr)  # fmt: skip
+    return dict(row)
+
+
+if __name__ == "__main__":
+    print(json.dumps(one(json.loads(sys.argv[sys.argv.index("--child") + 1]))))
