@@ -1,0 +1,291 @@
+"""What adaptation reports and stores, on small maps that imagine few samples."""
+
+from __future__ import annotations
+
+import re
+from dataclasses import replace
+from functools import cache
+
+import numpy as np
+import pytest
+from threadpoolctl import threadpool_limits
+
+import calib
+from calib.adaptation import adapting, online, rehearsal
+from calib.adaptation.online import BLOCK, OnlineAdapter, follow
+from calib.readouts.selection import blocks
+
+
+@pytest.fixture(autouse=True)
+def _brief(monkeypatch):
+    monkeypatch.setattr(rehearsal, "IMAGINED", 2000)
+    monkeypatch.setattr(adapting, "HORIZON", 1500)
+    with threadpool_limits(1, user_api="blas"):
+        yield
+
+
+@cache
+def model():
+    return calib.train(calib.babble(calib.load_arm("two_link"), 2500, seed=0), size=10)
+
+
+def log(*changes, n=60, noise=0.0, seed=1):
+    return calib.babble(
+        calib.load_arm("two_link"), n, seed=seed, noise=noise, changes=list(changes)
+    )
+
+
+def moved(found, samples):
+    """Mean distance from the positions of other joints that is left, over what there was."""
+    fresh = samples.simulation
+    q = np.random.default_rng(8).uniform(model().about.lower, model().about.upper, (400, 2))
+    x = fresh.exact(q)
+    return [np.linalg.norm(m.forward(q) - x, axis=1).mean() for m in (model(), found.model)]
+
+
+def test_the_report_of_a_few_samples_is_what_was_measured():
+    samples, told = log("elbow.length=+20%"), []
+    found = calib.adapt(model(), samples, progress=lambda *part: told.append(part))
+    gap = np.linalg.norm(model().forward(samples.q) - samples.x, axis=1)
+    assert found.improved
+    assert (found.samples, found.outliers, found.correction) == (60, 0, "links")
+    assert found.before["mean"] == pytest.approx(gap.mean(), rel=1e-6)
+    assert found.before["max"] == pytest.approx(gap.max(), rel=1e-6)
+    assert found.after["max"] < 1e-8
+    before, after = moved(found, samples)
+    assert after < 1e-3 * before
+    # told in order: shares of the work, stages by name, errors as numbers
+    shares = [share for share, _, _ in told]
+    assert shares == sorted(shares)
+    assert shares[0] == 0.0
+    assert 0.89 < shares[-1] <= 1.0
+    stages = list(dict.fromkeys(stage for _, stage, _ in told))
+    assert stages[0] == "correction"
+    assert stages[-1] == "evaluation"
+    assert len(stages) > 2
+    assert all(isinstance(error, float) for *_, error in told)
+
+
+def test_what_is_known_of_an_adapted_model():
+    samples = replace(log("elbow.length=+20%", noise=2e-4), unit="m")
+    found = calib.adapt(model(), samples)
+    fresh, about = found.model, found.model.about
+    assert (about.source, about.bound_of, about.samples) == ("log", "sensor reading", 60)
+    assert about.simulation is None
+    assert not about.taught
+    assert about.unit == "m"
+    assert about.notes == found.notes
+    assert about.errors["local"]["forward"]["distance"] == found.after
+    assert set(about.errors) == {"local", "activity", "winner"}
+    assert fresh.seconds == {}
+    (event,) = fresh.history
+    usual = model().about.errors["local"]["forward"]["distance"]["mean"]
+    assert event == {
+        "event": "adapted",
+        "method": "few-shot",
+        "samples": 60,
+        "outliers": 0,
+        "before": found.before,
+        "after": found.after,
+        "correction": "links",
+        "frame": None,
+        "from": {
+            "source": "simulation",
+            "samples": 2500,
+            "simulation": model().about.simulation,
+            "mean": usual,
+        },
+    }
+    # a bound for every place that the old model knew, and it holds
+    other = log("elbow.length=+20%", n=300, noise=2e-4, seed=5)
+    miss = np.linalg.norm(fresh.forward(other.q) - other.x, axis=1)
+    bound = fresh.expected_error(other.q)
+    assert np.isfinite(bound).all()
+    assert np.mean(miss <= bound) >= 0.9
+    assert bound.max() < 3e-3
+    assert not fresh.check(other).drifted
+
+
+def test_wrong_detections_are_counted_and_left_out():
+    samples = log("elbow.length=+20%")
+    wrong = samples.x.copy()
+    wrong[[7, 31]] += 0.15
+    found = calib.adapt(model(), replace(samples, x=wrong))
+    assert (found.samples, found.outliers) == (58, 2)
+    assert any(note.startswith("2 rows contradict all others") for note in found.notes)
+    assert found.model.history[0]["outliers"] == 2
+    one = samples.x.copy()
+    one[7] += 0.15
+    single = calib.adapt(model(), replace(samples, x=one))
+    assert any(note.startswith("1 row contradicts all others") for note in single.notes)
+    none = calib.adapt(model(), samples)
+    assert not any("contradict" in note for note in none.notes)
+
+
+def test_a_moved_camera_is_named_with_its_frame():
+    samples = log("sensor.rotate=0.2", "sensor.shift=0.03,0.01")
+    found = calib.adapt(model(), samples)
+    assert found.correction == "sensor frame"
+    said = [n for n in found.notes if n.startswith("the sensor's frame moved: ")]
+    assert len(said) == 1
+    assert re.search(r"turned 11\.5 deg, scaled 1, shifted 30, 10 mm", said[0])
+    frame = np.array(found.model.history[0]["frame"])
+    c, s = np.cos(0.2), np.sin(0.2)
+    np.testing.assert_allclose(frame, [[c, -s, 0.03], [s, c, 0.01]], atol=1e-5)
+
+
+def test_a_slipped_encoder_of_the_first_joint_is_named_as_one():
+    found = calib.adapt(model(), log("shoulder.offset=0.05"))
+    assert found.correction == "sensor frame"
+    assert any(note.startswith("shoulder is off by 2.86 deg") for note in found.notes)
+    assert not any("frame moved" in note for note in found.notes)
+    assert found.model.history[0]["frame"] is None
+
+
+def test_what_is_no_frame_is_not_called_one():
+    for change in ("elbow.length=+20%", "elbow.offset=0.05"):
+        found = calib.adapt(model(), log(change))
+        assert found.correction == "links"
+        assert found.model.history[0]["frame"] is None
+        assert not any("frame" in note or "off by" in note for note in found.notes)
+
+
+@pytest.mark.parametrize(
+    ("scale", "unit", "expected"),
+    [(1000.0, "m", "sensor"), (1.1, "m", "m"), (1000.0, "mm", "mm")],
+)
+def test_the_unit_is_the_logs_or_the_sensors_own(scale, unit, expected):
+    samples = log()
+    found = calib.adapt(model(), replace(samples, x=scale * samples.x, simulation=None, unit=unit))
+    assert found.improved
+    assert found.model.about.unit == expected
+
+
+def test_a_joint_that_moves_the_tip_no_more_is_named_and_no_other():
+    found = calib.adapt(model(), log("elbow.lock=1.0"))
+    lost = [note for note in found.notes if "lost a degree of freedom" in note]
+    assert len(lost) == 1
+    assert lost[0].startswith("elbow no longer moves the tip")
+    assert not any("lost" in n for n in calib.adapt(model(), log("elbow.length=+5%")).notes)
+
+
+def test_where_nothing_is_to_improve_the_model_stays():
+    found = calib.adapt(model(), log(noise=1e-3, n=40))
+    assert not found.improved
+    assert found.model is model()
+    assert found.before["mean"] == pytest.approx(
+        np.linalg.norm(
+            model().forward(log(noise=1e-3, n=40).q) - log(noise=1e-3, n=40).x, axis=1
+        ).mean()
+    )
+
+
+# --- online -----------------------------------------------------------------------------
+
+
+def test_the_report_of_the_online_rule_is_of_blocks_that_it_never_saw():
+    samples, told = log("elbow.length=+20%", n=700), []
+    found = calib.adapt(model(), samples, method="online", progress=lambda *part: told.append(part))
+    assert found.improved
+    assert found.correction == "maps and links re-formed online"
+    held = np.concatenate(blocks(700, 10)[4::10])
+    gap = np.linalg.norm(model().forward(samples.q) - samples.x, axis=1)[held]
+    assert found.before["mean"] == pytest.approx(gap.mean(), rel=1e-6)
+    now = np.linalg.norm(found.model.forward(samples.q) - samples.x, axis=1)[held]
+    assert found.after["mean"] == pytest.approx(now.mean(), rel=1e-6)
+    assert found.after["mean"] < 0.05 * found.before["mean"]
+    event = found.model.history[0]
+    assert (event["method"], event["samples"], event["frame"]) == ("online", 700, None)
+    assert f"{700 - len(held)} samples were shown 3 times" in found.notes
+    assert [share for share, _, _ in told] == pytest.approx(
+        [0.9 * 630 / 1500, 0.9 * 1260 / 1500, 0.9]
+    )
+    assert {stage for _, stage, _ in told} == {"online"}
+    assert all(error > 0 for *_, error in told)
+
+
+def test_the_online_rule_leaves_wrong_detections_out_too():
+    samples = log("elbow.length=+20%", n=600)
+    wrong = samples.x.copy()
+    wrong[100:103] += 0.2
+    found = calib.adapt(model(), replace(samples, x=wrong), method="online")
+    assert (found.samples, found.outliers) == (597, 3)
+    assert any(note.startswith("3 rows contradict") for note in found.notes)
+
+
+def test_schedules_are_equations_10_and_12():
+    samples = log("elbow.length=+20%", n=1000)
+    adapter = OnlineAdapter(model(), 800, force=True)
+    steps = [
+        adapter.feed(samples.q[k : k + BLOCK], samples.x[k : k + BLOCK])
+        for k in range(0, 1000, BLOCK)
+    ]
+    assert [s.samples for s in steps] == list(range(BLOCK, 1001, BLOCK))
+    t = np.minimum(np.arange(BLOCK - 1, 1000, BLOCK), 800)
+    np.testing.assert_allclose([s.beta for s in steps], np.exp(1 - t / 800))
+    np.testing.assert_allclose([s.eta for s in steps], 0.13 * np.exp(1 - t / 800))
+    sigma = np.array([s.sigma for s in steps])
+    # a geometric decay to half a node at the horizon
+    start = np.exp(np.log(sigma[0] / 0.5) / (1 - t[0] / 800)) * 0.5
+    np.testing.assert_allclose(sigma, start * (0.5 / start) ** (t / 800))
+    assert start > 0.5
+    assert all(s.adapting for s in steps)
+
+
+def test_distortion_is_the_running_mean_of_equation_9():
+    samples = log(n=300, noise=1e-3)
+    adapter = OnlineAdapter(model())
+    motor, sensory = model().motor, model().sensory
+    mean = None
+    for k in range(0, 300, BLOCK):
+        q, x = samples.q[k : k + BLOCK], samples.x[k : k + BLOCK]
+        step = adapter.feed(q, x)
+        now = np.array(
+            [
+                np.mean(motor.nearest(motor.scale.to_unit(q))[0] ** 2),
+                np.mean(sensory.nearest(sensory.scale.to_unit(x))[0] ** 2),
+                np.linalg.norm(model().forward(q[::5], "activity") - x[::5], axis=1).mean(),
+            ]
+        )
+        mean = now if mean is None else 0.5 * mean + 0.5 * now
+        said = [step.zeta_motor, step.zeta_sensory, step.error]
+        np.testing.assert_allclose(said, mean, rtol=1e-3)
+        assert not step.adapting
+        assert (step.sigma, step.eta, step.beta) == (0.0, 0.0, 0.0)
+    assert adapter.model() is model()
+
+
+def test_a_stream_is_followed_block_by_block():
+    samples = log("elbow.length=+20%", n=250)
+    steps = [step for step, _ in follow(model(), samples.q, samples.x, horizon=500, force=True)]
+    assert [s.samples for s in steps] == [100, 200, 250]
+    adapter = OnlineAdapter(model(), 500, force=True)
+    assert adapter.feed(samples.q, samples.x) == steps[-1]
+
+
+def test_a_short_stream_is_taught_and_its_nodes_are_those_that_were_visited(monkeypatch):
+    from calib.readouts import teacher
+
+    monkeypatch.setattr(teacher, "IMAGINED", 2000)
+    samples = log("elbow.length=+20%", n=400)
+    adapter = OnlineAdapter(model(), 400, force=True)
+    adapter.feed(samples.q, samples.x)
+    twice = OnlineAdapter(model(), 400, force=True)
+    twice._q, twice._x, twice._since = [samples.q] * 2, [samples.x] * 2, 0
+    fresh = adapter.model()
+    q = log(n=100, seed=6).q
+    truth = samples.simulation.exact(q)
+    assert np.linalg.norm(fresh.forward(q) - truth, axis=1).mean() < 1e-4
+    # rows that are shown again count once
+    np.testing.assert_allclose(twice.model().forward(q), fresh.forward(q), atol=1e-4)
+    assert fresh.visited[fresh.motor.winners(samples.q)].all()
+    assert fresh.links.shape == model().links.shape
+
+
+def test_only_the_latest_samples_are_kept(monkeypatch):
+    monkeypatch.setattr(online, "_KEPT", 250)
+    samples = log("elbow.length=+20%", n=700)
+    adapter = OnlineAdapter(model(), 400, force=True)
+    adapter.feed(samples.q, samples.x)
+    np.testing.assert_allclose(np.concatenate(adapter._q), samples.q[400:], atol=1e-12)
+    np.testing.assert_allclose(np.concatenate(adapter._x), samples.x[400:], atol=1e-12)
