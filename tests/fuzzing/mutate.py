@@ -1,0 +1,119 @@
+"""Mutations: damage to bytes and texts, as disks, editors, networks and enemies do it."""
+
+from __future__ import annotations
+
+import gzip
+import re
+from random import Random
+
+NUMBERS = (
+    "nan", "NaN", "inf", "-inf", "Infinity", "1e308", "-1e308", "1.7976931348623157e308",
+    "1e999", "-1e999", "1e-320", "5e-324", "0", "-0", "-0.0", "", " ", "0x10", "1_000", "1,5",
+    "1e", "--1", "+1", "1.", ".5", "１２", "٣", "99999999999999999999", "9" * 400, "1e16",
+    "-2147483649", "4294967296", "18446744073709551616", "0.1 0.2", "1/2", "1d3", "1e+", "∞",
+    "NA", "null", "None", "true", "-", "?", "3.141592653589793", "-3.141592653589793", "1e-9",
+    "180", "1e6", "-1e6",
+)  # fmt: skip
+"""Numbers, and what is typed where numbers are expected."""
+
+NAMES = (
+    "", " ", "../../x", "/etc/passwd", "\0", "a\0b", "x" * 300, "x" * 5000, "..", ".", "/", "-",
+    "--help", "~", "$HOME", "`id`", "%s%n", "{0}", "${x}", "a\nb", "a\tb", "a\rb", "\x1b[31m",
+    "\u009b31m", "\u202eabc", "\u2028", "\ufeff", "ä", "手", "🤖", "e\u0301", "'", '"', "<b>",
+    "&amp;", "]]>", "a,b", "a=b", "a:b", "a;b", "con", "nul", "CON.calib", "x", "y", "z",
+    "universe", "nan", "0", "\\", "\\\\server\\share", "file:///etc/passwd",
+    "http://127.0.0.1:9/x", "sensor", "tip",
+)  # fmt: skip
+"""Names that lead elsewhere, break lines or mean something to somebody."""
+
+_TOKENS = (b"\0", b"\xff", b"\xfe\xff", b"\xef\xbb\xbf", b"\r", b"\n", b'"', b"'", b",", b";",
+           b"<", b">", b"&", b"{", b"}", b"[" * 50, b"\x1b[2J", b"\x80", b"\xc3\x28",
+           b"\xed\xa0\x80", b"PAR1", b"\x7f" * 8, b"\x00" * 64)  # fmt: skip
+
+
+def damaged(rng: Random, data: bytes, most: int = 4) -> bytes:
+    """Return bytes after one to `most` mutations."""
+    for _ in range(rng.randint(1, most)):
+        data = rng.choice(_DAMAGES)(rng, data)
+    return data
+
+
+def _flip(rng: Random, data: bytes) -> bytes:
+    changed = bytearray(data)
+    for _ in range(rng.randint(1, 8) if data else 0):
+        changed[rng.randrange(len(changed))] ^= 1 << rng.randrange(8)
+    return bytes(changed)
+
+
+def _replaced(rng: Random, data: bytes) -> bytes:
+    changed = bytearray(data)
+    for _ in range(rng.randint(1, 8) if data else 0):
+        changed[rng.randrange(len(changed))] = rng.randrange(256)
+    return bytes(changed)
+
+
+def _span(rng: Random, data: bytes) -> tuple[int, int]:
+    start = rng.randint(0, len(data))
+    longest = len(data) if rng.random() < 0.2 else 64
+    return start, min(len(data), start + rng.randint(0, longest))
+
+
+def _without(rng: Random, data: bytes) -> bytes:
+    start, end = _span(rng, data)
+    return data[:start] + data[end:]
+
+
+def _twice(rng: Random, data: bytes) -> bytes:
+    start, end = _span(rng, data)
+    return data[:end] + data[start:end] * rng.randint(1, 3) + data[end:]
+
+
+def _cut(rng: Random, data: bytes) -> bytes:
+    return data[: rng.randint(0, len(data))]
+
+
+def _swapped(rng: Random, data: bytes) -> bytes:
+    a, b = sorted(_span(rng, data))
+    c, d = sorted(_span(rng, data))
+    if c < b:
+        return data
+    return data[:a] + data[c:d] + data[b:c] + data[a:b] + data[d:]
+
+
+def _inserted(rng: Random, data: bytes) -> bytes:
+    place = rng.randint(0, len(data))
+    token = rng.choice(_TOKENS) if rng.random() < 0.7 else rng.randbytes(rng.randint(1, 40))
+    return data[:place] + token + data[place:]
+
+
+def _renumbered(rng: Random, data: bytes) -> bytes:
+    found = list(re.finditer(rb"-?\d+(\.\d+)?([eE]-?\d+)?", data[:200_000]))
+    if not found:
+        return data
+    one = rng.choice(found)
+    return data[: one.start()] + rng.choice(NUMBERS).encode() + data[one.end() :]
+
+
+def _recoded(rng: Random, data: bytes) -> bytes:
+    text = data.decode("utf-8", "replace")
+    return text.encode(rng.choice(("utf-16", "utf-16-le", "utf-32", "utf-8-sig", "utf-7", "latin-1")),
+                       "replace")  # fmt: skip
+
+
+def _rewrapped(rng: Random, data: bytes) -> bytes:
+    choice = rng.randrange(6)
+    if choice == 0:
+        return gzip.compress(data, mtime=0)
+    if choice == 1:
+        return b""
+    if choice == 2:
+        return data.replace(b"\n", rng.choice((b"\r\n", b"\r", b"", b"\n\n", b"\0\n")))
+    if choice == 3:
+        return b"\xef\xbb\xbf" + data
+    if choice == 4:
+        return bytes(len(data))
+    return data + rng.choice((b" ", b"x", b"\0", b"\n")) * rng.choice((1, 1000, 300_000))
+
+
+_DAMAGES = (_flip, _flip, _replaced, _without, _twice, _cut, _swapped, _inserted, _inserted,
+            _renumbered, _renumbered, _renumbered, _recoded, _rewrapped)  # fmt: skip

@@ -1,0 +1,350 @@
+"""URDFs: random arms, which have to be right, and damaged ones, which may be refused."""
+
+from __future__ import annotations
+
+import xml.etree.ElementTree as ET
+from copy import deepcopy
+from dataclasses import dataclass
+from pathlib import Path
+from random import Random
+from typing import Any
+
+import numpy as np
+
+from calib.arm.loading import PlanarArm, arm_from_urdf, load_arm
+from calib.arm.urdf import parse_urdf
+from calib.errors import CalibError
+from calib.preview.meshes import resolve_mesh
+from calib.preview.visuals import visuals
+from calib.robots import resolve_robot
+
+from .arms import RandomArm, random_arm
+from .guard import Trap, guarded, one_line
+from .kinds import Kind
+from .mutate import NAMES, NUMBERS, damaged
+
+FAR = 1e4
+"""Placements beyond this [m] are compared in parts of their size."""
+
+
+class Truth:
+    """Pinocchio's own reading of a URDF: framesForwardKinematics of the whole robot."""
+
+    def __init__(self, text: str) -> None:
+        import pinocchio
+
+        self._pin: Any = pinocchio
+        self._model = pinocchio.buildModelFromXML(text)
+        self._data = self._model.createData()
+
+    def tips(self, link: str, values: list[dict[str, float]]) -> np.ndarray:
+        """Positions of a link, (n, 3) [m], for joint values by name [rad or m]."""
+        pin, model = self._pin, self._model
+        frame = model.getFrameId(link, pin.FrameType.BODY)
+        found = []
+        for row in values:
+            q = pin.neutral(model)
+            for number, name in enumerate(model.names):
+                if number and name in row:
+                    joint = model.joints[number]
+                    turn = (np.cos(row[name]), np.sin(row[name]))
+                    q[joint.idx_q : joint.idx_q + joint.nq] = turn if joint.nq == 2 else row[name]
+            pin.framesForwardKinematics(model, self._data, q)
+            found.append(self._data.oMf[frame].translation.copy())
+        return np.array(found)
+
+
+def compare(arm: PlanarArm, text: str, mimics: dict[str, tuple[str, float, float]]) -> None:
+    """Compare an arm with Pinocchio at random joint values."""
+    q = np.random.default_rng(0).uniform(arm.lower, arm.upper, (5, arm.dof))
+    rows = []
+    for row in q:
+        values = {**arm.locked, **dict(zip(arm.joint_names, row, strict=True))}
+        for name, (leader, multiplier, offset) in mimics.items():
+            if name not in arm.locked:
+                values[name] = multiplier * values.get(leader, 0.0) + offset
+        rows.append(values)
+    truth = Truth(text).tips(arm.tip, rows)
+    # an axis may be askew by 1e-4 rad: what leaves the plane is projected onto it
+    flat = arm.plane.project(truth)
+    size = max(1.0, np.abs(truth).max() / FAR, np.abs(arm.chain.points).max() / FAR)
+    error = np.abs(arm.forward(q) - flat).max()
+    assert error <= 1e-9 * size, f"the tip is off by {error:g} m"
+    away = np.abs(arm.plane.distances(truth)).max()
+    reach = np.abs(truth - arm.plane.origin).max() + np.abs(arm.chain.points).max()
+    assert away <= 1e-9 * size + 1e-3 * reach, f"the tip leaves the plane by {away:g} m"
+
+
+class Arms(Kind):
+    """Random planar arms: loaded and right, or refused for the reason that is known."""
+
+    def make(self, rng: Random) -> RandomArm:
+        """Make a robot with an arm in it."""
+        return random_arm(rng)
+
+    def judge(self, case: RandomArm) -> str:
+        """Load it by its joints and without them, and compare it with Pinocchio."""
+        with guarded(self.folder):
+            try:
+                arm = arm_from_urdf(case.text, case.joints, case.tip)
+            except CalibError as error:
+                message = one_line(str(error))
+                assert case.refused, f"refused: {message}"
+                assert case.refused in message, f"{case.refused!r} expected: {message}"
+                arm = None
+            assert arm is None or not case.refused, f"loaded, but {case.refused}"
+            found = self._automatic(case)
+        for one in (arm, found):
+            if one is not None:
+                compare(one, case.text, case.mimics)
+        if arm is None:
+            return f"refused: {case.refused}"
+        assert arm.joint_names == tuple(case.joints)
+        assert np.linalg.norm(np.cross(arm.plane.normal, case.normal)) < 1e-6
+        for name, value in arm.locked.items():
+            assert abs(value - case.values[name]) < 1e-12
+        # links and joints alone make the same arm; their limits are not written
+        again = arm_from_urdf(parse_urdf(arm.urdf).plain(), case.joints, case.tip, lock=arm.locked)
+        q = np.random.default_rng(1).uniform(arm.lower, arm.upper, (4, arm.dof))
+        assert again.forward(q).tobytes() == arm.forward(q).tobytes()
+        return f"{arm.dof} joints, right"
+
+    def _automatic(self, case: RandomArm) -> PlanarArm | None:
+        try:
+            return arm_from_urdf(case.text)
+        except CalibError as error:
+            one_line(str(error))
+            return None
+
+
+@dataclass(frozen=True)
+class UrdfCase:
+    """The content of a file, and which joints and tip are asked for."""
+
+    data: bytes
+    joints: tuple[str, ...] | None = None
+    tip: str | None = None
+
+
+def _is_xml(data: bytes) -> bool:
+    try:
+        ET.fromstring(data.decode("utf-8-sig"))
+    except (ET.ParseError, ValueError):
+        return False
+    return True
+
+
+class Urdfs(Kind):
+    """Damaged and hostile URDF files: an arm that is right, or one line."""
+
+    def __init__(self, folder: Path) -> None:
+        super().__init__(folder)
+        self.trap = Trap(folder)
+        (folder / "meshes").mkdir()
+        self.bases = [resolve_robot(name).read_bytes() for name in BUNDLED] + _installed()
+
+    def close(self) -> None:
+        """Close the trap."""
+        self.trap.close()
+
+    def make(self, rng: Random) -> UrdfCase:
+        """Make the content of a URDF file, and joints and a tip that it may have."""
+        joints: tuple[str, ...] | None = None
+        tip = None
+        pick = rng.random()
+        if pick < 0.3:
+            data = rng.choice(self.bases)
+            names = [n.get("name", "") for n in ET.fromstring(data).iter("joint")]
+            if rng.random() < 0.5:
+                joints = tuple(rng.sample(names, min(len(names), rng.randint(1, 3))))
+        elif pick < 0.7:
+            arm = random_arm(rng)
+            data, joints, tip = arm.text.encode(), tuple(arm.joints), arm.tip
+        else:
+            data = self.bases[rng.randrange(len(BUNDLED))]
+        return UrdfCase(self._changed(rng, data), joints, tip)
+
+    def _changed(self, rng: Random, data: bytes) -> bytes:
+        way = rng.random()
+        if way < 0.35:
+            return damaged(rng, data)
+        data = self._edited(rng, data)
+        if way < 0.7:
+            return data
+        data = self._hostile(rng, data)
+        return damaged(rng, data, 1) if rng.random() < 0.2 else data
+
+    def judge(self, case: UrdfCase) -> str:
+        """Load the file; what loads has to agree with Pinocchio, where that reads it too."""
+        path = self.folder / "robot.urdf"
+        path.write_bytes(case.data)
+        try:
+            with guarded(self.folder):
+                arm = load_arm(path, case.joints, case.tip)
+                for note in arm.notes:
+                    one_line(note)
+                self._meshes(arm)
+        except CalibError as error:
+            self.trap.check()
+            message = one_line(str(error))
+            if "well-formed" in message:
+                assert not _is_xml(case.data), message
+            return "refused"
+        self.trap.check()
+        q = arm.forward((arm.lower + arm.upper) / 2)
+        assert np.isfinite(q).all(), f"the tip is at {q}"
+        try:
+            mimics = {
+                joint.name: (joint.mimic.leader, joint.mimic.multiplier, joint.mimic.offset)
+                for joint in parse_urdf(arm.urdf).joints
+                if joint.mimic
+            }
+            Truth(arm.urdf)
+        except Exception:  # what Pinocchio refuses and calib mends has nothing to compare with
+            return "loaded, not read by Pinocchio"
+        compare(arm, arm.urdf, mimics)
+        return "loaded, right"
+
+    def _meshes(self, arm: PlanarArm) -> None:
+        """Look up the meshes that the URDF names, as the preview does."""
+        for visual in visuals(arm.urdf)[:20]:
+            if visual.kind == "mesh":
+                try:
+                    found = resolve_mesh(visual.mesh, self.folder / "meshes")
+                except CalibError as error:
+                    one_line(str(error))
+                else:
+                    raise AssertionError(f"{visual.mesh!r} led to {found}")
+
+    def _edited(self, rng: Random, data: bytes) -> bytes:
+        """Change elements and attributes; the result is XML again."""
+        robot = ET.fromstring(data)
+        for _ in range(rng.randint(1, 4)):
+            nodes = [n for n in robot.iter() if rng.random() < 0.9]
+            joints = robot.findall("joint")
+            node = rng.choice(joints if joints and rng.random() < 0.5 else nodes or [robot])
+            children = list(node.iter())
+            rng.choice(_EDITS)(rng, robot, rng.choice(children))
+        return ET.tostring(robot, encoding="utf-8")
+
+    def _hostile(self, rng: Random, data: bytes) -> bytes:
+        """Add what makes careless readers fetch, grow or fall."""
+        secret, port = self.trap.secret, self.trap.port
+        outside = rng.choice((
+            f"file://{secret}", str(secret), "package://../secret.stl", "../secret.stl",
+            f"http://127.0.0.1:{port}/a.stl", f"https://127.0.0.1:{port}/a.stl",
+            f"ftp://127.0.0.1:{port}/a", f"//127.0.0.1:{port}/a.stl", "package://meshes/../../secret.stl",
+            "file:///etc/passwd", "..%2fsecret.stl", "model://..%2f/secret.stl",
+        ))  # fmt: skip
+        text = data.decode("utf-8", "replace")
+        mesh = f'<visual><geometry><mesh filename="{outside}"/></geometry></visual>'
+        laughs = "".join(
+            f'<!ENTITY l{k} "{f"&l{k - 1};" * 10 if k else "lol"}">' for k in range(10)
+        )
+        before, after = rng.choice((
+            ("", mesh),
+            (f'<!DOCTYPE r SYSTEM "{outside}">', ""),
+            (f'<!DOCTYPE r [<!ENTITY e SYSTEM "{outside}">]>', "&e;"),
+            (f'<!DOCTYPE r [<!ENTITY % e SYSTEM "{outside}"> %e;]>', ""),
+            (f"<!DOCTYPE r [{laughs}]>", "&l9;"),
+            (f'<?xml-stylesheet href="{outside}"?>', ""),
+            ("", f'<xi:include xmlns:xi="http://www.w3.org/2001/XInclude" href="{outside}"/>'),
+            ("", f'<link name="s" xsi:schemaLocation="{outside}" xmlns:xsi="http://www.w3.org/2001/'
+                 'XMLSchema-instance"/>'),
+            ("", "<a>" * 3000 + "</a>" * 3000),
+            ("", "<a>" * 200_000),
+            ("", "".join(f'<link name="k{k}"/>' for k in range(3000))),
+            ("", "<a " + " ".join(f'b{k}="{k}"' for k in range(10_000)) + "/>"),
+            ("", f"<!--{'-x' * 100_000}-->"),
+            ("", f"<a>{'x' * 1_000_000}</a>"),
+            ("", f"<![CDATA[{mesh}]]>"),
+            ('<?xml version="1.1" encoding="utf-16"?>', ""),
+            ('<?xml version="1.0" encoding="no-such"?>', ""),
+            (f'<?xml version="1.0" encoding="{"x" * 3000}"?>', ""),
+        ))  # fmt: skip
+        place = text.find("<link") if rng.random() < 0.5 else text.rfind("</robot>")
+        if after == mesh and "<link" in text:
+            place = text.index(">", text.index("<link")) + 1
+            text = (
+                text[:place].replace("/>", ">")
+                + after
+                + ("</link>" if text[place - 2] == "/" else "")
+                + text[place:]
+            )
+        elif place >= 0:
+            text = text[:place] + after + text[place:]
+        start = text.find("<robot")
+        return (before + text[max(start, 0) :]).encode("utf-8", "replace")
+
+
+def _set(rng: Random, _robot: ET.Element, node: ET.Element) -> None:
+    key = rng.choice([*node.attrib, "name", "xyz", "type"])
+    values = NAMES if key in ("name", "link", "joint") else NUMBERS
+    value = rng.choice(values)
+    if key in ("xyz", "rpy"):
+        parts = node.get(key, "0 0 1").split()
+        if parts and rng.random() < 0.8:
+            parts[rng.randrange(len(parts))] = value
+            value = " ".join(parts)
+    if key == "type":
+        value = rng.choice(("revolute", "continuous", "prismatic", "fixed", "floating", "x", ""))
+    # what XML cannot hold makes the whole text unreadable: seldom, so that more is tried
+    if any(ord(c) < 32 and c not in "\t\n\r" for c in value) and rng.random() < 0.9:
+        value = "x"
+    node.set(key, value)
+
+
+def _unset(rng: Random, _robot: ET.Element, node: ET.Element) -> None:
+    if node.attrib:
+        del node.attrib[rng.choice(list(node.attrib))]
+
+
+def _removed(rng: Random, robot: ET.Element, node: ET.Element) -> None:
+    for parent in robot.iter():
+        if node in list(parent):
+            parent.remove(node)
+            return
+
+
+def _doubled(rng: Random, robot: ET.Element, node: ET.Element) -> None:
+    if node is not robot:
+        rng.choice([robot, *robot]).insert(0, deepcopy(node))
+
+
+def _renamed(rng: Random, _robot: ET.Element, node: ET.Element) -> None:
+    node.tag = rng.choice(("link", "joint", "robot", "mimic", "axis", "xacro", "origin", "a:b"))
+
+
+def _exchanged(rng: Random, robot: ET.Element, _node: ET.Element) -> None:
+    """Give two joints each other's attributes, or one another's links."""
+    joints = robot.findall("joint")
+    if len(joints) > 1:
+        one, other = rng.sample(joints, 2)
+        tag = rng.choice(("parent", "child", "origin", "axis", "limit"))
+        a, b = one.find(tag), other.find(tag)
+        if a is not None and b is not None:
+            a.attrib, b.attrib = b.attrib, a.attrib
+
+
+def _mimicked(rng: Random, robot: ET.Element, _node: ET.Element) -> None:
+    joints = robot.findall("joint")
+    if joints:
+        leader = rng.choice(joints).get("name", "")
+        ET.SubElement(rng.choice(joints), "mimic", joint=leader, multiplier=rng.choice(NUMBERS))
+
+
+_EDITS = (_set, _set, _set, _set, _unset, _removed, _doubled, _renamed, _exchanged, _mimicked)
+
+BUNDLED = ("two_link", "two_link_full", "three_link", "polar", "scara")
+
+
+def _installed() -> list[bytes]:
+    """URDFs of real robots, where the package example-robot-data is installed."""
+    from importlib.metadata import PackageNotFoundError, files
+
+    try:
+        listed = files("example-robot-data") or []
+    except PackageNotFoundError:
+        return []
+    found = sorted(str(f.locate()) for f in listed if f.suffix == ".urdf")
+    return [data for path in found if len(data := Path(path).read_bytes()) < 60_000]
