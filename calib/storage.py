@@ -6,6 +6,7 @@ import hashlib
 import json
 import math
 import os
+import stat
 from collections.abc import Mapping
 from dataclasses import asdict
 from pathlib import Path
@@ -38,6 +39,7 @@ FORMAT = 1
 
 _KEY = "calib"
 _LARGEST = 2_000_000_000  # bytes
+_HEADER = 20_000_000  # bytes; those of the description are among them
 _LARGE = 1e15  # no number of a model is so large, and its powers are numbers still
 _FUNCTIONS = 100_000  # of a trend
 _NONSENSE = (  # what building a model from a description without sense raises
@@ -142,10 +144,7 @@ def load(path: str | os.PathLike[str]) -> Model:
     """
     path = Path(path)
     try:
-        size = path.stat().st_size
-        if size > _LARGEST:
-            raise ModelError(f"{path}: {size:,} bytes are too many for a model")
-        data = path.read_bytes()
+        data = _read(path)
     except FileNotFoundError as error:
         raise ModelError(
             f"{path}: no such file, expected a model written by 'calib train'"
@@ -154,6 +153,18 @@ def load(path: str | os.PathLike[str]) -> Model:
         reason = getattr(error, "strerror", None) or error
         raise ModelError(f"{path}: cannot be read ({reason})") from error
     return from_bytes(data, str(path))
+
+
+def _read(path: Path) -> bytes:
+    """Content of a file; of what cannot be a model only as much as tells why."""
+    status = path.stat()
+    if stat.S_ISCHR(status.st_mode) or stat.S_ISBLK(status.st_mode):  # some never end
+        raise ModelError(f"{path}: is a device, expected a model written by 'calib train'")
+    if status.st_size > _LARGEST:
+        raise ModelError(f"{path}: {status.st_size:,} bytes are too many for a model")
+    with path.open("rb") as file:
+        start = file.read(_HEADER)
+        return start + file.read(_LARGEST) if f'"{_KEY}"'.encode() in start else start
 
 
 def from_bytes(data: bytes, name: str = "model") -> Model:

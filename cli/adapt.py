@@ -52,9 +52,11 @@ def adapt(
     """Re-calibrate a model from a few new samples; exit code 3 if it did not help."""
     import calib
 
+    if output is not None:
+        check_output(output)
+    loaded = calib.load(model)
     path = output or adapted_name(model)
     check_output(path)
-    loaded = calib.load(model)
     notes = Notes()
     log = log_for(loaded, data, columns, degrees, unit, notes)
     with progress_bar(loaded.about.unit) as progress:

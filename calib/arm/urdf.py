@@ -9,6 +9,7 @@ from __future__ import annotations
 
 import math
 import re
+import stat
 import xml.etree.ElementTree as ET
 from pathlib import Path
 
@@ -34,12 +35,19 @@ def read_urdf(path: Path) -> str:
     try:
         if path.is_dir():
             raise RobotError(f"{path}: is a folder, expected a URDF file")
-        if path.stat().st_size > MAX_BYTES:
+        status = path.stat()
+        if stat.S_ISCHR(status.st_mode) or stat.S_ISBLK(status.st_mode):  # some never end
+            raise RobotError(f"{path}: is a device, expected a URDF file")
+        if status.st_size > MAX_BYTES:
             raise RobotError(
-                f"{path}: {path.stat().st_size / 1e6:.0f} MB is no URDF (limit "
+                f"{path}: {status.st_size / 1e6:.0f} MB is no URDF (limit "
                 f"{MAX_BYTES // 1_000_000} MB): give the robot description, not its meshes"
             )
-        text = path.read_bytes().decode("utf-8-sig")
+        with path.open("rb") as file:
+            data = file.read(MAX_BYTES + 1)
+        if len(data) > MAX_BYTES:  # a pipe has no size
+            raise RobotError(f"{path}: more than {MAX_BYTES // 1_000_000} MB are no URDF")
+        text = data.decode("utf-8-sig")
     except FileNotFoundError:
         raise RobotError(f"{path}: no such file; expected a URDF or a bundled robot") from None
     except UnicodeDecodeError as error:
