@@ -21,12 +21,15 @@ from .maps.density import Gain
 from .model import Model
 from .parallel import side_by_side
 from .readouts.bounds import learn_bounds, near_border
+from .readouts.refining import refine
 from .readouts.selection import blocks
 from .readouts.teacher import MOST_ROWS, learn_teacher
 from .scale import Scale
+from .screening import gross, screen
 from .sizes import Size, lattice_sizes
 
 if TYPE_CHECKING:
+    from .data.long_log import LongLog
     from .data.simulation import Simulation
 
 Array = NDArray[np.float64]
@@ -35,6 +38,7 @@ LEAST_ROWS = 10
 """Fewest rows that anything can be learned and checked from."""
 
 _BOUND_SAMPLES = 12_000
+_TESTED = 20_000  # rows of a log that errors are measured on; more would tell no more
 
 
 def train(
@@ -108,12 +112,20 @@ def train(
             f"from: give at least {LEAST_ROWS}"
         )
     check_wiring(links)
+    said: list[str] = []
+    if samples.simulation is None:
+        with threadpool_limits(1, user_api="blas"):
+            screening = screen(samples)
+        said = screening.notes()
+        if screening.left_out:
+            kept = screening.kept
+            samples = replace(samples, q=samples.q[kept], x=samples.x[kept])
     motor, sensory, notes = lattice_sizes(samples, size, motor_size, sensory_size)
     taught = len(samples) < min(MOST_ROWS, int(np.prod(motor)))
     options = Options(motor, sensory, map, rule, epochs, sigma, int(seed), taught, links)
     # a BLAS that splits sums over threads would change the last bits
     with threadpool_limits(1, user_api="blas"):
-        return _Trainer(samples, options, notes, progress or (lambda *_: None)).run()
+        return _Trainer(samples, options, said + notes, progress or (lambda *_: None)).run()
 
 
 def on_limits(samples: Samples, q: Array, rng: np.random.Generator) -> Array:
@@ -144,6 +156,9 @@ class _Trainer:
         scale = Scale.of_range(samples.lower, samples.upper, samples.revolute)
         simulation = samples.simulation
         model = self._learn(scale, samples.q, samples.x, share=0.75 if simulation else 0.2)
+        if samples.long_log is not None:
+            with self.watch("all rows"):
+                model = self._refined(model, scale, samples.long_log)
         with self.watch("evaluation"):
             if simulation is not None:
                 self.progress(0.8, "evaluation", float("nan"))
@@ -192,6 +207,24 @@ class _Trainer:
         empty = np.zeros(learned.association.motor.size)
         return Model(self._about(), learned.association, learned.predictor, empty, learned.visited)
 
+    def _refined(self, model: Model, scale: Scale, log: LongLog) -> Model:
+        """The model with a trend that rests on all rows of a long log.
+
+        Local models rest on the rows that were drawn: their noise is their neighbourhood's,
+        beside which that of the trend is nothing.
+        """
+        predictor = model.predictor
+        if predictor.models.degree >= 0:
+            return model
+        self.progress(0.2, "all rows", float("nan"))
+        some = slice(None, None, max(1, len(self.samples) // _TESTED))
+        x = self.samples.x[some]
+        error = np.linalg.norm(predictor.value(scale.to_unit(self.samples.q[some])) - x, axis=1)
+        found = refine(predictor.trend, scale, log.batches(), gross(error, x))
+        but = f", but for {found.left_out:,} that are far from it" if found.left_out else ""
+        self.notes.append(f"the trend rests on all {log.rows:,} rows{but}")
+        return replace(model, predictor=replace(predictor, trend=found.trend))
+
     def _simulated_bounds(self, model: Model, simulation: Simulation) -> tuple[Array, Baseline]:
         """Bounds and baseline from exact samples that are neither learned nor tested."""
         scale = model.motor.scale
@@ -216,8 +249,9 @@ class _Trainer:
             nodes = np.concatenate([np.clip(model.motor.units, 0, 1), known])
             doubt = self.teacher.deviation(nodes)
         bounds = learn_bounds(model.motor, known, miss, doubt)
-        said = model.predictor.value(model.motor.scale.to_unit(samples.q))
-        error = np.linalg.norm(said - samples.x, axis=1)
+        some = slice(None, None, max(1, len(samples) // _TESTED))
+        said = model.predictor.value(model.motor.scale.to_unit(samples.q[some]))
+        error = np.linalg.norm(said - samples.x[some], axis=1)
         return bounds, learn_baseline(model.association, u, x, error)
 
     def _held_out(self, scale: Scale) -> Residuals:
@@ -231,6 +265,7 @@ class _Trainer:
             self.progress(0.2 + 0.75 * k / len(folds), "evaluation", float("nan"))
             others = np.setdiff1d(np.arange(len(q)), rows, assume_unique=True)
             model = self._learn(scale, q[others], x[others], share=0.0)
+            rows = rows[:: -(-len(rows) * len(folds) // _TESTED)]
             parts.append(evaluate_residuals(model, q[rows], x[rows], None))
         self.teacher, self.watch = taught, watch
         return Residuals.join(parts)

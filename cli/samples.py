@@ -95,6 +95,7 @@ def measured(
     columns: Mapping[str, str] | None,
     unit: str,
     prismatic: Sequence[str],
+    seed: int,
     notes: Notes,
 ) -> Samples:
     """Read a log, for the robot where there is one, and say what was assumed."""
@@ -115,6 +116,7 @@ def measured(
         unit=unit,
         ranges=ranges_in_si(selection.ranges, turns, selection.degrees),
         prismatic=prismatic,
+        seed=seed,
     )
     notes.say(log.notes)
     return log

@@ -85,6 +85,7 @@ def train(
             columns=columns,
             unit=unit or "m",
             prismatic=prismatic or (),
+            seed=seed,
             notes=notes,
         )
     path = output or f"{_file_name(log.arm.name if log.arm else _stem(data))}.calib"

@@ -13,6 +13,8 @@ from .basis import Basis
 
 Array = NDArray[np.float64]
 
+_CHUNK = 1 << 15  # points whose functions are held at once
+
 
 @dataclass(frozen=True)
 class Trend:
@@ -37,7 +39,10 @@ class Trend:
     def value(self, u: Array) -> Array:
         """Trend at the points `u` (n, d) of the unit box, (n, 2)."""
         weights = self._weights[:2]
-        return np.asarray((weights @ self._features(u)).T)
+        if len(u) <= _CHUNK:
+            return np.asarray((weights @ self._features(u)).T)
+        parts = (u[first : first + _CHUNK] for first in range(0, len(u), _CHUNK))
+        return np.concatenate([(weights @ self._features(part)).T for part in parts])
 
     def value_and_slope(self, u: Array) -> tuple[Array, Array]:
         """Trend (n, 2) and its derivatives by the unit coordinates (n, 2, d)."""
