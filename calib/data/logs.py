@@ -298,4 +298,4 @@ def _degrees_note(q: Array, revolute: Sequence[bool]) -> list[str]:
 
 
 def _vector(vector: Array) -> str:
-    return "(" + ", ".join(f"{value + 0.0:.4g}" for value in vector) + ")"
+    return "(" + ", ".join(f"{value + 0.0:.4g}" for value in np.round(vector, 6)) + ")"
