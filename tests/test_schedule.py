@@ -1,5 +1,7 @@
 """Schedules: radii that decay exponentially, and lattices that grow."""
 
+from itertools import pairwise
+
 import numpy as np
 import pytest
 from hypothesis import given
@@ -28,22 +30,38 @@ def test_one_epoch_has_the_last_radius():
     assert exponential(5.0, 0.5, 1).tolist() == [0.5]
 
 
-@pytest.mark.parametrize("shape", [(70, 70), (200, 200), (100, 40), (17, 17, 17), (5, 5), (2, 2)])
-def test_lattices_grow_up_to_the_one_asked_for(shape):
-    stages = coarse_to_fine(Lattice(shape))
+SHAPES = [(70, 70), (300, 300), (100, 40), (17, 17, 17), (2, 300), (400,), (5, 5), (2, 2), (2,) * 7]
+
+
+@pytest.mark.parametrize("varying", [False, True])
+@pytest.mark.parametrize("shape", SHAPES)
+def test_lattices_grow_up_to_the_one_asked_for(shape, varying):
+    stages = coarse_to_fine(Lattice(shape), varying=varying)
     sizes = [s.lattice.size for s in stages]
     assert sizes == sorted(sizes)
-    assert len(set(sizes)) == len(sizes)
+    if not varying:  # ten, and what rounding to nodes adds
+        assert all(b < 15 * a for a, b in pairwise(sizes))
     assert [s.final for s in stages] == [False] * (len(stages) - 1) + [True]
     assert stages[-1].lattice.shape == shape
-    for stage in stages:
+    assert all(s.lattice.size < 200 for s in stages[:1])
+
+
+@pytest.mark.parametrize("shape", SHAPES)
+def test_lattices_are_ordered_and_finished_by_eq_2_and_refined_by_steps_in_between(shape):
+    stages = coarse_to_fine(Lattice(shape))
+    first, last = stages[0], stages[-1]
+    assert first.step is None
+    assert last.step is None
+    for stage in stages[1:-1]:
+        assert 0 < stage.step < 2  # 2 would overshoot
+    for stage in (first, last):
         assert (np.diff(stage.sigma) < 0).all()
         assert stage.sigma[-1] < 1.0
 
 
-def test_the_papers_lattice_is_ordered_on_100_then_900_nodes():
-    stages = coarse_to_fine(Lattice((70, 70)))
-    assert [s.lattice.shape for s in stages] == [(10, 10), (30, 30), (70, 70)]
+def test_the_papers_lattice_grows_from_64_nodes_by_nine():
+    shapes = [s.lattice.shape for s in coarse_to_fine(Lattice((70, 70)))]
+    assert list(dict.fromkeys(shapes)) == [(8, 8), (24, 24), (70, 70)]
 
 
 def test_the_first_radius_reaches_over_nearly_half_of_the_first_lattice():

@@ -3,20 +3,19 @@
 from __future__ import annotations
 
 from collections.abc import Iterator
-from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
 
 from .density import Gain, Visit
-from .epoch import Epoch, nearest, topographic_error
-from .lattice import Lattice
+from .epoch import Epoch, nearest, search, topographic_error
+from .neighbourhood import moved
 from .schedule import Stage
+from .start import unfold
 
 Array = NDArray[np.float64]
 
-_STARTS = 5  # random starts of the coarsest lattice, of which the best unfolded is kept
-_JUDGED = 2000  # samples by which that is judged
+_CELLS = 65_535  # parts of the unit box by which samples are sorted
 
 
 def learn(
@@ -28,60 +27,57 @@ def learn(
 ) -> Iterator[Epoch]:
     """Train stage after stage from a random start; yields after each epoch.
 
-    Its fixed points are those of eq. 2: each node is the mean of all samples, weighted by
-    the neighbourhood h (eq. 3) of their winners and, for a VDSOM, by their gain.
+    The fixed points of a stage without `step` are those of eq. 2: each node is the mean of
+    all samples, weighted by the neighbourhood h (eq. 3) of their winners and, for a VDSOM,
+    by their gain.
     """
+    order = _by_place(u)
+    back = np.argsort(order)
+    u = u[order]
     lattice = stages[0].lattice
     if stages[0].final:
         weights = rng.random((lattice.size, u.shape[1]))
     else:
-        starts = [_order(u, stages[0], rng) for _ in range(_STARTS)]
-        first = min(starts, key=lambda start: start.energy)
-        yield from first.epochs
-        weights, stages = first.epochs[-1].weights, stages[1:]
+        coarsest = [stage for stage in stages if stage.lattice == lattice]
+        for epoch in unfold(_some(u, coarsest[0].samples, rng), coarsest, rng):
+            weights = epoch.weights
+            yield epoch
+        stages = stages[len(coarsest) :]
     for stage in stages:
         if stage.lattice != lattice:
             weights = lattice.resample(weights, stage.lattice)
         lattice = stage.lattice
-        some = u if stage.samples >= len(u) else u[rng.permutation(len(u))[: stage.samples]]
-        for epoch, sigma in enumerate(stage.sigma):
-            topographic = topographic_error(some, weights, lattice)
-            distance, winner = nearest(weights, some, 1)  # eq. 1
+        some = _some(u, stage.samples, rng)
+        for k, sigma in enumerate(stage.sigma):
+            tree = search(weights)
+            distance, winner = nearest(tree, some)  # eq. 1
             g = None
             if gain is not None and stage.final:
-                t = (epoch + 1) / len(stage.sigma)
-                g = gain(Visit(t, winner, distance, weights, lattice, partners))
-            sums = _smooth(_sums(some, winner, g, lattice.size), lattice, float(sigma))
-            count = sums[:, -1:]
-            reached = count > 1e-12 * count.max()
-            weights = np.where(reached, sums[:, :-1] / np.where(reached, count, 1.0), weights)
+                t = (k + 1) / len(stage.sigma)
+                g = gain(Visit(t, winner[back], distance[back], weights, lattice, partners))[order]
+            topographic = topographic_error(some, tree, lattice)
+            sums = _sums(some, winner, g, lattice.size)
+            weights = moved(weights, sums, lattice, float(sigma), stage.step)
             yield Epoch(
                 weights, lattice, float(sigma), float(distance.mean()), topographic, len(some)
             )
 
 
-@dataclass(frozen=True, eq=False)
-class _Start:
-    epochs: list[Epoch]
-    energy: float
+def _by_place(u: Array) -> NDArray[np.intp]:
+    """An order of the samples in which those close to each other follow each other.
 
-
-def _order(u: Array, stage: Stage, rng: np.random.Generator) -> _Start:
-    """Order a coarse lattice from a random start, and tell how well it unfolded.
-
-    A lattice can come to rest twisted, or with its corners where the data have none.  The
-    energy of such a state is larger: the mean squared distance from a sample to the nodes
-    around its winner, weighted by h of eq. 3 at a radius of one node.
+    Their winners then lie close in memory, and are found in three quarters of the time.
     """
-    epochs = list(learn(u, [replace(stage, final=True)], None, rng))
-    weights, lattice = epochs[-1].weights, stage.lattice
-    some = u[:: max(1, len(u) // _JUDGED)]
-    apart = lattice.positions()[:, None] - lattice.positions()[None]
-    h = np.exp(-np.sum(apart**2, axis=2) / 2.0)
-    h /= h.sum(axis=1, keepdims=True)
-    square = np.sum((some[:, None] - weights[None]) ** 2, axis=2)
-    energy = float(np.einsum("nj,nj->", h[square.argmin(axis=1)], square)) / len(some)
-    return _Start(epochs, energy)
+    per_axis = int(_CELLS ** (1 / u.shape[1]))
+    cell = np.zeros(len(u), dtype=np.uint16)
+    for c in u.T:
+        cell = cell * np.uint16(per_axis) + (np.clip(c, 0.0, 0.999) * per_axis).astype(np.uint16)
+    return np.argsort(cell, kind="stable")  # in linear time, as they have 16 bits
+
+
+def _some(u: Array, n: int, rng: np.random.Generator) -> Array:
+    """At most `n` of the samples, drawn at random, in the same order."""
+    return u if n >= len(u) else u[np.sort(rng.choice(len(u), n, replace=False, shuffle=False))]
 
 
 def _sums(u: Array, winner: NDArray[np.intp], gain: Array | None, nodes: int) -> Array:
@@ -89,13 +85,3 @@ def _sums(u: Array, winner: NDArray[np.intp], gain: Array | None, nodes: int) ->
     columns = [c if gain is None else gain * c for c in u.T]
     columns.append(np.ones(len(u)) if gain is None else gain)
     return np.stack([np.bincount(winner, c, minlength=nodes) for c in columns], axis=1)
-
-
-def _smooth(sums: Array, lattice: Lattice, sigma: float) -> Array:
-    """Sums over the neighbourhood h_ji of eq. 3: a Gaussian along each lattice axis."""
-    from scipy.ndimage import gaussian_filter1d
-
-    grid = sums.reshape(*lattice.shape, -1)
-    for axis in range(lattice.dim):
-        grid = gaussian_filter1d(grid, sigma, axis=axis, mode="constant")
-    return grid.reshape(lattice.size, -1)

@@ -13,7 +13,7 @@ from collections.abc import Iterator
 import numpy as np
 from numpy.typing import NDArray
 
-from .epoch import Epoch, topographic_error
+from .epoch import Epoch, search, topographic_error
 from .lattice import Lattice
 
 Array = NDArray[np.float64]
@@ -47,7 +47,7 @@ def learn(u: Array, lattice: Lattice, epochs: int, rng: np.random.Generator) -> 
         distances = present(weights, lattice, u[rng.permutation(len(u))])
         error = float(np.mean(distances))
         sigma = _radius(lattice, error, u.shape[1], ELASTICITY)
-        topographic = topographic_error(u, weights, lattice)
+        topographic = topographic_error(u, search(weights), lattice)
         yield Epoch(weights, lattice, sigma, error, topographic, len(u))
 
 

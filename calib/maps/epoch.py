@@ -3,12 +3,16 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from typing import TYPE_CHECKING
 
 import numpy as np
 from numpy.typing import NDArray
 
 from .graph import Graph
 from .lattice import Lattice
+
+if TYPE_CHECKING:
+    from scipy.spatial import cKDTree
 
 Array = NDArray[np.float64]
 
@@ -43,18 +47,21 @@ class Epoch:
     shown: int
 
 
-def nearest(weights: Array, u: Array, k: int | list[int]) -> tuple[Array, NDArray[np.intp]]:
-    """Distance and index of the nearest node (or nodes) of each sample (eq. 1)."""
+def search(weights: Array) -> cKDTree:
+    """A k-d tree of the nodes `weights` (nodes, d)."""
     from scipy.spatial import cKDTree
 
-    tree = cKDTree(weights, compact_nodes=False, balanced_tree=False)
+    return cKDTree(weights, compact_nodes=False, balanced_tree=False)
+
+
+def nearest(tree: cKDTree, u: Array, k: int | list[int] = 1) -> tuple[Array, NDArray[np.intp]]:
+    """Distance and index of the nearest node (or nodes) of each sample (eq. 1)."""
     # for a few samples threads take longer to start than to search
     distance, index = tree.query(u, k=k, workers=-1 if len(u) > _MANY else 1)
     return np.asarray(distance), np.asarray(index, dtype=np.intp)
 
 
-def topographic_error(u: Array, weights: Array, lattice: Lattice | Graph) -> float:
+def topographic_error(u: Array, tree: cKDTree, lattice: Lattice | Graph) -> float:
     """Topographic error on some 500 of the samples `u`."""
-    some = u[:: max(1, len(u) // 500)]
-    index = nearest(weights, some, [1, 2])[1]
+    index = nearest(tree, u[:: max(1, len(u) // 500)], [1, 2])[1]
     return float(np.mean(~lattice.adjacent(index[:, 0], index[:, 1])))

@@ -19,7 +19,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from .density import Gain, Visit
-from .epoch import Epoch, nearest, topographic_error
+from .epoch import Epoch, nearest, search, topographic_error
 from .graph import Graph
 
 Array = NDArray[np.float64]
@@ -121,7 +121,7 @@ def learn(
             while len(gas.weights) < aim and len(gas.pairs):
                 insert(gas, pace)
         graph = gas.graph
-        topographic = topographic_error(u, gas.weights, graph)
+        topographic = topographic_error(u, search(gas.weights), graph)
         yield Epoch(gas.weights, graph, 0.0, total / len(order), topographic, len(order))
 
 
@@ -135,7 +135,7 @@ def present(
     float
         Sum of the samples' distances to their winners.
     """
-    distance, index = nearest(gas.weights, samples, [1, 2])
+    distance, index = nearest(search(gas.weights), samples, [1, 2])
     n, first, second = len(gas.weights), index[:, 0], index[:, 1]
     square = distance[:, 0] ** 2
     if gain is not None:

@@ -21,7 +21,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from .density import Gain, Visit
-from .epoch import Epoch, nearest, topographic_error
+from .epoch import Epoch, nearest, search, topographic_error
 from .lattice import Lattice
 from .schedule import exponential
 
@@ -93,7 +93,7 @@ def learn(
             lattice,
             float(radius[done - 1]),
             total / len(order),
-            topographic_error(u, weights, lattice),
+            topographic_error(u, search(weights), lattice),
             len(order),
         )
 
@@ -107,7 +107,7 @@ def block_length(lattice: Lattice, sigma: float, alpha: float) -> int:
 def winners(weights: Array, u: Array) -> tuple[Array, NDArray[np.intp]]:
     """Distance to and index of the best matching node of each sample (eq. 1)."""
     if len(u) > _FEW:
-        return nearest(weights, u, 1)
+        return nearest(search(weights), u)
     scores = u @ weights.T
     scores *= -2.0
     scores += np.einsum("ij,ij->i", weights, weights)

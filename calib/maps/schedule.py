@@ -30,17 +30,24 @@ class Stage:
         At most so many samples are shown per epoch.
     final : bool
         Whether this is the lattice that is kept.
+    step : float, optional
+        The nodes follow the winners' steps, times this (below 2, which would overshoot);
+        without it Kohonen's batch rule, see :func:`~calib.maps.neighbourhood.moved`.
     """
 
     lattice: Lattice
     sigma: NDArray[np.float64]
     samples: int
     final: bool
+    step: float | None = None
 
 
-# nodes per axis (two axes), sigma at the start and the end, epochs, samples per node
-_FINE, _LAST, _LAST_VARYING = 1.5, 0.4, 1.5  # radii of the full lattice: first, last [nodes]
-_COARSE = ((10, 5.0, 0.7, 15, 30), (30, 2.0, 0.6, 8, 9))
+_LAST, _LAST_VARYING = 0.4, 1.5  # last radii of the full lattice [nodes]
+_COARSEST = 64  # nodes of the lattice that is ordered first
+_GROWTH = 10.0  # the next one has at most so many times the nodes
+_PER_NODE = 10  # samples that a coarse lattice is shown per epoch and node
+_STEP = 1.5  # see Stage.step
+_ALL = np.iinfo(np.int64).max
 
 
 def coarse_to_fine(
@@ -53,9 +60,10 @@ def coarse_to_fine(
     """Stages that order a coarse lattice and refine it up to `lattice`.
 
     A coarse lattice orders itself with far less work and fewer folds than a fine one;
-    the finer one then starts from its interpolation with a small radius.  Where the
-    user gives `epochs` or `sigma` there is one stage, on `lattice` itself, from a
-    random start.
+    the finer one then starts from its interpolation with a small radius.  On the way the
+    nodes follow the winners' steps, which leaves the border where it belongs; the last
+    stage is eq. 2 in any case.  Where the user gives `epochs` or `sigma` it is the only
+    one, from a random start.
 
     Where the density is `varying`, the last radius is wider: a smooth map whose border
     the gain holds in place is more accurate than one that follows each sample.
@@ -63,24 +71,33 @@ def coarse_to_fine(
     last = _LAST_VARYING if varying else _LAST
     if epochs is not None or sigma is not None:
         start, end = sigma or (max(max(lattice.shape) / 2, last), last)
-        radii = exponential(start, end, epochs or 20)
-        return [Stage(lattice, radii, np.iinfo(np.int64).max, final=True)]
+        return [Stage(lattice, exponential(start, end, epochs or 20), _ALL, final=True)]
     stages: list[Stage] = []
-    for side, start, end, n, per_node in _COARSE:
-        # the same number of nodes whatever the dimension, in the lattice's proportions
-        shrink = (side**2 / lattice.size) ** (1 / lattice.dim)
-        if shrink > 0.75:
-            break
-        small = Lattice(tuple(max(2, round(s * shrink)) for s in lattice.shape))
-        start = max(start * side ** (2 / lattice.dim - 1), 1.0) if not stages else start
-        stages.append(Stage(small, exponential(start, end, n), per_node * small.size, final=False))
-    # the gain draws nodes to the border: that takes wider radii and more epochs
-    wide = max(2 * last, max(lattice.shape) / 5) if varying else _FINE
-    start = wide if stages else max(lattice.shape) / 2
-    epochs = (20 if varying else 8) if stages else 20
-    radii = exponential(max(start, 1.0), min(last, max(start, 1.0)), epochs)
-    stages.append(Stage(lattice, radii, np.iinfo(np.int64).max, final=True))
-    return stages
+    # a varying density starts with so wide a radius that one coarse lattice will do
+    for small in _coarser(lattice)[: 1 if varying else None]:
+        samples = _PER_NODE * small.size
+        if not stages:
+            radii = exponential(max(max(small.shape) / 2, 1.0), 0.7, 8)
+            stages.append(Stage(small, radii, samples, final=False))
+        stages.append(Stage(small, exponential(2.0, 1.5, 6), samples, False, _STEP))
+    if not stages:
+        start = max(max(lattice.shape) / 2, 1.0)
+        radii = exponential(start, min(last, start), 20)
+    elif varying:
+        # the gain draws nodes to the border: that takes wide radii and more epochs
+        radii = exponential(max(2 * last, max(lattice.shape) / 5), last, 14)
+    else:
+        stages.append(Stage(lattice, np.array([1.5]), _ALL, False, _STEP))
+        radii = exponential(1.0, last, 3)
+    return [*stages, Stage(lattice, radii, _ALL, final=True)]
+
+
+def _coarser(lattice: Lattice) -> list[Lattice]:
+    """Lattices of the same proportions, from some 64 nodes up, each below `lattice`."""
+    growth = lattice.size / _COARSEST
+    levels = math.ceil(math.log(growth, _GROWTH)) if growth >= 2 else 0
+    sizes = [_COARSEST * growth ** (level / levels) for level in range(levels)]
+    return [small for small in (shrunk(lattice, n) for n in sizes) if small.size < lattice.size]
 
 
 def total_work(stages: list[Stage], n: int) -> int:
@@ -88,7 +105,7 @@ def total_work(stages: list[Stage], n: int) -> int:
     return sum(len(s.sigma) * min(s.samples, n) for s in stages)
 
 
-def shrunk(lattice: Lattice, nodes: int) -> Lattice:
+def shrunk(lattice: Lattice, nodes: float) -> Lattice:
     """A lattice of the same proportions with about `nodes` nodes."""
     factor = (nodes / lattice.size) ** (1 / lattice.dim)
-    return Lattice(tuple(max(2, math.floor(s * factor)) for s in lattice.shape))
+    return Lattice(tuple(max(2, round(s * factor)) for s in lattice.shape))

@@ -1,0 +1,79 @@
+"""The neighbourhood of eq. 3 on a whole lattice at once, and how nodes follow it."""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import NDArray
+
+from .lattice import Lattice
+
+Array = NDArray[np.float64]
+
+REACH = 4.0
+"""The neighbourhood is cut beyond so many sigma, where it is below exp(-8)."""
+
+
+def spread(sums: Array, lattice: Lattice, sigma: float) -> Array:
+    """Sum over all nodes i of h_ji times the rows of `sums` (eq. 3), (size, ...).
+
+    A Gaussian along one lattice axis after the other.  The rows of an axis are taken in
+    blocks, each a product with the same matrix, so that the cost grows with sigma but not
+    with the square of the axis.
+
+    Parameters
+    ----------
+    sums : (size, ...) array
+        A row per node.
+    lattice : Lattice
+        Where the nodes stand.
+    sigma : float [nodes]
+        Neighbourhood radius.
+    """
+    grid = sums.reshape(*lattice.shape, -1)
+    for axis, n in enumerate(lattice.shape):
+        reach = min(int(REACH * sigma) + 1, n - 1)
+        block = min(n, max(2 * reach, 16))
+        apart = np.arange(block)[:, None] - np.arange(-reach, block + reach)
+        h = np.where(np.abs(apart) <= reach, np.exp(apart**2 / (-2.0 * sigma * sigma)), 0.0)
+        rows = np.moveaxis(grid, axis, 0)
+        blocks = -(-n // block)
+        padded = np.zeros((blocks * block + 2 * reach, sums.size // n))
+        padded[reach : reach + n] = rows.reshape(n, -1)
+        out = np.concatenate([h @ padded[k : k + block + 2 * reach] for k in range(0, n, block)])[
+            :n
+        ]
+        grid = np.moveaxis(out.reshape(rows.shape), 0, axis)
+    return grid.reshape(sums.shape)
+
+
+def moved(weights: Array, sums: Array, lattice: Lattice, sigma: float, step: float | None) -> Array:
+    """Where the nodes go after an epoch, (size, ..., d).
+
+    Kohonen's batch rule puts each node at the mean of all samples, weighted by the
+    neighbourhood h of their winners: what eq. 2 comes to rest at.  With a `step` the
+    nodes follow those of the winners instead,
+
+        w_j += step sum_s h_ji (x_s - w_i) / sum_s h_ji,   i the winner of s,
+
+    which does not draw the border inwards.  It rests where each node is the mean of the
+    samples that it wins; a step of 2 or more would overshoot.
+
+    Parameters
+    ----------
+    weights : (size, ..., d) array
+        The nodes, of one map or several.
+    sums : (size, ..., d + 1) array
+        Sum of the samples that each node won, and their number or weight.
+    sigma : float [nodes]
+        Neighbourhood radius.
+    step : float or None
+        None for the batch rule.
+    """
+    if step is not None:
+        own = sums[..., -1:]
+        sums = np.concatenate([step * (sums[..., :-1] - own * weights), own], axis=-1)
+    met = spread(sums, lattice, sigma)
+    count = met[..., -1:]
+    reached = count > 1e-12 * count.max(axis=0)
+    mean = met[..., :-1] / np.where(reached, count, 1.0)
+    return np.where(reached, mean if step is None else weights + mean, weights)

@@ -1,0 +1,92 @@
+"""Neighbourhood sums on a lattice, and the two ways in which nodes follow them."""
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from calib.maps.batch import learn
+from calib.maps.lattice import Lattice
+from calib.maps.neighbourhood import REACH, moved, spread
+from calib.maps.schedule import Stage, coarse_to_fine
+from calib.maps.start import unfold
+
+shapes = st.lists(st.integers(2, 30), min_size=1, max_size=4).map(tuple)
+
+
+def random(*shape, seed=0):
+    return np.random.default_rng(seed).random(shape)
+
+
+def neighbourhood(lattice, sigma):
+    """h_ji of equation 3, cut along each axis where `spread` may cut it."""
+    steps = np.abs(lattice.positions()[:, None] - lattice.positions()[None])
+    near = (steps <= int(REACH * sigma) + 1).all(axis=2)
+    return np.where(near, np.exp(-np.sum(steps**2, axis=2) / (2 * sigma**2)), 0.0)
+
+
+@settings(max_examples=40, deadline=None)
+@given(shapes.filter(lambda s: np.prod(s) < 700), st.floats(0.2, 20.0))
+def test_spread_is_the_sum_of_eq_3_over_all_nodes(shape, sigma):
+    lattice = Lattice(shape)
+    sums = random(lattice.size, 3)
+    expected = neighbourhood(lattice, sigma) @ sums
+    np.testing.assert_allclose(spread(sums, lattice, sigma), expected, rtol=1e-10, atol=1e-12)
+
+
+def test_maps_side_by_side_spread_as_each_alone():
+    lattice, sums = Lattice((7, 9)), random(63, 4, 3)
+    both = spread(sums, lattice, 1.3)
+    for k in range(4):
+        np.testing.assert_allclose(both[:, k], spread(sums[:, k], lattice, 1.3), rtol=1e-12)
+
+
+def test_steps_rest_where_each_node_is_the_mean_of_its_samples_and_eq_2_does_not():
+    lattice, weights = Lattice((6, 6)), random(36, 2)
+    own = 1.0 + random(36, 1, seed=1)
+    at_rest = np.concatenate([own * weights, own], axis=1)
+    np.testing.assert_allclose(moved(weights, at_rest, lattice, 1.5, 1.5), weights, atol=1e-12)
+    assert np.abs(moved(weights, at_rest, lattice, 1.5, None) - weights).max() > 0.1
+
+
+def test_a_shift_of_all_samples_moves_all_nodes_by_the_step_times_it():
+    lattice, weights = Lattice((6, 6)), random(36, 2)
+    own = 1.0 + random(36, 1, seed=1)
+    shifted = np.concatenate([own * (weights + np.array([0.1, -0.2])), own], axis=1)
+    gone = moved(weights, shifted, lattice, 1.5, 0.5) - weights
+    np.testing.assert_allclose(gone, np.tile([0.05, -0.1], (36, 1)), atol=1e-12)
+
+
+@pytest.mark.parametrize("step", [None, 1.5])
+def test_nodes_that_no_sample_reaches_stay_where_they_are(step):
+    lattice, weights = Lattice((40,)), random(40, 2)
+    sums = np.zeros((40, 3))
+    sums[0] = [0.5, 0.5, 1.0]
+    new = moved(weights, sums, lattice, 0.5, step)
+    assert (new[8:] == weights[8:]).all()
+    assert (new[0] != weights[0]).any()
+
+
+def test_the_order_of_the_samples_does_not_matter():
+    u = random(500, 2)
+    stages = [Stage(Lattice((6, 6)), np.geomspace(3, 0.5, 10), len(u), final=True)]
+    a, b = (
+        list(learn(v, stages, None, np.random.default_rng(1)))[-1].weights for v in (u, u[::-1])
+    )
+    np.testing.assert_allclose(a, b, atol=1e-9)
+
+
+@pytest.mark.parametrize("shape", [(70, 70), (17, 17, 17), (300,), (6, 6, 6, 6)])
+def test_every_start_that_is_kept_fills_the_box_in_order(shape):
+    """The coarsest lattice of a uniform box: along each axis it runs one way, by one coordinate."""
+    dim = len(shape)
+    stages = coarse_to_fine(Lattice(shape), varying=True)[:2]
+    for seed in range(5):
+        u = random(stages[0].samples, dim, seed=seed)
+        last = list(unfold(u, stages, np.random.default_rng(seed)))[-1]
+        grid = last.weights.reshape(*last.lattice.shape, dim)
+        along = [np.diff(grid, axis=k).reshape(-1, dim) for k in range(dim)]
+        main = [int(np.abs(a.mean(axis=0)).argmax()) for a in along]
+        assert sorted(main) == list(range(dim))
+        for steps, k in zip(along, main, strict=True):
+            assert (np.sign(steps[:, k]) == np.sign(steps[:, k].mean())).mean() > 0.97
