@@ -179,16 +179,32 @@ MADE_BY_USERS = ("SOM", "Samples", "Simulation")
 
 def page() -> str:
     """Return the whole page."""
-    lines = [INTRODUCTION]
     parts = [(title, names) for title, names in chapters(calib.__all__[1:]) if names]
-    for title, names in parts:
-        lines.append(f"- {title}: " + ", ".join(f"[`{n}`](#{n.lower()})" for n in names))
-    lines.append("")
+    lines = []
     for title, names in parts:
         lines += [f"## {title}", ""]
         for name in names:
             lines += chapter(name)
-    return re.sub(r"\n{3,}", "\n\n", "\n".join(lines)).rstrip() + "\n"
+    place = anchors(lines)
+    overview = [
+        f"- {title}: " + ", ".join(f"[`{name}`](#{place[f'### {name}']})" for name in names)
+        for title, names in parts
+    ]
+    text = "\n".join([INTRODUCTION, *overview, "", *lines])
+    return re.sub(r"\n{3,}", "\n\n", text).rstrip() + "\n"
+
+
+def anchors(lines: Iterable[str]) -> dict[str, str]:
+    """Return the anchor that GitHub gives each heading; a second one alike gets a number."""
+    found: dict[str, str] = {}
+    for line in lines:
+        if line.startswith("#"):
+            plain = re.sub(r"[^\w\- ]", "", line.lstrip("#").strip().lower()).replace(" ", "-")
+            same = sum(
+                re.fullmatch(rf"{plain}(-\d+)?", other) is not None for other in found.values()
+            )
+            found.setdefault(line, f"{plain}-{same}" if same else plain)
+    return found
 
 
 def _doc(thing: Any) -> str:
