@@ -88,20 +88,21 @@ def _target(path: str | os.PathLike[str]) -> tuple[Path, int | None]:
     """Return the file behind `path` and its mode, None if there is none yet."""
     if "\0" in os.fspath(path):
         raise OSError(errno.EINVAL, "its name holds a null character")
-    target = Path(os.path.realpath(path))
     try:
-        mode = target.stat().st_mode
+        mode = Path(path).stat().st_mode
     except FileNotFoundError:
         mode = None
     if mode is not None and stat.S_ISDIR(mode):
         raise IsADirectoryError(errno.EISDIR, "a folder")
-    if mode is None or stat.S_ISREG(mode):
-        if not target.parent.is_dir():
-            raise FileNotFoundError(errno.ENOENT, "no such folder")
-        if not os.access(target.parent, os.W_OK):
-            raise PermissionError(errno.EACCES, "its folder is write-protected")
-    if mode is not None and not os.access(target, os.W_OK):
+    if mode is not None and not os.access(path, os.W_OK):
         raise PermissionError(errno.EACCES, "write-protected")
+    if mode is not None and not stat.S_ISREG(mode):
+        return Path(path), mode  # /dev/stdout may be a pipe, which has no other name
+    target = Path(os.path.realpath(path))
+    if not target.parent.is_dir():
+        raise FileNotFoundError(errno.ENOENT, "no such folder")
+    if not os.access(target.parent, os.W_OK):
+        raise PermissionError(errno.EACCES, "its folder is write-protected")
     return target, mode
 
 
@@ -147,7 +148,10 @@ def _lock(handle: int) -> int | None:
     """Lock a file until the handle that is returned is closed; None where there are no locks."""
     if sys.platform == "win32":
         return None
-    lock = os.dup(handle)
+    try:
+        lock = os.dup(handle)
+    except OSError:
+        return None
     with suppress(OSError):
         fcntl.flock(lock, fcntl.LOCK_EX)
     return lock
