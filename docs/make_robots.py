@@ -58,9 +58,10 @@ neutral, `--lock` moves them; which joints share a plane depends on it.
 SAID = """\
 ## What was said
 
-One line each, from the files that were not trained at once. The six that stay refused were read:
-of the pendulums one file ends at the axis of `joint2`, the others carry no second link frame or
-no movable joints, and `ur3.urdf` is the empty shell that a macro left.
+One line each, from the files that were not trained at once. The six that stay refused were read,
+and what is said of them is so: the two pendulums have no frame beyond `link2`, whose origin lies on
+the axis of `joint2`; the four rotors of `iris` turn side by side; `iris_simple` and
+`quadrotor_base` have fixed joints or none; `ur3.urdf` is the empty shell that a macro left.
 """
 
 

@@ -82,6 +82,23 @@ def test_the_arm_is_found_and_not_its_fingers(file, joints, tip):
     assert (",".join(arm.joint_names), arm.tip) == (joints, tip)
 
 
+def table() -> dict[str, tuple[str, str, str, str]]:
+    """What docs/robots.md says of each file: its first line, the words, joints and tip."""
+    text = (Path(__file__).parents[1] / "docs/robots.md").read_text(encoding="utf-8")
+    said: dict[str, str] = {}
+    for name, line in re.findall(r"^- `(\S+)`: (.*)$", text, re.MULTILINE):
+        said.setdefault(name, line)
+    rows = re.findall(r"^\| `(\S+)` \| (.*?) \| (.*?) \| (.*?) \|", text, re.MULTILINE)
+    return {name: (said.get(name, ""), *(cell.strip() for cell in rest)) for name, *rest in rows}
+
+
+TABLE = table()
+
+
+def test_the_table_of_robots_has_every_file():
+    assert sorted(TABLE) == sorted(str(path.relative_to(FOLDER)) for path in FILES)
+
+
 @pytest.mark.parametrize("path", FILES, ids=lambda path: path.stem)
 def test_every_file_loads_truly_or_is_refused_in_one_line(path):
     """A refusal that lists choices lists choices that work."""
@@ -95,6 +112,14 @@ def test_every_file_loads_truly_or_is_refused_in_one_line(path):
         message = ""
     assert "\n" not in message
     assert arms or re.search("no links|two movable|no planar arm", message)
+    listed, words, joints, tip = TABLE[str(path.relative_to(FOLDER))]
+    assert listed == (message and message.removeprefix(f"{path.name}: "))
+    assert words.startswith("trained" if not message else f"{len(arms)} arms" if arms else "")
+    if arms:
+        assert (", ".join(f"`{name}`" for name in arms[0].joint_names), f"`{arms[0].tip}`") == (
+            joints,
+            tip,
+        )
     for arm in arms:
         assert 2 <= arm.dof <= 3
         assert np.isfinite([arm.lower, arm.upper]).all()
