@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import itertools
 import math
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -250,6 +251,25 @@ def test_a_move_said_to_be_clear_is_clear(seed):
     x = arm.forward(keep.space.scale.from_unit((a + share * (b - a)).reshape(-1, 2)))
     room = np.minimum(x - low, high - x).min(axis=1).reshape(300, 50).min(axis=0)
     assert clear[room > keep.step].all()
+
+
+def test_places_keep_half_a_step_from_the_border():
+    """A tip that goes out and back between two places a step apart goes no further than that."""
+    space = replace(space_of(calib.load_arm("two_link")), position=lambda q: q, scale=UNIT)
+    keep = keep_of(space, {"x": (0.2, 0.8)})
+    assert keep.step == pytest.approx(0.01, rel=0.01)  # of the extent, which is 1
+    x = np.array([0.2, 0.2 + 0.49 * keep.step, 0.2 + 0.51 * keep.step, 0.8 - 0.49 * keep.step])
+    held = keep.holds(np.stack([x, np.full(4, 0.5)], axis=1))
+    assert held.tolist() == [False, False, True, False]
+    assert keep.holds(np.array([[np.nan, 0.5]])).tolist() == [False]
+
+
+def test_a_tip_that_is_faster_than_was_thought_is_not_taken_to_be_inside():
+    arm = calib.load_arm("two_link")
+    keep = keep_of(space_of(arm), {"x": (-9.0, 9.0)})
+    start, end = np.array([[0.1, 0.2]]), np.array([[0.9, 0.8]])
+    assert keep.clear(start, end).tolist() == [True]
+    assert replace(keep, reach=keep.reach / 10).clear(start, end).tolist() == [False]
 
 
 def test_branches_that_the_box_parts_are_told():
