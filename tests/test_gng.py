@@ -4,6 +4,7 @@ import numpy as np
 import pytest
 
 import calib
+from calib.maps import gng
 from calib.maps.gng import Gas, Pace, insert, present
 from calib.maps.graph import Graph
 
@@ -119,3 +120,63 @@ def test_a_model_of_gases_survives_a_file(tmp_path):
     assert model.about.errors["activity"]["forward"]["distance"]["mean"] < 0.03
     q = log.q[:5]
     np.testing.assert_array_equal(again.forward(q), model.forward(q))
+
+
+def test_learning_shows_every_sample_once_per_pass_in_short_blocks_at_an_even_pace(monkeypatch):
+    shown, x = [], uniform(1000)
+
+    def spy(gas, block, pace, gain, progress):
+        shown.append((block, len(gas.weights), pace, gain, progress))
+        return present(gas, block, pace, gain, progress)
+
+    def gain(visit):
+        return np.ones(len(visit.winners))
+
+    monkeypatch.setattr(gng, "present", spy)
+    epochs = list(gng.learn(x, 150, gain, 4, np.random.default_rng(0)))
+    blocks, sizes, paces, gains, progress = zip(*shown, strict=True)
+    # each pass holds all samples, in another order
+    order = np.concatenate(blocks).reshape(4, 1000, 2)
+    for rows in order:
+        np.testing.assert_array_equal(np.sort(rows[:, 0]), np.sort(x[:, 0]))
+    assert not np.array_equal(order[0], order[1])
+    # a block is at most a tenth of the nodes long, and at least one sample
+    lengths = np.array([len(b) for b in blocks])
+    assert (lengths <= np.maximum(1, np.array(sizes) // 10)).all()
+    assert lengths.max() == 15
+    # 60 % of the samples bring all nodes, at an even pace
+    done = np.cumsum(lengths)
+    np.testing.assert_allclose(progress, np.minimum(1.0, done / (0.6 * 4000)))
+    assert abs(sizes[int(np.searchsorted(done, 1200))] - 75) <= 2
+    assert len(epochs[-1].weights) <= 150
+    # errors are remembered over twice as many samples as there will be nodes
+    assert {pace.decay for pace in paces} == {1 - 1 / 300}
+    assert set(gains) == {gain}
+    assert [epoch.shown for epoch in epochs] == [1000] * 4
+    small = gng.learn(x, 5, None, 1, np.random.default_rng(0))
+    shown.clear()
+    assert len(next(small).weights) == 5
+    assert {pace.decay for _, _, pace, _, _ in shown} == {1 - 1 / 200}
+
+
+def test_an_epoch_tells_the_mean_distance_to_the_winners(monkeypatch):
+    x, told = uniform(300), []
+
+    def spy(gas, block, *rest):
+        told.append(np.linalg.norm(block[:, None] - gas.weights, axis=2).min(axis=1).sum())
+        return present(gas, block, *rest)
+
+    monkeypatch.setattr(gng, "present", spy)
+    (epoch,) = gng.learn(x, 20, None, 1, np.random.default_rng(0))
+    assert epoch.error == pytest.approx(sum(told) / 300)
+    assert epoch.sigma == 0.0
+    assert epoch.lattice.size == len(epoch.weights)
+
+
+def test_a_node_without_an_edge_hands_its_turn_to_the_worst_edge():
+    weights = np.array([[0.0, 0.0], [1.0, 0.0], [0.0, 1.0], [5.0, 5.0]])
+    g = Gas(weights, np.array([1.0, 2.0, 4.0, 9.0]), np.array([[0, 1], [0, 2]]), np.zeros(2))
+    new = insert(g, Pace())
+    assert g.error[3] == 0.0
+    np.testing.assert_allclose(g.weights[new], [0.0, 0.5])
+    assert set(edges(g)) == {(0, 1), (0, new), (2, new)}

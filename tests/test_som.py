@@ -2,6 +2,7 @@
 
 import numpy as np
 import pytest
+from threadpoolctl import threadpool_info, threadpool_limits
 
 import calib
 from calib.errors import LogError, OptionError
@@ -272,3 +273,37 @@ def test_samples_that_are_none_are_refused_in_one_line(x, message):
 def test_an_unknown_map_is_refused():
     with pytest.raises(OptionError, match="map 'vsdom' is unknown"):
         SOM((3, 3), "vsdom").fit(uniform(9))
+
+
+def test_partners_in_the_other_space_draw_nodes_to_where_they_vary():
+    x = uniform(3000)
+    y = np.stack([np.tanh(40 * (x[:, 0] - 0.5)), x[:, 1]], axis=1)  # a step at x = 0.5
+    drawn = SOM((8, 8), "vdsom:transformation").fit(x, partners=y)
+    plain = SOM((8, 8), "som").fit(x)
+    near = [np.mean(np.abs(m.units[:, 0] - 0.5) < 0.1) for m in (drawn, plain)]
+    assert near[0] > 1.3 * near[1]
+    with pytest.raises(OptionError, match="errors of the other space"):
+        SOM((8, 8), "vdsom:transformation").fit(x)
+
+
+def test_training_runs_with_one_thread_of_the_blas():
+    counts = []
+
+    def look(*_):
+        counts.extend(p["num_threads"] for p in threadpool_info() if p["user_api"] == "blas")
+
+    with threadpool_limits(2, user_api="blas"):
+        SOM((4, 4), "som").fit(uniform(100), progress=look)
+        after = [p["num_threads"] for p in threadpool_info() if p["user_api"] == "blas"]
+    assert set(counts) == {1}
+    assert set(after) == {2}
+
+
+def test_progress_counts_what_was_shown():
+    told = []
+    network = SOM((5, 5), "som", rule="online", epochs=4).fit(
+        uniform(200), progress=lambda *part: told.append(part)
+    )
+    assert [share for share, _ in told] == [0.25, 0.5, 0.75, 1.0]
+    np.testing.assert_allclose([error for _, error in told], network.history[:, 2])
+    assert network.history[:, 0].tolist() == [25.0] * 4
