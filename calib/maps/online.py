@@ -23,6 +23,7 @@ from numpy.typing import NDArray
 from .density import Gain, Visit
 from .epoch import Epoch, nearest, search, topographic_error
 from .lattice import Lattice
+from .neighbourhood import REACH, spread
 from .schedule import exponential
 
 Array = NDArray[np.float64]
@@ -34,7 +35,6 @@ _TOTAL = 0.2  # sum of alpha h that a node may meet within a block
 _EXACT = 4  # blocks so short are shown sample by sample
 _FEW = 96  # samples whose winners are found by comparing with every node
 _CHUNK = 512  # samples between two looks at the gain, and in the longest block
-_REACH = 4.0  # neighbourhood beyond so many sigma is left out
 
 
 def learn(
@@ -144,7 +144,7 @@ def present(
         winner = int(square.argmin())  # eq. 1
         distances.append(float(np.sqrt(square[winner])))
         place = np.unravel_index(winner, lattice.shape)
-        reach = int(_REACH * s) + 1
+        reach = int(REACH * s) + 1
         window = tuple(slice(max(0, int(p) - reach), int(p) + reach + 1) for p in place)
         h = np.array(a)
         for axis, p, part in zip(axes, place, window, strict=True):  # eq. 3, axis by axis
@@ -184,7 +184,7 @@ def present_block(
         Sum of the samples' distances to their winners.
     """
     distance, winner = winners(weights, samples)
-    if lattice.dim == 2 and 2 * _REACH * sigma + 3 > min(lattice.shape) / 2:
+    if lattice.dim == 2 and 2 * REACH * sigma + 3 > min(lattice.shape) / 2:
         met = _spread_wide(lattice, samples, sigma, rate, winner)
     else:
         met = _spread_near(lattice, samples, sigma, rate, winner)
@@ -214,14 +214,7 @@ def _spread_near(
     lattice: Lattice, samples: Array, sigma: float, rate: Array, winner: NDArray[np.intp]
 ) -> Array:
     """The same, where the neighbourhood is narrow: summed per winner, then smoothed."""
-    from scipy.ndimage import correlate1d
-
     n = lattice.size
     columns = [np.bincount(winner, rate * c, n) for c in samples.T]
     columns.append(np.bincount(winner, rate, n))
-    grid = np.stack(columns, axis=1).reshape(*lattice.shape, -1)
-    reach = int(_REACH * sigma) + 1
-    h = np.exp(np.arange(-reach, reach + 1) ** 2 / (-2.0 * sigma * sigma))
-    for axis in range(lattice.dim):
-        grid = correlate1d(grid, h, axis=axis, mode="constant")
-    return np.asarray(grid, dtype=float).reshape(n, -1)
+    return spread(np.stack(columns, axis=1), lattice, sigma)
