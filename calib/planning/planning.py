@@ -97,13 +97,17 @@ class Plan:
         The positions are called `expected_x` and `expected_y`, so that a plan is not taken
         for a log by mistake.
         """
-        table: dict[str, NDArray[Any]] = dict(zip(self.joint_names, self.q.T, strict=True))
-        table |= {"expected_x": self.x[:, 0], "expected_y": self.x[:, 1]}
+        table: dict[str, NDArray[Any]] = {"expected_x": self.x[:, 0], "expected_y": self.x[:, 1]}
         if self.expected_error is not None:
             table["expected_error"] = self.expected_error
         if self.via.any():
             table["via"] = self.via.astype(np.int64)
-        return table
+        for name in self.joint_names:
+            if name in table:
+                raise OptionError(
+                    f"a joint named {name!r} cannot be told from the plan's own column"
+                )
+        return {**dict(zip(self.joint_names, self.q.T, strict=True)), **table}
 
     def write(self, path: str | os.PathLike[str]) -> None:
         """Write the table as CSV, or Parquet by its name, whole or not at all."""
