@@ -23,7 +23,7 @@ _APART = 10.0  # times their own scatter by which it has to differ from them
 _MOST = 0.25  # share of the rows that can be wrong; beyond it the fit is
 _FITTED = 1500  # rows that a robust fit rests on
 _TERMS = 90  # functions of a robust fit beyond those of a rigid chain
-_PER_TERM = 3  # rows for each of them
+_PER_TERM = (5, 10)  # rows for each function of a rigid chain, of the others
 _CHUNK = 50_000  # rows whose functions are held at once
 
 
@@ -68,8 +68,8 @@ def screen(samples: Samples) -> Screening:
     Parameters
     ----------
     samples : Samples
-        A log. Where the rows are too few to fit all that a chain of rigid links can do (27
-        for two joints, 81 for three) nothing is left out.
+        A log. Where the rows are too few to fit all that a chain of rigid links can do (45
+        for two joints, 135 for three) nothing is left out.
 
     Returns
     -------
@@ -118,7 +118,7 @@ def _residual(scale: Scale, turning: tuple[bool, ...], u: Array, x: Array) -> Ar
     if len(u) > _FITTED:
         rows = np.sort(np.random.default_rng(0).choice(len(u), _FITTED, replace=False))
     best: Array | None = None
-    for basis in _bases(scale, turning, len(rows) // _PER_TERM):
+    for basis in _bases(scale, turning, len(rows)):
         coefficients = robust_solve(basis.values(u[rows]), x[rows])
         residual = np.concatenate(
             [
@@ -135,16 +135,16 @@ def _middle(residual: Array) -> float:
     return float(np.median(np.linalg.norm(residual, axis=1)))
 
 
-def _bases(scale: Scale, turning: tuple[bool, ...], terms: int) -> list[Basis]:
+def _bases(scale: Scale, turning: tuple[bool, ...], rows: int) -> list[Basis]:
     """All that a rigid chain of links can do, and what more of harmonics or polynomials fits.
 
     None where the rows are too few for the first: its misfit could not be told from outliers.
     """
     turns = tuple(float(s) if t else 0.0 for s, t in zip(scale.span, turning, strict=True))
     rigid = Basis(turns, len(turns), each=1)
-    if len(rigid.orders) > terms:
+    if _PER_TERM[0] * len(rigid.orders) > rows:
         return []
     highest = min([8, *(max(1, largest_harmonic(t)) for t in turns if t)])
     smooth = [Basis(turns, degree) for degree in range(2, highest + 1)]
-    smooth = [basis for basis in smooth if len(basis.orders) <= min(terms, _TERMS)]
+    smooth = [basis for basis in smooth if len(basis.orders) <= min(rows // _PER_TERM[1], _TERMS)]
     return [rigid, *(b for b in smooth if b.degree == 4 or b is smooth[-1])]

@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ..errors import LogError
-from .log_ranges import outside_of, wrap
+from .log_ranges import wrap
 from .measured_rows import MeasuredRows
 
 if TYPE_CHECKING:
@@ -47,6 +47,9 @@ class LongLog:
     def batches(self) -> Iterator[tuple[Array, Array]]:
         """Yield joint values (n, dof) [rad or m] and positions (n, 2) of the next rows.
 
+        Values of a joint that turns are wrapped by the range of the rows that were drawn;
+        a few of the others may lie a little beyond its ends.
+
         Raises
         ------
         LogError
@@ -56,13 +59,10 @@ class LongLog:
         for values, _ in self.measured.batches():
             rows += len(values)
             q, x = values[:, :dof].copy(), values[:, dof:]
-            inside = np.ones(len(q), dtype=bool)
             for k, turns in enumerate(self.revolute):
-                low, high = float(self.lower[k]), float(self.upper[k])
-                inside &= ~outside_of(q[:, k], low, high, turns)
-                column = wrap(q[:, k], low, high) if turns else q[:, k]
-                q[:, k] = np.clip(column, low, high)
-            yield q[inside], (x if self.plane is None else self.plane.project(x))[inside]
+                if turns:
+                    q[:, k] = wrap(q[:, k], float(self.lower[k]), float(self.upper[k]))
+            yield q, x if self.plane is None else self.plane.project(x)
         if rows != self.rows:
             raise LogError(
                 f"{self.measured.source.label} has {rows:,} usable rows, it had {self.rows:,} a "

@@ -1,0 +1,86 @@
+"""Gross outliers of a log are left out; rows that agree with their neighbours never are."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+import calib
+from calib.screening import screen
+
+
+def log_of(robot, n, noise=1e-3, seed=1):
+    """Simulated rows as if they had been measured."""
+    return replace(calib.babble(calib.load_arm(robot), n, seed=seed, noise=noise), simulation=None)
+
+
+def spoiled(log, share, size=0.05, seed=7):
+    """The log with a share of its rows moved by `size` [m] in random directions."""
+    rng = np.random.default_rng(seed)
+    wrong = rng.random(len(log)) < share
+    angle = rng.uniform(0, 2 * np.pi, len(log))
+    step = size * np.stack([np.cos(angle), np.sin(angle)], axis=1)
+    return replace(log, x=log.x + wrong[:, None] * step), wrong
+
+
+@pytest.mark.parametrize("robot", ["two_link", "two_link_full", "three_link", "scara"])
+@pytest.mark.parametrize("noise", [0.0, 1e-3])
+@pytest.mark.parametrize("n", [20, 50, 140, 600])
+def test_clean_logs_lose_no_row(robot, noise, n):
+    for seed in (1, 2):
+        found = screen(log_of(robot, n, noise, seed))
+        assert found.kept.all()
+        assert found.notes() == []
+
+
+@pytest.mark.parametrize("n", [300, 2000])
+@pytest.mark.parametrize("share", [0.01, 0.05, 0.15])
+def test_rows_wrong_by_centimetres_are_found_and_no_others(n, share):
+    log, wrong = spoiled(log_of("two_link", n), share)
+    found = screen(log)
+    assert (found.kept == ~wrong).all()
+    assert found.left_out == wrong.sum()
+    assert f"of {n:,} rows" in found.notes()[0]
+
+
+def test_one_wild_row_is_told_in_the_singular():
+    log = log_of("two_link", 200)
+    x = log.x.copy()
+    x[17] = [1e6, -1e6]
+    found = screen(replace(log, x=x))
+    assert np.flatnonzero(~found.kept).tolist() == [17]
+    assert found.notes()[0].startswith("1 row of 200 rows contradicts its neighbours")
+
+
+def test_a_corner_where_the_sensor_is_worse_is_no_outlier():
+    log = log_of("two_link", 2000)
+    corner = (log.q > np.quantile(log.q, 0.7, axis=0)).all(axis=1)
+    rng = np.random.default_rng(2)
+    x = log.x + 0.015 * corner[:, None] * rng.standard_normal(log.x.shape)
+    assert screen(replace(log, x=x)).left_out <= 2
+
+
+def test_a_patch_that_bends_away_is_no_outlier():
+    """No smooth function of few terms follows a bump, but neighbours share it."""
+    log = log_of("two_link", 3000)
+    u = (log.q - log.lower) / (log.upper - log.lower)
+    bump = 0.05 * np.exp(-0.5 * np.sum((u - 0.5) ** 2, axis=1) / 0.05**2)
+    assert screen(replace(log, x=log.x + bump[:, None])).left_out <= 3
+
+
+def test_more_than_a_quarter_wrong_is_no_case_for_screening():
+    log, _ = spoiled(log_of("two_link", 500), 0.45)
+    assert screen(log).kept.all()
+
+
+def test_training_leaves_outliers_out_aloud():
+    arm = calib.load_arm("two_link")
+    clean = log_of("two_link", 1200)
+    log, wrong = spoiled(clean, 0.05)
+    model = calib.train(log, size=6)
+    assert model.about.samples == 1200 - wrong.sum()
+    assert any("contradict their neighbours" in note for note in model.about.notes)
+    q = calib.babble(arm, 1000, seed=9).q
+    kept = calib.train(clean.take(~wrong), size=6)
+    assert (model.forward(q) == kept.forward(q)).all()
+    assert model.about.errors == kept.about.errors
