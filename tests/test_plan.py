@@ -401,7 +401,7 @@ def test_a_written_plan_is_no_log_by_mistake(arm, tmp_path):
 
 def test_a_joint_is_not_taken_for_what_is_expected(arm):
     plan = replace(calib.plan(arm, 5), joint_names=("shoulder", "expected_y"))
-    with pytest.raises(calib.OptionError, match="cannot be told from the plan's column"):
+    with pytest.raises(calib.OptionError, match="cannot be told from the plan's own column"):
         plan.columns()
 
 
