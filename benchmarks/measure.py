@@ -97,6 +97,20 @@ def spread(values: Sequence[float]) -> dict[str, float | int]:
     }
 
 
+def number(value: float) -> str:
+    """Three digits, for a table."""
+    if value < 1e-6:
+        return "< 1e-6"
+    return f"{value:,.0f}" if value >= 100 else f"{value:.3g}"
+
+
+def interval(s: dict[str, Any]) -> str:
+    """Median, and the least and most where there were several runs."""
+    if s["runs"] == 1:
+        return f"{number(s['median'])} (1 run)"
+    return f"{number(s['median'])} ({number(s['least'])}–{number(s['most'])})"
+
+
 def machine() -> dict[str, Any]:
     """What this is measured on."""
     name = platform.processor() or platform.machine()

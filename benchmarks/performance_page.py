@@ -7,7 +7,8 @@ import sys
 from pathlib import Path
 from typing import Any
 
-from measure import ROOT
+from measure import ROOT, interval, number
+from performance_maps import maps_section
 
 Rows = list[dict[str, Any]]
 
@@ -58,7 +59,7 @@ def page(figures: dict[str, Any]) -> str:
             "trust the ratios, not the seconds.",
             "",
         ]
-    for name, section in (("maps", _maps), ("queries", _queries), ("processes", _processes)):
+    for name, section in (("maps", maps_section), ("queries", _queries), ("processes", _processes)):
         if figures.get(name):
             lines += section(figures[name])
     if figures.get("growth"):
@@ -66,120 +67,6 @@ def page(figures: dict[str, Any]) -> str:
     if figures.get("limits"):
         lines += _limits(figures["limits"])
     return "\n".join(lines).rstrip() + "\n"
-
-
-def _number(value: float) -> str:
-    if value < 1e-6:
-        return "< 1e-6"
-    return f"{value:,.0f}" if value >= 100 else f"{value:.3g}"
-
-
-def _range(s: dict[str, Any]) -> str:
-    """Median, and the least and most where there were several runs."""
-    if s["runs"] == 1:
-        return f"{_number(s['median'])} (1 run)"
-    return f"{_number(s['median'])} ({_number(s['least'])}–{_number(s['most'])})"
-
-
-def _maps(maps: dict[str, Any]) -> list[str]:
-    value, deviation = maps["area_by_chance_m2"]
-    lines = [
-        "## Training a map",
-        "",
-        "One plain self-organizing map of the positions of `two_link` (uniform joints), scaled to "
-        "the unit box; the same array for all.  A map of N nodes on an area A can at best have "
-        "the mean distance 0.377 sqrt(A / N) from a uniform sample to its winner (a hexagonal "
-        "lattice).  The table gives the time to a quality: the least time of a whole training, "
-        "from the array to the nodes, whose mean distance on 20,000 fresh samples is within the "
-        "stated ratio of that bound.  Each library has its best amount of training on a grid "
-        "(steps per node 5 to 110 for those that show one sample at a time; 7 to 40 passes over "
-        "5, 10 or 20 samples per node for batch maps; 1.5 to 20 samples per node with the "
-        "default schedule for calib), the least that is 0.003 better than asked for in a search "
-        "before, repeated here in fresh processes and with other seeds, all in turn; libraries "
-        "may use both cores.  Imports and just-in-time compilation are "
-        "excluded and told apart (first call).",
-        "",
-        f"The workspace's area is l1 l2 range(q1) (cos q2min - cos q2max) = {maps['area_m2']:.5f} "
-        f"m²; a million random points give {value:.5f} ± {deviation:.5f} m².  The samples are "
-        "not uniform on it, so a ratio somewhat below 1 would be no contradiction.",
-        "",
-    ]
-    race: Rows = maps["race"]
-    for side in sorted({r["side"] for r in race}):
-        for goal in sorted({r["goal"] for r in race if r["side"] == side}, reverse=True):
-            rows = [r for r in race if (r["side"], r["goal"]) == (side, goal)]
-            lines += _race_table(side, goal, rows)
-            lines += _not_reached(maps["search"], side, goal, rows)
-    lines += [
-        "“Fresh maximum” is the largest distance of a fresh sample over the bound's mean; the "
-        "topographic error is the share of fresh samples whose two nearest nodes are no lattice "
-        "neighbours (diagonals count as neighbours).  Memory is the whole process at its peak, in "
-        "brackets before the training began, so that a library's own imports can be told apart.  "
-        "Slow trainings are repeated less often.",
-        "",
-        "| library | version | called as |",
-        "|---|---|---|",
-    ]
-    for peer in maps["peers"]:
-        lines.append(f"| {peer['name']} | {peer['version'] or 'not installed'} | {peer['note']} |")
-    return [*lines, ""]
-
-
-def _race_table(side: int, goal: str, rows: Rows) -> list[str]:
-    ours = next((r["seconds"]["median"] for r in rows if r["peer"] == "calib"), None)
-    rows = sorted(rows, key=lambda r: r["seconds"]["median"])
-    lines = [
-        f"### {side}x{side} nodes, to {goal} of the bound",
-        "",
-        "| library | training | time [s] | times calib's | samples/s | ratio to the bound | "
-        "fresh maximum | topographic error | memory [MB] | first call [s] |",
-        "|---|---|---:|---:|---:|---:|---:|---:|---:|---:|",
-    ]
-    for r in rows:
-        times = f"{r['seconds']['median'] / ours:.1f}" if ours else ""
-        missed = r["seconds"]["runs"] - r["reached"]
-        note = f", {missed} of {r['seconds']['runs']} missed" if missed else ""
-        lines.append(
-            f"| {r['peer']} | {r['setting']} | {_range(r['seconds'])} | {times} | "
-            f"{_number(r['per_second'])} | {r['ratio']['median']:.3f}{note} | "
-            f"{r['worst']['median']:.1f} | {100 * r['topographic']['median']:.2f} % | "
-            f"{r['peak_mb']['most']:.0f} ({r['before_mb']:.0f}) | {r['first_s']:.2g} |"
-        )
-    return [*lines, ""]
-
-
-def _not_reached(search: Rows, side: int, goal: str, rows: Rows) -> list[str]:
-    """What is known of those that did not get there: how close, or how long it would take."""
-    lines = []
-    ours = next((r["seconds"]["median"] for r in rows if r["peer"] == "calib"), None)
-    for s in search:
-        if s["side"] != side or s["best"].get(goal) is not None:
-            continue
-        close = s["closest"]
-        found = f"came to {close['ratio']:.3f}" if close else "was not run at this size"
-        text = f"{s['peer']} did not reach {goal} within 60 s of processor time: it {found}"
-        needed = _needed(search, s, side)
-        if needed and s["cpu_per_sample"]:
-            seconds = needed * s["cpu_per_sample"]
-            times = f", {seconds / ours:,.0f} times calib's time" if ours else ""
-            text += (
-                f"; with as many samples per node as it took to 1.10 on 70x70 and "
-                f"{1e6 * s['cpu_per_sample']:.0f} us of processor time each (measured on this "
-                f"lattice), {seconds:,.0f} s are to be expected{times}"
-            )
-        lines.append(f"- {text}.")
-    return [*lines, ""] if lines else []
-
-
-def _needed(search: Rows, row: dict[str, Any], side: int) -> float | None:
-    """Samples to be shown at this size, from those that 70x70 took."""
-    for s in search:
-        if (s["side"], s["peer"]) == (70, row["peer"]) and side > 70 and s["best"].get("1.10"):
-            best = s["best"]["1.10"]
-            online = best["rounds"] > 1000
-            shown = best["rounds"] if online else best["rows"] * max(1, best["rounds"])
-            return float(shown * (side / 70) ** 2)
-    return None
 
 
 def _queries(found: dict[str, Any]) -> list[str]:
@@ -198,10 +85,10 @@ def _queries(found: dict[str, Any]) -> list[str]:
         "|---|---:|---:|---:|---:|---:|",
     ]
     for r in found["rows"]:
-        errors = " | ".join(_number(r[k]) if k in r else "" for k in ("mean_mm", "max_mm"))
+        errors = " | ".join(number(r[k]) if k in r else "" for k in ("mean_mm", "max_mm"))
         lines.append(
-            f"| {r['name']} | {_number(r['us'])} | {_number(r['least_us'])}–"
-            f"{_number(r['most_us'])} | {_number(1e6 / r['us'])} | {errors} |"
+            f"| {r['name']} | {number(r['us'])} | {number(r['least_us'])}–"
+            f"{number(r['most_us'])} | {number(1e6 / r['us'])} | {errors} |"
         )
     lines.append("")
     for name in found["left_out"]:
@@ -236,7 +123,7 @@ def _processes(found: dict[str, Any]) -> list[str]:
         "|---|---:|---:|---:|",
     ]
     for r in found["rows"]:
-        lines.append(f"| `{r['name']}` | {_range(r['seconds'])} | {_range(r['cpu'])} | "
+        lines.append(f"| `{r['name']}` | {interval(r['seconds'])} | {interval(r['cpu'])} | "
                      f"{r['peak_mb']:.0f} |")  # fmt: skip
     rate = found["minisom_updates_per_second"]
     yardstick = f"  MiniSom made {rate:,.0f} updates per second (70x70) meanwhile." if rate else ""
@@ -279,6 +166,33 @@ def _processes(found: dict[str, Any]) -> list[str]:
     return [*lines, ""]
 
 
+_MODEL = """\
+### Cost model
+
+With N nodes, n samples and k activities per sample (a fixed number):
+
+- **Maps.** A training shows S samples in all: a fixed number on the 64 nodes on which a map
+  unfolds, a few per node on the lattices between, and all of them in the epochs of the last
+  one. Each asks the k-d tree for its winner, O(log N); each epoch builds the tree, O(N log N),
+  and spreads the nodes' sums along the lattice's axes, O(N sigma). Together
+  O((S + E N) log N) for E epochs, and memory for the samples and a few arrays of N.
+- **Links.** Two searches for k nodes per sample and a product of two sparse matrices with k
+  entries per sample, O(n log N + n k^2); the activities are held at once, which is what takes
+  memory here.
+- **Local models, cross-validation, bounds.** Sums over the samples around each node,
+  O(n + N), and one search per sample and fold.
+- **Queries.** A search of the tree and the trend's few functions, O(log N); the inverse repeats
+  them for each step from each start.
+
+So nothing should grow faster than N log N in the nodes or faster than linearly in the samples,
+and doubling the joints' number costs what the larger lattice and trend cost, as the lattice
+keeps its number of nodes.
+
+### Measured
+
+"""
+
+
 _PARTS = {
     "som": "a plain map (`calib.SOM`, map som)",
     "vdsom": "a map of varying density (the default)",
@@ -290,6 +204,8 @@ _PARTS = {
 def _growth(growth: dict[str, Rows], fits: dict[str, Rows]) -> list[str]:
     lines = [
         "## Growth",
+        "",
+        *_MODEL.splitlines(),
         "",
         "Each case is measured in a process of its own, in processor seconds of both cores "
         "together.  While nodes grow there are 200,000 samples, while samples grow 70x70 nodes.  "
@@ -314,13 +230,13 @@ def _growth(growth: dict[str, Rows], fits: dict[str, Rows]) -> list[str]:
         for r in rows:
             name = part if part != "joints" else f"calib.train, {r['joints']} joints"
             nodes = f"{r['side']}x{r['side']}" if part != "joints" else r["motor"]
-            lines.append(f"| {name} | {nodes} | {r['rows']:,} | {_number(r['cpu'])} | "
-                         f"{_number(r['seconds'])} | {_number(max(r['mb'], 0.0))} |")  # fmt: skip
+            lines.append(f"| {name} | {nodes} | {r['rows']:,} | {number(r['cpu'])} | "
+                         f"{number(r['seconds'])} | {number(max(r['mb'], 0.0))} |")  # fmt: skip
     return [*lines, ""]
 
 
 def _limits(found: dict[str, Any]) -> list[str]:
-    cpu, tree = found["cpu"], found["tree_query_us"]
+    cpu, tree = found["cpu"], found["tree_query_sorted_us"]
     asked = {name: 1e6 * cpu[name] / tree for name in ("plain map", "map of varying density")}
     moved = 1e6 * 32 / (1e9 * found["copy_gb_s"])  # two doubles in, two out
     side, rows, batch = found["side"], found["rows"], found["batch"]
@@ -328,8 +244,10 @@ def _limits(found: dict[str, Any]) -> list[str]:
         "## The limit",
         "",
         f"On one core of this machine, one search of the k-d tree of {side}x{side} nodes for one "
-        f"winner takes {tree:.2f} us, building that tree {found['tree_build_ms']:.2f} ms, and "
-        f"copying reads and writes {found['copy_gb_s']:.1f} GB/s.",
+        f"winner takes {tree:.2f} us where samples come sorted by place "
+        f"({found['tree_query_us']:.2f} us where they do not), building that tree "
+        f"{found['tree_build_ms']:.2f} ms, and copying reads and writes "
+        f"{found['copy_gb_s']:.1f} GB/s.",
         "",
         f"- A plain map from {rows:,} samples takes {cpu['plain map']:.3f} s of processor time, "
         f"as much as {asked['plain map']:,.0f} such searches, {asked['plain map'] / rows:.1f} per "
