@@ -60,9 +60,9 @@ def _race_table(side: int, goal: str, rows: Rows) -> list[str]:
     lines = [
         f"### {side}x{side} nodes, to {goal} of the bound",
         "",
-        "| library | training | time [s] | times calib's | samples/s | ratio to the bound | "
-        "fresh maximum | topographic error | memory [MB] | first call [s] |",
-        "|---|---|---:|---:|---:|---:|---:|---:|---:|---:|",
+        "| library | training | time [s] | times calib's | processor time [s] | samples/s | "
+        "ratio to the bound | fresh maximum | topographic error | memory [MB] | first call [s] |",
+        "|---|---|---:|---:|---:|---:|---:|---:|---:|---:|---:|",
     ]
     for r in rows:
         times = f"{r['seconds']['median'] / ours:.1f}" if ours else ""
@@ -70,6 +70,7 @@ def _race_table(side: int, goal: str, rows: Rows) -> list[str]:
         note = f", {missed} of {r['seconds']['runs']} missed" if missed else ""
         lines.append(
             f"| {r['peer']} | {r['setting']} | {interval(r['seconds'])} | {times} | "
+            f"{number(r['cpu']['median'])} | "
             f"{number(r['per_second'])} | {r['ratio']['median']:.3f}{note} | "
             f"{r['worst']['median']:.1f} | {100 * r['topographic']['median']:.2f} % | "
             f"{r['peak_mb']['most']:.0f} ({r['before_mb']:.0f}) | {r['first_s']:.2g} |"
