@@ -13,6 +13,11 @@ from dataclasses import dataclass
 from pathlib import Path
 
 import pytest
+from hypothesis import settings
+
+# a deadline would test how busy the machine is
+settings.register_profile("calib", deadline=None)
+settings.load_profile("calib")
 
 
 @dataclass(frozen=True)
