@@ -171,11 +171,13 @@ def main() -> None:
             phase = "any moment" if spread else "while writing"
             counts.setdefault(f"{victim.name}, {phase}", Counter())[outcome] += 1
             killed += not outcome.startswith("done")
+            print(f"\r{killed} of {options.n}", end="", file=sys.stderr)
             # the next write into the folder tidies up
             atomic_write(victim.target.parent / "next", b"")
             swept += "leftover" in outcome
             if any(victim.target.parent.glob(_LEFTOVERS)):
                 counts[f"{victim.name}, {phase}"]["LEFTOVER STAYED"] += 1
+    print(file=sys.stderr)
     total = sum(counts.values(), Counter())
     bad = total["DAMAGED"] + total["LEFTOVER STAYED"]
     if options.json:
