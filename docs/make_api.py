@@ -161,7 +161,7 @@ def chapter(name: str) -> Iterator[str]:
         yield from body(doc)
         return
     if not inspect.isclass(thing) or "Parameters" in sections(doc) or name in MADE_BY_USERS:
-        yield "```python"
+        yield "```text"
         yield signature(f"calib.{name}", thing)
         yield "```"
         yield ""
