@@ -19,6 +19,7 @@ _GROSS = 10.0  # medians of a residual beyond which a row is suspect
 _SPREAD = 4.0  # and beyond so many times what seven in ten rows stay below
 _FLOOR = 1e-4  # share of the extent that is no gross error
 _AROUND = 15  # neighbours that a suspect row is compared with
+_NEAR = 2.5  # times as far as usual; in a corner of the range neighbours are twice as far
 _APART = 10.0  # times their own scatter by which it has to differ from them
 _MOST = 0.25  # share of the rows that can be wrong; beyond it the fit is
 _FITTED = 1500  # rows that a robust fit rests on
@@ -63,7 +64,7 @@ def screen(samples: Samples) -> Screening:
     A row is left out if it is far from a robust fit of smooth functions of the joints, by
     the standard of all rows, and if its residual is also far from those of the rows around
     it, by their own standard: a misfit of the functions, or a corner where the sensor is
-    worse, concerns neighbours alike.
+    worse, concerns neighbours alike. A row that has no neighbours contradicts none.
 
     Parameters
     ----------
@@ -87,10 +88,17 @@ def screen(samples: Samples) -> Screening:
     if not len(suspects):
         return everything
     around = min(_AROUND, len(u) - 1)
-    near = search_tree(u, scale).query(u[suspects], k=np.arange(1, around + 2))[1]
+    tree = search_tree(u, scale)
+    some = np.linspace(0, len(u) - 1, min(len(u), _FITTED)).astype(np.intp)
+    usual = float(np.median(tree.query(u[some], k=[around + 1])[0]))
+    reach, near = tree.query(u[suspects], k=np.arange(1, around + 2))
+    close = np.asarray(reach)[:, -1] <= _NEAR * usual
+    suspects, near = suspects[close], np.asarray(near)[close]
+    if not len(suspects):
+        return everything
     others = residual[np.asarray(near, dtype=np.intp)]
     # a row is no neighbour of its own, wherever ties have put it
-    others[np.asarray(near) == suspects[:, None]] = np.nan
+    others[near == suspects[:, None]] = np.nan
     middle = np.nanmedian(others, axis=1)
     scatter = np.nanmedian(np.linalg.norm(others - middle[:, None], axis=2), axis=1)
     away = np.linalg.norm(residual[suspects] - middle, axis=1)

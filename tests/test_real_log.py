@@ -7,6 +7,7 @@ import pytest
 from models import brief_teacher
 
 import calib
+from calib.screening import screen
 
 FOLDER = Path(__file__).parents[2] / "shared/data/ur10_laser_tracker"
 JOINTS = ["shoulder_lift_joint", "elbow_joint"]
@@ -29,6 +30,12 @@ def test_blocks_held_out_of_a_series_are_predicted(series, most):
     assert known.mean() > 0.999  # but for a row or two far from all others
     assert most / 10 < bound[known].mean() < 4 * most
     assert model.about.bound_of == "sensor reading"
+
+
+@pytest.mark.parametrize("series", ["a", "c"])
+def test_no_row_of_the_real_arm_contradicts_its_neighbours(series):
+    samples = calib.read_log(FOLDER / f"series_{series}.csv", joints=JOINTS)
+    assert screen(samples).kept.all()
 
 
 def test_a_hundred_rows_of_series_c_come_close_even_in_a_corner_of_one_row():

@@ -68,6 +68,17 @@ def test_a_patch_that_bends_away_is_no_outlier():
     assert screen(replace(log, x=log.x + bump[:, None])).left_out <= 3
 
 
+def test_a_row_far_from_all_others_is_no_outlier():
+    """What a fit to the other rows says there is a guess."""
+    log = log_of("two_link", 1000)
+    near = (log.q < np.quantile(log.q, 0.5, axis=0)).all(axis=1)
+    alone = int(np.argmax(log.q.sum(axis=1)))
+    rows = np.append(np.flatnonzero(near), alone)
+    x = log.x.copy()
+    x[alone] += 0.03
+    assert screen(replace(log, x=x).take(rows)).kept.all()
+
+
 def test_more_than_a_quarter_wrong_is_no_case_for_screening():
     log, _ = spoiled(log_of("two_link", 500), 0.45)
     assert screen(log).kept.all()
