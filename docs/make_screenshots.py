@@ -66,8 +66,13 @@ def main() -> None:
     out = Path(__file__).parent / "img"
     out.mkdir(exist_ok=True)
     full, paper = (train(robot) for robot in ("two_link_full", "two_link"))
-    photograph(html(draw(full), full), 1200, 680).save(out / "preview.png", optimize=True)
-    photograph(report(paper), 900, 1190).save(out / "report.png", optimize=True)
+    save(photograph(html(draw(full), full), 1200, 680), out / "preview.png")
+    save(photograph(report(paper), 900, 1190), out / "report.png")
+
+
+def save(picture: Image.Image, path: Path) -> None:
+    """Write a picture with 256 colours, which keeps it small."""
+    picture.quantize(256, method=Image.Quantize.MEDIANCUT).save(path, optimize=True)
 
 
 def train(robot: str) -> Model:

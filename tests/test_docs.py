@@ -206,11 +206,10 @@ def test_every_page_and_picture_is_reached_from_the_index():
 def test_pictures_stay_small():
     from PIL import Image
 
-    drawn = generator("make_pictures").PICTURES
-    for name in drawn:
-        path = DOCS / "img" / f"{name}.png"
-        assert path.stat().st_size < 200_000, name
-        assert Image.open(path).width == 1000, name
+    for path in (DOCS / "img").glob("*.png"):
+        assert path.stat().st_size < 200_000, path.name
+    for name in generator("make_pictures").PICTURES:
+        assert Image.open(DOCS / "img" / f"{name}.png").width == 1000, name
 
 
 @pytest.mark.parametrize("name", ["cli", "api"])
