@@ -6,9 +6,9 @@ SECTION: maps (training of self-organizing maps beside other libraries), queries
 nearest neighbours and solvers of kinematics), processes (whole commands, imports, stages),
 limits (what k-d tree queries and copies alone take, and which functions take the rest).
 Sections are merged into the page, so each can be run alone.  Peers that are not installed
-are left out, aloud.  --search looks for the best amount of training of these peers (all,
-where none is named) again, which takes up to an hour; without it those of
-docs/performance.json are used.  --quick writes nothing unless --out is given.
+are left out, aloud.  The best amount of training of each is that of docs/performance.json;
+where it does not say, it is searched, which takes up to an hour for all; --search does so
+again for these peers, or all.  --quick writes nothing unless --out is given.
 """
 
 from __future__ import annotations
@@ -40,11 +40,7 @@ def maps(quick: bool, again: list[str], known: list[dict[str, Any]]) -> dict[str
     if quick:
         found = search(races, [n for n in there if n in ("calib", "sparse-som")])
     else:
-        found = [row for row in known if row["peer"] not in again]
-        missing = [n for n in there if n not in {row["peer"] for row in found}]
-        if missing:
-            print(f"searching for settings of {', '.join(missing)}", file=sys.stderr)
-        found = search(races, missing, found)
+        found = search(races, there, [row for row in known if row["peer"] not in again])
     return {
         "area_m2": area(arm),
         "area_by_chance_m2": [value, deviation],
