@@ -154,7 +154,7 @@ def _run(options: argparse.Namespace) -> int:
 def _lines(options: argparse.Namespace, first: int) -> Any:
     """Run a process from input `first` on and yield what it says, until it ends or is stuck."""
     command = [sys.executable, __file__, "--kind", options.kind, "--seed", str(options.seed),
-               "--n", str(options.n), "--first", str(first), "--keep", str(options.keep)]  # fmt: skip
+               "--n", str(options.n), "--first", str(first), "--keep", str(options.keep)]  # fmt: skip  # noqa: E501
     said: queue.Queue[str | None] = queue.Queue()
     process = subprocess.Popen(command, stdout=subprocess.PIPE, text=True)
     stream = process.stdout

@@ -11,6 +11,7 @@ import numpy as np
 from numpy.random import SeedSequence
 from numpy.typing import NDArray
 
+from .errors import OptionError
 from .links import WIRINGS
 from .maps.density import Gain
 from .maps.som import SOM
@@ -30,6 +31,11 @@ Progress = Callable[[float, str, float], None]
 
 STREAMS = {"motor": 0, "sensory": 1, "teacher": 2, "bounds": 3, "evaluation": 4, "adapt": 5}
 """Independent random streams of one seed."""
+
+UNFOLD = "give a larger --size, more --epochs or samples, or --rule batch"
+"""What to do about a map that did not spread over its samples."""
+
+_COLLAPSED = 1e-9  # mean distance of joined nodes in the unit box
 
 
 @dataclass(frozen=True)
@@ -170,10 +176,14 @@ def _both_maps(
         return som.fit(points, scale=box, progress=tell, partners=partners)
 
     with watch("maps"):
-        return side_by_side(
+        maps = side_by_side(
             lambda: fit("motor", options.motor_size, scale.from_unit(u), scale, v),
             lambda: fit("sensory", options.sensory_size, x, seen, u),
         )
+    for name, found in zip(("motor", "sensory"), maps, strict=True):
+        if not found.spacing > _COLLAPSED:
+            raise OptionError(f"the {name} map did not unfold, its nodes fell together: {UNFOLD}")
+    return maps
 
 
 def _linked(motor: Map, sensory: Map, u: Array, x: Array, options: Options) -> Association:

@@ -15,7 +15,7 @@ from .data.samples import Samples
 from .drift.baseline import Baseline, learn_baseline
 from .errors import LogError, OptionError
 from .evaluation import Residuals, evaluate_residuals, fresh_residuals, summarise
-from .learning import Options, Progress, Stopwatch, learn
+from .learning import UNFOLD, Options, Progress, Stopwatch, learn
 from .links import check_wiring
 from .maps.density import Gain
 from .model import Model
@@ -244,6 +244,8 @@ class _Trainer:
         self, model: Model, known: Array, miss: Array, u: Array, x: Array
     ) -> tuple[Array, Baseline]:
         """Bounds from the errors `miss` (n,) at `known` (n, dof), and what is undisturbed."""
+        if not len(known):
+            raise OptionError(f"no test sample is near the motor map's nodes: {UNFOLD}")
         samples, doubt = self.samples, None
         if self.teacher is not None:
             nodes = np.concatenate([np.clip(model.motor.units, 0, 1), known])

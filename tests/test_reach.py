@@ -96,3 +96,15 @@ def test_no_targets_have_no_answers():
     model = trained("two_link_full", n=8000, size=40)
     assert model.inverse(np.zeros((0, 2))).shape == (0, 2)
     assert model.inverse_all(np.zeros((0, 2))) == []
+
+
+@pytest.mark.parametrize("readout", ["local", "activity", "winner"])
+@pytest.mark.parametrize("size", [1e12, 1e200, 1e308])
+def test_targets_of_any_size_have_the_nearest_point_of_their_direction(readout, size):
+    model = trained("two_link")
+    direction = np.array([[0.6, 0.8], [-0.6, 0.8], [0.0, -1.0]])
+    far = model.solve(size * direction, readout=readout)
+    near = model.solve(1e7 * direction, readout=readout)
+    np.testing.assert_allclose(far.q, near.q, atol=1e-4)
+    np.testing.assert_allclose(far.distance, size, rtol=1e-9)
+    assert not far.reachable.any()

@@ -268,6 +268,18 @@ FORGERIES = {
     "with a trend that is text": lambda h, t: h["trend"].update(degree="2"),
     "with bounds of another map": lambda h, t: t.update(bounds=t["bounds"][:-1]),
     "with a list for its description": lambda h, t: h.update(about=[]),
+    "with a name that is a number": lambda h, t: h["about"].update(joint_names=[1, "elbow"]),
+    "with a range without width": lambda h, t: h["about"].update(upper=h["about"]["lower"]),
+    "with a range that is no number": lambda h, t: h["about"].update(upper=[np.nan, 1.0]),
+    "with locked joints that are a number": lambda h, t: h["about"].update(locked=1.5),
+    "with errors of other joints": lambda h, t: h["about"]["errors"]["local"].update(inverse={}),
+    "with nodes all in one place": lambda h, t: t.update({"motor.units": 0 * t["motor.units"]}),
+    "with a scale without width": _set("motor.span", 0, 0.0),
+    "with a coefficient beyond all sense": _set("trend.coefficients", 0, 1e300),
+    "with a history that is text": lambda h, t: h.update(history=["adapted"]),
+    "with links whose number is negative": lambda h, t: t.update(
+        {"links.counts": -t["links.counts"].astype(np.int64)}
+    ),
 }
 
 
@@ -289,3 +301,20 @@ def test_missing_files_and_folders_are_told_in_one_line(tmp_path):
         with pytest.raises(ModelError, match=message) as caught:
             calib.load(path)
         assert "\n" not in str(caught.value)
+
+
+@pytest.mark.skipif(not Path("/dev/zero").exists(), reason="no /dev/zero here")
+def test_a_device_without_end_is_not_read():
+    with pytest.raises(ModelError, match="is a device"):
+        calib.load("/dev/zero")
+
+
+def test_a_large_file_of_another_sort_is_not_read_whole(tmp_path, monkeypatch):
+    from calib import storage
+
+    monkeypatch.setattr("calib.storage._HEADER", 1000)
+    path = tmp_path / "m.calib"
+    path.write_bytes(b"x" * 5000)
+    assert len(storage._read(path)) == 1000
+    with pytest.raises(ModelError, match="not a model file"):
+        calib.load(path)

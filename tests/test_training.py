@@ -280,3 +280,9 @@ def test_a_joint_that_never_moved_is_refused_or_ignored():
     along = np.stack([np.linspace(0.1, 1.4, 20), np.ones(20)], axis=1)
     np.testing.assert_allclose(model.forward(along), two_link(along), atol=1e-4)
     assert np.isnan(model.forward([0.5, 2.0])).all()
+
+
+def test_maps_that_did_not_unfold_are_refused_in_one_line():
+    samples = calib.babble(calib.load_arm("two_link"), 100, seed=0)
+    with pytest.raises(OptionError, match=r"map.*--size"):
+        calib.train(samples, size=4, rule="online")

@@ -9,7 +9,7 @@ import sys
 import tempfile
 import unicodedata
 from collections.abc import Iterable, Iterator
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
 from pathlib import Path
 from types import FrameType
 
@@ -29,11 +29,26 @@ _PROCESSES = ("subprocess.Popen", "os.system", "os.exec", "os.posix_spawn", "os.
 _LIBRARIES = tuple({str(Path(p).resolve()) for p in
                     (sys.prefix, sys.base_prefix, Path(__file__).parents[2])})  # fmt: skip
 _SPOOLED = str(Path(tempfile.gettempdir()).resolve() / "calib-")  # standard input is kept there
-_SYSTEM = (_SPOOLED, "/proc/", "/sys/", "/dev/null", "/dev/urandom", "/usr/share/zoneinfo", "/etc/localtime")
+_FONTS = ("/usr/share/fonts", str(Path.home() / ".cache"), str(Path.home() / ".config"),
+          os.environ.get("MPLCONFIGDIR") or "/usr/share/fonts")  # fmt: skip
+_SYSTEM = (
+    *_FONTS,
+    _SPOOLED,
+    "/proc/",
+    "/sys/",
+    "/dev/null",
+    "/dev/urandom",
+    "/usr/share/zoneinfo",
+    "/etc/localtime",
+)
 
 
-class Violation(AssertionError):
+class Violation(AssertionError):  # noqa: N818
     """An input did what no input may do."""
+
+
+class _TooLong(BaseException):
+    """No Exception, so that nobody takes it for one of their own."""
 
 
 class _Watch:
@@ -68,12 +83,14 @@ _WATCH = _Watch()
 
 
 def _too_long(_signal: int, _frame: FrameType | None) -> None:
-    raise Violation(f"took more than {SECONDS:g} s of processor time")
+    raise _TooLong
 
 
 @contextmanager
-def guarded(folder: Path, named: Iterable[str] = ()) -> Iterator[None]:
-    """Allow files below `folder` and those `named` only, no network, no processes, `SECONDS` and `MEMORY`.
+def guarded(
+    folder: Path, named: Iterable[str] = (), seconds: float | None = None
+) -> Iterator[None]:
+    """Allow files below `folder` and those `named`, no network, no processes, little time and memory.
 
     Raises
     ------
@@ -84,12 +101,15 @@ def guarded(folder: Path, named: Iterable[str] = ()) -> Iterator[None]:
         sys.addaudithook(_WATCH.hook)
         _WATCH.hooked = True
     forget_peak()
+    seconds = SECONDS if seconds is None else seconds
     previous = signal.signal(signal.SIGPROF, _too_long)
-    signal.setitimer(signal.ITIMER_PROF, SECONDS)
+    signal.setitimer(signal.ITIMER_PROF, seconds)
     _WATCH.allowed = tuple(os.path.realpath(name) for name in named if "\0" not in name)
     _WATCH.folder, _WATCH.seen = os.path.realpath(folder), []
     try:
         yield
+    except _TooLong:
+        raise Violation(f"took more than {seconds:g} s of processor time") from None
     finally:
         _WATCH.folder = ""
         signal.setitimer(signal.ITIMER_PROF, 0.0)
@@ -102,10 +122,8 @@ def guarded(folder: Path, named: Iterable[str] = ()) -> Iterator[None]:
 
 def forget_peak() -> None:
     """Let the system measure the peak of memory anew, where it can (Linux)."""
-    try:
+    with suppress(OSError):
         Path("/proc/self/clear_refs").write_text("5")
-    except OSError:
-        pass
 
 
 def peak() -> int:

@@ -34,7 +34,7 @@ class Kind(ABC):
             If calib did what it must not.
         """
 
-    def close(self) -> None:
+    def close(self) -> None:  # noqa: B027 - most kinds share nothing
         """Let go of what is shared."""
 
 

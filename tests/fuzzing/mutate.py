@@ -96,7 +96,7 @@ def _renumbered(rng: Random, data: bytes) -> bytes:
 
 def _recoded(rng: Random, data: bytes) -> bytes:
     text = data.decode("utf-8", "replace")
-    return text.encode(rng.choice(("utf-16", "utf-16-le", "utf-32", "utf-8-sig", "utf-7", "latin-1")),
+    return text.encode(rng.choice(("utf-16", "utf-16-le", "utf-32", "utf-8-sig", "utf-7", "latin-1")),  # noqa: E501
                        "replace")  # fmt: skip
 
 
