@@ -379,3 +379,17 @@ def test_joints_are_imagined_where_the_model_or_the_log_know_of_them():
     assert (known | near).all()
     assert np.count_nonzero(near & ~known) > 50
     assert 0.3 < known.mean() < 1.0
+
+
+def test_a_frame_that_is_bent_beyond_polynomials_is_bent_by_a_gaussian_process():
+    def lens(u):
+        x = old(u)
+        return x + 0.01 * np.sin(9 * x[:, ::-1]) + [0.02, 0.0]
+
+    correction = chosen(lens, 90)
+    assert correction.name == "sensor frame bent"
+    assert not correction.scratch
+    assert 1e-4 < correction.size < 0.02
+    fresh = points(200, 1)
+    np.testing.assert_allclose(correction.value(fresh), lens(fresh), atol=2e-3)
+    assert np.linalg.norm(correction.value(fresh) - lens(fresh), axis=1).mean() < 2e-4

@@ -168,3 +168,7 @@ def test_a_large_batch_is_answered_row_by_row_the_same():
     few, few_slopes = predictor.value_and_slope(u[some])
     np.testing.assert_allclose(value[some], few, rtol=1e-12, atol=1e-12)
     np.testing.assert_allclose(slope[some], few_slopes, rtol=1e-12, atol=1e-12)
+
+
+def test_more_joints_blend_more_nodes():
+    assert [local.blend_size(d) for d in (1, 2, 3, 4, 7)] == [3, 4, 6, 8, 8]

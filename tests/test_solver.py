@@ -212,6 +212,55 @@ def test_starts_of_a_sensory_node_hold_every_branch():
     assert np.nanmax(step) < 20
 
 
+def test_a_start_is_one_linear_step_from_a_kept_one_and_the_step_is_told_in_spacings():
+    s = solver()
+    sensory, spacing = s.association.sensory, s.association.motor.spacing
+    x = s.predictor.value(drawn(300))
+    u, step, _ = s.starts.of(x)
+    kept = s.starts._u[sensory.nearest(sensory.scale.to_unit(x))[1][:, 0]]
+    inside = ((u > 0) & (u < 1)).all(axis=2)
+    length = np.linalg.norm(u - kept, axis=2) / spacing
+    short = inside & (step <= 2.0)
+    assert np.count_nonzero(short) > 300
+    np.testing.assert_allclose(length[short], step[short], rtol=1e-9)
+    long = inside & (step > 2.0)
+    np.testing.assert_allclose(length[long], 2.0, rtol=1e-9)
+    # and it leads closer: by Newton's first step the error falls to the square
+    before = np.linalg.norm(
+        s.predictor.value(kept[short]) - np.repeat(x, 8, 0)[short.ravel()], axis=1
+    )
+    after = np.linalg.norm(s.predictor.value(u[short]) - np.repeat(x, 8, 0)[short.ravel()], axis=1)
+    assert np.median(after) < 0.1 * np.median(before)
+
+
+@pytest.mark.parametrize(("dof", "room"), [(2, 8), (3, 32)])
+def test_kept_starts_hit_their_node_and_are_apart(dof, room):
+    s = solver(dof, *((16, 14) if dof == 2 else (9, 14)))
+    sensory, motor = s.association.sensory, s.association.motor
+    s.starts.of(s.predictor.value(drawn(100, dof)))
+    known = np.flatnonzero(s.starts._known)
+    u = s.starts._u[known]
+    assert u.shape[1] == room
+    there = np.isfinite(u[..., 0])
+    assert there[:, 0].all()
+    # the first ones are filled, without a gap
+    assert (np.diff(there.astype(int), axis=1) <= 0).all()
+    value = s.predictor.value(u.reshape(-1, dof)).reshape(*u.shape[:2], 2)
+    miss = np.linalg.norm(value - sensory.weights[known, None], axis=2)
+    spacing = sensory.spacing * sensory.scale.span.mean()
+    # all within two spacings of their node, or where none is, three at most
+    close = np.nanmin(miss, axis=1) <= 2.0 * spacing
+    assert np.nanmax(miss[close]) <= 2.0 * spacing
+    assert (there[~close].sum(axis=1) <= 3).all()
+    gap = np.abs(u[:, :, None] - u[:, None]).max(axis=3)
+    gap[:, np.arange(room), np.arange(room)] = np.inf
+    assert np.nanmin(gap) >= 0.3 * motor.spacing
+    if dof > 2:
+        met = miss <= CLOSE * s.extent
+        both = met[:, :, None] & met[:, None]
+        assert np.nanmin(np.where(both, gap, np.inf)) >= 1.5 * motor.spacing
+
+
 def test_around_are_the_nodes_nearest_by_position_and_the_corners():
     s = solver()
     x = s.predictor.value(drawn(5))
@@ -345,3 +394,15 @@ def test_redundant_joints_follow_in_small_steps():
     assert track.jumps == []
     np.testing.assert_allclose(s.predictor.value(track.u), x, atol=CLOSE)
     assert np.linalg.norm(np.diff(track.u, axis=0), axis=1).max() < 0.1
+
+
+def test_redundant_joints_drift_to_the_middle_of_their_ranges():
+    s = solver(3, 9, 14)
+    goal = np.array([[0.5, 0.5, 0.5]])
+    x = s.predictor.value(goal)[0] + 0.5 * (circle() - circle()[0])
+    aside, _ = s.newton.settle(goal, x[:1], np.array([[0.9, 0.5, 0.1]]))
+    pull = np.linalg.norm(s.newton.tangent(aside, 0.5 - aside))
+    track = follow(s, np.concatenate([x, x[1:], x[1:]]), aside[0])
+    left = np.linalg.norm(s.newton.tangent(track.u[-1:], 0.5 - track.u[-1:]))
+    assert pull > 0.1
+    assert left < 0.5 * pull
