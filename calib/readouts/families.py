@@ -61,7 +61,7 @@ def representatives(newton: Newton, target: Index, u: Array, x: Array) -> tuple[
         joined.append((a[first][met], b[first][met]))
         rows, columns = (np.concatenate(side) for side in zip(*joined, strict=True))
         graph = coo_array((np.ones(len(rows)), (rows, columns)), shape=(m, m))
-        label = connected_components(graph.tocsr(), directed=False)[1].astype(np.intp)
+        label = connected_components(graph.tocsr())[1].astype(np.intp)
         tried = np.zeros(len(a), dtype=bool)
         tried[first] = True
         pair = a[~tried], b[~tried], gap[~tried]

@@ -159,7 +159,7 @@ class Association:
         met = key[place] == other
         indptr = np.append(0, np.cumsum(np.bincount(row[met], minlength=len(key))))
         graph = csr_array((np.ones(len(place[met])), place[met], indptr), shape=(len(key),) * 2)
-        label = connected_components(graph, directed=False)[1].astype(np.intp)
+        label = connected_components(graph)[1].astype(np.intp)
 
         # strongest link of each cluster, clusters of each sensory node by strength
         order = np.lexsort((-links.data, label))

@@ -35,7 +35,7 @@ _AHEAD = 48  # sensory nodes that a single query makes known
 _CHUNK = 512  # sensory nodes at once
 
 
-@dataclass(frozen=True, eq=False)
+@dataclass(frozen=True, eq=False, repr=False)
 class Starts:
     """For each sensory node the joints that lead there: one start per branch.
 
@@ -53,11 +53,11 @@ class Starts:
 
     association: Association
     newton: Newton
-    _known: NDArray[np.bool_] = field(init=False, repr=False)
-    _u: Array = field(init=False, repr=False)
-    _value: Array = field(init=False, repr=False)
-    _inverse: Array = field(init=False, repr=False)
-    _folded: NDArray[np.bool_] = field(init=False, repr=False)
+    _known: NDArray[np.bool_] = field(init=False)
+    _u: Array = field(init=False)
+    _value: Array = field(init=False)
+    _inverse: Array = field(init=False)
+    _folded: NDArray[np.bool_] = field(init=False)
 
     def __post_init__(self) -> None:
         nodes, dof = self.association.sensory.size, self.association.motor.units.shape[1]
