@@ -73,6 +73,17 @@ def test_harmless_gaps_are_mended_aloud(old, new, word):
     assert pin.buildModelFromXML(urdf.plain()).nq == 2
 
 
+def test_an_axis_without_direction_is_x_too_and_said_aloud():
+    urdf = parse_urdf(TWO.replace('<axis xyz="0 0 1"/>', "<axis/>"))
+    assert all(joint.axis == (1, 0, 0) for joint in urdf.joints)
+    assert sum("no <axis>" in note for note in urdf.notes) == 2
+
+
+def test_an_axis_too_long_to_be_a_direction_is_refused():
+    with pytest.raises(RobotError, match=r"'j1' has an axis of length 1e\+308"):
+        parse_urdf(TWO.replace("0 0 1", "0 0 -1e308", 1))
+
+
 def test_a_missing_axis_is_x_as_in_pinocchio():
     text = TWO.replace('<axis xyz="0 0 1"/>', "")
     assert all(joint.axis == (1, 0, 0) for joint in parse_urdf(text).joints)

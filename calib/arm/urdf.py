@@ -19,6 +19,7 @@ from .tree import MOVABLE, Joint, Mimic, Urdf, Vector
 
 MAX_BYTES = 50_000_000
 MAX_JOINTS = 1_000  # Pinocchio recurses along the chain and overflows its stack beyond
+_LONGEST_AXIS = 1e6  # Pinocchio squares it
 
 _NUMBER = re.compile(r"[+-]?(\d+\.?\d*|\.\d+)([eE][+-]?\d+)?")
 _INFINITE = re.compile(r"([+-]?)inf(inity)?", re.IGNORECASE)
@@ -175,11 +176,17 @@ def _read_joint(node: ET.Element, links: set[str], notes: list[str]) -> Joint:
     rpy = _vector(origin, "rpy", where, (0.0, 0.0, 0.0))
     axis = (1.0, 0.0, 0.0)
     if kind != "fixed":
-        if node.find("axis") is None:
+        stated = node.find("axis")
+        if stated is None or "xyz" not in stated.attrib:
             notes.append(f"{where} has no <axis>: URDF's default, x, is used")
-        axis = _vector(node.find("axis"), "xyz", where, axis)
+        axis = _vector(stated, "xyz", where, axis)
         if math.hypot(*axis) < 1e-6:
             raise RobotError(f"{where} has the axis 0 0 0: give the direction it moves about")
+        if math.hypot(*axis) > _LONGEST_AXIS:
+            raise RobotError(
+                f"{where} has an axis of length {math.hypot(*axis):g}: give a direction such as "
+                "0 0 1"
+            )
     limits = _limits(node, where) if kind in ("revolute", "prismatic") else None
     return Joint(name, kind, parent, child, xyz, rpy, axis, limits, _mimic(node, where))
 

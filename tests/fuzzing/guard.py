@@ -90,7 +90,9 @@ def _too_long(_signal: int, _frame: FrameType | None) -> None:
 def guarded(
     folder: Path, named: Iterable[str] = (), seconds: float | None = None
 ) -> Iterator[None]:
-    """Allow files below `folder` and those `named`, no network, no processes, little time and memory.
+    """Allow files below `folder` and those `named`, no network and no processes.
+
+    Time and memory are bounded by `seconds` (`SECONDS`) and `MEMORY`.
 
     Raises
     ------
