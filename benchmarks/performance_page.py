@@ -209,7 +209,6 @@ def _growth(growth: dict[str, Rows], fits: dict[str, Rows]) -> list[str]:
         "## Growth",
         "",
         *_MODEL.splitlines(),
-        "",
         "Each case is measured in a process of its own, in processor seconds of both cores "
         "together.  While nodes grow there are 200,000 samples, while samples grow 70x70 nodes.  "
         "The exponent is that of least squares on logarithms, with its 95 % interval; "
