@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import itertools
 import math
 from typing import NamedTuple
 
@@ -14,6 +15,7 @@ from .newton import CLOSE
 Array = NDArray[np.float64]
 
 _INNER = 0.01  # of the extent: a target moves by no more at a time
+_FAR = 3.0  # extents of the workspace
 _SMOOTH = 0.05  # of the joints' range: joints that move by more are looked at closely
 _CLOSELY = 16  # parts of a step that is looked at closely
 _DRIFT = 0.5  # redundant joints drift to the middle by at most this share of their move
@@ -101,23 +103,37 @@ def _advance(
     solver: Solver, u: Array, x: Array, goal: Array, reachable: bool
 ) -> tuple[Array, NDArray[np.bool_]]:
     """Joints (n, dof) moved along with the target, and whether they kept their branch."""
-    parts = max(1, math.ceil(float(np.linalg.norm(goal - x)) / (_INNER * solver.extent)))
+    shares = _shares(float(np.linalg.norm(goal - x)) / solver.extent)
     going = np.ones(len(u), dtype=bool)
-    for k in range(1, parts + 1):
-        here, there = x + (goal - x) * ((k - 1) / parts), x + (goal - x) * (k / parts)
+    for begin, end in itertools.pairwise(shares):
+        here, there = x + (goal - x) * begin, x + (goal - x) * end
+        final = end == 1.0
         # only at the end it is known whether the target is within reach
-        trial, smooth = _step(solver, u, there, reachable and k == parts)
+        trial, smooth = _step(solver, u, there, reachable and final)
         closely = np.flatnonzero(~smooth)
         if len(closely):
             v, kept = u[closely], np.ones(len(closely), dtype=bool)
             for share in np.arange(1, _CLOSELY + 1) / _CLOSELY:
-                last = reachable and k == parts and share == 1.0
+                last = reachable and final and share == 1.0
                 v, smooth = _step(solver, v, here + (there - here) * share, last)
                 kept &= smooth
             trial[closely] = v
             going[closely] &= kept
         u = trial
     return u, going
+
+
+def _shares(length: float) -> list[float]:
+    """Shares of a way of so many extents at which it is looked at, 0 and 1 among them.
+
+    Of a way that leads far out of the workspace only both ends are looked at closely.
+    """
+    if length <= 2.0 * _FAR:
+        parts = max(1, math.ceil(length / _INNER))
+        return [k / parts for k in range(parts + 1)]
+    parts = math.ceil(_FAR / _INNER)
+    ends = [k / parts * (_FAR / length) for k in range(parts + 1)]
+    return ends + [1.0 - share for share in reversed(ends)]
 
 
 def _step(solver: Solver, u: Array, x: Array, must_meet: bool) -> tuple[Array, NDArray[np.bool_]]:
