@@ -603,3 +603,28 @@ def test_a_slides_range_is_a_travel_that_can_be_and_a_turns_is_one_turn():
     np.testing.assert_allclose([arm.lower[0], arm.upper[0]], [-np.pi, np.pi])
     with pytest.raises(RobotError, match=r"limits are unusable.*--range j2"):
         arm_from_urdf(text, ["j1", "j2"])
+
+
+def test_of_three_joints_in_a_plane_the_last_is_the_one_named():
+    text = chain_urdf(turning(), turning(), turning(), tip="0 0 0").replace(
+        'name="j2" type="revolute"', 'name="j2" type="fixed"'
+    )
+    with pytest.raises(RobotError, match=r"joint 'j3' is the last of its plane"):
+        arm_from_urdf(text)
+
+
+def test_only_the_first_six_of_like_arms_are_listed():
+    text = '<robot name="many"><link name="base"/>'
+    for side in "abcdefg":
+        one = chain_urdf(turning(), turning()).removeprefix('<robot name="chain">')
+        one = one.removesuffix("</robot>").replace('name="', f'name="{side}_')
+        text += one.replace('link="', f'link="{side}_') + (
+            f'<joint name="{side}_base" type="fixed"><parent link="base"/>'
+            f'<child link="{side}_l0"/></joint>'
+        )
+    with pytest.raises(RobotError) as caught:
+        arm_from_urdf(text + "</robot>")
+    message = str(caught.value)
+    assert "the robot has 7 planar arms" in message
+    assert message.count("--joints") == 6
+    assert message.endswith("; ...")

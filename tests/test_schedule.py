@@ -8,7 +8,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from calib.maps.lattice import Lattice
-from calib.maps.schedule import coarse_to_fine, exponential, total_work
+from calib.maps.schedule import coarse_to_fine, exponential, shrunk, total_work
 
 
 @given(st.floats(0.1, 100), st.floats(0.01, 1), st.integers(2, 200))
@@ -91,3 +91,18 @@ def test_work_counts_the_samples_that_each_stage_shows():
     expected = sum(len(s.sigma) * min(s.samples, 5000) for s in stages)
     assert total_work(stages, 5000) == expected
     assert total_work(coarse_to_fine(Lattice((9, 9)), 3, None), 5000) == 15_000
+
+
+@pytest.mark.parametrize(
+    ("shape", "nodes", "expected"),
+    [
+        ((70, 70), 100, (10, 10)),
+        ((20, 10), 50, (10, 5)),
+        ((70, 70), 120, (11, 11)),
+        ((16, 16, 16), 512, (8, 8, 8)),
+        ((100, 2), 50, (50, 2)),
+        ((30, 30), 1, (2, 2)),
+    ],
+)
+def test_a_shrunk_lattice_keeps_its_proportions_and_has_about_so_many_nodes(shape, nodes, expected):
+    assert shrunk(Lattice(shape), nodes).shape == expected

@@ -307,3 +307,10 @@ def test_progress_counts_what_was_shown():
     assert [share for share, _ in told] == [0.25, 0.5, 0.75, 1.0]
     np.testing.assert_allclose([error for _, error in told], network.history[:, 2])
     assert network.history[:, 0].tolist() == [25.0] * 4
+
+
+@pytest.mark.parametrize(("name", "last"), [("som", 0.5), ("vdsom", 1.5)])
+def test_online_the_radius_falls_from_half_the_longest_side(name, last):
+    history = SOM((10, 6), name, rule="online").fit(uniform(80)).history
+    steps = 80 * np.arange(1, 6) - 1
+    np.testing.assert_allclose(history[:, 1], 5.0 * (last / 5.0) ** (steps / 399))

@@ -95,7 +95,7 @@ class Smooth:
     def _features(self, u: Array, old: Array) -> Array:
         parts = [] if self.frame is None else [self.frame.values(old)]
         parts += [] if self.chain is None else [self.chain.values(u)]
-        return np.concatenate(parts, axis=1) if parts else np.zeros((len(u), 0))
+        return np.concatenate(parts, axis=1)
 
 
 def fit_smooth(
