@@ -180,7 +180,7 @@ ColumnsOption = Annotated[
         "--columns",
         parser=parsing.columns,
         metavar="x=U,y=V",
-        help="Other names of the log's columns.",
+        help="Other names of the log's columns; of Parquet lists one element: x=tip[0],y=tip[1].",
     ),
 ]
 UnitOption = Annotated[

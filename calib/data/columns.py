@@ -18,6 +18,7 @@ from ..errors import LogError
 from ..wording import clipped, quoted
 from .csv_rows import csv_batches, csv_rows
 from .parquet import parquet_batches, parquet_header
+from .places import Place, find_place
 
 Array = NDArray[np.float64]
 
@@ -109,7 +110,7 @@ def read_batches(source: Source, names: Sequence[str], *, lenient: bool = False)
     source : Source
         The table.
     names : sequence of str
-        The columns wanted.
+        The columns wanted; of a Parquet file's lists one element, as in `state[0]`.
     lenient : bool
         Whether text in a number's place is NaN rather than an error.
 
@@ -123,11 +124,11 @@ def read_batches(source: Source, names: Sequence[str], *, lenient: bool = False)
     LogError
         If a column is missing or there twice, or a value is no number.
     """
-    _check_columns(source, names)
+    places = [_place(source, name) for name in names]
     label, path = source.label, source.path
     if not source.separator:
-        return parquet_batches(label, path, names, lenient=lenient)
-    index = [source.header.index(name) for name in names]
+        return parquet_batches(label, path, places, lenient=lenient)
+    index = [source.header.index(place.column) for place in places]
     return csv_batches(
         label, path, source.header, source.separator, source.skip, index, lenient=lenient
     )
@@ -139,18 +140,26 @@ def read_columns(source: Source, names: Sequence[str], *, lenient: bool = False)
     return np.concatenate(batches) if batches else np.empty((0, len(names)))
 
 
-def _check_columns(source: Source, names: Sequence[str]) -> None:
-    for name in names:
-        count = source.header.count(name)
-        if count > 1:
-            raise LogError(f"{source.label} has {count} columns {quoted(name)}: rename all but one")
-        if count == 0:
-            near = get_close_matches(name, source.header, n=1)
-            hint = f"did you mean {quoted(near[0])}? " if near else ""
-            raise LogError(
-                f"{source.label} has no column {quoted(name)}: {hint}columns: "
-                f"{_listed(source.header)}; map another name with --columns {clipped(name)}=OTHER"
-            )
+def _place(source: Source, name: str) -> Place:
+    place = find_place(source.header, name)
+    if place is None:
+        near = get_close_matches(name, source.header, n=1)
+        hint = f"did you mean {quoted(near[0])}? " if near else ""
+        raise LogError(
+            f"{source.label} has no column {quoted(name)}: {hint}columns: "
+            f"{_listed(source.header)}; map another name with --columns {clipped(name)}=OTHER"
+        )
+    count = source.header.count(place.column)
+    if count > 1:
+        raise LogError(
+            f"{source.label} has {count} columns {quoted(place.column)}: rename all but one"
+        )
+    if source.separator and place.element is not None:
+        raise LogError(
+            f"{source.label} is CSV, which has no lists: there is a column "
+            f"{quoted(place.column)} but none {quoted(name)}; lists are read from Parquet"
+        )
+    return place
 
 
 def _standard_input() -> tuple[Path, object]:

@@ -16,6 +16,7 @@ from .columns import Source, open_source, read_batches
 from .log_ranges import ChosenRange, JointColumn, Range
 from .long_log import LongLog
 from .measured_rows import MeasuredRows
+from .places import find_place
 from .reservoir import Reservoir
 from .roles import check_names, find_roles
 from .samples import Samples
@@ -62,7 +63,8 @@ def read_log(
     joints : sequence of str, optional
         Without an arm: the joints' columns, from base to tip.
     columns : mapping of str to str, optional
-        Other names of columns: `{"x": "cam_u", "elbow": "joint_2"}`.
+        Other names of columns: `{"x": "cam_u", "elbow": "joint_2"}`; of a Parquet file's
+        lists one element, counted from 0: `{"elbow": "observation.state[1]"}`.
     degrees : bool
         Whether joints that turn are logged in degrees, and `ranges` given in rad still.
     unit : str
@@ -113,7 +115,8 @@ def read_log(
         count += len(batch)
     notes = measured.notes()
     values, rows = reservoir.rows()
-    if len(rows) < count:
+    drawn = len(rows) < count
+    if drawn:
         notes.append(
             f"{count:,} rows: {len(rows):,} of them, drawn evenly, are held; other counts of "
             "values are of these"
@@ -147,8 +150,6 @@ def read_log(
             f"plane fitted to x, y, z: x along {_vector(plane.x)}, y along {_vector(plane.y)}, "
             f"origin {_vector(plane.origin)}, out-of-plane rms {rms:.4g} {unit}"
         )
-    for array in (q, x):
-        array.flags.writeable = False
     return Samples(
         q=q,
         x=x,
@@ -162,9 +163,7 @@ def read_log(
         notes=tuple(notes),
         plane=plane,
         out_of_plane_rms=rms,
-        long_log=LongLog(measured, lower, upper, revolute, plane, count)
-        if len(rows) < count
-        else None,
+        long_log=LongLog(measured, lower, upper, revolute, plane, count) if drawn else None,
     )
 
 
@@ -223,13 +222,13 @@ def locked_from_log(
         A warning for each joint that moved more than 0.5 deg or 1 mm from it.
     """
     source = open_source(path)
-    mapping = dict(columns or {})
-    found = [name for name in names if mapping.get(name, name) in source.header]
+    used = {name: (columns or {}).get(name, name) for name in names}
+    found = [name for name in names if used[name] != name or find_place(source.header, name)]
     if not found:
         return {}, ()
     reservoirs = [Reservoir(MOST_ROWS, extremes=1) for _ in found]
     row = 0
-    for batch in read_batches(source, [mapping.get(name, name) for name in found]):
+    for batch in read_batches(source, [used[name] for name in found]):
         numbers = np.arange(row, row + len(batch))
         row += len(batch)
         for reservoir, column in zip(reservoirs, batch.T, strict=True):

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import os
 import sys
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from contextlib import contextmanager, suppress
 from pathlib import Path
 from typing import TYPE_CHECKING
@@ -14,15 +14,18 @@ from numpy.typing import NDArray
 
 from ..errors import LogError
 from .cells import parse_cell
+from .places import Place
 
 if TYPE_CHECKING:
     import polars as pl
 
 Array = NDArray[np.float64]
 
-
 BATCH = 1 << 18
 """Rows of a Parquet file that are held at once."""
+
+ELEMENTS = 1 << 24
+"""Elements of a column of lists that are held at once."""
 
 
 def parquet_header(label: str, path: Path) -> tuple[str, ...]:
@@ -34,7 +37,7 @@ def parquet_header(label: str, path: Path) -> tuple[str, ...]:
 
 
 def parquet_batches(
-    label: str, path: Path, names: Sequence[str], *, lenient: bool = False
+    label: str, path: Path, places: Sequence[Place], *, lenient: bool = False
 ) -> Iterator[Array]:
     """Read some columns as numbers, some rows at a time.
 
@@ -44,48 +47,98 @@ def parquet_batches(
         What errors call the file.
     path : Path
         The file.
-    names : sequence of str
-        The columns wanted; all of them exist.
+    places : sequence of Place
+        The columns, or elements of lists, wanted; the columns exist.
     lenient : bool
         Whether text in a number's place is NaN rather than an error.
 
     Yields
     ------
-    (n, len(names)) array
-        The next rows, NaN where a value is missing.
+    (n, len(places)) array
+        The next rows, NaN where a value, or a whole list, is missing.
     """
     import polars as pl
 
     with _one_line_errors(label):
-        table = pl.scan_parquet(path, glob=False).select(list(dict.fromkeys(names)))
-    first, height = 0, BATCH
-    while height == BATCH:
+        wanted = list(dict.fromkeys(place.column for place in places))
+        table = pl.scan_parquet(path, glob=False).select(wanted)
+    lists = dict.fromkeys(place.column for place in places if place.element is not None)
+    lengths: dict[str, int] = {}
+    # the first row alone tells how long the lists are, and so how many rows fit
+    first, size = 0, 1 if lists else BATCH
+    while True:
         with _one_line_errors(label):
-            frame = table.slice(first, BATCH).collect()
-        height = frame.height
-        if height:
-            yield _numbers(frame, names, label, first, lenient)
-        first += height
+            frame = table.slice(first, size).collect()
+        for name in lists:
+            _check_lists(frame[name], lengths, label, first)
+        if frame.height:
+            yield _numbers(frame, places, lengths, label, first, lenient)
+        if frame.height < size:
+            return
+        first += size
+        size = min(BATCH, max(1, ELEMENTS // max(lengths.values(), default=1)))
+
+
+def _check_lists(column: pl.Series, lengths: dict[str, int], label: str, first: int) -> None:
+    """Refuse lists whose elements have no fixed places; enter their length."""
+    import polars as pl
+
+    name = column.name
+    if isinstance(column.dtype, pl.Array):
+        lengths[name] = column.dtype.shape[0]
+    elif isinstance(column.dtype, pl.List):
+        found = column.list.len().cast(pl.Int64).fill_null(-1).to_numpy()
+        there = found[found >= 0]
+        if not len(there):
+            return
+        length = lengths.setdefault(name, int(there[0]))
+        wrong = (found >= 0) & (found != length)
+        if wrong.any():
+            row = int(np.argmax(wrong))
+            raise LogError(
+                f"{label}, row {first + row + 1}, column {name!r}: a list of {found[row]} after "
+                f"lists of {length}; which element is which cannot be told"
+            )
+    elif column.dtype != pl.Null:
+        raise LogError(f"{label}, column {name!r} holds {column.dtype}, expected lists")
 
 
 def _numbers(
-    frame: pl.DataFrame, names: Sequence[str], label: str, first: int, lenient: bool
+    frame: pl.DataFrame,
+    places: Sequence[Place],
+    lengths: Mapping[str, int],
+    label: str,
+    first: int,
+    lenient: bool,
 ) -> Array:
     import polars as pl
 
-    values = np.empty((frame.height, len(names)))
-    for i, name in enumerate(names):
-        column = frame[name]
+    values = np.empty((frame.height, len(places)))
+    for i, place in enumerate(places):
+        column = frame[place.column]
+        if place.element is not None and column.dtype != pl.Null:
+            length = lengths.get(place.column)
+            if length is not None and place.element >= length:
+                raise LogError(
+                    f"{label}, column {place.column!r} holds lists of {length}, counted from 0: "
+                    f"there is no {place.name!r}"
+                )
+            get = column.arr.get if isinstance(column.dtype, pl.Array) else column.list.get
+            column = get(place.element, null_on_oob=True)
         if column.dtype.is_numeric() or column.dtype == pl.Null:
             values[:, i] = column.cast(pl.Float64).fill_null(np.nan).to_numpy()
         elif column.dtype == pl.String:
             for row, text in enumerate(column, start=first + 1):
-                where = f"{label}, row {row}, column {name!r}"
+                where = f"{label}, row {row}, column {place.name!r}"
                 values[row - first - 1, i] = parse_cell(
                     (text or "").strip(), where, lenient=lenient
                 )
         else:
-            raise LogError(f"{label}, column {name!r} holds {column.dtype}, expected numbers")
+            lists = place.element is None and isinstance(column.dtype, (pl.List, pl.Array))
+            remedy = f"; name one element, such as {place.name}[0]" if lists else ""
+            raise LogError(
+                f"{label}, column {place.name!r} holds {column.dtype}, expected numbers{remedy}"
+            )
     return values
 
 

@@ -60,11 +60,12 @@ def find_roles(
     """
     names = _joint_names(source, arm, joints)
     mapping = dict(columns or {})
+    locked = tuple(arm.locked) if arm is not None else ()  # mapped for `locked_from_log`
     for name in mapping:
-        if name not in (*names, *POSITION):
+        if name not in (*names, *POSITION, *locked):
             raise OptionError(
                 f"columns {name}={mapping[name]}: {name!r} is neither a position nor a joint; "
-                f"choices: {', '.join((*POSITION, *names))}"
+                f"choices: {', '.join((*POSITION, *names, *locked))}"
             )
     has_z = "z" not in names and ("z" in mapping or "z" in source.header)
     axes = POSITION if has_z else POSITION[:2]
