@@ -46,7 +46,7 @@ MODULES = {
     "adaptation": "calib/adaptation/*.py",
 }
 TESTS = """
-    adaptation arm bad_urdf bounds branches correct correction density dsom gng gp inverse
+    adaptation adapting arm bad_urdf bounds branches correct correction density dsom gng gp inverse
     lattice linked links local map newton online online_adaptation path plane reach redundant
     robots schedule selection servo solver som teacher trend urdf
 """
@@ -262,7 +262,7 @@ def run(root: Path, options: argparse.Namespace) -> None:
     print(f"{len(makers)} mutants of {len(paths)} files", file=sys.stderr)
 
     reaches = {}
-    for name in TESTS.split():
+    for name in options.tests.split():
         file = root / "tests" / f"test_{name}.py"
         if file.exists():
             found = reach(root, file.name, paths, options.slow, root / "reach.log")
@@ -316,6 +316,7 @@ def main() -> None:
     parser.add_argument("--n", type=int, default=300, help="mutants to draw")
     parser.add_argument("--seed", type=int, default=1)
     parser.add_argument("--module", choices=MODULES, action="append", help="repeatable")
+    parser.add_argument("--tests", default=TESTS, help="test files, without test_ and .py")
     parser.add_argument("--budget", type=float, default=15.0, help="computing per mutant [s]")
     parser.add_argument("--slow", type=float, default=2.5, help="tests left out are slower [s]")
     parser.add_argument("-o", "--output", type=Path, help="survivors and their diffs")
