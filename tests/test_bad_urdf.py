@@ -90,6 +90,7 @@ BAD = {
     "origin nan": (changed("0.3 0 0", "nan 0 0"), ["'elbow'", "origin xyz", "'nan'"]),
     "origin inf": (changed("0.3 0 0", "inf 0 0"), ["'elbow'", "'inf'"]),
     "origin overflows": (changed("0.3 0 0", "1e999 0 0"), ["'elbow'", "'1e999'"]),
+    "origin beyond the Earth": (changed("0.3 0 0", "1e308 0 0"), ["'elbow'", "1e+308 m", "metres"]),
     "origin text": (changed("0.3 0 0", "0,3 0 0"), ["'0,3'"]),
     "origin as Python writes it": (changed("0.3 0 0", "1_0 0 0"), ["'1_0'"]),
     "endless number": (changed("0.3 0 0", "1" * 100_000 + "x 0 0"), ["'111", "finite"]),
