@@ -88,8 +88,8 @@ def _linking(arm: Any, log: Any, side: int) -> Any:
     sensory = Map(seen.to_unit(arm.forward(joints.from_unit(units))), lattice, seen, none)
     u, v = joints.to_unit(log.q), seen.to_unit(log.x)
     wiring = WIRINGS["reciprocal"]
-    wiring.link(wiring.activity(motor, u[:100]), wiring.activity(sensory, v[:100]))
-    return lambda: wiring.link(wiring.activity(motor, u), wiring.activity(sensory, v))
+    wiring.learn(motor, u[:100], sensory, v[:100])
+    return lambda: wiring.learn(motor, u, sensory, v)
 
 
 def _chain(joints: int, rows: int) -> tuple[Any, Any]:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterable
 from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
@@ -24,6 +25,7 @@ NEAREST = 12
 
 _WEAK = 0.02  # links below this share of the strongest of their node are let go
 _NOTHING = 1e-6  # and those below this share of the strongest of all
+_AT_ONCE = 50_000  # samples whose activities are held together
 
 
 @dataclass(frozen=True)
@@ -54,6 +56,17 @@ class Wiring:
     def link(self, a_motor: csr_array, a_sensory: csr_array, beta: float = 1.0) -> csr_array:
         """Links of two maps that were active together, see :func:`link`."""
         return link(a_motor, a_sensory, beta, mutual=self.mutual)
+
+    def learn(self, motor: Map, u: Array, sensory: Map, v: Array) -> csr_array:
+        """Links of two maps from samples (n, dof) and (n, 2) in their unit boxes.
+
+        However many, the activities of only some of them are held at once.
+        """
+        parts = (
+            (self.activity(motor, u[k : k + _AT_ONCE]), self.activity(sensory, v[k : k + _AT_ONCE]))
+            for k in range(0, len(u), _AT_ONCE)
+        )
+        return _linked(parts, 1.0, mutual=self.mutual)
 
 
 WIRINGS = {
@@ -127,11 +140,25 @@ def link(
     csr_array of shape (motor nodes, sensory nodes)
         Weak links are left out.
     """
-    together = (a_motor.T @ a_sensory).tocsr()
-    scale = _settled(a_sensory, beta)[together.indices]
+    return _linked([(a_motor, a_sensory)], beta, mutual=mutual)
+
+
+def _linked(
+    parts: Iterable[tuple[csr_array, csr_array]], beta: float, *, mutual: bool
+) -> csr_array:
+    """Links from the activities of the samples, part after part; see :func:`link`."""
+    together: csr_array | None = None
+    square: list[Array | float] = [0.0, 0.0]
+    for a_motor, a_sensory in parts:
+        product = (a_motor.T @ a_sensory).tocsr()
+        together = product if together is None else together + product
+        for k, a in enumerate((a_motor, a_sensory)):
+            square[k] = square[k] + np.asarray(a.multiply(a).sum(axis=0), dtype=float).ravel()
+    assert together is not None  # noqa: S101
+    scale = _settled(np.asarray(square[1]), beta)[together.indices]
     if mutual:
         rows = np.repeat(np.arange(together.shape[0]), np.diff(together.indptr))
-        scale = np.sqrt(scale * _settled(a_motor, beta)[rows])
+        scale = np.sqrt(scale * _settled(np.asarray(square[0]), beta)[rows])
     together.data *= scale
     return _without_weak(together)
 
@@ -154,9 +181,8 @@ def _without_weak(links: csr_array) -> csr_array:
     return kept
 
 
-def _settled(activities: csr_array, beta: float) -> Array:
-    """Where Oja's rule has come, over <a_i a_j>, from each node's activity, (nodes,)."""
-    square = np.asarray(activities.multiply(activities).sum(axis=0), dtype=float).ravel()
+def _settled(square: Array, beta: float) -> Array:
+    """Where Oja's rule has come, over <a_i a_j>, from sum a_j^2 of each node, (nodes,)."""
     exposure = beta * square
     reached = -np.expm1(-exposure)
     return np.divide(reached, exposure, out=np.zeros_like(square), where=exposure > 0)

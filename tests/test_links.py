@@ -174,3 +174,18 @@ def test_nodes_that_were_never_active_have_no_links():
 def test_links_survive_the_single_precision_of_a_file(pair):
     data = link(*(csr_array(a) for a in pair)).data
     assert (data == data.astype(np.float32)).all()
+
+
+@pytest.mark.parametrize("name", ["oja", "reciprocal"])
+def test_links_learned_part_by_part_are_those_of_all_samples_at_once(name, monkeypatch):
+    rng = np.random.default_rng(5)
+    lattice, none = Lattice((6, 6)), np.zeros((0, 4))
+    box = Scale(np.zeros(2), np.ones(2), np.zeros(2, dtype=bool))
+    maps = [Map(rng.random((36, 2)), lattice, box, none) for _ in range(2)]
+    u, v = rng.random((2, 500, 2))
+    wiring = WIRINGS[name]
+    at_once = wiring.link(wiring.activity(maps[0], u), wiring.activity(maps[1], v))
+    monkeypatch.setattr("calib.links._AT_ONCE", 130)
+    parts = wiring.learn(maps[0], u, maps[1], v)
+    assert at_once.nnz > 100
+    np.testing.assert_allclose(parts.toarray(), at_once.toarray(), rtol=1e-6, atol=1e-12)

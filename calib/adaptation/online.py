@@ -191,12 +191,12 @@ class OnlineAdapter:
             u = teacher.imagine(rng)
             x = teacher.value(u)
         wiring = model.association.wiring
-        a, b = wiring.activity(motor, u), wiring.activity(sensory, sensory.scale.to_unit(x))
+        links = wiring.learn(motor, u, sensory, sensory.scale.to_unit(x))
         selected = select(motor, model.about.revolute, u, x)
         visited = np.bincount(motor.nearest(u)[1][:, 0], minlength=motor.size) > 0
         return replace(
             model,
-            association=Association(motor, sensory, wiring.link(a, b), wiring),
+            association=Association(motor, sensory, links, wiring),
             predictor=selected.predictor,
             visited=visited,
         )
