@@ -5,13 +5,12 @@ from __future__ import annotations
 from collections.abc import Iterable
 from difflib import get_close_matches
 
-
 _LONGEST = 60  # characters of a name that are shown
 _LINE = 1_500  # characters of a message
 
 
 def printable(text: str) -> str:
-    """Return a text whose line breaks, control characters and the like are written out.
+    r"""Return a text whose line breaks, control characters and the like are written out.
 
     Examples
     --------
