@@ -14,8 +14,8 @@ def printable(text: str) -> str:
 
     Examples
     --------
-    >>> printable("el\\nbow"), printable("été")
-    ('el\\\\nbow', 'été')
+    >>> printable("el\nbow"), printable("été")
+    ('el\\nbow', 'été')
     """
     if text.isprintable():
         return text
