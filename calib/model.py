@@ -16,6 +16,7 @@ from .readouts.bounds import blend_nodes
 from .readouts.inverse import Solver
 from .readouts.linked import Association, check_readout
 from .readouts.predictor import Predictor
+from .readouts.support import Support
 
 if TYPE_CHECKING:
     import os
@@ -31,8 +32,6 @@ if TYPE_CHECKING:
     from .paths import Path
 
 Array = NDArray[np.float64]
-
-_SUPPORT = 3.0  # a query may be so many node spacings from the nearest visited node
 
 
 @dataclass(frozen=True, eq=False)
@@ -88,6 +87,11 @@ class Model:
         """Solver of the inverse direction."""
         return Solver(self.association, self.predictor)
 
+    @cached_property
+    def support(self) -> Support:
+        """Where samples were."""
+        return Support(self.motor, self.visited)
+
     def forward(self, q: ArrayLike, readout: str = "local") -> Array:
         """Position of the tip for joint values.
 
@@ -118,7 +122,7 @@ class Model:
         check_readout(readout)
         q, single = checked_rows(q, self.about.joint_names, "joint values")
         u = self.motor.scale.to_unit(q)
-        inside = self._known(u)
+        inside = self.support.covers(u)
         x = np.full((len(q), 2), np.nan)
         if inside.any():
             u = u[inside]
@@ -240,7 +244,7 @@ class Model:
         """
         q, single = checked_rows(q, self.about.joint_names, "joint values")
         u = self.motor.scale.to_unit(q)
-        known = self._known(u)
+        known = self.support.covers(u)
         bound = np.full(len(q), np.nan)
         bound[known] = blend_nodes(self.motor, self.bounds, u[known])
         return bound[0] if single else bound
@@ -289,7 +293,7 @@ class Model:
         """Why the joint values (dof,) are outside of what was learned, None if they are not."""
         rows, _ = checked_rows(q, self.about.joint_names, "joint values")
         u = self.motor.scale.to_unit(rows)
-        if bool(self._known(u)[0]):
+        if bool(self.support.covers(u)[0]):
             return None
         lower, upper = self.about.lower, self.about.upper
         for k, name in enumerate(self.about.joint_names):
@@ -299,24 +303,3 @@ class Model:
                     f"{lower[k]:.6g} to {upper[k]:.6g}"
                 )
         return "no sample was measured near these joint values"
-
-    def _known(self, u: Array) -> NDArray[np.bool_]:
-        """Whether points of the unit box are within what was learned, (n,)."""
-        margin = self.motor.spacing
-        inside = (u >= -margin) & (u <= 1.0 + margin) | self.motor.scale.periodic
-        known: NDArray[np.bool_] = np.asarray(inside.all(axis=1))
-        # a lattice of fewer dimensions than joints leaves gaps that tell nothing
-        full = getattr(self.motor.lattice, "dim", u.shape[1]) == u.shape[1]
-        if full and not self.visited.all() and known.any():
-            tree = self._visited_tree
-            # where samples are fewer than nodes the visited nodes stand further apart
-            apart = (self.motor.size / np.count_nonzero(self.visited)) ** (1 / u.shape[1])
-            reach = _SUPPORT * apart * self.motor.spacing
-            known[known] = np.asarray(tree.query(u[known])[0]) <= reach
-        return known
-
-    @cached_property
-    def _visited_tree(self) -> Any:
-        from .maps.map import search_tree
-
-        return search_tree(self.motor.units[self.visited], self.motor.scale)
