@@ -87,7 +87,8 @@ def _check_lists(column: pl.Series, lengths: dict[str, int], label: str, first: 
     if isinstance(column.dtype, pl.Array):
         lengths[name] = column.dtype.shape[0]
     elif isinstance(column.dtype, pl.List):
-        found = column.list.len().cast(pl.Int64).fill_null(-1).to_numpy()
+        # a list that is missing has no length, or in early versions of Polars 0
+        found = np.where(column.is_null(), -1, column.list.len().fill_null(0).cast(pl.Int64))
         there = found[found >= 0]
         if not len(there):
             return
