@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from typing import Any
 
+from map_race import CAP
 from measure import interval, number
 
 Rows = list[dict[str, Any]]
@@ -87,7 +88,7 @@ def _not_reached(search: Rows, side: int, goal: str, rows: Rows) -> list[str]:
             continue
         close = s["closest"]
         found = f"came to {close['ratio']:.3f}" if close else "was not run at this size"
-        text = f"{s['peer']} did not reach {goal} within 60 s of processor time: it {found}"
+        text = f"{s['peer']} did not reach {goal} within {CAP:.0f} s of processor time: it {found}"
         needed = _needed(search, s, side)
         if needed and s["cpu_per_sample"]:
             seconds = needed * s["cpu_per_sample"]
