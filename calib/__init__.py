@@ -44,7 +44,10 @@ if TYPE_CHECKING:
     from .planning.planning import plan as plan
     from .robots import list_robots as list_robots
     from .storage import load as load
+    from .sweeping import sweep as sweep
     from .training import train as train
+    from .trials import Sweep as Sweep
+    from .trials import Trial as Trial
 
 __version__ = "0.1.0"
 
@@ -68,6 +71,8 @@ _HOME = {
     "SOM": "maps.som",
     "Samples": "data.samples",
     "Simulation": "data.simulation",
+    "Sweep": "trials",
+    "Trial": "trials",
     "adapt": "adaptation.adapting",
     "babble": "data.babbling",
     "evaluate": "evaluation",
@@ -76,6 +81,7 @@ _HOME = {
     "load_arm": "arm.loading",
     "plan": "planning.planning",
     "read_log": "data.logs",
+    "sweep": "sweeping",
     "train": "training",
     "write_log": "data.logs",
 }

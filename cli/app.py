@@ -31,6 +31,7 @@ from .query import query_app
 from .report import report
 from .reproduce import reproduce
 from .robots import robots
+from .sweep import sweep
 from .train import train
 from .urdf import urdf
 
@@ -40,6 +41,7 @@ COMMANDS = (
     "train",
     "query",
     "evaluate",
+    "sweep",
     "check",
     "adapt",
     "correct",
@@ -200,6 +202,7 @@ app.command()(train)
 query_app.command()(path)
 app.add_typer(query_app, name="query")
 app.command()(evaluate)
+app.command()(sweep)
 app.command()(check)
 app.command()(adapt)
 app.command()(correct)

@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 from collections.abc import Callable, Sequence
 from difflib import get_close_matches
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import typer
 
@@ -32,6 +32,10 @@ class Size(tuple[int, ...]):
     def plain(self) -> int | tuple[int, ...]:
         """Return it as `calib.train` takes it."""
         return self[0] if len(self) == 1 else tuple(self)
+
+
+class Values(tuple[Any, ...]):
+    """Values of an option to try one after the other, as in `30,50,70`."""
 
 
 class Columns(dict[str, str]):
@@ -198,6 +202,18 @@ def numbers(option: str) -> Callable[[str], Numbers]:
             raise bad_option(option, text, expected) from None
 
     return parse
+
+
+def several(option: str, parse: Callable[[str], object]) -> Callable[[str], Values]:
+    """Return a parser of values with commas between them, each read by `parse`."""
+
+    def parse_all(text: str) -> Values:
+        values = Values(parse(part.strip()) for part in text.split(","))
+        if any(value in values[:k] for k, value in enumerate(values)):
+            raise bad_option(option, text, "each value once")
+        return values
+
+    return parse_all
 
 
 def columns(text: str) -> Columns:

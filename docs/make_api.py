@@ -30,6 +30,7 @@ CHAPTERS = {
     "Arms": ("load_arm", "list_robots", "PlanarArm"),
     "Samples": ("babble", "read_log", "write_log", "Samples", "Simulation", "plan", "Plan"),
     "Models": ("train", "load", "Model", "Answer", "Path", "evaluate", "Evaluation"),
+    "Sweeps": ("sweep", "Sweep", "Trial"),
     "Drift and re-calibration": ("Drift", "Monitor", "adapt", "Adaptation"),
     "Maps": ("SOM",),
     "Errors": (

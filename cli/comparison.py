@@ -1,0 +1,147 @@
+"""Comparison: what a sweep found, as tables for people and as JSON."""
+
+from __future__ import annotations
+
+import math
+import statistics
+from collections.abc import Sequence
+from typing import TYPE_CHECKING, Any
+
+from .options import READOUTS
+from .output import Table, fixed, number
+from .units import for_people
+
+if TYPE_CHECKING:
+    from calib import Sweep, Trial
+
+DIRECTIONS = ("forward", "inverse")
+
+
+def failures(found: Sweep) -> list[str]:
+    """Return a line for each error of a source, however many of its trainings it ended."""
+    ended: dict[tuple[str, str], list[Trial]] = {}
+    for row in found.failed:
+        ended.setdefault((row.source, row.error), []).append(row)
+    return [f"error: {source}, {_which(rows)}: {error}" for (source, error), rows in ended.items()]
+
+
+def tables(found: Sweep, readouts: Sequence[str]) -> list[Table]:
+    """Return a table for each readout, with a row for each combination that was trained."""
+    from calib.trials import written
+
+    parts = [done for part in found.combinations() if (done := _trained(part))]
+    if not parts:
+        return []
+    varied = _varied(found)
+    seeds = len({row.seed for row in found.rows})
+    keys = ("mean", "spread", "max") if seeds > 1 else ("mean", "max")
+    units = list(dict.fromkeys(part[0].unit for part in parts))
+    header = ["source", *varied]
+    header += [{"mean": way, "spread": "sd"}.get(key, key) for way in DIRECTIONS for key in keys]
+    lines = []
+    for readout in readouts:
+        rows = []
+        for part in parts:
+            factor, _ = for_people(part[0].unit)
+            cells = [part[0].source, *(written(part[0].options.get(name)) for name in varied)]
+            for way in DIRECTIONS:
+                result = together(part, readout, way)
+                cells += [number(result[key] * factor) for key in keys]
+            rows.append([*cells, fixed(statistics.fmean(row.seconds for row in part), 2)])
+        unit = ", ".join(for_people(unit)[1] for unit in units)
+        title = f"{readout} readout: mean and largest error of the tip [{unit}]"
+        if seeds > 1:
+            title += f", mean of {seeds} seeds and its standard deviation"
+        lines.append(Table([*header, "seconds"], rows, title, left=1 + len(varied)))
+    return lines
+
+
+def summary(found: Sweep, output: str | None) -> str:
+    """Return a line that says how many trainings there were, and where."""
+    where = "one after the other"
+    if found.backend:
+        many = f"{found.jobs} at a time" if found.jobs > 0 else "on all workers"
+        where = f"{many} ({found.backend})"
+    failed = f", {len(found.failed)} failed" if found.failed else ""
+    return f"{f'{output}: ' if output else ''}{len(found)} trainings{failed}, {where}"
+
+
+def document(found: Sweep, output: str | None) -> dict[str, Any]:
+    """Return what the command prints as JSON."""
+    return {
+        "output": output,
+        "backend": found.backend or None,
+        "jobs": found.jobs,
+        "trainings": len(found),
+        "failed": len(found.failed),
+        "combinations": [_combination(part) for part in found.combinations()],
+        "rows": [
+            {
+                "source": row.source,
+                "options": row.options,
+                "seed": row.seed,
+                "unit": row.unit or None,
+                "seconds": row.seconds,
+                "errors": row.errors or None,
+                "error": row.error or None,
+            }
+            for row in found.rows
+        ],
+    }
+
+
+def together(part: Sequence[Trial], readout: str, direction: str) -> dict[str, float]:
+    """Return what several seeds gave.
+
+    Parameters
+    ----------
+    part : sequence of Trial
+        Trainings that differ in their seed alone.
+    readout, direction : str
+        Which error of the tip.
+
+    Returns
+    -------
+    dict of str to float [unit]
+        "mean" of the mean errors, their standard deviation "spread" (NaN for one seed),
+        and the largest error "max" of all.
+    """
+    means = [row.distance(readout, direction, "mean") for row in part]
+    return {
+        "mean": statistics.fmean(means),
+        "spread": statistics.stdev(means) if len(means) > 1 else math.nan,
+        "max": max(row.distance(readout, direction, "max") for row in part),
+    }
+
+
+def _combination(part: Sequence[Trial]) -> dict[str, Any]:
+    done = _trained(part)
+    errors = {r: {way: together(done, r, way) for way in DIRECTIONS} for r in READOUTS if done}
+    return {
+        "source": part[0].source,
+        "options": part[0].options,
+        "seeds": [row.seed for row in part],
+        "failed": len(part) - len(done),
+        "unit": done[0].unit if done else None,
+        "seconds": statistics.fmean(row.seconds for row in done) if done else None,
+        "errors": errors or None,
+    }
+
+
+def _trained(part: Sequence[Trial]) -> list[Trial]:
+    return [row for row in part if not row.error]
+
+
+def _varied(found: Sweep) -> list[str]:
+    """Return the options of which more than one value was tried."""
+    names = dict.fromkeys(name for row in found.rows for name in row.options)
+    return [n for n in names if len({repr(row.options.get(n)) for row in found.rows}) > 1]
+
+
+def _which(rows: Sequence[Trial]) -> str:
+    from calib.trials import written
+
+    if len(rows) > 1:
+        return f"{len(rows)} trainings"
+    options = [f"{name} {written(value)}" for name, value in rows[0].options.items()]
+    return ", ".join([*options, f"seed {rows[0].seed}"])
