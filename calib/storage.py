@@ -336,7 +336,7 @@ def _expect(name: str, array: NDArray[Any], shape: tuple[int, ...]) -> None:
         raise ValueError(f"{name} has the shape {array.shape}, expected {shape}")
     if array.dtype.kind not in "fiub":
         raise ValueError(f"{name} holds {array.dtype}, expected numbers")
-    if array.dtype.kind == "f" and not (np.abs(array) < _LARGE).all():
+    if array.dtype.kind == "f" and not (np.abs(array.astype(float)) < _LARGE).all():
         raise ValueError(f"{name} holds a value that is not finite, or beyond {_LARGE:g}")
 
 
