@@ -161,13 +161,16 @@ def main() -> None:
     swept = 0
     with tempfile.TemporaryDirectory() as name:
         victims = prepare(Path(name))
+        seconds = {victim.name: victim.seconds for victim in victims}
         killed = 0
         while killed < options.n:
             victim = victims[killed % len(victims)]
             spread = killed % (2 * len(victims)) < len(victims)
-            delay = rng.uniform(0.0, victim.seconds) if spread else None
+            delay = rng.uniform(0.0, seconds[victim.name]) if spread else None
             after = 0.0 if spread else 10 ** rng.uniform(-6.0, -1.5)
             outcome = kill(victim, delay, after)
+            if spread and outcome.startswith("done"):  # the machine has less to do than before
+                seconds[victim.name] = delay or 0.0
             phase = "any moment" if spread else "while writing"
             counts.setdefault(f"{victim.name}, {phase}", Counter())[outcome] += 1
             killed += not outcome.startswith("done")

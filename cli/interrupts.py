@@ -59,7 +59,7 @@ def leave(code: int | None) -> None:
     asked = received()
     if asked is not None:
         for stream in (sys.stdout, sys.stderr):
-            with suppress(OSError, ValueError):
+            with suppress(OSError, ValueError, RuntimeError):  # or interrupted while it wrote
                 stream.flush()
         os._exit(asked if code is None else code)
 
