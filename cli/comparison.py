@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import math
-import statistics
 from collections.abc import Sequence
 from typing import TYPE_CHECKING, Any
 
@@ -47,7 +46,7 @@ def tables(found: Sweep, readouts: Sequence[str]) -> list[Table]:
             for way in DIRECTIONS:
                 result = together(part, readout, way)
                 cells += [number(result[key] * factor) for key in keys]
-            rows.append([*cells, fixed(statistics.fmean(row.seconds for row in part), 2)])
+            rows.append([*cells, fixed(_mean([row.seconds for row in part]), 2)])
         unit = ", ".join(for_people(unit)[1] for unit in units)
         title = f"{readout} readout: mean and largest error of the tip [{unit}]"
         if seeds > 1:
@@ -62,8 +61,9 @@ def summary(found: Sweep, output: str | None) -> str:
     if found.backend:
         many = f"{found.jobs} at a time" if found.jobs > 0 else "on all workers"
         where = f"{many} ({found.backend})"
+    noun = "training" if len(found) == 1 else "trainings"
     failed = f", {len(found.failed)} failed" if found.failed else ""
-    return f"{f'{output}: ' if output else ''}{len(found)} trainings{failed}, {where}"
+    return f"{f'{output}: ' if output else ''}{len(found)} {noun}{failed}, {where}"
 
 
 def document(found: Sweep, output: str | None) -> dict[str, Any]:
@@ -106,10 +106,12 @@ def together(part: Sequence[Trial], readout: str, direction: str) -> dict[str, f
         "mean" of the mean errors, their standard deviation "spread" (NaN for one seed),
         and the largest error "max" of all.
     """
+    from statistics import stdev
+
     means = [row.distance(readout, direction, "mean") for row in part]
     return {
-        "mean": statistics.fmean(means),
-        "spread": statistics.stdev(means) if len(means) > 1 else math.nan,
+        "mean": _mean(means),
+        "spread": stdev(means) if len(means) > 1 else math.nan,
         "max": max(row.distance(readout, direction, "max") for row in part),
     }
 
@@ -123,9 +125,13 @@ def _combination(part: Sequence[Trial]) -> dict[str, Any]:
         "seeds": [row.seed for row in part],
         "failed": len(part) - len(done),
         "unit": done[0].unit if done else None,
-        "seconds": statistics.fmean(row.seconds for row in done) if done else None,
+        "seconds": _mean([row.seconds for row in done]) if done else None,
         "errors": errors or None,
     }
+
+
+def _mean(values: Sequence[float]) -> float:
+    return math.fsum(values) / len(values)
 
 
 def _trained(part: Sequence[Trial]) -> list[Trial]:
