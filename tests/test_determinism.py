@@ -12,12 +12,12 @@ import numpy as np
 import pytest
 
 RECIPES = {
-    "two links": {"n": 6000, "size": 30},
+    "two links": {"n": 3000, "size": 20},
     "two links, online rule": {"rule": "online"},
     "two links, dsom": {"map": "dsom"},
     "two links, growing neural gas": {"map": "gng", "n": 300, "size": 5},
     "three links": {"robot": "three_link", "size": 5, "n": 500},
-    "a log": {"log": 120, "size": 5},
+    "a log": {"log": 60, "size": 4},
     "a short log, taught": {"log": 30, "size": 6},
     "few-shot adaptation": {"adapt": "few-shot"},
     "online adaptation": {"adapt": "online"},
@@ -29,9 +29,9 @@ import hashlib, json, sys
 import calib
 from calib.readouts import teacher
 from calib.storage import to_bytes
-teacher.IMAGINED = 1500  # brief
+teacher.IMAGINED = 800  # brief
 
-def made(robot="two_link", log=0, adapt="", size=7, n=600, **options):
+def made(robot="two_link", log=0, adapt="", size=6, n=400, **options):
     arm = calib.load_arm(robot)
     samples = calib.babble(arm, log or n, seed=1, noise=1e-3)
     if log:
@@ -39,7 +39,7 @@ def made(robot="two_link", log=0, adapt="", size=7, n=600, **options):
         samples = calib.Samples(s.q, s.x, s.joint_names, s.lower, s.upper, s.revolute, arm=arm)
     model = calib.train(samples, size=size, seed=2, **options)
     if adapt:
-        rows = {"few-shot": 60, "online": 400}[adapt]
+        rows = {"few-shot": 60, "online": 200}[adapt]
         new = calib.babble(arm, rows, seed=3, noise=1e-3, changes=["elbow.length=+5%"])
         model = model.adapt(new, method=adapt)
         assert model.history

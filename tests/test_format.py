@@ -5,6 +5,7 @@ from __future__ import annotations
 import hashlib
 import json
 import re
+from functools import cache
 from pathlib import Path
 
 import numpy as np
@@ -31,25 +32,30 @@ def reader():
 
 
 def taught():
-    with brief_teacher():
+    with brief_teacher(1500):
         return calib.train(log(30, 1e-3), size=6)
 
 
 MODELS = {
     "of an old format": lambda: calib.load(OLD),
-    "with noise": lambda: trained("two_link", noise=1e-3),
-    "of a log": measured,
-    "of three joints": lambda: trained("three_link"),
-    "with a slide": lambda: trained("polar"),
+    "with noise": lambda: trained("two_link", 800, 8, noise=1e-3),
+    "of a log": lambda: measured(150, 5),
+    "of three joints": lambda: trained("three_link", 800, 6),
+    "with a slide": lambda: trained("polar", 800, 8),
     "with a joint that turns round": turning,
     "taught": taught,
     "of a growing neural gas": lambda: trained("two_link", 300, 5, map="gng"),
 }
 
 
+@cache
+def made(kind):
+    return MODELS[kind]()
+
+
 @pytest.mark.parametrize("kind", MODELS)
 def test_the_reader_of_the_page_agrees_with_the_model(kind, tmp_path):
-    model = MODELS[kind]()
+    model = made(kind)
     path = tmp_path / "m.calib"
     model.save(path)
     forward = reader()["forward"]
@@ -65,7 +71,7 @@ def test_there_are_local_models_among_those_that_are_read():
 @pytest.mark.parametrize("kind", MODELS)
 def test_every_tensor_and_every_key_is_on_the_page(kind, tmp_path):
     path = tmp_path / "m.calib"
-    MODELS[kind]().save(path)
+    made(kind).save(path)
     with safe_open(path, framework="np") as file:
         names, metadata = set(file.keys()), file.metadata()
     told = set(re.findall(r"`([a-z0-9_.*]+)`", PAGE))
