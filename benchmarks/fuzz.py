@@ -15,7 +15,6 @@ from __future__ import annotations
 import argparse
 import json
 import os
-import pickle
 import queue
 import subprocess
 import sys
@@ -106,7 +105,7 @@ def _keep(options: argparse.Namespace, i: int, case: object, why: str) -> Path:
     folder.mkdir(parents=True, exist_ok=True)
     command = f"python benchmarks/fuzz.py --kind {options.kind} --seed {options.seed} --only {i}\n"
     (folder / "why.txt").write_text(f"{command}\n{why}\n{case!r:.3000}\n", errors="replace")
-    data = case if isinstance(case, bytes) else pickle.dumps(case)
+    data = case if isinstance(case, bytes) else repr(case).encode(errors="replace")
     (folder / "input").write_bytes(data)
     return folder
 

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import hashlib
 import json
-import math
 import os
 import stat
 from collections.abc import Mapping
@@ -15,21 +14,10 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import NDArray
 
-from .about import About
 from .atomic import atomic_write
-from .drift.baseline import Baseline
 from .errors import CalibError, ModelError
-from .links import Wiring
 from .maps.graph import Graph
-from .maps.lattice import Lattice
-from .maps.map import HISTORY, Map
-from .plain import finite, numbers, of_type
-from .readouts.basis import Basis
-from .readouts.linked import Association
-from .readouts.local import LocalModels
-from .readouts.predictor import Predictor
-from .readouts.trend import Trend
-from .scale import Scale
+from .rebuilding import build
 
 if TYPE_CHECKING:
     from .model import Model
@@ -40,8 +28,6 @@ FORMAT = 1
 _KEY = "calib"
 _LARGEST = 2_000_000_000  # bytes
 _HEADER = 20_000_000  # bytes; those of the description are among them
-_LARGE = 1e15  # no number of a model is so large, and its powers are numbers still
-_FUNCTIONS = 100_000  # of a trend
 _NONSENSE = (  # what building a model from a description without sense raises
     CalibError,
     AttributeError,
@@ -183,7 +169,7 @@ def from_bytes(data: bytes, name: str = "model") -> Model:
             f"{name}: damaged or edited, it does not match its checksum: restore or train it again"
         )
     try:
-        return _build(header, tensors)
+        return build(header, tensors)
     except _NONSENSE as error:
         reason = " ".join(str(error).split())[:120]
         raise ModelError(f"{name}: not a complete model ({reason}), train it again") from error
@@ -211,142 +197,3 @@ def _unpack(data: bytes, name: str) -> tuple[dict[str, Any], dict[str, NDArray[A
     if not isinstance(header, dict):
         raise ModelError(f"{name}: damaged, its description is not a JSON object")
     return header, tensors
-
-
-def _build(header: Mapping[str, Any], tensors: Mapping[str, NDArray[Any]]) -> Model:
-    from scipy.sparse import csr_array
-
-    from .model import Model
-
-    about = About.from_json(header["about"])
-    dof = len(about.joint_names)
-    motor = _map("motor", header, tensors, dof)
-    sensory = _map("sensory", header, tensors, 2)
-    counts = _whole(tensors, "links.counts").astype(np.int64)
-    indices = _whole(tensors, "links.indices").astype(np.int32)
-    _expect("links.data", tensors["links.data"], indices.shape)
-    _expect("links.counts", counts, (motor.size,))
-    if counts.sum() != len(indices) or len(indices) != len(tensors["links.data"]):
-        raise ValueError("the links' lengths differ")
-    if len(indices) and indices.max() >= sensory.size:
-        raise ValueError("a link points outside of the sensory map")
-    indptr = np.concatenate([[0], np.cumsum(counts)]).astype(np.int32)
-    links = csr_array(
-        (tensors["links.data"].astype(float), indices, indptr), shape=(motor.size, sensory.size)
-    )
-    turns = tuple(float(t) for t in header["trend"]["turns"])
-    if len(turns) != dof:
-        raise ValueError("the trend is of another arm")
-    if not all(0.0 <= turn < _LARGE for turn in turns):  # zero of joints that slide
-        raise ValueError(f"{turns} are no turns")
-    if math.comb(_small(header["trend"]["degree"], 60) + dof, dof) > _FUNCTIONS:
-        raise ValueError("the trend has too many functions")
-    basis = Basis(turns, *(_small(header["trend"][k], 60) for k in ("degree", "each")))
-    _expect("trend.coefficients", tensors["trend.coefficients"], (len(basis.orders), 2))
-    degree = _small(header["local"]["degree"], 3, least=-1)
-    models = LocalModels(
-        degree,
-        int(header["local"]["samples"]),
-        tensors["local.radius"],
-        tensors["local.coefficients"],
-    )
-    if degree >= 0:
-        from .readouts.basis import exponents
-
-        _expect("local.radius", models.radius, (motor.size,))
-        if not (models.radius > 0.0).all():
-            raise ValueError("local.radius is not above zero")
-        terms = len(exponents(dof, degree))
-        _expect("local.coefficients", models.coefficients, (motor.size, terms, 2))
-    _expect("bounds", tensors["bounds"], (motor.size,))
-    _expect("visited", tensors["visited"], (motor.size,))
-    return Model(
-        about,
-        Association(motor, sensory, links, _wiring(header["links"])),
-        Predictor(motor, Trend(basis, tensors["trend.coefficients"]), models),
-        tensors["bounds"],
-        tensors["visited"].astype(bool),
-        _history(header["history"]),
-        _baseline(header.get("baseline"), tensors, motor, sensory),
-    )
-
-
-def _baseline(
-    stated: Mapping[str, Any] | None, tensors: Mapping[str, NDArray[Any]], motor: Map, sensory: Map
-) -> Baseline | None:
-    if stated is None:
-        return None
-    parts = [tensors[f"baseline.{name}"].astype(float) for name in ("motor", "sensory")]
-    for name, part, lattice in zip(("motor", "sensory"), parts, (motor, sensory), strict=True):
-        _expect(f"baseline.{name}", part, (lattice.size,))
-    numbers("spread", stated["spread"], 2)
-    finite("noise", stated["noise"])
-    return Baseline.from_json(stated, *parts)
-
-
-def _history(stated: Any) -> tuple[dict[str, Any], ...]:
-    from .alignment import Alignment
-
-    states = tuple(of_type("history", state, dict) for state in of_type("history", stated, list))
-    for state in states:
-        if state.get("frame") is not None:
-            Alignment.from_json([numbers("frame", row, 3) for row in state["frame"]])
-    return states
-
-
-def _map(
-    name: str, header: Mapping[str, Any], tensors: Mapping[str, NDArray[Any]], dim: int
-) -> Map:
-    shape = tuple(int(n) for n in header[name]["lattice"])
-    units = tensors[f"{name}.units"]
-    lattice: Lattice | Graph
-    if f"{name}.edges" in tensors:
-        edges = _whole(tensors, f"{name}.edges").astype(np.intp)
-        _expect(f"{name}.edges", edges, (len(edges), 2))
-        if not len(edges) or edges.max() >= len(units):
-            raise ValueError(f"an edge of the {name} map ends at no node")
-        lattice = Graph(len(units), edges)
-    else:
-        lattice = Lattice(shape)
-    _expect(f"{name}.units", units, (lattice.size, dim))
-    lower, span = tensors[f"{name}.lower"], tensors[f"{name}.span"]
-    _expect(f"{name}.lower", lower, (dim,))
-    _expect(f"{name}.span", span, (dim,))
-    if not (span > 0.0).all():
-        raise ValueError(f"{name}.span is not above zero")
-    periodic = tensors[f"{name}.periodic"].astype(bool)
-    _expect(f"{name}.periodic", periodic, (dim,))
-    history = tensors[f"{name}.history"]
-    _expect(f"{name}.history", history, (len(history), len(HISTORY)))
-    found = Map(units, lattice, Scale(lower, span, periodic), history)
-    if not found.spacing > 0.0:
-        raise ValueError(f"the nodes of the {name} map are all in one place")
-    return found
-
-
-def _wiring(stated: Mapping[str, Any]) -> Wiring:
-    bandwidth = float(stated["bandwidth"])
-    if not 0.0 < bandwidth < 100.0:
-        raise ValueError(f"{bandwidth!r} is no bandwidth")
-    return Wiring(bool(stated["local"]), bool(stated["mutual"]), bandwidth)
-
-
-def _expect(name: str, array: NDArray[Any], shape: tuple[int, ...]) -> None:
-    if array.shape != shape:
-        raise ValueError(f"{name} has the shape {array.shape}, expected {shape}")
-    if array.dtype.kind not in "fiub":
-        raise ValueError(f"{name} holds {array.dtype}, expected numbers")
-    if array.dtype.kind == "f" and not (np.abs(array.astype(float)) < _LARGE).all():
-        raise ValueError(f"{name} holds a value that is not finite, or beyond {_LARGE:g}")
-
-
-def _whole(tensors: Mapping[str, NDArray[Any]], name: str) -> NDArray[Any]:
-    if tensors[name].dtype.kind != "u":
-        raise ValueError(f"{name} holds {tensors[name].dtype}, expected whole numbers")
-    return tensors[name]
-
-
-def _small(value: Any, most: int, least: int = 0) -> int:
-    if not isinstance(value, int) or not least <= value <= most:
-        raise ValueError(f"{value!r} is not a degree")
-    return value

@@ -125,6 +125,7 @@ CASES = [
     ("evaluate good.calib --data none.csv", 1, "none.csv"),
     ("evaluate good.calib --data missing.csv", 1, "'elbow'"),
     ("evaluate good.calib --columns x=u", 2, "--columns --data"),
+    ("adapt . --data few.csv", 1, "directory"),
     ("babble two_link", 2, "--output"),
     ("babble nope -o a.csv", 1, "'nope'"),
     ("babble two_link -n -3 -o a.csv", 2, "--samples '-3'"),

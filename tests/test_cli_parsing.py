@@ -90,3 +90,10 @@ def test_json_holds_no_number_that_is_not_finite():
 def test_tables_are_aligned():
     lines = Table(["name", "value"], [["a", "1.25"], ["long name", "10"]], "title").lines()
     assert lines == ["title", "name       value", "a           1.25", "long name     10"]
+
+
+def test_huge_numbers_keep_a_table_narrow():
+    for value in (1e300, -1e300, 3.2e25):
+        for text in (fixed(value, 3), number(value)):
+            assert len(text) <= 12
+            assert float(text) == pytest.approx(value, rel=1e-3)

@@ -277,6 +277,14 @@ FORGERIES = {
     "with a scale without width": _set("motor.span", 0, 0.0),
     "with a coefficient beyond all sense": _set("trend.coefficients", 0, 1e300),
     "with a history that is text": lambda h, t: h.update(history=["adapted"]),
+    "with limits of another type": lambda h, t: t.update(
+        {"motor.lower": t["motor.lower"].astype(np.uint8)}
+    ),
+    "with a map of other limits": _set("motor.lower", 0, -9.0),
+    "with a turn of nearly nothing": lambda h, t: h["trend"].update(turns=[1e-320, 1.0]),
+    "with a negative variance": lambda h, t: h["baseline"].update(spread=[0.7, -0.7]),
+    "with a negative bound": _set("bounds", 0, -1.0),
+    "with no node visited": lambda h, t: t.update(visited=0 * t["visited"]),
     "with links whose number is negative": lambda h, t: t.update(
         {"links.counts": -t["links.counts"].astype(np.int64)}
     ),
