@@ -90,11 +90,12 @@ def test_blocks_held_out_are_contiguous():
     """The first tenth of the rows is held out: spoilt rows there do not spoil the others."""
     clean = log(300)
     x = clean.x.copy()
-    x[:30] += [0.1, 0.0]
+    shift = 3e-5  # [m] too little for an outlier, that would be left out
+    x[:30] += [shift, 0.0]
     spoilt = calib.Samples(clean.q, x, clean.joint_names, clean.lower, clean.upper, clean.revolute)
     errors = calib.train(spoilt, size=8).about.errors["local"]["forward"]["x"]
-    # one of the five blocks held out is wrong by 0.1, seen from rows without the fault
-    assert errors["max"] > 0.09
+    # one of the five blocks held out is wrong by that, seen from rows without the fault
+    assert 0.9 * shift < errors["max"] < 1.1 * shift
 
 
 def test_errors_are_of_the_displacement_for_a_log_and_of_the_truth_for_a_simulation():
