@@ -180,8 +180,7 @@ With N nodes, n samples and k activities per sample (a fixed number):
   and spreads the nodes' sums along the lattice's axes, O(N sigma). Together
   O((S + E N) log N) for E epochs, and memory for the samples and a few arrays of N.
 - **Links.** Two searches for k nodes per sample and a product of two sparse matrices with k
-  entries per sample, O(n log N + n k^2); the activities are held at once, which is what takes
-  memory here.
+  entries per sample, O(n log N + n k^2), part by part of the samples.
 - **Local models, cross-validation, bounds.** Sums over the samples around each node,
   O(n + N), and one search per sample and fold.
 - **Queries.** A search of the tree and the trend's few functions, O(log N); the inverse repeats
