@@ -2,8 +2,11 @@
 
 from __future__ import annotations
 
+import math
 from functools import lru_cache
 from typing import NamedTuple
+
+import numpy as np
 
 from .setting import Setting
 from .trial import Schedule, Trial, activity_errors, association
@@ -14,6 +17,8 @@ SAME = Schedule(20, 2.0)
 _EPOCHS = (20, 40)
 _SIGMAS = (0.4, 0.7, 1.0, 1.5, 2.0)
 _LINKS = ("reciprocal", "oja")
+_FINALISTS = 4
+"""So many candidates are judged on every seed: one seed alone is one map's luck."""
 
 
 class Found(NamedTuple):
@@ -26,20 +31,27 @@ class Found(NamedTuple):
 def best_schedule(setting: Setting, network: str, side: int | None = None) -> list[Found]:
     """Schedules of one network by their validation error, the best first.
 
-    The readout is ``activity``; samples and validation points are those of the first seed,
-    on a stream of their own.
+    The readout is ``activity``.  Successive halving (Jamieson and Talwalkar, AISTATS 2016):
+    each seed, with samples and validation points of its own, judges the better half of what
+    the seeds before it left, down to a few finalists, which every seed judges.  A candidate
+    that stayed longer comes before one that was dropped earlier.
     """
     side = side or setting.side
-    seed = setting.seeds[0]
-    samples = setting.babble(seed)
-    q, x = setting.validation(samples, seed)
-    found = []
-    for schedule in candidates(setting):
-        pair = association(samples, network, schedule, side, seed)
-        score = float(activity_errors(pair, q, x).mean(axis=0).mean())
-        found.append(Found(schedule, score))
-        setting.report(len(found) / len(candidates(setting)), f"{network}: {schedule}")
-    return sorted(found, key=lambda f: f.score)
+    kept, dropped = candidates(setting), list[Found]()
+    scores: dict[Schedule, list[float]] = {schedule: [] for schedule in kept}
+    for k, seed in enumerate(setting.seeds):
+        samples = setting.babble(seed)
+        q, x = setting.validation(samples, seed)
+        for n, schedule in enumerate(kept):
+            pair = association(samples, network, schedule, side, seed)
+            scores[schedule].append(float(activity_errors(pair, q, x).mean()))
+            share = (k + (n + 1) / len(kept)) / len(setting.seeds)
+            setting.report(share, f"{network}: {schedule}")
+        found = sorted((Found(s, float(np.mean(scores[s]))) for s in kept), key=lambda f: f.score)
+        half = max(_FINALISTS, math.ceil(len(found) / 2)) if k + 1 < len(setting.seeds) else None
+        kept = [f.schedule for f in found[:half]]
+        dropped = found[half:] + dropped if half else dropped
+    return found + dropped
 
 
 def candidates(setting: Setting) -> list[Schedule]:
