@@ -13,9 +13,9 @@ from numpy.typing import NDArray
 
 from .errors import OptionError
 from .links import WIRINGS
-from .maps.density import Gain
+from .maps.density import Gain, kind_of
 from .maps.som import SOM
-from .parallel import side_by_side
+from .parallel import in_turn, side_by_side
 from .readouts.linked import Association
 from .readouts.predictor import Predictor
 from .readouts.selection import select
@@ -156,7 +156,7 @@ def _both_maps(
     watch: Stopwatch,
     progress: Progress | None,
 ) -> tuple[Map, Map]:
-    """Motor and sensory map, at the same time."""
+    """Motor and sensory map, at the same time where they learn from many samples at once."""
     seen = Scale.of_data(x)
     v = seen.to_unit(x)
 
@@ -176,7 +176,9 @@ def _both_maps(
         return som.fit(points, scale=box, progress=tell, partners=partners)
 
     with watch("maps"):
-        maps = side_by_side(
+        # steps of a few samples hold the interpreter's lock: two threads would fight for it
+        together = options.rule == "batch" and kind_of(options.map) == "som"
+        maps = (side_by_side if together else in_turn)(
             lambda: fit("motor", options.motor_size, scale.from_unit(u), scale, v),
             lambda: fit("sensory", options.sensory_size, x, seen, u),
         )

@@ -1,4 +1,4 @@
-"""Two tasks on two cores."""
+"""Two tasks, on two cores or in turn."""
 
 from __future__ import annotations
 
@@ -29,6 +29,11 @@ def side_by_side(aside: Callable[[], S], here: Callable[[], T]) -> tuple[S, T]:
     result = here()
     thread.join()
     return task.result(), result
+
+
+def in_turn(first: Callable[[], S], second: Callable[[], T]) -> tuple[S, T]:
+    """Results of two tasks that run one after the other."""
+    return first(), second()
 
 
 class _Aside(Generic[S]):

@@ -7,6 +7,9 @@ from typing import Any, TypeVar
 
 T = TypeVar("T")
 
+LARGEST = 1e15
+"""No measure of an arm is so large, and its powers are numbers still."""
+
 
 def of_type(name: str, value: Any, kind: type[T]) -> T:
     """Return a value that is of a type; true and false are no numbers.

@@ -15,7 +15,7 @@ from .links import Wiring
 from .maps.graph import Graph
 from .maps.lattice import Lattice
 from .maps.map import HISTORY, Map
-from .plain import finite, numbers, of_type
+from .plain import LARGEST, finite, numbers, of_type
 from .readouts.basis import Basis
 from .readouts.linked import Association
 from .readouts.local import LocalModels
@@ -26,7 +26,6 @@ from .scale import Scale
 if TYPE_CHECKING:
     from .model import Model
 
-_LARGE = 1e15  # no number of a model is so large, and its powers are numbers still
 _SMALL = 1e-9  # radians that are a range
 _FUNCTIONS = 100_000  # of a trend
 
@@ -61,6 +60,8 @@ def build(header: Mapping[str, Any], tensors: Mapping[str, NDArray[Any]]) -> Mod
         raise ValueError("the links' lengths differ")
     if len(indices) and indices.max() >= sensory.size:
         raise ValueError("a link points outside of the sensory map")
+    if not len(indices) or not (tensors["links.data"] > 0.0).all():
+        raise ValueError("there are no links, or one is not above zero")
     indptr = np.concatenate([[0], np.cumsum(counts)]).astype(np.int32)
     links = csr_array(
         (tensors["links.data"].astype(float), indices, indptr), shape=(motor.size, sensory.size)
@@ -68,7 +69,7 @@ def build(header: Mapping[str, Any], tensors: Mapping[str, NDArray[Any]]) -> Mod
     turns = tuple(float(t) for t in header["trend"]["turns"])
     if len(turns) != dof:
         raise ValueError("the trend is of another arm")
-    if not all(turn == 0.0 or _SMALL <= turn < _LARGE for turn in turns):  # zero of slides
+    if not all(turn == 0.0 or _SMALL <= turn < LARGEST for turn in turns):  # zero of slides
         raise ValueError(f"{turns} are no turns")
     if math.comb(_small(header["trend"]["degree"], 60) + dof, dof) > _FUNCTIONS:
         raise ValueError("the trend has too many functions")
@@ -174,7 +175,7 @@ def _map(
 
 def _wiring(stated: Mapping[str, Any]) -> Wiring:
     bandwidth = float(stated["bandwidth"])
-    if not 0.0 < bandwidth < 100.0:
+    if not 1e-3 <= bandwidth <= 100.0:
         raise ValueError(f"{bandwidth!r} is no bandwidth")
     return Wiring(bool(stated["local"]), bool(stated["mutual"]), bandwidth)
 
@@ -184,8 +185,8 @@ def _expect(name: str, array: NDArray[Any], shape: tuple[int, ...]) -> None:
         raise ValueError(f"{name} has the shape {array.shape}, expected {shape}")
     if array.dtype.kind not in "fiub":
         raise ValueError(f"{name} holds {array.dtype}, expected numbers")
-    if array.dtype.kind == "f" and not (np.abs(array.astype(float)) < _LARGE).all():
-        raise ValueError(f"{name} holds a value that is not finite, or beyond {_LARGE:g}")
+    if array.dtype.kind == "f" and not (np.abs(array.astype(float)) < LARGEST).all():
+        raise ValueError(f"{name} holds a value that is not finite, or beyond {LARGEST:g}")
 
 
 def _whole(tensors: Mapping[str, NDArray[Any]], name: str) -> NDArray[Any]:

@@ -122,7 +122,7 @@ def _finish(
 ) -> int:
     """Write the answers, say which rows have none, and return the exit code."""
     if streams.target is not None or not streams.as_json:
-        write_table(streams.target or "-", columns)
+        write_table("-" if streams.target is None else streams.target, columns)
     if streams.as_json:
         document: dict[str, Any] = {
             "output": streams.target,

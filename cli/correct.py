@@ -58,7 +58,7 @@ def correct(
         reachable[valid] = found.reachable
     table = {**columns, "reachable": reachable}
     if output is not None or not as_json:
-        write_table(output or "-", table)
+        write_table("-" if output is None else output, table)
     missed = (np.flatnonzero(valid & (reachable == 0)) + 1).tolist()
     if as_json:
         show_json(

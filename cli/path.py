@@ -92,7 +92,7 @@ def path(
     columns["reachable"] = found.reachable.astype(np.int64)
     columns["jump"] = np.isin(np.arange(len(found.q)), found.jumps).astype(np.int64)
     if output is not None or not as_json:
-        write_table(output or "-", columns)
+        write_table("-" if output is None else output, columns)
     if as_json:
         document: dict[str, Any] = {
             "output": output,

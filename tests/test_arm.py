@@ -10,8 +10,9 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from reference import pinocchio_forward, random_joints
 
-from calib.arm.candidates import find_tip
+from calib.arm.candidates import Candidate, choose, find_tip
 from calib.arm.loading import arm_from_urdf, load_arm
+from calib.arm.ranges import one_turn
 from calib.arm.urdf import parse_urdf
 from calib.errors import CalibError, OptionError, QueryError, RobotError
 from calib.robots import list_robots
@@ -258,6 +259,29 @@ def test_more_than_one_turn_becomes_one_turn_said_aloud():
     assert other.periodic == (False, False)
 
 
+def test_a_range_of_more_than_one_turn_is_said_aloud():
+    text = chain_urdf(turning(lower="-10", upper="10"), turning())
+    arm = arm_from_urdf(text, ranges={"j1": (0, 1)})
+    assert arm.notes == ()
+    wide = arm.with_range({"j1": (-8, 5), "j2": (0, 0.5)})
+    assert wide.notes == (
+        "joint 'j1' can turn more than once: one turn is used, -3.1416 to 3.1416 rad",
+    )
+    np.testing.assert_allclose(wide.upper, [np.pi, 0.5])
+    assert arm.with_range({"j1": (-3, 3)}).notes == ()
+
+
+@given(st.floats(-50, 50), st.floats(2e-3, 50))
+def test_one_turn_lies_within_its_range_as_near_to_zero_as_it_can(lower, excess):
+    upper = lower + 2 * np.pi + excess
+    (first, last), note = one_turn("j1", (lower, upper))
+    assert last - first == pytest.approx(2 * np.pi)
+    assert lower - 1e-9 <= first < last <= upper + 1e-9
+    nearest = np.clip(0.0, lower + np.pi, upper - np.pi)
+    assert (first + last) / 2 == pytest.approx(nearest, abs=1e-9)
+    assert f"{first:.4f} to {last:.4f} rad" in note
+
+
 def test_one_turn_stays_within_limits_that_do_not_hold_zero_in_their_middle():
     arm = arm_from_urdf(chain_urdf(turning(lower="-1", upper="1e16"), turning()))
     assert arm.lower[0] == pytest.approx(-1)
@@ -344,6 +368,26 @@ def test_what_had_to_be_chosen_is_said_aloud():
         "--lock j3=9 lies outside the joint's limits -1:1 [rad]",
     )
     assert load_arm("two_link", ["shoulder", "elbow"]).notes == ()
+
+
+def test_a_robot_without_a_name_is_called_as_its_file(tmp_path):
+    text = load_arm("two_link").urdf
+    named = tmp_path / "left_arm.urdf"
+    named.write_text(text)
+    assert load_arm(named).name == "two_link"
+    nameless = tmp_path / "right_arm.urdf"
+    nameless.write_text(text.replace('name="two_link"', ""))
+    arm = load_arm(nameless)
+    assert arm.name == "right_arm"
+    assert any("right_arm is used" in note for note in arm.notes)
+    assert arm_from_urdf(nameless.read_text()).name == "robot"
+
+
+def test_a_note_is_one_printable_line_whatever_the_joints_are_called():
+    text = chain_urdf(turning(), turning(), turning(axis="0 1 0")).replace('"j3"', '"a&#13;b"')
+    assert arm_from_urdf(text, ["j1", "j2"], "tip").notes == (
+        "locked at neutral: a\\rb=0 (--lock JOINT=VALUE to change)",
+    )
 
 
 def test_a_tip_may_be_named_by_its_joint():
@@ -564,6 +608,39 @@ def test_at_a_branching_a_tools_name_is_followed_or_else_the_only_way_with_joint
         )
     )
     assert find_tip(mounted, "l0") == "end"
+
+
+USUAL = ("tool0", "tcp", "tool", "tip", "ee_link", "ee", "end_effector", "gripper_frame_link")
+
+
+@pytest.mark.parametrize("name", [form for n in USUAL for form in (n, f"left_{n.upper()}")])
+def test_every_usual_name_of_a_tip_is_followed(name):
+    text = branching('<origin xyz="0.1 0 0"/>', "camera", kind="fixed").replace('"tip"', '"lamp"')
+    for order in (("camera_link", name), ("lamp", name)):
+        assert find_tip(parse_urdf(text.replace(*order)), "l0") == name
+
+
+@pytest.mark.parametrize("name", ["tool0_cover", "tips", "end_effectors", "see_through"])
+def test_a_name_that_only_holds_a_usual_one_is_none(name):
+    text = branching('<origin xyz="0.1 0 0"/>', "camera", kind="fixed").replace('"tip"', '"lamp"')
+    assert find_tip(parse_urdf(text.replace("camera_link", name)), "l0") == "l2"
+
+
+@pytest.mark.parametrize("others", [1, 2, 3, 4, 9])
+def test_the_next_three_arms_are_named_beside_the_one_that_is_chosen(others):
+    joints = parse_urdf(chain_urdf(*[turning()] * (others + 1))).joints
+    small = [Candidate((joints[k],), "tip", 0.4 - 0.01 * k) for k in range(1, others + 1)]
+    best, note = choose([Candidate((joints[0],), "tip", 1.0), *small])
+    assert str(best) == "--joints j1 --tip tip"
+    named = "; ".join(f"--joints j{k + 2} --tip tip" for k in range(min(others, 3)))
+    more = "; ..." if others > 3 else ""
+    assert note == f"chosen by reach: {best} (others: {named}{more})"
+
+
+def test_the_only_arm_is_chosen_without_a_word():
+    joints = parse_urdf(chain_urdf(turning())).joints
+    only = Candidate(joints[:1], "tip", 1.0)
+    assert choose([only]) == (only, None)
 
 
 def test_a_tip_on_the_axis_is_told_with_those_that_are_off_it():

@@ -5,6 +5,7 @@ import pytest
 
 import calib
 from calib.maps import gng
+from calib.maps.epoch import search
 from calib.maps.gng import Gas, Pace, insert, present
 from calib.maps.graph import Graph
 
@@ -157,6 +158,17 @@ def test_learning_shows_every_sample_once_per_pass_in_short_blocks_at_an_even_pa
     shown.clear()
     assert len(next(small).weights) == 5
     assert {pace.decay for _, _, pace, _, _ in shown} == {1 - 1 / 200}
+
+
+def test_a_small_gas_is_shown_a_few_samples_per_node_and_is_as_good(monkeypatch):
+    u, fresh = (np.random.default_rng(seed).random((n, 2)) for seed, n in ((0, 3000), (1, 4000)))
+    few = list(gng.learn(u, 9, None, 10, np.random.default_rng(2)))
+    assert {epoch.shown for epoch in few} == {gng.samples_shown(3000, 9)} == {135}
+    monkeypatch.setattr(gng, "_PER_NODE", 10**9)
+    many = list(gng.learn(u, 9, None, 2, np.random.default_rng(2)))
+    assert {epoch.shown for epoch in many} == {3000}
+    miss = [search(run[-1].weights).query(fresh)[0].mean() for run in (few, many)]
+    assert miss[0] < 1.1 * miss[1]
 
 
 def test_an_epoch_tells_the_mean_distance_to_the_winners(monkeypatch):

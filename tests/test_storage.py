@@ -284,6 +284,9 @@ FORGERIES = {
     "with a turn of nearly nothing": lambda h, t: h["trend"].update(turns=[1e-320, 1.0]),
     "with a negative variance": lambda h, t: h["baseline"].update(spread=[0.7, -0.7]),
     "with a negative bound": _set("bounds", 0, -1.0),
+    "with a bandwidth of nearly nothing": lambda h, t: h["links"].update(bandwidth=1e-320),
+    "with links of no strength": lambda h, t: t.update({"links.data": 0 * t["links.data"]}),
+    "with a link of a negative strength": _set("links.data", 0, -1.0),
     "with no node visited": lambda h, t: t.update(visited=0 * t["visited"]),
     "with links whose number is negative": lambda h, t: t.update(
         {"links.counts": -t["links.counts"].astype(np.int64)}

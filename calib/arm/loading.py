@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 
 from ..errors import OptionError, RobotError
 from ..robots import resolve_robot
-from ..wording import listed, quoted, suggestion
+from ..wording import listed, one_line, quoted, suggestion
 from .candidates import choose, find_candidates, find_tip, nothing_found
 from .chain import Chain
 from .planar_arm import PlanarArm
@@ -141,7 +141,7 @@ def arm_from_urdf(
         plane=plane,
         locked=held,
         urdf=text,
-        notes=tuple(notes),
+        notes=tuple(map(one_line, notes)),
         chain=chain,
         limits=tuple(travel(joint) for joint in active),
     )

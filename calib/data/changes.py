@@ -8,6 +8,7 @@ from dataclasses import dataclass
 from typing import Literal
 
 from ..errors import OptionError
+from ..plain import LARGEST
 
 JOINT_CHANGES = ("length", "offset", "gear", "noise", "backlash", "lock")
 TIP_CHANGES = ("offset",)
@@ -178,7 +179,7 @@ def _values(text: str, part: str, what: str, value: str) -> tuple[float, ...]:
     except ValueError:
         raise expected from None
     pair = (part, what) in (("tip", "offset"), ("sensor", "shift"))
-    if len(values) != (2 if pair else 1) or not all(math.isfinite(v) for v in values):
+    if len(values) != (2 if pair else 1) or not all(abs(v) < LARGEST for v in values):
         raise expected
     if not percent:
         return values

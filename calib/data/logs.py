@@ -48,8 +48,8 @@ def read_log(
 ) -> Samples:
     """Read a measured log: one column for each joint, and x, y or x, y, z.
 
-    Further columns are ignored. Rows with a value that is missing or not finite are left
-    out, counted in `Samples.dropped` and told in `Samples.notes`. Positions may be in the
+    Further columns are ignored. Rows with a value that is missing, not finite or beyond 1e15
+    are left out, counted in `Samples.dropped` and told in `Samples.notes`. Positions may be in the
     sensor's own unit and axes; of x, y, z the plane is fitted. A log is read in batches and
     may be of any length; of one with more than `most` rows so many are drawn at random, and
     those with each joint's least and largest value.

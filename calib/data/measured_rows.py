@@ -9,6 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ..errors import LogError
+from ..plain import LARGEST
 from .columns import Source, read_batches
 from .log_ranges import ChosenRange
 
@@ -49,7 +50,7 @@ class MeasuredRows:
         for values in read_batches(self.source, self.columns):
             numbers = np.arange(self.total + 1, self.total + len(values) + 1)
             self.total += len(values)
-            finite = np.isfinite(values)
+            finite = np.abs(values) < LARGEST
             self._found |= finite.any(axis=0)
             whole = finite.all(axis=1)
             if not whole.all():
@@ -82,8 +83,8 @@ class MeasuredRows:
                 raise LogError(f"{self.source.label}: each of the {dropped} rows misses a value")
             number, name = self._first
             notes.append(
-                f"{dropped} of {self.total} rows left out: a value is missing or not finite "
-                f"(the first is row {number}, column {name!r})"
+                f"{dropped} of {self.total} rows left out: a value is missing, not finite or "
+                f"beyond {LARGEST:g} (the first is row {number}, column {name!r})"
             )
         for range_ in self.chosen.values():
             notes += range_.notes()

@@ -9,6 +9,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from ..errors import LogError
+from ..plain import LARGEST
 
 if TYPE_CHECKING:
     from ..arm.planar_arm import PlanarArm
@@ -143,11 +144,12 @@ class Samples:
     def _check_values(self) -> None:
         for name in ("q", "x"):
             values = getattr(self, name)
-            if not np.isfinite(values).all():
-                row = int(np.argmin(np.isfinite(values).all(axis=1)))
+            known = np.abs(values) < LARGEST
+            if not known.all():
+                row = int(np.argmin(known.all(axis=1)))
                 raise LogError(
                     f"{name} of row {row + 1} is {values[row].tolist()}: leave out rows whose "
-                    "values are missing or not finite"
+                    f"values are missing, not finite or beyond {LARGEST:g}"
                 )
         for joint, lo, hi in zip(self.joint_names, self.lower, self.upper, strict=True):
             if not (np.isfinite(lo) and np.isfinite(hi) and lo < hi):

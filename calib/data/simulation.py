@@ -13,6 +13,7 @@ from numpy.random import Generator
 from numpy.typing import ArrayLike, NDArray
 
 from ..errors import OptionError
+from ..plain import LARGEST
 from .changes import Change, parse_changes
 
 if TYPE_CHECKING:
@@ -58,8 +59,8 @@ class Simulation:
         noise = self.noise
         if isinstance(noise, bool) or not isinstance(noise, (int, float, np.number)):
             raise OptionError(f"noise is {noise!r}, expected a number of metres, zero or more")
-        if not 0.0 <= float(noise) < math.inf:
-            raise OptionError(f"noise is {noise:g}, expected zero or more [m]")
+        if not 0.0 <= float(noise) < LARGEST:
+            raise OptionError(f"noise is {noise:g}, expected zero or more, below {LARGEST:g} [m]")
         object.__setattr__(self, "noise", float(noise))
         object.__setattr__(self, "changes", parse_changes(self.changes))
         for change in self.changes:

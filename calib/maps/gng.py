@@ -27,6 +27,7 @@ Index = NDArray[np.intp]
 
 _GROWING = 0.6  # share of the samples during which nodes are inserted
 _BLOCK = 512
+_PER_NODE = 15  # samples per pass and node; more teach a gas little
 
 
 @dataclass(frozen=True)
@@ -86,6 +87,11 @@ class Gas:
         return np.concatenate([b[a == node], a[b == node]])
 
 
+def samples_shown(n: int, nodes: int) -> int:
+    """Samples of `n` that each pass shows."""
+    return min(n, _PER_NODE * max(nodes, 2))
+
+
 def learn(
     u: Array, nodes: int, gain: Gain | None, epochs: int, rng: np.random.Generator
 ) -> Iterator[Epoch]:
@@ -100,16 +106,17 @@ def learn(
     gain : callable or None
         Varying density: a factor on the errors that are accumulated.
     epochs : int
-        Passes over the samples, each in another order.
+        Passes over the samples, each in another order; a pass ends after 15 per node.
     rng : numpy.random.Generator
         Source of the start and of the orders.
     """
     gas = Gas(u[rng.permutation(len(u))[:2]] + 1e-9 * rng.random((2, u.shape[1])), np.zeros(2))
     pace = Pace(decay=1.0 - 1.0 / (2.0 * max(nodes, 100)))
-    growth = _GROWING * epochs * len(u)
+    shown = samples_shown(len(u), nodes)
+    growth = _GROWING * epochs * shown
     done = 0
     for _ in range(epochs):
-        order = u[rng.permutation(len(u))]
+        order = u[rng.permutation(len(u))[:shown]]
         total, first = 0.0, 0
         while first < len(order):
             block = order[first : first + max(1, min(_BLOCK, len(gas.weights) // 10))]

@@ -140,9 +140,11 @@ class SOM:
 
     def _work(self, n: int) -> int:
         """Samples that are shown in all."""
-        if kind_of(self.map) == "som" and self.rule == "batch":
+        kind = kind_of(self.map)
+        if kind == "som" and self.rule == "batch":
             return total_work(self._stages(), n)
-        return n * self._passes()
+        shown = gng.samples_shown(n, Lattice(self.size).size) if kind == "gng" else n
+        return shown * self._passes()
 
     def _epochs(self, u: Array, gain: Gain | None, partners: Array | None) -> Iterator[Epoch]:
         rng = np.random.default_rng(self.seed)
