@@ -47,8 +47,8 @@ MODULES = {
 }
 TESTS = """
     adaptation adapting arm bad_urdf bounds branches correct correction density dsom gng gp inverse
-    lattice linked links local map newton online online_adaptation path plane reach redundant
-    robots schedule selection servo solver som support teacher trend urdf
+    lattice linked links local map neighbourhood newton online online_adaptation path plane reach
+    redundant refining robots schedule selection servo solver som support teacher trend urdf
 """
 """The test files that are about these modules; the others would hardly kill more."""
 

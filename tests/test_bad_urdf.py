@@ -18,6 +18,7 @@ ELBOW = '<joint name="elbow" type="revolute">'
 ELBOW_LIMITS = 'lower="0.2617993877991494" upper="2.6179938779914944"'
 LIMIT_ELEMENT = f'<limit {ELBOW_LIMITS} effort="10" velocity="3"/>'
 AXIS = '<axis xyz="0 0 1"/>'
+REMEDY = "joints are supported; make it fixed"
 SECOND_PARENT = (
     '<joint name="extra" type="fixed"><parent link="base"/><child link="forearm"/></joint></robot>'
 )
@@ -58,8 +59,11 @@ BAD = {
     "joint without name": (changed(ELBOW, '<joint type="revolute">'), ["joint number 2"]),
     "joint without type": (changed(ELBOW, '<joint name="elbow">'), ["'elbow'", "type", "fixed"]),
     "unknown type": (changed(ELBOW, ELBOW.replace("revolute", "hinge")), ["'elbow'", "'hinge'"]),
-    "floating": (changed(ELBOW, ELBOW.replace("revolute", "floating")), ["'elbow'", "floating"]),
-    "planar": (changed(ELBOW, ELBOW.replace("revolute", "planar")), ["'elbow'", "planar"]),
+    "floating": (
+        changed(ELBOW, ELBOW.replace("revolute", "floating")),
+        ["'elbow'", "floating", REMEDY],
+    ),
+    "planar": (changed(ELBOW, ELBOW.replace("revolute", "planar")), ["'elbow'", "planar", REMEDY]),
     "duplicate joint": (changed('name="tip_mount"', 'name="elbow"'), ["two joints", "'elbow'"]),
     "duplicate link": (changed('<link name="tip"', '<link name="forearm"'), ["'forearm'"]),
     "two parents": (

@@ -13,7 +13,7 @@ import calib
 from calib.adaptation.correction import Correction, choose_correction
 from calib.adaptation.radius import matching_sigma
 from calib.adaptation.rehearsal import imagine, options_of
-from calib.adaptation.smooth import fit_smooth
+from calib.adaptation.smooth import _held_out, fit_smooth
 from calib.features import Chain, Frame
 from calib.maps.lattice import Lattice
 from calib.maps.map import Map
@@ -171,6 +171,20 @@ def test_errors_of_links_are_those_of_a_fit_that_has_not_seen_the_fold():
     np.testing.assert_allclose(said, expected, rtol=1e-6)
 
 
+def test_the_units_of_the_functions_do_not_change_what_is_held_out():
+    u = points(40)
+    features, x = Frame.of(old(u), 2).values(old(u)), moved(u) + noise(40)
+    errors, leverage = _held_out(features, x, blocks(40))
+    units = np.array([1.0, 1e-12, 1e9, 1.0, 1e5, 1e-3])
+    same, power = _held_out(features * units, x, blocks(40))
+    np.testing.assert_allclose(same, errors, atol=1e-12)
+    np.testing.assert_allclose(power, leverage, atol=1e-9)
+    # a function that is zero everywhere tells nothing
+    more, power = _held_out(np.column_stack([features, np.zeros(40)]), x, blocks(40))
+    np.testing.assert_allclose(more, errors, atol=1e-12)
+    np.testing.assert_allclose(power, leverage, atol=1e-9)
+
+
 def test_a_row_that_alone_tells_a_coefficient_has_no_prediction_but_the_old_one():
     u = np.concatenate([np.full((5, 2), 0.5), [[0.9, 0.1]]])
     x = old(u)
@@ -301,6 +315,35 @@ def test_an_arm_of_which_the_old_map_knows_nothing_is_learned_from_the_log_alone
     assert correction.name == "the log alone"
     fresh = points(200, 1)
     assert np.linalg.norm(correction.value(fresh) - other(fresh), axis=1).mean() < 5e-3
+
+
+def other_arm(u):
+    return np.stack([np.cos(3 * u[:, 1]) * u[:, 0], 2 * np.sin(2 * u[:, 0] * u[:, 1])], axis=1)
+
+
+def test_a_long_log_tries_some_of_its_rows_and_says_nothing_of_the_others():
+    correction = chosen(other_arm, 2200)
+    assert correction.detail is not None
+    tried = np.isfinite(correction.errors)
+    kept = len(correction.rows)
+    assert len(correction.errors) == kept > 2000
+    # every second row of each tenth
+    expected = np.concatenate([part[::2] for part in blocks(kept)])
+    np.testing.assert_array_equal(np.flatnonzero(tried), expected)
+    fresh = points(200, 1)
+    gap = np.linalg.norm(correction.value(fresh) - other_arm(fresh), axis=1)
+    assert gap.mean() < 1e-3
+    assert correction.errors[tried].mean() < 1e-3
+    assert np.isfinite(correction.doubt(fresh)).all()
+
+
+def test_a_long_log_of_noise_tells_no_detail():
+    correction = chosen(moved, 1200, noise(1200, 1e-3))
+    assert correction.name == "sensor frame"
+    assert correction.detail is None
+    assert np.isfinite(correction.errors).all()
+    # Rayleigh distributed
+    assert correction.errors.mean() == pytest.approx(1e-3 * np.sqrt(np.pi / 2), rel=0.05)
 
 
 # --- the radius -------------------------------------------------------------------------

@@ -5,7 +5,7 @@ Border queries are fewer, so that chance moves their share by up to two percent 
 
 import numpy as np
 import pytest
-from models import trained
+from models import draw, log, trained, two_link
 
 import calib
 from calib.readouts.bounds import near_border
@@ -56,3 +56,30 @@ def test_exact_samples_have_bounds_at_the_level_of_rounding():
     bound = model.expected_error(q)
     assert bound.min() > 0
     assert bound.max() < 1e-9
+
+
+@pytest.mark.parametrize("seed", range(3))
+def test_a_simulated_models_bound_on_the_true_position_holds_for_95_percent(seed):
+    samples = calib.babble(calib.load_arm("two_link"), 1500, seed=seed, noise=1e-3)
+    model = calib.train(samples, size=15, seed=seed)
+    assert model.about.bound_of == "true position"
+    q = draw(model, 20_000, seed=seed + 50)
+    errors = np.linalg.norm(model.forward(q) - two_link(q), axis=1)
+    bound = model.expected_error(q)
+    border = near_border(model.motor, model.motor.scale.to_unit(q))
+    for group in (np.ones(len(q), dtype=bool), border, ~border):
+        assert 0.93 <= np.mean(errors[group] <= bound[group]) <= 0.97
+
+
+@pytest.mark.parametrize("rows", [200, 800])
+def test_a_logs_bound_on_what_the_sensor_will_read_holds_for_95_percent(rows):
+    held = []
+    for seed in range(2):
+        model = calib.train(log(rows, 1e-3, seed), size=8, seed=seed)
+        assert model.about.bound_of == "sensor reading"
+        fresh = log(5000, 1e-3, seed + 70)
+        known = np.isfinite(model.forward(fresh.q)[:, 0])
+        assert known.mean() > 0.95
+        errors = np.linalg.norm(model.forward(fresh.q[known]) - fresh.x[known], axis=1)
+        held.append(np.mean(errors <= model.expected_error(fresh.q[known])))
+    assert 0.93 <= np.mean(held) <= 0.98

@@ -151,6 +151,31 @@ def test_transformation_is_the_variance_of_the_partners_around_a_node():
     np.testing.assert_allclose(transformation(v), variance / variance.mean(), atol=1e-5)
 
 
+@pytest.mark.parametrize("spot", [0.0, 0.5, 3.0])
+def test_transformation_is_1_where_the_partners_are_all_the_same(spot):
+    v = Visit(
+        1.0,
+        np.array([0, 1, 2, 3]),
+        np.zeros(4),
+        np.zeros((4, 1)),
+        Lattice((4,)),
+        np.full((4, 2), spot),
+    )
+    assert (transformation(v) == 1.0).all()
+
+
+def test_transformation_does_not_depend_on_the_unit_of_the_partners():
+    # with a unit of 2.4 the mean variance is 1
+    y = np.array([[0.0], [1.0], [0.0], [0.0]])
+    gains = []
+    for unit in (0.1, 1.0, 2.4, 100.0):
+        v = Visit(1.0, np.arange(4), np.zeros(4), np.zeros((4, 1)), Lattice((4,)), unit * y)
+        gains.append(transformation(v))
+    variance = np.array([np.var([0, 1]), np.var([0, 1, 0]), np.var([1, 0, 0]), 0.0])
+    for gain in gains:
+        np.testing.assert_allclose(gain, variance / variance.mean(), atol=1e-5)
+
+
 def test_transformation_without_the_other_space_says_what_it_needs():
     with pytest.raises(OptionError, match="batch rule"):
         transformation(Visit(1.0, np.zeros(1, int), np.zeros(1), np.zeros((4, 1)), Lattice((4,))))

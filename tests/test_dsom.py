@@ -87,6 +87,16 @@ def test_a_dsom_unfolds_and_represents_its_samples():
     assert network.quantization_error(x) < 1.6 * 0.377 / 10
 
 
+@pytest.mark.parametrize(("name", "passes"), [("som", 5), ("dsom", 5), ("gng", 10)])
+def test_rules_of_single_samples_show_all_of_them_so_often_unless_told(name, passes):
+    x = uniform(60)
+    usual, told, more = (
+        calib.SOM((3, 3), name, rule="online", epochs=n).fit(x) for n in (None, passes, passes + 1)
+    )
+    assert usual.units.tobytes() == told.units.tobytes() != more.units.tobytes()
+    assert len(usual.history) == passes
+
+
 def test_the_same_seed_gives_the_same_map():
     a, b = (calib.SOM((6, 6), "dsom", seed=4).fit(uniform(500)) for _ in range(2))
     assert a.units.tobytes() == b.units.tobytes()

@@ -162,6 +162,23 @@ def test_where_half_of_the_rows_contradict_each_other_none_is_left_out():
     assert len(fit(u, x)[1]) == 60
 
 
+def test_where_more_than_a_fifth_contradict_the_others_none_is_left_out():
+    u, rng = points(60), np.random.default_rng(3)
+    wrong = rng.permutation(60)[:15]
+    x = bent(u)
+    x[wrong] += rng.normal(size=(15, 2))
+    assert len(fit(u, x)[1]) == 60
+
+
+@pytest.mark.parametrize(("rows", "left_out"), [(19, []), (20, [7])])
+def test_of_fewer_than_twenty_rows_none_is_left_out(rows, left_out):
+    u, slope = points(rows), np.array([[0.3, -1.0], [0.5, 2.0]])
+    x = u @ slope + np.random.default_rng(1).normal(scale=1e-2, size=(rows, 2))
+    x[7] += [0.4, -0.4]
+    kept = fit(u, x)[1]
+    assert np.setdiff1d(np.arange(rows), kept).tolist() == left_out
+
+
 def test_of_many_rows_some_are_drawn_without_repeats(monkeypatch):
     monkeypatch.setattr(gp, "MOST_ROWS", 60)
     u, x = measured(100, 0.02)

@@ -135,6 +135,45 @@ def test_weights_of_the_speaking_nodes_add_up_to_1_and_the_nearest_says_most():
     assert (index[:, 0] == motor.nearest(points(200))[1][:, 0]).all()
 
 
+@pytest.mark.parametrize("periodic", [False, True])
+@pytest.mark.parametrize("m", [1, 4, 9])
+def test_the_nearest_nodes_speak_as_far_as_the_first_one_left_out(m, periodic):
+    motor, u = grid(scale_of(periodic, False)), points(200)
+    gap = np.abs(u[:, None] - motor.units[None])
+    if periodic:
+        gap[..., 0] = np.minimum(gap[..., 0], 1.0 - gap[..., 0])
+    distance = np.linalg.norm(gap, axis=2)
+    order = np.argsort(distance, axis=1)
+    near = np.take_along_axis(distance, order, axis=1)
+    kernel = (1.0 - (near[:, :m] / near[:, m : m + 1]) ** 2) ** 2
+    index, weight = local.blend(motor, u, m)
+    np.testing.assert_array_equal(index, order[:, :m])
+    np.testing.assert_allclose(weight, kernel / kernel.sum(axis=1, keepdims=True), atol=1e-9)
+
+
+def test_of_few_nodes_all_but_the_furthest_speak():
+    motor = grid(scale_of(False, False), 2)
+    index, weight = local.blend(motor, points(50), 8)
+    assert index.shape == weight.shape == (50, 3)
+    furthest = np.linalg.norm(points(50)[:, None] - motor.units, axis=2).argmax(axis=1)
+    assert (index != furthest[:, None]).all()
+
+
+@pytest.mark.parametrize(("degree", "samples"), [(0, 30), (1, 50), (2, 60)])
+def test_each_node_has_the_least_squares_fit_with_weights_that_end_at_its_radius(degree, samples):
+    motor, u = grid(scale_of(False, False), 4), points(600)
+    x = np.random.default_rng(1).normal(size=(600, 2))  # no polynomial: the weights tell
+    models = local.fit(motor.units, u, x, motor.scale, degree, samples)
+    for node, found, radius in zip(motor.units, models.coefficients, models.radius, strict=True):
+        z = (u - node) / radius
+        square = np.sum(z**2, axis=1)
+        rows = np.argsort(square)[:samples]
+        root = (1.0 - square[rows])[:, None]  # of the weight
+        features = np.prod(z[rows, None] ** exponents(2, degree), axis=2)
+        expected = np.linalg.lstsq(root * features, root * x[rows], rcond=None)[0]
+        np.testing.assert_allclose(found, expected, rtol=1e-5, atol=1e-6)
+
+
 @given(st.integers(1, 3), st.integers(0, 3), st.integers(0, 100))
 @settings(max_examples=30)
 def test_monomials_are_powers_in_the_order_of_the_exponents(d, degree, seed):

@@ -317,7 +317,8 @@ def test_damaged_lists_are_a_log_or_a_one_line_error(tmp_path, capfd, data):
 
 
 def test_rows_without_a_finite_value_are_left_out_and_counted(file):
-    path = file("a,b,x,y,t\n1,2,3,4,\n2,,3,4,\n3,4,nan,5,\n4,5,1e999,2,\n\n5,6,NA,2,\n5,6,1e300,2,\n7,8,1,9,\n\n")
+    rows = "1,2,3,4,\n2,,3,4,\n3,4,nan,5,\n4,5,1e999,2,\n\n5,6,NA,2,\n5,6,1e300,2,\n7,8,1,9,\n\n"
+    path = file("a,b,x,y,t\n" + rows)
     log = read_log(path, joints=["a", "b"])
     assert log.q.tolist() == [[1, 2], [7, 8]]
     assert log.dropped == 5

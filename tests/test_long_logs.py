@@ -14,10 +14,6 @@ from calib.data.columns import open_source, read_batches, read_columns
 from calib.data.logs import locked_from_log, read_log
 from calib.data.reservoir import Reservoir
 from calib.errors import LogError, OptionError
-from calib.readouts.basis import Basis
-from calib.readouts.refining import refine
-from calib.readouts.trend import Trend
-from calib.scale import Scale
 
 N = 3000
 JOINTS = ["shoulder", "elbow"]
@@ -218,48 +214,6 @@ def test_locked_joints_of_a_long_log(tmp_path, monkeypatch):
 
 
 # What all rows say
-
-
-def noisy(n, seed, noise=1e-2):
-    """Joints in the unit square, and a function of the basis with noise."""
-    rng = np.random.default_rng(seed)
-    basis = Basis((0.0, 0.0), 2)
-    truth = Trend(basis, np.random.default_rng(0).standard_normal((len(basis.orders), 2)))
-    u = rng.random((n, 2))
-    return truth, u, truth.value(u) + noise * rng.standard_normal((n, 2))
-
-
-UNIT = Scale(np.zeros(2), np.ones(2), np.zeros(2, dtype=bool))
-
-
-def test_a_refined_trend_is_the_least_squares_fit_to_all_rows():
-    truth, u, x = noisy(9000, 1)
-    start = replace(truth, coefficients=truth.coefficients + 1e-2)
-    best = np.linalg.lstsq(truth.basis.values(u), x, rcond=None)[0]
-    found = refine(start, UNIT, [(u[:10], x[:10]), (u[10:], x[10:])], np.inf)
-    np.testing.assert_allclose(found.trend.coefficients, best, atol=1e-9)
-    assert (found.rows, found.left_out) == (9000, 0)
-    parts = [(u[i : i + 77], x[i : i + 77]) for i in range(0, 9000, 77)]
-    again = refine(start, UNIT, parts, np.inf)
-    assert (again.trend.coefficients == found.trend.coefficients).all()
-
-
-def test_rows_that_are_far_off_do_not_refine():
-    truth, u, x = noisy(5000, 2, 0.0)
-    x[::50] += 3.0
-    found = refine(truth, UNIT, [(u, x)], 1.0)
-    assert (found.rows, found.left_out) == (4900, 100)
-    np.testing.assert_allclose(found.trend.coefficients, truth.coefficients, atol=1e-12)
-    none = refine(truth, UNIT, [(u, x + 9.0)], 1.0)
-    assert none.trend is truth
-
-
-def test_what_no_row_tells_stays_as_it_was():
-    truth, u, _ = noisy(5000, 3)
-    u[:, 1] = 0.3
-    found = refine(truth, UNIT, [(u, truth.value(u) + 0.1)], np.inf)
-    np.testing.assert_allclose(found.trend.value(u), truth.value(u) + 0.1, atol=1e-6)
-    assert np.abs(found.trend.coefficients).max() < 10
 
 
 def test_training_on_some_rows_uses_all(tmp_path, arm):

@@ -67,6 +67,27 @@ def test_nodes_that_no_sample_reaches_stay_where_they_are(step):
     assert (new[0] != weights[0]).any()
 
 
+@pytest.mark.parametrize("step", [None, 1.5])
+@pytest.mark.parametrize("factor", [2.0**-60, 2.0**-20, 2.0**20, 2.0**60])
+def test_only_how_the_weights_of_samples_compare_matters(factor, step):
+    lattice, weights = Lattice((12, 5)), random(60, 2)
+    sums = random(60, 3, seed=1)
+    sums[:40] = 0.0  # most nodes win none, and some are not reached
+    once, again = (moved(weights, k * sums, lattice, 0.5, step) for k in (1.0, factor))
+    assert 4 < np.count_nonzero((once != weights).any(axis=1)) < 60
+    np.testing.assert_array_equal(again, once)
+
+
+def test_each_of_the_maps_side_by_side_moves_as_it_would_alone():
+    lattice, weights = Lattice((12, 5)), random(60, 3, 2)
+    sums = random(60, 3, 3, seed=1) * np.array([1.0, 1e-6, 1e6])[:, None]
+    sums[:40] = 0.0
+    together = moved(weights, sums, lattice, 0.5, None)
+    for k in range(3):
+        alone = moved(weights[:, k], sums[:, k], lattice, 0.5, None)
+        np.testing.assert_allclose(together[:, k], alone, rtol=1e-12)
+
+
 def test_the_order_of_the_samples_does_not_matter():
     u = random(500, 2)
     stages = [Stage(Lattice((6, 6)), np.geomspace(3, 0.5, 10), len(u), final=True)]
@@ -83,7 +104,7 @@ def test_every_start_that_is_kept_fills_the_box_in_order(shape):
     stages = coarse_to_fine(Lattice(shape), varying=True)[:2]
     for seed in range(5):
         u = random(stages[0].samples, dim, seed=seed)
-        last = list(unfold(u, stages, np.random.default_rng(seed)))[-1]
+        last = list(unfold(u, u, stages, np.random.default_rng(seed)))[-1]
         grid = last.weights.reshape(*last.lattice.shape, dim)
         along = [np.diff(grid, axis=k).reshape(-1, dim) for k in range(dim)]
         main = [int(np.abs(a.mean(axis=0)).argmax()) for a in along]

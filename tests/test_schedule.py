@@ -64,6 +64,18 @@ def test_the_papers_lattice_grows_from_64_nodes_by_nine():
     assert list(dict.fromkeys(shapes)) == [(8, 8), (24, 24), (70, 70)]
 
 
+@pytest.mark.parametrize("shape", [(70, 70), (300, 300), (12, 12), (100, 40), (17, 17, 17), (400,)])
+def test_a_varying_density_has_one_coarse_lattice_and_sets_out_from_a_fifth_of_the_side(shape):
+    *coarse, final = coarse_to_fine(Lattice(shape), varying=True)
+    assert len({stage.lattice.shape for stage in coarse}) == 1
+    assert final.lattice.shape == shape
+    assert final.sigma[0] == pytest.approx(max(max(shape) / 5, 3.0))
+    assert final.sigma[-1] == pytest.approx(1.5)
+    even = coarse_to_fine(Lattice(shape))[-1].sigma
+    assert len(final.sigma) > len(even)
+    assert final.sigma[0] > even[0]
+
+
 def test_the_first_radius_reaches_over_nearly_half_of_the_first_lattice():
     for shape in ((70, 70), (17, 17, 17), (5, 5), (300,)):
         first = coarse_to_fine(Lattice(shape))[0]

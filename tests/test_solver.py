@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from functools import cache
 
 import numpy as np
@@ -278,6 +279,20 @@ def test_around_are_the_nodes_nearest_by_position_and_the_corners():
         assert sorted(map(tuple, rows[len(ranks) :])) == [(0, 0), (0, 1), (1, 0), (1, 1)]
 
 
+def test_nodes_beyond_the_limits_are_tried_at_the_limits():
+    s = solver()
+    motor = s.association.motor
+    wide = Map(1.3 * motor.units - 0.15, motor.lattice, motor.scale, motor.history)
+    assert wide.units.min() < 0.0 < 1.0 < wide.units.max()
+    apart = Solver(replace(s.association, motor=wide), s.predictor)
+    _, u = apart.starts.around(s.predictor.value(drawn(50)))
+    assert (u >= 0.0).all()
+    assert (u <= 1.0).all()
+    kept = np.clip(wide.units, 0.0, 1.0)
+    for row in u[:40]:
+        assert (row == kept).all(axis=1).any() or set(row) <= {0.0, 1.0}
+
+
 # --- redundant joints -------------------------------------------------------------------
 
 
@@ -302,6 +317,19 @@ def test_redundant_joints_come_as_close_to_a_wish_as_the_target_lets_them():
         assert np.linalg.norm(u[k] - near[k]) >= best - 1e-3
         worse += np.linalg.norm(u[k] - near[k]) > best + 0.01
     assert worse <= 4  # another family, or another bend of the same one, was closer
+
+
+def test_redundant_joints_far_from_a_wish_are_no_further_than_those_of_the_links():
+    s = solver(3, 9, 14)
+    x, near = s.predictor.value(drawn(400, 3)), drawn(400, 3, seed=100)
+    u, left = s.solve(x, near)
+    proposed, missed = s._from_starts(x, near)
+    away, other = (np.linalg.norm(v - near, axis=1) for v in (u, proposed))
+    assert left.max() <= CLOSE * s.extent
+    assert missed.max() <= CLOSE * s.extent
+    far = away > 4.0 * s.association.motor.spacing
+    assert np.count_nonzero(far) > 20
+    assert (away[far] <= other[far] + 1e-6).all()
 
 
 def test_redundant_joints_out_of_reach_stretch():
@@ -383,6 +411,26 @@ def test_where_one_elbow_ends_the_other_is_taken_from_the_start():
     assert bound.jumps == [last + 1]
     np.testing.assert_allclose(bound.u[: last + 1], branches[: last + 1, 1], atol=1e-6)
     np.testing.assert_allclose(bound.u[last + 1 :], branches[last + 1 :, 0], atol=1e-6)
+
+
+def test_of_branches_that_all_lead_to_the_end_the_shortest_is_taken():
+    s, rng = solver(), np.random.default_rng(0)
+    taken = []
+    for _ in range(150):
+        begin, end = s.predictor.value(rng.uniform(0.1, 0.9, (2, 2)))
+        x = begin + np.linspace(0.0, 1.0, 6)[:, None] * (end - begin)
+        branches = both_elbows(s.scale, x)
+        length = np.linalg.norm(np.diff(branches, axis=0), axis=2).sum(axis=0)
+        # both exist all the way, and one is clearly shorter
+        if not np.ptp(length) > 0.02:
+            continue
+        track = follow(s, x, None)
+        assert track.jumps == []
+        np.testing.assert_allclose(track.u, branches[:, length.argmin()], atol=1e-6)
+        middle = np.linalg.norm(branches[0] - 0.5, axis=1)
+        taken.append(length.argmin() == middle.argmin())
+    # neither always the one that starts in the middle, nor never
+    assert 3 < sum(taken) < len(taken) - 3
 
 
 def test_redundant_joints_follow_in_small_steps():

@@ -4,7 +4,10 @@ import numpy as np
 import pytest
 from threadpoolctl import threadpool_limits
 
-from calib.readouts.teacher import IMAGINED, learn_teacher
+from calib.readouts import gp
+from calib.readouts.basis import Basis
+from calib.readouts.teacher import IMAGINED, Teacher, learn_teacher
+from calib.readouts.trend import Trend
 from calib.scale import TURN, Scale
 
 SPAN = np.array([1.5, 2.3])
@@ -52,6 +55,20 @@ def test_what_the_trend_cannot_follow_is_left_to_a_gaussian_process():
     fresh = 0.05 + 0.9 * points(500, seed=1)
     gap = np.linalg.norm(teacher.value(fresh) - sagging(fresh), axis=1)
     assert gap.mean() < 5e-5
+
+
+def test_a_teacher_says_its_trend_plus_its_process():
+    u, fresh = points(60), points(100, seed=1)
+    rest = 1e-2 * np.stack([np.sin(7 * u[:, 0]), np.cos(5 * u[:, 1])], axis=1)
+    trend = Trend(Basis((0.0, 0.0), 1), np.array([[1.0, 2.0], [3.0, 0.0], [0.0, -1.0]]))
+    process, _ = gp.fit(u, rest, SCALE, np.random.default_rng(0))
+    alone = Teacher(trend, None, u, np.zeros(60), SCALE)
+    both = Teacher(trend, process, u, np.zeros(60), SCALE)
+    np.testing.assert_array_equal(alone.value(fresh), trend.value(fresh))
+    assert alone.deviation(fresh) is None
+    np.testing.assert_array_equal(both.value(fresh), trend.value(fresh) + process.value(fresh))
+    np.testing.assert_allclose(both.value(u), trend.value(u) + rest, atol=1e-4)
+    np.testing.assert_array_equal(both.deviation(fresh), process.deviation(fresh))
 
 
 def test_noise_is_averaged_out():

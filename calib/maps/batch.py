@@ -15,6 +15,7 @@ from .start import unfold
 
 Array = NDArray[np.float64]
 
+_JUDGES = 4_000  # samples by which a start is chosen
 _CELLS = 65_535  # parts of the unit box by which samples are sorted
 
 
@@ -39,7 +40,8 @@ def learn(
         weights = rng.random((lattice.size, u.shape[1]))
     else:
         coarsest = [stage for stage in stages if stage.lattice == lattice]
-        for epoch in unfold(_some(u, coarsest[0].samples, rng), coarsest, rng):
+        few, more = (_some(u, n, rng) for n in (coarsest[0].samples, _JUDGES))
+        for epoch in unfold(few, more, coarsest, rng):
             weights = epoch.weights
             yield epoch
         stages = stages[len(coarsest) :]

@@ -33,6 +33,8 @@ class Stage:
     step : float, optional
         The nodes follow the winners' steps, times this (below 2, which would overshoot);
         without it Kohonen's batch rule, see :func:`~calib.maps.neighbourhood.moved`.
+    starts : int
+        Random starts of a coarsest lattice, of which the best is kept.
     """
 
     lattice: Lattice
@@ -40,9 +42,11 @@ class Stage:
     samples: int
     final: bool
     step: float | None = None
+    starts: int = 1
 
 
 _LAST, _LAST_VARYING = 0.4, 1.5  # last radii of the full lattice [nodes]
+_STARTS, _STARTS_VARYING = 8, 24  # random starts; a wide last radius undoes less of a bad one
 _COARSEST = 64  # nodes of the lattice that is ordered first
 _GROWTH = 10.0  # the next one has at most so many times the nodes
 _PER_NODE = 10  # samples that a coarse lattice is shown per epoch and node
@@ -78,7 +82,8 @@ def coarse_to_fine(
         samples = _PER_NODE * small.size
         if not stages:
             radii = exponential(max(max(small.shape) / 2, 1.0), 0.7, 8)
-            stages.append(Stage(small, radii, samples, final=False))
+            starts = _STARTS_VARYING if varying else _STARTS
+            stages.append(Stage(small, radii, samples, final=False, starts=starts))
         stages.append(Stage(small, exponential(2.0, 1.5, 6), samples, False, _STEP))
     if not stages:
         start = max(max(lattice.shape) / 2, 1.0)

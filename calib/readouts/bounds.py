@@ -14,6 +14,7 @@ COVERAGE = 0.95
 _AROUND = 50  # held-out errors that tell the scale around a node
 _LEAST = 1e-3  # a pass shrinks a group by no more, so that errors of zero leave a bound
 _PASSES = 4  # over the two groups of nodes
+_ENOUGH = 40  # rows that tell a group's factor
 _BORDER = 1.5  # nodes within so many spacings of a limit form a group of their own
 
 
@@ -49,19 +50,20 @@ def learn_bounds(motor: Map, u: Array, errors: Array, doubt: Array | None = None
         doubt = errors[np.asarray(index, dtype=np.intp)].mean(axis=1)
     doubt = np.maximum(doubt, floor)
     nodes = doubt[: motor.size]
-    border = near_border(motor, u)
+    border, edge = near_border(motor, u), near_border(motor, motor.units)
+    groups = [(edge == near, border == near) for near in (False, True)]
+    if min(np.count_nonzero(rows) for _, rows in groups) < _ENOUGH:
+        groups = [(np.ones_like(edge), np.ones_like(border))]  # too few to tell them apart
     bound = nodes.copy()
     index, weight = blend(motor, u, blend_size(u.shape[1]))
-    edge = near_border(motor, motor.units)
     # both groups' nodes speak for samples between them: again, until both fit
     for _ in range(_PASSES):
-        for group, of in ((False, ~border), (True, border)):
-            chosen = of if np.count_nonzero(of) >= 40 else np.ones(len(u), dtype=bool)
-            said = np.einsum("nm,nm->n", weight[chosen], bound[index[chosen]])
-            ratio = np.sort(errors[chosen] / said)
+        for members, rows in groups:
+            said = np.einsum("nm,nm->n", weight[rows], bound[index[rows]])
+            ratio = np.sort(errors[rows] / said)
             # the finite-sample quantile of conformal prediction
             rank = min(len(ratio) - 1, int(np.ceil((len(ratio) + 1) * COVERAGE)) - 1)
-            bound[edge == group] *= max(ratio[rank], _LEAST)
+            bound[members] *= max(ratio[rank], _LEAST)
     return bound
 
 

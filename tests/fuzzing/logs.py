@@ -15,6 +15,7 @@ import numpy as np
 import calib
 from calib.data.tables import read_table
 from calib.errors import CalibError
+from calib.plain import LARGEST
 
 from .guard import guarded, one_line
 from .kinds import Kind
@@ -102,7 +103,7 @@ class Logs(Kind):
         names = ["shoulder", "elbow", "x", "y"]
         rows = _plain_rows(case.data, [case.columns.get(name, name) for name in names])
         assert len(log) + log.dropped <= len(rows), "more rows than there are"
-        good = rows[np.isfinite(rows).all(axis=1)]
+        good = rows[(np.abs(rows) < LARGEST).all(axis=1)]
         assert log.dropped == len(rows) - len(good), "not as many rows dropped as miss a value"
         place = 0
         if log.plane is not None:
