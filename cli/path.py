@@ -10,7 +10,7 @@ import typer
 from . import options as o
 from .output import note, show_json
 from .parsing import BadOption, Numbers, bad_option, finite, numbers
-from .units import JointFormat, for_people
+from .units import JointFormat, for_people, one_each
 
 if TYPE_CHECKING:
     from calib import Path
@@ -74,13 +74,7 @@ def path(
 
     loaded = calib.load(model)
     joints = JointFormat(loaded.about, degrees)
-    first = None
-    if start is not None:
-        if len(start) != len(joints.names):
-            shown = ",".join(f"{value:g}" for value in start)
-            expected = f"{len(joints.names)} values, one each for {', '.join(joints.names)}"
-            raise bad_option("--from", shown, expected)
-        first = [value / factor for value, factor in zip(start, joints.typed, strict=True)]
+    first = None if start is None else one_each("--from", start, joints.names, joints.typed)
     typed, invalid = read_table(input_, ("x", "y"))
     valid = np.flatnonzero(np.isfinite(typed).all(axis=1))
     found = loaded.path(typed[valid], first, step)

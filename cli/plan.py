@@ -16,14 +16,13 @@ from .parsing import (
     Margin,
     Numbers,
     Side,
-    bad_option,
     margin,
     numbers,
     side,
     whole,
 )
 from .samples import Selection
-from .units import for_people, ranges_in_si
+from .units import for_people, one_each, ranges_in_si
 
 if TYPE_CHECKING:
     from calib import Model, Plan, PlanarArm, Samples
@@ -121,7 +120,7 @@ def plan(
         margin=_margin(margins, known, typed),
         # an arm was loaded with them, which it may need where it states no limits
         ranges=ranges_in_si(ranges or (), turning, degrees) if _is_model(source) else None,
-        start=None if start is None else _joints(start, list(turning), typed),
+        start=None if start is None else one_each("--from", start, list(turning), typed),
         keep=_box(keep or ()),
         measured=None if data is None else _measured(known, data, columns, degrees, notes),
     )
@@ -195,14 +194,6 @@ def _margin(
         return [typed.value / factor for factor in factors]
     facts = _facts(known)
     return [typed.value * width for width in (facts.upper - facts.lower).tolist()]
-
-
-def _joints(start: Sequence[float], names: Sequence[str], factors: Sequence[float]) -> list[float]:
-    if len(start) != len(names):
-        shown = ",".join(f"{value:g}" for value in start)
-        expected = f"{len(names)} values, one each for {', '.join(names)}"
-        raise bad_option("--from", shown, expected)
-    return [value / factor for value, factor in zip(start, factors, strict=True)]
 
 
 def _box(sides: Sequence[Side]) -> dict[str, tuple[float, float]]:

@@ -10,7 +10,7 @@ import typer
 from . import options as o
 from .output import Table, fixed, note, show, show_json
 from .parsing import BadOption, bad_option, finite
-from .units import JointFormat, for_people
+from .units import JointFormat, for_people, one_each
 
 if TYPE_CHECKING:
     import numpy as np
@@ -165,11 +165,7 @@ def _check_count(typed: Sequence[float], names: Sequence[str], what: str) -> Non
 def _anchor(model: Model, near: Sequence[float] | None, joints: JointFormat) -> list[float] | None:
     if near is None:
         return None
-    if len(near) != len(joints.names):
-        shown = ",".join(f"{value:g}" for value in near)
-        expected = f"{len(joints.names)} values, one each for {', '.join(joints.names)}"
-        raise bad_option("--near", shown, expected)
-    q = [value / factor for value, factor in zip(near, joints.typed, strict=True)]
+    q = one_each("--near", near, joints.names, joints.typed)
     about, turns_round = model.about, model.motor.scale.periodic
     for k, value in enumerate(q):
         slack = 1e-9 * (about.upper[k] - about.lower[k])

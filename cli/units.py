@@ -3,11 +3,11 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Iterable, Mapping
+from collections.abc import Iterable, Mapping, Sequence
 from typing import TYPE_CHECKING
 
 from .output import fixed
-from .parsing import BadOption, JointRange, JointValue
+from .parsing import BadOption, JointRange, JointValue, bad_option
 
 if TYPE_CHECKING:
     from calib import PlanarArm
@@ -78,6 +78,23 @@ class JointFormat:
         if self._about.revolute[k]:
             return for_people("rad") if self._degrees else (1.0, "rad")
         return for_people("m")
+
+
+def one_each(
+    option: str, typed: Sequence[float], names: Sequence[str], factors: Sequence[float]
+) -> list[float]:
+    """Return one value for each joint [rad or m] of what was typed, over the factors.
+
+    Raises
+    ------
+    BadOption
+        If there are more or fewer.
+    """
+    if len(typed) != len(names):
+        shown = ",".join(f"{value:g}" for value in typed)
+        expected = f"{len(names)} values, one each for {', '.join(names)}"
+        raise bad_option(option, shown, expected)
+    return [value / factor for value, factor in zip(typed, factors, strict=True)]
 
 
 def kinds_of_joints(robot: str) -> dict[str, bool]:
