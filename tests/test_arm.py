@@ -390,6 +390,14 @@ def test_a_note_is_one_printable_line_whatever_the_joints_are_called():
     )
 
 
+def test_axes_may_point_to_either_side_of_the_plane():
+    same = arm_from_urdf(chain_urdf(turning(), turning()))
+    for axes, signs in ((("0 0 1", "0 0 -1"), (1, -1)), (("0 0 -1", "0 0 1"), (-1, 1))):
+        arm = arm_from_urdf(chain_urdf(*(turning(axis=axis) for axis in axes)))
+        q = np.array([0.3, -0.7])
+        np.testing.assert_allclose(arm.forward(q), same.forward(q * signs), atol=1e-15)
+
+
 def test_a_tip_may_be_named_by_its_joint():
     assert load_arm("two_link", tip="tip_mount").tip == "tip"
 

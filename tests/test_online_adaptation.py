@@ -97,6 +97,19 @@ def test_feeding_all_at_once_or_in_parts_is_the_same():
     assert np.array_equal(whole.model().sensory.units, parts.model().sensory.units)
 
 
+def test_the_map_follows_by_the_gain_that_it_was_trained_with():
+    samples = log("elbow.length=+20%", n=1000, noise=0.0)
+    followed = {}
+    for name in ("som", "vdsom", "vdsom:border", "<function gain>"):
+        about = replace(model().about, options={**model().about.options, "map": name})
+        adapter = OnlineAdapter(replace(model(), about=about), HORIZON, force=True)
+        adapter.feed(samples.q, samples.x)
+        followed[name] = adapter.model().sensory.units
+    assert np.array_equal(followed["vdsom"], followed["vdsom:border"])
+    assert np.array_equal(followed["vdsom"], followed["<function gain>"])
+    assert not np.array_equal(followed["vdsom"], followed["som"])
+
+
 def test_what_cannot_be():
     with pytest.raises(OptionError, match="horizon 0"):
         OnlineAdapter(model(), 0)
