@@ -1,10 +1,11 @@
-"""Two tasks, on two cores or in turn."""
+"""Two tasks, on two cores or in turn, and matrices on one."""
 
 from __future__ import annotations
 
 import threading
-from collections.abc import Callable
-from typing import Generic, TypeVar
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
+from typing import Any, Generic, TypeVar
 
 S = TypeVar("S")
 T = TypeVar("T")
@@ -29,6 +30,38 @@ def side_by_side(aside: Callable[[], S], here: Callable[[], T]) -> tuple[S, T]:
     result = here()
     thread.join()
     return task.result(), result
+
+
+class _Limit:
+    """The one limit of this process: how many blocks it holds for, and how to lift it."""
+
+    lock = threading.Lock()
+    blocks = 0
+    limits: Any = None
+
+
+@contextmanager
+def one_blas_thread() -> Iterator[None]:
+    """Multiply matrices in one thread, so that bytes do not depend on how many there are.
+
+    Within another such block it does nothing.  To look the libraries up takes the loader's
+    lock and then the interpreter's, an import in another thread takes them the other way
+    round, and both wait for ever: who starts threads opens a block before.
+    """
+    with _Limit.lock:
+        if not _Limit.blocks:
+            import scipy.linalg  # noqa: F401 - brings a BLAS of its own, to be found as well
+            from threadpoolctl import threadpool_limits
+
+            _Limit.limits = threadpool_limits(1, user_api="blas")
+        _Limit.blocks += 1
+    try:
+        yield
+    finally:
+        with _Limit.lock:
+            _Limit.blocks -= 1
+            if not _Limit.blocks:
+                _Limit.limits.restore_original_limits()
 
 
 def in_turn(first: Callable[[], S], second: Callable[[], T]) -> tuple[S, T]:

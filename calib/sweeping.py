@@ -17,6 +17,7 @@ from .data.babbling import babble
 from .data.samples import Samples
 from .errors import CalibError, OptionError
 from .learning import Progress
+from .parallel import one_blas_thread
 from .training import train
 from .trials import Sweep, Trial
 from .wording import clipped, one_line, suggestion
@@ -88,8 +89,6 @@ def sweep(
     >>> fine < coarse
     True
     """
-    from threadpoolctl import threadpool_limits
-
     every = _named(sources)
     options = _combinations(grid or {})
     drawn = _seeds(seeds)
@@ -113,8 +112,8 @@ def sweep(
     done = len(rows) - len(tasks)
     waiting = {k for k, _, _ in tasks}
     lost = ""
-    # threads share one limit, which the first training to end would lift for the others
-    with threadpool_limits(1, user_api="blas"):
+    # the look-up of the libraries is not for threads, see there
+    with one_blas_thread():
         try:
             for number, row in where.run(_trained, tasks):
                 k = tasks[number][0]
@@ -132,11 +131,12 @@ def sweep(
 
 def _trained(task: tuple[int, Trial, PlanarArm | Samples]) -> Trial:
     """Train one model, or tell why that failed; this is what a worker runs."""
-    from threadpoolctl import threadpool_limits
+    # a worker may have several threads: their trainings share the limit until the last one ends
+    with one_blas_thread():
+        return _row(*task[1:])
 
-    _, row, source = task
-    # for good: a worker may have several threads, see `sweep`, and has nothing else to do
-    threadpool_limits(1, user_api="blas")
+
+def _row(row: Trial, source: PlanarArm | Samples) -> Trial:
     started = time.perf_counter()
     try:
         options = dict(row.options)

@@ -19,7 +19,7 @@ from .learning import UNFOLD, Options, Progress, Stopwatch, learn
 from .links import check_wiring
 from .maps.density import Gain
 from .model import Model
-from .parallel import side_by_side
+from .parallel import one_blas_thread, side_by_side
 from .readouts.bounds import learn_bounds, near_border
 from .readouts.refining import refine
 from .readouts.selection import blocks
@@ -102,8 +102,6 @@ def train(
     >>> model.about.errors["local"]["forward"]["distance"]["mean"] < 1e-6
     True
     """
-    from threadpoolctl import threadpool_limits
-
     if isinstance(seed, bool) or not isinstance(seed, (int, np.integer)) or seed < 0:
         raise OptionError(f"seed {seed!r}: expected a whole number, 0 or more")
     if len(samples) < LEAST_ROWS:
@@ -114,7 +112,7 @@ def train(
     check_wiring(links)
     said: list[str] = []
     if samples.simulation is None:
-        with threadpool_limits(1, user_api="blas"):
+        with one_blas_thread():
             screening = screen(samples)
         said = screening.notes()
         if screening.left_out:
@@ -124,7 +122,7 @@ def train(
     taught = len(samples) < min(MOST_ROWS, int(np.prod(motor)))
     options = Options(motor, sensory, map, rule, epochs, sigma, int(seed), taught, links)
     # a BLAS that splits sums over threads would change the last bits
-    with threadpool_limits(1, user_api="blas"):
+    with one_blas_thread():
         return _Trainer(samples, options, said + notes, progress or (lambda *_: None)).run()
 
 

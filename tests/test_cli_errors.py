@@ -58,6 +58,7 @@ CASES = [
     ("train two_link --size 5x5x5", 1, "5x5x5"),
     ("train two_link --rule foo", 2, "--rule 'foo' batch, online"),
     ("train two_link --epochs 0", 2, "--epochs '0'"),
+    ("train two_link --epochs 9223372036854775807", 1, "epochs 1,000,000"),
     ("train two_link --epochs 1.5", 2, "--epochs '1.5' whole"),
     ("train two_link --sigma 3", 2, "--sigma '3' START:END"),
     ("train two_link --sigma 3:0", 2, "--sigma '3:0'"),

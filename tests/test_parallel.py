@@ -3,8 +3,10 @@
 import threading
 
 import pytest
+import threadpoolctl
 
-from calib.parallel import side_by_side
+import calib
+from calib.parallel import one_blas_thread, side_by_side
 
 
 def test_both_results_come_back_in_order():
@@ -41,3 +43,42 @@ def test_an_error_here_does_not_wait_for_the_other_task():
         side_by_side(lambda: stop.wait(60), fail)
     assert not stop.is_set()
     stop.set()
+
+
+def test_libraries_are_looked_up_by_the_main_thread_before_others_start(monkeypatch):
+    """Beside an import in another thread the look-up can wait for it, and it for the look-up."""
+    where, limits = [], threadpoolctl.threadpool_limits
+
+    def spy(*args, **options):
+        where.append(threading.current_thread())
+        return limits(*args, **options)
+
+    monkeypatch.setattr(threadpoolctl, "threadpool_limits", spy)
+    calib.train(calib.babble(calib.load_arm("two_link"), 200, seed=0), size=5)
+    assert where
+    assert set(where) == {threading.main_thread()}
+
+
+def test_one_thread_multiplies_until_the_last_block_ends():
+    def counts():
+        found = threadpoolctl.threadpool_info()
+        return {p["num_threads"] for p in found if p["user_api"] == "blas"}
+
+    inside, outside = threading.Event(), threading.Event()
+
+    def long():
+        with one_blas_thread():
+            inside.set()
+            outside.wait(30)
+
+    with threadpoolctl.threadpool_limits(2, user_api="blas"):
+        with one_blas_thread():
+            other = threading.Thread(target=long)
+            other.start()
+            inside.wait(30)
+            with one_blas_thread():
+                assert counts() == {1}
+            assert counts() == {1}
+        assert counts() == {1}
+        outside.set()
+        other.join()

@@ -125,9 +125,9 @@ def test_threads_never_have_more_than_one_blas_thread():
         raise calib.OptionError("enough")
 
     with threadpool_limits(2, user_api="blas"):
-        before = [p["num_threads"] for p in threadpool_info()]
         calib.sweep("two_link", {"map": [gain], "samples": [50, 60]}, jobs=2, backend="threading")
-        assert [p["num_threads"] for p in threadpool_info()] == before
+        after = {p["num_threads"] for p in threadpool_info() if p["user_api"] == "blas"}
+        assert after == {2}  # of this process' libraries, those that were loaded meanwhile too
     assert set(seen) == {1}
 
 

@@ -17,6 +17,7 @@ from ..features import Frame, find_chain
 from ..learning import STREAMS, Progress
 from ..model import Model
 from ..outliers import find_outliers, spread_points
+from ..parallel import one_blas_thread
 from ..readouts.bounds import learn_bounds
 from ..readouts.selection import better, blocks
 from ..robust import solve
@@ -103,15 +104,13 @@ def adapt(
     LogError
         If the log is not of this arm or too short.
     """
-    from threadpoolctl import threadpool_limits
-
     if method not in METHODS:
         raise OptionError(f"method {method!r} is unknown, choose one of {', '.join(METHODS)}")
     rows = comparable(model, log)
     stream = np.random.SeedSequence(
         model.about.seed if seed is None else seed, spawn_key=(STREAMS["adapt"],)
     )
-    with threadpool_limits(1, user_api="blas"):
+    with one_blas_thread():
         if method == "online":
             return _online(model, log, rows, progress)
         return _few_shot(model, log, rows, np.random.default_rng(stream), progress)

@@ -9,6 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ..errors import LogError, OptionError
+from ..parallel import one_blas_thread
 from ..scale import Scale
 from . import batch, dsom, gng, online
 from .density import Gain, gain_of, kind_of
@@ -22,6 +23,7 @@ Array = NDArray[np.float64]
 Progress = Callable[[float, float], None]
 """Called with the share of the work done and the current quantization error."""
 
+_MOST_EPOCHS = 1_000_000
 RULES = ("batch", "online")
 
 
@@ -66,8 +68,8 @@ class SOM:
     def __post_init__(self) -> None:
         if self.rule not in RULES:
             raise OptionError(f"rule {self.rule!r} is unknown, choose one of {', '.join(RULES)}")
-        if self.epochs is not None and self.epochs < 1:
-            raise OptionError(f"epochs {self.epochs}: at least 1 is needed")
+        if self.epochs is not None and not 1 <= self.epochs <= _MOST_EPOCHS:
+            raise OptionError(f"epochs {self.epochs}: at least 1, at most {_MOST_EPOCHS:,}")
         if self.sigma is not None and not (
             np.isfinite(self.sigma).all() and self.sigma[0] >= self.sigma[1] > 0
         ):
@@ -108,8 +110,6 @@ class SOM:
         LogError
             If `x` has no rows, is not two-dimensional, or holds a value that is not finite.
         """
-        from threadpoolctl import threadpool_limits
-
         x = np.asarray(x, dtype=float)
         if x.ndim != 2 or not len(x):
             raise LogError(f"samples of shape {x.shape}: expected (n, d) with n >= 1")
@@ -121,7 +121,7 @@ class SOM:
         u = scale.to_unit(x)
         history, done, work = [], 0, self._work(len(u))
         # small products of matrices: threads would only wait for each other
-        with threadpool_limits(1, user_api="blas"):
+        with one_blas_thread():
             for epoch in self._epochs(u, gain, partners):
                 done += epoch.shown
                 history.append((len(epoch.weights), epoch.sigma, epoch.error, epoch.topographic))

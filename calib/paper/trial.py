@@ -11,6 +11,7 @@ from numpy.typing import NDArray
 from ..data.samples import Samples
 from ..learning import Options, associate
 from ..maps.density import Gain
+from ..parallel import one_blas_thread
 from ..readouts.linked import Association
 from ..scale import Scale
 from ..training import train
@@ -132,8 +133,6 @@ def association(
     samples: Samples, network: str | Gain, schedule: Schedule, side: int, seed: int
 ) -> Association:
     """Both maps and their links alone, as ``calib train`` would learn them."""
-    from threadpoolctl import threadpool_limits
-
     scale = Scale.of_range(samples.lower, samples.upper, samples.revolute)
     options = Options(
         (side,) * 2,
@@ -146,7 +145,7 @@ def association(
         taught=False,
         links=schedule.links,
     )
-    with threadpool_limits(1, user_api="blas"):
+    with one_blas_thread():
         return associate(scale, scale.to_unit(samples.q), samples.x, options)
 
 
