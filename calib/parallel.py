@@ -33,11 +33,10 @@ def side_by_side(aside: Callable[[], S], here: Callable[[], T]) -> tuple[S, T]:
 
 
 class _Limit:
-    """The one limit of this process: how many blocks it holds for, and how to lift it."""
+    """The one limit of this process."""
 
     lock = threading.Lock()
-    blocks = 0
-    limits: Any = None
+    holds = False
 
 
 @contextmanager
@@ -48,20 +47,31 @@ def one_blas_thread() -> Iterator[None]:
     lock and then the interpreter's, an import in another thread takes them the other way
     round, and both wait for ever: who starts threads opens a block before.
     """
-    with _Limit.lock:
-        if not _Limit.blocks:
-            import scipy.linalg  # noqa: F401 - brings a BLAS of its own, to be found as well
-            from threadpoolctl import threadpool_limits
-
-            _Limit.limits = threadpool_limits(1, user_api="blas")
-        _Limit.blocks += 1
+    limits = _limit()
     try:
         yield
     finally:
-        with _Limit.lock:
-            _Limit.blocks -= 1
-            if not _Limit.blocks:
-                _Limit.limits.restore_original_limits()
+        if limits is not None:
+            with _Limit.lock:
+                limits.restore_original_limits()
+                _Limit.holds = False
+
+
+def keep_one_blas_thread() -> None:
+    """Multiply matrices in one thread from now on: for a worker that does nothing else."""
+    _limit()
+
+
+def _limit() -> Any:
+    """Set the limit; how to lift it, None if it is not the first."""
+    with _Limit.lock:  # imports as well: another thread's would be in the way
+        if _Limit.holds:
+            return None
+        import scipy.linalg  # noqa: F401 - brings a BLAS of its own, to be found as well
+        from threadpoolctl import threadpool_limits
+
+        _Limit.holds = True
+        return threadpool_limits(1, user_api="blas")
 
 
 def in_turn(first: Callable[[], S], second: Callable[[], T]) -> tuple[S, T]:

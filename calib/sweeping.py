@@ -17,7 +17,7 @@ from .data.babbling import babble
 from .data.samples import Samples
 from .errors import CalibError, OptionError
 from .learning import Progress
-from .parallel import one_blas_thread
+from .parallel import keep_one_blas_thread, one_blas_thread
 from .training import train
 from .trials import Sweep, Trial
 from .wording import clipped, one_line, suggestion
@@ -112,7 +112,6 @@ def sweep(
     done = len(rows) - len(tasks)
     waiting = {k for k, _, _ in tasks}
     lost = ""
-    # the look-up of the libraries is not for threads, see there
     with one_blas_thread():
         try:
             for number, row in where.run(_trained, tasks):
@@ -131,12 +130,8 @@ def sweep(
 
 def _trained(task: tuple[int, Trial, PlanarArm | Samples]) -> Trial:
     """Train one model, or tell why that failed; this is what a worker runs."""
-    # a worker may have several threads: their trainings share the limit until the last one ends
-    with one_blas_thread():
-        return _row(*task[1:])
-
-
-def _row(row: Trial, source: PlanarArm | Samples) -> Trial:
+    _, row, source = task
+    keep_one_blas_thread()  # for good: the first of a worker's threads to end would lift it
     started = time.perf_counter()
     try:
         options = dict(row.options)

@@ -59,26 +59,17 @@ def test_libraries_are_looked_up_by_the_main_thread_before_others_start(monkeypa
     assert set(where) == {threading.main_thread()}
 
 
-def test_one_thread_multiplies_until_the_last_block_ends():
-    def counts():
-        found = threadpoolctl.threadpool_info()
-        return {p["num_threads"] for p in found if p["user_api"] == "blas"}
+def counts():
+    return {p["num_threads"] for p in threadpoolctl.threadpool_info() if p["user_api"] == "blas"}
 
-    inside, outside = threading.Event(), threading.Event()
 
-    def long():
-        with one_blas_thread():
-            inside.set()
-            outside.wait(30)
-
+def test_the_outermost_block_alone_limits_and_lifts():
     with threadpoolctl.threadpool_limits(2, user_api="blas"):
         with one_blas_thread():
-            other = threading.Thread(target=long)
-            other.start()
-            inside.wait(30)
             with one_blas_thread():
                 assert counts() == {1}
             assert counts() == {1}
-        assert counts() == {1}
-        outside.set()
-        other.join()
+        assert counts() == {2}
+        with pytest.raises(KeyError), one_blas_thread():
+            raise KeyError
+        assert counts() == {2}
