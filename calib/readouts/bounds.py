@@ -24,7 +24,7 @@ def learn_bounds(motor: Map, u: Array, errors: Array, doubt: Array | None = None
     Locally scaled, split conformal prediction (Lei et al. 2018): the mean held-out error
     around a node tells how the bounds compare, and the 95 % quantile of error over bound
     how large they are; once for nodes near a limit, where maps are worst, and once for
-    the others.
+    the others; for all at once where either group has too few samples.
 
     Parameters
     ----------
