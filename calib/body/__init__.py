@@ -1,0 +1,1 @@
+"""Body: the smooth part of what was learned, from joints to positions."""
