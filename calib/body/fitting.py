@@ -199,8 +199,15 @@ def fit_structure(
     def fit(free: tuple[str, ...]) -> Fit:
         nonlocal beta
         made = maximise(
-            structure, sub_q, sub_z, beta, structure.prior(free), nu=nu, floor=floor,
-            tolerance=tolerance, steps=20 if simulated else 10,
+            structure,
+            sub_q,
+            sub_z,
+            beta,
+            structure.prior(free),
+            nu=nu,
+            floor=floor,
+            tolerance=tolerance,
+            steps=20 if simulated else 10,
         )
         beta = made.beta
         return made
@@ -239,8 +246,16 @@ def _over_all_rows(passed: Passed, q: Array, z: Array, floor: Array) -> Fit:
     fit = passed.fit
     prior = _fixed(fit.structure.prior(passed.free), fit)
     return maximise(
-        fit.structure, q, z, fit.beta, prior, nu=fit.nu, floor=floor, noise=fit.noise,
-        steps=2 if len(fit.active) > 60 else 10, tolerance=1e-2,
+        fit.structure,
+        q,
+        z,
+        fit.beta,
+        prior,
+        nu=fit.nu,
+        floor=floor,
+        noise=fit.noise,
+        steps=2 if len(fit.active) > 60 else 10,
+        tolerance=1e-2,
     )
 
 

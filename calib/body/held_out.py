@@ -112,8 +112,13 @@ def leave_blocks_out(fit: Fit, partitions: tuple[int, ...] = PARTITIONS) -> Held
                 residual[rows] = e
                 score[rows] = _score(error, spread, p)
         ratios[parts] = ratio
-    return HeldOut(residual, np.linalg.norm(residual[:, : fit.structure.blocks[0]], axis=1),
-                   score, edges, ratios)
+    return HeldOut(
+        residual,
+        np.linalg.norm(residual[:, : fit.structure.blocks[0]], axis=1),
+        score,
+        edges,
+        ratios,
+    )
 
 
 def _score(error: Array, spread: Array, p: int) -> Array:

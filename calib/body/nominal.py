@@ -56,9 +56,9 @@ class Nominal:
         }
 
 
-def chain_of(t: NDArray[np.complex128], mirror: int, revolute: tuple[bool, ...]) -> tuple[
-    Array, Array, float
-]:
+def chain_of(
+    t: NDArray[np.complex128], mirror: int, revolute: tuple[bool, ...]
+) -> tuple[Array, Array, float]:
     """Magnitudes (dof,), offsets (dof,) and rotation of a chain from its coefficients (dof,).
 
     The coefficients are those of `regressors`, of their conjugates where `mirror` is -1.
@@ -145,8 +145,7 @@ def nominal_of(
                     (float(t[-1].real), float(t[-1].imag)),
                     mirror,
                     tuple(
-                        int(s) * mirror if r else 1
-                        for s, r in zip(signs, revolute, strict=True)
+                        int(s) * mirror if r else 1 for s, r in zip(signs, revolute, strict=True)
                     ),
                 ),
             )

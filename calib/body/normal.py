@@ -60,9 +60,7 @@ class Factor:
 
     def log_determinant(self) -> float:
         """Logarithm of the matrix's determinant."""
-        return float(
-            2 * np.log(np.diag(self._factor[0])).sum() - 2 * np.log(self.scale).sum()
-        )
+        return float(2 * np.log(np.diag(self._factor[0])).sum() - 2 * np.log(self.scale).sum())
 
 
 @dataclass(frozen=True)
@@ -115,9 +113,7 @@ def sums_of(x: Array, r: Array, w: Array, blocks: tuple[int, ...]) -> list[Sums]
     return out
 
 
-def negative_log_likelihood(
-    r: Array, noise: Array, nu: float, blocks: tuple[int, ...]
-) -> float:
+def negative_log_likelihood(r: Array, noise: Array, nu: float, blocks: tuple[int, ...]) -> float:
     """Negative logarithm of the likelihood of residuals (n, m), up to a constant."""
     total = 0.0
     for part in slices(blocks):

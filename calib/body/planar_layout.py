@@ -36,8 +36,9 @@ class Layout:
         start = VIEW + 3 * n
         self.elastic = start + np.arange(2 * len(self.pairs))
         start += len(self.elastic)
-        self.curve = {i: start + k * 2 * HARMONICS + np.arange(2 * HARMONICS)
-                      for k, i in enumerate(turning)}
+        self.curve = {
+            i: start + k * 2 * HARMONICS + np.arange(2 * HARMONICS) for k, i in enumerate(turning)
+        }
         self.size = start + len(turning) * 2 * HARMONICS
         groups: dict[str, Indices] = {
             "view.rotation": np.array([0]),

@@ -93,9 +93,7 @@ def prior(structure: PlanarStructure, free: Sequence[str]) -> Prior:
     if "elastic" in free and len(lay.elastic):
         scale = 1e-4 if nominal is not None else 1e-3
         sd[lay.elastic] = scale
-        hypers.append(
-            Hyper("elastic", lay.elastic, np.ones(len(lay.elastic)), scale, pseudo=1.0)
-        )
+        hypers.append(Hyper("elastic", lay.elastic, np.ones(len(lay.elastic)), scale, pseudo=1.0))
     for i, ix in lay.curve.items():
         if "curve" in free or f"curve.{i}" in free:
             shape = curve_shape()

@@ -31,8 +31,10 @@ def label(structure: PlanarStructure, index: int) -> Label:
     """What parameter `index` of a planar body is."""
     lay = structure.layout
     names = structure.joint_names
-    length = "1" if structure.scaled and structure.nominal is None else (
-        "m" if structure.scaled else structure.unit
+    length = (
+        "1"
+        if structure.scaled and structure.nominal is None
+        else ("m" if structure.scaled else structure.unit)
     )
     if index < len(VIEW_NAMES):
         group, name, unit = VIEW_NAMES[index]
