@@ -40,7 +40,7 @@ class Trust:
     def in_range(self, u: Array) -> NDArray[np.bool_]:
         """Which coordinates (n, dof) of the unit box are within the joints' range."""
         inside = (u >= -_SLACK) & (u <= 1.0 + _SLACK)
-        return inside | self.motor.scale.periodic
+        return np.asarray(inside | self.motor.scale.periodic)
 
     def covers(self, u: Array) -> NDArray[np.bool_]:
         """Whether points of the unit box (n, dof) are answered, (n,)."""
