@@ -41,11 +41,13 @@ def members(structure: PlanarStructure) -> tuple[tuple[str, tuple[str, ...]], ..
     ladder: list[tuple[str, tuple[str, ...]]] = []
     if structure.nominal is not None:
         ladder.append(("frame", frame or ("offset",)))
-    ladder += [("chain", chain), ("elastic", (*chain, "elastic"))]
+    ladder.append(("chain", chain))
+    bent = ("lens",) if structure.lens else ()
     if structure.lens:
-        ladder.append(("lens", (*chain, "elastic", "lens")))
-    rich = (*chain, "elastic", *(("lens",) if structure.lens else ()))
-    ladder.append(("curves", (*rich, "curve")))
+        ladder.append(("lens", (*chain, "lens")))
+    ladder.append(("curves", (*chain, *bent, "curve")))
+    ladder.append(("elastic", (*chain, *bent, "elastic")))
+    ladder.append(("curves and elastic", (*chain, *bent, "elastic", "curve")))
     return tuple(ladder)
 
 
@@ -69,7 +71,9 @@ def prior(structure: PlanarStructure, free: Sequence[str]) -> Prior:
         if group in free:
             sd[lay.groups[group]] = scale
 
-    def varied(group: str, name: str, ix: Indices, scale: float, factors: tuple[float, ...]) -> None:
+    def varied(
+        group: str, name: str, ix: Indices, scale: float, factors: tuple[float, ...]
+    ) -> None:
         if group in free and len(ix):
             sd[ix] = scale
             hypers.append(Hyper(name, ix, np.ones(len(ix)), scale, choices=factors))
