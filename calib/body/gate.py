@@ -10,8 +10,7 @@ import numpy as np
 from .fit import Fit
 from .held_out import HeldOut, leave_blocks_out
 
-
-NATS = 5.0
+NATS = 3.0
 """Gain of evidence that decides where the held-out score agrees."""
 
 
@@ -50,7 +49,7 @@ def wins(richer: Passed, simpler: Passed) -> bool:
     """Whether a richer member is better in both currencies.
 
     Either its held-out score gains more than one paired standard error over the blocks and the
-    evidence agrees, or the evidence gains five nats and the score agrees.  The blocks of few rows
+    evidence agrees, or the evidence gains three nats and the score agrees.  The blocks of few rows
     are too noisy to tell alone; the evidence alone trusts the noise model too much.  Correlated
     residuals count once for their autocorrelation time.
     """

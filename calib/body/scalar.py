@@ -55,7 +55,7 @@ class ScalarBody:
 
 def curve_table(coefficients: Array) -> list[Row]:
     """Coefficients of a quintic for each of 2,048 intervals of a turn, in the interval's units."""
-    x = np.arange(KNOTS + 1) * (2 * np.pi / KNOTS)
+    x = np.linspace(0.0, 2 * np.pi, KNOTS + 1)
     h = 2 * np.pi / KNOTS
     n = np.tile(ORDERS, 2)
     f = curve_value(x, coefficients)
