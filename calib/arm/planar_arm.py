@@ -147,7 +147,7 @@ class PlanarArm:
         """
         lower, upper, notes = self.lower.copy(), self.upper.copy(), list(self.notes)
         for name, chosen in ranges.items():
-            k = self._index(name, "--range")
+            k = self._index(name, "ranges")
             unit = "rad" if self.revolute[k] else "m"
             lower[k], upper[k] = checked_range(name, chosen, self.limits[k], unit)
             if self.revolute[k]:

@@ -243,7 +243,7 @@ class _Trainer:
     ) -> tuple[Array, Baseline]:
         """Bounds from the errors `miss` (n,) at `known` (n, dof), and what is undisturbed."""
         if not len(known):
-            raise OptionError(f"no test sample is near the motor map's nodes: {UNFOLD}")
+            raise OptionError("no test sample is near the motor map's nodes", hint=UNFOLD)
         samples, doubt = self.samples, None
         if self.teacher is not None:
             nodes = np.concatenate([np.clip(model.motor.units, 0, 1), known])
