@@ -150,10 +150,10 @@ def test_where_the_base_stands_does_not_change_the_arm(x, y, z, roll, pitch, yaw
 @pytest.mark.parametrize(
     ("q", "word"),
     [
-        ([1.0], "expected (n, 2)"),
-        ([[1.0, 2.0, 3.0]], "expected (n, 2)"),
-        (np.zeros((2, 2, 2)), "expected (n, 2)"),
-        (3.0, "expected (n, 2)"),
+        ([1.0], "or (n, 2)"),
+        ([[1.0, 2.0, 3.0]], "or (n, 2)"),
+        (np.zeros((2, 2, 2)), "or (n, 2)"),
+        (3.0, "or (n, 2)"),
         ([[0.1, 0.2], [np.nan, 0]], "row 1"),
         ([np.inf, 0], "row 0"),
         (["a", "b"], "numbers"),
