@@ -107,12 +107,12 @@ class OnlineAdapter:
             if not isinstance(part.lattice, Lattice):
                 raise OptionError(
                     "online adaptation needs maps with a lattice, this model's are a growing "
-                    "neural gas: use --method few-shot"
+                    "neural gas: use `method='few-shot'`"
                 )
         if model.motor.size * model.sensory.size > _LARGEST:
             raise OptionError(
                 f"lattices of {model.motor.size:,} and {model.sensory.size:,} nodes are too "
-                "large for online adaptation, which holds every link: use --method few-shot"
+                "large for online adaptation, which holds every link: use `method='few-shot'`"
             )
         self._model = model
         self._horizon = horizon

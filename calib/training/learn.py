@@ -29,7 +29,7 @@ Progress = Callable[[float, str, float], None]
 STREAMS = {"motor": 0, "sensory": 1, "imagined": 2, "bounds": 3, "evaluation": 4, "adapt": 5}
 """Independent random streams of one seed."""
 
-UNFOLD = "give a larger --size, more --epochs or samples, or --rule batch"
+UNFOLD = "give a larger `size`, more `epochs` or samples, or `rule='batch'`"
 """What to do about a map that did not spread over its samples."""
 
 _COLLAPSED = 1e-9  # mean distance of joined nodes in the unit box
@@ -168,7 +168,9 @@ def both_maps(
         )
     for name, found in zip(("motor", "sensory"), maps, strict=True):
         if not found.spacing > _COLLAPSED:
-            raise OptionError(f"the {name} map did not unfold, its nodes fell together: {UNFOLD}")
+            raise OptionError(
+                f"the {name} map did not unfold, its nodes fell together", hint=UNFOLD
+            )
     return maps
 
 

@@ -236,7 +236,7 @@ class _Trainer:
             known = np.concatenate([u, scale.to_unit(limits.q)])
             miss = np.concatenate([miss, limits.errors["local"]])
         if not len(known):
-            raise OptionError(f"no test sample is near the motor map's nodes: {UNFOLD}")
+            raise OptionError("no test sample is near the motor map's nodes", hint=UNFOLD)
         bounds = learn_bounds(model.motor, known, miss)
         return replace(model, bounds=bounds, model_bounds=bounds), self._baseline(model, u, held.x)
 
