@@ -27,5 +27,8 @@ def opencv() -> Any:
         raise LogError(INSTALL) from None
     if tuple(int(part) for part in cv2.__version__.split(".")[:2]) < (4, 11):
         raise LogError(f"OpenCV {cv2.__version__} is too old, expected 4.11 or later: {INSTALL}")
-    cv2.utils.logging.setLogLevel(cv2.utils.logging.LOG_LEVEL_SILENT)
+    if hasattr(cv2, "setLogLevel"):  # 4.x
+        cv2.setLogLevel(0)
+    else:
+        cv2.utils.logging.setLogLevel(cv2.utils.logging.LOG_LEVEL_SILENT)
     return cv2

@@ -28,6 +28,8 @@ FLOOR = 0.03
 """Least standard deviation that a tag's centre is credited with, along each axis [px]."""
 
 
+_MARGINS = (0.13, 0.3)  # of a cell that is not read; OpenCV 4 reads small tags with the second
+
 @dataclass(frozen=True, eq=False)
 class Tag:
     """A tag in a picture; pixel centres have whole coordinates, y runs down.
@@ -90,20 +92,29 @@ class TagFinder:
     ----------
     dictionary : str
         Its name.
-    refined : collection of int, optional
-        Ids that are measured to hundredths of a pixel; all if not given.
+    wanted : collection of int, optional
+        Ids to look for; all if not given, which takes ten times as long with OpenCV 5.
     """
 
     def __init__(
-        self, dictionary: str = DICTIONARY, refined: Collection[int] | None = None
+        self, dictionary: str = DICTIONARY, wanted: Collection[int] | None = None
     ) -> None:
         cv2 = opencv()
-        self.dictionary = find_dictionary(dictionary)
-        self._refined = refined
-        self._cells = int(self.dictionary.markerSize) + 2
-        settings = cv2.aruco.DetectorParameters()
-        settings.cornerRefinementMethod = cv2.aruco.CORNER_REFINE_CONTOUR
-        self._detector = cv2.aruco.ArucoDetector(self.dictionary, settings)
+        known = find_dictionary(dictionary)
+        count = len(known.bytesList)
+        self.numbers = tuple(range(count) if wanted is None else sorted(set(wanted)))
+        if bad := [number for number in self.numbers if not 0 <= number < count]:
+            raise OptionError(f"tag {bad[0]}: expected 0 to {count - 1}, the ids of {dictionary}")
+        if wanted is not None:
+            some = np.ascontiguousarray(known.bytesList[list(self.numbers)])
+            known = cv2.aruco.Dictionary(some, known.markerSize, known.maxCorrectionBits)
+        self._cells = int(known.markerSize) + 2
+        self._detectors = []
+        for margin in _MARGINS:
+            settings = cv2.aruco.DetectorParameters()
+            settings.cornerRefinementMethod = cv2.aruco.CORNER_REFINE_CONTOUR
+            settings.perspectiveRemoveIgnoredMarginPerCell = margin
+            self._detectors.append(cv2.aruco.ArucoDetector(known, settings))
 
     def find(self, grey: Picture, window: tuple[int, int, int, int] | None = None) -> list[Tag]:
         """Find the tags of a picture, or of its part x0, y0, x1, y1 [px]."""
@@ -111,20 +122,28 @@ class TagFinder:
         if window is not None:
             x0, y0, x1, y1 = window
             grey, shift = np.ascontiguousarray(grey[y0:y1, x0:x1]), np.array([x0, y0], float)
-        found, numbers, _ = self._detector.detectMarkers(grey)
-        if numbers is None:
-            return []
+        found: list[tuple[int, Array]] = []
+        for detector in self._detectors:
+            corners, places, _ = detector.detectMarkers(grey)
+            if places is not None:
+                numbers = [self.numbers[k] for k in np.ravel(places).tolist()]
+                squares = [np.asarray(c, float).reshape(4, 2) for c in corners]
+                found += zip(numbers, squares, strict=True)
+            seen = {number for number, _ in found}
+            if seen and (len(self.numbers) > 20 or seen.issuperset(self.numbers)):
+                break
+        return self._tags(grey, found, shift)
+
+    def _tags(self, grey: Picture, found: list[tuple[int, Array]], shift: Array) -> list[Tag]:
         tags: list[Tag] = []
-        for number, raw in zip(np.ravel(numbers).tolist(), found, strict=True):
-            tag = self._measured(grey, number, np.asarray(raw, float).reshape(4, 2), shift)
+        for number, corners in found:
+            tag = self._measured(grey, number, corners, shift)
             same = [t for t in tags if t.number == number]
             if not any(np.linalg.norm(t.centre - tag.centre) < 0.3 * t.side for t in same):
                 tags.append(tag)
         return tags
 
     def _measured(self, grey: Picture, number: int, corners: Array, shift: Array) -> Tag:
-        if self._refined is not None and number not in self._refined:
-            return Tag(number, corners + shift, crossing(corners) + shift, 0.3)
         refined, rough, _ = refine_square(grey, corners, self._cells)
         side = np.linalg.norm(np.roll(corners, -1, 0) - corners, axis=1).max()
         moved = np.linalg.norm(refined - corners, axis=1).max()
