@@ -255,18 +255,22 @@ class Desk:
         cv2.fillPoly(scene, [np.round(pixels * 16).astype(np.int32)], grey, cv2.LINE_AA, 4)
 
 
-def board_shots(desk: Desk, made: Sticker, count: int, rng: np.random.Generator) -> list[Image]:
-    """Return pictures of the board held in front of the camera, tilted this way and that."""
-    pictures = []
+def board_shots(
+    desk: Desk, made: Sticker, count: int, rng: np.random.Generator
+) -> tuple[list[Image], list[Sticker]]:
+    """Return pictures of the board held near the camera, tilted this way and that."""
+    pictures, held = [], []
+    camera = desk.camera
+    width, height = camera.size
     for _ in range(count):
-        middle = np.array([*desk.camera.target[:2], 0.0])
-        shift = rng.uniform([-0.16, -0.09, 0.0], [0.16, 0.09, 0.25])
-        tilt = tuple(rng.uniform(-0.5, 0.5, 2)) + (0.0,)
-        x, y, z = middle + shift
-        held = Sticker(made.cells, made.cell, (x, y, z, rng.uniform(-0.6, 0.6)), tilt, made.border)
-        seen = Desk(desk.camera, still=(held,), blur=desk.blur, noise=desk.noise, seed=desk.seed)
-        pictures.append(seen.picture([0.0] * 3, rng, arm=False))
-    return pictures
+        pixel = [width, height] * rng.uniform([0.32, 0.35], [0.68, 0.65])
+        place = camera.position + rng.uniform(0.35, 0.6) * camera.rays(pixel)
+        tilt = tuple(rng.uniform(-0.55, 0.55, 2)) + (0.0,)
+        at = (*place, rng.uniform(-0.6, 0.6))
+        held.append(Sticker(made.cells, made.cell, at, tilt, made.border))
+        seen = Desk(camera, still=(held[-1],), blur=desk.blur, noise=desk.noise, seed=desk.seed)
+        pictures.append(seen.picture([0.0] * len(desk.lengths), rng, arm=False))
+    return pictures, held
 
 
 def write_video(path: str, frames: Sequence[Image], rate: float, codec: str = "mp4v") -> None:

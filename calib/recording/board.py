@@ -10,6 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ..errors import OptionError
+from .corners import refine_corners
 from .lengths import parse_length
 from .opencv import opencv
 from .tags import find_dictionary
@@ -118,25 +119,4 @@ class BoardFinder:
                 best = dict(zip(np.ravel(numbers).tolist(), places, strict=True))
             if len(best) >= LEAST_CORNERS:
                 break
-        return refine_corners(grey, best)
-
-
-def refine_corners(grey: NDArray[np.uint8], corners: dict[int, Array]) -> dict[int, Array]:
-    """Put corners of a chessboard where the grey level's gradients meet.
-
-    A corner that moves further than two pixels was none, and keeps no place.
-    """
-    if len(corners) < 2:
-        return corners
-    cv2 = opencv()
-    places = np.array(list(corners.values()))
-    gaps = np.linalg.norm(places[:, None] - places[None], axis=2)
-    np.fill_diagonal(gaps, np.inf)
-    # a tag begins some way from the corner, the window must not reach it
-    half = int(np.clip(0.14 * np.median(gaps.min(1)), 2, 9))
-    stop = (cv2.TERM_CRITERIA_EPS + cv2.TERM_CRITERIA_MAX_ITER, 40, 1e-3)
-    start = places.astype(np.float32).reshape(-1, 1, 2)
-    refined = cv2.cornerSubPix(grey, start.copy(), (half, half), (-1, -1), stop)
-    refined = np.asarray(refined, float).reshape(-1, 2)
-    near = np.linalg.norm(refined - places, axis=1) < 2.0
-    return {n: place for n, place, ok in zip(corners, refined, near, strict=True) if ok}
+        return refine_corners(grey, best, self.board)

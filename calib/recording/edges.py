@@ -43,35 +43,15 @@ def refine_square(
     width : float [px]
         Standard deviation of the blurred edge across the worst side.
     """
-    cv2 = opencv()
-    low = np.maximum(np.floor(corners.min(0)).astype(int) - 12, 0)
-    high = np.ceil(corners.max(0)).astype(int) + 13
-    part = cv2.GaussianBlur(grey[low[1] : high[1], low[0] : high[0]], (0, 0), _BLUR)
-    part = part.astype(np.float32)
+    part, low = blurred_part(grey, corners)
     c = corners - low
     side = float(np.linalg.norm(np.roll(c, -1, 0) - c, axis=1).min())
     reach = float(np.clip(0.6 * side / cells, 1.5, 4.0))
-    across = np.arange(-reach, reach + 0.5 * _STEP, _STEP)
     along = np.linspace(_ENDS, 1.0 - _ENDS, _POINTS)[:, None]
     roughness = width = 0.0
     for _ in range(2):
         ahead = np.roll(c, -1, 0) - c
-        normal = np.stack([-ahead[:, 1], ahead[:, 0]], 1)
-        normal /= np.linalg.norm(ahead, axis=1, keepdims=True)
-        base = c[:, None] + along * ahead[:, None]  # (4, points, 2)
-        places = base[:, :, None] + across[:, None] * normal[:, None, None]
-        maps = places.astype(np.float32).reshape(4 * _POINTS, len(across), 2)
-        profile = cv2.remap(
-            part, maps[..., 0], maps[..., 1], cv2.INTER_CUBIC, borderMode=cv2.BORDER_REPLICATE
-        )
-        slope = np.gradient(profile.astype(float), axis=1).reshape(4, _POINTS, -1)
-        sign = np.sign(np.median(slope.sum(2), axis=1))
-        slope = np.maximum(slope * np.where(sign == 0, 1.0, sign)[:, None, None], 0.0)
-        slope[slope < 0.25 * slope.max(2, keepdims=True)] = 0.0
-        total = np.maximum(slope.sum(2), 1e-6)
-        shift = (slope @ across) / total
-        spread = np.sqrt(np.maximum((slope @ across**2) / total - shift**2, 0.0))
-        points = base + shift[..., None] * normal[:, None]
+        points, spread = edge_points(part, c[:, None] + along * ahead[:, None], ahead, reach)
         lines, rough = zip(*map(_line, points), strict=True)
         roughness, width = max(rough), float(np.median(spread, axis=1).max())
         crossed = np.cross(np.roll(lines, 1, axis=0), lines)
@@ -80,6 +60,57 @@ def refine_square(
         if not np.isfinite(c).all():
             return corners, np.inf, np.inf
     return c + low, roughness, width
+
+
+def blurred_part(grey: NDArray[np.uint8], points: Array) -> tuple[NDArray[np.float32], Array]:
+    """Return the part of a picture around points, a little blurred, and its corner [px]."""
+    low = np.maximum(np.floor(points.min(0)).astype(int) - 12, 0)
+    high = np.ceil(points.max(0)).astype(int) + 13
+    part = opencv().GaussianBlur(grey[low[1] : high[1], low[0] : high[0]], (0, 0), _BLUR)
+    return part.astype(np.float32), low.astype(float)
+
+
+def edge_points(
+    part: NDArray[np.float32], base: Array, ahead: Array, reach: float
+) -> tuple[Array, Array]:
+    """Move points near straight edges onto them.
+
+    Parameters
+    ----------
+    part : (height, width) array
+        Grey levels.
+    base : (k, n, 2) array [px]
+        Points near each of k edges.
+    ahead : (k, 2) array
+        Directions of the edges.
+    reach : float [px]
+        How far to look on either side.
+
+    Returns
+    -------
+    points : (k, n, 2) array [px]
+        Centroids of the gradient along the normals.
+    spread : (k, n) array [px]
+        Its standard deviation: the blur of the edge.
+    """
+    cv2 = opencv()
+    k, n = base.shape[:2]
+    across = np.arange(-reach, reach + 0.5 * _STEP, _STEP)
+    normal = np.stack([-ahead[:, 1], ahead[:, 0]], 1)
+    normal /= np.maximum(np.linalg.norm(ahead, axis=1, keepdims=True), 1e-9)
+    places = base[:, :, None] + across[:, None] * normal[:, None, None]
+    maps = places.astype(np.float32).reshape(k * n, len(across), 2)
+    profile = cv2.remap(
+        part, maps[..., 0], maps[..., 1], cv2.INTER_CUBIC, borderMode=cv2.BORDER_REPLICATE
+    )
+    slope = np.gradient(profile.astype(float), axis=1).reshape(k, n, -1)
+    sign = np.sign(np.median(slope.sum(2), axis=1))
+    slope = np.maximum(slope * np.where(sign == 0, 1.0, sign)[:, None, None], 0.0)
+    slope[slope < 0.25 * slope.max(2, keepdims=True)] = 0.0
+    total = np.maximum(slope.sum(2), 1e-6)
+    shift = (slope @ across) / total
+    spread = np.sqrt(np.maximum((slope @ across**2) / total - shift**2, 0.0))
+    return base + shift[..., None] * normal[:, None], spread
 
 
 def crossing(corners: Array) -> Array:

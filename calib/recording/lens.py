@@ -176,17 +176,12 @@ def calibrate_lens(
     world = board.corners().astype(np.float32)
     objects = [world[sorted(c)] for c in usable]
     images = [np.array([c[k] for k in sorted(c)], np.float32).reshape(-1, 1, 2) for c in usable]
-    flags = cv2.CALIB_FIX_K3
-    if len(usable) < _TANGENTIAL:
-        flags |= cv2.CALIB_ZERO_TANGENT_DIST
     try:
-        fitted = cv2.calibrateCameraExtended(objects, images, size, None, None, flags=flags)
+        rms, matrix, distortion, spread = _fit(objects, images, size)
     except cv2.error:
         raise LogError(
             "the pictures of the board fit no lens: tilt the board this way and that between them"
         ) from None
-    rms, matrix, distortion, _, _, spread = fitted[:6]
-    matrix, spread = np.asarray(matrix), np.ravel(spread)
     focal = np.array([matrix[0, 0], matrix[1, 1]])
     doubt = float(spread[0] / focal[0])
     if not np.isfinite(focal).all() or doubt > 0.03 or (focal > 50 * max(size)).any():
@@ -200,7 +195,29 @@ def calibrate_lens(
             f"lens: the corners miss their places by {rms:.2g} px rms; is the board flat and "
             "printed at its true size, and were the pictures sharp?"
         )
-    flat = np.zeros(5)
-    flat[: np.size(distortion)] = np.ravel(distortion)[:5]
-    lens = Lens(size, focal, matrix[:2, 2].copy(), flat, float(rms), len(usable))
+    lens = Lens(size, focal, matrix[:2, 2].copy(), distortion, rms, len(usable))
     return lens, tuple(notes)
+
+
+def _fit(
+    objects: Sequence[Array], images: Sequence[Array], size: tuple[int, int]
+) -> tuple[float, Array, Array, Array]:
+    """Fit lenses of one, two and four terms; a further term must lower Schwarz's criterion.
+
+    Terms that the pictures do not need are free near the border, where no board was.
+    """
+    cv2 = opencv()
+    one = cv2.CALIB_FIX_K3 | cv2.CALIB_ZERO_TANGENT_DIST | cv2.CALIB_FIX_K2
+    choices = [(one, 1), (one & ~cv2.CALIB_FIX_K2, 2), (cv2.CALIB_FIX_K3, 4)]
+    count = 2 * sum(map(len, images))
+    best = None
+    for flags, terms in choices[: 3 if len(images) >= _TANGENTIAL else 2]:
+        fit = cv2.calibrateCameraExtended(objects, images, size, None, None, flags=flags)
+        score = count * np.log(max(fit[0], 1e-3) ** 2) + terms * np.log(count)
+        if best is None or score < best[0]:
+            best = score, fit
+    assert best is not None
+    rms, matrix, distortion, _, _, spread = best[1][:6]
+    terms5 = np.zeros(5)
+    terms5[: min(np.size(distortion), 5)] = np.ravel(distortion)[:5]
+    return float(rms), np.asarray(matrix, float), terms5, np.ravel(spread)
