@@ -1,0 +1,227 @@
+"""Cross-validation: how smooth the trend and how wide the local models should be.
+
+Folds are contiguous blocks of rows, because neighbouring rows of a real log can be
+near-repeats that would flatter a model split row by row.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ..body.basis import exponents
+from ..body.fitting import BodyFit
+from ..body.trend_choice import choose_trends
+from ..common.scale import Scale
+from . import local_models as local
+from .local_models import NO_MODELS, LocalModels, Neighbourhood
+from .map import Map
+from .predictor import BodyInBox, Both, Predictor, Smooth
+
+Array = NDArray[np.float64]
+
+FOLDS = 10
+_ROUNDING = 1e-9  # share of the extent that is no improvement
+_PRICE = 5e-4  # share of the error by which one more function of a trend must mend it
+_HELD_OUT = 1000  # rows on which local models are compared
+_CANDIDATES = ((0, 30), (1, 50), (1, 200), (2, 24), (2, 60), (3, 40))
+
+
+@dataclass(frozen=True)
+class Candidate:
+    """A smooth part, with what it leaves over of rows that it has and has not seen.
+
+    Attributes
+    ----------
+    smooth : Smooth
+        Fitted to all samples.
+    residual : (n, m) array
+        Positions less its predictions.
+    unseen : sequence of (n, m) arrays
+        For each fold the residuals of a smooth part that has not seen the fold's rows.
+    """
+
+    smooth: Smooth
+    residual: Array
+    unseen: Sequence[Array]
+
+
+@dataclass(frozen=True)
+class Selected:
+    """A predictor and what cross-validation found of it.
+
+    Attributes
+    ----------
+    predictor : Predictor
+        Fitted to all samples.
+    rows : (m,) int array
+        Rows that were held out in turn.
+    residual : (m, outputs) array
+        Their positions less the predictions of predictors that had not seen them.
+    """
+
+    predictor: Predictor
+    rows: NDArray[np.intp]
+    residual: Array
+
+    @property
+    def errors(self) -> Array:
+        """Distances (m,) between positions and predictions."""
+        return np.asarray(np.linalg.norm(self.residual, axis=1))
+
+
+def blocks(n: int, folds: int = FOLDS) -> list[NDArray[np.intp]]:
+    """Contiguous blocks of the rows 0 ... n - 1."""
+    return np.array_split(np.arange(n), min(folds, n))
+
+
+def of_body(fit: BodyFit, scale: Scale, u: Array, x: Array) -> Candidate:
+    """The candidate that a fitted body is."""
+    smooth = BodyInBox(fit.body, scale)
+    residual = x - smooth.value(u)
+    unseen = []
+    for rows in blocks(len(u)):
+        part = residual.copy()
+        part[rows] = fit.held_out[rows]
+        unseen.append(part)
+    return Candidate(smooth, residual, unseen)
+
+
+def of_trends(
+    scale: Scale, turning: tuple[bool, ...], u: Array, x: Array, under: Candidate | None = None
+) -> list[Candidate]:
+    """The trends that cross-validation compares, simplest first.
+
+    Parameters
+    ----------
+    scale : Scale
+        Range of the joints.
+    turning : tuple of bool
+        Joints that turn, rather than slide.
+    u, x : (n, dof), (n, m) array
+        Joints in the unit box and positions.
+    under : Candidate, optional
+        A smooth part; the trends are then of what it leaves over.
+    """
+    folds = blocks(len(u))
+    target = x if under is None else under.residual
+    found = []
+    for choice in choose_trends(scale, turning, u, target, folds):
+        residual = target - choice.trend.value(u)
+        unseen = []
+        for k, trend in enumerate(choice.without):
+            base = target if under is None else under.unseen[k]
+            unseen.append(base - trend.value(u))
+        smooth = choice.trend if under is None else Both(under.smooth, choice.trend)
+        found.append(Candidate(smooth, residual, unseen))
+    return found
+
+
+def select(motor: Map, u: Array, candidates: Sequence[Candidate]) -> Selected:
+    """Choose the smooth part, and fit local models whose complexity cross-validation prefers.
+
+    Parameters
+    ----------
+    motor : Map
+        Nodes that will carry the local models.
+    u : (n, dof) array
+        Joints of the samples, in the unit box.
+    candidates : sequence of Candidate
+        Smooth parts, the simplest first.
+    """
+    folds = blocks(len(u))
+    best: tuple[Candidate, tuple[int, int] | None, NDArray[np.intp], Array] | None = None
+    for candidate in candidates:
+        shape, rows, held = _compare(motor, u, folds, candidate)
+        errors = np.linalg.norm(held, axis=1)
+        if best is None or outdoes(
+            errors,
+            np.linalg.norm(best[3], axis=1),
+            candidate.smooth.terms - best[0].smooth.terms,
+        ):
+            best = (candidate, shape, rows, held)
+    assert best is not None  # noqa: S101
+    candidate, shape, rows, held = best
+    models = NO_MODELS
+    if shape is not None:
+        models = local.fit(motor.units, u, candidate.residual, motor.scale, *shape)
+    return Selected(Predictor(motor, candidate.smooth, models), rows, held)
+
+
+def outdoes(errors: Array, simpler: Array, extra: int) -> bool:
+    """Whether the held-out errors of a trend are worth its `extra` functions.
+
+    Noise hides how far a simpler trend is off, so it is not favoured beyond their price.
+    """
+    return bool(errors.mean() * (1.0 + _PRICE * extra) < simpler.mean())
+
+
+def better(errors: Array, others: Array, least: float = 0.0) -> bool:
+    """Whether paired held-out errors are smaller by more than chance and than `least`."""
+    gain = others - errors
+    chance = 2.0 * float(gain.std()) / np.sqrt(len(gain))
+    return bool(gain.mean() > max(chance, least, 0.03 * float(others.mean())))
+
+
+def _compare(
+    motor: Map, u: Array, folds: list[NDArray[np.intp]], candidate: Candidate
+) -> tuple[tuple[int, int] | None, NDArray[np.intp], Array]:
+    """Best (degree, samples) of the local models, None for no correction at all.
+
+    Each fold is held out in turn (a few of them where samples abound); only the nodes that
+    speak for its rows are fitted.
+    """
+    use = range(len(folds)) if len(u) <= 5 * _HELD_OUT else range(0, len(folds), 3)
+    quota = max(1, _HELD_OUT // len(use))
+    size = local.blend_size(u.shape[1])
+    shapes = [
+        c for c in _CANDIDATES if 1.2 * len(exponents(u.shape[1], c[0])) <= c[1] < len(u) // 4
+    ]
+    held = [folds[fold][:: max(1, len(folds[fold]) // quota)] for fold in use]
+    plain = [candidate.unseen[fold][rows] for fold, rows in zip(use, held, strict=True)]
+    best = np.concatenate(plain)
+    errors = np.linalg.norm(best, axis=1)
+    x = candidate.smooth.value(u[:: max(1, len(u) // 100)])
+    least = _ROUNDING * float(np.linalg.norm(np.ptp(x, axis=0)))
+    if errors.mean() <= least:  # nothing is left to mend
+        return None, np.concatenate(held), best
+    found: dict[tuple[int, int], list[Array]] = {c: [] for c in shapes}
+    for fold, rows, target in zip(use if shapes else (), held, plain, strict=False):
+        others = np.setdiff1d(np.arange(len(u)), folds[fold], assume_unique=True)
+        residual = candidate.unseen[fold][others]
+        index, weight = local.blend(motor, u[rows], size)
+        nodes, place = np.unique(index, return_inverse=True)
+        most = max(k for _, k in shapes)
+        around = Neighbourhood.of(motor.units[nodes], u[others], motor.scale, most)
+        for degree, k in shapes:
+            models = local.fit(
+                motor.units[nodes], u[others], residual, motor.scale, degree, k, around
+            )
+            said = _blended(models, motor, u[rows], index, place.reshape(index.shape), weight)
+            found[degree, k].append(target - said)
+    choice: tuple[int, int] | None = None
+    for c, parts in found.items():
+        tried = np.concatenate(parts)
+        tried_errors = np.linalg.norm(tried, axis=1)
+        if better(tried_errors, errors, least):
+            choice, best, errors = c, tried, tried_errors
+    return choice, np.concatenate(held), best
+
+
+def _blended(
+    models: LocalModels,
+    motor: Map,
+    u: Array,
+    index: NDArray[np.intp],
+    place: NDArray[np.intp],
+    weight: Array,
+) -> Array:
+    """What the local models of some nodes say, blended; `place` finds them in `models`."""
+    scale: Scale = motor.scale
+    z = scale.difference(u[:, None], motor.units[index]) / models.radius[place][..., None]
+    c = models.coefficients[place] * weight[..., None, None]
+    value: Array = np.einsum("nmt,nmto->no", local.monomials(z, models.degree), c)
+    return value

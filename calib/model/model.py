@@ -1,0 +1,358 @@
+"""The model: two maps, their links and local models, queried in both directions."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+from functools import cached_property
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from ..errors import OptionError
+from ..inverse.solver import Solver
+from ..maps.association import MAP_READOUTS, Association, check_readout
+from ..maps.local_models import NO_MODELS
+from ..maps.map import Map
+from ..maps.node_bounds import blend_nodes
+from ..maps.predictor import BodyInBox, Predictor, Smooth
+from . import answers
+from .answers import Answer, checked_rows
+from .rows import Rows
+from .trust import MOST_SHARE, Trust
+
+if TYPE_CHECKING:
+    import os
+
+    from scipy.sparse import csr_array
+
+    from ..body.belief import Body
+    from ..change.baseline import Baseline
+    from ..change.check import Drift
+    from ..change.monitor import Monitor
+    from ..samples.samples import Samples
+    from ..training.evaluate import Evaluation
+    from .about import About
+    from .paths import Path
+
+Array = NDArray[np.float64]
+
+
+@dataclass(frozen=True, eq=False)
+class Model:
+    """A calibrated arm.
+
+    Attributes
+    ----------
+    about : About
+        What it is a model of and where it came from.
+    association : Association
+        Motor map, sensory map and the links between them.
+    predictor : Predictor
+        Body, and local models of the motor nodes for what it leaves over.
+    bounds : (motor nodes,) array [unit]
+        95 % bound around each node on what `about.bound_of` says.
+    model_bounds : (motor nodes,) array [unit]
+        95 % bound around each node on the true position in the sensor's frame.
+    visited : (motor nodes,) bool array
+        Nodes that training samples have visited.
+    body : Body or None
+        The kinematic model under the maps: its parameters with intervals.
+    rows : Rows or None
+        Measured rows that are kept with the model of a log.
+    history : tuple of dict
+        Earlier states of this model: trained, adapted, with their errors.
+    baseline : Baseline or None
+        What an undisturbed arm's distortions look like, for `check` and `monitor`.
+    seconds : dict
+        How long the steps of its training took; not stored in a file.
+    """
+
+    about: About
+    association: Association
+    predictor: Predictor
+    bounds: Array
+    model_bounds: Array
+    visited: NDArray[np.bool_]
+    body: Body | None = None
+    rows: Rows | None = None
+    history: tuple[dict[str, Any], ...] = field(default=())
+    baseline: Baseline | None = field(default=None)
+    seconds: dict[str, float] = field(default_factory=dict)
+
+    @property
+    def motor(self) -> Map:
+        """Motor map; its weights are joint values."""
+        return self.association.motor
+
+    @property
+    def sensory(self) -> Map:
+        """Sensory map; its weights are positions."""
+        return self.association.sensory
+
+    @property
+    def links(self) -> csr_array:
+        """Oja-Hebbian links, (motor nodes, sensory nodes)."""
+        return self.association.links
+
+    @cached_property
+    def solver(self) -> Solver:
+        """Solver of the inverse direction."""
+        return Solver(self.association, self.predictor)
+
+    @cached_property
+    def body_solver(self) -> Solver:
+        """Solver of the inverse direction of the body alone."""
+        return Solver(self.association, Predictor(self.motor, self.smooth(), NO_MODELS))
+
+    @cached_property
+    def trust(self) -> Trust:
+        """Where answers are given."""
+        return Trust(self.motor, self.model_bounds, MOST_SHARE * self.reach)
+
+    @cached_property
+    def reach(self) -> float:
+        """How far the tip can be from the middle of what it reaches [unit]."""
+        if self.body is not None:
+            return float(self.body.structure.extents[: self.body.structure.blocks[0]].max())
+        return 0.5 * self.solver.extent
+
+    @property
+    def readouts(self) -> tuple[str, ...]:
+        """Readouts that differ, the default first."""
+        smooth = self.body is not None and self.predictor.models.degree >= 0
+        return ("local", *(("body",) if smooth else ()), *MAP_READOUTS)
+
+    def forward(self, q: ArrayLike, readout: str = "local") -> Array:
+        """Position of the tip for joint values.
+
+        Parameters
+        ----------
+        q : (n, dof) or (dof,) array [rad or m]
+        readout : {"local", "body", "activity", "winner"}
+
+        Returns
+        -------
+        (n, 2) or (2,) array [unit]
+            NaN outside of the joints' range, and where the bound on the position exceeds a
+            tenth of the reach.
+
+        Raises
+        ------
+        QueryError
+            If the shape is wrong or a value is not finite.
+
+        Examples
+        --------
+        >>> import calib
+        >>> arm = calib.load_arm("two_link")
+        >>> model = calib.train(calib.babble(arm, 2000, seed=0), size=20)
+        >>> model.forward([0.5, 1.0]).round(3)
+        array([0.281, 0.393])
+        """
+        check_readout(readout)
+        q, single = checked_rows(q, self.about.joint_names, "joint values")
+        u = self.motor.scale.to_unit(q)
+        inside = self.trust.covers(u)
+        x = np.full((len(q), 2), np.nan)
+        if inside.any():
+            u = u[inside]
+            if readout == "local":
+                x[inside] = self.predictor.value(u)
+            elif readout == "body":
+                x[inside] = self.smooth().value(u)
+            else:
+                x[inside] = self.sensory.scale.from_unit(self.association.forward(u, readout))
+        return x[0] if single else x
+
+    def smooth(self) -> Smooth:
+        """The body alone, without local models."""
+        if self.body is None:
+            raise OptionError("readout 'body': the model has no body, choose another readout")
+        return BodyInBox(self.body, self.motor.scale)
+
+    def inverse(
+        self,
+        x: ArrayLike,
+        near: ArrayLike | None = None,
+        readout: str = "local",
+        *,
+        nearest: bool = False,
+    ) -> Array:
+        """Joint values that bring the tip to a position.
+
+        Parameters
+        ----------
+        x : (n, 2) or (2,) array [unit]
+        near : (n, dof) or (dof,) array [rad or m], optional
+            Of several solutions the one closest to these joints answers, distances in
+            units of the joints' ranges; the middle of the ranges where not given.
+        readout : {"local", "activity", "winner"}
+        nearest : bool
+            Where a target is out of reach, answer with the nearest reachable point
+            instead of NaN.
+
+        Returns
+        -------
+        (n, dof) or (dof,) array [rad or m]
+        """
+        if readout == "local":
+            rows, single = checked_rows(x, ("x", "y"), "positions")
+            q = answers.joints(self, rows, answers.anchor(self, near, len(rows)), nearest=nearest)
+            return q[0] if single else q
+        answer = self.solve(x, near, readout)
+        q = answer.q if nearest else np.where(answer.reachable[:, None], answer.q, np.nan)
+        return q[0] if np.ndim(x) == 1 else q
+
+    def solve(self, x: ArrayLike, near: ArrayLike | None = None, readout: str = "local") -> Answer:
+        """Answer inverse queries in full; see :meth:`inverse` for the parameters."""
+        rows, _ = checked_rows(x, ("x", "y"), "positions")
+        return answers.solve(self, rows, answers.anchor(self, near, len(rows)), readout)
+
+    def solve_all(self, x: ArrayLike) -> list[Answer]:
+        """All branches of each target, the one closest to the middle of the ranges first.
+
+        A target out of reach has one answer, the nearest attainable point.
+        """
+        rows, _ = checked_rows(x, ("x", "y"), "positions")
+        return answers.solve_all(self, rows)
+
+    def inverse_all(self, x: ArrayLike) -> list[Array]:
+        """Joint values of every branch that reaches each target, list of (k, dof) arrays.
+
+        The solution closest to the middle of the joints' ranges comes first; a target out
+        of reach has none.  A redundant arm reaches a target on curves or surfaces of
+        joints: each connected one is represented by its point closest to the middle.
+        """
+        return [a.q[a.reachable] for a in self.solve_all(x)]
+
+    def path(self, x: ArrayLike, start: ArrayLike | None = None, step: float | None = None) -> Path:
+        """Joint values along straight lines through waypoints, on one branch if there is one.
+
+        Parameters
+        ----------
+        x : (n, 2) array [unit]
+            Waypoints, two or more.
+        start : (dof,) array [rad or m], optional
+            Joints that the path should start near; without it the branch that can follow
+            the path furthest, of several the one that moves the joints least.
+        step : float [unit], optional
+            Longest way of the tip between two rows, 1 % of the workspace's extent where not
+            given.  ``math.inf`` gives the waypoints alone.
+
+        Returns
+        -------
+        Path
+            Rows of joints without times, and where a jump cannot be avoided.
+        """
+        from .paths import follow_path
+
+        return follow_path(self, x, start, step)
+
+    def servo(
+        self, x_measured: ArrayLike, target: ArrayLike, q: ArrayLike, gain: float = 0.5
+    ) -> Array:
+        """Joints a step closer to a target, from where the sensor sees the tip.
+
+        A resolved-rate correction with the learned Jacobian: it closes the loop on the
+        sensor, so that it converges even where the arm differs from the map.
+
+        Parameters
+        ----------
+        x_measured, target : (n, 2) or (2,) array [unit]
+            Where the tip is seen and where it should be.
+        q : (n, dof) or (dof,) array [rad or m]
+            Present joints; next time the joints that this returns.
+        gain : float
+            Share of the way that a step goes: smaller is calmer with a noisy sensor.
+
+        Returns
+        -------
+        (n, dof) or (dof,) array [rad or m]
+            Within the joints' range, at most a tenth of it away from `q`.
+        """
+        from ..use.servo import servo_step
+
+        return servo_step(self, x_measured, target, q, gain)
+
+    def expected_error(self, q: ArrayLike) -> Array:
+        """95 % bound on the error of :meth:`forward` at joint values (n, dof), (n,) [unit].
+
+        It bounds the distance to the true position for a simulated arm and to what the
+        sensor would read for a log (``about.bound_of``).
+        """
+        return self._bound(q, self.bounds)
+
+    def model_error(self, q: ArrayLike) -> Array:
+        """95 % bound on the true position in the sensor's frame at (n, dof), (n,) [unit].
+
+        Without the noise of a single reading; the same as :meth:`expected_error` for a
+        simulated arm.
+        """
+        return self._bound(q, self.model_bounds)
+
+    def _bound(self, q: ArrayLike, nodes: Array) -> Array:
+        q, single = checked_rows(q, self.about.joint_names, "joint values")
+        u = self.motor.scale.to_unit(q)
+        known = self.trust.covers(u)
+        bound = np.full(len(q), np.nan)
+        bound[known] = blend_nodes(self.motor, nodes, u[known])
+        return bound[0] if single else bound
+
+    def evaluate(self, samples: Samples | None = None) -> Evaluation:
+        """Errors of all readouts on fresh exact samples, or on measured ones."""
+        from ..training.evaluate import evaluate
+
+        return evaluate(self, samples)
+
+    def check(self, log: Samples) -> Drift:
+        """Whether new samples still fit the map, and what changed if they do not."""
+        from ..change.check import check
+
+        return check(self, log)
+
+    def monitor(self) -> Monitor:
+        """A monitor for a stream of samples: ``monitor.update(q, x)`` after each."""
+        from ..change.monitor import Monitor
+
+        return Monitor(self)
+
+    def adapt(self, log: Samples, *, method: str = "few-shot") -> Model:
+        """The model re-calibrated from new samples; this one is left as it is.
+
+        Where nothing improved this one is returned.  :func:`calib.adapt` also tells by how
+        much, and what was found.
+        """
+        from ..change.adapt import adapt
+
+        return adapt(self, log, method=method).model
+
+    def correct(self, q: ArrayLike) -> Array:
+        """Joint values (n, dof) that lead to where a nominal controller wants to go with `q`."""
+        from ..use.correct import correct
+
+        return correct(self, q).q if np.ndim(q) > 1 else correct(self, q).q[0]
+
+    def save(self, path: str | os.PathLike[str]) -> None:
+        """Write the model into one file, whole or not at all."""
+        from ..model_file.storage import save
+
+        save(self, path)
+
+    def outside(self, q: ArrayLike) -> str | None:
+        """Why the joint values (dof,) are outside of what was learned, None if they are not."""
+        rows, _ = checked_rows(q, self.about.joint_names, "joint values")
+        u = self.motor.scale.to_unit(rows)
+        if bool(self.trust.covers(u)[0]):
+            return None
+        lower, upper = self.about.lower, self.about.upper
+        for k, name in enumerate(self.about.joint_names):
+            if not self.trust.in_range(u)[0, k]:
+                return (
+                    f"{name} = {rows[0, k]:.6g} is outside of the learned range "
+                    f"{lower[k]:.6g} to {upper[k]:.6g}"
+                )
+        return (
+            "no row was measured near these joint values: the position may be off by more than "
+            f"{MOST_SHARE:.0%} of the reach"
+        )
