@@ -191,7 +191,7 @@ def _both_maps(
 def _linked(motor: Map, sensory: Map, u: Array, x: Array, options: Options) -> Association:
     """Both maps and the links between them."""
     wiring, v = WIRINGS[options.links], sensory.scale.to_unit(x)
-    return Association(motor, sensory, wiring.learn(motor, u, sensory, v), wiring)
+    return Association.learn(motor, u, sensory, v, wiring)
 
 
 def learn(
