@@ -17,8 +17,8 @@ _ROUNDING = 1e-9  # share of the extent that is no residual
 _MANY = 20_000  # rows that are averaged over; more tell no more
 
 
-def misfit(scale: Scale, u: Array, held: Array, extent: float) -> Array | None:
-    """Mean square of held-out residuals around each sample, None where they are noise.
+def misfit(scale: Scale, u: Array, held: Array, extent: float, at: Array) -> Array | None:
+    """Mean square of held-out residuals around points, None where they are noise.
 
     The median over the samples is taken for the noise.  A mean square that exceeds it by no
     more than chance (four standard errors of a chi-square mean) is set to it, so that noise
@@ -34,10 +34,12 @@ def misfit(scale: Scale, u: Array, held: Array, extent: float) -> Array | None:
         What a smooth model, which has not seen the row, leaves over of its position.
     extent : float [unit]
         Diagonal of the workspace.
+    at : (k, dof) array
+        The points, in the unit box: what a map will learn from.
 
     Returns
     -------
-    (n,) array [unit^2] or None
+    (k,) array [unit^2] or None
     """
     floor = (_ROUNDING * extent) ** 2
     square = np.maximum(np.einsum("no,no->n", held, held), floor)
@@ -45,7 +47,7 @@ def misfit(scale: Scale, u: Array, held: Array, extent: float) -> Array | None:
     if k < _FEWEST or square.mean() <= 2.0 * floor:
         return None
     some = slice(None, None, -(-len(u) // _MANY))
-    index = np.asarray(search_tree(u[some], scale).query(u, k=k, workers=-1)[1])
+    index = np.asarray(search_tree(u[some], scale).query(at, k=k, workers=-1)[1])
     # without the largest: an outlier is no misfit
     around = np.sort(square[some][index], axis=1)[:, : k - k // 5].mean(axis=1)
     noise = float(np.median(around))
