@@ -13,9 +13,8 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
+from ..common.wording import listed, one_line, quoted, suggestion
 from ..errors import OptionError, RobotError
-from ..robots import resolve_robot
-from ..wording import listed, one_line, quoted, suggestion
 from .candidates import choose, find_candidates, find_tip, nothing_found
 from .chain import Chain
 from .planar_arm import PlanarArm
@@ -32,6 +31,7 @@ from .ranges import (
     travel,
     unit_of,
 )
+from .robots import resolve_robot
 from .tree import Joint, Urdf
 from .urdf import parse_urdf, read_urdf
 

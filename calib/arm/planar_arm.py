@@ -8,8 +8,8 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from ..common.wording import quoted, suggestion
 from ..errors import OptionError, QueryError
-from ..wording import quoted, suggestion
 from .chain import Chain, chunks
 from .plane import Plane
 from .ranges import TURN, Range, checked_range, one_turn
