@@ -20,7 +20,7 @@ from ..maps.density import Visit, gain_of
 from ..maps.lattice import Lattice
 from ..maps.links import oja
 from ..maps.map import Map
-from ..maps.model_selection import select
+from ..maps.model_selection import of_trends, select
 from ..maps.online import present
 from .radius import matching_sigma
 
@@ -192,7 +192,7 @@ class OnlineAdapter:
             x = teacher.value(u)
         wiring = model.association.wiring
         links = wiring.learn(motor, u, sensory, sensory.scale.to_unit(x))
-        selected = select(motor, model.about.revolute, u, x)
+        selected = select(motor, u, of_trends(motor.scale, model.about.revolute, u, x))
         visited = np.bincount(motor.nearest(u)[1][:, 0], minlength=motor.size) > 0
         return replace(
             model,
