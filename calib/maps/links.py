@@ -171,6 +171,13 @@ def _linked(
     return _without_weak(together)
 
 
+def sparse_links(links: Array) -> csr_array:
+    """Dense links (motor nodes, sensory nodes) that :func:`oja` has made, without weak ones."""
+    from scipy.sparse import csr_array
+
+    return _without_weak(csr_array(links))
+
+
 def _without_weak(links: csr_array) -> csr_array:
     """Links that count for one of their two nodes."""
     from scipy.sparse import csr_array
