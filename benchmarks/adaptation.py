@@ -22,7 +22,7 @@ from typing import Any
 import numpy as np
 
 import calib
-from calib.adaptation.online import follow
+from calib.change.follow import follow
 
 Array = Any
 

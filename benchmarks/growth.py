@@ -75,10 +75,10 @@ def one(task: dict[str, Any]) -> dict[str, Any]:
 
 def _linking(arm: Any, log: Any, side: int) -> Any:
     """Linking of two ordered maps that need no training."""
-    from calib.links import WIRINGS
+    from calib.common.scale import Scale
     from calib.maps.lattice import Lattice
+    from calib.maps.links import WIRINGS
     from calib.maps.map import Map
-    from calib.scale import Scale
 
     lattice, none = Lattice((side, side)), np.zeros((0, 4))
     units = (lattice.positions() + 0.5) / side

@@ -22,7 +22,7 @@ import numpy as np
 from threadpoolctl import threadpool_limits
 
 import calib
-from calib.readouts.bounds import near_border
+from calib.maps.node_bounds import near_border
 
 sys.path.insert(0, str(Path(__file__).parents[1] / "tests"))
 from planar import branches_2r

@@ -23,7 +23,7 @@ from dataclasses import dataclass
 from pathlib import Path
 
 import calib
-from calib.atomic import atomic_write
+from calib.common.atomic import atomic_write
 
 _LEFTOVERS = ".calib-*.tmp"
 

@@ -41,9 +41,9 @@ ROOT = Path(__file__).parents[1]
 MODULES = {
     "arm": "calib/arm/*.py",
     "maps": "calib/maps/*.py",
-    "links": "calib/links.py",
-    "readouts": "calib/readouts/*.py",
-    "adaptation": "calib/adaptation/*.py",
+    "links": "calib/maps/links.py",
+    "readouts": "calib/inverse/*.py",
+    "adaptation": "calib/change/*.py",
 }
 TESTS = """
     adaptation adapting arm bad_urdf bounds branches correct correction density dsom gng gp inverse

@@ -19,11 +19,11 @@ from sklearn.neighbors import KNeighborsRegressor
 from sklearn.neural_network import MLPRegressor
 
 import calib
-from calib.links import WIRINGS
+from calib.common.scale import Scale
+from calib.maps.association import Association
 from calib.maps.lattice import Lattice
+from calib.maps.links import WIRINGS
 from calib.maps.map import Map
-from calib.readouts.linked import Association
-from calib.scale import Scale
 
 Array = NDArray[np.float64]
 
@@ -259,7 +259,7 @@ class Calib:
         return np.asarray(self.model.inverse(x, near=near, nearest=True))
 
     def size(self) -> int:
-        from calib.storage import to_bytes
+        from calib.model_file.storage import to_bytes
 
         return len(to_bytes(self.model))
 

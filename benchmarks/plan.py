@@ -20,14 +20,14 @@ from numpy.typing import NDArray
 from scipy.stats import qmc
 
 import calib
-from calib.adaptation.correction import choose_correction
-from calib.data.changes import parse_changes
-from calib.data.simulation import Simulation
-from calib.planning.space import space_of
-from calib.planning.spread import candidates
-from calib.readouts.basis import Basis
-from calib.readouts.teacher import learn_teacher
-from calib.scale import Scale
+from calib.body.basis import Basis
+from calib.body.teacher import learn_teacher
+from calib.change.correction import choose_correction
+from calib.common.scale import Scale
+from calib.samples.changes import parse_changes
+from calib.samples.simulation import Simulation
+from calib.use.pose_space import space_of
+from calib.use.spread import candidates
 
 Array = NDArray[np.float64]
 Design = Callable[[calib.PlanarArm, int, int], Array]

@@ -20,7 +20,7 @@ from pathlib import Path
 from typing import Any
 
 import calib
-from calib.model import Model
+from calib.model.model import Model
 
 RUNS = 3
 FRAMES = 90
@@ -69,8 +69,8 @@ def timed(work: Any) -> tuple[float, Any]:
 
 def build(model: Model) -> str:
     """Build the page of a preview."""
-    from calib.preview.page import html
-    from calib.preview.scene import draw
+    from calib.show.preview.page import html
+    from calib.show.preview.scene import draw
 
     return html(draw(model), model)
 
@@ -110,7 +110,7 @@ def main() -> None:
     parser.add_argument("--size", type=int, default=70, help="nodes along each side")
     parser.add_argument("--json", metavar="FILE", help="write the figures, too")
     arguments = parser.parse_args()
-    from calib.report.page import report
+    from calib.show.report.page import report
 
     model = train(arguments.size)
     start = time.perf_counter()

@@ -17,73 +17,73 @@ from importlib import import_module
 from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
-    from .adaptation.adapting import Adaptation as Adaptation
-    from .adaptation.adapting import adapt as adapt
-    from .answers import Answer as Answer
     from .arm.loading import load_arm as load_arm
     from .arm.planar_arm import PlanarArm as PlanarArm
-    from .data.babbling import babble as babble
-    from .data.logs import read_log as read_log
-    from .data.logs import write_log as write_log
-    from .data.samples import Samples as Samples
-    from .data.simulation import Simulation as Simulation
-    from .drift.checking import Drift as Drift
-    from .drift.monitor import Monitor as Monitor
+    from .arm.robots import list_robots as list_robots
+    from .change.adapt import Adaptation as Adaptation
+    from .change.adapt import adapt as adapt
+    from .change.check import Drift as Drift
+    from .change.monitor import Monitor as Monitor
     from .errors import CalibError as CalibError
     from .errors import LogError as LogError
     from .errors import ModelError as ModelError
     from .errors import OptionError as OptionError
     from .errors import QueryError as QueryError
     from .errors import RobotError as RobotError
-    from .evaluation import Evaluation as Evaluation
-    from .evaluation import evaluate as evaluate
     from .maps.som import SOM as SOM
-    from .model import Model as Model
-    from .paths import Path as Path
-    from .planning.planning import Plan as Plan
-    from .planning.planning import plan as plan
-    from .robots import list_robots as list_robots
-    from .storage import load as load
-    from .sweeping import sweep as sweep
-    from .training import train as train
-    from .trials import Sweep as Sweep
-    from .trials import Trial as Trial
+    from .model.answers import Answer as Answer
+    from .model.model import Model as Model
+    from .model.paths import Path as Path
+    from .model_file.storage import load as load
+    from .samples.babbling import babble as babble
+    from .samples.logs import read_log as read_log
+    from .samples.logs import write_log as write_log
+    from .samples.samples import Samples as Samples
+    from .samples.simulation import Simulation as Simulation
+    from .sweeps.sweep import sweep as sweep
+    from .sweeps.trials import Sweep as Sweep
+    from .sweeps.trials import Trial as Trial
+    from .training.evaluate import Evaluation as Evaluation
+    from .training.evaluate import evaluate as evaluate
+    from .training.train import train as train
+    from .use.plan import Plan as Plan
+    from .use.plan import plan as plan
 
 __version__ = "0.1.0"
 
 # name -> module: loaded when first used, so that light commands stay light
 _HOME = {
-    "Adaptation": "adaptation.adapting",
-    "Answer": "answers",
+    "Adaptation": "change.adapt",
+    "Answer": "model.answers",
     "CalibError": "errors",
-    "Drift": "drift.checking",
-    "Evaluation": "evaluation",
+    "Drift": "change.check",
+    "Evaluation": "training.evaluate",
     "LogError": "errors",
-    "Model": "model",
+    "Model": "model.model",
     "ModelError": "errors",
-    "Monitor": "drift.monitor",
+    "Monitor": "change.monitor",
     "OptionError": "errors",
-    "Path": "paths",
-    "Plan": "planning.planning",
+    "Path": "model.paths",
+    "Plan": "use.plan",
     "PlanarArm": "arm.planar_arm",
     "QueryError": "errors",
     "RobotError": "errors",
     "SOM": "maps.som",
-    "Samples": "data.samples",
-    "Simulation": "data.simulation",
-    "Sweep": "trials",
-    "Trial": "trials",
-    "adapt": "adaptation.adapting",
-    "babble": "data.babbling",
-    "evaluate": "evaluation",
-    "list_robots": "robots",
-    "load": "storage",
+    "Samples": "samples.samples",
+    "Simulation": "samples.simulation",
+    "Sweep": "sweeps.trials",
+    "Trial": "sweeps.trials",
+    "adapt": "change.adapt",
+    "babble": "samples.babbling",
+    "evaluate": "training.evaluate",
+    "list_robots": "arm.robots",
+    "load": "model_file.storage",
     "load_arm": "arm.loading",
-    "plan": "planning.planning",
-    "read_log": "data.logs",
-    "sweep": "sweeping",
-    "train": "training",
-    "write_log": "data.logs",
+    "plan": "use.plan",
+    "read_log": "samples.logs",
+    "sweep": "sweeps.sweep",
+    "train": "training.train",
+    "write_log": "samples.logs",
 }
 
 __all__ = ["__version__", *_HOME]  # pyright: ignore[reportUnsupportedDunderAll]

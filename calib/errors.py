@@ -5,7 +5,7 @@ A message says what was given, what was expected and what to do about it.
 
 from __future__ import annotations
 
-from .wording import one_line
+from .common.wording import one_line
 
 
 class CalibError(Exception):

@@ -13,27 +13,27 @@ from typing import Annotated, Any
 import typer
 from typer.core import TyperGroup
 
+from calib.common.wording import one_line
 from calib.errors import CalibError
-from calib.wording import one_line
 
-from .adapt import adapt
-from .babble import babble
-from .check import check
-from .correct import correct
-from .evaluate import evaluate
-from .info import info
+from .commands.adapt import adapt
+from .commands.babble import babble
+from .commands.check import check
+from .commands.correct import correct
+from .commands.evaluate import evaluate
+from .commands.info import info
+from .commands.log import log
+from .commands.path import path
+from .commands.plan import plan
+from .commands.preview import preview
+from .commands.query import query_app
+from .commands.report import report
+from .commands.reproduce import reproduce
+from .commands.robots import robots
+from .commands.sweep import sweep
+from .commands.train import train
+from .commands.urdf import urdf
 from .interrupts import received
-from .log import log
-from .path import path
-from .plan import plan
-from .preview import preview
-from .query import query_app
-from .report import report
-from .reproduce import reproduce
-from .robots import robots
-from .sweep import sweep
-from .train import train
-from .urdf import urdf
 
 COMMANDS = (
     "robots",

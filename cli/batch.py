@@ -12,7 +12,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import NDArray
 
-from calib.data.tables import read_table, write_table
+from calib.samples.tables import read_table, write_table
 
 from .output import note, show_json
 from .units import JointFormat

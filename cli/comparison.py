@@ -26,7 +26,7 @@ def failures(found: Sweep) -> list[str]:
 
 def tables(found: Sweep, readouts: Sequence[str]) -> list[Table]:
     """Return a table for each readout, with a row for each combination that was trained."""
-    from calib.trials import written
+    from calib.sweeps.trials import written
 
     parts = [done for part in found.combinations() if (done := _trained(part))]
     if not parts:
@@ -145,7 +145,7 @@ def _varied(found: Sweep) -> list[str]:
 
 
 def _which(rows: Sequence[Trial]) -> str:
-    from calib.trials import written
+    from calib.sweeps.trials import written
 
     if len(rows) > 1:
         return f"{len(rows)} trainings"

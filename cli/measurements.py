@@ -8,8 +8,8 @@ from typing import TYPE_CHECKING
 from .output import Notes
 
 if TYPE_CHECKING:
-    from calib.data.samples import Samples
-    from calib.model import Model
+    from calib.model.model import Model
+    from calib.samples.samples import Samples
 
 _METRES = {"m": 1.0, "cm": 1e-2, "mm": 1e-3, "um": 1e-6}
 

@@ -218,8 +218,8 @@ def several(option: str, parse: Callable[[str], object]) -> Callable[[str], Valu
 
 def columns(text: str) -> Columns:
     """Parse `x=cam_u,y=cam_v`."""
-    from calib.data.roles import parse_columns
     from calib.errors import OptionError
+    from calib.samples.roles import parse_columns
 
     try:
         return Columns(parse_columns(text))

@@ -126,7 +126,7 @@ def _arm_of_log(
     selection: Selection, path: str, columns: Mapping[str, str] | None, notes: Notes
 ) -> PlanarArm:
     """Load the arm with its other joints where the log says that they stood."""
-    from calib.data.logs import locked_from_log
+    from calib.samples.logs import locked_from_log
 
     arm = selection.load()
     typed = {joint for joint, _ in selection.lock}

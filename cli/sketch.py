@@ -6,7 +6,7 @@ import sys
 from typing import TYPE_CHECKING
 
 if TYPE_CHECKING:
-    from calib.model import Model
+    from calib.model.model import Model
 
 SHADES = "░▒▓█"
 PLAIN = ".:+#"
@@ -37,8 +37,8 @@ def sketch(model: Model, shades: str = SHADES, width: int = _WIDTH) -> list[str]
     """
     import numpy as np
 
-    from calib.error_scale import ErrorScale
-    from calib.workspace import extent, sensory_errors
+    from calib.show.error_scale import ErrorScale
+    from calib.show.workspace import extent, sensory_errors
 
     x, errors = model.sensory.weights, sensory_errors(model)
     known = np.isfinite(errors)

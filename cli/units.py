@@ -11,8 +11,8 @@ from .parsing import BadOption, JointRange, JointValue, bad_option
 
 if TYPE_CHECKING:
     from calib import PlanarArm
-    from calib.about import About
-    from calib.data.changes import Change
+    from calib.model.about import About
+    from calib.samples.changes import Change
 
 
 def for_people(unit: str) -> tuple[float, str]:
@@ -99,8 +99,8 @@ def one_each(
 
 def kinds_of_joints(robot: str) -> dict[str, bool]:
     """Return whether each movable joint of a robot turns."""
+    from calib.arm.robots import resolve_robot
     from calib.arm.urdf import parse_urdf, read_urdf
-    from calib.robots import resolve_robot
 
     path = resolve_robot(robot)
     urdf = parse_urdf(read_urdf(path), path.stem)
@@ -144,8 +144,8 @@ def locks_in_si(
 
 def changes_in_si(texts: Iterable[str], arm: PlanarArm, degrees: bool) -> tuple[Change, ...]:
     """Read changes of an arm as typed; what is no change is wrong usage."""
-    from calib.data.changes import parse_changes
     from calib.errors import OptionError
+    from calib.samples.changes import parse_changes
 
     turning = [name for name, turns in zip(arm.joint_names, arm.revolute, strict=True) if turns]
     try:

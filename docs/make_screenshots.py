@@ -14,10 +14,10 @@ from pathlib import Path
 from PIL import Image
 
 import calib
-from calib.model import Model
-from calib.preview.page import html
-from calib.preview.scene import draw
-from calib.report.page import report
+from calib.model.model import Model
+from calib.show.preview.page import html
+from calib.show.preview.scene import draw
+from calib.show.report.page import report
 
 NAMES = ("chromium", "chromium-browser", "google-chrome", "chrome")
 OPTIONS = (

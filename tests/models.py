@@ -9,8 +9,8 @@ import numpy as np
 import pytest
 
 import calib
-from calib.readouts import teacher
-from calib.scale import TURN
+from calib.body import teacher
+from calib.common.scale import TURN
 
 L1, L2 = 0.30, 0.25
 """Link lengths of `two_link` and `two_link_full` [m]."""

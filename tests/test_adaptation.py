@@ -9,11 +9,11 @@ import pytest
 from drifting import arm, error, log, model
 
 import calib
-from calib.adaptation.correction import choose_correction
-from calib.adaptation.smooth import fit_smooth
-from calib.alignment import Alignment
-from calib.features import Frame, find_chain
-from calib.robust import inliers, robust_solve, solve
+from calib.change.alignment import Alignment
+from calib.change.correction import choose_correction
+from calib.change.features import Frame, find_chain
+from calib.change.smooth_correction import fit_smooth
+from calib.common.robust import inliers, robust_solve, solve
 
 CHANGES = {
     "link": ("elbow.length=+20%",),
@@ -160,7 +160,7 @@ def test_history_is_kept_inside(tmp_path):
 
 
 def test_same_log_same_bytes():
-    from calib.storage import to_bytes
+    from calib.model_file.storage import to_bytes
 
     samples = log("elbow.length=+20%", n=60)
     assert to_bytes(model().adapt(samples)) == to_bytes(model().adapt(samples))

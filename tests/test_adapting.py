@@ -12,15 +12,17 @@ import pytest
 from threadpoolctl import threadpool_limits
 
 import calib
-from calib.adaptation import adapting, online, rehearsal
-from calib.adaptation.correction import Correction
-from calib.adaptation.online import BLOCK, OnlineAdapter, follow
-from calib.adaptation.radius import matching_sigma
-from calib.links import oja
+from calib.change import adapt as adapting
+from calib.change import follow as online
+from calib.change import rehearsal
+from calib.change.correction import Correction
+from calib.change.follow import BLOCK, OnlineAdapter, follow
+from calib.change.radius import matching_sigma
 from calib.maps.density import Visit, border
+from calib.maps.links import oja
 from calib.maps.map import Map
+from calib.maps.model_selection import blocks
 from calib.maps.online import present
-from calib.readouts.selection import blocks
 
 
 @pytest.fixture(autouse=True)
@@ -345,7 +347,7 @@ def test_a_stream_is_followed_block_by_block():
 
 
 def test_a_short_stream_is_taught_and_its_nodes_are_those_that_were_visited(monkeypatch):
-    from calib.readouts import teacher
+    from calib.body import teacher
 
     monkeypatch.setattr(teacher, "IMAGINED", 2000)
     samples = log("elbow.length=+20%", n=400)
@@ -364,7 +366,7 @@ def test_a_short_stream_is_taught_and_its_nodes_are_those_that_were_visited(monk
 
 
 def test_what_a_short_stream_teaches_depends_on_the_models_seed_alone(monkeypatch):
-    from calib.readouts import teacher
+    from calib.body import teacher
 
     monkeypatch.setattr(teacher, "IMAGINED", 2000)
     samples = log("elbow.length=+20%", n=60)

@@ -13,9 +13,9 @@ from reference import pinocchio_forward, random_joints
 from calib.arm.candidates import Candidate, choose, find_tip
 from calib.arm.loading import arm_from_urdf, load_arm
 from calib.arm.ranges import one_turn
+from calib.arm.robots import list_robots
 from calib.arm.urdf import parse_urdf
 from calib.errors import CalibError, OptionError, QueryError, RobotError
-from calib.robots import list_robots
 
 BUNDLED = [entry.name for entry in list_robots()]
 ANGLE = st.floats(-np.pi, np.pi)

@@ -9,7 +9,7 @@ from pathlib import Path
 
 import pytest
 
-from calib.atomic import atomic_write
+from calib.common.atomic import atomic_write
 from calib.errors import CalibError
 
 
@@ -89,7 +89,7 @@ def test_a_folder_without_permission_is_told(tmp_path, monkeypatch):
 def test_killed_while_writing_the_old_file_is_whole(tmp_path):
     path = tmp_path / "a"
     program = (
-        "import sys; from calib.atomic import atomic_write\n"
+        "import sys; from calib.common.atomic import atomic_write\n"
         "def forever(file):\n"
         "    while True:\n"
         "        file.write(b'new' * 1000); file.flush(); print(flush=True)\n"

@@ -4,8 +4,8 @@ import numpy as np
 import pytest
 
 from calib.arm.loading import load_arm
-from calib.data.babbling import MAX_SAMPLES, METHODS, babble, smooth_points
 from calib.errors import OptionError
+from calib.samples.babbling import MAX_SAMPLES, METHODS, babble, smooth_points
 
 
 @pytest.fixture(scope="module")

@@ -9,9 +9,9 @@ from hypothesis import example, given, settings
 from hypothesis import strategies as st
 
 from calib.arm.loading import arm_from_urdf, load_arm
+from calib.arm.robots import resolve_robot
 from calib.arm.urdf import MAX_BYTES, parse_urdf, read_urdf
 from calib.errors import RobotError
-from calib.robots import resolve_robot
 
 GOOD = read_urdf(resolve_robot("two_link"))
 ELBOW = '<joint name="elbow" type="revolute">'

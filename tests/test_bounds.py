@@ -3,10 +3,10 @@
 import numpy as np
 import pytest
 
+from calib.common.scale import TURN, Scale
 from calib.maps.lattice import Lattice
 from calib.maps.map import Map
-from calib.readouts.bounds import blend_nodes, learn_bounds, near_border
-from calib.scale import TURN, Scale
+from calib.maps.node_bounds import blend_nodes, learn_bounds, near_border
 
 
 def grid(n=12, periodic=False):

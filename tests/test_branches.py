@@ -6,8 +6,8 @@ from models import draw, trained, turning, two_link, two_link_inverse
 from planar import branches_2r
 
 import calib
-from calib.readouts.folds import twins
-from calib.scale import TURN
+from calib.common.scale import TURN
+from calib.inverse.singular_points import twins
 
 SIZES = {"two_link_full": 40, "scara": 40, "two_link": 30}
 

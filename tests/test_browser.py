@@ -10,14 +10,14 @@ import pytest
 from browser import Sight, document, look
 
 import calib
-from calib.colours import colours, rgb, stops
-from calib.model import Model
-from calib.preview.live import Live
-from calib.preview.page import html
-from calib.preview.scene import REACHED, Scene, draw
-from calib.preview.server import PreviewServer
-from calib.report.page import report
-from calib.workspace import motor_errors, sensory_errors
+from calib.model.model import Model
+from calib.show.colours import colours, rgb, stops
+from calib.show.preview.live import Live
+from calib.show.preview.page import html
+from calib.show.preview.scene import REACHED, Scene, draw
+from calib.show.preview.server import PreviewServer
+from calib.show.report.page import report
+from calib.show.workspace import motor_errors, sensory_errors
 
 SIZE = (900, 700)
 PANEL = 280  # pixels that the page's panel covers

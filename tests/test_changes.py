@@ -6,8 +6,8 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from calib.data.changes import JOINT_CHANGES, SENSOR_CHANGES, Change, parse_change, parse_changes
 from calib.errors import CalibError, OptionError
+from calib.samples.changes import JOINT_CHANGES, SENSOR_CHANGES, Change, parse_change, parse_changes
 
 
 @pytest.mark.parametrize(

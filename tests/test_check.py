@@ -9,7 +9,7 @@ import pytest
 from drifting import arm, log, model
 
 import calib
-from calib.drift.systematic import orthonormal, systematic
+from calib.change.systematic import orthonormal, systematic
 from calib.errors import LogError, ModelError
 
 

@@ -92,8 +92,8 @@ def test_help_names_every_option(run, command):
 
 
 def test_choices_agree_with_the_library():
-    from calib.data.babbling import METHODS
-    from calib.readouts.linked import READOUTS as KNOWN
+    from calib.maps.association import READOUTS as KNOWN
+    from calib.samples.babbling import METHODS
 
     assert set(MOTIONS) == set(METHODS)
     assert set(READOUTS) == set(KNOWN)

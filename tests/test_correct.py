@@ -9,8 +9,8 @@ import pytest
 from drifting import arm, log, model
 
 import calib
-from calib.apply.correcting import correct
 from calib.errors import OptionError, QueryError
+from calib.use.correct import correct
 
 Q = np.random.default_rng(0).uniform([0.4, 0.7], [1.1, 2.0], (50, 2))
 

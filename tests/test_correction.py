@@ -10,15 +10,15 @@ from drifting import arm, model
 from threadpoolctl import threadpool_limits
 
 import calib
-from calib.adaptation.correction import Correction, choose_correction
-from calib.adaptation.radius import matching_sigma
-from calib.adaptation.rehearsal import imagine, options_of
-from calib.adaptation.smooth import _held_out, fit_smooth
-from calib.features import Chain, Frame
+from calib.change.correction import Correction, choose_correction
+from calib.change.features import Chain, Frame
+from calib.change.radius import matching_sigma
+from calib.change.rehearsal import imagine, options_of
+from calib.change.smooth_correction import _held_out, fit_smooth
+from calib.common.scale import Scale
 from calib.maps.lattice import Lattice
 from calib.maps.map import Map
-from calib.readouts.selection import blocks
-from calib.scale import Scale
+from calib.maps.model_selection import blocks
 
 
 @pytest.fixture(autouse=True)

@@ -8,7 +8,7 @@ import pytest
 from models import draw, log, trained, two_link
 
 import calib
-from calib.readouts.bounds import near_border
+from calib.maps.node_bounds import near_border
 
 CASES = [("two_link", 0.0), ("two_link", 1e-3), ("two_link_full", 1e-3), ("polar", 1e-3)]
 

@@ -27,8 +27,8 @@ RECIPES = {
 WORK = """
 import hashlib, json, sys
 import calib
-from calib.readouts import teacher
-from calib.storage import to_bytes
+from calib.body import teacher
+from calib.model_file.storage import to_bytes
 teacher.IMAGINED = 800  # brief
 
 def made(robot="two_link", log=0, adapt="", size=6, n=400, **options):

@@ -15,7 +15,7 @@ import pytest
 from pages import PAGES, ROOT, SHARED, Block, anchors, blocks, links, missing, run_page
 
 import calib
-from calib.data.tables import write_table
+from calib.samples.tables import write_table
 
 DOCS = ROOT / "docs"
 NAMES = [str(page.relative_to(ROOT)) for page in PAGES]

@@ -36,4 +36,4 @@ def test_examples_of(name, tmp_path, monkeypatch):
 
 def test_there_are_examples_of_the_main_functions():
     named = {t.name for name in MODULES for t in examples(name)}
-    assert {"calib", "calib.training.train", "calib.model.Model.forward"} <= named
+    assert {"calib", "calib.training.train.train", "calib.model.model.Model.forward"} <= named

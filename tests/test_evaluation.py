@@ -7,9 +7,9 @@ import pytest
 from models import draw, log, measured, papers, trained, turning, two_link
 
 import calib
+from calib.common.scale import TURN
 from calib.errors import LogError, OptionError
-from calib.evaluation import Residuals, evaluate_residuals, summarise
-from calib.scale import TURN
+from calib.training.evaluate import Residuals, evaluate_residuals, summarise
 
 
 def table(forward, inverse, distance):

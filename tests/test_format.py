@@ -14,7 +14,7 @@ from models import brief_teacher, draw, log, measured, trained, turning
 from safetensors import safe_open
 
 import calib
-from calib.storage import FORMAT, to_bytes
+from calib.model_file.storage import FORMAT, to_bytes
 
 HERE = Path(__file__).parent
 PAGE = (HERE.parent / "docs" / "format.md").read_text(encoding="utf-8")

@@ -4,8 +4,8 @@ import numpy as np
 import pytest
 from threadpoolctl import threadpool_limits
 
-from calib.readouts import gp
-from calib.scale import TURN, Scale
+from calib.body import gp
+from calib.common.scale import TURN, Scale
 
 PLAIN = Scale(np.zeros(2), np.ones(2), np.zeros(2, dtype=bool))
 TURNING = Scale(np.zeros(2), np.array([TURN, 1.0]), np.array([True, False]))

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 from models import ELBOW, L1, L2, draw, trained, turning, two_link, two_link_inverse
 
-from calib.scale import TURN
+from calib.common.scale import TURN
 
 ROBOTS = ("two_link", "two_link_full", "three_link", "polar", "scara", "tilted")
 

@@ -14,10 +14,10 @@ from faulty import STEPS, Faulty
 from models import trained
 
 import calib
-from calib import atomic
-from calib.atomic import atomic_write
+from calib.common import atomic
+from calib.common.atomic import atomic_write
 from calib.errors import CalibError
-from calib.storage import to_bytes
+from calib.model_file.storage import to_bytes
 
 pytestmark = pytest.mark.skipif(os.name == "nt", reason="signals and locks of POSIX")
 
@@ -30,7 +30,7 @@ OLD = Path(__file__).parent / "data" / "model-format-1.calib"
 KILLED = f"""
 import os, signal, sys
 sys.path.insert(0, {str(Path(__file__).parent)!r})
-from calib import atomic
+from calib.common import atomic
 from faulty import Faulty
 atomic.os = Faulty(int(sys.argv[3]), lambda: os.kill(os.getpid(), signal.SIGKILL))
 with open(sys.argv[2], "rb") as file:
@@ -158,7 +158,7 @@ def test_only_leftovers_are_removed(tmp_path):
 
 WRITER = """
 import sys
-from calib.atomic import atomic_write
+from calib.common.atomic import atomic_write
 target, own, other = sys.argv[1:]
 contents = [open(name, "rb").read() for name in (own, other)]
 for _ in range(20):
@@ -243,7 +243,7 @@ def test_a_reader_of_a_pipe_who_leaves_is_no_error(tmp_path):
 
 UNPRIVILEGED = """
 import os, sys
-from calib.atomic import atomic_write, check_writable
+from calib.common.atomic import atomic_write, check_writable
 from calib.errors import CalibError
 os.setgid(65534)
 os.setuid(65534)

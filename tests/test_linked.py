@@ -4,12 +4,12 @@ import numpy as np
 import pytest
 from scipy.sparse import csr_array
 
+from calib.common.scale import TURN, Scale
 from calib.errors import OptionError
-from calib.links import BANDWIDTH
+from calib.maps.association import Association, check_readout
 from calib.maps.lattice import Lattice
+from calib.maps.links import BANDWIDTH
 from calib.maps.map import Map
-from calib.readouts.linked import Association, check_readout
-from calib.scale import TURN, Scale
 
 
 def line(places, periodic=False, d=1):

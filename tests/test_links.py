@@ -4,11 +4,11 @@ import numpy as np
 import pytest
 from scipy.sparse import csr_array
 
+from calib.common.scale import TURN, Scale
 from calib.errors import OptionError
-from calib.links import BANDWIDTH, NEAREST, WIRINGS, activity, check_wiring, link, oja
 from calib.maps.lattice import Lattice
+from calib.maps.links import BANDWIDTH, NEAREST, WIRINGS, activity, check_wiring, link, oja
 from calib.maps.map import Map
-from calib.scale import TURN, Scale
 
 UNIT_BOX = Scale(np.zeros(2), np.ones(2), np.zeros(2, dtype=bool))
 
@@ -185,7 +185,7 @@ def test_links_learned_part_by_part_are_those_of_all_samples_at_once(name, monke
     u, v = rng.random((2, 500, 2))
     wiring = WIRINGS[name]
     at_once = wiring.link(wiring.activity(maps[0], u), wiring.activity(maps[1], v))
-    monkeypatch.setattr("calib.links._AT_ONCE", 130)
+    monkeypatch.setattr("calib.maps.links._AT_ONCE", 130)
     parts = wiring.learn(maps[0], u, maps[1], v)
     assert at_once.nnz > 100
     np.testing.assert_allclose(parts.toarray(), at_once.toarray(), rtol=1e-6, atol=1e-12)

@@ -5,13 +5,13 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
+from calib.body.basis import Basis, exponents
+from calib.body.trend import Trend
+from calib.common.scale import TURN, Scale
+from calib.maps import local_models as local
 from calib.maps.lattice import Lattice
 from calib.maps.map import Map
-from calib.readouts import local
-from calib.readouts.basis import Basis, exponents
-from calib.readouts.predictor import Predictor
-from calib.readouts.trend import Trend
-from calib.scale import TURN, Scale
+from calib.maps.predictor import Predictor
 
 
 def scale_of(*periodic):

@@ -14,15 +14,15 @@ from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 
 from calib.arm.loading import load_arm
-from calib.data import parquet
-from calib.data.babbling import babble
-from calib.data.columns import open_source, read_batches, read_columns
-from calib.data.log_ranges import one_turn
-from calib.data.logs import locked_from_log, read_log, write_log
-from calib.data.roles import parse_columns
-from calib.data.samples import Samples
-from calib.data.tables import read_table, write_table
 from calib.errors import CalibError, LogError, OptionError
+from calib.samples import parquet
+from calib.samples.babbling import babble
+from calib.samples.columns import open_source, read_batches, read_columns
+from calib.samples.log_ranges import one_turn
+from calib.samples.logs import locked_from_log, read_log, write_log
+from calib.samples.roles import parse_columns
+from calib.samples.samples import Samples
+from calib.samples.tables import read_table, write_table
 
 TURN = 2 * math.pi
 GOOD = "a,b,x,y\n0.1,0.2,1,2\n0.2,0.4,3,4\n0.3,0.1,5,6\n"
@@ -111,7 +111,7 @@ def test_parquet_from_standard_input(arm, tmp_path, monkeypatch):
 
 def test_heavy_libraries_wait_until_they_are_needed():
     program = (
-        "import sys, calib.data.logs, calib.data.babbling\n"
+        "import sys, calib.samples.logs, calib.samples.babbling\n"
         "print(sorted({'polars', 'scipy', 'pinocchio', 'yourdfpy'} & set(sys.modules)))"
     )
     root = Path(__file__).parents[1]

@@ -9,11 +9,11 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 import calib
-from calib.data import csv_rows, parquet
-from calib.data.columns import open_source, read_batches, read_columns
-from calib.data.logs import locked_from_log, read_log
-from calib.data.reservoir import Reservoir
 from calib.errors import LogError, OptionError
+from calib.samples import csv_rows, parquet
+from calib.samples.columns import open_source, read_batches, read_columns
+from calib.samples.logs import locked_from_log, read_log
+from calib.samples.reservoir import Reservoir
 
 N = 3000
 JOINTS = ["shoulder", "elbow"]
@@ -202,7 +202,7 @@ def test_degrees_turns_ranges_and_planes_hold_for_every_row(tmp_path):
 
 
 def test_locked_joints_of_a_long_log(tmp_path, monkeypatch):
-    from calib.data import logs
+    from calib.samples import logs
 
     monkeypatch.setattr(logs, "MOST_ROWS", 50)
     pan = np.full(1001, 0.25)
@@ -218,7 +218,7 @@ def test_locked_joints_of_a_long_log(tmp_path, monkeypatch):
 
 def test_training_on_some_rows_uses_all(tmp_path, arm):
     log = calib.babble(arm, 20_000, seed=5, noise=5e-3)
-    calib.data.logs.write_log(log, tmp_path / "log.parquet")
+    calib.samples.logs.write_log(log, tmp_path / "log.parquet")
     q = calib.babble(arm, 2000, seed=6).q
 
     def error(model):

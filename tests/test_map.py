@@ -5,9 +5,9 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
+from calib.common.scale import TURN, Scale
 from calib.maps.lattice import Lattice
 from calib.maps.map import Map, search_tree
-from calib.scale import TURN, Scale
 
 
 def box(lower, upper, revolute=None):

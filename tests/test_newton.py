@@ -3,11 +3,11 @@
 import numpy as np
 import pytest
 
-from calib.readouts.closest import closest
-from calib.readouts.folds import singular, twins
-from calib.readouts.newton import CLOSE, Newton
-from calib.readouts.starts import damped_inverse
-from calib.scale import TURN, Scale
+from calib.common.scale import TURN, Scale
+from calib.inverse.closest import closest
+from calib.inverse.newton import CLOSE, Newton
+from calib.inverse.singular_points import singular, twins
+from calib.inverse.starts import damped_inverse
 
 TWO, THREE = (0.30, 0.25), (0.30, 0.25, 0.15)
 

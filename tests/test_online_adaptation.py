@@ -9,8 +9,8 @@ import pytest
 from drifting import arm, error, log, model
 
 import calib
-from calib.adaptation.online import BLOCK, OnlineAdapter, follow
-from calib.adaptation.radius import matching_sigma
+from calib.change.follow import BLOCK, OnlineAdapter, follow
+from calib.change.radius import matching_sigma
 from calib.errors import OptionError
 from calib.maps.map import Map
 

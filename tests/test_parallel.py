@@ -6,7 +6,7 @@ import pytest
 import threadpoolctl
 
 import calib
-from calib.parallel import one_blas_thread, side_by_side
+from calib.common.parallel import one_blas_thread, side_by_side
 
 
 def test_both_results_come_back_in_order():

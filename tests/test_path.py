@@ -205,7 +205,7 @@ def test_bad_files_are_told_in_one_line(text, code, part, saved, run):
 
 
 def test_a_way_far_out_of_the_workspace_and_back_takes_few_looks():
-    from calib.readouts.following import _shares
+    from calib.inverse.tracking import _shares
 
     for length in (0.0, 0.01, 1.0, 5.9, 6.1, 1e6, 1e300):
         shares = _shares(length)

@@ -13,11 +13,11 @@ from hypothesis import strategies as st
 from models import brief_teacher, trained, two_link_inverse
 
 import calib
-from calib.planning.keep import keep_of
-from calib.planning.space import space_of
-from calib.planning.spread import farthest
-from calib.planning.tour import length, shortest_tour
-from calib.scale import TURN, Scale
+from calib.common.scale import TURN, Scale
+from calib.use.keep_inside import keep_of
+from calib.use.pose_space import space_of
+from calib.use.spread import farthest
+from calib.use.tour import length, shortest_tour
 
 DEGREE = math.radians(1.0)
 UNIT = Scale(np.zeros(2), np.ones(2), np.zeros(2, dtype=bool))
@@ -323,7 +323,7 @@ def test_a_model_of_a_log_plans_within_what_was_measured():
 
 def test_planned_poses_teach_more_than_random_ones(arm):
     """The prediction variance of a trend of the second harmonics, to which maps are fitted."""
-    from calib.readouts.basis import Basis
+    from calib.body.basis import Basis
 
     basis = Basis(tuple((arm.upper - arm.lower).tolist()), 2)
     place = basis.values(np.random.default_rng(0).random((2000, 2)))

@@ -22,21 +22,21 @@ import umsgpack
 from models import measured, trained
 
 import calib
-from calib.colours import UNKNOWN, colours, rgb, stops
-from calib.error_scale import ErrorScale, length_in_words
-from calib.preview.body import Body
-from calib.preview.camera import Camera
-from calib.preview.canvas import quaternions
-from calib.preview.lattices import strongest_partners
-from calib.preview.live import Live
-from calib.preview.meshes import read_mesh, resolve_mesh
-from calib.preview.motion import drive
-from calib.preview.page import html
-from calib.preview.placement import place, similarity
-from calib.preview.scene import draw
-from calib.preview.server import ADDRESS, PreviewServer
-from calib.preview.visuals import visuals
-from calib.workspace import border, level_lines, sensory_errors
+from calib.show.colours import UNKNOWN, colours, rgb, stops
+from calib.show.error_scale import ErrorScale, length_in_words
+from calib.show.preview.body import Body
+from calib.show.preview.camera import Camera
+from calib.show.preview.canvas import quaternions
+from calib.show.preview.lattices import strongest_partners
+from calib.show.preview.live import Live
+from calib.show.preview.meshes import read_mesh, resolve_mesh
+from calib.show.preview.motion import drive
+from calib.show.preview.page import html
+from calib.show.preview.placement import place, similarity
+from calib.show.preview.scene import draw
+from calib.show.preview.server import ADDRESS, PreviewServer
+from calib.show.preview.visuals import visuals
+from calib.show.workspace import border, level_lines, sensory_errors
 
 ROBOTS = ("two_link", "two_link_full", "three_link", "tilted", "scara", "polar")
 

@@ -7,7 +7,7 @@ import pytest
 from models import brief_teacher
 
 import calib
-from calib.screening import screen
+from calib.samples.screening import screen
 
 FOLDER = Path(__file__).parents[2] / "shared/data/ur10_laser_tracker"
 JOINTS = ["shoulder_lift_joint", "elbow_joint"]

@@ -7,11 +7,11 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from calib.readouts import refining
-from calib.readouts.basis import Basis
-from calib.readouts.refining import refine
-from calib.readouts.trend import Trend
-from calib.scale import Scale
+from calib.body import trend_refinement as refining
+from calib.body.basis import Basis
+from calib.body.trend import Trend
+from calib.body.trend_refinement import refine
+from calib.common.scale import Scale
 
 UNIT = Scale(np.zeros(2), np.ones(2), np.zeros(2, dtype=bool))
 

@@ -13,15 +13,15 @@ import pytest
 from models import log, measured, trained
 
 import calib
+from calib.common.scale import Scale
 from calib.maps.lattice import Lattice
 from calib.maps.map import Map
 from calib.paper.published import TABLE1
-from calib.report.changes import adaptation_table, history_table
-from calib.report.curves import bound_pairs, coverage
-from calib.report.evidence import gather
-from calib.report.maps import hits, u_matrix
-from calib.report.page import SECTIONS, pictures, report
-from calib.scale import Scale
+from calib.show.report.changes import adaptation_table, history_table
+from calib.show.report.curves import bound_pairs, coverage
+from calib.show.report.evidence import gather
+from calib.show.report.maps import hits, u_matrix
+from calib.show.report.page import SECTIONS, pictures, report
 
 
 class Reader(HTMLParser):

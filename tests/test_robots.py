@@ -10,8 +10,8 @@ import numpy as np
 import pytest
 
 from calib.arm.loading import load_arm
+from calib.arm.robots import list_robots, resolve_robot
 from calib.errors import RobotError
-from calib.robots import list_robots, resolve_robot
 
 PROMISED = {
     "two_link": (("shoulder", "elbow"), [(0, 90), (15, 150)], [0.30, 0.25]),
@@ -107,7 +107,7 @@ def test_an_unknown_robot_is_told_in_one_line(robot, words):
 
 def test_listing_robots_loads_no_heavy_library():
     code = (
-        "import sys; from calib.robots import list_robots; list_robots(); "
+        "import sys; from calib.arm.robots import list_robots; list_robots(); "
         "print([m for m in ('numpy', 'pinocchio', 'yourdfpy', 'scipy') if m in sys.modules])"
     )
     root = Path(__file__).parent.parent

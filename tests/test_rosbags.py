@@ -8,8 +8,8 @@ import numpy as np
 import pytest
 
 import calib
-from calib.data.bags import read_bag
 from calib.errors import LogError, OptionError
+from calib.samples.bags import read_bag
 
 rosbags = pytest.importorskip("rosbags")
 from rosbags.rosbag1 import Writer as Writer1  # noqa: E402

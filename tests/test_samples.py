@@ -3,8 +3,8 @@
 import numpy as np
 import pytest
 
-from calib.data.samples import Samples
 from calib.errors import LogError
+from calib.samples.samples import Samples
 
 
 def make(n=4, **changes):

@@ -5,10 +5,10 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
+from calib.common.scale import Scale
 from calib.maps.lattice import Lattice
 from calib.maps.map import Map
-from calib.readouts.selection import FOLDS, better, blocks, outdoes, select
-from calib.scale import Scale
+from calib.maps.model_selection import FOLDS, better, blocks, outdoes, select
 
 N = 3000
 SPAN = np.array([1.5, 2.3])

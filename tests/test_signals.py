@@ -56,9 +56,9 @@ except KeyboardInterrupt:
 STAGES = [
     "import calib_cli.app",
     "import scipy.spatial",
-    "calib.learning.SOM",
-    "calib.learning.select",
-    "calib.atomic._create",
+    "calib.training.learn.SOM",
+    "calib.training.learn.select",
+    "calib.common.atomic._create",
     "os.fsync",
     "os.replace",
 ]
@@ -84,7 +84,7 @@ def test_ctrl_c_at_any_stage_is_130_in_silence(stage, tmp_path):
     assert (tmp_path / "two_link.calib").read_bytes() == b"old"
 
 
-@pytest.mark.parametrize("stage", ["calib.learning.select", "os.fsync"])
+@pytest.mark.parametrize("stage", ["calib.training.learn.select", "os.fsync"])
 def test_a_polite_kill_is_143_in_silence(stage, tmp_path):
     (tmp_path / "two_link.calib").write_bytes(b"old")
     done = at(stage, signal.SIGTERM, tmp_path)
@@ -95,7 +95,7 @@ def test_a_polite_kill_is_143_in_silence(stage, tmp_path):
 
 def test_a_stage_that_does_not_exist_would_be_noticed(tmp_path):
     """The stages above are places in the program that a training comes by."""
-    done = at("calib.report.page.report", signal.SIGINT, tmp_path)
+    done = at("calib.show.report.page.report", signal.SIGINT, tmp_path)
     assert done.returncode == 0
 
 

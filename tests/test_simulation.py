@@ -4,9 +4,9 @@ import numpy as np
 import pytest
 
 from calib.arm.loading import load_arm
-from calib.data.changes import parse_changes
-from calib.data.simulation import Simulation, _play
 from calib.errors import OptionError
+from calib.samples.changes import parse_changes
+from calib.samples.simulation import Simulation, _play
 
 L1, L2 = 0.30, 0.25
 

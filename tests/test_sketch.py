@@ -12,7 +12,7 @@ import pytest
 from calib_cli.sketch import PLAIN, SHADES, show_sketch, sketch
 from models import trained
 
-from calib.workspace import sensory_errors
+from calib.show.workspace import sensory_errors
 
 
 class Terminal(io.StringIO):

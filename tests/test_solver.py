@@ -11,15 +11,15 @@ from planar import families_3r
 from test_newton import THREE, TWO, ClosedForm, elbow_of
 from threadpoolctl import threadpool_limits
 
-from calib.links import WIRINGS
+from calib.common.scale import Scale
+from calib.inverse.newton import CLOSE
+from calib.inverse.self_motions import representatives
+from calib.inverse.solver import SAME, Solver
+from calib.inverse.tracking import follow
+from calib.maps.association import Association
 from calib.maps.lattice import Lattice
+from calib.maps.links import WIRINGS
 from calib.maps.map import Map
-from calib.readouts.families import representatives
-from calib.readouts.following import follow
-from calib.readouts.inverse import SAME, Solver
-from calib.readouts.linked import Association
-from calib.readouts.newton import CLOSE
-from calib.scale import Scale
 
 LOWER, UPPER = np.array([-0.5, -2.6]), np.array([1.5, 2.6])
 LOWER_3, UPPER_3 = np.array([0.0, 0.26, -1.57]), np.array([1.57, 2.6, 1.57])

@@ -5,11 +5,11 @@ import pytest
 from threadpoolctl import threadpool_info, threadpool_limits
 
 import calib
+from calib.common.scale import Scale
 from calib.errors import LogError, OptionError
 from calib.maps import som as som_module
 from calib.maps.lattice import Lattice
 from calib.maps.som import SOM
-from calib.scale import Scale
 
 UNIT_BOX = Scale(np.zeros(2), np.ones(2), np.zeros(2, dtype=bool))
 BOUND = 0.377  # quantization error of the best (hexagonal) quantizer: 0.377 sqrt(A / N)

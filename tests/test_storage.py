@@ -16,7 +16,7 @@ from safetensors.numpy import save as pack
 
 import calib
 from calib.errors import ModelError
-from calib.storage import FORMAT, from_bytes, to_bytes
+from calib.model_file.storage import FORMAT, from_bytes, to_bytes
 
 
 @pytest.fixture(scope="module")
@@ -237,7 +237,7 @@ def forged(data, change):
     """Return the file after `change(header, tensors)`, with a checksum that is right."""
     from safetensors.numpy import load
 
-    from calib import storage
+    from calib.model_file import storage
 
     header, tensors = described(data), dict(load(data))
     change(header, tensors)
@@ -321,9 +321,9 @@ def test_a_device_without_end_is_not_read():
 
 
 def test_a_large_file_of_another_sort_is_not_read_whole(tmp_path, monkeypatch):
-    from calib import storage
+    from calib.model_file import storage
 
-    monkeypatch.setattr("calib.storage._HEADER", 1000)
+    monkeypatch.setattr("calib.model_file.storage._HEADER", 1000)
     path = tmp_path / "m.calib"
     path.write_bytes(b"x" * 5000)
     assert len(storage._read(path)) == 1000

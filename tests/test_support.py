@@ -5,10 +5,10 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
+from calib.common.scale import TURN, Scale
 from calib.maps.lattice import Lattice
 from calib.maps.map import Map
-from calib.readouts.support import Support
-from calib.scale import TURN, Scale
+from calib.maps.support import Support
 
 
 def motor_map(shape, periodic):

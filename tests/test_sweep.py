@@ -18,9 +18,9 @@ import pytest
 from threadpoolctl import threadpool_info, threadpool_limits
 
 import calib
-from calib import backends
 from calib.errors import OptionError
-from calib.trials import Trial, written
+from calib.sweeps import backends
+from calib.sweeps.trials import Trial, written
 
 GRID = {"size": [4, 5], "samples": [200]}
 LINE = ("sweep", "two_link", "--size", "4,5", "-n", "200")
@@ -50,7 +50,7 @@ def asked(monkeypatch, found):
         calls.append((list(sources), grid, options))
         return found
 
-    monkeypatch.setattr("calib.sweeping.sweep", answer)
+    monkeypatch.setattr("calib.sweeps.sweep.sweep", answer)
     return calls
 
 

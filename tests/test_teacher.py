@@ -4,11 +4,11 @@ import numpy as np
 import pytest
 from threadpoolctl import threadpool_limits
 
-from calib.readouts import gp
-from calib.readouts.basis import Basis
-from calib.readouts.teacher import IMAGINED, Teacher, learn_teacher
-from calib.readouts.trend import Trend
-from calib.scale import TURN, Scale
+from calib.body import gp
+from calib.body.basis import Basis
+from calib.body.teacher import IMAGINED, Teacher, learn_teacher
+from calib.body.trend import Trend
+from calib.common.scale import TURN, Scale
 
 SPAN = np.array([1.5, 2.3])
 SCALE = Scale(np.zeros(2), SPAN, np.zeros(2, dtype=bool))

@@ -7,9 +7,9 @@ from planar import chain_urdf
 from threadpoolctl import threadpool_limits
 
 import calib
-from calib.data.simulation import Simulation
 from calib.errors import LogError, OptionError
-from calib.storage import to_bytes
+from calib.model_file.storage import to_bytes
+from calib.samples.simulation import Simulation
 
 MM = 1e-3
 
@@ -63,13 +63,13 @@ def test_small_logs_are_taught_and_predict_the_arm(rows):
 
 
 def test_without_a_size_a_small_log_gets_the_full_lattice_and_a_teacher():
-    motor, sensory, notes = calib.training.lattice_sizes(log(300), None, None, None)
+    motor, sensory, notes = calib.training.train.lattice_sizes(log(300), None, None, None)
     assert motor == sensory == (70, 70)
     assert "300 samples are fewer than the 4,900 motor nodes" in notes[0]
 
 
 def test_without_a_size_a_long_log_gets_about_five_rows_per_node():
-    motor, sensory, notes = calib.training.lattice_sizes(log(2000), None, None, None)
+    motor, sensory, notes = calib.training.train.lattice_sizes(log(2000), None, None, None)
     assert motor == sensory == (20, 20)
     assert notes == [
         "2,000 rows fill lattices of 20x20 nodes (5 rows per node), --size chooses others"
@@ -125,7 +125,7 @@ def test_three_joints_get_a_lattice_of_three_axes():
     assert len(trained("three_link").motor.lattice.shape) == 3
     assert trained("three_link").sensory.lattice.shape == (20, 20)
     samples = calib.babble(calib.load_arm("three_link"), 20_000)
-    motor, sensory, _ = calib.training.lattice_sizes(samples, None, None, None)
+    motor, sensory, _ = calib.training.train.lattice_sizes(samples, None, None, None)
     assert (motor, sensory) == ((17, 17, 17), (70, 70))
 
 

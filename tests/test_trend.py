@@ -9,11 +9,11 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from threadpoolctl import threadpool_limits
 
-from calib.readouts.basis import Basis, exponents, largest_degree, largest_harmonic
-from calib.readouts.selection import blocks
-from calib.readouts.trend import Trend
-from calib.readouts.trend_choice import choose_trends
-from calib.scale import TURN, Scale
+from calib.body.basis import Basis, exponents, largest_degree, largest_harmonic
+from calib.body.trend import Trend
+from calib.body.trend_choice import choose_trends
+from calib.common.scale import TURN, Scale
+from calib.maps.model_selection import blocks
 
 SPAN = (np.pi / 2, 2.3)  # of two joints [rad]
 

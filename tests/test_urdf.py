@@ -12,9 +12,9 @@ from hypothesis import strategies as st
 from reference import random_joints
 
 from calib.arm.loading import arm_from_urdf
+from calib.arm.robots import list_robots, resolve_robot
 from calib.arm.urdf import MAX_JOINTS, parse_urdf, read_urdf
 from calib.errors import RobotError
-from calib.robots import list_robots, resolve_robot
 
 TWO = """<robot name="two">
   <link name="a"/><link name="b"/><link name="c"/><link name="d"/>

@@ -9,9 +9,9 @@ import pytest
 from drifting import arm, log, model
 
 import calib
-from calib.apply.exporting import corrected_urdf
-from calib.apply.geometry import fit_geometry
 from calib.errors import OptionError
+from calib.use.geometry import fit_geometry
+from calib.use.urdf import corrected_urdf
 
 
 def exported(tmp_path, adapted):

@@ -5,8 +5,8 @@ from __future__ import annotations
 from hypothesis import given
 from hypothesis import strategies as st
 
+from calib.common.wording import listed, one_line, printable, quoted, suggestion
 from calib.errors import CalibError, RobotError
-from calib.wording import listed, one_line, printable, quoted, suggestion
 
 
 @given(st.text())

@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from ..errors import OptionError, QueryError
-from ..wording import quoted, suggestion
+from ..common.wording import quoted, suggestion
 from .ranges import TURN, Range, checked_range, one_turn
 
 Array = NDArray[np.float64]

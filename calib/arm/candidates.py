@@ -13,8 +13,8 @@ from itertools import combinations
 import numpy as np
 from numpy.typing import NDArray
 
+from ..common.wording import listed, quoted
 from ..errors import RobotError
-from ..wording import listed, quoted
 from .chain import lever_lengths
 from .planarity import MIN_LEVER, PARALLEL, common_normal, fits, frames_moved
 from .posture import Posture

@@ -14,7 +14,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from ..errors import RobotError
-from ..wording import listed, quoted
+from ..common.wording import listed, quoted
 from .candidates import find_tip
 from .posture import Posture
 from .ranges import full_range, limits_fault

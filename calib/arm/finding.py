@@ -6,7 +6,7 @@ from collections.abc import Collection, Mapping, Sequence
 from dataclasses import dataclass
 
 from ..errors import RobotError
-from ..wording import listed
+from ..common.wording import listed
 from .candidates import Candidate, choose, find_candidates, nothing_found
 from .choosing import choose_chain, find_chains, no_chain
 from .folding import followers

@@ -8,7 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ..errors import RobotError
-from ..wording import quoted
+from ..common.wording import quoted
 from .chain import Chain
 from .posture import Posture
 from .spatial_chain import SpatialChain

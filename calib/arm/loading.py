@@ -14,9 +14,8 @@ from typing import Any, TypeVar
 
 import numpy as np
 
+from ..common.wording import listed, one_line, quoted, suggestion
 from ..errors import OptionError, RobotError
-from ..robots import resolve_robot
-from ..wording import listed, one_line, quoted, suggestion
 from .candidates import find_tip
 from .choosing import MOST_JOINTS
 from .finding import Choice, find_arm, is_planar
@@ -35,6 +34,7 @@ from .ranges import (
     travel,
     unit_of,
 )
+from .robots import resolve_robot
 from .spatial_arm import SpatialArm
 from .tree import Joint, Urdf
 from .urdf import parse_urdf, read_urdf

@@ -7,8 +7,8 @@ from collections.abc import Sequence
 import numpy as np
 from numpy.typing import NDArray
 
+from ..common.wording import listed, quoted
 from ..errors import RobotError
-from ..wording import listed, quoted
 from .posture import Posture
 from .tree import Joint, Urdf
 

@@ -13,8 +13,8 @@ import stat
 import xml.etree.ElementTree as ET
 from pathlib import Path
 
+from ..common.wording import listed, quoted, suggestion
 from ..errors import RobotError
-from ..wording import listed, quoted, suggestion
 from .tree import MOVABLE, Joint, Mimic, Urdf, Vector
 
 MAX_BYTES = 50_000_000

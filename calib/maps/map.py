@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 from numpy.typing import NDArray
 
-from ..scale import Scale
+from ..common.scale import Scale
 from .graph import Graph
 from .lattice import Lattice
 

@@ -8,9 +8,9 @@ from dataclasses import dataclass, field
 import numpy as np
 from numpy.typing import NDArray
 
+from ..common.parallel import one_blas_thread
+from ..common.scale import Scale
 from ..errors import LogError, OptionError
-from ..parallel import one_blas_thread
-from ..scale import Scale
 from . import batch, dsom, gng, online
 from .density import Gain, gain_of, kind_of
 from .epoch import Epoch

@@ -9,13 +9,13 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import NDArray
 
-from ..adaptation.online import Step, follow
-from ..training import train
+from ..change.follow import Step, follow
+from ..training.train import train
 from .setting import Setting
 from .tables import Result, Table
 
 if TYPE_CHECKING:
-    from ..model import Model
+    from ..model.model import Model
 
 Array = NDArray[np.float64]
 

@@ -8,10 +8,10 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from ..data.samples import Samples
-from ..links import WIRINGS
+from ..maps.association import Association
 from ..maps.density import READINGS
-from ..readouts.linked import Association
+from ..maps.links import WIRINGS
+from ..samples.samples import Samples
 from .published import COLUMNS, UNITS
 from .search import SAME
 from .setting import Setting

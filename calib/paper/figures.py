@@ -12,15 +12,15 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import NDArray
 
-from ..atomic import atomic_write
+from ..common.atomic import atomic_write
 from .adaptation import Episode
 from .search import SAME
 from .setting import Setting
 from .trial import activity_errors, association
 
 if TYPE_CHECKING:
+    from ..maps.association import Association
     from ..maps.map import Map
-    from ..readouts.linked import Association
 
 Array = NDArray[np.float64]
 

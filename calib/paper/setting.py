@@ -8,8 +8,8 @@ from dataclasses import dataclass, field
 import numpy as np
 from numpy.typing import NDArray
 
-from ..data.babbling import babble
-from ..data.samples import Samples
+from ..samples.babbling import babble
+from ..samples.samples import Samples
 
 Array = NDArray[np.float64]
 

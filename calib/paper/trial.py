@@ -8,13 +8,13 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from ..data.samples import Samples
-from ..learning import Options, associate
+from ..common.parallel import one_blas_thread
+from ..common.scale import Scale
+from ..maps.association import Association
 from ..maps.density import Gain
-from ..parallel import one_blas_thread
-from ..readouts.linked import Association
-from ..scale import Scale
-from ..training import train
+from ..samples.samples import Samples
+from ..training.learn import Options, associate
+from ..training.train import train
 from .setting import Setting
 
 Array = NDArray[np.float64]
@@ -33,7 +33,7 @@ class Schedule:
     sigma : float or None
         Last neighbourhood radius [nodes]; the first is half the lattice.
     links : str
-        A name of :data:`calib.links.WIRINGS`.
+        A name of :data:`calib.maps.links.WIRINGS`.
     rule : {"batch", "online"}
         Training rule.
     """

@@ -7,7 +7,7 @@ from functools import cache
 import numpy as np
 
 import calib
-from calib.model import Model
+from calib.model.model import Model
 
 from .style import FAINT, FIRST, INK, SCALE, SECOND, lattice, panels, plane, save
 

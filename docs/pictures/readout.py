@@ -7,7 +7,7 @@ from dataclasses import replace
 import numpy as np
 
 import calib
-from calib.readouts.local import predict
+from calib.maps.local_models import predict
 
 from .style import FAINT, FIRST, GREY, INK, SCALE, SECOND, panels, plane, save
 

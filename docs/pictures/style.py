@@ -15,8 +15,8 @@ from matplotlib.figure import Figure
 from numpy.typing import NDArray
 from PIL import Image
 
-from calib.colours import UNKNOWN, stops
 from calib.maps.map import Map
+from calib.show.colours import UNKNOWN, stops
 
 FOLDER = Path(__file__).parents[1] / "img"
 SCALE = LinearSegmentedColormap.from_list("calib", stops())

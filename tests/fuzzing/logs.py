@@ -13,9 +13,9 @@ from typing import Any
 import numpy as np
 
 import calib
-from calib.data.tables import read_table
+from calib.common.checks import LARGEST
 from calib.errors import CalibError
-from calib.plain import LARGEST
+from calib.samples.tables import read_table
 
 from .guard import guarded, one_line
 from .kinds import Kind

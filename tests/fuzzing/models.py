@@ -14,8 +14,8 @@ from safetensors.numpy import load as unpack
 from safetensors.numpy import save as pack
 
 import calib
-from calib import storage
 from calib.errors import CalibError, ModelError
+from calib.model_file import storage
 
 from .guard import guarded, one_line
 from .kinds import Kind

@@ -12,11 +12,11 @@ from typing import Any
 import numpy as np
 
 from calib.arm.loading import PlanarArm, arm_from_urdf, load_arm
+from calib.arm.robots import resolve_robot
 from calib.arm.urdf import parse_urdf
 from calib.errors import CalibError
-from calib.preview.meshes import resolve_mesh
-from calib.preview.visuals import visuals
-from calib.robots import resolve_robot
+from calib.show.preview.meshes import resolve_mesh
+from calib.show.preview.visuals import visuals
 
 from .arms import RandomArm, random_arm
 from .guard import Trap, guarded, one_line

@@ -1,1 +1,0 @@
-"""Apply: what a calibrated model gives to a controller or to another program."""

@@ -1,0 +1,81 @@
+"""Robots: the catalogue of the URDF files that come with calib."""
+
+from __future__ import annotations
+
+import re
+from dataclasses import dataclass
+from difflib import get_close_matches
+from pathlib import Path
+
+from ..errors import RobotError
+from .urdf import parse_urdf, read_urdf
+
+_DESCRIPTION = re.compile(r"<!--\s*calib:\s*(.*?)\s*-->", re.DOTALL)
+
+
+@dataclass(frozen=True)
+class RobotEntry:
+    """A bundled robot: its name, its active joints from base to tip, and what it is."""
+
+    name: str
+    joints: tuple[str, ...]
+    dof: int
+    description: str
+    path: Path
+
+
+def robots_folder() -> Path:
+    """Folder of the bundled URDF files, installed or in a checkout."""
+    installed = Path(__file__).parent.parent / "_robots"
+    return installed if installed.is_dir() else Path(__file__).parent.parent.parent / "robots"
+
+
+def list_robots() -> tuple[RobotEntry, ...]:
+    """Return the bundled robots, sorted by name."""
+    return tuple(_read_entry(path) for path in sorted(robots_folder().glob("*.urdf")))
+
+
+def resolve_robot(robot: str | Path) -> Path:
+    """Return the file of a robot given as a bundled name or as a path.
+
+    A bundled name wins over a file of the same name in the current folder (`./two_link`
+    means the file).
+
+    Raises
+    ------
+    RobotError
+        If it is neither, with the names there are.
+    """
+    text = str(robot)
+    names = {path.stem: path for path in robots_folder().glob("*.urdf")}
+    if isinstance(robot, str) and text in names:
+        return names[text]
+    if not text.strip() or "\0" in text:
+        raise RobotError(f"robot {text!r}: expected a path to a URDF or one of {_joined(names)}")
+    path = Path(robot)
+    try:
+        found = path.exists()
+    except OSError:  # a name too long for the file system
+        found = False
+    if found:
+        return path
+    close = get_close_matches(path.stem, names, n=1)
+    meant = f"did you mean {close[0]}? " if close else ""
+    shown = text if len(text) <= 200 else text[:197] + "..."
+    raise RobotError(
+        f"robot {shown!r}: no such file and no bundled robot; {meant}"
+        f"give a path to a URDF or one of {_joined(names)}"
+    )
+
+
+def _joined(names: dict[str, Path]) -> str:
+    return ", ".join(sorted(names))
+
+
+def _read_entry(path: Path) -> RobotEntry:
+    text = read_urdf(path)
+    urdf = parse_urdf(text, path.stem)
+    joints = tuple(joint.name for joint in urdf.joints if joint.movable)
+    found = _DESCRIPTION.search(text)
+    description = " ".join(found.group(1).split()) if found else ""
+    return RobotEntry(path.stem, joints, len(joints), description, path)

@@ -1,0 +1,1 @@
+"""Change: whether a model still fits its arm, what changed, and the model that follows."""

@@ -1,0 +1,78 @@
+"""The baseline: what the distortions of an undisturbed arm look like."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ..maps.association import Association
+from ..maps.map import Map
+
+Array = NDArray[np.float64]
+
+_PRIOR = 4.0  # samples that the mean of all nodes counts for at each node
+
+
+@dataclass(frozen=True, eq=False)
+class Baseline:
+    """Distortions of samples that training never saw, stored with a model.
+
+    Attributes
+    ----------
+    motor, sensory : (nodes,) array
+        Expected squared distance of a sample to its winner, per winner, in the unit box.
+    spread : (float, float)
+        Variance of squared distance over expected one, in the motor and sensory map.
+    noise : float [unit]
+        Standard deviation per axis of measured less predicted position in training.
+    """
+
+    motor: Array
+    sensory: Array
+    spread: tuple[float, float]
+    noise: float
+
+    def to_json(self) -> dict[str, Any]:
+        """Plain data for a model file, but for the arrays."""
+        return {"spread": list(self.spread), "noise": self.noise}
+
+    @classmethod
+    def from_json(cls, data: Mapping[str, Any], motor: Array, sensory: Array) -> Baseline:
+        """Rebuild what `to_json` returned."""
+        first, second = (float(s) for s in data["spread"])
+        return cls(motor, sensory, (first, second), float(data["noise"]))
+
+
+def learn_baseline(association: Association, u: Array, x: Array, errors: Array) -> Baseline:
+    """Learn what to expect.
+
+    Parameters
+    ----------
+    association : Association
+        Both maps.
+    u, x : (n, dof), (n, 2) array
+        Samples that training never saw: joints in the unit box, positions.
+    errors : (m,) array [unit]
+        Distance from measured to predicted position of the samples of training.
+    """
+    motor, first = _expected(association.motor, u)
+    sensory, second = _expected(association.sensory, association.sensory.scale.to_unit(x))
+    # the median of a Rayleigh distribution: a few wrong detections do not count
+    noise = float(np.median(errors)) / np.sqrt(2.0 * np.log(2.0))
+    return Baseline(motor, sensory, (first, second), float(noise))
+
+
+def _expected(network: Map, points: Array) -> tuple[Array, float]:
+    distance, winner = (part[:, 0] for part in network.nearest(points))
+    square = distance**2
+    count = np.bincount(winner, minlength=network.size)
+    total = np.bincount(winner, square, minlength=network.size)
+    # of unvisited nodes and of few samples: the mean of all, or the least that is not zero
+    mean = max(float(square.mean()), 1e-24)
+    expected = (total + _PRIOR * mean) / (count + _PRIOR)
+    expected = expected.astype(np.float32).astype(float)  # as a model file keeps it
+    return expected, float(np.var(square / expected[winner]))

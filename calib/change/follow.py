@@ -1,0 +1,316 @@
+"""Online adaptation, as in the paper: maps and links re-form while samples stream in.
+
+Equation numbers are those of the paper in the order in which it states them.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterator
+from dataclasses import dataclass, replace
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ..body.teacher import MOST_ROWS, learn_teacher
+from ..errors import OptionError
+from ..maps.association import Association
+from ..maps.density import Visit, gain_of
+from ..maps.lattice import Lattice
+from ..maps.links import oja
+from ..maps.map import Map
+from ..maps.model_selection import select
+from ..maps.online import present
+from .radius import matching_sigma
+
+if TYPE_CHECKING:
+    from ..model.model import Model
+
+Array = NDArray[np.float64]
+
+HORIZON = 10_000
+"""Samples over which a re-formed map settles: half of what training takes."""
+
+BLOCK = 100
+"""Samples between two looks at distortion, gain and search trees."""
+
+_GLANCE = 5  # one sample in so many tells the error
+_WINDOW = 200.0  # samples that a running mean remembers
+_SIGMA_END = 0.5  # neighbourhood radius once settled [nodes]
+_ALPHA = (0.5, 0.05)  # learning rate just after a reset and once settled
+_ETA = 0.13  # eta_init of eq. 12: eta beta stays below 1, where eq. 11 is stable
+_BETA = 1.0  # beta_init of eq. 12
+_KEPT = 20_000  # latest samples that the local models are fitted to
+_FIRED = 4.0  # standard deviations of a running mean that are no chance
+_SETTLED = 1.2  # a re-formed map has settled within this factor of a trained one
+_LARGEST = 60_000_000  # links that are held densely
+
+
+@dataclass(frozen=True)
+class Step:
+    """The state after some samples of the stream.
+
+    Attributes
+    ----------
+    samples : int
+        Samples seen so far.
+    zeta_motor, zeta_sensory : float
+        Distortion of the maps (eq. 9): running mean of the squared distance to the
+        winner, in the unit box.
+    threshold : float
+        What the sensory distortion exceeds by chance next to never.
+    error : float [unit]
+        Running mean of the distance from each sample to what the readout ``activity``
+        said of it before it was learned.
+    sigma : float [nodes]
+        Neighbourhood radius of the sensory map (eq. 10), 0 before a change was noticed.
+    eta, beta : float
+        Learning rate and forgetting factor of the links (eq. 12).
+    adapting : bool
+        Whether a change was noticed and the maps are re-forming.
+    """
+
+    samples: int
+    zeta_motor: float
+    zeta_sensory: float
+    threshold: float
+    error: float
+    sigma: float
+    eta: float
+    beta: float
+    adapting: bool
+
+
+class OnlineAdapter:
+    """A model that follows a stream of samples.
+
+    It watches until the sensory distortion (eq. 9) or the links' residual leaves what
+    training knew.  Then sigma is reset to the radius at which training had the same
+    distortion (eq. 10), eta and beta rise (eq. 12), and all three decay while the maps
+    (eq. 1 to 3) and the links (eq. 11) follow the samples.
+
+    Parameters
+    ----------
+    model : Model
+        Where to start; it is left as it is.
+    horizon : int
+        Samples over which sigma decays to half a node.
+    force : bool
+        Whether to adapt from the first sample on, without waiting for a signal.
+    """
+
+    def __init__(self, model: Model, horizon: int = HORIZON, *, force: bool = False) -> None:
+        if horizon < 1:
+            raise OptionError(f"horizon {horizon}: expected one or more samples")
+        for part in (model.motor, model.sensory):
+            if not isinstance(part.lattice, Lattice):
+                raise OptionError(
+                    "online adaptation needs maps with a lattice, this model's are a growing "
+                    "neural gas: use --method few-shot"
+                )
+        if model.motor.size * model.sensory.size > _LARGEST:
+            raise OptionError(
+                f"lattices of {model.motor.size:,} and {model.sensory.size:,} nodes are too "
+                "large for online adaptation, which holds every link: use --method few-shot"
+            )
+        self._model = model
+        self._horizon = horizon
+        self._force = force
+        self._weights = {n: getattr(model, n).units.copy() for n in ("motor", "sensory")}
+        # by sensory node, so that the columns that eq. 11 changes are contiguous
+        # half the memory of float64; eq. 11 loses nothing by it
+        self._links: Any = np.ascontiguousarray(model.links.T.toarray(), dtype=np.float32)
+        self._seen = 0
+        self._since = -1
+        self._mean: dict[str, float] = {}
+        self._start = {"motor": _SIGMA_END, "sensory": _SIGMA_END}
+        self._q: list[Array] = []
+        self._x: list[Array] = []
+
+    @property
+    def adapting(self) -> bool:
+        """Whether a change was noticed."""
+        return self._since >= 0
+
+    def feed(self, q: Array, x: Array) -> Step:
+        """Take the next samples of the stream, (n, dof) and (n, 2), and learn from them."""
+        u = self._model.motor.scale.to_unit(np.asarray(q, dtype=float))
+        v = self._model.sensory.scale.to_unit(np.asarray(x, dtype=float))
+        step = None
+        for first in range(0, len(u), BLOCK):
+            step = self._feed(u[first : first + BLOCK], v[first : first + BLOCK])
+        if step is None:
+            raise OptionError("no samples: expected one or more rows")
+        return step
+
+    def _feed(self, u: Array, v: Array) -> Step:
+        motor, sensory = self._map("motor"), self._map("sensory")
+        expected = self._watch(motor, sensory, u, v)
+        self._seen += len(u)
+        if not self.adapting and (self._force or self._fired(expected)):
+            self._reset()
+        if not self.adapting:
+            return self._step(expected, 0.0, 0.0, 0.0)
+        for name, network, points in (("motor", motor, u), ("sensory", sensory, v)):
+            self._form(name, network, points)
+        wiring = self._model.association.wiring
+        t = np.minimum(self._since + np.arange(len(u)), self._horizon)
+        beta = _BETA * np.exp(1.0 - t / self._horizon)  # eq. 12
+        eta = _ETA * np.exp(1.0 - t / self._horizon)
+        a = wiring.activity(self._map("motor"), u).toarray()
+        b = wiring.activity(self._map("sensory"), v).toarray()
+        for a_motor, a_sensory, e, f in zip(a, b, eta, beta, strict=True):
+            oja(self._links.T, a_motor, a_sensory, float(e), float(f))  # eq. 11
+        self._since += len(u)
+        scale = self._model.sensory.scale
+        self._q.append(self._model.motor.scale.from_unit(u))
+        self._x.append(scale.from_unit(v))
+        while sum(map(len, self._x)) - len(self._x[0]) >= _KEPT:
+            del self._q[0], self._x[0]
+        return self._step(expected, self._sigma("sensory", t[-1:])[0], eta[-1], beta[-1])
+
+    def model(self) -> Model:
+        """The model as it stands, with local models of the latest samples.
+
+        Its links are where eq. 11 comes to rest for the latest samples.  Nodes that the
+        stream has not visited since the change have none: what is no longer reached is no
+        longer promised.
+        """
+        model = self._model
+        if not self.adapting:
+            return model
+        motor, sensory = self._map("motor"), self._map("sensory")
+        q, x = np.concatenate(self._q), np.concatenate(self._x)
+        # a short stream may have been shown again and again
+        first = np.sort(np.unique(np.hstack([q, x]), axis=0, return_index=True)[1])
+        u, x = motor.scale.to_unit(q[first]), x[first]
+        if len(u) < MOST_ROWS:
+            rng = np.random.default_rng(model.about.seed)
+            teacher = learn_teacher(motor.scale, model.about.revolute, u, x, rng)
+            u = teacher.imagine(rng)
+            x = teacher.value(u)
+        wiring = model.association.wiring
+        links = wiring.learn(motor, u, sensory, sensory.scale.to_unit(x))
+        selected = select(motor, model.about.revolute, u, x)
+        visited = np.bincount(motor.nearest(u)[1][:, 0], minlength=motor.size) > 0
+        return replace(
+            model,
+            association=Association(motor, sensory, links, wiring),
+            predictor=selected.predictor,
+            visited=visited,
+        )
+
+    def _map(self, name: str) -> Map:
+        network: Map = getattr(self._model, name)
+        return Map(self._weights[name], network.lattice, network.scale, network.history)
+
+    def _watch(self, motor: Map, sensory: Map, u: Array, v: Array) -> float:
+        """Update the running means; return the sensory distortion that is to be expected."""
+        model = self._model
+        share = min(1.0, len(u) / _WINDOW)
+        distance, winner = (part[:, 0] for part in sensory.nearest(v))
+        some = slice(0, None, _GLANCE)
+        gap = (self._say(motor, u[some]) - v[some]) * sensory.scale.span
+        found = {
+            "motor": float(np.mean(motor.nearest(u)[0] ** 2)),
+            "sensory": float(np.mean(distance**2)),
+            "error": float(np.linalg.norm(gap, axis=1).mean()),
+        }
+        for name, value in found.items():
+            self._mean[name] = (1 - share) * self._mean.get(name, value) + share * value
+        if model.baseline is None:
+            return math.inf
+        chance = _FIRED * math.sqrt(model.baseline.spread[1] / _WINDOW)
+        # distances scale with the lattice: a larger arm's nodes stand further apart
+        size = (sensory.spacing / model.sensory.spacing) ** 2
+        size *= _SETTLED if self.adapting else 1.0
+        return float(model.baseline.sensory[winner].mean()) * size * (1.0 + chance)
+
+    def _say(self, motor: Map, u: Array) -> Array:
+        """Readout ``activity`` of the dense links, (n, 2) in the sensory unit box."""
+        a = self._model.association.wiring.activity(motor, u)
+        k = a.nnz // len(u)
+        nodes, weight = a.indices.reshape(-1, k), a.data.reshape(-1, k)
+        strength = np.einsum("jnk,nk->nj", self._links[:, nodes], weight)
+        total = strength.sum(axis=1, keepdims=True)
+        return np.asarray(strength @ self._weights["sensory"] / np.maximum(total, 1e-30))
+
+    def _fired(self, expected: float) -> bool:
+        errors = self._model.about.errors
+        usual = errors["activity"]["forward"]["distance"]["mean"] if errors else math.inf
+        noise = self._model.baseline.noise if self._model.baseline else 0.0
+        return self._seen >= _WINDOW / 2 and (
+            self._mean["sensory"] > expected or self._mean["error"] > 2.0 * usual + 2.0 * noise
+        )
+
+    def _reset(self) -> None:
+        """Set sigma to where training had the same distortion (eq. 10)."""
+        self._since = 0
+        for name in self._start:
+            network: Map = getattr(self._model, name)
+            self._start[name] = max(
+                _SIGMA_END, matching_sigma(network, math.sqrt(self._mean[name]))
+            )
+
+    def _sigma(self, name: str, t: NDArray[np.int_]) -> Array:
+        start = self._start[name]
+        # eq. 10: exp(-(t + tau) / T) with T such that it ends at half a node
+        return np.asarray(start * (_SIGMA_END / start) ** (t / self._horizon))
+
+    def _form(self, name: str, network: Map, points: Array) -> None:
+        t = np.minimum(self._since + np.arange(len(points)), self._horizon)
+        share = t / self._horizon
+        rate = _ALPHA[0] * (_ALPHA[1] / _ALPHA[0]) ** share
+        rule = str(self._model.about.options.get("map", "vdsom"))
+        try:
+            gain = gain_of(rule)
+        except OptionError:  # a function that the model file could not keep
+            gain = gain_of("vdsom")
+        weights = self._weights[name]
+        if gain is not None:
+            distance, winner = network.nearest(points)
+            visit = Visit(float(share[-1]), winner[:, 0], distance[:, 0], weights, network.lattice)
+            rate = rate * gain(visit)
+        self._weights[name] = weights = weights.copy()
+        assert isinstance(network.lattice, Lattice)  # noqa: S101 - checked at the start
+        present(weights, network.lattice, points, self._sigma(name, t), rate)
+
+    def _step(self, expected: float, sigma: float, eta: float, beta: float) -> Step:
+        return Step(
+            self._seen,
+            self._mean["motor"],
+            self._mean["sensory"],
+            expected,
+            self._mean["error"],
+            float(sigma),
+            float(eta),
+            float(beta),
+            self.adapting,
+        )
+
+
+def follow(
+    model: Model, q: Array, x: Array, *, horizon: int = HORIZON, force: bool = False
+) -> Iterator[tuple[Step, OnlineAdapter]]:
+    """Let a model follow a stream, block by block: the paper's adaptation curves.
+
+    Parameters
+    ----------
+    model : Model
+        Where to start.
+    q, x : (n, dof), (n, 2) array [rad or m], [unit]
+        Samples in the order in which they come.
+    horizon, force
+        See :class:`OnlineAdapter`.
+
+    Yields
+    ------
+    step : Step
+        Distortion, error and schedules after each block.
+    adapter : OnlineAdapter
+        ``adapter.model()`` is the model at that point.
+    """
+    adapter = OnlineAdapter(model, horizon, force=force)
+    for first in range(0, len(q), BLOCK):
+        yield adapter.feed(q[first : first + BLOCK], x[first : first + BLOCK]), adapter

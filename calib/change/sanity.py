@@ -1,0 +1,166 @@
+"""Sanity: whether a log can be compared with a model at all, and what looks wrong."""
+
+from __future__ import annotations
+
+import itertools
+from dataclasses import dataclass
+from typing import TYPE_CHECKING
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ..common.robust import robust_solve
+from ..errors import LogError
+from .features import Frame
+
+if TYPE_CHECKING:
+    from ..model.model import Model
+    from ..samples.samples import Samples
+
+Array = NDArray[np.float64]
+
+LEAST_ROWS = 10
+"""Fewest different rows that a judgement or a correction can rest on."""
+
+_SWAPPED = 0.2  # residual by which exchanged columns must fit better
+_CORNER = 0.5  # share of a joint's range below which it is said how little was covered
+
+
+@dataclass(frozen=True, eq=False)
+class Comparable:
+    """The rows of a log that a model can be compared with.
+
+    Attributes
+    ----------
+    u, x : (n, dof), (n, 2) array
+        Joints in the unit box and positions, repeated rows once.
+    rows : (n,) int array
+        Where they stand in the log.
+    left_out : int
+        Rows outside of what the model has learned.
+    notes : tuple of str
+        What the user should be told.
+    """
+
+    u: Array
+    x: Array
+    rows: NDArray[np.intp]
+    left_out: int
+    notes: tuple[str, ...]
+
+
+def comparable(model: Model, log: Samples) -> Comparable:
+    """Find the rows that can be compared.
+
+    Raises
+    ------
+    LogError
+        If the log is of another arm, too short, or looks as if its columns were exchanged
+        or in degrees.
+    """
+    about = model.about
+    if log.joint_names != about.joint_names:
+        if sorted(log.joint_names) == sorted(about.joint_names):
+            order = [log.joint_names.index(name) for name in about.joint_names]
+            log_q = log.q[:, order]
+        else:
+            raise LogError(
+                f"the log's joints are {', '.join(log.joint_names)}, the model's are "
+                f"{', '.join(about.joint_names)}: give a log of the same arm"
+            )
+    else:
+        log_q = log.q
+    table = np.hstack([log_q, log.x])
+    first = np.sort(np.unique(table, axis=0, return_index=True)[1])
+    notes = []
+    if len(first) < len(table):
+        notes.append(f"{len(table) - len(first)} repeated rows count once")
+    if len(first) < LEAST_ROWS:
+        raise LogError(
+            f"the log has {len(first)} different rows, expected at least {LEAST_ROWS}: measure "
+            "more poses, spread over the joints' ranges"
+        )
+    q, x = log_q[first], log.x[first]
+    u = model.motor.scale.to_unit(q)
+    known = np.isfinite(model.expected_error(q))
+    _check_degrees(model, q, known)
+    if np.count_nonzero(known) < LEAST_ROWS:
+        raise LogError(
+            f"{np.count_nonzero(known)} of the log's {len(first)} different rows lie within "
+            f"what the model has learned, expected at least {LEAST_ROWS}: {_range_of(model, q)}"
+        )
+    left_out = int(np.count_nonzero(~known))
+    if left_out:
+        notes.append(f"{left_out} rows outside of what the model has learned are left out")
+    u, x, q = u[known], x[known], q[known]
+    _check_swapped(model, q, u, x)
+    notes += _coverage(model, u)
+    return Comparable(u, x, first[known], left_out, tuple(notes))
+
+
+def _check_degrees(model: Model, q: Array, known: NDArray[np.bool_]) -> None:
+    if np.mean(known) > 0.5:
+        return
+    turning = np.array(model.about.revolute)
+    for factor, remedy in ((np.pi / 180, "give --degrees"), (180 / np.pi, "leave out --degrees")):
+        if not turning.any():
+            return
+        fits = np.isfinite(model.expected_error(np.where(turning, q * factor, q)))
+        if fits.mean() > 0.9:
+            other = "degrees" if factor < 1 else "radians read as degrees"
+            raise LogError(f"the log's joint values look like {other}: {remedy}")
+
+
+def _check_swapped(model: Model, q: Array, u: Array, x: Array) -> None:
+    """Refuse a log that fits only with its joint columns exchanged."""
+    dof = q.shape[1]
+    if dof < 2 or dof > 4:
+        return
+
+    def misfit(columns: Array) -> float:
+        inside = np.isfinite(model.expected_error(columns))
+        if np.mean(inside) < 0.9:
+            return float("inf")
+        said = model.predictor.value(model.motor.scale.to_unit(columns[inside]))
+        features = Frame.of(said, 1).values(said)
+        gap = x[inside] - features @ robust_solve(features, x[inside])
+        return float(np.median(np.linalg.norm(gap, axis=1)))
+
+    mine = misfit(q)
+    own = np.median(model.expected_error(model.motor.scale.from_unit(u)))
+    if mine <= 5.0 * own:
+        return
+    names = model.about.joint_names
+    for order in itertools.permutations(range(dof)):
+        if list(order) != sorted(order) and misfit(q[:, list(order)]) < _SWAPPED * mine:
+            pairs = ",".join(
+                f"{names[k]}={names[j]}" for k, j in enumerate(order) if names[k] != names[j]
+            )
+            raise LogError(
+                f"the log fits the model only if its joint columns are exchanged: give "
+                f"--columns {pairs}, or correct the log's header"
+            )
+
+
+def _coverage(model: Model, u: Array) -> list[str]:
+    notes = []
+    for name, low, high in zip(
+        model.about.joint_names, u.min(axis=0).tolist(), u.max(axis=0).tolist(), strict=True
+    ):
+        if high - low < _CORNER:
+            notes.append(
+                f"the log covers {100 * (high - low):.0f} % of the learned range of {name}: "
+                "elsewhere little can be said"
+            )
+    return notes
+
+
+def _range_of(model: Model, q: Array) -> str:
+    for k, name in enumerate(model.about.joint_names):
+        low, high = float(model.about.lower[k]), float(model.about.upper[k])
+        if q[:, k].min() < low or q[:, k].max() > high:
+            return (
+                f"{name} goes {q[:, k].min():.4g} to {q[:, k].max():.4g}, learned was "
+                f"{low:.4g} to {high:.4g}"
+            )
+    return "no sample of the training was near them"

@@ -1,0 +1,1 @@
+"""Common: helpers that know nothing of robots: files, scales, checks, threads, words."""

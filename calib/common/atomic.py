@@ -1,0 +1,211 @@
+"""Files that are written whole or not at all."""
+
+from __future__ import annotations
+
+import errno
+import os
+import re
+import secrets
+import stat
+import sys
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager, suppress
+from pathlib import Path
+from typing import BinaryIO
+
+from ..errors import CalibError
+
+if sys.platform != "win32":
+    import fcntl
+
+_LEFTOVER = re.compile(r"\.calib-[0-9a-f]{16}\.tmp")
+
+
+def atomic_write(path: str | os.PathLike[str], data: bytes | Callable[[BinaryIO], object]) -> None:
+    """Write a file so that at any moment the old or the new one is whole.
+
+    The data go to a temporary file in the same folder, are synced to the disk and take
+    the place of `path` in one step. Whatever goes wrong, Ctrl-C included, the old file
+    stays and the temporary one is removed; that of a process that was killed is removed by
+    the next one that writes into the folder. Of two writers the last to end wins.
+
+    A symbolic link is followed: its target is replaced and the link stays. The
+    permissions of an older file are kept, a new one follows the umask. What is no
+    regular file (a pipe, a device) is written to directly.
+
+    Parameters
+    ----------
+    path : path-like
+        Where the file shall be.
+    data : bytes or callable
+        The content, or a function that writes it to the binary file that it is given.
+
+    Raises
+    ------
+    CalibError
+        If the folder is missing, a permission is lacking or the disk is full.
+    BrokenPipeError
+        If the reader of a pipe has left.
+
+    Examples
+    --------
+    >>> atomic_write("numbers.txt", b"1 2 3")
+    >>> atomic_write("numbers.txt", lambda file: file.write(b"4 5 6"))
+    """
+    with _told(path):
+        target, mode = _target(path)
+        if mode is None or stat.S_ISREG(mode):
+            _replace(target, mode, data)
+            _sweep(target.parent)
+        else:
+            with target.open("wb") as file:
+                _fill(file, data)
+
+
+def check_writable(path: str | os.PathLike[str]) -> None:
+    """Refuse a place that cannot be written, before the work whose result goes there.
+
+    Raises
+    ------
+    CalibError
+        If the folder is missing or write-protected, or `path` is a folder or write-protected.
+    """
+    with _told(path):
+        _target(path)
+
+
+@contextmanager
+def _told(path: str | os.PathLike[str]) -> Iterator[None]:
+    try:
+        yield
+    except BrokenPipeError:  # no fault of ours: who read has seen enough
+        raise
+    except OSError as error:
+        raise CalibError(f"cannot write {os.fspath(path)!r}: {_reason(path, error)}") from error
+
+
+def _target(path: str | os.PathLike[str]) -> tuple[Path, int | None]:
+    """Return the file behind `path` and its mode, None if there is none yet."""
+    if "\0" in os.fspath(path):
+        raise OSError(errno.EINVAL, "its name holds a null character")
+    try:
+        mode = Path(path).stat().st_mode
+    except FileNotFoundError:
+        mode = None
+    if mode is not None and stat.S_ISDIR(mode):
+        raise IsADirectoryError(errno.EISDIR, "a folder")
+    if mode is not None and not os.access(path, os.W_OK):
+        raise PermissionError(errno.EACCES, "write-protected")
+    if mode is not None and not stat.S_ISREG(mode):
+        return Path(path), mode  # /dev/stdout may be a pipe, which has no other name
+    target = Path(os.path.realpath(path))
+    if not target.parent.is_dir():
+        raise FileNotFoundError(errno.ENOENT, "no such folder")
+    if not os.access(target.parent, os.W_OK):
+        raise PermissionError(errno.EACCES, "its folder is write-protected")
+    return target, mode
+
+
+def _replace(target: Path, mode: int | None, data: bytes | Callable[[BinaryIO], object]) -> None:
+    temporary, handle, lock = _create(target.parent, private=mode is not None)
+    try:
+        with os.fdopen(handle, "wb") as file:
+            if mode is not None:
+                temporary.chmod(stat.S_IMODE(mode))
+            _fill(file, data)
+            file.flush()
+            os.fsync(file.fileno())
+        os.replace(temporary, target)  # noqa: PTH105
+    except BaseException:  # Ctrl-C too must leave nothing behind
+        with suppress(OSError):
+            temporary.unlink()
+        raise
+    finally:
+        if lock is not None:
+            os.close(lock)
+    _sync_folder(target.parent)
+
+
+def _create(folder: Path, *, private: bool) -> tuple[Path, int, int | None]:
+    """Make a temporary file, at first for nobody else if what it replaces may be private.
+
+    Its lock, which the kernel drops with the process, tells others that it is in use. It is
+    held by a handle of its own: the file is closed before it is renamed, as Windows wants.
+    """
+    flags = os.O_CREAT | os.O_EXCL | os.O_WRONLY | getattr(os, "O_BINARY", 0)
+    while True:
+        temporary = folder / f".calib-{secrets.token_hex(8)}.tmp"
+        handle = os.open(temporary, flags, 0o600 if private else 0o666)  # less the umask
+        lock = _lock(handle)
+        if temporary.exists():
+            return temporary, handle, lock
+        os.close(handle)  # another one took it for a leftover before it was locked
+        if lock is not None:
+            os.close(lock)
+
+
+def _lock(handle: int) -> int | None:
+    """Lock a file until the handle that is returned is closed; None where there are no locks."""
+    if sys.platform == "win32":
+        return None
+    try:
+        lock = os.dup(handle)
+    except OSError:
+        return None
+    with suppress(OSError):
+        fcntl.flock(lock, fcntl.LOCK_EX)
+    return lock
+
+
+def _sweep(folder: Path) -> None:
+    """Remove what writers that were killed have left: nobody has locked it."""
+    if sys.platform == "win32":
+        return
+    with suppress(OSError):
+        for name in os.listdir(folder):  # noqa: PTH208
+            if _LEFTOVER.fullmatch(name):
+                _remove_leftover(folder / name)
+
+
+def _remove_leftover(path: Path) -> None:
+    if sys.platform == "win32" or not stat.S_ISREG(path.lstat().st_mode):
+        return
+    with suppress(OSError):
+        handle = os.open(path, os.O_RDWR | os.O_NOFOLLOW)
+        try:
+            fcntl.flock(handle, fcntl.LOCK_EX | fcntl.LOCK_NB)
+            path.unlink()
+        finally:
+            os.close(handle)
+
+
+def _fill(file: BinaryIO, data: bytes | Callable[[BinaryIO], object]) -> None:
+    if callable(data):
+        data(file)
+    else:
+        file.write(data)
+
+
+def _sync_folder(folder: Path) -> None:
+    """Make the new name survive a power cut, where the system can do so."""
+    with suppress(OSError):
+        handle = os.open(folder, os.O_RDONLY)
+        try:
+            os.fsync(handle)
+        finally:
+            os.close(handle)
+
+
+def _reason(path: str | os.PathLike[str], error: OSError) -> str:
+    if isinstance(error, IsADirectoryError):
+        return "it is a folder; name a file in it"
+    if isinstance(error, FileNotFoundError):
+        folder = Path(os.path.realpath(path) if Path(path).is_symlink() else path).parent
+        return f"there is no folder {str(folder)!r}; make it first"
+    if isinstance(error, PermissionError):
+        return "permission denied; choose another place with -o or change its permissions"
+    if error.errno in (errno.ENOSPC, errno.EDQUOT):
+        return "the disk is full; make room or choose another place"
+    if error.errno == errno.EFBIG:
+        return "it is larger than files may be here (ulimit -f); raise the limit"
+    return f"{error.strerror or error}; choose another name or place"

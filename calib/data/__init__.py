@@ -1,1 +1,0 @@
-"""Data: samples, simulated by babbling or read from a measured log."""

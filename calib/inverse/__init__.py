@@ -1,0 +1,1 @@
+"""Inverse: from a position to joints: starts, Newton steps, branches, self-motions."""

@@ -1,0 +1,261 @@
+"""Newton: damped steps of the joints towards a target, inside of their limits."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from functools import cached_property
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ..common.scale import Scale
+from ..maps.predictor import Predictor
+
+Array = NDArray[np.float64]
+
+ROUNDING = 1e-15
+"""Share of the extent below which a target is met as well as numbers allow."""
+
+CLOSE = 1e-9
+"""Share of the extent below which joints may slide along a self-motion."""
+
+_STEPS = 40  # most iterations
+_CALM = 1e-3  # damping of a single step, as a share of the Jacobian's power
+_CHUNK = 4096  # rows at once: what is held of them fits into the cache
+_SLIDES = 25  # most slides towards the joints that are wished for
+_SETTLED = 1e-6  # of the joints' range: a slide that is shorter is the last
+_SLACK = 2e-6  # of the joints' range: a slide that has come so close to a limit is there
+_LONGEST = 0.25  # of the joints' range: no slide is longer
+
+
+@dataclass(frozen=True)
+class Newton:
+    """Solves forward(q) = x from a start, in the unit box.
+
+    Attributes
+    ----------
+    predictor : Predictor
+        The learned forward map, whose own Jacobian is used.
+    scale : Scale
+        Range of the joints; knows which of them go round.
+    extent : float
+        Diagonal of the workspace [unit].
+    """
+
+    predictor: Predictor
+    scale: Scale
+    extent: float
+
+    def refine(self, u: Array, x: Array, tolerance: float = ROUNDING) -> tuple[Array, Array]:
+        """Damped Newton steps (Levenberg-Marquardt) inside of the box.
+
+        A joint at a limit that a step would push further is left out of that step, so that
+        the others take over.
+
+        Parameters
+        ----------
+        u, x : (n, dof), (n, 2) array
+            Starts in the unit box and their targets.
+        tolerance : float
+            Share of the extent at which a target counts as met.
+
+        Returns
+        -------
+        u : (n, dof) array
+            The nearest attainable point that was found from each start.
+        distance : (n,) array
+            What is left between its position and the target.
+        """
+        if len(u) <= _CHUNK:
+            return self._refine(u, x, tolerance)
+        parts = [
+            self._refine(u[i : i + _CHUNK], x[i : i + _CHUNK], tolerance)
+            for i in range(0, len(u), _CHUNK)
+        ]
+        return np.concatenate([p[0] for p in parts]), np.concatenate([p[1] for p in parts])
+
+    def _refine(self, start: Array, target: Array, tolerance: float) -> tuple[Array, Array]:
+        # coordinates come first here, so that every operation runs along the rows
+        u, x = self._clip(start.T.copy()), target.T
+        value, slope = self._evaluate(u)
+        gap = x - value
+        left = np.sqrt(gap[0] * gap[0] + gap[1] * gap[1])
+        met, rounding = tolerance * self.extent, max(tolerance, 1e-12) * self.extent
+        rows = np.flatnonzero(left > met)
+        best_u, best_left = u, left.copy()
+        if len(rows) < len(left):
+            u, x, gap, left, slope = (part[..., rows] for part in (u, x, gap, left, slope))
+        else:
+            u = u.copy()
+        damping = np.full(len(rows), 1e-9)
+        for _ in range(_STEPS):
+            if not len(rows):
+                break
+            trial = self._clip(u + self._step(u, slope, gap, damping))
+            value, trial_slope = self._evaluate(trial)
+            trial_gap = x - value
+            now = np.sqrt(trial_gap[0] * trial_gap[0] + trial_gap[1] * trial_gap[1])
+            if now.max() <= met:
+                u, left = trial, now
+                break
+            moved = np.abs(trial - u).max(axis=0)
+            better = now < left
+            stalled = (left - now < 1e-9 * left) & (better | (left < rounding))
+            if better.all():
+                u, gap, left, slope = trial, trial_gap, now, trial_slope
+                damping *= 1 / 30
+            else:
+                u = np.where(better, trial, u)
+                gap = np.where(better, trial_gap, gap)
+                left = np.where(better, now, left)
+                slope = np.where(better, trial_slope, slope)
+                damping = np.where(better, damping / 30, np.maximum(damping * 30, 1e-6))
+            damping = np.maximum(damping, 1e-12)
+            done = stalled | (left < met) | (moved < 1e-15) | (damping > 1e3)
+            if done.all():
+                break
+            if done.any():
+                best_u[:, rows[done]], best_left[rows[done]] = u[:, done], left[done]
+                keep = np.flatnonzero(~done)
+                rows, damping = rows[keep], damping[keep]
+                u, x, gap, left, slope = (part[..., keep] for part in (u, x, gap, left, slope))
+        if len(rows) == len(best_left):
+            return u.T, left
+        best_u[:, rows], best_left[rows] = u, left
+        return best_u.T, best_left
+
+    def _step(self, u: Array, slope: Array, gap: Array, damping: Array) -> Array:
+        """J' (J J' + damping)^-1 gap, with the joints that may move, (dof, n)."""
+        push = slope[:, 0] * gap[0] + slope[:, 1] * gap[1]
+        slope = self._masked(u, slope, push)
+        a, b = slope[:, 0], slope[:, 1]
+        aa, bb, ab = _dot(a, a), _dot(b, b), _dot(a, b)
+        extra = damping * (aa + bb)
+        aa, bb = aa + extra, bb + extra
+        det = np.maximum(aa * bb - ab * ab, 1e-300)
+        first, second = (bb * gap[0] - ab * gap[1]) / det, (aa * gap[1] - ab * gap[0]) / det
+        return np.asarray(a * first + b * second)
+
+    def settle(
+        self, u: Array, x: Array, near: Array, longest: float = _LONGEST
+    ) -> tuple[Array, Array]:
+        """Slide redundant joints along their self-motion towards `near`, on target.
+
+        The null space of the Jacobian is left free by the target; each move within it is
+        followed by :meth:`refine`, and kept if it is closer.  The length of a move follows
+        from the last one (Barzilai and Borwein 1988), because the self-motion is curved.
+
+        Parameters
+        ----------
+        u, x, near : (n, dof), (n, 2), (n, dof) array
+            Starts, their targets, and the joints that are wished for.
+        longest : float
+            No slide is longer, in shares of the joints' range.
+
+        Returns
+        -------
+        u : (n, dof) array
+            Locally closest solutions.
+        distance : (n,) array
+            What is left between their position and the target.
+        """
+        if u.shape[1] <= 2:
+            return self.refine(u, x)
+        u, left = self.refine(u, x, CLOSE)
+        u = u.copy()
+        rows = np.flatnonzero(left <= CLOSE * self.extent)
+        at, share = u[rows], np.ones(len(rows))
+        pull = self.tangent(at, self.scale.difference(near[rows], at))
+        for _ in range(_SLIDES):
+            going = np.linalg.norm(share[:, None] * pull, axis=1) > _SETTLED
+            if not going.all():
+                u[rows[~going]] = at[~going]
+                rows, at, share, pull = rows[going], at[going], share[going], pull[going]
+            if not len(rows):
+                break
+            move = share[:, None] * pull
+            length = np.linalg.norm(move, axis=1)
+            move *= np.minimum(1.0, longest / length)[:, None]
+            trial, after = self.refine(at + move, x[rows], CLOSE)
+            wish = self.scale.difference(near[rows], at)
+            wish_now = self.scale.difference(near[rows], trial)
+            good = (after <= CLOSE * self.extent) & (
+                np.linalg.norm(wish_now, axis=1) < np.linalg.norm(wish, axis=1)
+            )
+            pull_now = self.tangent(trial, wish_now)
+            moved = self.scale.difference(trial, at)
+            turned = np.einsum("nd,nd->n", moved, pull - pull_now)
+            fit = np.einsum("nd,nd->n", moved, moved) / np.where(turned > 0, turned, np.inf)
+            share = np.where(good, np.clip(np.where(turned > 0, fit, 1.5), 0.1, 3.0), share / 4)
+            at = np.where(good[:, None], trial, at)
+            pull = np.where(good[:, None], pull_now, pull)
+        u[rows] = at
+        return self.refine(u, x)
+
+    def rate(self, u: Array, gap: Array) -> Array:
+        """Small damped moves (n, dof) of the joints `u` that carry the tip along `gap` (n, 2).
+
+        Near a stretched or folded pose the damping keeps them short.
+        """
+        slope = self._evaluate(u.T)[1]
+        return np.asarray(self._step(u.T, slope, gap.T, np.full(len(u), _CALM)).T)
+
+    def tangent(self, u: Array, wish: Array) -> Array:
+        """What of a wished move (n, dof) leaves the position as it is, limits kept."""
+        slope = self._evaluate(u.T)[1]
+        place, move = u.T, wish.T
+        blocked = np.zeros(place.shape, dtype=bool)
+        for _ in range(u.shape[1]):
+            free = np.where(blocked[:, None], 0.0, slope)
+            a, b = free[:, 0], free[:, 1]
+            aa, bb, ab = _dot(a, a), _dot(b, b), _dot(a, b)
+            extra = 1e-12 * (aa + bb)
+            aa, bb = aa + extra, bb + extra
+            wanted = np.where(blocked, 0.0, wish.T)
+            va, vb = _dot(a, wanted), _dot(b, wanted)
+            det = np.maximum(aa * bb - ab * ab, 1e-300)
+            move = wanted - a * ((bb * va - ab * vb) / det) - b * ((aa * vb - ab * va) / det)
+            more = ~blocked & self._outward(place, move, _SLACK)
+            if not more.any():
+                break
+            blocked |= more
+        return np.asarray(move.T)
+
+    def clip(self, u: Array) -> Array:
+        """Points (n, dof) moved into the unit box; a periodic joint goes round instead."""
+        return self._clip(u.T.copy()).T
+
+    def _clip(self, u: Array) -> Array:
+        inside = np.minimum(np.maximum(u, 0.0), 1.0)
+        if self._round:
+            for k in np.flatnonzero(self.scale.periodic):
+                inside[k] = u[k] % 1.0
+        return inside
+
+    def _masked(self, u: Array, slope: Array, push: Array) -> Array:
+        """Jacobians (dof, 2, n) without the joints that would be pushed over a limit."""
+        stuck = self._outward(u, push)
+        return np.where(stuck[:, None], 0.0, slope) if stuck.any() else slope
+
+    def _outward(self, u: Array, push: Array, slack: float = 0.0) -> NDArray[np.bool_]:
+        """Which joints stand at a limit and are pushed over it, (dof, n)."""
+        stuck = (u <= slack) & (push < 0.0) | (u >= 1.0 - slack) & (push > 0.0)
+        if self._round:
+            stuck &= ~self.scale.periodic[:, None]
+        return np.asarray(stuck)
+
+    @cached_property
+    def _round(self) -> bool:
+        return bool(self.scale.periodic.any())
+
+    def _evaluate(self, u: Array) -> tuple[Array, Array]:
+        """Position (2, n) and Jacobian (dof, 2, n) at the points `u` (dof, n)."""
+        value, slope = self.predictor.value_and_slope(u.T)
+        return value.T, slope.transpose(2, 1, 0)
+
+
+def _dot(a: Array, b: Array) -> Array:
+    """Sum over the joints of products, (n,)."""
+    if len(a) == 2:
+        return np.asarray(a[0] * b[0] + a[1] * b[1])
+    return np.asarray((a * b).sum(axis=0))

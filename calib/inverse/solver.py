@@ -1,0 +1,235 @@
+"""Inverse: from a position to joints, through the links and the learned forward map."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from functools import cached_property
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ..common.scale import Scale
+from ..maps.association import Association
+from ..maps.predictor import Predictor
+from .closest import closest
+from .newton import CLOSE, Newton
+from .self_motions import representatives
+from .singular_points import twins
+from .starts import Starts
+
+Array = NDArray[np.float64]
+Index = NDArray[np.intp]
+
+SAME = 1e-5
+"""Solutions closer than this share of the joints' range are one."""
+
+_ALIKE = 4.0  # node spacings: solutions of redundant joints that are about as close
+_WIDE = 8  # sensory nodes whose partners are tried where others have failed
+
+
+@dataclass(frozen=True)
+class Solver:
+    """Solves forward(q) = x inside of the joints' range.
+
+    Attributes
+    ----------
+    association : Association
+        Its links propose where to start: every motor node that was ever active with the
+        target, so every branch is among them.
+    predictor : Predictor
+        The learned forward map, whose own Jacobian is used.
+    """
+
+    association: Association
+    predictor: Predictor
+
+    @cached_property
+    def extent(self) -> float:
+        """Diagonal of the workspace [unit]."""
+        return float(np.linalg.norm(self.association.sensory.scale.span))
+
+    @cached_property
+    def newton(self) -> Newton:
+        """Damped steps towards a target."""
+        return Newton(self.predictor, self.scale, self.extent)
+
+    @cached_property
+    def starts(self) -> Starts:
+        """Where the links say that a solution may be."""
+        return Starts(self.association, self.newton)
+
+    @property
+    def scale(self) -> Scale:
+        """Range of the joints."""
+        return self.association.motor.scale
+
+    def solve(self, x: Array, near: Array) -> tuple[Array, Array]:
+        """The solution of each target that is nearest to given joints.
+
+        Parameters
+        ----------
+        x, near : (n, 2), (n, dof) array
+            Targets, and joints in the unit box.
+
+        Returns
+        -------
+        u : (n, dof) array
+            Joints in the unit box; of a target out of reach those of the nearest attainable
+            point.
+        distance : (n,) array
+            What is left to the target.
+        """
+        if near.shape[1] <= 2:
+            u, left = self._from_starts(x, near)
+        else:
+            # redundant joints: from the wished ones on; the links where that leads far away
+            u, left = self.newton.settle(self.clip(near), x, near)
+            away = np.linalg.norm(self.scale.difference(u, near), axis=1)
+            unsure = (left > CLOSE * self.extent) | (away > _ALIKE * self._spacing)
+            rows = np.flatnonzero(unsure)
+            if len(rows):
+                self._take_better(u, left, rows, *self._from_starts(x[rows], near[rows]), near)
+        return self._rescued(u, left, x, near)
+
+    def _from_starts(self, x: Array, near: Array) -> tuple[Array, Array]:
+        """Solutions from the starts that are closest to the joints wished for."""
+        start, step, folded = self.starts.of(x)
+        n, dof = start.shape[0], start.shape[2]
+        gap = self.scale.difference(start, near[:, None])
+        away = np.sqrt((gap * gap).sum(axis=2))
+        away[np.isnan(away)] = np.inf
+        rows = np.arange(n)
+        first = away.argmin(axis=1)
+        u, left = self.newton.settle(start[rows, first], x, near)
+        # a second start that may lead closer, because a start is not yet a solution
+        nearest, doubt = away[rows, first], step[rows, first]
+        away[rows, first] = np.inf
+        second = away.argmin(axis=1)
+        margin = self._spacing * (1.0 + doubt + step[rows, second] if dof <= 2 else _ALIKE)
+        met = left <= CLOSE * self.extent
+        again = np.flatnonzero((away[rows, second] < nearest + margin) | ~met)
+        again = again[np.isfinite(away[again, second[again]])]
+        if len(again):
+            other = self.newton.settle(start[again, second[again]], x[again], near[again])
+            self._take_better(u, left, again, *other, near)
+        away[rows, second] = np.inf
+        missed = np.flatnonzero(left > CLOSE * self.extent)
+        if len(missed):
+            row, column = np.nonzero(np.isfinite(away[missed]))
+            row = missed[row]
+            found = self.newton.settle(start[row, column], x[row], near[row])
+            self._take_better(u, left, row, *found, near)
+        folds = np.flatnonzero(folded)
+        if len(folds):
+            row, twin = twins(self.newton, u[folds], self._spacing)
+            owner = folds[row]
+            self._take_better(u, left, owner, *self.newton.refine(twin, x[owner]), near)
+        return u, left
+
+    @property
+    def _spacing(self) -> float:
+        return self.association.motor.spacing
+
+    def _take_better(
+        self, u: Array, left: Array, rows: Index, found: Array, found_left: Array, near: Array
+    ) -> None:
+        """Replace answers in place: a met target before a missed one, then closer joints.
+
+        `rows` says which target each of those found belongs to, ascending.
+        """
+        every = np.concatenate([np.arange(len(u)), rows]) if len(rows) else np.arange(len(u))
+        asked = np.zeros(len(u), dtype=bool)
+        asked[rows] = True
+        every_u, every_left = np.concatenate([u, found]), np.concatenate([left, found_left])
+        use = np.flatnonzero(asked[every])
+        met = every_left[use] <= CLOSE * self.extent
+        away = np.linalg.norm(self.scale.difference(every_u[use], near[every[use]]), axis=1)
+        order = use[np.lexsort((np.where(met, away, every_left[use]), ~met, every[use]))]
+        owner = every[order]
+        best = order[np.append(True, owner[1:] != owner[:-1])] if len(order) else order
+        u[every[best]], left[every[best]] = every_u[best], every_left[best]
+
+    def _rescued(self, u: Array, left: Array, x: Array, near: Array) -> tuple[Array, Array]:
+        """Answers whose targets were missed, tried again from more places."""
+        missed = np.flatnonzero(left > CLOSE * self.extent)
+        if len(missed):
+            for target, start in (
+                self.starts.propose(x[missed], _WIDE),
+                self.starts.around(x[missed]),
+            ):
+                row = missed[target]
+                found = self.newton.settle(start, x[row], near[row])
+                self._take_better(u, left, row, *found, near)
+            missed = np.flatnonzero(left > CLOSE * self.extent)
+            u[missed], left[missed] = closest(self.newton, u[missed], x[missed])
+        return u, left
+
+    def solve_all(self, x: Array) -> tuple[Index, Array, Array]:
+        """Every distinct solution of each target.
+
+        Parameters
+        ----------
+        x : (n, 2) array
+            Targets.
+
+        Returns
+        -------
+        target : (m,) int array
+            Which target each solution belongs to, ascending; of a target out of reach there
+            is one, the nearest attainable point.  Of redundant joints each connected family
+            of solutions has one.
+        u : (m, dof) array
+            Joints in the unit box; of a target the one nearest to the middle comes first.
+        distance : (m,) array
+            What is left to the target.
+        """
+        target, u, left = self.solutions(x)
+        if u.shape[1] > 2 and len(u):
+            target, u = representatives(self.newton, target, u, x)
+            left = np.linalg.norm(self.predictor.value(u) - x[target], axis=1)
+        lost = np.setdiff1d(np.arange(len(x)), target)
+        if len(lost):
+            found, found_left = self.solve(x[lost], np.full((len(lost), u.shape[1]), 0.5))
+            target = np.concatenate([target, lost])
+            u, left = np.concatenate([u, found]), np.concatenate([left, found_left])
+        return self._by_middle(target, u, left)
+
+    def solutions(self, x: Array) -> tuple[Index, Array, Array]:
+        """Solutions of each target as `solve_all` finds them, many of each family."""
+        start, _, folded = self.starts.of(x)
+        target, column = np.nonzero(~np.isnan(start[..., 0]))
+        u = start[target, column]
+        if folded.any():
+            # where branches meet they can change much between neighbouring nodes
+            row, more = self.starts.propose(x[folded], _WIDE)
+            target, u = np.append(target, np.flatnonzero(folded)[row]), np.concatenate([u, more])
+        u, left = self.newton.refine(u, x[target])
+        if u.shape[1] == 2:
+            row, other = twins(self.newton, u, self._spacing)
+            other, other_left = self.newton.refine(other, x[target[row]])
+            target = np.concatenate([target, target[row]])
+            u, left = np.concatenate([u, other]), np.concatenate([left, other_left])
+        met = left <= CLOSE * self.extent
+        target, u, left = self._by_middle(target[met], u[met], left[met])
+        keep = self._distinct(target, u)
+        return target[keep], u[keep], left[keep]
+
+    def _by_middle(self, target: Index, u: Array, left: Array) -> tuple[Index, Array, Array]:
+        """Solutions sorted by target and distance to the middle of the ranges."""
+        away = np.linalg.norm(self.scale.difference(u, np.full_like(u, 0.5)), axis=1)
+        order = np.lexsort((away, target))
+        return target[order], u[order], left[order]
+
+    def _distinct(self, target: Index, u: Array) -> NDArray[np.bool_]:
+        """Which solutions, sorted by target, repeat no earlier one of the same target."""
+        keep = np.ones(len(u), dtype=bool)
+        most = int(np.bincount(target).max(initial=0))
+        for lag in range(1, most):
+            same = np.flatnonzero(target[lag:] == target[:-lag])
+            gap = np.abs(self.scale.difference(u[same + lag], u[same])).max(axis=1)
+            keep[same[gap < SAME] + lag] = False
+        return keep
+
+    def clip(self, u: Array) -> Array:
+        """Points (n, dof) moved into the unit box; a periodic joint goes round instead."""
+        return self.newton.clip(u)

@@ -1,0 +1,235 @@
+"""Starts: joints from which every branch of a target is reached, as the links propose them."""
+
+from __future__ import annotations
+
+import itertools
+from dataclasses import dataclass, field
+from functools import cached_property
+from typing import TYPE_CHECKING
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ..maps.association import Association
+from ..maps.map import search_tree
+from .newton import CLOSE, Newton
+from .singular_points import SINGULAR, singular
+
+if TYPE_CHECKING:
+    from scipy.spatial import cKDTree
+
+Array = NDArray[np.float64]
+Index = NDArray[np.intp]
+
+_SENSORY = 3  # sensory nodes whose partners are looked at
+_REACH = 2.0  # a node's first step is at most so many node spacings long
+_MOST = 60  # proposals of a target
+_CELL = 1.5  # proposals closer than so many node spacings count as one
+_APART = 0.3  # refined starts of two joints closer than so many spacings are one
+_MISSED = 2.0  # a start may miss its sensory node by so many of its spacings
+_WIDTH = {1: 8, 2: 8}  # most starts of a sensory node
+_WIDEST = 32  # the same, of redundant arms
+_RANKS = (1, 2, 3, 5, 8, 13, 21, 34, 55, 89, 144)  # nodes that are tried, nearest first
+_CORNERED = 4  # most joints whose corners are tried as well
+_AHEAD = 48  # sensory nodes that a single query makes known
+_CHUNK = 512  # sensory nodes at once
+
+
+@dataclass(frozen=True, eq=False, repr=False)
+class Starts:
+    """For each sensory node the joints that lead there: one start per branch.
+
+    Every motor node that was ever active with a sensory node is linked to it, so every
+    branch is among them.  They are refined and merged when a sensory node is first asked
+    for, and kept: many targets share them.
+
+    Attributes
+    ----------
+    association : Association
+        The maps and their links.
+    newton : Newton
+        Refines what the links propose.
+    """
+
+    association: Association
+    newton: Newton
+    _known: NDArray[np.bool_] = field(init=False)
+    _u: Array = field(init=False)
+    _value: Array = field(init=False)
+    _inverse: Array = field(init=False)
+    _folded: NDArray[np.bool_] = field(init=False)
+
+    def __post_init__(self) -> None:
+        nodes, dof = self.association.sensory.size, self.association.motor.units.shape[1]
+        width = _WIDTH.get(dof, _WIDEST)
+        object.__setattr__(self, "_known", np.zeros(nodes, dtype=bool))
+        object.__setattr__(self, "_u", np.full((nodes, width, dof), np.nan))
+        object.__setattr__(self, "_value", np.full((nodes, width, 2), np.nan))
+        object.__setattr__(self, "_inverse", np.zeros((nodes, width, dof, 2)))
+        object.__setattr__(self, "_folded", np.zeros(nodes, dtype=bool))
+
+    def of(self, x: Array) -> tuple[Array, Array, NDArray[np.bool_]]:
+        """Starts for the targets `x` (n, 2).
+
+        Returns
+        -------
+        u : (n, k, dof) array
+            Joints in the unit box, one linear step from a start towards the target; NaN
+            where there are fewer than `k`.
+        step : (n, k) array
+            Length of that step in node spacings.
+        folded : (n,) bool array
+            Whether two branches may meet near the target.
+        """
+        motor, sensory = self.association.motor, self.association.sensory
+        node = sensory.nearest(sensory.scale.to_unit(x))[1][:, 0]
+        self._ask(node)
+        inverse = self._inverse[node]
+        gap = (x[:, None] - self._value[node])[..., None, :]
+        move = inverse[..., 0] * gap[..., 0] + inverse[..., 1] * gap[..., 1]
+        length = np.sqrt((move * move).sum(axis=2)) * (1.0 / motor.spacing)
+        long = length > _REACH
+        if long.any():
+            move *= np.where(long, _REACH / np.where(long, length, 1.0), 1.0)[..., None]
+        u = self._u[node] + move
+        u = self.newton.clip(u.reshape(-1, u.shape[2])).reshape(u.shape)
+        return u, length, self._folded[node]
+
+    def _ask(self, nodes: Index) -> None:
+        """Make sure that the starts of these sensory nodes are known."""
+        if self._known[nodes].all():
+            return
+        missing = np.unique(nodes[~self._known[nodes]])
+        if len(missing) < _AHEAD:
+            # single queries follow each other: their neighbours in one go, for later
+            sensory = self.association.sensory
+            k = min(_AHEAD, sensory.size)
+            around = np.unique(sensory.nearest(sensory.units[missing], k)[1])
+            missing = around[~self._known[around]]
+        for first in range(0, len(missing), _CHUNK):
+            self._learn(missing[first : first + _CHUNK])
+        self._known[missing] = True
+
+    def _learn(self, nodes: Index) -> None:
+        sensory = self.association.sensory
+        x = sensory.scale.from_unit(sensory.units[nodes])
+        target, u = self.propose(x)
+        u, left = self.newton.refine(u, x[target], CLOSE)
+        order = np.lexsort((left, target))
+        target, u, left = target[order], u[order], left[order]
+        place = np.arange(len(target)) - np.searchsorted(target, target)
+        width, dof = int(place.max()) + 1, u.shape[1]
+        table, missed = (
+            np.full((len(nodes), width, dof), np.nan),
+            np.full((len(nodes), width), np.inf),
+        )
+        table[target, place], missed[target, place] = u, left
+        kept = self._distinct(table, missed)
+        # the best of each node first, as many as there is room for
+        row, column = np.nonzero(kept)
+        place = np.arange(len(row)) - np.searchsorted(row, row)
+        fits = place < self._u.shape[1]
+        row, column, place = row[fits], column[fits], place[fits]
+        u = table[row, column]
+        value, slope = self.newton.predictor.value_and_slope(u)
+        self._u[nodes[row], place], self._value[nodes[row], place] = u, value
+        self._inverse[nodes[row], place] = damped_inverse(slope, 1e-4)
+        if dof == 2:
+            self._folded[nodes[row[singular(slope, SINGULAR)]]] = True
+
+    def _distinct(self, table: Array, missed: Array) -> NDArray[np.bool_]:
+        """Which of the starts (n, k, dof), best first, are near their node and no repeats."""
+        motor, sensory = self.association.motor, self.association.sensory
+        spacing = sensory.spacing * float(sensory.scale.span.mean())
+        kept = missed <= _MISSED * spacing
+        kept[:, :3] |= ~kept.any(axis=1, keepdims=True) & np.isfinite(missed[:, :3])
+        hit = missed <= CLOSE * self.newton.extent
+        redundant = table.shape[2] > 2
+        apart = np.where(hit, _CELL if redundant else _APART, 1.0) * motor.spacing
+        for k in range(1, table.shape[1]):
+            gap = np.abs(motor.scale.difference(table[:, :k], table[:, k, None])).max(axis=2)
+            close = kept[:, :k] & (gap < np.minimum(apart[:, :k], apart[:, k, None]))
+            kept[:, k] &= ~close.any(axis=1)
+        return kept
+
+    def propose(self, x: Array, sensory_nodes: int = _SENSORY) -> tuple[Index, Array]:
+        """What the links say of the targets `x` (n, 2), unrefined.
+
+        Returns
+        -------
+        target : (m,) int array
+            Which target each proposal belongs to, ascending.
+        u : (m, dof) array
+            Joints in the unit box, one node's linear step towards the target.
+        """
+        motor, sensory = self.association.motor, self.association.sensory
+        partners = self.association.partners
+        seen = sensory.nearest(sensory.scale.to_unit(x), min(sensory_nodes, sensory.size))[1]
+        counts = np.diff(partners.indptr)[seen]
+        flat = np.repeat(np.cumsum(counts) - counts.ravel(), counts.ravel())
+        place = np.arange(len(flat)) - flat + np.repeat(partners.indptr[seen], counts.ravel())
+        target = np.repeat(np.arange(len(x)), counts.sum(axis=1))
+        pair = np.unique(target * motor.size + partners.indices[place])
+        target, node = np.divmod(pair, motor.size)
+
+        value, inverse = self._nodes
+        gap = x[target] - value[node]
+        step = np.einsum("nij,nj->ni", inverse[node], gap)
+        length = np.linalg.norm(step, axis=1) / motor.spacing
+        u = self.newton.clip(motor.units[node] + step / np.maximum(length / _REACH, 1.0)[:, None])
+        close = length <= _REACH
+        # one proposal per cell: the one with the shortest step
+        cell = np.floor(u / (_CELL * motor.spacing)).astype(np.int64)
+        order = np.lexsort((length, *cell.T, target))
+        key = np.column_stack([target, cell])[order]
+        keep = order[np.append(True, np.any(key[1:] != key[:-1], axis=1))]
+        # where none is likely (a target out of reach, a singular pose) the best three
+        rank = np.lexsort((np.linalg.norm(gap[keep], axis=1), ~close[keep], target[keep]))
+        keep = keep[rank]
+        owner = target[keep]
+        place = np.arange(len(keep)) - np.searchsorted(owner, owner)
+        likely = np.bincount(owner, close[keep], minlength=len(x))[owner] > 0
+        keep = keep[(close[keep] & (place < _MOST)) | (~likely & (place < 3))]
+        return target[keep], u[keep]
+
+    def around(self, x: Array) -> tuple[Index, Array]:
+        """Some of the motor nodes whose own positions are near the targets, as `propose`.
+
+        The nearest ones, and fewer and fewer of those further away: of two lobes of the
+        workspace the nearer one can have the further nodes.
+        """
+        ranks = np.array([k for k in _RANKS if k <= self.association.motor.size])
+        index = np.asarray(self._positions.query(x, k=ranks)[1])
+        nodes = np.clip(self.association.motor.units[index], 0.0, 1.0)
+        # no node stands in a corner of the joints' range, where the workspace may end
+        dof = nodes.shape[2]
+        corners = list(itertools.product((0.0, 1.0), repeat=dof)) if dof <= _CORNERED else []
+        corner = np.array(corners).reshape(1, -1, dof).repeat(len(x), axis=0)
+        u = np.concatenate([nodes, corner], axis=1)
+        return np.repeat(np.arange(len(x)), u.shape[1]), u.reshape(-1, dof)
+
+    @cached_property
+    def _positions(self) -> cKDTree:
+        return search_tree(self._nodes[0], self.association.sensory.scale)
+
+    @cached_property
+    def _nodes(self) -> tuple[Array, Array]:
+        """Position (nodes, 2) and damped inverse Jacobian (nodes, dof, 2) of each node."""
+        units = np.clip(self.association.motor.units, 0.0, 1.0)
+        value, slope = self.newton.predictor.value_and_slope(units)
+        return value, damped_inverse(slope, 1e-4)
+
+
+def damped_inverse(slope: Array, share: float) -> Array:
+    """J' (J J' + damping)^-1 of Jacobians (n, 2, dof), (n, dof, 2).
+
+    The damping is a share of the sum of squares of each Jacobian.
+    """
+    a, b = slope[:, 0], slope[:, 1]
+    aa, bb, ab = ((v * w).sum(axis=1) for v, w in ((a, a), (b, b), (a, b)))
+    extra = share * (aa + bb)
+    aa, bb = aa + extra, bb + extra
+    det = np.maximum(aa * bb - ab * ab, 1e-300)
+    first = (a * bb[:, None] - b * ab[:, None]) / det[:, None]
+    second = (b * aa[:, None] - a * ab[:, None]) / det[:, None]
+    return np.stack([first, second], axis=2)

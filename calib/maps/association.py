@@ -1,0 +1,223 @@
+"""Readouts of the links: ``winner`` and ``activity``, in both directions."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from functools import cached_property
+from typing import TYPE_CHECKING
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ..errors import OptionError
+from .links import WIRINGS, Wiring
+from .map import Map
+
+if TYPE_CHECKING:
+    from scipy.sparse import csr_array
+
+Array = NDArray[np.float64]
+Index = NDArray[np.intp]
+
+READOUTS = ("local", "activity", "winner")
+
+_JOINED = 1.9  # nodes closer than so many spacings belong to one cluster
+_CORE = 6.0  # reach of a cluster around its strongest node [spacings]
+_MOST = 6  # clusters that are kept of each sensory node
+
+
+def check_readout(name: str) -> None:
+    """Refuse an unknown readout."""
+    if name not in READOUTS:
+        raise OptionError(f"readout {name!r} is unknown, choose one of {', '.join(READOUTS)}")
+
+
+@dataclass(frozen=True)
+class Clusters:
+    """Motor nodes linked to each sensory node, grouped into branches.
+
+    Attributes
+    ----------
+    center : (sensory nodes, c, dof) array
+        Link-weighted mean of each cluster in the unit box, the strongest cluster first.
+    strength : (sensory nodes, c) array
+        Sum of its links, 0 where there is no such cluster.
+    core : (sensory nodes, c) int array
+        Motor node with the strongest link of each cluster.
+    """
+
+    center: Array
+    strength: Array
+    core: Index
+
+
+@dataclass(frozen=True)
+class Association:
+    """Two maps and the links between them.
+
+    Attributes
+    ----------
+    motor, sensory : Map
+        The maps.
+    links : csr_array of shape (motor nodes, sensory nodes)
+        Strength c_ij of each connection.
+    wiring : Wiring
+        How they were learned and how active nodes are.
+    """
+
+    motor: Map
+    sensory: Map
+    links: csr_array
+    wiring: Wiring = WIRINGS["reciprocal"]
+
+    def forward(self, u: Array, readout: str) -> Array:
+        """Positions in the sensory unit box (n, 2) for joints `u` (n, dof) in theirs."""
+        if readout == "winner":
+            return self.sensory.units[self._strongest_partner[self.motor.nearest(u)[1][:, 0]]]
+        a = self.wiring.activity(self.motor, u)
+        # sum_i a_i c_ij w_j / sum_i a_i c_ij
+        total = a @ self._strength
+        said = (a @ self._weighted) / np.where(total > 0, total, 1.0)[:, None]
+        winner = self.sensory.units[self._strongest_partner[self.motor.nearest(u)[1][:, 0]]]
+        return np.where(total[:, None] > 0, said, winner)
+
+    def inverse(self, v: Array, near: Array, readout: str) -> Array:
+        """Joints in the unit box (n, dof) for positions `v` (n, 2) in theirs.
+
+        Of the branches of the winner the one closest to `near` (n, dof) answers:
+        ``winner`` with its strongest partner there, ``activity`` with the mean within that
+        connected cluster of motor nodes, never across branches.
+        """
+        scale, clusters = self.motor.scale, self.clusters
+        winner = self.sensory.nearest(v)[1][:, 0]
+        away = np.linalg.norm(scale.difference(clusters.center[winner], near[:, None]), axis=2)
+        branch = np.where(clusters.strength[winner] > 0, away, np.inf).argmin(axis=1)
+        if readout == "winner":
+            return np.asarray(self.motor.units[clusters.core[winner, branch]])
+        a = self.wiring.activity(self.sensory, v)
+        n, k = len(v), a.nnz // max(len(v), 1)
+        nodes, weight = a.indices.reshape(n, k), a.data.reshape(n, k)
+        anchor = clusters.center[winner, branch]
+        gap = scale.difference(clusters.center[nodes], anchor[:, None, None])
+        far = np.linalg.norm(gap, axis=3) + np.where(clusters.strength[nodes] > 0, 0.0, np.inf)
+        best = far.argmin(axis=2)[..., None]
+        close = np.take_along_axis(far, best, 2)[..., 0] <= _CORE * self.motor.spacing
+        strength = np.take_along_axis(clusters.strength[nodes], best, 2)[..., 0]
+        weight = np.where(close, weight * strength, 0.0)
+        weight[:, 0] += 1e-300
+        step = np.take_along_axis(gap, best[..., None], 2)[:, :, 0]
+        mean = np.einsum("nk,nkd->nd", weight, step) / weight.sum(axis=1, keepdims=True)
+        joints: Array = anchor + mean
+        return joints
+
+    @cached_property
+    def _strength(self) -> Array:
+        return np.asarray(self.links.sum(axis=1), dtype=float).ravel()
+
+    @cached_property
+    def _weighted(self) -> Array:
+        return np.asarray(self.links @ self.sensory.units)
+
+    @cached_property
+    def _strongest_partner(self) -> Index:
+        """Sensory node most strongly linked to each motor node."""
+        return _strongest(self.links, self.motor)
+
+    @cached_property
+    def partners(self) -> csr_array:
+        """Links by sensory node, (sensory nodes, motor nodes); none is without a partner."""
+        from scipy.sparse import csr_array
+
+        links = self.links.T.tocsr()
+        counts = np.diff(links.indptr)
+        if (counts > 0).all():
+            return links
+        # an unlinked node borrows the links of the nearest linked one
+        linked = np.flatnonzero(counts > 0)
+        source = np.arange(len(counts))
+        source[counts == 0] = _nearest_of(self.sensory, np.flatnonzero(counts == 0), linked)
+        return csr_array(links[source])
+
+    @cached_property
+    def clusters(self) -> Clusters:
+        """The branches of each sensory node."""
+        from scipy.sparse import csr_array
+        from scipy.sparse.csgraph import connected_components
+
+        links, motor = self.partners, self.motor
+        ns, nm = links.shape
+        j = np.repeat(np.arange(ns), np.diff(links.indptr))
+        i = links.indices.astype(np.intp)
+        # two links of one sensory node are joined where their motor nodes are close
+        start, close = _close_nodes(motor)
+        several = np.diff(start)[i]
+        row = np.repeat(np.arange(len(i)), several)
+        turn = np.arange(len(row)) - np.repeat(np.cumsum(several) - several, several)
+        key = j * nm + i  # ascending: rows are sorted
+        other = j[row] * nm + close[start[i[row]] + turn]
+        place = np.minimum(np.searchsorted(key, other), len(key) - 1)
+        met = key[place] == other
+        indptr = np.append(0, np.cumsum(np.bincount(row[met], minlength=len(key))))
+        graph = csr_array((np.ones(len(place[met])), place[met], indptr), shape=(len(key),) * 2)
+        label = connected_components(graph)[1].astype(np.intp)
+
+        # strongest link of each cluster, clusters of each sensory node by strength
+        order = np.lexsort((-links.data, label))
+        first = order[np.append(True, np.diff(label[order]) > 0)]
+        core = first[label]  # the strongest link of the same cluster
+        gap = motor.scale.difference(motor.units[i], motor.units[i[core]])
+        weight = np.where(np.linalg.norm(gap, axis=1) <= _CORE * motor.spacing, links.data, 0.0)
+        count = len(first)
+        total = np.bincount(label, weight, minlength=count)
+        shift = np.stack([np.bincount(label, weight * g, minlength=count) for g in gap.T], axis=1)
+        center = motor.units[i[first]] + shift / total[:, None]
+        rank = np.lexsort((-links.data[first], j[first]))
+        owner = j[first][rank]
+        place_in_row = np.arange(count) - np.searchsorted(owner, owner)
+        keep = place_in_row < _MOST
+        width = int(place_in_row[keep].max()) + 1
+        centers = np.zeros((ns, width, motor.units.shape[1]))
+        strength = np.zeros((ns, width))
+        centers[owner[keep], place_in_row[keep]] = center[rank][keep]
+        strength[owner[keep], place_in_row[keep]] = total[rank][keep]
+        cores = np.zeros((ns, width), dtype=np.intp)
+        cores[owner[keep], place_in_row[keep]] = i[first][rank][keep]
+        return Clusters(centers, strength, cores)
+
+
+def _close_nodes(network: Map) -> tuple[Index, Index]:
+    """Nodes of a higher number close to each node: where each one's begin, and all of them."""
+    n, dim = network.units.shape
+    distance, near = network.nearest(network.units, min(3 ** min(dim, 3), n))
+    one, column = np.nonzero(distance <= _JOINED * network.spacing)
+    two = near[one, column]
+    pair = np.unique(np.minimum(one, two) * n + np.maximum(one, two))
+    one, two = np.divmod(pair, n)
+    apart = one < two
+    counts = np.bincount(one[apart], minlength=n)
+    return np.append(0, np.cumsum(counts)), two[apart]
+
+
+def _strongest(links: csr_array, own: Map) -> Index:
+    """Column of the largest entry of each row; an empty row takes its nearest neighbour's."""
+    order = np.lexsort((links.indices, -links.data, _rows(links)))
+    counts = np.diff(links.indptr)
+    result = np.zeros(len(counts), dtype=np.intp)
+    full = np.flatnonzero(counts > 0)
+    result[full] = links.indices[order[links.indptr[full]]]
+    empty = np.flatnonzero(counts == 0)
+    if len(empty):
+        result[empty] = result[_nearest_of(own, empty, full)]
+    return result
+
+
+def _rows(links: csr_array) -> Index:
+    return np.repeat(np.arange(links.shape[0]), np.diff(links.indptr))
+
+
+def _nearest_of(own: Map, which: Index, among: Index) -> Index:
+    """Node of `among` that is nearest to each node of `which`."""
+    from .map import search_tree
+
+    index = search_tree(own.units[among], own.scale).query(own.units[which])[1]
+    return np.asarray(among[index], dtype=np.intp)

@@ -1,0 +1,209 @@
+"""Links: Oja-Hebbian connections between the nodes of two maps, used in both directions."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable
+from dataclasses import dataclass
+from typing import TYPE_CHECKING
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ..errors import OptionError
+from .map import Map
+
+if TYPE_CHECKING:
+    from scipy.sparse import csr_array
+
+Array = NDArray[np.float64]
+
+BANDWIDTH = 0.7
+"""Bandwidth of a node's activity (eq. 6) in units of the node spacing."""
+
+NEAREST = 12
+"""Nodes that are active at a time: further ones are below 1e-3."""
+
+_WEAK = 0.02  # links below this share of the strongest of their node are let go
+_NOTHING = 1e-6  # and those below this share of the strongest of all
+_AT_ONCE = 50_000  # samples whose activities are held together
+
+
+@dataclass(frozen=True)
+class Wiring:
+    """How links are learned and read: what eq. 5 and 6 leave open.
+
+    Attributes
+    ----------
+    local : bool
+        Bandwidth of eq. 6 in units of each node's own spacing, so that a dense region is
+        read as finely as its nodes stand; else of the map's mean spacing.
+    mutual : bool
+        Links normalised by the activities on both sides, c_ij = <a_i a_j> /
+        (<a_i^2> <a_j^2>)^(1/2): the same for both directions.  Else by the sensory side
+        alone, which is what eq. 5 says of the direction from motor to sensory nodes.
+    bandwidth : float
+        Of eq. 6, in units of the spacing.
+    """
+
+    local: bool = True
+    mutual: bool = True
+    bandwidth: float = BANDWIDTH
+
+    def activity(self, network: Map, u: Array) -> csr_array:
+        """Activity of the nodes nearest to each row of `u`, see :func:`activity`."""
+        return activity(network, u, self.bandwidth, local=self.local)
+
+    def link(self, a_motor: csr_array, a_sensory: csr_array, beta: float = 1.0) -> csr_array:
+        """Links of two maps that were active together, see :func:`link`."""
+        return link(a_motor, a_sensory, beta, mutual=self.mutual)
+
+    def learn(self, motor: Map, u: Array, sensory: Map, v: Array) -> csr_array:
+        """Links of two maps from samples (n, dof) and (n, 2) in their unit boxes.
+
+        However many, the activities of only some of them are held at once.
+        """
+        parts = (
+            (self.activity(motor, u[k : k + _AT_ONCE]), self.activity(sensory, v[k : k + _AT_ONCE]))
+            for k in range(0, len(u), _AT_ONCE)
+        )
+        return _linked(parts, 1.0, mutual=self.mutual)
+
+
+WIRINGS = {
+    "oja": Wiring(local=False, mutual=False),
+    "local": Wiring(local=True, mutual=False),
+    "mutual": Wiring(local=False, mutual=True),
+    "reciprocal": Wiring(local=True, mutual=True),
+}
+"""Wirings by name: eq. 5 and 6 with one bandwidth, each refinement alone, and both."""
+
+
+def check_wiring(name: str) -> None:
+    """Refuse an unknown wiring."""
+    if name not in WIRINGS:
+        raise OptionError(f"links {name!r} are unknown, choose one of {', '.join(WIRINGS)}")
+
+
+def activity(
+    network: Map, u: Array, bandwidth: float = BANDWIDTH, *, local: bool = False
+) -> csr_array:
+    """Activity a_j of the nodes nearest to each row of `u` (eq. 6).
+
+    Parameters
+    ----------
+    network : Map
+        Motor or sensory map.
+    u : (n, d) array
+        Points in the unit box.
+    bandwidth : float
+        Width sigma of the Gaussian in units of the node spacing.
+    local : bool
+        Whether that is each node's own spacing or the mean of the map.
+
+    Returns
+    -------
+    csr_array of shape (n, nodes)
+        exp(-|w_j - u|^2 / sigma^2), relative to the winner's, which is never zero even for
+        a point far from every node.
+    """
+    from scipy.sparse import csr_array
+
+    k = min(NEAREST, network.size)
+    distance, index = network.nearest(u, k)
+    spacing = network.spacings[index] if local else network.spacing
+    exponent = (distance / (bandwidth * spacing)) ** 2
+    a = np.exp(exponent.min(axis=1, keepdims=True) - exponent)  # eq. 6
+    rows = np.arange(0, a.size + 1, k)
+    return csr_array((a.ravel(), index.ravel(), rows), shape=(len(u), network.size))
+
+
+def link(
+    a_motor: csr_array, a_sensory: csr_array, beta: float = 1.0, *, mutual: bool = False
+) -> csr_array:
+    """Links at the fixed point of Oja's rule (eq. 5, with the forgetting factor of eq. 11).
+
+    Where the mean change of eq. 11 vanishes, c_ij = <a_i a_j> / (beta <a_j^2>).  A node
+    that was hardly ever active has not come that far: its links stand at the share
+    1 - exp(-beta sum a_j^2) of it that the rule, at a learning rate of one, has reached.
+
+    Parameters
+    ----------
+    a_motor, a_sensory : csr_array of shape (n, nodes)
+        Activities of both maps for the same samples.
+    beta : float
+        Forgetting factor.
+    mutual : bool
+        Normalise by both sides, <a_i a_j> / (beta (<a_i^2> <a_j^2>)^(1/2)).
+
+    Returns
+    -------
+    csr_array of shape (motor nodes, sensory nodes)
+        Weak links are left out.
+    """
+    return _linked([(a_motor, a_sensory)], beta, mutual=mutual)
+
+
+def _linked(
+    parts: Iterable[tuple[csr_array, csr_array]], beta: float, *, mutual: bool
+) -> csr_array:
+    """Links from the activities of the samples, part after part; see :func:`link`."""
+    together: csr_array | None = None
+    square: list[Array | float] = [0.0, 0.0]
+    for a_motor, a_sensory in parts:
+        product = (a_motor.T @ a_sensory).tocsr()
+        together = product if together is None else together + product
+        for k, a in enumerate((a_motor, a_sensory)):
+            square[k] = square[k] + np.asarray(a.multiply(a).sum(axis=0), dtype=float).ravel()
+    assert together is not None  # noqa: S101
+    scale = _settled(np.asarray(square[1]), beta)[together.indices]
+    if mutual:
+        rows = np.repeat(np.arange(together.shape[0]), np.diff(together.indptr))
+        scale = np.sqrt(scale * _settled(np.asarray(square[0]), beta)[rows])
+    together.data *= scale
+    return _without_weak(together)
+
+
+def _without_weak(links: csr_array) -> csr_array:
+    """Links that count for one of their two nodes."""
+    from scipy.sparse import csr_array
+
+    rows = np.repeat(np.arange(links.shape[0]), np.diff(links.indptr))
+    row_max = np.maximum.reduceat(
+        np.append(links.data, 0.0), np.minimum(links.indptr[:-1], links.nnz)
+    )
+    column_max = np.zeros(links.shape[1])
+    np.maximum.at(column_max, links.indices, links.data)
+    keep = links.data >= _WEAK * np.minimum(row_max[rows], column_max[links.indices])
+    keep &= links.data > _NOTHING * links.data.max(initial=0.0)
+    kept = csr_array((links.data[keep], (rows[keep], links.indices[keep])), shape=links.shape)
+    kept.sort_indices()
+    kept.data = kept.data.astype(np.float32).astype(float)  # as a model file keeps them
+    return kept
+
+
+def _settled(square: Array, beta: float) -> Array:
+    """Where Oja's rule has come, over <a_i a_j>, from sum a_j^2 of each node, (nodes,)."""
+    exposure = beta * square
+    reached = -np.expm1(-exposure)
+    return np.divide(reached, exposure, out=np.zeros_like(square), where=exposure > 0)
+
+
+def oja(links: Array, a_motor: Array, a_sensory: Array, eta: float, beta: float = 1.0) -> None:
+    """One step of Oja's rule on dense links, in place (eq. 5; eq. 11 with `beta`).
+
+    Parameters
+    ----------
+    links : (motor nodes, sensory nodes) array
+        c_ij, changed in place.
+    a_motor, a_sensory : (motor nodes,), (sensory nodes,) array
+        Activities a_i and a_j of one sample.
+    eta : float
+        Learning rate.
+    beta : float
+        Forgetting factor.
+    """
+    i, j = np.flatnonzero(a_motor), np.flatnonzero(a_sensory)
+    c = links[:, j]
+    c -= eta * beta * c * a_sensory[j] ** 2
+    c[i] += eta * np.outer(a_motor[i], a_sensory[j])
+    links[:, j] = c

@@ -1,0 +1,173 @@
+"""Local models: each motor node keeps a polynomial of what the trend leaves over."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ..body.basis import exponents
+from ..common.scale import Scale
+from .map import Map
+
+Array = NDArray[np.float64]
+
+_CHUNK = 20_000_000  # numbers held at once while fitting
+
+
+def blend_size(dim: int) -> int:
+    """Number of nodes whose local models are blended."""
+    return {1: 3, 2: 4, 3: 6}.get(dim, 8)
+
+
+@dataclass(frozen=True)
+class LocalModels:
+    """One polynomial per motor node.
+
+    Attributes
+    ----------
+    degree : int
+        Total degree, -1 for none: the trend stands alone.
+    samples : int
+        Number of samples that each was fitted to; with `degree` it follows the noise.
+    radius : (nodes,) array
+        Distance to the first sample that was left out, in the unit box.
+    coefficients : (nodes, terms, 2) array
+        Coefficients of the monomials of (u - w) / radius, in the unit of the positions.
+    """
+
+    degree: int
+    samples: int
+    radius: Array
+    coefficients: Array
+
+
+NO_MODELS = LocalModels(-1, 0, np.zeros(0), np.zeros((0, 0, 2)))
+
+
+def monomials(z: Array, degree: int) -> Array:
+    """Monomials of total degree <= `degree` of `z` (..., d), (..., terms)."""
+    columns = [np.ones(z.shape[:-1])]
+    found = {tuple([0] * z.shape[-1]): 0}
+    for term in exponents(z.shape[-1], degree)[1:].tolist():
+        axis = next(k for k, e in enumerate(term) if e)
+        lower = tuple(e - (k == axis) for k, e in enumerate(term))
+        found[tuple(term)] = len(columns)
+        columns.append(columns[found[lower]] * z[..., axis])
+    return np.stack(columns, axis=-1)
+
+
+def _monomial_slopes(z: Array, degree: int) -> Array:
+    """Derivatives of the monomials by each coordinate, (d, ..., terms)."""
+    terms = exponents(z.shape[-1], degree)
+    value = monomials(z, degree)
+    place = {tuple(t): i for i, t in enumerate(terms.tolist())}
+    slopes = np.zeros((z.shape[-1], *value.shape))
+    for i, term in enumerate(terms.tolist()):
+        for k, e in enumerate(term):
+            if e:
+                lower = tuple(f - (j == k) for j, f in enumerate(term))
+                slopes[k, ..., i] = e * value[..., place[lower]]
+    return slopes
+
+
+@dataclass(frozen=True)
+class Neighbourhood:
+    """Samples around each node, nearest first, and the distance of the first left out."""
+
+    index: NDArray[np.intp] = field(repr=False)
+    distance: Array = field(repr=False)
+
+    @staticmethod
+    def of(nodes: Array, samples: Array, scale: Scale, k: int) -> Neighbourhood:
+        """The `k` + 1 samples nearest to each node, all in the unit box."""
+        from .map import search_tree
+
+        k = min(k + 1, len(samples))
+        distance, index = search_tree(samples, scale).query(
+            np.where(scale.periodic, nodes % 1.0, nodes), k=np.arange(1, k + 1), workers=-1
+        )
+        return Neighbourhood(np.asarray(index, dtype=np.intp), np.asarray(distance))
+
+
+def fit(
+    nodes: Array,
+    u: Array,
+    residual: Array,
+    scale: Scale,
+    degree: int,
+    samples: int,
+    around: Neighbourhood | None = None,
+) -> LocalModels:
+    """Kernel-weighted least squares around each node.
+
+    Parameters
+    ----------
+    nodes : (nodes, d) array
+        Where the nodes stand, in the unit box.
+    u, residual : (n, d), (n, 2) array
+        Samples in the unit box and what the trend leaves over of their positions.
+    scale : Scale
+        Knows the periodic coordinates.
+    degree, samples : int
+        Degree of the polynomials and number of samples that each is fitted to.
+    around : Neighbourhood, optional
+        Samples around each node, where they are known already.
+
+    Returns
+    -------
+    LocalModels
+
+    Notes
+    -----
+    The weight of a sample at the distance d is (1 - (d / radius)^2)^2, which ends smoothly.
+    Moments of activity and position are what a Hebbian covariance rule would learn.
+    """
+    around = around or Neighbourhood.of(nodes, u, scale, samples)
+    samples = min(samples, around.index.shape[1] - 1)
+    radius = np.maximum(around.distance[:, samples], 1e-12)
+    terms = len(exponents(nodes.shape[1], degree))
+    coefficients = np.empty((len(nodes), terms, residual.shape[1]))
+    step = max(1, _CHUNK // (samples * terms))
+    for first in range(0, len(nodes), step):
+        part = slice(first, first + step)
+        index, r = around.index[part, :samples], radius[part, None]
+        z = scale.difference(u[index], nodes[part, None]) / r[..., None]
+        kernel = (1.0 - (around.distance[part, :samples] / r) ** 2) ** 2
+        features = monomials(z, degree)
+        weighted = np.swapaxes(features * kernel[..., None], 1, 2)
+        moments = weighted @ features
+        diagonal = np.einsum("nii->ni", moments)
+        diagonal += 1e-9 * diagonal.mean(axis=1, keepdims=True) + 1e-300
+        coefficients[part] = np.linalg.solve(moments, weighted @ residual[index])
+    return LocalModels(degree, samples, radius, coefficients)
+
+
+def blend(motor: Map, u: Array, m: int) -> tuple[NDArray[np.intp], Array]:
+    """Nodes whose models speak for each point and their weights, both (n, m).
+
+    A weight falls smoothly to zero where its node leaves the nearest `m`, so that the
+    blended prediction has no steps.
+    """
+    m = min(m, motor.size - 1)
+    distance, index = motor.nearest(u, m + 1)
+    weight = (1.0 - (distance[:, :-1] / np.maximum(distance[:, -1:], 1e-300)) ** 2) ** 2
+    total = weight.sum(axis=1, keepdims=True)
+    weight = np.where(total > 0, weight / np.where(total > 0, total, 1.0), 1.0 / m)
+    return index[:, :-1], weight
+
+
+def predict(
+    models: LocalModels, motor: Map, u: Array, *, slope: bool = False
+) -> tuple[Array, Array | None]:
+    """Blended correction at the points `u` (n, d), (n, 2), and its slope (n, 2, d)."""
+    index, weight = blend(motor, u, blend_size(u.shape[1]))
+    radius = models.radius[index][..., None]
+    z = motor.scale.difference(u[:, None], motor.units[index]) / radius
+    c = models.coefficients[index] * weight[..., None, None]
+    value = np.einsum("nmt,nmto->no", monomials(z, models.degree), c)
+    if not slope:
+        return value, None
+    slopes = _monomial_slopes(z, models.degree) / radius
+    return value, np.einsum("dnmt,nmto->nod", slopes, c)

@@ -1,0 +1,1 @@
+"""Model: what was learned, and the answers it gives in both directions."""

@@ -1,0 +1,166 @@
+"""About a model: what it is a model of, how it was made, how well it does."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import asdict, dataclass, field, fields
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ..common.checks import finite, numbers, of_type, texts
+
+Array = NDArray[np.float64]
+
+_TYPES: dict[type, tuple[str, ...]] = {
+    str: ("robot", "tip", "unit", "bound_of", "source", "urdf"),
+    bool: ("taught",),
+    int: ("samples", "seed", "tested", "left_out"),
+    dict: ("locked", "options", "errors"),
+}
+_OPTIONS = ("map", "rule", "epochs", "sigma")
+_WIDEST = 1e9  # range of a joint [rad or m]
+
+
+@dataclass(frozen=True, eq=False)
+class About:
+    """Plain facts that travel with a model.
+
+    Attributes
+    ----------
+    robot, tip : str
+        Name of the robot and of the frame whose position is sensed ("" without a URDF).
+    joint_names : tuple of str
+        Active joints from base to tip.
+    revolute : tuple of bool
+        Whether each joint turns (rad) or slides (m).
+    lower, upper : (dof,) array [rad or m]
+        Learned range of each joint.
+    locked : dict of str to float
+        Other joints and where they are held [rad or m].
+    plane : dict or None
+        "origin", "x" and "y" of the plane in the root link's frame [m].
+    unit : str
+        Unit of the positions.
+    bound_of : str
+        "true position" or "sensor reading": what the expected error bounds.
+    source : str
+        "simulation" or "log".
+    taught : bool
+        Whether a Gaussian process of a small log taught the maps.
+    samples, seed : int
+        Number of training samples, and the seed.
+    options : dict
+        "map", "rule", "epochs", "sigma" of the training.
+    simulation : dict or None
+        Noise and changes of the simulated arm.
+    urdf : str
+        The URDF's own text ("" without one).
+    errors : dict
+        Errors per readout as ``calib evaluate --json`` prints them.
+    tested, left_out : int
+        Samples behind those errors, and samples outside of what was learned from the others.
+    notes : tuple of str
+        What was said aloud while the model was made.
+    """
+
+    robot: str
+    tip: str
+    joint_names: tuple[str, ...]
+    revolute: tuple[bool, ...]
+    lower: Array
+    upper: Array
+    locked: Mapping[str, float]
+    plane: Mapping[str, Any] | None
+    unit: str
+    bound_of: str
+    source: str
+    taught: bool
+    samples: int
+    seed: int
+    options: Mapping[str, Any]
+    simulation: Mapping[str, Any] | None
+    urdf: str
+    errors: Mapping[str, Any] = field(default_factory=dict)
+    tested: int = 0
+    left_out: int = 0
+    notes: tuple[str, ...] = ()
+
+    @property
+    def units_of_joints(self) -> tuple[str, ...]:
+        """Unit of each joint: "rad" or "m"."""
+        return tuple("rad" if turns else "m" for turns in self.revolute)
+
+    def to_json(self) -> dict[str, Any]:
+        """Plain data, as it is stored in a model file."""
+        data = asdict(self)
+        data["lower"], data["upper"] = self.lower.tolist(), self.upper.tolist()
+        return data
+
+    @classmethod
+    def from_json(cls, data: Mapping[str, Any]) -> About:
+        """Rebuild what `to_json` returned.
+
+        Raises
+        ------
+        ValueError
+            If it is not of that form: a file may come from anyone.
+        """
+        known = {f.name for f in fields(cls)}
+        values = {k: v for k, v in data.items() if k in known}
+        check_about(values)
+        for name in ("joint_names", "revolute", "notes"):
+            values[name] = tuple(values[name])
+        for name in ("lower", "upper"):
+            values[name] = np.array(values[name], dtype=float)
+        return cls(**values)
+
+
+def check_about(data: Mapping[str, Any]) -> None:
+    """Check the plain data of an `About`, which may come from a stranger's file.
+
+    Raises
+    ------
+    KeyError, ValueError
+        If something is missing or is not what it should be.
+    """
+    for kind, names in _TYPES.items():
+        for name in names:
+            of_type(name, data[name], kind)
+    joints = texts("joint_names", data["joint_names"])
+    dof = len(joints)
+    if not dof or len(set(joints)) < dof or not all(joints):
+        raise ValueError("joint_names: expected names, each once")
+    turns = of_type("revolute", data["revolute"], list)
+    if len(turns) != dof or not all(isinstance(turn, bool) for turn in turns):
+        raise ValueError("revolute: expected true or false for each joint")
+    lower, upper = (numbers(name, data[name], dof) for name in ("lower", "upper"))
+    if not all(0.0 < high - low < _WIDEST for low, high in zip(lower, upper, strict=True)):
+        raise ValueError("lower, upper: expected a range for each joint")
+    for name, value in data["locked"].items():
+        finite(f"locked {name}", value)
+    if data["plane"] is not None:
+        for name in ("origin", "x", "y"):
+            numbers(f"plane {name}", of_type("plane", data["plane"], dict)[name], 3)
+    if data["simulation"] is not None:
+        simulation = of_type("simulation", data["simulation"], dict)
+        finite("noise", simulation["noise"])
+        texts("changes", simulation["changes"])
+    texts("notes", data["notes"])
+    if min(data["samples"], data["seed"], data["tested"], data["left_out"]) < 0:
+        raise ValueError("samples, seed, tested, left_out: expected zero or more")
+    for name in _OPTIONS:
+        _ = data["options"][name]
+    _check_errors(data["errors"], joints)
+
+
+def _check_errors(errors: Mapping[str, Any], joints: Sequence[str]) -> None:
+    for readout, directions in errors.items():
+        for direction, names in (("forward", ("x", "y")), ("inverse", joints)):
+            found = of_type(readout, directions, dict)[direction]
+            for name in (*names, "distance"):
+                error = of_type(name, of_type(direction, found, dict)[name], dict)
+                for key in ("mean", "max", "p99"):
+                    if error[key] is not None:
+                        finite(f"error {key}", error[key])

@@ -1,0 +1,160 @@
+"""Answers: what a model says of targets, in both directions."""
+
+from __future__ import annotations
+
+import itertools
+from typing import TYPE_CHECKING, NamedTuple
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from ..errors import QueryError
+from ..maps.association import check_readout
+from ..maps.node_bounds import blend_nodes
+
+if TYPE_CHECKING:
+    from .model import Model
+
+Array = NDArray[np.float64]
+
+REACHED = 1e-4
+"""Share of the workspace's extent that counts as reached."""
+
+
+_IN_SIGHT = 1e6  # extents of the workspace
+
+
+class Answer(NamedTuple):
+    """Inverse answers, one row each.
+
+    Attributes
+    ----------
+    q : (n, dof) array [rad or m]
+        Joint values.
+    position : (n, 2) array [unit]
+        Where the map says that they lead.
+    distance : (n,) array [unit]
+        From the target to that position.
+    expected_error : (n,) array [unit]
+        95 % bound on the distance from that position to the true one.
+    reachable : (n,) bool array
+        Whether the target was reached within that bound.
+    """
+
+    q: Array
+    position: Array
+    distance: Array
+    expected_error: Array
+    reachable: NDArray[np.bool_]
+
+    def take(self, rows: slice | list[int] | NDArray[np.intp]) -> Answer:
+        """Some of the rows."""
+        return Answer(
+            self.q[rows],
+            self.position[rows],
+            self.distance[rows],
+            self.expected_error[rows],
+            self.reachable[rows],
+        )
+
+
+def solve(model: Model, x: Array, near: Array, readout: str) -> Answer:
+    """Answer the targets `x` (n, 2) with the solutions closest to `near` (n, dof, unit box)."""
+    check_readout(readout)
+    seen = in_sight(model, x)
+    if readout == "local":
+        u, _ = model.solver.solve(seen, near)
+        return answer(model, u, x, None)
+    sensory, association = model.sensory, model.association
+    v = sensory.scale.to_unit(seen)
+    u = model.solver.clip(association.inverse(v, near, readout))
+    return answer(model, u, x, sensory.scale.from_unit(association.forward(u, readout)))
+
+
+def joints(model: Model, x: Array, near: Array, *, nearest: bool) -> Array:
+    """Joint values (n, dof) alone; NaN out of reach unless `nearest`."""
+    x = in_sight(model, x)
+    u, distance = model.solver.solve(x, near)
+    q = model.motor.scale.from_unit(u)
+    far = np.flatnonzero(distance > REACHED * model.solver.extent)
+    if len(far) and not nearest:
+        # only the expected error can still call these reachable
+        beyond = distance[far] > blend_nodes(model.motor, model.bounds, u[far])
+        q[far[beyond]] = np.nan
+    return q
+
+
+def solve_all(model: Model, x: Array) -> list[Answer]:
+    """Every distinct solution of each target, see :meth:`calib.Model.solve_all`."""
+    target, u, _ = model.solver.solve_all(in_sight(model, x))
+    every = answer(model, u, x[target], None)
+    edges = np.searchsorted(target, np.arange(len(x) + 1)).tolist()
+    return [every.take(slice(a, b)) for a, b in itertools.pairwise(edges)]
+
+
+def in_sight(model: Model, x: Array) -> Array:
+    """Targets (n, 2), those a million extents away and further moved closer.
+
+    What is nearest to them lies in the same direction, and their squares would overflow.
+    """
+    scale = model.sensory.scale
+    limit = _IN_SIGHT * (model.solver.extent + float(np.abs(scale.lower).max()))
+    furthest = np.abs(x).max(axis=1, keepdims=True)
+    far = furthest > limit
+    return np.where(far, x / np.where(far, furthest, 1.0) * limit, x) if far.any() else x
+
+
+def answer(model: Model, u: Array, x: Array, position: Array | None) -> Answer:
+    """Describe joints `u` (n, dof) of the unit box that answer the targets `x` (n, 2)."""
+    if position is None:
+        position = model.predictor.value(u)
+    with np.errstate(over="ignore"):  # the distance of a target at 1e308 may be infinite
+        distance = np.hypot(*(position - x).T)
+    bound = blend_nodes(model.motor, model.bounds, u)
+    within = distance <= np.maximum(bound, REACHED * model.solver.extent)
+    return Answer(model.motor.scale.from_unit(u), position, distance, bound, within)
+
+
+def anchor(model: Model, near: ArrayLike | None, n: int) -> Array:
+    """Joints of the unit box that answers should be close to, (n, dof).
+
+    The middle of the ranges where `near` is not given.
+    """
+    names, scale = model.about.joint_names, model.motor.scale
+    if near is None:
+        return np.full((n, len(names)), 0.5)
+    rows, _ = checked_rows(near, names, "near")
+    if len(rows) not in (1, n):
+        raise QueryError(f"near has {len(rows)} rows for {n} targets: give one or {n}")
+    lower, upper = model.about.lower, model.about.upper
+    slack = 1e-9 * (upper - lower)
+    out = ((rows < lower - slack) | (rows > upper + slack)) & ~scale.periodic
+    if out.any():
+        row, k = np.argwhere(out)[0]
+        raise QueryError(
+            f"near has {names[k]} = {rows[row, k]:.6g}: expected a value in its range "
+            f"{lower[k]:.6g} to {upper[k]:.6g}"
+        )
+    unit = scale.to_unit(rows)
+    return unit if len(unit) == n else np.broadcast_to(unit, (n, len(names)))
+
+
+def checked_rows(values: ArrayLike, names: tuple[str, ...], what: str) -> tuple[Array, bool]:
+    """Check an argument; rows (n, len(names)) and whether it was a single vector."""
+    try:
+        rows = np.array(values, dtype=float)
+    except (TypeError, ValueError) as error:
+        raise QueryError(f"{what}: expected numbers, got {values!r:.60}") from error
+    single = rows.ndim == 1
+    if single:
+        rows = rows[None]
+    if rows.ndim != 2 or rows.shape[1] != len(names):
+        raise QueryError(
+            f"{what} of shape {np.shape(values)}: expected ({len(names)},) or (n, {len(names)}), "
+            f"one column each for {', '.join(names)}"
+        )
+    if not np.isfinite(rows).all():
+        row = int(np.argmin(np.isfinite(rows).all(axis=1)))
+        where = "" if single else f" in row {row}"
+        raise QueryError(f"{what}{where}: {rows[row].tolist()} is not finite, expected numbers")
+    return rows, single

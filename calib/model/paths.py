@@ -1,0 +1,102 @@
+"""Paths: joint trajectories through waypoints."""
+
+from __future__ import annotations
+
+import itertools
+import math
+from dataclasses import dataclass
+from typing import TYPE_CHECKING
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from ..errors import QueryError
+from ..inverse.tracking import follow
+from . import answers
+
+if TYPE_CHECKING:
+    from .model import Model
+
+Array = NDArray[np.float64]
+
+_STEP = 0.01  # of the workspace's extent, where no step is given
+_MOST = 1_000_000  # rows of a path
+
+
+@dataclass(frozen=True, eq=False)
+class Path:
+    """Joints along straight lines through waypoints, without times.
+
+    Attributes
+    ----------
+    target : (k, 2) array [unit]
+        Points on the lines between the waypoints.
+    q : (k, dof) array [rad or m]
+        Joint values; they stay on one branch between jumps.
+    position : (k, 2) array [unit]
+        Where the map says that they lead.
+    distance : (k,) array [unit]
+        From target to position.
+    expected_error : (k,) array [unit]
+        95 % bound on the distance from that position to the true one.
+    reachable : (k,) bool array
+        Whether each target was reached within that bound.
+    waypoint : (k,) int array
+        Index of the waypoint that each row leads to; the last such row stands on it.
+    jumps : (j,) int array
+        Rows whose joints do not follow from those of the row before: the branch ends there,
+        whichever way the path is followed from its start.
+    """
+
+    target: Array
+    q: Array
+    position: Array
+    distance: Array
+    expected_error: Array
+    reachable: NDArray[np.bool_]
+    waypoint: NDArray[np.intp]
+    jumps: NDArray[np.intp]
+
+
+def follow_path(
+    model: Model, waypoints: ArrayLike, start: ArrayLike | None, step: float | None
+) -> Path:
+    """Follow waypoints; see :meth:`calib.Model.path`."""
+    corners, single = answers.checked_rows(waypoints, ("x", "y"), "waypoints")
+    if single or len(corners) < 2:
+        raise QueryError(
+            f"a path needs 2 waypoints or more, got {len(corners)}: add rows, or ask for the "
+            "inverse of a single one"
+        )
+    if step is None:
+        step = _STEP * model.solver.extent
+    if not step > 0:
+        raise QueryError(f"step {step!r}: expected a length greater than zero, such as 0.005")
+    x, waypoint = _lines(corners, float(step))
+    first = None if start is None else answers.anchor(model, start, 1)[0]
+    track = follow(model.solver, answers.in_sight(model, x), first)
+    said = answers.answer(model, track.u, x, None)
+    jumps = np.array(track.jumps, dtype=np.intp)
+    return Path(x, *said, waypoint, jumps)
+
+
+def _lines(corners: Array, step: float) -> tuple[Array, NDArray[np.intp]]:
+    """Points at most `step` apart on the lines between corners, and where each leads to."""
+    with np.errstate(over="ignore"):
+        length = np.hypot(*np.diff(corners, axis=0).T)
+        total = float(length.sum())
+    if not math.isfinite(total):
+        raise QueryError("the waypoints are too far apart to draw lines between them")
+    if total / step + len(corners) > _MOST:
+        raise QueryError(
+            f"step {step:g} makes more than {_MOST:,} rows of a path {total:.4g} long: "
+            "give a longer one"
+        )
+    points, leads = [corners[:1]], [np.zeros(1, dtype=np.intp)]
+    for k, (a, b) in enumerate(itertools.pairwise(corners)):
+        parts = max(1, math.ceil(float(length[k]) / step - 1e-9))
+        share = np.arange(1, parts + 1)[:, None] / parts
+        points.append(a + (b - a) * share)
+        points[-1][-1] = b
+        leads.append(np.full(parts, k + 1, dtype=np.intp))
+    return np.concatenate(points), np.concatenate(leads)

@@ -1,0 +1,201 @@
+"""What a model file describes, rebuilt: each of its parts is checked on the way."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ..body.basis import Basis
+from ..body.trend import Trend
+from ..change.baseline import Baseline
+from ..common.checks import LARGEST, finite, numbers, of_type
+from ..common.scale import Scale
+from ..maps.association import Association
+from ..maps.graph import Graph
+from ..maps.lattice import Lattice
+from ..maps.links import Wiring
+from ..maps.local_models import LocalModels
+from ..maps.map import HISTORY, Map
+from ..maps.predictor import Predictor
+from ..model.about import About
+
+if TYPE_CHECKING:
+    from ..model.model import Model
+
+_SMALL = 1e-9  # radians that are a range
+_FUNCTIONS = 100_000  # of a trend
+
+
+def build(header: Mapping[str, Any], tensors: Mapping[str, NDArray[Any]]) -> Model:
+    """Rebuild the model that the description and the tensors of a file are.
+
+    Raises
+    ------
+    CalibError, AttributeError, IndexError, KeyError, OverflowError, TypeError, ValueError
+        If they make no sense.
+    """
+    from scipy.sparse import csr_array
+
+    from ..model.model import Model
+
+    _check_types(tensors)
+    about = About.from_json(header["about"])
+    dof = len(about.joint_names)
+    motor = _map("motor", header, tensors, dof)
+    if (
+        not np.allclose((about.upper - about.lower) / motor.scale.span, 1.0, rtol=0, atol=1e-6)
+        or (np.abs(about.lower - motor.scale.lower) > 1e-6 * motor.scale.span).any()
+    ):
+        raise ValueError("the motor map has other limits than the joints")
+    sensory = _map("sensory", header, tensors, 2)
+    counts = _whole(tensors, "links.counts").astype(np.int64)
+    indices = _whole(tensors, "links.indices").astype(np.int32)
+    _expect("links.data", tensors["links.data"], indices.shape)
+    _expect("links.counts", counts, (motor.size,))
+    if counts.sum() != len(indices) or len(indices) != len(tensors["links.data"]):
+        raise ValueError("the links' lengths differ")
+    if len(indices) and indices.max() >= sensory.size:
+        raise ValueError("a link points outside of the sensory map")
+    if not len(indices) or not (tensors["links.data"] > 0.0).all():
+        raise ValueError("there are no links, or one is not above zero")
+    indptr = np.concatenate([[0], np.cumsum(counts)]).astype(np.int32)
+    links = csr_array(
+        (tensors["links.data"].astype(float), indices, indptr), shape=(motor.size, sensory.size)
+    )
+    turns = tuple(float(t) for t in header["trend"]["turns"])
+    if len(turns) != dof:
+        raise ValueError("the trend is of another arm")
+    if not all(turn == 0.0 or _SMALL <= turn < LARGEST for turn in turns):  # zero of slides
+        raise ValueError(f"{turns} are no turns")
+    if math.comb(_small(header["trend"]["degree"], 60) + dof, dof) > _FUNCTIONS:
+        raise ValueError("the trend has too many functions")
+    basis = Basis(turns, *(_small(header["trend"][k], 60) for k in ("degree", "each")))
+    _expect("trend.coefficients", tensors["trend.coefficients"], (len(basis.orders), 2))
+    degree = _small(header["local"]["degree"], 3, least=-1)
+    models = LocalModels(
+        degree,
+        int(header["local"]["samples"]),
+        tensors["local.radius"],
+        tensors["local.coefficients"],
+    )
+    if degree >= 0:
+        from ..body.basis import exponents
+
+        _expect("local.radius", models.radius, (motor.size,))
+        if not (models.radius > 0.0).all():
+            raise ValueError("local.radius is not above zero")
+        terms = len(exponents(dof, degree))
+        _expect("local.coefficients", models.coefficients, (motor.size, terms, 2))
+    _expect("bounds", tensors["bounds"], (motor.size,))
+    _expect("visited", tensors["visited"], (motor.size,))
+    if not tensors["visited"].any() or (tensors["bounds"] < 0.0).any():
+        raise ValueError("no node was visited, or a bound is negative")
+    return Model(
+        about,
+        Association(motor, sensory, links, _wiring(header["links"])),
+        Predictor(motor, Trend(basis, tensors["trend.coefficients"]), models),
+        tensors["bounds"],
+        tensors["visited"].astype(bool),
+        _history(header["history"]),
+        _baseline(header.get("baseline"), tensors, motor, sensory),
+    )
+
+
+def _check_types(tensors: Mapping[str, NDArray[Any]]) -> None:
+    """Refuse numbers of another type than the format states; counts are checked as such."""
+    for name, array in tensors.items():
+        if name in ("links.data", "baseline.motor", "baseline.sensory"):
+            wanted: type = np.float32
+        elif name == "visited" or name.endswith(".periodic"):
+            wanted = np.uint8
+        elif name.startswith("links.") or name.endswith(".edges"):
+            continue
+        else:
+            wanted = np.float64
+        if array.dtype != wanted:
+            raise ValueError(f"{name} is of type {array.dtype}, expected {wanted.__name__}")
+
+
+def _baseline(
+    stated: Mapping[str, Any] | None, tensors: Mapping[str, NDArray[Any]], motor: Map, sensory: Map
+) -> Baseline | None:
+    if stated is None:
+        return None
+    parts = [tensors[f"baseline.{name}"].astype(float) for name in ("motor", "sensory")]
+    for name, part, lattice in zip(("motor", "sensory"), parts, (motor, sensory), strict=True):
+        _expect(f"baseline.{name}", part, (lattice.size,))
+    if min(*numbers("spread", stated["spread"], 2), finite("noise", stated["noise"])) < 0.0:
+        raise ValueError("a variance of the baseline is negative")
+    return Baseline.from_json(stated, *parts)
+
+
+def _history(stated: Any) -> tuple[dict[str, Any], ...]:
+    from ..change.alignment import Alignment
+
+    states = tuple(of_type("history", state, dict) for state in of_type("history", stated, list))
+    for state in states:
+        if state.get("frame") is not None:
+            Alignment.from_json([numbers("frame", row, 3) for row in state["frame"]])
+    return states
+
+
+def _map(
+    name: str, header: Mapping[str, Any], tensors: Mapping[str, NDArray[Any]], dim: int
+) -> Map:
+    shape = tuple(int(n) for n in header[name]["lattice"])
+    units = tensors[f"{name}.units"]
+    lattice: Lattice | Graph
+    if f"{name}.edges" in tensors:
+        edges = _whole(tensors, f"{name}.edges").astype(np.intp)
+        _expect(f"{name}.edges", edges, (len(edges), 2))
+        if not len(edges) or edges.max() >= len(units):
+            raise ValueError(f"an edge of the {name} map ends at no node")
+        lattice = Graph(len(units), edges)
+    else:
+        lattice = Lattice(shape)
+    _expect(f"{name}.units", units, (lattice.size, dim))
+    lower, span = tensors[f"{name}.lower"], tensors[f"{name}.span"]
+    _expect(f"{name}.lower", lower, (dim,))
+    _expect(f"{name}.span", span, (dim,))
+    if not (span > 0.0).all():
+        raise ValueError(f"{name}.span is not above zero")
+    periodic = tensors[f"{name}.periodic"].astype(bool)
+    _expect(f"{name}.periodic", periodic, (dim,))
+    history = tensors[f"{name}.history"]
+    _expect(f"{name}.history", history, (len(history), len(HISTORY)))
+    found = Map(units, lattice, Scale(lower, span, periodic), history)
+    if not found.spacing > 0.0:
+        raise ValueError(f"the nodes of the {name} map are all in one place")
+    return found
+
+
+def _wiring(stated: Mapping[str, Any]) -> Wiring:
+    bandwidth = float(stated["bandwidth"])
+    if not 1e-3 <= bandwidth <= 100.0:
+        raise ValueError(f"{bandwidth!r} is no bandwidth")
+    return Wiring(bool(stated["local"]), bool(stated["mutual"]), bandwidth)
+
+
+def _expect(name: str, array: NDArray[Any], shape: tuple[int, ...]) -> None:
+    if array.shape != shape:
+        raise ValueError(f"{name} has the shape {array.shape}, expected {shape}")
+    if array.dtype.kind not in "fiub":
+        raise ValueError(f"{name} holds {array.dtype}, expected numbers")
+    if array.dtype.kind == "f" and not (np.abs(array.astype(float)) < LARGEST).all():
+        raise ValueError(f"{name} holds a value that is not finite, or beyond {LARGEST:g}")
+
+
+def _whole(tensors: Mapping[str, NDArray[Any]], name: str) -> NDArray[Any]:
+    if tensors[name].dtype.kind != "u":
+        raise ValueError(f"{name} holds {tensors[name].dtype}, expected whole numbers")
+    return tensors[name]
+
+
+def _small(value: Any, most: int, least: int = 0) -> int:
+    if not isinstance(value, int) or not least <= value <= most:
+        raise ValueError(f"{value!r} is not a degree")
+    return value

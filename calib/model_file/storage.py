@@ -1,0 +1,199 @@
+"""The model file: safetensors, one canonical JSON string, a checksum; nothing that can run."""
+
+from __future__ import annotations
+
+import hashlib
+import json
+import os
+import stat
+from collections.abc import Mapping
+from dataclasses import asdict
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ..common.atomic import atomic_write
+from ..errors import CalibError, ModelError
+from ..maps.graph import Graph
+from .rebuild import build
+
+if TYPE_CHECKING:
+    from ..model.model import Model
+
+FORMAT = 1
+"""Version of the format; ``docs/format.md`` describes it."""
+
+_KEY = "calib"
+_LARGEST = 2_000_000_000  # bytes
+_HEADER = 20_000_000  # bytes; those of the description are among them
+_NONSENSE = (  # what building a model from a description without sense raises
+    CalibError,
+    AttributeError,
+    IndexError,
+    KeyError,
+    OverflowError,
+    TypeError,
+    ValueError,
+)
+
+
+def save(model: Model, path: str | os.PathLike[str]) -> None:
+    """Write a model into one file, whole or not at all.
+
+    The same model gives the same bytes: there are no times, dates or paths inside.
+    """
+    atomic_write(path, to_bytes(model))
+
+
+def to_bytes(model: Model) -> bytes:
+    """Content of a model file."""
+    from safetensors.numpy import save as pack
+
+    tensors = {name: np.ascontiguousarray(a) for name, a in _tensors(model).items()}
+    header = {
+        "format": FORMAT,
+        "about": model.about.to_json(),
+        "history": list(model.history),
+        "baseline": None if model.baseline is None else model.baseline.to_json(),
+        "motor": {"lattice": list(model.motor.lattice.shape)},
+        "sensory": {"lattice": list(model.sensory.lattice.shape)},
+        "links": asdict(model.association.wiring),
+        "trend": {
+            "turns": list(model.predictor.trend.basis.turns),
+            "degree": model.predictor.trend.basis.degree,
+            "each": model.predictor.trend.basis.each,
+        },
+        "local": {
+            "degree": model.predictor.models.degree,
+            "samples": model.predictor.models.samples,
+        },
+    }
+    header["sha256"] = _checksum(tensors, header)
+    return bytes(pack(tensors, metadata={_KEY: _canonical(header)}))
+
+
+def _canonical(header: Mapping[str, Any]) -> str:
+    return json.dumps(header, sort_keys=True, separators=(",", ":"), ensure_ascii=False)
+
+
+def _tensors(model: Model) -> dict[str, NDArray[Any]]:
+    links = model.links
+    tensors: dict[str, NDArray[Any]] = {
+        "links.data": links.data.astype(np.float32),
+        "links.indices": links.indices.astype(_unsigned(model.sensory.size)),
+        "links.counts": np.diff(links.indptr).astype(np.uint32),
+        "trend.coefficients": model.predictor.trend.coefficients,
+        "local.radius": model.predictor.models.radius,
+        "local.coefficients": model.predictor.models.coefficients,
+        "bounds": model.bounds,
+        "visited": model.visited.astype(np.uint8),
+    }
+    if model.baseline is not None:
+        tensors["baseline.motor"] = model.baseline.motor.astype(np.float32)
+        tensors["baseline.sensory"] = model.baseline.sensory.astype(np.float32)
+    for name, part in (("motor", model.motor), ("sensory", model.sensory)):
+        tensors[f"{name}.units"] = part.units
+        if isinstance(part.lattice, Graph):
+            tensors[f"{name}.edges"] = part.edges.astype(_unsigned(part.size))
+        tensors[f"{name}.history"] = part.history
+        tensors[f"{name}.lower"] = part.scale.lower
+        tensors[f"{name}.span"] = part.scale.span
+        tensors[f"{name}.periodic"] = part.scale.periodic.astype(np.uint8)
+    return tensors
+
+
+def _unsigned(count: int) -> type[np.unsignedinteger[Any]]:
+    return np.uint16 if count <= 1 << 16 else np.uint32
+
+
+def _checksum(tensors: Mapping[str, NDArray[Any]], header: Mapping[str, Any]) -> str:
+    """SHA-256 of all tensors and of the rest of the description."""
+    digest = hashlib.sha256()
+    for name in sorted(tensors):
+        array = tensors[name]
+        digest.update(f"{name} {array.dtype.str} {array.shape};".encode())
+        digest.update(np.ascontiguousarray(array).tobytes())
+    rest = {key: value for key, value in header.items() if key != "sha256"}
+    digest.update(_canonical(rest).encode("utf-8", "surrogatepass"))
+    return digest.hexdigest()
+
+
+def load(path: str | os.PathLike[str]) -> Model:
+    """Read a model from its file; neither Pinocchio nor yourdfpy is needed.
+
+    Raises
+    ------
+    ModelError
+        If the file is missing, damaged, edited, of another format or of a newer version.
+    """
+    path = Path(path)
+    try:
+        data = _read(path)
+    except FileNotFoundError as error:
+        raise ModelError(
+            f"{path}: no such file, expected a model written by 'calib train'"
+        ) from error
+    except (OSError, ValueError) as error:
+        reason = getattr(error, "strerror", None) or error
+        raise ModelError(f"{path}: cannot be read ({reason})") from error
+    return from_bytes(data, str(path))
+
+
+def _read(path: Path) -> bytes:
+    """Content of a file; of what cannot be a model only as much as tells why."""
+    status = path.stat()
+    if stat.S_ISCHR(status.st_mode) or stat.S_ISBLK(status.st_mode):  # some never end
+        raise ModelError(f"{path}: is a device, expected a model written by 'calib train'")
+    if status.st_size > _LARGEST:
+        raise ModelError(f"{path}: {status.st_size:,} bytes are too many for a model")
+    with path.open("rb") as file:
+        start = file.read(_HEADER)
+        return start + file.read(_LARGEST) if f'"{_KEY}"'.encode() in start else start
+
+
+def from_bytes(data: bytes, name: str = "model") -> Model:
+    """Read a model from the content of its file; `name` is for messages."""
+    header, tensors = _unpack(data, name)
+    version = header.get("format")
+    if not isinstance(version, int) or version < 1:
+        raise ModelError(f"{name}: model format {version!r} is unknown, train the model again")
+    if version > FORMAT:
+        raise ModelError(
+            f"{name}: model format {version} is newer than {FORMAT}, the newest that this "
+            "program reads: upgrade it with 'pip install -U calib-arm'"
+        )
+    if header.get("sha256") != _checksum(tensors, header):
+        raise ModelError(
+            f"{name}: damaged or edited, it does not match its checksum: restore or train it again"
+        )
+    try:
+        return build(header, tensors)
+    except _NONSENSE as error:
+        reason = " ".join(str(error).split())[:120]
+        raise ModelError(f"{name}: not a complete model ({reason}), train it again") from error
+
+
+def _unpack(data: bytes, name: str) -> tuple[dict[str, Any], dict[str, NDArray[Any]]]:
+    """Split a safetensors file into the JSON header and the tensors."""
+    from safetensors import SafetensorError
+    from safetensors.numpy import load as unpack
+
+    try:
+        tensors = unpack(data)
+        length = int.from_bytes(data[:8], "little")
+        metadata = json.loads(data[8 : 8 + length]).get("__metadata__") or {}
+    except (SafetensorError, ValueError, KeyError, TypeError, RecursionError) as error:
+        raise ModelError(
+            f"{name}: not a model file, or damaged: expected what 'calib train' writes"
+        ) from error
+    if _KEY not in metadata:
+        raise ModelError(f"{name}: a safetensors file, but not one that 'calib train' wrote")
+    try:
+        header = json.loads(metadata[_KEY])
+    except (ValueError, RecursionError) as error:
+        raise ModelError(f"{name}: damaged, its description is not JSON") from error
+    if not isinstance(header, dict):
+        raise ModelError(f"{name}: damaged, its description is not a JSON object")
+    return header, tensors

@@ -1,1 +1,0 @@
-"""Planning: which poses to measure with a real arm, and in which order."""

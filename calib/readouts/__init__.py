@@ -1,1 +1,0 @@
-"""Readouts: how a query is answered from the maps, in both directions."""

@@ -1,0 +1,1 @@
+"""Samples: what the arm did and what the sensor saw, simulated or read from logs."""

@@ -1,0 +1,245 @@
+"""Bags: ROS 1 and ROS 2 recordings and MCAP files, as logs.
+
+Joint states and tip positions are messages of their own, at rates of their own: the joints
+are interpolated to the times of the positions.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Mapping, Sequence
+from contextlib import contextmanager
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ..common.wording import listed, suggestion
+from ..errors import LogError, OptionError
+
+Array = NDArray[np.float64]
+
+JOINT_STATE = "sensor_msgs/msg/JointState"
+POSITIONS = {
+    "geometry_msgs/msg/PointStamped": "point",
+    "geometry_msgs/msg/PoseStamped": "pose.position",
+    "geometry_msgs/msg/TransformStamped": "transform.translation",
+}
+
+MAX_GAP = 0.1
+"""Joint states further apart than this are not interpolated between [s]."""
+
+_INSTALL = "reading bags needs rosbags: pip install 'calib-arm[ros]'"
+
+
+@dataclass(frozen=True, eq=False)
+class Recording:
+    """A bag as a table.
+
+    Attributes
+    ----------
+    joint_names : tuple of str
+        In the order of the joint states.
+    q : (n, joints) array [rad or m]
+        Joint values at the times of the positions.
+    x : (n, 3) array [m]
+        Positions as recorded.
+    time : (n,) array [s]
+        Times of the positions, since the first.
+    notes : tuple of str
+        What was left out, and why.
+    """
+
+    joint_names: tuple[str, ...]
+    q: Array
+    x: Array
+    time: Array
+    notes: tuple[str, ...]
+
+
+def read_bag(
+    path: str | Path,
+    joints_topic: str | None = None,
+    tip_topic: str | None = None,
+    *,
+    joints: Sequence[str] | None = None,
+    max_gap: float = MAX_GAP,
+    still: float | None = None,
+    time_offset: float = 0.0,
+) -> Recording:
+    """Read joint states and positions of the tip from a recording.
+
+    Parameters
+    ----------
+    path : path-like
+        A ROS 1 ``.bag``, a ROS 2 bag (its folder), or an ``.mcap`` or ``.db3`` file.
+    joints_topic, tip_topic : str, optional
+        Topics; found where only one has a fitting type.
+    joints : sequence of str, optional
+        Joints to keep; all where not given.
+    max_gap : float [s]
+        Positions between joint states further apart are left out.
+    still : float, optional [rad/s or m/s]
+        Positions taken while a joint moved faster are left out.
+    time_offset : float [s]
+        Added to the times of the positions: the sensor's clock or latency.
+
+    Raises
+    ------
+    LogError
+        If rosbags is missing, the file is no recording, or a topic is not in it.
+    """
+    if max_gap <= 0:
+        raise OptionError(f"max gap {max_gap:g} s: expected more than zero")
+    if still is not None and still <= 0:
+        raise OptionError(f"still {still:g}: expected a speed above zero [rad/s or m/s]")
+    with _reader(Path(path)) as reader:
+        topics = {c.topic: c.msgtype for c in reader.connections}
+        source = _topic(topics, joints_topic, (JOINT_STATE,), "--joints-topic", "JointState")
+        target = _topic(
+            topics,
+            tip_topic,
+            tuple(POSITIONS),
+            "--tip-topic",
+            "PointStamped, PoseStamped or TransformStamped",
+        )
+        names, times, values = _joint_states(reader, source, joints)
+        stamps, x = _positions(reader, target, topics[target])
+    return _aligned(names, times, values, stamps + time_offset, x, max_gap, still)
+
+
+@contextmanager
+def _reader(path: Path) -> Iterator[Any]:
+    try:
+        from rosbags.highlevel import AnyReader, AnyReaderError
+        from rosbags.typesys import Stores, get_typestore
+    except ImportError:
+        raise LogError(_INSTALL) from None
+    if not path.exists():
+        raise LogError(f"there is no file {str(path)!r}")
+    try:
+        reader = AnyReader([path], default_typestore=get_typestore(Stores.ROS2_HUMBLE))
+        reader.open()
+    except (AnyReaderError, OSError, ValueError, KeyError, AssertionError) as error:
+        raise LogError(
+            f"{path} is no recording that can be read ({error or type(error).__name__}): expected "
+            "a ROS 1 .bag, the folder of a ROS 2 bag, or an .mcap file"
+        ) from None
+    try:
+        yield reader
+    finally:
+        reader.close()
+
+
+def _topic(
+    topics: Mapping[str, str], chosen: str | None, types: Sequence[str], option: str, kind: str
+) -> str:
+    fitting = sorted(name for name, kind in topics.items() if kind in types)
+    shown = listed(f"{name} ({kind.rpartition('/')[2]})" for name, kind in sorted(topics.items()))
+    if chosen is None:
+        if len(fitting) == 1:
+            return fitting[0]
+        many = f"{len(fitting)} topics of type {kind}" if fitting else f"no topic of type {kind}"
+        raise LogError(f"the recording has {many}: give {option}; its topics: {shown}")
+    if chosen not in topics:
+        raise LogError(
+            f"the recording has no topic {chosen!r}: {suggestion(chosen, sorted(topics))}; its "
+            f"topics: {shown}"
+        )
+    if chosen not in fitting:
+        raise LogError(
+            f"topic {chosen!r} is a {topics[chosen].rpartition('/')[2]}, expected {kind}; its "
+            f"topics: {shown}"
+        )
+    return chosen
+
+
+def _messages(reader: Any, topic: str) -> Iterator[tuple[float, Any]]:
+    """Time of each message [s], its own stamp where it has one, and the message."""
+    connections = [c for c in reader.connections if c.topic == topic]
+    for connection, recorded, raw in reader.messages(connections=connections):
+        message = reader.deserialize(raw, connection.msgtype)
+        stamp = message.header.stamp
+        seconds = stamp.sec + 1e-9 * stamp.nanosec
+        yield (seconds if seconds > 0 else 1e-9 * recorded), message
+
+
+def _joint_states(
+    reader: Any, topic: str, joints: Sequence[str] | None
+) -> tuple[tuple[str, ...], Array, Array]:
+    names: tuple[str, ...] = tuple(joints or ())
+    times: list[float] = []
+    rows: list[list[float]] = []
+    seen: set[str] = set()
+    for time, message in _messages(reader, topic):
+        there = dict(zip(message.name, np.asarray(message.position).tolist(), strict=False))
+        seen |= set(message.name)
+        names = names or tuple(message.name)
+        # messages of another controller on the same topic
+        if all(name in there for name in names):
+            times.append(time)
+            rows.append([there[name] for name in names])
+    if not rows:
+        missing = [name for name in names if name not in seen]
+        what = f"no joint {missing[0]!r}" if missing else "no joint states"
+        raise LogError(f"topic {topic!r} has {what}; its joints: {listed(sorted(seen))}")
+    return names, np.array(times), np.array(rows, dtype=float)
+
+
+def _positions(reader: Any, topic: str, kind: str) -> tuple[Array, Array]:
+    times: list[float] = []
+    rows: list[tuple[float, float, float]] = []
+    for time, message in _messages(reader, topic):
+        point = message
+        for part in POSITIONS[kind].split("."):
+            point = getattr(point, part)
+        times.append(time)
+        rows.append((point.x, point.y, point.z))
+    if not rows:
+        raise LogError(f"topic {topic!r} has no messages")
+    return np.array(times), np.array(rows, dtype=float)
+
+
+def _aligned(
+    names: tuple[str, ...],
+    times: Array,
+    values: Array,
+    stamps: Array,
+    x: Array,
+    max_gap: float,
+    still: float | None,
+) -> Recording:
+    """Interpolate the joints to the times of the positions and leave out what is doubtful."""
+    good = np.isfinite(values).all(axis=1)
+    times, first = np.unique(times[good], return_index=True)  # in order, each time once
+    values = values[good][first]
+    order = np.argsort(stamps, kind="stable")
+    stamps, x = stamps[order], x[order]
+    notes: list[str] = []
+    if len(times) < 2:
+        raise LogError("the recording has fewer than two joint states: nothing to interpolate")
+    after = np.clip(np.searchsorted(times, stamps), 1, len(times) - 1)
+    gap = times[after] - times[after - 1]
+    inside = (stamps >= times[0]) & (stamps <= times[-1])
+    usable = inside & (gap <= max_gap)
+    q = np.stack([np.interp(stamps, times, column) for column in values.T], axis=1)
+    if still is not None:
+        speed = np.abs(np.diff(values, axis=0)).max(axis=1) / np.diff(times)
+        moving = usable & (speed[after - 1] > still)
+        usable &= ~moving
+        if moving.any():
+            notes.append(f"{moving.sum()} positions left out: a joint moved faster than {still:g}")
+    for rows, why in (
+        (~inside, "outside of the times of the joint states"),
+        (inside & (gap > max_gap), f"joint states more than {max_gap:g} s apart"),
+        (~np.isfinite(x).all(axis=1), "not finite"),
+    ):
+        usable &= np.isfinite(x).all(axis=1)
+        if rows.any():
+            notes.append(f"{np.count_nonzero(rows)} positions left out: {why}")
+    if not usable.any():
+        raise LogError(
+            f"no position is left ({'; '.join(notes)}): see --max-gap, --still, --time-offset"
+        )
+    return Recording(names, q[usable], x[usable], stamps[usable] - stamps[usable][0], tuple(notes))

@@ -1,0 +1,204 @@
+"""Changes of a simulated arm or sensor, as typed: `elbow.length=+20%`."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Collection, Iterable
+from dataclasses import dataclass
+from typing import Literal
+
+from ..common.checks import LARGEST
+from ..errors import OptionError
+
+JOINT_CHANGES = ("length", "offset", "gear", "noise", "backlash", "lock")
+TIP_CHANGES = ("offset",)
+SENSOR_CHANGES = ("mirror", "scale", "rotate", "shift", "outliers")
+CHOICES = (
+    f"JOINT.{'|'.join(JOINT_CHANGES)}, tip.{'|'.join(TIP_CHANGES)}, "
+    f"sensor.{'|'.join(SENSOR_CHANGES)}"
+)
+
+_RELATIVE = ("length", "gear", "scale")  # +20% means times 1.2
+_FORMS = {
+    ("joint", "length"): "+20% or 0.3 [m]",
+    ("joint", "offset"): "0.05 [rad or m]",
+    ("joint", "gear"): "1.02",
+    ("joint", "noise"): "0.01 [rad or m]",
+    ("joint", "backlash"): "0.01 [rad or m]",
+    ("joint", "lock"): "1.0 [rad or m]",
+    ("tip", "offset"): "0.01,0.02 [m]",
+    ("sensor", "mirror"): "x or y",
+    ("sensor", "scale"): "1.05",
+    ("sensor", "rotate"): "0.14 [rad]",
+    ("sensor", "shift"): "0.03,-0.02 [m]",
+    ("sensor", "outliers"): "0.05, a share of the rows",
+}
+
+
+@dataclass(frozen=True)
+class Change:
+    """One change of the simulated arm or sensor.
+
+    Attributes
+    ----------
+    part : {"joint", "tip", "sensor"}
+        What is changed.
+    joint : str
+        The joint's name; empty for the tip and the sensor.
+    what : str
+        `length`, `offset`, ...: one of `JOINT_CHANGES`, `TIP_CHANGES`, `SENSOR_CHANGES`.
+    values : tuple of float
+        One number, or two for `tip.offset` and `sensor.shift` [rad, m or 1]. For
+        `sensor.mirror` the factors of x and y, such as (-1, 1). Where `relative`, the
+        factor itself: 1.2 for +20%.
+    relative : bool
+        Whether `values` is a factor of what there was.
+    text : str
+        The change as typed.
+    """
+
+    part: Literal["joint", "tip", "sensor"]
+    joint: str
+    what: str
+    values: tuple[float, ...]
+    relative: bool
+    text: str
+
+    def __str__(self) -> str:
+        return self.text
+
+    @property
+    def value(self) -> float:
+        """The first or only number."""
+        return self.values[0]
+
+
+def parse_change(text: str, *, degrees: Collection[str] = ()) -> Change:
+    """Read one change.
+
+    The last dot before the last `=` divides the name from what is changed, so a joint's
+    name may hold dots, and a joint may even be called `sensor` or `tip`: a joint's
+    changes differ from a sensor's, and the tip's offset has two numbers.
+
+    Parameters
+    ----------
+    text : str
+        Such as `elbow.length=+20%`, `wrist.offset=0.05`, `tip.offset=0.01,0.02` or
+        `sensor.mirror=x` (the sign of x turns).
+    degrees : collection of str
+        The joints whose offset, noise, backlash and lock are typed in degrees.
+
+    Returns
+    -------
+    Change
+        In SI units; its text too.
+
+    Raises
+    ------
+    OptionError
+        If the text is no change or its value is impossible.
+
+    Examples
+    --------
+    >>> change = parse_change("left.elbow.length=+20%")
+    >>> change.joint, change.what, change.value, change.relative
+    ('left.elbow', 'length', 1.2, True)
+    """
+    name, equals, value = text.strip().rpartition("=")
+    target, dot, what = name.strip().rpartition(".")
+    value = value.strip()
+    if not (equals and dot and target and value):
+        raise OptionError(
+            f"change {text!r} is not WHO.WHAT=VALUE such as elbow.length=+20%; choices: {CHOICES}"
+        )
+    part = _part(text, target, what, value)
+    relative = value.endswith("%") and what in _RELATIVE
+    values = _values(text, part, what, value)
+    _check(text, part, what, values)
+    joint = target if part == "joint" else ""
+    if joint and joint in degrees and what in ("offset", "noise", "backlash", "lock"):
+        values = (math.radians(values[0]),)
+        text = f"{target}.{what}={values[0]!r}"
+    return Change(part, joint, what, values, relative, text.strip())
+
+
+def parse_changes(
+    changes: Iterable[str | Change], *, degrees: Collection[str] = ()
+) -> tuple[Change, ...]:
+    """Read several changes; the same thing changed twice is refused. See `parse_change`.
+
+    Examples
+    --------
+    >>> [c.what for c in parse_changes(["elbow.offset=0.05", "sensor.scale=2"])]
+    ['offset', 'scale']
+    """
+    if isinstance(changes, str):
+        changes = (changes,)
+    parsed: dict[tuple[str, str, str], Change] = {}
+    for item in changes:
+        change = item if isinstance(item, Change) else parse_change(item, degrees=degrees)
+        key = (change.part, change.joint, change.what)
+        if key in parsed:
+            raise OptionError(
+                f"change {change.text!r} comes after {parsed[key].text!r}: give one of the two"
+            )
+        parsed[key] = change
+    return tuple(parsed.values())
+
+
+def _part(text: str, target: str, what: str, value: str) -> Literal["joint", "tip", "sensor"]:
+    if target == "sensor" and what in SENSOR_CHANGES:
+        return "sensor"
+    if target == "tip" and what == "offset" and "," in value:
+        return "tip"
+    if what in JOINT_CHANGES:
+        return "joint"
+    choices = SENSOR_CHANGES if target == "sensor" else JOINT_CHANGES
+    raise OptionError(
+        f"change {text!r}: {target!r} has no {what!r}; choices: {', '.join(choices)}"
+        + (" (or tip.offset=DX,DY)" if target == "tip" else "")
+    )
+
+
+def _values(text: str, part: str, what: str, value: str) -> tuple[float, ...]:
+    expected = OptionError(f"change {text!r}: expected a value such as {_FORMS[part, what]}")
+    if what == "mirror":
+        if value not in ("x", "y"):
+            raise expected
+        return (-1.0, 1.0) if value == "x" else (1.0, -1.0)
+    percent = value.endswith("%")
+    if percent and what not in (*_RELATIVE, "outliers"):
+        raise expected
+    if percent and what == "length" and value[0] not in "+-":
+        raise OptionError(
+            f"change {text!r}: expected +{value} to lengthen by it, -{value} to shorten, "
+            "or a length such as 0.3 [m]"
+        )
+    try:
+        values = tuple(float(number) for number in value.removesuffix("%").split(","))
+    except ValueError:
+        raise expected from None
+    pair = (part, what) in (("tip", "offset"), ("sensor", "shift"))
+    if len(values) != (2 if pair else 1) or not all(abs(v) < LARGEST for v in values):
+        raise expected
+    if not percent:
+        return values
+    share = values[0] / 100.0
+    return (share,) if what == "outliers" else (_factor(value, share),)
+
+
+def _factor(value: str, share: float) -> float:
+    """Return 1.2 for +20% and 0.8 for -20%, and for 105% without a sign 1.05."""
+    return 1.0 + share if value[0] in "+-" else share
+
+
+def _check(text: str, part: str, what: str, values: tuple[float, ...]) -> None:
+    value = values[0]
+    if what in ("length", "scale") and value <= 0.0:
+        raise OptionError(f"change {text!r}: the {what} must stay above zero")
+    if what == "gear" and value == 0.0:
+        raise OptionError(f"change {text!r}: a gear of 0 moves nothing; use lock to hold a joint")
+    if what in ("noise", "backlash") and value < 0.0:
+        raise OptionError(f"change {text!r}: the {what} cannot be negative")
+    if part == "sensor" and what == "outliers" and not 0.0 <= value < 1.0:
+        raise OptionError(f"change {text!r}: expected a share of the rows from 0 to below 1")

@@ -1,0 +1,187 @@
+"""Columns of numbers, read from CSV and Parquet files."""
+
+from __future__ import annotations
+
+import os
+import shutil
+import sys
+import tempfile
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass
+from difflib import get_close_matches
+from pathlib import Path
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ..common.wording import clipped, quoted
+from ..errors import LogError
+from .csv_rows import csv_batches, csv_rows
+from .parquet import parquet_batches, parquet_header
+from .places import Place, find_place
+
+Array = NDArray[np.float64]
+
+PARQUET = (".parquet", ".pq")
+
+_LONGEST_HEADER = 1 << 20  # [bytes]; a file without line ends must not fill the memory
+
+
+@dataclass(frozen=True)
+class Source:
+    """A table that is ready to be read, as often as wanted.
+
+    Attributes
+    ----------
+    label : str
+        What messages call it.
+    path : Path
+        The file; of standard input a temporary copy.
+    header : tuple of str
+        Names of the columns.
+    separator : str
+        Between the fields of a CSV row; empty for Parquet.
+    skip : int
+        Lines of a CSV file up to the end of its header.
+    keep : object
+        Whatever has to live as long as the file is needed.
+    """
+
+    label: str
+    path: Path
+    header: tuple[str, ...]
+    separator: str = ""
+    skip: int = 1
+    keep: object = None
+
+
+def open_source(path: str | os.PathLike[str]) -> Source:
+    """Find the header of a CSV or Parquet file.
+
+    Parameters
+    ----------
+    path : path-like
+        The file; `-` reads CSV from standard input.
+
+    Returns
+    -------
+    Source
+        The table, of which no row was read yet.
+
+    Raises
+    ------
+    LogError
+        If there is no such file, or no header in it.
+    """
+    name, keep = os.fspath(path), None
+    label = "standard input" if name == "-" else _printable(name)
+    try:
+        if name == "-":
+            file, keep = _standard_input()
+        else:
+            file = Path(path)
+        with file.open("rb") as opened:
+            start = opened.readline(_LONGEST_HEADER)
+    except IsADirectoryError:
+        raise LogError(f"{label} is a folder, expected a CSV or Parquet file") from None
+    except FileNotFoundError:
+        raise LogError(f"there is no file {label!r}") from None
+    except (OSError, ValueError) as error:
+        raise LogError(f"cannot read {label!r}: {error}") from None
+    if start.startswith(b"PAR1"):
+        return Source(label, file, parquet_header(label, file), keep=keep)
+    if file.suffix.lower() in PARQUET:
+        raise LogError(f"{label} is no Parquet file; name it .csv if it is CSV")
+    if len(start) == _LONGEST_HEADER:
+        raise LogError(f"{label} has no line end in its first megabyte: expected CSV or Parquet")
+    separator = max(",;\t", key=lambda mark: start.count(mark.encode()))
+    with file.open("rb") as opened:
+        for line, row in csv_rows(label, opened, separator):
+            header = tuple(name.strip() for name in row)
+            return Source(label, file, header, separator, line, keep)
+    raise LogError(f"{label} is empty: expected a header with the names of the columns")
+
+
+def read_batches(source: Source, names: Sequence[str], *, lenient: bool = False) -> Iterator[Array]:
+    """Read some columns as numbers, some rows at a time: a file of any length fits.
+
+    Parameters
+    ----------
+    source : Source
+        The table.
+    names : sequence of str
+        The columns wanted; of a Parquet file's lists one element, as in `state[0]`.
+    lenient : bool
+        Whether text in a number's place is NaN rather than an error.
+
+    Yields
+    ------
+    (n, len(names)) array
+        The next rows, NaN where a value is missing. Blank lines are no rows.
+
+    Raises
+    ------
+    LogError
+        If a column is missing or there twice, or a value is no number.
+    """
+    places = [_place(source, name) for name in names]
+    label, path = source.label, source.path
+    if not source.separator:
+        return parquet_batches(label, path, places, lenient=lenient)
+    index = [source.header.index(place.column) for place in places]
+    return csv_batches(
+        label, path, source.header, source.separator, source.skip, index, lenient=lenient
+    )
+
+
+def read_columns(source: Source, names: Sequence[str], *, lenient: bool = False) -> Array:
+    """Read some columns as numbers, all rows at once; see `read_batches`."""
+    batches = list(read_batches(source, names, lenient=lenient))
+    return np.concatenate(batches) if batches else np.empty((0, len(names)))
+
+
+def _place(source: Source, name: str) -> Place:
+    place = find_place(source.header, name)
+    if place is None:
+        near = get_close_matches(name, source.header, n=1)
+        hint = f"did you mean {quoted(near[0])}? " if near else ""
+        raise LogError(
+            f"{source.label} has no column {quoted(name)}: {hint}columns: "
+            f"{_listed(source.header)}; map another name with --columns {clipped(name)}=OTHER"
+        )
+    count = source.header.count(place.column)
+    if count > 1:
+        raise LogError(
+            f"{source.label} has {count} columns {quoted(place.column)}: rename all but one"
+        )
+    if source.separator and place.element is not None:
+        raise LogError(
+            f"{source.label} is CSV, which has no lists: there is a column "
+            f"{quoted(place.column)} but none {quoted(name)}; lists are read from Parquet"
+        )
+    return place
+
+
+def _standard_input() -> tuple[Path, object]:
+    """Copy standard input to a temporary file, which can be read again and may be long.
+
+    The file is gone with the last reference to the second value.
+    """
+    stream = getattr(sys.stdin, "buffer", None)
+    folder = tempfile.TemporaryDirectory(prefix="calib-")
+    path = Path(folder.name) / "stdin"
+    with path.open("wb") as file:
+        if stream is not None:
+            shutil.copyfileobj(stream, file)
+        else:
+            file.write(sys.stdin.read().encode())
+    return path, folder
+
+
+def _printable(text: str) -> str:
+    return text if text.isprintable() else ascii(text)
+
+
+def _listed(names: Sequence[str], most: int = 12) -> str:
+    more = f" and {len(names) - most} more" if len(names) > most else ""
+    return ", ".join(map(quoted, names[:most])) + more

@@ -1,0 +1,171 @@
+"""Samples: what the arm did and what the sensor saw."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field, replace
+from typing import TYPE_CHECKING
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from ..common.checks import LARGEST
+from ..errors import LogError
+
+if TYPE_CHECKING:
+    from ..arm.planar_arm import PlanarArm
+    from ..arm.plane import Plane
+    from .long_log import LongLog
+    from .simulation import Simulation
+
+Array = NDArray[np.float64]
+
+
+@dataclass(frozen=True, eq=False)
+class Samples:
+    """Joint values and the tip positions measured with them.
+
+    The arrays are checked when made, C-contiguous and read-only. An array that is all of
+    this already is shared; any other is copied.
+
+    Attributes
+    ----------
+    q : (n, dof) array [rad or m]
+        Joint values, columns from base to tip.
+    x : (n, 2) array [unit]
+        Tip positions in the sensor's plane.
+    joint_names : tuple of str
+        Names of the columns of `q`.
+    lower, upper : (dof,) array [rad or m]
+        Range of each joint that was babbled (the arm's limits or narrower), or for a
+        log without a robot the extremes of its data.
+    revolute : tuple of bool
+        Whether each joint turns (rad) or slides (m).
+    unit : str
+        Unit of the positions: "m", "sensor", or what the user stated.
+    simulation : Simulation or None
+        For simulated samples what is needed to draw fresh exact ones.
+    dropped : int
+        Rows of a log that were left out because a value was missing or not finite.
+    arm : PlanarArm or None
+        The arm that the names and the ranges come from.
+    notes : tuple of str
+        What the user should be told, one line each.
+    plane : Plane or None
+        For a log of x, y, z the plane that was fitted to it.
+    out_of_plane_rms : float or None [unit]
+        Root mean square distance of those x, y, z from that plane.
+    long_log : LongLog or None
+        For a log that is longer than what is held at once, all of its rows.
+
+    Raises
+    ------
+    LogError
+        If the shapes do not fit each other or a value is not finite.
+
+    Examples
+    --------
+    >>> s = Samples([[0.0], [1.0]], [[1, 0], [0, 1]], ("hinge",), [0.0], [1.0], (True,))
+    >>> len(s), s.dof, s.take([1]).x.tolist()
+    (2, 1, [[0.0, 1.0]])
+    """
+
+    q: Array
+    x: Array
+    joint_names: tuple[str, ...]
+    lower: Array
+    upper: Array
+    revolute: tuple[bool, ...]
+    unit: str = "m"
+    simulation: Simulation | None = field(default=None, repr=False)
+    dropped: int = 0
+    arm: PlanarArm | None = field(default=None, repr=False)
+    notes: tuple[str, ...] = ()
+    plane: Plane | None = field(default=None, repr=False)
+    out_of_plane_rms: float | None = None
+    long_log: LongLog | None = field(default=None, repr=False)
+
+    def __post_init__(self) -> None:
+        for name in ("q", "x", "lower", "upper"):
+            object.__setattr__(self, name, _frozen(name, getattr(self, name)))
+        for name in ("joint_names", "revolute", "notes"):
+            object.__setattr__(self, name, tuple(getattr(self, name)))
+        self._check_shapes()
+        self._check_values()
+
+    def __len__(self) -> int:
+        return len(self.q)
+
+    @property
+    def dof(self) -> int:
+        """Number of joints."""
+        return len(self.joint_names)
+
+    def take(self, index: ArrayLike | slice) -> Samples:
+        """Return the rows that `index` picks, as a slice, row numbers or a mask of rows.
+
+        Parameters
+        ----------
+        index : slice, (k,) array of int or (n,) array of bool
+            Rows, in the order wanted.
+
+        Returns
+        -------
+        Samples
+            The same in everything but the rows.
+        """
+        rows = index if isinstance(index, slice) else np.atleast_1d(np.asarray(index))
+        if not isinstance(rows, slice) and not rows.size:
+            rows = rows.astype(np.intp)  # an empty list has no type that could index
+        return replace(self, q=self.q[rows], x=self.x[rows], long_log=None)
+
+    def _check_shapes(self) -> None:
+        dof = len(self.joint_names)
+        if dof == 0 or len(set(self.joint_names)) != dof:
+            raise LogError(
+                f"samples need one or more joints of different names, not {self.joint_names}"
+            )
+        n = self.q.shape[0] if self.q.ndim else 0
+        for name, shape in {
+            "q": (n, dof),
+            "x": (n, 2),
+            "lower": (dof,),
+            "upper": (dof,),
+        }.items():
+            got = getattr(self, name).shape
+            if got != shape:
+                raise LogError(
+                    f"{name} has shape {got}, expected {shape} for {n} rows of {dof} joints"
+                )
+        if len(self.revolute) != dof:
+            raise LogError(f"revolute has {len(self.revolute)} entries for {dof} joints")
+        if n == 0:
+            raise LogError("no rows: samples need at least one")
+
+    def _check_values(self) -> None:
+        for name in ("q", "x"):
+            values = getattr(self, name)
+            known = np.abs(values) < LARGEST
+            if not known.all():
+                row = int(np.argmin(known.all(axis=1)))
+                raise LogError(
+                    f"{name} of row {row + 1} is {values[row].tolist()}: leave out rows whose "
+                    f"values are missing, not finite or beyond {LARGEST:g}"
+                )
+        for joint, lo, hi in zip(self.joint_names, self.lower, self.upper, strict=True):
+            if not (np.isfinite(lo) and np.isfinite(hi) and lo < hi):
+                raise LogError(f"joint {joint!r} has the range {lo:g}:{hi:g}, expected low:high")
+
+
+def _frozen(name: str, value: ArrayLike) -> Array:
+    """Return `value` as a read-only C-contiguous float64 array that nobody else can write."""
+    if isinstance(value, np.ndarray) and value.dtype == np.float64 and value.flags.c_contiguous:
+        base = value.base
+        shared = isinstance(base, np.ndarray) and base.flags.writeable
+        if not value.flags.writeable and (base is None or not shared):
+            return value
+    try:
+        array = np.array(value, dtype=np.float64, order="C")
+    except (TypeError, ValueError) as error:
+        raise LogError(f"{name} is not an array of numbers: {error}") from None
+    array.flags.writeable = False
+    return array

@@ -1,0 +1,158 @@
+"""Screening: rows of a log that contradict their neighbours, before anything learns from them."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ..body.basis import Basis, largest_harmonic
+from ..common.robust import robust_solve
+from ..common.scale import Scale
+from ..maps.map import search_tree
+from .samples import Samples
+
+Array = NDArray[np.float64]
+
+_GROSS = 10.0  # medians of a residual beyond which a row is suspect
+_SPREAD = 4.0  # and beyond so many times what seven in ten rows stay below
+_FLOOR = 1e-4  # share of the extent that is no gross error
+_AROUND = 15  # neighbours that a suspect row is compared with
+_NEAR = 2.5  # times as far as usual; in a corner of the range neighbours are twice as far
+_APART = 10.0  # times their own scatter by which it has to differ from them
+_MOST = 0.25  # share of the rows that can be wrong; beyond it the fit is
+_FITTED = 1500  # rows that a robust fit rests on
+_TERMS = 90  # functions of a robust fit beyond those of a rigid chain
+_PER_TERM = (5, 10)  # rows for each function of a rigid chain, of the others
+_CHUNK = 50_000  # rows whose functions are held at once
+
+
+@dataclass(frozen=True, eq=False)
+class Screening:
+    """Which rows of a log can be believed.
+
+    Attributes
+    ----------
+    kept : (n,) bool array
+        False where the row is a gross outlier.
+    """
+
+    kept: NDArray[np.bool_] = field(repr=False)
+
+    @property
+    def left_out(self) -> int:
+        """Number of outliers."""
+        return int(np.count_nonzero(~self.kept))
+
+    def notes(self) -> list[str]:
+        """What the user should be told."""
+        if not self.left_out:
+            return []
+        wrong = "1 row of" if self.left_out == 1 else f"{self.left_out:,} of"
+        verb = (
+            "contradicts its neighbours and was"
+            if self.left_out == 1
+            else ("contradict their neighbours and were")
+        )
+        return [f"{wrong} {len(self.kept):,} rows {verb} left out, of learning and of the errors"]
+
+
+def screen(samples: Samples) -> Screening:
+    """Find the rows whose position is grossly wrong.
+
+    A row is left out if it is far from a robust fit of smooth functions of the joints, by
+    the standard of all rows, and if its residual is also far from those of the rows around
+    it, by their own standard: a misfit of the functions, or a corner where the sensor is
+    worse, concerns neighbours alike. A row that has no neighbours contradicts none.
+
+    Parameters
+    ----------
+    samples : Samples
+        A log. Where the rows are too few to fit all that a chain of rigid links can do (45
+        for two joints, 135 for three) nothing is left out.
+
+    Returns
+    -------
+    Screening
+    """
+    scale = Scale.of_range(samples.lower, samples.upper, samples.revolute)
+    u, x = scale.to_unit(samples.q), samples.x
+    everything = Screening(np.ones(len(u), dtype=bool))
+    residual = _residual(scale, samples.revolute, u, x)
+    if residual is None:
+        return everything
+    size = np.linalg.norm(residual, axis=1)
+    limit = gross(size, x)
+    suspects = np.flatnonzero(size > limit)
+    if not len(suspects):
+        return everything
+    around = min(_AROUND, len(u) - 1)
+    tree = search_tree(u, scale)
+    some = np.linspace(0, len(u) - 1, min(len(u), _FITTED)).astype(np.intp)
+    usual = float(np.median(tree.query(u[some], k=[around + 1])[0]))
+    reach, near = tree.query(u[suspects], k=np.arange(1, around + 2))
+    close = np.asarray(reach)[:, -1] <= _NEAR * usual
+    suspects, near = suspects[close], np.asarray(near)[close]
+    if not len(suspects):
+        return everything
+    others = residual[np.asarray(near, dtype=np.intp)]
+    # a row is no neighbour of its own, wherever ties have put it
+    others[near == suspects[:, None]] = np.nan
+    middle = np.nanmedian(others, axis=1)
+    scatter = np.nanmedian(np.linalg.norm(others - middle[:, None], axis=2), axis=1)
+    away = np.linalg.norm(residual[suspects] - middle, axis=1)
+    wrong = suspects[away > np.maximum(limit, _APART * scatter)]
+    if len(wrong) > _MOST * len(u):
+        return everything
+    kept = everything.kept.copy()
+    kept[wrong] = False
+    return Screening(kept)
+
+
+def gross(errors: Array, x: Array) -> float:
+    """Distance beyond which a row is suspect, given the errors (n,) at positions `x` (n, 2)."""
+    low, high = np.quantile(x, (0.05, 0.95), axis=0)
+    return max(
+        _GROSS * float(np.median(errors)),
+        _SPREAD * float(np.quantile(errors, 0.7)),
+        _FLOOR * float(np.linalg.norm(high - low)),
+    )
+
+
+def _residual(scale: Scale, turning: tuple[bool, ...], u: Array, x: Array) -> Array | None:
+    """What the best of some robust fits leaves over of `x`, (n, 2); None for too few rows."""
+    rows = np.arange(len(u))
+    if len(u) > _FITTED:
+        rows = np.sort(np.random.default_rng(0).choice(len(u), _FITTED, replace=False))
+    best: Array | None = None
+    for basis in _bases(scale, turning, len(rows)):
+        coefficients = robust_solve(basis.values(u[rows]), x[rows])
+        residual = np.concatenate(
+            [
+                x[first : first + _CHUNK] - basis.values(u[first : first + _CHUNK]) @ coefficients
+                for first in range(0, len(u), _CHUNK)
+            ]
+        )
+        if best is None or _middle(residual) < _middle(best):
+            best = residual
+    return best
+
+
+def _middle(residual: Array) -> float:
+    return float(np.median(np.linalg.norm(residual, axis=1)))
+
+
+def _bases(scale: Scale, turning: tuple[bool, ...], rows: int) -> list[Basis]:
+    """All that a rigid chain of links can do, and what more of harmonics or polynomials fits.
+
+    None where the rows are too few for the first: its misfit could not be told from outliers.
+    """
+    turns = tuple(float(s) if t else 0.0 for s, t in zip(scale.span, turning, strict=True))
+    rigid = Basis(turns, len(turns), each=1)
+    if _PER_TERM[0] * len(rigid.orders) > rows:
+        return []
+    highest = min([8, *(max(1, largest_harmonic(t)) for t in turns if t)])
+    smooth = [Basis(turns, degree) for degree in range(2, highest + 1)]
+    smooth = [basis for basis in smooth if len(basis.orders) <= min(rows // _PER_TERM[1], _TERMS)]
+    return [rigid, *(b for b in smooth if b.degree == 4 or b is smooth[-1])]

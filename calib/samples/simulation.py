@@ -1,0 +1,265 @@
+"""The simulated arm and sensor: where the tip really is and what the sensor reads."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from functools import cached_property
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+from numpy.random import Generator
+from numpy.typing import ArrayLike, NDArray
+
+from ..common.checks import LARGEST
+from ..errors import OptionError
+from .changes import Change, parse_changes
+
+if TYPE_CHECKING:
+    from ..arm.planar_arm import PlanarArm
+
+Array = NDArray[np.float64]
+
+_BOX_SAMPLES = 4096  # enough to know the extent of the workspace to a few percent
+
+
+@dataclass(frozen=True, eq=False)
+class Simulation:
+    """An arm and a sensor, altered by changes, that can be measured.
+
+    A joint's encoder reads q. The joint itself stands at `gear * q + offset`, less the
+    backlash, or wherever `lock` holds it, and trembles by its `noise`. The sensor sees
+    the tip mirrored, scaled, rotated and shifted, in that order, about the plane's origin.
+
+    Attributes
+    ----------
+    arm : PlanarArm
+        The arm as it is described, without the changes.
+    noise : float [m]
+        Standard deviation of the sensor along each axis.
+    changes : tuple of Change
+        What differs from the description.
+
+    Examples
+    --------
+    >>> import calib, numpy as np
+    >>> arm = calib.load_arm("two_link")
+    >>> turned = calib.Simulation(arm, noise=1e-3, changes=("sensor.mirror=x",))
+    >>> rng = np.random.default_rng(0)
+    >>> turned.measure(turned.draw(5, rng), rng).shape
+    (5, 2)
+    """
+
+    arm: PlanarArm
+    noise: float = 0.0
+    changes: tuple[Change, ...] = ()
+
+    def __post_init__(self) -> None:
+        noise = self.noise
+        if isinstance(noise, bool) or not isinstance(noise, (int, float, np.number)):
+            raise OptionError(f"noise is {noise!r}, expected a number of metres, zero or more")
+        if not 0.0 <= float(noise) < LARGEST:
+            raise OptionError(f"noise is {noise:g}, expected zero or more, below {LARGEST:g} [m]")
+        object.__setattr__(self, "noise", float(noise))
+        object.__setattr__(self, "changes", parse_changes(self.changes))
+        for change in self.changes:
+            self._check(change)
+        _ = self.true_arm  # a change of geometry that is impossible is told here
+
+    @cached_property
+    def true_arm(self) -> PlanarArm:
+        """The arm with its lengths and its tip as changed."""
+        arm = self.arm
+        for change in self._of("joint", "length"):
+            length = change.value
+            if change.relative:
+                length *= self._link_length(change)
+            arm = arm.with_link_length(change.joint, length)
+        for change in self._of("tip", "offset"):
+            arm = arm.with_tip_offset(*change.values)
+        return arm
+
+    def draw(self, n: int, rng: Generator) -> Array:
+        """Draw joint values uniformly from the arm's range.
+
+        Parameters
+        ----------
+        n : int
+            How many.
+        rng : numpy.random.Generator
+            Where they come from.
+
+        Returns
+        -------
+        (n, dof) array [rad or m]
+            What the encoders read.
+        """
+        low, high = np.asarray(self.arm.lower), np.asarray(self.arm.upper)
+        return np.asarray(rng.uniform(low, high, size=(n, len(low))), dtype=np.float64)
+
+    def exact(self, q: ArrayLike) -> Array:
+        """Return what the sensor would read without noise, backlash and outliers.
+
+        Parameters
+        ----------
+        q : (n, dof) or (dof,) array [rad or m]
+            What the encoders read.
+
+        Returns
+        -------
+        (n, 2) or (2,) array [m]
+            The true position in the sensor's frame.
+        """
+        return self._see(self._joints(np.asarray(q, dtype=np.float64)))
+
+    def measure(self, q: ArrayLike, rng: Generator) -> Array:
+        """Return what the sensor reads while the arm goes through `q`, row by row.
+
+        Noise of the joints, noise of the sensor and outliers have streams of their own:
+        more of one leaves the others as they are. Backlash depends on the order of the
+        rows. An outlier is a point anywhere in the box around the workspace.
+
+        Parameters
+        ----------
+        q : (n, dof) or (dof,) array [rad or m]
+            What the encoders read.
+        rng : numpy.random.Generator
+            Parent of the streams.
+
+        Returns
+        -------
+        (n, 2) or (2,) array [m]
+            Positions in the sensor's frame.
+        """
+        q = np.asarray(q, dtype=np.float64)
+        rows = np.atleast_2d(q)
+        joint_noise, sensor_noise, outliers = rng.spawn(3)
+        theta = self._joints(rows)
+        locked = {change.joint for change in self._of("joint", "lock")}
+        for change in self._of("joint", "backlash"):
+            if change.joint not in locked:
+                column = self._column(change)
+                theta[:, column] = _play(theta[:, column], change.value)
+        tremble = self._of("joint", "noise")
+        wobble = joint_noise.standard_normal(theta.shape) if tremble else theta
+        for change in tremble:
+            if change.joint not in locked:
+                column = self._column(change)
+                theta[:, column] += change.value * wobble[:, column]
+        x = self._see(theta)
+        if self.noise > 0.0:
+            x += self.noise * sensor_noise.standard_normal(x.shape)
+        for change in self._of("sensor", "outliers"):
+            wrong = outliers.random(len(x)) < change.value
+            low, high = self._box
+            x[wrong] = outliers.uniform(low, high, size=(len(x), 2))[wrong]
+        return x if q.ndim == 2 else x[0]
+
+    def to_json(self) -> dict[str, Any]:
+        """Return the noise and the changes as plain data; the arm is stored elsewhere.
+
+        Examples
+        --------
+        >>> import calib
+        >>> arm = calib.load_arm("two_link")
+        >>> Simulation(arm, 0.001, parse_changes("elbow.offset=0.05")).to_json()
+        {'noise': 0.001, 'changes': ['elbow.offset=0.05']}
+        """
+        return {"noise": self.noise, "changes": [change.text for change in self.changes]}
+
+    @classmethod
+    def from_json(cls, arm: PlanarArm, data: Mapping[str, Any]) -> Simulation:
+        """Rebuild what `to_json` returned, with the arm as it was described."""
+        return cls(arm, noise=data["noise"], changes=parse_changes(data["changes"]))
+
+    def _joints(self, q: Array) -> Array:
+        """Where the joints stand when their encoders read `q`, without noise and backlash."""
+        theta = np.array(q, dtype=np.float64)
+        for change in self._of("joint", "gear"):
+            theta[..., self._column(change)] *= change.value
+        for change in self._of("joint", "offset"):
+            theta[..., self._column(change)] += change.value
+        for change in self._of("joint", "lock"):
+            theta[..., self._column(change)] = change.value
+        return theta
+
+    def _see(self, theta: Array) -> Array:
+        """Tip positions in the sensor's frame for the joints' true values."""
+        x = np.array(self.true_arm.forward(theta), dtype=np.float64)
+        for change in self._of("sensor", "mirror"):
+            x *= change.values
+        for change in self._of("sensor", "scale"):
+            x *= change.value
+        for change in self._of("sensor", "rotate"):
+            c, s = math.cos(change.value), math.sin(change.value)
+            x = x @ np.array([[c, s], [-s, c]])
+        for change in self._of("sensor", "shift"):
+            x += change.values
+        return x
+
+    @cached_property
+    def _box(self) -> tuple[Array, Array]:
+        """Lower and upper corner of what the sensor sees of the workspace [m]."""
+        x = self.exact(self.draw(_BOX_SAMPLES, np.random.default_rng(0)))
+        return x.min(axis=0), x.max(axis=0)
+
+    def _of(self, part: str, what: str) -> Sequence[Change]:
+        return [c for c in self.changes if c.part == part and c.what == what]
+
+    def _column(self, change: Change) -> int:
+        return list(self.arm.joint_names).index(change.joint)
+
+    def _check(self, change: Change) -> None:
+        if change.part != "joint":
+            return
+        names = tuple(self.arm.joint_names)
+        if change.joint not in names:
+            raise OptionError(
+                f"change {change.text!r}: no joint {change.joint!r}; choices: "
+                f"{', '.join(names)}, sensor, tip"
+            )
+        revolute = self.arm.revolute[names.index(change.joint)]
+        if revolute and change.what in ("offset", "lock") and abs(change.value) > 2.0 * math.pi:
+            raise OptionError(
+                f"change {change.text!r}: more than one turn; joint values are in rad "
+                "unless --degrees is given"
+            )
+
+    def _link_length(self, change: Change) -> float:
+        length = float(self.arm.link_lengths[change.joint])
+        if length == 0.0:
+            raise OptionError(
+                f"change {change.text!r}: that link has no length to alter by a percentage; "
+                f"give one in metres such as {change.joint}.length=0.1"
+            )
+        return length
+
+
+def _play(theta: Array, width: float) -> Array:
+    """Let a joint follow its motor with backlash: it moves once the play is used up.
+
+    Parameters
+    ----------
+    theta : (n,) array [rad or m]
+        Where the motor would put the joint, in the order of motion.
+    width : float [rad or m]
+        The whole play, half of it to each side.
+
+    Returns
+    -------
+    (n,) array [rad or m]
+        Where the joint is.
+
+    Examples
+    --------
+    >>> _play(np.array([0.0, 1.0, 0.9, 0.0]), 0.4).tolist()
+    [0.0, 0.8, 0.8, 0.2]
+    """
+    half = width / 2.0
+    joint = float(theta[0]) if len(theta) else 0.0
+    followed = []
+    for motor in theta.tolist():
+        joint = min(max(joint, motor - half), motor + half)
+        followed.append(joint)
+    return np.array(followed, dtype=np.float64)

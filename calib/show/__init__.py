@@ -1,0 +1,1 @@
+"""Show: pictures, previews and reports of a model."""

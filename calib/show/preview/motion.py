@@ -1,0 +1,101 @@
+"""Motion: a closed path that the arm is driven along with the inverse map."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import TYPE_CHECKING
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ..error_scale import ROUNDING
+from ..workspace import extent
+
+if TYPE_CHECKING:
+    from ...model.model import Model
+
+Array = NDArray[np.float64]
+
+FRAMES = 180
+FPS = 30.0
+_WIDTHS = (0.36, 0.25, 0.15, 0.08)  # swing of the joints about their middle, of their range
+_VISIBLE = 1 / 60  # of the extent: deviations are drawn at least so large
+_STEPS = (1, 2, 5)
+
+
+@dataclass(frozen=True, eq=False)
+class Motion:
+    """A path, the joints that the inverse map answers with, and where they lead.
+
+    Attributes
+    ----------
+    q : (n, dof) array [rad or m]
+        Answered joints; the last row is the first.
+    target, reached : (n, 2) array [unit]
+        What was asked for, and where the arm comes to be: the simulated arm, or for a
+        log the place where the learned map expects it.
+    true : bool
+        Whether `reached` is the simulated arm.
+    rounding : float [unit]
+        Deviations below this are rounding.
+    """
+
+    q: Array
+    target: Array
+    reached: Array
+    true: bool
+    rounding: float
+
+    @property
+    def deviation(self) -> Array:
+        """Distance (n,) from target to reached position [unit]."""
+        return np.asarray(np.linalg.norm(self.reached - self.target, axis=1))
+
+    def magnified(self, size: float) -> tuple[Array, int]:
+        """Reached positions with deviations enlarged until they can be seen, and how much.
+
+        `size` is the workspace's extent. What is rounding is not enlarged.
+        """
+        most = float(self.deviation.max())
+        if most < self.rounding:
+            return self.reached, 1
+        wanted = _VISIBLE * size / most
+        if wanted <= 1:
+            return self.reached, 1
+        power = int(np.floor(np.log10(wanted)))
+        factor = max(s for s in _STEPS if s <= wanted / 10**power) * 10**power
+        return self.target + factor * (self.reached - self.target), factor
+
+
+def drive(model: Model) -> Motion:
+    """Drive the arm along a loop through its workspace.
+
+    The targets are where a smooth loop of the joints leads, so that they can be reached
+    and stay on one branch; the inverse map sees the targets alone and that branch.
+    """
+    from ...training.evaluate import simulation_of
+
+    scale, dof = model.motor.scale, len(model.about.joint_names)
+    t = np.linspace(0.0, 2 * np.pi, FRAMES + 1)
+    wave = np.stack(
+        [np.cos((1 + k // 2) * t - (k % 2) * np.pi / 2 + 0.7 * k) for k in range(dof)], axis=1
+    )
+    q = target = np.empty((0, 2))
+    for width in _WIDTHS:
+        q = scale.from_unit(0.5 + width * wave)
+        target = model.forward(q)
+        if np.isfinite(target).all():
+            break
+    known = np.isfinite(target).all(axis=1)
+    q, target = q[known], target[known]
+    if not len(q):  # a log with a hole in its middle: stay at a node
+        node = int(np.argmax(model.visited))
+        q = model.motor.weights[[node, node]]
+        target = model.sensory.weights[
+            model.sensory.winners(model.predictor.value(scale.to_unit(q)))
+        ]
+    answer = model.solve(target, q)
+    simulation = simulation_of(model)
+    reached = answer.position if simulation is None else simulation.exact(answer.q)
+    least = ROUNDING if model.about.unit == "m" else ROUNDING * extent(model)
+    return Motion(answer.q, target, reached, simulation is not None, least)

@@ -1,0 +1,80 @@
+"""Page: meshcat's viewer, a scene and its legend in one file that needs no network."""
+
+from __future__ import annotations
+
+import base64
+import json
+import re
+from importlib.util import find_spec
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+from ...errors import CalibError
+from .lattices import strongest_partners
+from .scene import Scene
+
+if TYPE_CHECKING:
+    from ...model.model import Model
+
+_HERE = Path(__file__).parent
+_POLICY = (
+    "default-src 'none'; script-src 'unsafe-inline'; style-src 'unsafe-inline'; "
+    "img-src data: blob:; connect-src 'self'"
+)
+"""What a browser lets the page load: nothing that is not in it, except from its own server."""
+
+
+def html(scene: Scene, model: Model, *, live: bool = False) -> str:
+    """Return the page of a scene.
+
+    Parameters
+    ----------
+    scene : Scene
+        The drawing.
+    model : Model
+        Whose links the page shows.
+    live : bool
+        Whether a server answers inverse queries.
+    """
+    partners, strength = strongest_partners(model)
+    short = model.motor.size < 1 << 16  # 65535 stands for none
+    data = {
+        **scene.page,
+        "notes": list(scene.notes),
+        "live": live,
+        "links": {
+            "each": partners.shape[1],
+            "short": short,
+            "partners": _base64(partners.astype("<u2" if short else "<i4").tobytes()),
+            "strength": _base64(strength.tobytes()),
+        },
+        "commands": [_base64(command) for command in scene.canvas.packed()],
+    }
+    text = json.dumps(data, separators=(",", ":"), allow_nan=False)
+    parts = {
+        "POLICY": _POLICY,
+        "STYLE": (_HERE / "page.css").read_text(encoding="utf-8"),
+        "VIEWER": viewer_script(),
+        "DATA": text.replace("<", "\\u003c"),
+        "SCRIPT": (_HERE / "page.js").read_text(encoding="utf-8"),
+    }
+    template = (_HERE / "page.html").read_text(encoding="utf-8")
+    return re.sub(r"@([A-Z]+)@", lambda found: parts[found.group(1)], template)
+
+
+def viewer_script() -> str:
+    """Source of meshcat's viewer, as its package brings it."""
+    found = find_spec("meshcat")
+    if found is None or found.origin is None:
+        raise CalibError("the preview needs meshcat, which is not installed: pip install meshcat")
+    path = Path(found.origin).parent / "viewer" / "dist" / "main.min.js"
+    try:
+        return path.read_text(encoding="utf-8")
+    except OSError as error:
+        raise CalibError(
+            f"meshcat's viewer is missing ({path.name}): pip install --force-reinstall meshcat"
+        ) from error
+
+
+def _base64(data: bytes) -> str:
+    return base64.b64encode(data).decode("ascii")

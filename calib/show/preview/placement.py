@@ -1,0 +1,117 @@
+"""Placement: where in space a sensor's positions and the joints' box are drawn."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import TYPE_CHECKING
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from ...arm.plane import Plane, fit_plane
+from ...errors import CalibError
+from ..workspace import extent
+
+if TYPE_CHECKING:
+    from ...model.model import Model
+    from .body import Body
+
+Array = NDArray[np.float64]
+
+_TRUSTED = 0.15  # a sensor that differs less [share of the extent] is drawn where it says
+_SIZES = (0.05, 20.0)  # extents [m] that are drawn as they are
+_DRAWN = 0.6  # extent of all others
+
+
+@dataclass(frozen=True, eq=False)
+class Placement:
+    """An affine map from the sensor's plane into the scene.
+
+    Attributes
+    ----------
+    origin : (3,) array
+        Where the sensor's (0, 0) is.
+    axes : (2, 3) array
+        Where its x and y lead, for one unit.
+    scale : float
+        Size of the scene over that of the world, not 1 only for very small or large arms
+        and for sensors with units of their own.
+    note : str
+        What the user should be told, or "".
+    """
+
+    origin: Array
+    axes: Array
+    scale: float
+    note: str = ""
+
+    def lift(self, x: ArrayLike) -> Array:
+        """Points (n, 3) of the scene for positions (n, 2) [unit]."""
+        return np.asarray(self.origin + np.asarray(x, dtype=float) @ self.axes)
+
+    @property
+    def frame(self) -> Array:
+        """Rows x, y and normal of the drawn plane, unit vectors (3, 3)."""
+        x = self.axes[0] / np.linalg.norm(self.axes[0])
+        normal = np.cross(self.axes[0], self.axes[1])
+        normal /= np.linalg.norm(normal)
+        return np.stack([x, np.cross(normal, x), normal])
+
+
+def place(model: Model, body: Body | None) -> Placement:
+    """Find where a model's positions are in space.
+
+    Positions of a sensor that agrees with the robot's own geometry are drawn where they
+    say. Those of a camera that is turned, mirrored or counts pixels are brought to the
+    robot by the similarity that fits best, which is said aloud.
+    """
+    about, size = model.about, extent(model)
+    if body is None:
+        scale = 1.0 if _SIZES[0] <= size <= _SIZES[1] else _DRAWN / size
+        plane = _stated(about.plane)
+        return Placement(scale * plane.origin, scale * np.stack([plane.x, plane.y]), scale)
+    scale = 1.0
+    nodes = model.motor.scale.from_unit(np.clip(model.motor.units[model.visited], 0.0, 1.0))
+    nodes = nodes[:: max(1, len(nodes) // 2000)]
+    learned = model.forward(nodes)
+    known = np.isfinite(learned).all(axis=1)
+    tips, learned = body.tips(nodes[known]), learned[known]
+    try:
+        plane = fit_plane(tips)[0]
+    except CalibError:
+        plane = _stated(about.plane)
+    nominal = plane.project(tips)
+    reach = float(np.ptp(nominal, axis=0).max())
+    if not _SIZES[0] <= reach <= _SIZES[1]:
+        scale = _DRAWN / reach
+    linear, shift, note = np.eye(2), np.zeros(2), ""
+    far = np.sqrt(np.mean(np.sum((learned - nominal) ** 2, axis=1)))
+    if about.unit != "m" or far > _TRUSTED * reach:
+        linear, shift = similarity(learned, nominal)
+        note = (
+            "the sensor's frame is not the robot's: its positions are drawn where a least-squares "
+            "fit (turn, mirror, scale, shift) brings them"
+        )
+    basis = np.stack([plane.x, plane.y])
+    return Placement(scale * plane.lift(shift), scale * linear @ basis, scale, note)
+
+
+def similarity(source: Array, target: Array) -> tuple[Array, Array]:
+    """Similarity, mirrored or not, that brings points (n, 2) closest to others (n, 2).
+
+    Returns
+    -------
+    linear, shift : (2, 2), (2,) array
+        ``source @ linear + shift`` is close to `target` (Umeyama 1991).
+    """
+    a, b = source.mean(axis=0), target.mean(axis=0)
+    u, spread, v = np.linalg.svd((source - a).T @ (target - b))
+    power = float(np.sum((source - a) ** 2))
+    linear = u @ v * (spread.sum() / power if power > 0 else 1.0)
+    return np.asarray(linear), np.asarray(b - a @ linear)
+
+
+def _stated(plane: object) -> Plane:
+    if isinstance(plane, dict):
+        return Plane(*(np.array(plane[key], dtype=float) for key in ("origin", "x", "y")))
+    return Plane(np.zeros(3), np.eye(3)[0], np.eye(3)[1])

@@ -1,0 +1,290 @@
+"""Scene: a model drawn in layers, with what the page around them has to know."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ..colours import colours, rgb, stops
+from ..error_scale import ErrorScale, length_in_words
+from ..workspace import border, drawn_edges, extent, motor_errors, sensory_errors
+from . import arm as arm_layer
+from .body import Body
+from .camera import Camera
+from .canvas import POINT, Canvas
+from .labels import labels
+from .lattices import panel_beside, strongest_partners, telling_node
+from .motion import FPS, Motion, drive
+from .placement import Placement, place
+
+if TYPE_CHECKING:
+    from ...model.model import Model
+    from ...samples.samples import Samples
+
+Array = NDArray[np.float64]
+
+BORDER, LINK, TARGET, REACHED = "#2a9d8f", "#2f9e44", "#1c7ed6", "#e8590c"
+SAMPLE, FRAME = "#6c7a89", "#8b97a3"
+_MOST_SAMPLES = 5000
+_REPETITIONS = 3
+
+
+@dataclass(frozen=True, eq=False)
+class Scene:
+    """A drawn model.
+
+    Attributes
+    ----------
+    canvas : Canvas
+        The layers.
+    camera : Camera
+        From where they are seen.
+    page : dict
+        Plain data for the page: title, legend, layers, labels, links.
+    notes : tuple of str
+        What the user should be told.
+    placement : Placement
+        Where the sensor's positions are.
+    motion : Motion
+        The path of the animation.
+    scale : ErrorScale
+        What the nodes' colours mean.
+    """
+
+    canvas: Canvas
+    camera: Camera
+    page: dict[str, Any]
+    notes: tuple[str, ...]
+    placement: Placement
+    motion: Motion
+    scale: ErrorScale
+
+
+def draw(model: Model, *, samples: Samples | None = None, meshes: Path | None = None) -> Scene:
+    """Draw a model.
+
+    Parameters
+    ----------
+    model : Model
+    samples : Samples, optional
+        Measured samples to show; without them a simulated model's are drawn again.
+    meshes : Path, optional
+        The folder that the URDF's mesh files may be taken from.
+    """
+    return _Drawing(model, samples, meshes).run()
+
+
+class _Drawing:
+    """One drawing: its layers in the order of the legend."""
+
+    def __init__(self, model: Model, samples: Samples | None, meshes: Path | None) -> None:
+        self.model, self.samples, self.meshes = model, samples, meshes
+        self.canvas = Canvas()
+        self.layers: list[dict[str, Any]] = []
+        self.notes: list[str] = []
+        self.body = Body.of(model.about)
+        self.placement = place(model, self.body)
+        self.size = extent(model) * float(np.linalg.norm(self.placement.axes[0]))
+
+    def run(self) -> Scene:
+        model, placement, canvas = self.model, self.placement, self.canvas
+        motion = drive(model)
+        line = border(model)
+        around = placement.lift(line.reshape(-1, 2) if len(line) else model.sensory.weights)
+        poses: dict[str, Array] = {}
+        if self.body is not None:
+            poses = self.body.poses(motion.q)
+            around = np.concatenate([around, placement.scale * self.body.skeleton(motion.q[:1])[0]])
+        frame = placement.frame
+        if (around @ frame[0]).max() - (around @ frame[0]).min() == 0:
+            frame = np.eye(3)
+        self.panel = panel_beside(frame, around, 0.75 * self.size, len(model.about.joint_names))
+        camera = Camera.onto(np.concatenate([around, self.panel.outline[0]]), frame)
+        # lines that lie on the maps are drawn a little in front of them
+        self.front = 0.006 * self.size * camera.direction
+        scale = self._errors()
+
+        self._arm(poses)
+        self._maps(scale)
+        self._links(motion)
+        self._border(line)
+        self._samples()
+        self._path(motion, poses)
+        if placement.note:
+            self.notes.append(placement.note)
+        canvas.set("Grid", "visible", False)
+        canvas.place("Axes", np.diag([*[0.3 * self.size] * 3, 1.0]))
+        page = self._page(scale, camera)
+        return Scene(canvas, camera, page, tuple(self.notes), placement, motion, scale)
+
+    def _errors(self) -> ErrorScale:
+        model = self.model
+        self.motor_errors, self.sensory_errors = motor_errors(model), sensory_errors(model)
+        return ErrorScale.of(
+            np.concatenate([self.motor_errors, self.sensory_errors]),
+            model.about.unit,
+            extent(model),
+        )
+
+    def _layer(self, name: str, colour: str = "", text: str = "", *, shown: bool = True) -> str:
+        self.layers.append({"name": name, "colour": colour, "text": text, "shown": shown})
+        if not shown:
+            self.canvas.set(name, "visible", False)
+        return name
+
+    def _arm(self, poses: dict[str, Array]) -> None:
+        if self.body is None:
+            self.notes.append("no URDF came with this model: the arm itself is not drawn")
+            return
+        name = self._layer(arm_layer.LAYER, "", "as its URDF describes it")
+        drawn = extent(self.model) if self.model.about.unit == "m" else 0.0
+        size = drawn or self.size / self.placement.scale
+        self.notes += arm_layer.draw_arm(self.canvas, self.body, poses, size, self.meshes)
+        if self.placement.scale != 1.0:
+            self.canvas.place(name, np.diag([*[self.placement.scale] * 3, 1.0]))
+
+    def _maps(self, scale: ErrorScale) -> None:
+        model, canvas = self.model, self.canvas
+        sensory = self.placement.lift(model.sensory.weights)
+        motor = self.panel.lift(np.asarray(model.motor.units))
+        parts = (
+            ("Sensory map", model.sensory, sensory, self.sensory_errors, "where they stand"),
+            ("Motor map", model.motor, motor, self.motor_errors, "over the joints' ranges"),
+        )
+        self.nodes = {"sensory": sensory, "motor": motor}
+        for name, part, points, errors, text in parts:
+            tint = colours(scale.share(errors))
+            self._layer(name, "scale", f"{_shape(part)} nodes {text}")
+            edges = drawn_edges(part)
+            canvas.lines(f"{name}/lattice", points, edges, tint)
+            ends = points[edges]
+            spacing = float(np.median(np.linalg.norm(ends[:, 0] - ends[:, 1], axis=1)))
+            width = 0.5 if part.units.shape[1] == 2 else 0.25
+            canvas.points(f"{name}/nodes", points, tint, width * max(spacing, 0.003 * self.size))
+        corners, pairs = self.panel.outline
+        canvas.lines("Motor map/range", corners, pairs, FRAME)
+
+    def _links(self, motion: Motion) -> None:
+        model = self.model
+        self.partners, self.strength = strongest_partners(model)
+        node = telling_node(model, np.unique(model.sensory.winners(motion.target)))
+        self._layer("Hebbian links", LINK, "of one node; click the sensory map for another")
+        mine = self.partners[node][self.partners[node] >= 0]
+        if len(mine):
+            ends = np.concatenate([self.nodes["sensory"][[node]], self.nodes["motor"][mine]])
+            pairs = [(0, k + 1) for k in range(len(mine))]
+            fade = 0.25 + 0.75 * self.strength[node][: len(mine)] / 255
+            tint = np.outer(np.concatenate([[1.0], fade]), rgb(LINK)).astype(np.uint8)
+            self.canvas.lines("Hebbian links/lines", ends, pairs, tint)
+            self.canvas.points("Hebbian links/nodes", ends, LINK, 0.022 * self.size)
+        self.node = node
+
+    def _border(self, line: Array) -> None:
+        points = self.placement.lift(line.reshape(-1, 2)) + self.front
+        self._layer("Workspace border", BORDER, "of all that the learned range reaches")
+        pairs = np.arange(len(points)).reshape(-1, 2)
+        self.canvas.lines("Workspace border/line", points, pairs, BORDER)
+
+    def _samples(self) -> None:
+        x, what = _training_positions(self.model, self.samples)
+        if not len(x):
+            return
+        shown = x[:: max(1, math.ceil(len(x) / _MOST_SAMPLES))]
+        few = f"{len(shown):,} of {len(x):,} {what}" if len(shown) < len(x) else what
+        name = self._layer("Training samples", SAMPLE, few, shown=False)
+        self.canvas.points(
+            f"{name}/positions", self.placement.lift(shown), SAMPLE, 0.006 * self.size
+        )
+
+    def _path(self, motion: Motion, poses: dict[str, Array]) -> None:
+        lift, canvas, n = self.placement.lift, self.canvas, len(motion.q)
+        shown, factor = motion.magnified(extent(self.model))
+        along = np.stack([np.arange(n - 1), np.arange(1, n)], axis=1)
+        words = length_in_words(float(motion.deviation.mean()), self.model.about.unit)
+        where = "the simulated arm" if motion.true else "the learned map"
+        text = f"by {where}: {words} off on average"
+        if factor > 1:
+            text += f", drawn {factor:,} times as far"
+        for name, points, colour, about in (
+            ("Target path", motion.target, TARGET, "asked for"),
+            ("Reached path", shown, REACHED, text),
+        ):
+            self._layer(name, colour, about)
+            canvas.lines(f"{name}/line", lift(points) + self.front, along, colour)
+        tracks = {}
+        # the two may coincide: the target is a glass ball around the tip
+        canvas.marker("Target path/target", 0.022 * self.size, TARGET, 0.45, order=1)
+        canvas.marker("Reached path/tip", 0.012 * self.size, REACHED, order=2)
+        for name, points in (
+            ("Target path/target", motion.target),
+            ("Reached path/tip", motion.reached),
+        ):
+            moves = np.tile(np.eye(4), (n, 1, 1))
+            moves[:, :3, 3] = lift(points)
+            canvas.place(name, moves[0])
+            tracks[name] = moves
+        for link, transforms in poses.items():
+            if np.ptp(transforms, axis=0).max() > 1e-9:
+                tracks[f"{arm_layer.LAYER}/{link}"] = transforms
+        canvas.animate(tracks, FPS, _REPETITIONS)
+
+    def _page(self, scale: ErrorScale, camera: Camera) -> dict[str, Any]:
+        about = self.model.about
+        bound = "true position" if about.source == "simulation" else about.bound_of
+        return {
+            "title": about.robot or "learned from a log",
+            "legend": {
+                "title": "Expected error",
+                "text": f"95 % bound on the distance to the {bound}",
+                "words": scale.words(),
+                "ticks": scale.ticks(),
+                "stops": list(stops()) if not scale.rounding else list(stops())[:1],
+            },
+            "layers": self.layers,
+            "labels": labels(self.model, self.placement, self.panel),
+            "camera": camera.to_json(),
+            "node": self.node,
+            "link": LINK,
+            "target": TARGET,
+            "panel": {
+                "corner": self.panel.corner.tolist(),
+                "edges": self.panel.edges.tolist(),
+            },
+            "plane": {
+                "point": self.placement.origin.tolist(),
+                "normal": self.placement.frame[2].tolist(),
+            },
+            "size": self.size,
+            "dot": 0.022 * self.size * POINT,
+        }
+
+
+def _shape(part: Any) -> str:
+    lattice = getattr(part, "lattice", None)
+    return "x".join(map(str, lattice.shape)) if lattice is not None else f"{part.size:,}"
+
+
+def _training_positions(model: Model, samples: Samples | None) -> tuple[Array, str]:
+    """Positions (n, 2) that a model learned from, as far as they can be had."""
+    if samples is not None:
+        return np.asarray(samples.x), "rows of the log"
+    from ...training.evaluate import simulation_of
+
+    simulation = simulation_of(model)
+    if simulation is None:
+        return np.empty((0, 2)), ""
+    from ...samples.babbling import babble
+
+    drawn = babble(
+        simulation.arm,
+        model.about.samples,
+        seed=model.about.seed,
+        noise=simulation.noise,
+        changes=simulation.changes,
+    )
+    return np.asarray(drawn.x), "babbled positions"

@@ -1,0 +1,98 @@
+"""Server: a preview's page for a browser on this computer, and answers to its questions."""
+
+from __future__ import annotations
+
+import json
+import secrets
+from collections.abc import Callable
+from http.server import BaseHTTPRequestHandler, ThreadingHTTPServer
+from typing import Any
+
+from ...errors import CalibError, OptionError
+
+ADDRESS = "127.0.0.1"
+"""The loopback interface: no other computer can reach it."""
+
+_LONGEST = 10_000  # bytes of a question
+
+Answer = Callable[[dict[str, Any]], dict[str, Any]]
+
+
+class PreviewServer(ThreadingHTTPServer):
+    """Serves one page on the loopback interface until it is closed.
+
+    Parameters
+    ----------
+    page : str
+        The page.
+    port : int
+        0 for any that is free.
+    answer : callable, optional
+        Answers the page's questions, plain data to plain data.
+
+    Attributes
+    ----------
+    url : str
+        Where a browser finds the page. It holds a secret, so that other pages in the
+        same browser cannot ask.
+    """
+
+    daemon_threads = True
+    allow_reuse_address = False
+
+    def __init__(self, page: str, port: int = 0, answer: Answer | None = None) -> None:
+        try:
+            super().__init__((ADDRESS, port), _Handler)
+        except (OSError, OverflowError) as error:
+            reason = getattr(error, "strerror", None) or error
+            raise OptionError(
+                f"--port {port} cannot be used ({reason}): choose another, or none for any"
+            ) from error
+        self.page = page.encode("utf-8")
+        self.answer = answer
+        self.secret = secrets.token_urlsafe(12)
+        self.url = f"http://{ADDRESS}:{self.server_address[1]}/{self.secret}/"
+
+
+class _Handler(BaseHTTPRequestHandler):
+    server: PreviewServer
+
+    def do_GET(self) -> None:
+        """Send the page."""
+        if self.path == f"/{self.server.secret}/":
+            self._send(200, "text/html; charset=utf-8", self.server.page)
+        elif self.path == "/favicon.ico":
+            self._send(204, "image/x-icon", b"")
+        else:
+            self._send(404, "text/plain", b"not here")
+
+    def do_POST(self) -> None:
+        """Answer a question of the page."""
+        answer = self.server.answer
+        known = self.path == f"/{self.server.secret}/ask" and answer is not None
+        length = self.headers.get("Content-Length", "")
+        if not known or answer is None or not length.isdigit() or int(length) > _LONGEST:
+            self._send(404, "text/plain", b"not here")
+            return
+        try:
+            question = json.loads(self.rfile.read(int(length)))
+            reply = json.dumps(answer(question), allow_nan=False).encode()
+        except (ValueError, TypeError, KeyError, CalibError) as error:
+            self._send(400, "text/plain", str(error).encode())
+            return
+        self._send(200, "application/json", reply)
+
+    def log_message(self, format: str, *args: Any) -> None:  # noqa: A002
+        """Stay quiet."""
+
+    def _send(self, status: int, kind: str, data: bytes) -> None:
+        host = self.headers.get("Host", "")
+        if host.split(":")[0] not in (ADDRESS, "localhost"):  # a name that leads here
+            status, kind, data = 404, "text/plain", b"not here"
+        self.send_response(status)
+        self.send_header("Content-Type", kind)
+        self.send_header("Content-Length", str(len(data)))
+        self.send_header("Cache-Control", "no-store")
+        self.end_headers()
+        if data:
+            self.wfile.write(data)

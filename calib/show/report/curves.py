@@ -1,0 +1,161 @@
+"""Figures of curves: error histogram, training, calibration of the expected error."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ...maps.node_bounds import COVERAGE
+from ..error_scale import ROUNDING, length_in_words
+from .maps import WIDE
+from .style import DASHES, INK, SERIES, new_figure
+from .tables import for_people
+
+if TYPE_CHECKING:
+    from .evidence import Evidence
+
+Array = NDArray[np.float64]
+
+_GROUPS = 10
+
+
+def least(evidence: Evidence) -> float:
+    """Errors below this are rounding [unit]."""
+    return ROUNDING if evidence.unit == "m" else ROUNDING * evidence.extent
+
+
+def histogram(evidence: Evidence) -> Any:
+    """How often errors of each size occur, forward and inverse, beside the sensor's noise."""
+    residuals = evidence.residuals
+    if residuals is None:
+        return None
+    figure = new_figure(WIDE, 3.1)
+    axes = figure.subplots(1, 2, sharey=True)
+    factor, unit = for_people(evidence.unit)
+    floor = least(evidence)
+    for ax, found, title in (
+        (axes[0], residuals.errors, "forward"),
+        (axes[1], residuals.distance, "inverse"),
+    ):
+        shown = {r: np.maximum(e, floor) for r, e in found.items()}
+        low = min(float(e.min()) for e in shown.values())
+        high = max(float(e.max()) for e in shown.values())
+        if evidence.noise:
+            low, high = min(low, evidence.noise), max(high, evidence.noise)
+        edges = np.geomspace(low * 0.9, max(high, low * 10) * 1.1, 60)
+        for readout, errors in shown.items():
+            share = np.histogram(errors, edges)[0] / len(errors)
+            ax.stairs(
+                100 * share,
+                edges * factor,
+                label=readout,
+                color=SERIES[readout],
+                linestyle=DASHES[readout],
+                linewidth=1.6,
+            )
+        if evidence.noise:
+            words = f"sensor noise, {length_in_words(evidence.noise, evidence.unit)} per axis"
+            ax.axvline(evidence.noise * factor, color=_ink(), linewidth=1.0, label=words)
+        ax.set(xscale="log", xlabel=f"error [{unit}]", title=title)
+        ax.grid(visible=True, axis="y")
+    axes[0].set_ylabel("share of the samples [%]")
+    handles, names = axes[0].get_legend_handles_labels()
+    figure.legend(handles, names, loc="outside lower center", ncols=4, fontsize=7.5)
+    return figure
+
+
+def training(evidence: Evidence) -> Any:
+    """Quantization error, topographic error and radius, epoch by epoch."""
+    from matplotlib.ticker import NullFormatter
+
+    model = evidence.model
+    if not len(model.motor.history) or not len(model.sensory.history):
+        return None
+    figure = new_figure(WIDE, 4.6)
+    grid = figure.subplots(3, 2, sharex="col")
+    for column, (name, part) in enumerate((("motor", model.motor), ("sensory", model.sensory))):
+        history = part.history
+        epoch = np.arange(1, len(history) + 1)
+        rows = (
+            ("quantization error\n[ranges]", history[:, 2], "log"),
+            ("topographic error\n[share]", history[:, 3], "linear"),
+            ("radius sigma\n[nodes]", history[:, 1], "log"),
+        )
+        for ax, (label, values, scale) in zip(grid[:, column], rows, strict=True):
+            ax.plot(epoch, values, "o-", color=SERIES["local"], markersize=2.5, linewidth=1.2)
+            for change in np.flatnonzero(np.diff(history[:, 0])):
+                ax.axvline(change + 1.5, color=_ink(), linewidth=0.6, linestyle=":")
+            ax.set_yscale(scale if (values > 0).any() else "linear")
+            ax.yaxis.set_minor_formatter(NullFormatter())  # half of the drawing time
+            ax.grid(visible=True, axis="y")
+            if column == 0:
+                ax.set_ylabel(label)
+        stages = [f"{int(n):,}" for n in dict.fromkeys(history[:, 0].tolist())]
+        grid[0, column].set_title(f"{name} map: lattices of {', '.join(stages)} nodes")
+        grid[-1, column].set_xlabel("epoch")
+    return figure
+
+
+def calibration(evidence: Evidence) -> Any:
+    """Whether errors keep to what is expected of them."""
+    pairs = bound_pairs(evidence)
+    if pairs is None:
+        return None
+    bound, error = pairs
+    factor, unit = for_people(evidence.unit)
+    figure = new_figure(WIDE, 3.0)
+    left, right = figure.subplots(1, 2)
+    groups = np.array_split(np.argsort(bound, kind="stable"), min(_GROUPS, len(bound)))
+    said = np.array([np.median(bound[g]) for g in groups]) * factor
+    seen = np.array([np.quantile(error[g], COVERAGE) for g in groups]) * factor
+    left.plot(said, seen, "o", color=SERIES["local"], label="a tenth of the samples each")
+    ends = np.array([min(said.min(), seen.min()), max(said.max(), seen.max())])
+    left.plot(ends, ends, "-", color=_ink(), linewidth=0.8, label="as promised")
+    left.set(
+        xscale="log",
+        yscale="log",
+        xlabel=f"expected error [{unit}]",
+        ylabel=f"95 % of the errors are below [{unit}]",
+        title="promise and outcome",
+    )
+    left.legend(fontsize=7.5)
+    ratio = np.sort(error / bound)
+    share = 100 * np.arange(1, len(ratio) + 1) / len(ratio)
+    keep = np.unique(np.linspace(0, len(ratio) - 1, 400).astype(int))
+    right.plot(ratio[keep], share[keep], color=SERIES["local"], linewidth=1.6)
+    right.axvline(1.0, color=_ink(), linewidth=0.8)
+    right.axhline(100 * COVERAGE, color=_ink(), linewidth=0.8, linestyle=":")
+    right.set(
+        xlim=(0.0, max(2.0, float(np.quantile(ratio, 0.995)))),
+        ylim=(0, 101),
+        xlabel="error over expected error",
+        ylabel="share of the samples [%]",
+        title=f"{100 * coverage(bound, error):.1f} % within their bound",
+    )
+    return figure
+
+
+def bound_pairs(evidence: Evidence) -> tuple[Array, Array] | None:
+    """Expected and actual errors (n,) of the test samples, None where all is rounding."""
+    residuals = evidence.residuals
+    if residuals is None or not len(residuals.q):
+        return None
+    bound = evidence.model.expected_error(residuals.q)
+    error = residuals.errors["local"]
+    known = np.isfinite(bound) & (bound > 0)
+    if not known.any() or bound[known].max() < least(evidence):
+        return None
+    return bound[known], error[known]
+
+
+def coverage(bound: Array, error: Array) -> float:
+    """Share of the errors that keep to their bound."""
+    return float(np.mean(error <= bound))
+
+
+def _ink() -> str:
+    import matplotlib as mpl
+
+    return str(mpl.rcParams["text.color"] or INK)

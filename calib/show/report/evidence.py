@@ -1,0 +1,100 @@
+"""Evidence: what a report is drawn from, gathered once."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ...training.evaluate import (
+    Residuals,
+    evaluate_residuals,
+    fresh_residuals,
+    simulation_of,
+    summarise,
+)
+from ..workspace import extent
+
+if TYPE_CHECKING:
+    from ...model.model import Model
+    from ...samples.samples import Samples
+
+Array = NDArray[np.float64]
+
+
+@dataclass(frozen=True, eq=False)
+class Evidence:
+    """A model and how it did.
+
+    Attributes
+    ----------
+    model : Model
+        What is reported on.
+    errors : dict
+        Error table, as `calib evaluate --json` has it.
+    source : str
+        What the errors are measured on.
+    residuals : Residuals or None
+        The errors themselves; None for a model of a log without that log.
+    left_out : int
+        Rows outside of what was learned.
+    u, v : (n, dof), (n, 2) array
+        Training samples in the unit boxes of both maps, as far as they can be had.
+    noise : float or None [unit]
+        Standard deviation of the sensor along each axis, where it is known.
+    """
+
+    model: Model
+    errors: dict[str, Any]
+    source: str
+    residuals: Residuals | None
+    left_out: int
+    u: Array
+    v: Array
+    noise: float | None
+
+    @property
+    def extent(self) -> float:
+        """Longer side of the workspace [unit]."""
+        return extent(self.model)
+
+    @property
+    def unit(self) -> str:
+        """Unit of the positions."""
+        return self.model.about.unit
+
+
+def gather(model: Model, samples: Samples | None = None) -> Evidence:
+    """Evaluate a model, on a log or on fresh samples of the simulated arm."""
+    about = model.about
+    simulation = simulation_of(model)
+    residuals, source = None, "rows held out in contiguous blocks while it was trained"
+    errors, left_out = dict(about.errors), 0
+    if samples is not None:
+        residuals = Residuals.join([evaluate_residuals(model, samples.q, samples.x, None)])
+        left_out = residuals.left_out
+        errors = summarise(residuals) if len(residuals.q) else errors
+        source = f"{len(residuals.q):,} rows of the log that was given"
+        q, x = samples.q, samples.x
+    elif simulation is not None:
+        from ...samples.babbling import babble
+
+        residuals = fresh_residuals(model, simulation)
+        errors = summarise(residuals)
+        source = f"{len(residuals.q):,} fresh exact samples"
+        drawn = babble(
+            simulation.arm,
+            about.samples,
+            seed=about.seed,
+            noise=simulation.noise,
+            changes=simulation.changes,
+        )
+        q, x = drawn.q, drawn.x
+    else:
+        q, x = np.empty((0, len(about.joint_names))), np.empty((0, 2))
+    noise = None if simulation is None else simulation.noise
+    u = model.motor.scale.to_unit(np.array(q))
+    v = model.sensory.scale.to_unit(np.array(x))
+    return Evidence(model, errors, source, residuals, left_out, u, v, noise)

@@ -1,0 +1,200 @@
+"""Figures of the maps: errors over both spaces, lattices, U-matrix and hits."""
+
+from __future__ import annotations
+
+import math
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ..colours import UNKNOWN
+from ..error_scale import ErrorScale
+from ..workspace import drawn_edges, motor_errors, sensory_errors
+from .style import colour_map, new_figure
+from .tables import for_people
+
+if TYPE_CHECKING:
+    from ...maps.map import Map
+    from ...model.about import About
+    from .evidence import Evidence
+
+Array = NDArray[np.float64]
+
+_BINS = 36
+_SHOWN = ("local", "activity")
+WIDE = 7.4  # inches, the page's column
+
+
+def joint_axis(about: About, k: int) -> tuple[float, str]:
+    """Factor from a joint's SI unit to the one that figures show, and the axis' label."""
+    name = about.joint_names[k]
+    return (math.degrees(1.0), f"{name} [deg]") if about.revolute[k] else (1e3, f"{name} [mm]")
+
+
+def heat_maps(evidence: Evidence, direction: str) -> Any:
+    """Errors of a direction, "forward" or "inverse", over workspace and joint space."""
+    residuals, about = evidence.residuals, evidence.model.about
+    if residuals is None:
+        return None
+    found = residuals.errors if direction == "forward" else residuals.distance
+    readouts = [r for r in _SHOWN if r in found]
+    figure = new_figure(WIDE, 2.9 * len(readouts))
+    grid = figure.subplots(len(readouts), 2, squeeze=False)
+    for row, readout in zip(grid, readouts, strict=True):
+        errors = found[readout]
+        scale = ErrorScale.of(errors, evidence.unit, evidence.extent)
+        factor, unit = for_people(evidence.unit)
+        image = _heat(row[0], residuals.x * factor, errors, scale)
+        row[0].set(
+            xlabel=f"x [{unit}]",
+            ylabel=f"y [{unit}]",
+            aspect="equal",
+            title=f"{readout}: workspace",
+        )
+        factors, names = zip(*(joint_axis(about, k) for k in (0, 1)), strict=True)
+        _heat(row[1], residuals.q[:, :2] * np.array(factors), errors, scale)
+        row[1].set(xlabel=names[0], ylabel=names[1], title=f"{readout}: joint space")
+        colour_bar(figure, image, row, scale)
+    return figure
+
+
+def lattices(evidence: Evidence) -> Any:
+    """Both lattices in their spaces, coloured by the expected error."""
+    from matplotlib.collections import LineCollection
+
+    model = evidence.model
+    figure = new_figure(WIDE, 3.5)
+    axes = figure.subplots(1, 2)
+    errors = [motor_errors(model), sensory_errors(model)]
+    scale = ErrorScale.of(np.concatenate(errors), evidence.unit, evidence.extent)
+    factors, names = zip(*(joint_axis(model.about, k) for k in (0, 1)), strict=True)
+    factor, unit = for_people(evidence.unit)
+    parts = (
+        (axes[0], model.motor, np.array(factors), names, errors[0]),
+        (axes[1], model.sensory, np.full(2, factor), (f"x [{unit}]", f"y [{unit}]"), errors[1]),
+    )
+    for ax, part, by, labels, values in parts:
+        edges = drawn_edges(part)
+        points = part.weights[:, :2] * by
+        shades = np.ma.masked_invalid(scale.share(values)[edges].mean(axis=1))
+        lines = LineCollection(
+            list(points[edges]),
+            array=shades,
+            cmap=colour_map(unknown=UNKNOWN),
+            norm=_norm(),
+            linewidths=0.7,
+            rasterized=True,
+        )
+        ax.add_collection(lines)
+        ax.autoscale()
+        ax.set(xlabel=labels[0], ylabel=labels[1])
+    axes[0].set_title(f"motor map, {_shape(model.motor)} nodes")
+    axes[1].set_title(f"sensory map, {_shape(model.sensory)} nodes")
+    axes[1].set_aspect("equal")
+    colour_bar(figure, lines, axes, scale, "expected error")
+    return figure
+
+
+def node_maps(evidence: Evidence) -> Any:
+    """U-matrix and hits of both maps, as the users of such maps expect them."""
+    model = evidence.model
+    parts = [("motor map", model.motor, evidence.u), ("sensory map", model.sensory, evidence.v)]
+    figure = new_figure(WIDE, 5.6)
+    grid = figure.subplots(2, 2)
+    for column, (name, part, samples) in enumerate(parts):
+        for ax, values, what, how in (
+            (grid[0, column], u_matrix(part), "U-matrix", "mean"),
+            (grid[1, column], hits(part, samples), "hits", "sum"),
+        ):
+            _nodes(figure, ax, part, values, how, f"{name}: {what}")
+    return figure
+
+
+def u_matrix(part: Map) -> Array:
+    """Mean distance (nodes,) of each node to the nodes that it is joined to, in the unit box."""
+    a, b = part.edges.T
+    gap = np.linalg.norm(part.scale.difference(part.units[a], part.units[b]), axis=1)
+    total = np.bincount(a, gap, part.size) + np.bincount(b, gap, part.size)
+    count = np.bincount(a, minlength=part.size) + np.bincount(b, minlength=part.size)
+    return np.asarray(total / np.maximum(count, 1))
+
+
+def hits(part: Map, u: Array) -> Array:
+    """How many samples (n, d) of the unit box each node won, (nodes,)."""
+    if not len(u):
+        return np.full(part.size, np.nan)
+    return np.bincount(part.nearest(u)[1][:, 0], minlength=part.size).astype(float)
+
+
+def colour_bar(
+    figure: Any, image: Any, axes: Any, scale: ErrorScale, label: str = "mean error"
+) -> None:
+    """Add a bar that tells what the colours mean."""
+    bar = figure.colorbar(image, ax=list(np.ravel(axes)), shrink=0.9, pad=0.01, aspect=24)
+    if scale.rounding:
+        bar.set_ticks([])
+        label = f"{label}: {scale.words()}"
+    else:
+        places, words = zip(*scale.ticks(5), strict=True)
+        bar.set_ticks(list(places), labels=list(words))
+    bar.set_label(label)
+    bar.outline.set_visible(False)
+
+
+def _norm() -> Any:
+    from matplotlib.colors import Normalize
+
+    return Normalize(0.0, 1.0)
+
+
+def _heat(ax: Any, points: Array, errors: Array, scale: ErrorScale) -> Any:
+    """Mean error in the cells of a grid over points (n, 2)."""
+    low, high = points.min(axis=0), points.max(axis=0)
+    span = np.where(high > low, high - low, 1.0)
+    cell = np.minimum((points - low) / span * _BINS, _BINS - 1).astype(int)
+    index = cell[:, 1] * _BINS + cell[:, 0]
+    count = np.bincount(index, minlength=_BINS**2)
+    total = np.bincount(index, errors, _BINS**2)
+    mean = np.where(count > 0, total / np.maximum(count, 1), np.nan).reshape(_BINS, _BINS)
+    return ax.imshow(
+        np.ma.masked_invalid(scale.share(mean)),
+        origin="lower",
+        extent=(low[0], low[0] + span[0], low[1], low[1] + span[1]),
+        aspect="auto",
+        cmap=colour_map(),
+        norm=_norm(),
+        interpolation="nearest",
+    )
+
+
+def _nodes(figure: Any, ax: Any, part: Map, values: Array, how: str, title: str) -> None:
+    shape = part.lattice.shape
+    if np.isnan(values).all():
+        ax.text(0.5, 0.5, "give the log with --data", ha="center", transform=ax.transAxes)
+        ax.set(xticks=[], yticks=[], title=title)
+        return
+    if len(shape) == 1:  # a graph: its nodes have no place but where they stand
+        image = ax.scatter(*part.units[:, :2].T, c=values, s=4, cmap="cividis", rasterized=True)
+        ax.set(xlabel="first coordinate [range]", ylabel="second", title=title)
+    else:
+        grid = values.reshape(shape)
+        while grid.ndim > 2:
+            grid = grid.mean(axis=-1) if how == "mean" else grid.sum(axis=-1)
+        image = ax.imshow(
+            grid.T,
+            origin="lower",
+            cmap="cividis",
+            interpolation="nearest",
+            aspect="auto",
+            vmax=float(np.quantile(values, 0.995)) if len(shape) == 2 else None,
+        )
+        more = f" ({how} over the third axis)" if len(shape) == 3 else ""
+        ax.set(xlabel="first lattice axis [nodes]", ylabel="second [nodes]", title=title + more)
+    bar = figure.colorbar(image, ax=ax, shrink=0.9, pad=0.01, aspect=24)
+    bar.set_label("distance [ranges]" if how == "mean" else "samples")
+    bar.outline.set_visible(False)
+
+
+def _shape(part: Map) -> str:
+    return "x".join(map(str, part.lattice.shape))

@@ -1,0 +1,206 @@
+"""Page: the figures and tables of a report in one file that needs no network."""
+
+from __future__ import annotations
+
+import html
+from collections.abc import Callable
+from dataclasses import dataclass
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+from ..error_scale import length_in_words
+from . import curves, maps
+from .changes import adaptation_table, drift_text, history_table
+from .evidence import Evidence, gather
+from .style import settings, to_png, to_svg
+from .tables import error_table, fact_list, facts, is_papers_arm
+
+if TYPE_CHECKING:
+    from ...model.model import Model
+    from ...samples.samples import Samples
+
+_POLICY = "default-src 'none'; style-src 'unsafe-inline'; img-src data:"
+
+
+@dataclass(frozen=True)
+class Section:
+    """A figure of the report.
+
+    Attributes
+    ----------
+    name : str
+        For its file and its place in the page.
+    title : str
+        What it shows.
+    text : str
+        How to read it.
+    draw : callable
+        Draws it; None where there is nothing to draw it from.
+    """
+
+    name: str
+    title: str
+    text: str
+    draw: Callable[[Evidence], Any]
+
+
+SECTIONS = (
+    Section(
+        "forward",
+        "Forward error: where is the tip?",
+        "Mean distance between predicted and true position of the test samples in each cell, "
+        "over the positions and over the joints that they belong to.",
+        lambda e: maps.heat_maps(e, "forward"),
+    ),
+    Section(
+        "inverse",
+        "Inverse error: how to get there?",
+        "Distance from each target to where the answered joints lead.",
+        lambda e: maps.heat_maps(e, "inverse"),
+    ),
+    Section(
+        "histogram",
+        "How large are the errors?",
+        "An error left of the sensor's noise is smaller than what a single measurement shows.",
+        curves.histogram,
+    ),
+    Section(
+        "calibration",
+        "Can the expected error be trusted?",
+        "Each promise is a 95 % bound. Points on the line keep it exactly, points below are on "
+        "the safe side.",
+        curves.calibration,
+    ),
+    Section(
+        "lattices",
+        "What was learned: both lattices",
+        "Nodes of the motor map in the joint space and of the sensory map in the workspace, "
+        "joined to their lattice neighbours and coloured by the expected error.",
+        maps.lattices,
+    ),
+    Section(
+        "nodes",
+        "U-matrix and hits",
+        "The U-matrix shows how far apart neighbouring nodes are: ridges are folds and borders. "
+        "Hits are the training samples that each node won.",
+        maps.node_maps,
+    ),
+    Section(
+        "training",
+        "Training",
+        "Error and neighbourhood, epoch by epoch; dotted lines are where a finer lattice takes "
+        "over.",
+        curves.training,
+    ),
+)
+
+
+def report(model: Model, samples: Samples | None = None) -> str:
+    """Return a report of a model as a page.
+
+    Parameters
+    ----------
+    model : Model
+    samples : Samples, optional
+        A log to judge the model by; without it a simulated model is judged by fresh exact
+        samples and a model of a log by its own table alone.
+    """
+    evidence = gather(model, samples)
+    about = model.about
+    parts = [
+        f"<h1>{html.escape(about.robot or 'An arm, learned from a log')}</h1>",
+        '<p class="soft">What calib has learned, from what, and how far to trust it.</p>',
+        f'<p class="lead">{_verdict(evidence)}</p>',
+        _heading("What was learned from what"),
+        fact_list(facts(evidence)),
+        *(f'<p class="soft">Note: {html.escape(note)}</p>' for note in about.notes),
+        _heading("Errors"),
+        _error_text(evidence),
+        error_table(evidence),
+    ]
+    if model.history:
+        parts += [
+            _heading("Before and after"),
+            '<p class="soft">Earlier states of this model and what made it change.</p>',
+            adaptation_table(model.history, about.unit),
+            history_table(model.history),
+        ]
+    if samples is not None:
+        parts += [_heading("Does the log still fit?"), drift_text(model.check(samples))]
+    with settings():
+        for section in SECTIONS:
+            figure = section.draw(evidence)
+            parts.append(_heading(section.title))
+            if figure is None:
+                parts.append(f'<p class="soft">{_missing(evidence)}</p>')
+                continue
+            svg = to_svg(figure, section.name, section.title)
+            parts.append(
+                f'<figure id="{section.name}">{svg}'
+                f"<figcaption>{html.escape(section.text)}</figcaption></figure>"
+            )
+    style = (Path(__file__).parent / "page.css").read_text(encoding="utf-8")
+    return (
+        '<!DOCTYPE html>\n<html lang="en">\n<head>\n<meta charset="utf-8">\n'
+        '<meta name="viewport" content="width=device-width, initial-scale=1">\n'
+        f'<meta http-equiv="Content-Security-Policy" content="{_POLICY}">\n'
+        f"<title>{html.escape(about.robot or 'log')}: calibration report</title>\n"
+        f"<style>{style}</style>\n</head>\n<body>\n<main>\n"
+        + "\n".join(parts)
+        + "\n</main>\n</body>\n</html>\n"
+    )
+
+
+def pictures(model: Model, samples: Samples | None = None) -> dict[str, bytes]:
+    """Return the figures of a report as PNG, by name."""
+    evidence = gather(model, samples)
+    with settings(paper=True):
+        drawn = {section.name: section.draw(evidence) for section in SECTIONS}
+        return {name: to_png(figure) for name, figure in drawn.items() if figure is not None}
+
+
+def _heading(title: str) -> str:
+    return f"<h2>{html.escape(title)}</h2>"
+
+
+def _verdict(evidence: Evidence) -> str:
+    """One sentence that says how well the model does."""
+    errors, unit = evidence.errors.get("local"), evidence.unit
+    if not errors:
+        return "No errors are known of this model."
+    mean, most = (
+        html.escape(length_in_words(errors["forward"]["distance"][key], unit))
+        for key in ("mean", "p99")
+    )
+    text = f"The tip is predicted to <strong>{mean}</strong> on average"
+    text += "" if mean == most else f", to {most} in 99 of 100 cases"
+    if evidence.noise:
+        text += (
+            "; a single reading of its sensor is off by "
+            f"{html.escape(length_in_words(evidence.noise * 1.2533, unit))} on average"
+        )
+    return text + "."
+
+
+def _error_text(evidence: Evidence) -> str:
+    text = f"On {evidence.source}."
+    if evidence.left_out:
+        text += f" {evidence.left_out:,} rows outside of what was learned are left out."
+    if is_papers_arm(evidence.model.about):
+        text += (
+            " The paper's column is its Table 1 for a VDSOM of 70x70 nodes. Its link lengths and "
+            "ranges are not known, so the columns are not of the same arm; its readout is the one "
+            "that is called activity here."
+        )
+    if evidence.noise == 0.0:
+        text += (
+            " Without noise the local readout interpolates a smooth function: judge by noisy or "
+            "measured data."
+        )
+    return f'<p class="soft">{html.escape(text)}</p>'
+
+
+def _missing(evidence: Evidence) -> str:
+    if evidence.residuals is None:
+        return "The model does not hold the log that it was learned from: give it with --data LOG."
+    return "All errors are rounding (below 1 nm): there is nothing to draw."

@@ -1,0 +1,131 @@
+"""Workspace: where the tip can be, its border, and the expected error over it."""
+
+from __future__ import annotations
+
+from itertools import product
+from typing import TYPE_CHECKING
+
+import numpy as np
+from numpy.typing import NDArray
+
+if TYPE_CHECKING:
+    from ..maps.map import Map
+    from ..model.model import Model
+
+Array = NDArray[np.float64]
+
+_INSIDE = 25_000  # joint values spread over the whole range
+_EDGE = 240  # joint values along each edge of the range
+_CELLS = 120  # cells of the grid along the workspace's longer side
+_GAP = 1.6  # cells; farther from every reached position is outside
+
+
+def extent(model: Model) -> float:
+    """Longer side of the box that holds the sensory nodes [unit]."""
+    return float(np.ptp(model.sensory.weights, axis=0).max())
+
+
+def sensory_errors(model: Model) -> Array:
+    """Expected error of each sensory node, (nodes,) [unit].
+
+    The mean of its motor partners' bounds, weighted by the links; NaN for nodes without
+    partners that samples have visited.
+    """
+    known = np.where(model.visited, model.bounds, 0.0)
+    total = np.asarray(model.links.T @ model.visited.astype(float))
+    said = np.asarray(model.links.T @ known)
+    return np.where(total > 0, said / np.where(total > 0, total, 1.0), np.nan)
+
+
+def motor_errors(model: Model) -> Array:
+    """Expected error of each motor node, (nodes,) [unit]; NaN where no sample was."""
+    return np.where(model.visited, model.bounds, np.nan)
+
+
+def drawn_edges(part: Map) -> NDArray[np.intp]:
+    """Edges (m, 2) of a map, without those that lead once round a full turn."""
+    edges = part.edges
+    if not part.scale.periodic.any():
+        return edges
+    gap = np.abs(part.units[edges[:, 0]] - part.units[edges[:, 1]])
+    return np.asarray(edges[~((gap > 0.5) & part.scale.periodic).any(axis=1)])
+
+
+def reached_positions(model: Model) -> Array:
+    """Positions (n, 2) [unit] that cover what the arm reaches, the ends of its range too."""
+    dof = len(model.about.joint_names)
+    side = max(2, round(_INSIDE ** (1 / dof)))
+    axis = np.linspace(0.0, 1.0, side)
+    parts = [np.stack([a.ravel() for a in np.meshgrid(*[axis] * dof)], axis=1)]
+    along = np.linspace(0.0, 1.0, _EDGE)
+    corners = np.array(list(product([0.0, 1.0], repeat=min(dof - 1, 6))))
+    for k in range(min(dof, 7)):
+        for corner in corners:
+            edge = np.zeros((_EDGE, dof))
+            others = [i for i in range(dof) if i != k][: corner.size]
+            edge[:, others] = corner
+            edge[:, k] = along
+            parts.append(edge)
+    x = model.forward(model.motor.scale.from_unit(np.concatenate(parts)))
+    return x[np.isfinite(x).all(axis=1)]
+
+
+def border(model: Model) -> Array:
+    """Border of the workspace as short pieces of line, (m, 2, 2) [unit].
+
+    The line at a small distance from all that the arm reaches (marching squares), moved
+    onto the nearest reached position.
+    """
+    from scipy.spatial import cKDTree
+
+    reached = reached_positions(model)
+    if len(reached) < 3:
+        return np.empty((0, 2, 2))
+    step = np.ptp(reached, axis=0).max() / _CELLS
+    low = reached.min(axis=0) - 3 * step
+    count = np.ceil((reached.max(axis=0) + 3 * step - low) / step).astype(int) + 1
+    x, y = (low[k] + step * np.arange(count[k]) for k in range(2))
+    grid = np.stack(np.meshgrid(x, y, indexing="ij"), axis=-1)
+    tree = cKDTree(reached)
+    away = np.asarray(tree.query(grid.reshape(-1, 2))[0]).reshape(count) / step
+    lines = level_lines(x, y, away, _GAP)
+    if not len(lines):
+        return lines
+    nearest = np.asarray(tree.query(lines.reshape(-1, 2))[1])
+    return reached[nearest].reshape(-1, 2, 2)
+
+
+def level_lines(x: Array, y: Array, values: Array, level: float) -> Array:
+    """Pieces (m, 2, 2) of the line where `values` (len(x), len(y)) cross a level.
+
+    Marching squares: each cell of the grid holds at most two straight pieces.
+    """
+    above = values > level
+    # the corners of each cell, counterclockwise, and the places on its four sides
+    corner = [(0, 0), (1, 0), (1, 1), (0, 1)]
+    n, m = values.shape
+    i, j = np.meshgrid(np.arange(n - 1), np.arange(m - 1), indexing="ij")
+    places, crossed = [], []
+    for k in range(4):
+        (a, b), (c, d) = corner[k], corner[(k + 1) % 4]
+        v, w = values[i + a, j + b], values[i + c, j + d]
+        crossed.append(above[i + a, j + b] != above[i + c, j + d])
+        with np.errstate(divide="ignore", invalid="ignore"):
+            t = np.where(crossed[-1], (level - v) / (w - v), 0.0)
+        places.append(
+            np.stack(
+                [x[i + a] + t * (x[i + c] - x[i + a]), y[j + b] + t * (y[j + d] - y[j + b])],
+                axis=-1,
+            )
+        )
+    sides = np.stack(crossed, axis=-1)
+    where = np.stack(places, axis=-2)
+    pieces = []
+    two = sides.sum(axis=-1) == 2
+    if two.any():
+        order = np.argsort(~sides[two], axis=1, kind="stable")[:, :2]
+        pieces.append(np.take_along_axis(where[two], order[..., None], axis=1))
+    four = sides.sum(axis=-1) == 4
+    if four.any():  # a saddle: join neighbouring sides
+        pieces += [where[four][:, [0, 1]], where[four][:, [2, 3]]]
+    return np.concatenate(pieces) if pieces else np.empty((0, 2, 2))

@@ -1,0 +1,1 @@
+"""Sweeps: many trainings over a grid of options, robots and logs."""

@@ -1,0 +1,1 @@
+"""Training: from samples to a model, and the model's errors."""

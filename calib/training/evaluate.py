@@ -1,0 +1,251 @@
+"""Evaluation: errors of every readout in both directions."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ..errors import LogError, OptionError
+from ..maps.association import READOUTS
+
+if TYPE_CHECKING:
+    from ..model.model import Model
+    from ..samples.samples import Samples
+    from ..samples.simulation import Simulation
+
+Array = NDArray[np.float64]
+
+_SAMPLES = 10_000
+_STREAM = 4  # the same as in training: the tables agree
+
+
+@dataclass(frozen=True, eq=False)
+class Residuals:
+    """What was predicted less what is true, row by row.
+
+    Attributes
+    ----------
+    q, x : (n, dof), (n, 2) array
+        Joints and positions that training never saw.
+    forward : dict of (n, 2) array [unit]
+        Predicted less true position, per readout.
+    inverse : dict of (n, dof) array [rad or m]
+        Answered less true joints, per readout.
+    distance : dict of (n,) array [unit]
+        From each target to where the answered joints really lead, per readout.
+    joint_names : tuple of str
+        Names of the joints.
+    left_out : int
+        Rows that lie outside of what was learned.
+    """
+
+    q: Array
+    x: Array
+    forward: dict[str, Array]
+    inverse: dict[str, Array]
+    distance: dict[str, Array]
+    joint_names: tuple[str, ...]
+    left_out: int
+
+    @property
+    def errors(self) -> dict[str, Array]:
+        """Distance between predicted and true position, (n,) per readout."""
+        return {r: np.linalg.norm(e, axis=1) for r, e in self.forward.items()}
+
+    @staticmethod
+    def of(model: Model, q: Array, x: Array, readouts: Sequence[str] = READOUTS) -> Residuals:
+        """Forward residuals."""
+        known = np.isfinite(model.forward(q, "winner")[:, 0])
+        q, x = q[known], x[known]
+        forward = {r: model.forward(q, r) - x if len(q) else np.empty((0, 2)) for r in readouts}
+        left_out = int(np.count_nonzero(~known))
+        return Residuals(q, x, forward, {}, {}, model.about.joint_names, left_out)
+
+    @staticmethod
+    def join(parts: Sequence[Residuals]) -> Residuals:
+        """Residuals of several parts as one."""
+        full = [p for p in parts if len(p.q)]
+        if not full:
+            raise LogError(
+                "no row of the log lies within what was learned from the other rows, measure "
+                "more of them"
+            )
+
+        def joined(name: str) -> dict[str, Array]:
+            return {
+                r: np.concatenate([getattr(p, name)[r] for p in full])
+                for r in getattr(full[0], name)
+            }
+
+        return Residuals(
+            np.concatenate([p.q for p in full]),
+            np.concatenate([p.x for p in full]),
+            joined("forward"),
+            joined("inverse"),
+            joined("distance"),
+            full[0].joint_names,
+            sum(p.left_out for p in parts),
+        )
+
+
+def evaluate_residuals(
+    model: Model, q: Array, x: Array, truth: Callable[[Array], Array] | None
+) -> Residuals:
+    """Residuals of all readouts in both directions.
+
+    Parameters
+    ----------
+    model : Model
+    q, x : (n, dof), (n, 2) array
+        Joints and positions that training never saw.
+    truth : callable or None
+        True kinematics; without it (a log) the learned map tells how far the answered
+        joints lead from the recorded ones.
+
+    Returns
+    -------
+    Residuals
+        Joint errors are those of the answer nearest to the true joints.
+    """
+    forward = Residuals.of(model, q, x)
+    q, x = forward.q, forward.x
+    inverse: dict[str, Array] = {}
+    distance: dict[str, Array] = {}
+    scale = model.motor.scale
+    for readout in READOUTS if len(q) else ():
+        near = scale.from_unit(model.solver.clip(scale.to_unit(q)))
+        answer = model.solve(x, near, readout)
+        gap = scale.difference(scale.to_unit(answer.q), scale.to_unit(q))
+        inverse[readout] = gap * scale.span
+        if truth is not None:
+            distance[readout] = np.linalg.norm(truth(answer.q) - x, axis=1)
+        else:
+            moved = model.forward(answer.q) - model.forward(q)
+            distance[readout] = np.linalg.norm(moved, axis=1)
+    return Residuals(
+        q, x, forward.forward, inverse, distance, forward.joint_names, forward.left_out
+    )
+
+
+def summarise(residuals: Residuals) -> dict[str, Any]:
+    """Mean, largest and 99th percentile of the absolute errors, per readout and direction."""
+    table: dict[str, Any] = {}
+    for readout, gap in residuals.forward.items():
+        table[readout] = {
+            "forward": {
+                "x": figures(gap[:, 0]),
+                "y": figures(gap[:, 1]),
+                "distance": figures(np.linalg.norm(gap, axis=1)),
+            },
+            "inverse": {
+                **{
+                    name: figures(residuals.inverse[readout][:, k])
+                    for k, name in enumerate(residuals.joint_names)
+                },
+                "distance": figures(residuals.distance[readout]),
+            },
+        }
+    return table
+
+
+def figures(error: Array) -> dict[str, float]:
+    """Mean, largest and 99th percentile of the absolute errors (n,)."""
+    size = np.abs(error)
+    return {
+        "mean": float(size.mean()),
+        "max": float(size.max()),
+        "p99": float(np.quantile(size, 0.99)),
+    }
+
+
+@dataclass(frozen=True, eq=False)
+class Evaluation:
+    """Errors of a model.
+
+    Attributes
+    ----------
+    errors : dict
+        {readout: {"forward": {"x", "y", "distance"}, "inverse": {joint, ..., "distance"}}},
+        each with "mean", "max" and "p99" [unit, rad or m].
+    rows : int
+        Samples that were evaluated.
+    left_out : int
+        Samples outside of what was learned.
+    source : str
+        What the samples are.
+    """
+
+    errors: dict[str, Any]
+    rows: int
+    left_out: int
+    source: str
+
+
+def evaluate(model: Model, samples: Samples | None = None) -> Evaluation:
+    """Evaluate a model.
+
+    Parameters
+    ----------
+    model : Model
+    samples : Samples, optional
+        Measured samples.  Without them a simulated model is tested on 10,000 fresh exact
+        samples of the simulated arm, and a model of a log repeats the errors on the rows
+        that were held out in contiguous blocks while it was trained.
+
+    Returns
+    -------
+    Evaluation
+
+    Raises
+    ------
+    OptionError
+        If the joints of `samples` are not those of the model.
+    """
+    about = model.about
+    if samples is not None:
+        if samples.joint_names != about.joint_names:
+            raise OptionError(
+                f"the log's joints are {', '.join(samples.joint_names)}, the model's are "
+                f"{', '.join(about.joint_names)}: give a log of the same arm"
+            )
+        residuals = evaluate_residuals(model, samples.q, samples.x, None)
+        joined = Residuals.join([residuals])
+        return Evaluation(
+            summarise(joined), len(joined.q), joined.left_out, "measured rows of the log"
+        )
+    simulation = simulation_of(model)
+    if simulation is None:
+        return Evaluation(
+            dict(about.errors), about.tested, about.left_out, "rows held out in contiguous blocks"
+        )
+    residuals = fresh_residuals(model, simulation)
+    return Evaluation(
+        summarise(residuals), len(residuals.q), residuals.left_out, "fresh exact samples"
+    )
+
+
+def fresh_residuals(model: Model, simulation: Simulation) -> Residuals:
+    """Residuals on 10,000 exact samples of the simulated arm that training never saw."""
+    stream = np.random.SeedSequence(model.about.seed, spawn_key=(_STREAM,))
+    q = simulation.draw(_SAMPLES, np.random.default_rng(stream))
+    return evaluate_residuals(model, q, simulation.exact(q), simulation.exact)
+
+
+def simulation_of(model: Model) -> Simulation | None:
+    """Simulated arm and sensor that a model was trained on, None for a log."""
+    about = model.about
+    if about.simulation is None:
+        return None
+    from ..arm.loading import arm_from_urdf
+    from ..samples.simulation import Simulation
+
+    ranges = {
+        name: (float(low), float(high))
+        for name, low, high in zip(about.joint_names, about.lower, about.upper, strict=True)
+    }
+    arm = arm_from_urdf(about.urdf, about.joint_names, about.tip, lock=about.locked, ranges=ranges)
+    return Simulation.from_json(arm, about.simulation)

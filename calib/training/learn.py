@@ -1,0 +1,241 @@
+"""Learning: maps, links and local models from samples, measured or imagined."""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Callable
+from dataclasses import asdict, dataclass, field
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+from numpy.random import SeedSequence
+from numpy.typing import NDArray
+
+from ..body.trend import Trend
+from ..common.parallel import in_turn, side_by_side
+from ..common.scale import Scale
+from ..errors import OptionError
+from ..maps.association import Association
+from ..maps.density import Gain, kind_of
+from ..maps.links import WIRINGS
+from ..maps.model_selection import select
+from ..maps.predictor import Predictor
+from ..maps.som import SOM
+
+if TYPE_CHECKING:
+    from ..maps.map import Map
+
+Array = NDArray[np.float64]
+Progress = Callable[[float, str, float], None]
+"""Called with the share of the work done, the stage, and the current error (or NaN)."""
+
+STREAMS = {"motor": 0, "sensory": 1, "teacher": 2, "bounds": 3, "evaluation": 4, "adapt": 5}
+"""Independent random streams of one seed."""
+
+UNFOLD = "give a larger --size, more --epochs or samples, or --rule batch"
+"""What to do about a map that did not spread over its samples."""
+
+_COLLAPSED = 1e-9  # mean distance of joined nodes in the unit box
+
+
+@dataclass(frozen=True)
+class Options:
+    """How a model is trained.
+
+    Attributes
+    ----------
+    motor_size, sensory_size : tuple of int
+        Lattices.
+    map : str or gain function
+        Network, see :class:`calib.SOM`.
+    rule : {"batch", "online"}
+        Training rule.
+    epochs : int or None
+        Passes over the samples, None for coarse to fine.
+    sigma : (float, float) or None
+        Neighbourhood radius at the start and the end [nodes].
+    seed : int
+        Seed of everything that is drawn.
+    taught : bool
+        Whether a teacher's imagination is learned in place of the rows.
+    links : str
+        How links are learned and read, a name of :data:`calib.maps.links.WIRINGS`.
+    """
+
+    motor_size: tuple[int, ...]
+    sensory_size: tuple[int, ...]
+    map: str | Gain
+    rule: str
+    epochs: int | None
+    sigma: tuple[float, float] | None
+    seed: int
+    taught: bool
+    links: str = "reciprocal"
+
+    def to_json(self) -> dict[str, Any]:
+        """Plain data for a model file."""
+        data = asdict(self)
+        if callable(self.map):
+            data["map"] = getattr(self.map, "__name__", "custom")
+        return data
+
+    def stream(self, name: str) -> SeedSequence:
+        """Seed of one of the independent random streams."""
+        return SeedSequence(self.seed, spawn_key=(STREAMS[name],))
+
+
+@dataclass
+class Stopwatch:
+    """How long the stages of some work took.
+
+    Attributes
+    ----------
+    seconds : dict of str to float
+        Time spent in each stage so far [s].
+    """
+
+    seconds: dict[str, float] = field(default_factory=dict)
+
+    def __call__(self, stage: str) -> _Timer:
+        """Time a stage: ``with watch("links"): ...``."""
+        return _Timer(self.seconds, stage)
+
+
+@dataclass
+class _Timer:
+    seconds: dict[str, float]
+    stage: str
+
+    def __enter__(self) -> None:
+        self.start = time.perf_counter()
+
+    def __exit__(self, *_: object) -> None:
+        spent = time.perf_counter() - self.start
+        self.seconds[self.stage] = self.seconds.get(self.stage, 0.0) + spent
+
+
+@dataclass(frozen=True, eq=False)
+class Learned:
+    """What was learned of some samples.
+
+    Attributes
+    ----------
+    association : Association
+        Both maps and their links.
+    predictor : Predictor
+        Trend and local models.
+    visited : (motor nodes,) bool array
+        Nodes that a sample has visited.
+    """
+
+    association: Association
+    predictor: Predictor
+    visited: NDArray[np.bool_]
+
+
+def associate(
+    scale: Scale,
+    u: Array,
+    x: Array,
+    options: Options,
+    *,
+    watch: Stopwatch | None = None,
+    progress: Progress | None = None,
+) -> Association:
+    """Learn both maps and the links between them: the paper's part; see :func:`learn`."""
+    motor, sensory = _both_maps(scale, u, x, options, watch or Stopwatch(), progress)
+    with (watch or Stopwatch())("links"):
+        return _linked(motor, sensory, u, x, options)
+
+
+def _both_maps(
+    scale: Scale,
+    u: Array,
+    x: Array,
+    options: Options,
+    watch: Stopwatch,
+    progress: Progress | None,
+) -> tuple[Map, Map]:
+    """Motor and sensory map, at the same time where they learn from many samples at once."""
+    seen = Scale.of_data(x)
+    v = seen.to_unit(x)
+
+    def fit(name: str, size: tuple[int, ...], points: Array, box: Scale, partners: Array) -> Map:
+        def tell(done: float, error: float) -> None:
+            if progress is not None and name == "sensory":
+                progress(0.7 * done, "maps", error)
+
+        som = SOM(
+            size,
+            options.map,
+            options.rule,
+            options.epochs,
+            options.sigma,
+            options.stream(name),
+        )
+        return som.fit(points, scale=box, progress=tell, partners=partners)
+
+    with watch("maps"):
+        # steps of a few samples hold the interpreter's lock: two threads would fight for it
+        together = options.rule == "batch" and kind_of(options.map) == "som"
+        maps = (side_by_side if together else in_turn)(
+            lambda: fit("motor", options.motor_size, scale.from_unit(u), scale, v),
+            lambda: fit("sensory", options.sensory_size, x, seen, u),
+        )
+    for name, found in zip(("motor", "sensory"), maps, strict=True):
+        if not found.spacing > _COLLAPSED:
+            raise OptionError(f"the {name} map did not unfold, its nodes fell together: {UNFOLD}")
+    return maps
+
+
+def _linked(motor: Map, sensory: Map, u: Array, x: Array, options: Options) -> Association:
+    """Both maps and the links between them."""
+    wiring, v = WIRINGS[options.links], sensory.scale.to_unit(x)
+    return Association(motor, sensory, wiring.learn(motor, u, sensory, v), wiring)
+
+
+def learn(
+    scale: Scale,
+    turning: tuple[bool, ...],
+    u: Array,
+    x: Array,
+    options: Options,
+    *,
+    trend: Trend | None = None,
+    watch: Stopwatch | None = None,
+    progress: Progress | None = None,
+) -> Learned:
+    """Learn maps, links and local models.
+
+    Parameters
+    ----------
+    scale : Scale
+        Range of the joints.
+    turning : tuple of bool
+        Joints that turn, rather than slide.
+    u, x : (n, dof), (n, 2) array
+        Joints in the unit box and positions.
+    options : Options
+        How.
+    trend : Trend, optional
+        A teacher's trend, where it imagined the samples.
+    watch : Stopwatch, optional
+        Told how long each stage takes.
+    progress : callable, optional
+        Called with the share of this work that is done.
+    """
+    watch = watch or Stopwatch()
+    report = progress or (lambda *_: None)
+    motor, sensory = _both_maps(scale, u, x, options, watch, progress)
+    report(0.7, "links and local models", float("nan"))
+
+    def link() -> tuple[Association, NDArray[np.bool_]]:
+        association = _linked(motor, sensory, u, x, options)
+        winners = motor.nearest(u)[1][:, 0]
+        return association, np.bincount(winners, minlength=motor.size) > 0
+
+    with watch("links and local models"):
+        selected, (association, visited) = side_by_side(
+            lambda: select(motor, turning, u, x, trend), link
+        )
+    return Learned(association, selected.predictor, visited)

@@ -1,0 +1,270 @@
+"""Planning: safe poses to measure, well spread, in an order that moves the joints little."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from ..arm.planar_arm import PlanarArm
+from ..errors import OptionError
+from .keep_inside import keep_of
+from .pose_space import Space, space_of
+from .routes import Route, dense, free_route, kept_route
+from .spread import candidates
+from .tour import length
+
+if TYPE_CHECKING:
+    import os
+
+    from ..model.model import Model
+    from ..samples.samples import Samples
+
+Array = NDArray[np.float64]
+
+MOST_POSES = 1000
+"""More are babbled, not planned."""
+
+_UNSEEN = "obstacles and self-collision are not looked at: go slowly the first time"
+_ORDERS = 100  # random ones, to compare with
+
+
+@dataclass(frozen=True, eq=False)
+class Plan:
+    """Poses to measure, in their order.
+
+    Attributes
+    ----------
+    joint_names : tuple of str
+        Names of the columns of `q`, base to tip.
+    q : (n, dof) array [rad or m]
+        Joint values to go to, one row after the other. Straight moves in joint space from
+        row to row stay within the joints' ranges: a box is convex.
+    x : (n, 2) array [unit]
+        Where the tip is expected, by the robot's description or by the model.
+    expected_error : (n,) array [unit] or None
+        The model's 95 % bound there; None without a model.
+    via : (n,) bool array
+        Rows that lead the tip round the border of the box that it is to stay in. They may
+        be measured like the others.
+    start : (dof,) array [rad or m] or None
+        Where the arm is expected to be before the first row.
+    travel : (dof,) array [rad or m]
+        Sum of each joint's moves, from the start on.
+    length, random_length : float
+        Sum over the moves of the largest share of its range by which a joint moves; for
+        this order, and for the same poses in a random one.
+    unit : str
+        Unit of the positions.
+    why : tuple of str
+        How the poses were chosen and ordered, in words.
+    notes : tuple of str
+        What the user should be told.
+    """
+
+    joint_names: tuple[str, ...]
+    q: Array
+    x: Array
+    expected_error: Array | None
+    via: NDArray[np.bool_]
+    start: Array | None
+    travel: Array
+    length: float
+    random_length: float
+    unit: str
+    why: tuple[str, ...]
+    notes: tuple[str, ...]
+
+    def __post_init__(self) -> None:
+        """Freeze the arrays."""
+        for name in ("q", "x", "expected_error", "via", "start", "travel"):
+            array = getattr(self, name)
+            if array is not None:
+                array = np.array(array)
+                array.setflags(write=False)
+                object.__setattr__(self, name, array)
+
+    def __len__(self) -> int:
+        """Number of rows."""
+        return len(self.q)
+
+    def columns(self) -> dict[str, NDArray[Any]]:
+        """Columns of the plan's table: the joints' names, then what is expected.
+
+        The positions are called `expected_x` and `expected_y`, so that a plan is not taken
+        for a log by mistake.
+        """
+        table: dict[str, NDArray[Any]] = {"expected_x": self.x[:, 0], "expected_y": self.x[:, 1]}
+        if self.expected_error is not None:
+            table["expected_error"] = self.expected_error
+        if self.via.any():
+            table["via"] = self.via.astype(np.int64)
+        for name in self.joint_names:
+            if name in table:
+                raise OptionError(
+                    f"a joint named {name!r} cannot be told from the plan's own column"
+                )
+        return {**dict(zip(self.joint_names, self.q.T, strict=True)), **table}
+
+    def write(self, path: str | os.PathLike[str]) -> None:
+        """Write the table as CSV, or Parquet by its name, whole or not at all."""
+        from ..samples.tables import write_table
+
+        write_table(path, self.columns())
+
+
+def plan(
+    source: PlanarArm | Model,
+    n: int = 60,
+    *,
+    seed: int = 0,
+    margin: float | Sequence[float] | None = None,
+    ranges: Mapping[str, tuple[float, float]] | None = None,
+    start: ArrayLike | None = None,
+    keep: Mapping[str, tuple[float, float]] | None = None,
+    measured: Samples | None = None,
+) -> Plan:
+    """Plan poses to measure with a real arm.
+
+    Parameters
+    ----------
+    source : PlanarArm or Model
+        An arm that is to be measured for the first time, or a model that is to be improved
+        or checked.
+    n : int
+        How many poses.
+    seed : int
+        The same seed gives the same poses.
+    margin : float or sequence of float, optional [rad or m]
+        Distance from the joints' mechanical limits, for all or for each joint; see
+        :func:`calib.use.pose_space.space_of` for the default.
+    ranges : mapping of str to (lower, upper), optional [rad or m]
+        Part of a joint's range to plan in.
+    start : (dof,) array [rad or m], optional
+        Where the arm is before the first pose: zero, clipped into the ranges, where not
+        given. With `keep`, any pose within the box where that one is outside.
+    keep : mapping of {"x", "y"} to (low, high), optional [unit]
+        The tip stays within these bounds at all poses and along all straight moves
+        between them. Other parts of the arm, obstacles and self-collision are not looked
+        at.
+    measured : Samples, optional
+        What was measured already: the new poses go where those are not.
+
+    Returns
+    -------
+    Plan
+
+    Raises
+    ------
+    OptionError
+        If an argument is outside of what is possible, or `keep` leaves too few poses.
+
+    Examples
+    --------
+    >>> import calib
+    >>> plan = calib.plan(calib.load_arm("two_link"), 30)
+    >>> plan.q.shape, plan.length < 0.5 * plan.random_length
+    ((30, 2), True)
+    """
+    n, seed = _whole("n", n, 1, MOST_POSES), _whole("seed", seed, 0, 2**63 - 1)
+    space = space_of(source, margin, ranges)
+    rng = np.random.default_rng(seed)
+    taken = _taken(space, measured)
+    begin = None if start is None else _in_unit(space, space.joints(start, "start"))
+    neutral = _in_unit(space, np.clip(0.0, space.lower, space.upper))
+    notes = [_UNSEEN]
+    if measured is None and not isinstance(source, PlanarArm):
+        notes.append(
+            "the model does not keep its samples: to improve it, give them too (--data), and the "
+            "new poses go between them"
+        )
+    if keep:
+        box = keep_of(space, keep)
+        if begin is None and box.holds(neutral[None])[0]:
+            begin = neutral
+        route = kept_route(box, n, begin, taken, dense(space, rng), rng)
+        if begin is None:
+            notes.append("the way begins at the first pose: give --from to begin where the arm is")
+    else:
+        begin = neutral if begin is None else begin
+        route = free_route(space, n, begin, taken, candidates(space, rng))
+    how = "as far from each other as possible"
+    if measured is not None:
+        how += f" and from the {len(measured)} measured ones"
+    return _made(source, space, route, begin, how, notes)
+
+
+def _made(
+    source: PlanarArm | Model,
+    space: Space,
+    route: Route,
+    begin: Array | None,
+    how: str,
+    notes: list[str],
+) -> Plan:
+    """Put the plan together, and say in words what it is."""
+    # rounding must not lead beyond a limit
+    q = np.clip(space.scale.from_unit(route.u), space.lower, space.upper)
+    first = None if begin is None else space.scale.from_unit(begin)
+    way = q if first is None else np.vstack([first, q])
+    rng = np.random.default_rng(0)
+    m = len(route.away)
+    order = np.arange(m)
+    others = [
+        length(route.away, np.append(0, 1 + rng.permutation(m - 1)) if m > 1 else order)
+        for _ in range(_ORDERS)
+    ]
+    own = float(np.abs(np.diff(way, axis=0) / space.scale.span).max(axis=1).sum())
+    bound = None if isinstance(source, PlanarArm) else source.expected_error(q)
+    low, high = space.corners
+    border = np.isclose(route.u, low) | np.isclose(route.u, high)
+    count = int(np.count_nonzero(border.any(axis=1) & ~route.via))
+    wanted = len(q) - int(route.via.sum())
+    why = [f"{wanted} poses, {how}; {count} of them at an end of a joint's range"]
+    if route.via.any():
+        more = int(route.via.sum())
+        poses = "1 further pose leads" if more == 1 else f"{more} further poses lead"
+        why.append(f"{poses} round the border of the box")
+    return Plan(
+        space.joint_names,
+        q,
+        space.position(q),
+        bound,
+        route.via,
+        first,
+        np.abs(np.diff(way, axis=0)).sum(axis=0),
+        own,
+        float(np.mean(others)),
+        space.unit,
+        tuple(why),
+        (*notes, *route.notes),
+    )
+
+
+def _taken(space: Space, measured: Samples | None) -> Array:
+    """Joints (k, dof) of measured rows in units of the joints' ranges."""
+    if measured is None:
+        return np.zeros((0, space.dof))
+    if sorted(measured.joint_names) != sorted(space.joint_names):
+        raise OptionError(
+            f"the measured rows have the joints {', '.join(measured.joint_names)}, expected "
+            f"{', '.join(space.joint_names)}"
+        )
+    columns = [measured.joint_names.index(name) for name in space.joint_names]
+    return space.scale.to_unit(measured.q[:, columns])
+
+
+def _in_unit(space: Space, q: Array) -> Array:
+    # not `to_unit`: the upper end of a whole turn is not its lower end to a cable
+    return np.asarray((q - space.scale.lower) / space.scale.span)
+
+
+def _whole(name: str, value: object, least: int, most: int) -> int:
+    if isinstance(value, bool) or not isinstance(value, (int, np.integer)):
+        raise OptionError(f"{name} is {value!r}, expected a whole number such as {least + 59}")
+    if not least <= value <= most:
+        raise OptionError(f"{name} is {value}, expected {least} to {most:,}")
+    return int(value)

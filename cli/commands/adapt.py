@@ -1,0 +1,107 @@
+"""The command `calib adapt`."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Annotated
+
+import typer
+
+from .. import options as o
+from .. import parsing
+from ..measurements import log_for
+from ..output import Notes, Table, note, number, show, show_json
+from ..progress import progress_bar
+from ..units import for_people
+from .train import check_output
+
+NO = 3
+METHODS = ("few-shot", "online")
+
+
+def adapt(
+    model: o.ModelArgument,
+    data: Annotated[
+        str,
+        typer.Option(
+            "--data",
+            metavar="LOG",
+            help="New samples: CSV or Parquet with the joints' columns and x, y.",
+        ),
+    ],
+    output: Annotated[
+        str | None,
+        typer.Option(
+            "--output", "-o", metavar="MODEL", help="The new file (default MODEL.adapted.calib)."
+        ),
+    ] = None,
+    method: Annotated[
+        str,
+        typer.Option(
+            "--method",
+            parser=parsing.one_of("--method", METHODS),
+            metavar="|".join(METHODS),
+            help="A few samples and a rehearsal, or the paper's rule on thousands of them.",
+        ),
+    ] = "few-shot",
+    columns: o.ColumnsOption = None,
+    unit: o.UnitOption = None,
+    degrees: o.DegreesOption = False,
+    as_json: o.JsonOption = False,
+) -> None:
+    """Re-calibrate a model from a few new samples; exit code 3 if it did not help."""
+    import calib
+
+    if output is not None:
+        check_output(output)
+    loaded = calib.load(model)
+    path = output or adapted_name(model)
+    check_output(path)
+    notes = Notes()
+    log = log_for(loaded, data, columns, degrees, unit, notes)
+    with progress_bar(loaded.about.unit) as progress:
+        found = calib.adapt(loaded, log, method=method, progress=progress)
+    notes.say(found.notes)
+    if found.improved:
+        found.model.save(path)
+    if as_json:
+        show_json(
+            {
+                "model": path if found.improved else None,
+                "improved": found.improved,
+                "samples": found.samples,
+                "outliers": found.outliers,
+                "method": method,
+                "correction": found.correction,
+                "before": found.before,
+                "after": found.after,
+                "notes": found.notes,
+                "unit": found.model.about.unit,
+            }
+        )
+    else:
+        factor, name = for_people(loaded.about.unit)
+        rows = [
+            [when, *(number(factor * error[key]) for key in ("mean", "p99", "max"))]
+            for when, error in (("before", found.before), ("after", found.after))
+        ]
+        title = f"distance to held-out rows [{name}], corrected: {found.correction}"
+        show(Table(["", "mean", "p99", "max"], rows, title))
+    if not found.improved:
+        note(f"not improved: {model} stays as it is, nothing was written")
+        raise typer.Exit(NO)
+    if not as_json:
+        print(f"{path}: adapted with {found.samples} samples")
+
+
+def adapted_name(model: str) -> str:
+    """Return the file beside a model that its adaptation is written to.
+
+    Examples
+    --------
+    >>> adapted_name("m.calib"), adapted_name("m.adapted.calib")
+    ('m.adapted.calib', 'm.adapted.calib')
+    """
+    path = Path(model)
+    stem = path.name.removesuffix(".calib").removesuffix(".adapted")
+    return str(path.with_name(f"{stem}.adapted.calib"))

@@ -1,0 +1,70 @@
+"""The command `calib babble`."""
+
+from __future__ import annotations
+
+import sys
+from typing import Annotated
+
+import typer
+
+from .. import options as o
+from ..output import Notes, show_json
+from ..parsing import BadOption
+from ..samples import Selection, babbled
+
+
+def babble(
+    robot: o.RobotArgument,
+    output: Annotated[
+        str,
+        typer.Option(
+            "--output", "-o", metavar="LOG", help="CSV, or Parquet by its name (- standard output)."
+        ),
+    ],
+    samples: o.SamplesOption = None,
+    joints: o.JointsOption = None,
+    tip: o.TipOption = None,
+    lock: o.LockOption = None,
+    ranges: o.RangeOption = None,
+    noise: o.NoiseOption = None,
+    seed: o.SeedOption = 0,
+    motion: o.MotionOption = None,
+    change: o.ChangeOption = None,
+    degrees: o.DegreesOption = False,
+    as_json: o.JsonOption = False,
+) -> None:
+    """Write a log of simulated babbling [rad, m]."""
+    import calib
+
+    if as_json and output == "-":
+        raise BadOption("--json and --output '-' both want standard output: expected one of them")
+    log = babbled(
+        Selection(robot, joints, tip, lock or (), ranges or (), degrees),
+        samples=samples,
+        noise=noise,
+        motion=motion,
+        changes=change or (),
+        seed=seed,
+        notes=Notes(),
+    )
+    calib.write_log(log, output)
+    if as_json:
+        show_json(
+            {
+                "log": output,
+                "robot": log.arm.name if log.arm else None,
+                "joints": log.joint_names,
+                "samples": len(log),
+                "seed": seed,
+                "noise": noise or 0.0,
+                "changes": change or [],
+                "unit": log.unit,
+            }
+        )
+        return
+    columns = ", ".join([*log.joint_names, "x", "y"])
+    line = f"{len(log)} rows of {columns} [rad, m]"
+    if output == "-":
+        print(line, file=sys.stderr)
+    else:
+        print(f"{output}: {line}")

@@ -1,0 +1,59 @@
+"""The command `calib evaluate`."""
+
+from __future__ import annotations
+
+import time
+
+from .. import options as o
+from ..output import Notes, show, show_json
+from ..parsing import BadOption
+from ..sketch import show_sketch
+from ..summary import error_table, summary
+
+
+def evaluate(
+    model: o.ModelArgument,
+    data: o.DataOption = None,
+    columns: o.ColumnsOption = None,
+    degrees: o.DegreesOption = False,
+    as_json: o.JsonOption = False,
+) -> None:
+    """Print the errors of a model, on fresh samples or on a log."""
+    import calib
+
+    if columns is not None and data is None:
+        raise BadOption("--columns is for a log: expected --data LOG too")
+    loaded = calib.load(model)
+    about = loaded.about
+    log = None
+    if data is not None:
+        log = calib.read_log(
+            data,
+            joints=list(about.joint_names),
+            columns=columns,
+            degrees=degrees,
+            unit=about.unit,
+            prismatic=[
+                name
+                for name, turns in zip(about.joint_names, about.revolute, strict=True)
+                if not turns
+            ],
+        )
+        Notes().say(log.notes)
+    started = time.perf_counter()
+    result = loaded.evaluate(log)
+    seconds = {"total": time.perf_counter() - started}
+    if result.left_out:
+        Notes().say([f"{result.left_out} rows are outside of what was learned and left out"])
+    if as_json:
+        document = summary(loaded, model, result.errors, seconds)
+        document["evaluated"] = {
+            "source": result.source,
+            "rows": result.rows,
+            "left_out": result.left_out,
+        }
+        show_json(document)
+        return
+    title = f"{model}: errors on {result.rows} rows ({result.source})"
+    show(error_table(loaded, result.errors, title))
+    show_sketch(loaded)

@@ -1,0 +1,127 @@
+"""The command `calib query path`."""
+
+from __future__ import annotations
+
+import math
+from typing import TYPE_CHECKING, Annotated, Any
+
+import typer
+
+from .. import options as o
+from ..output import note, show_json
+from ..parsing import BadOption, Numbers, bad_option, finite, numbers
+from ..units import JointFormat, for_people, one_each
+
+if TYPE_CHECKING:
+    from calib import Path
+
+NO = 3
+
+
+def _step(typed: object) -> float:
+    """Parse a length greater than zero, or `inf`."""
+    if isinstance(typed, str):
+        try:
+            value = math.inf if typed.strip().lower() == "inf" else finite(typed)
+        except ValueError:
+            value = 0.0
+        if value > 0.0:
+            return value
+    raise bad_option("--step", str(typed), "a length greater than zero, or inf")
+
+
+def path(
+    model: o.ModelArgument,
+    input_: Annotated[
+        str,
+        typer.Option("--input", metavar="FILE", help="Waypoints: a CSV file with columns x,y."),
+    ],
+    output: o.AnswersOption = None,
+    start: Annotated[
+        Numbers | None,
+        typer.Option(
+            "--from",
+            parser=numbers("--from"),
+            metavar="Q1,Q2",
+            help="Start near these joint values; without it on the branch that goes furthest.",
+        ),
+    ] = None,
+    step: Annotated[
+        float | None,
+        typer.Option(
+            "--step",
+            parser=_step,
+            metavar="S",
+            help="Longest way of the tip between two rows [m, or the sensor's unit]; inf for the "
+            "waypoints alone; 1 % of the workspace's extent if not given.",
+        ),
+    ] = None,
+    degrees: o.DegreesOption = False,
+    as_json: o.JsonOption = False,
+) -> None:
+    """Joint values along straight lines through waypoints, on one branch where possible.
+
+    Exit code 3 if the joints have to jump between branches or a point is out of reach.
+    """
+    if as_json and output == "-":
+        raise BadOption("--json and --output '-' both want standard output: expected one of them")
+    import numpy as np
+
+    import calib
+    from calib.samples.tables import read_table, write_table
+
+    from ..batch import numbered
+
+    loaded = calib.load(model)
+    joints = JointFormat(loaded.about, degrees)
+    first = None if start is None else one_each("--from", start, joints.names, joints.typed)
+    typed, invalid = read_table(input_, ("x", "y"))
+    valid = np.flatnonzero(np.isfinite(typed).all(axis=1))
+    found = loaded.path(typed[valid], first, step)
+    number = valid[found.waypoint] + 1
+    columns: dict[str, Any] = {"waypoint": number}
+    columns |= {"x": found.target[:, 0], "y": found.target[:, 1]}
+    columns |= {name: found.q[:, k] * joints.typed[k] for k, name in enumerate(joints.names)}
+    columns |= {"distance": found.distance, "expected_error": found.expected_error}
+    columns["reachable"] = found.reachable.astype(np.int64)
+    columns["jump"] = np.isin(np.arange(len(found.q)), found.jumps).astype(np.int64)
+    if output is not None or not as_json:
+        write_table("-" if output is None else output, columns)
+    if as_json:
+        document: dict[str, Any] = {
+            "output": output,
+            "rows": len(found.q),
+            "invalid": invalid,
+            "jumps": (found.jumps + 1).tolist(),
+            "out_of_reach": (np.flatnonzero(~found.reachable) + 1).tolist(),
+            "unit": loaded.about.unit,
+            "bound_of": loaded.about.bound_of,
+        }
+        if output is None:
+            document["path"] = columns
+        show_json(document)
+    if invalid:
+        note(f"{numbered(invalid)} of {len(typed)}: not all numbers, left out of the path")
+    _tell(found, loaded.about.unit)
+    if invalid:
+        raise typer.Exit(1)
+    if len(found.jumps) or not found.reachable.all():
+        raise typer.Exit(NO)
+
+
+def _tell(found: Path, unit: str) -> None:
+    """Say where joints have to jump and where the path leaves what is attainable."""
+    for row in found.jumps.tolist():
+        x, y = found.target[row].tolist()
+        note(
+            f"row {row + 1}: a jump cannot be avoided, the branch ends before "
+            f"x = {x:.6g}, y = {y:.6g}"
+        )
+    out = ~found.reachable
+    if out.any():
+        factor, name = for_people(unit)
+        furthest = float(found.distance[out].max()) * factor
+        note(
+            f"{int(out.sum())} of {len(out)} rows are out of reach, the furthest by "
+            f"{furthest:.4g} {name}: they hold attainable points close by"
+        )

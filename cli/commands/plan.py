@@ -1,0 +1,259 @@
+"""The command `calib plan`."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping, Sequence
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated, Any, cast
+
+import typer
+
+from .. import options as o
+from ..output import Notes, note, show_json
+from ..parsing import (
+    BadOption,
+    Margin,
+    Numbers,
+    Side,
+    margin,
+    numbers,
+    side,
+    whole,
+)
+from ..samples import Selection
+from ..units import for_people, one_each, ranges_in_si
+
+if TYPE_CHECKING:
+    from calib import Model, Plan, PlanarArm, Samples
+    from calib.model.about import About
+
+
+def plan(
+    source: Annotated[
+        str,
+        typer.Argument(
+            metavar="ROBOT|MODEL",
+            help="A URDF file or a bundled robot, to be measured for the first time; or a model, "
+            "to be improved or checked.",
+        ),
+    ],
+    output: Annotated[
+        str,
+        typer.Option(
+            "--output",
+            "-o",
+            metavar="FILE",
+            help="CSV, or Parquet by its name (- for standard output).",
+        ),
+    ],
+    poses: Annotated[
+        int,
+        typer.Option(
+            "--poses", "-n", parser=whole("--poses", 1, 1000), metavar="N", help="How many poses."
+        ),
+    ] = 60,
+    joints: o.JointsOption = None,
+    tip: o.TipOption = None,
+    lock: o.LockOption = None,
+    ranges: o.RangeOption = None,
+    margins: Annotated[
+        Margin | None,
+        typer.Option(
+            "--margin",
+            parser=margin,
+            metavar="M|P%",
+            help="Distance from the joints' limits [rad or m], or a share of each range; 1 deg, "
+            "but at most 2 %, if not given.",
+        ),
+    ] = None,
+    start: Annotated[
+        Numbers | None,
+        typer.Option(
+            "--from",
+            parser=numbers("--from"),
+            metavar="Q1,Q2",
+            help="Where the joints are before the first pose; neutral if not given.",
+        ),
+    ] = None,
+    keep: Annotated[
+        list[Side] | None,
+        typer.Option(
+            "--keep",
+            parser=side,
+            metavar="x|y=LO:HI",
+            help="Keep the tip within these bounds, at poses and along the straight moves between "
+            "them [m, or the sensor's unit]; repeatable.",
+        ),
+    ] = None,
+    data: Annotated[
+        str | None,
+        typer.Option(
+            "--data", metavar="LOG", help="What was measured already: plan what it leaves out."
+        ),
+    ] = None,
+    columns: o.ColumnsOption = None,
+    seed: o.SeedOption = 0,
+    degrees: o.DegreesOption = False,
+    as_json: o.JsonOption = False,
+) -> None:
+    """Plan poses to measure: within the limits, well spread, with short moves between them.
+
+    Obstacles and self-collision are not looked at: try the poses slowly first.
+    """
+    if as_json and output == "-":
+        raise BadOption("--json and --output '-' both want standard output: expected one of them")
+    if columns is not None and data is None:
+        raise BadOption("--columns is for a log: expected --data LOG too")
+    import calib
+    from calib.samples.tables import write_table
+
+    known = _load(Selection(source, joints, tip, lock or (), ranges or (), degrees))
+    notes = Notes()
+    notes.say(getattr(known, "notes", ()))  # an arm's
+    turning = _turning(known)
+    typed = [math.degrees(1.0) if degrees and turns else 1.0 for turns in turning.values()]
+    found = calib.plan(
+        known,
+        poses,
+        seed=seed,
+        margin=_margin(margins, known, typed),
+        # an arm was loaded with them, which it may need where it states no limits
+        ranges=ranges_in_si(ranges or (), turning, degrees) if _is_model(source) else None,
+        start=None if start is None else one_each("--from", start, list(turning), typed),
+        keep=_box(keep or ()),
+        measured=None if data is None else _measured(known, data, columns, degrees, notes),
+    )
+    notes.say(found.notes)
+    table = found.columns()
+    table |= {name: found.q[:, k] * typed[k] for k, name in enumerate(turning)}
+    write_table(output, table)
+    if as_json:
+        show_json(_document(found, output, seed))
+        return
+    lines = [f"{len(found)} rows of {', '.join(table)} [{_units(turning, degrees, found.unit)}]"]
+    lines += [*found.why, _travel(found, turning)]
+    if output == "-":
+        for line in lines:
+            note(line)
+    else:
+        print("\n".join([f"{output}: {lines[0]}", *lines[1:]]))
+
+
+def _load(selection: Selection) -> PlanarArm | Model:
+    """Load a robot or a model, whichever the file is."""
+    import calib
+
+    source = str(selection.robot)
+    if not _is_model(source):
+        return selection.load()
+    for option, value in (
+        ("--joints", selection.joints),
+        ("--tip", selection.tip),
+        ("--lock", selection.lock),
+    ):
+        if value:
+            raise BadOption(f"{option} is for ROBOT: a model has its joints and its tip already")
+    return calib.load(source)
+
+
+def _is_model(source: str) -> bool:
+    """Whether a file is a model rather than a robot: by its name, or by its first bytes."""
+    from calib.arm.robots import robots_folder
+
+    if source.endswith(".calib"):
+        return True
+    if (robots_folder() / f"{source}.urdf").is_file():
+        return False
+    try:
+        with Path(source).open("rb") as file:
+            return file.read(9)[8:] == b"{"  # of a model file the header's length comes first
+    except (OSError, ValueError):  # whoever loads it tells what is wrong
+        return False
+
+
+def _turning(known: PlanarArm | Model) -> dict[str, bool]:
+    """Whether each joint turns."""
+    facts = _facts(known)
+    return dict(zip(facts.joint_names, facts.revolute, strict=True))
+
+
+def _facts(known: PlanarArm | Model) -> PlanarArm | About:
+    """What tells the joints and their ranges."""
+    about: About | None = getattr(known, "about", None)
+    return cast("PlanarArm", known) if about is None else about
+
+
+def _margin(
+    typed: Margin | None, known: PlanarArm | Model, factors: Sequence[float]
+) -> list[float] | None:
+    """Return the margin of each joint [rad or m]."""
+    if typed is None:
+        return None
+    if not typed.share:
+        return [typed.value / factor for factor in factors]
+    facts = _facts(known)
+    return [typed.value * width for width in (facts.upper - facts.lower).tolist()]
+
+
+def _box(sides: Sequence[Side]) -> dict[str, tuple[float, float]]:
+    box: dict[str, tuple[float, float]] = {}
+    for axis, low, high in sides:
+        if axis in box:
+            raise BadOption(f"--keep {axis} is given twice: expected one interval for each axis")
+        box[axis] = (low, high)
+    return box
+
+
+def _measured(
+    known: PlanarArm | Model,
+    data: str,
+    columns: Mapping[str, str] | None,
+    degrees: bool,
+    notes: Notes,
+) -> Samples:
+    """Read the log of what was measured already."""
+    import calib
+
+    facts = _facts(known)
+    sliding = [n for n, turns in zip(facts.joint_names, facts.revolute, strict=True) if not turns]
+    log = calib.read_log(
+        data, joints=list(facts.joint_names), columns=columns, degrees=degrees, prismatic=sliding
+    )
+    notes.say(log.notes)
+    return log
+
+
+def _units(turning: Mapping[str, bool], degrees: bool, unit: str) -> str:
+    angle = ["deg" if degrees else "rad"] if any(turning.values()) else []
+    slide = ["m"] if not all(turning.values()) else []
+    return ", ".join(dict.fromkeys([*angle, *slide, unit]))
+
+
+def _travel(found: Plan, turning: Mapping[str, bool]) -> str:
+    """Say how far the joints travel, and how far they would in a random order."""
+    parts = []
+    for name, turns, way in zip(turning, turning.values(), found.travel.tolist(), strict=True):
+        factor, unit = for_people("rad" if turns else "m")
+        parts.append(f"{name} {factor * way:.4g} {unit}")
+    text = "joints travel " + ", ".join(parts)
+    if found.random_length > 0:
+        text += f": {100 * found.length / found.random_length:.0f} % of the way of a random order"
+    return text
+
+
+def _document(found: Plan, output: str, seed: int) -> dict[str, Any]:
+    return {
+        "output": output,
+        "rows": len(found),
+        "joints": found.joint_names,
+        "seed": seed,
+        "via": [int(row) + 1 for row in found.via.nonzero()[0]],
+        "start": found.start,
+        "travel": dict(zip(found.joint_names, found.travel.tolist(), strict=True)),
+        "length": found.length,
+        "random_length": found.random_length,
+        "unit": found.unit,
+        "why": found.why,
+        "poses": found.columns(),
+    }

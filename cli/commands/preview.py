@@ -1,0 +1,132 @@
+"""The command `calib preview`."""
+
+from __future__ import annotations
+
+import webbrowser
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated
+
+import typer
+
+from .. import options as o
+from .. import parsing
+from ..output import Notes, note
+from ..parsing import BadOption
+
+if TYPE_CHECKING:
+    from calib.model.model import Model
+    from calib.samples.samples import Samples
+
+MeshesOption = Annotated[
+    str | None,
+    typer.Option(
+        "--meshes",
+        metavar="FOLDER",
+        help="Where the mesh files are that the URDF names; nothing outside of it is read.",
+    ),
+]
+PortOption = Annotated[
+    int,
+    typer.Option(
+        "--port", parser=parsing.whole("--port", 0), metavar="N", help="Port (default any)."
+    ),
+]
+
+
+def preview(
+    model: o.ModelArgument,
+    html: Annotated[
+        str | None,
+        typer.Option("--html", metavar="FILE", help="Write the page, which needs no network."),
+    ] = None,
+    data: o.DataOption = None,
+    columns: o.ColumnsOption = None,
+    meshes: MeshesOption = None,
+    port: PortOption = 0,
+    no_open: Annotated[
+        bool, typer.Option("--no-open", help="Print the address and open no browser.")
+    ] = False,
+    live: Annotated[
+        bool,
+        typer.Option("--live", help="A target to drag, with every way of reaching it."),
+    ] = False,
+) -> None:
+    """Show the arm and its learned maps in a browser, with meshcat."""
+    import calib
+    from calib.show.preview.page import html as page_of
+    from calib.show.preview.scene import draw
+
+    if live and html is not None:
+        raise BadOption("--live needs a running preview: expected it without --html")
+    if port > 65535:
+        raise BadOption(f"--port {port}: expected 0 to 65535")
+    folder = checked_folder(meshes)
+    if html is not None:
+        from .train import check_output
+
+        check_output(html)
+    loaded = calib.load(model)
+    notes = Notes()
+    scene = draw(loaded, samples=log_of(loaded, data, columns, notes), meshes=folder)
+    notes.say(scene.notes)
+    page = page_of(scene, loaded, live=live)
+    if html is not None:
+        from calib.common.atomic import atomic_write
+
+        content = page.encode("utf-8")
+        atomic_write(html, content)
+        print(f"{html}: {len(content) / 1e6:.2f} MB, open it in a browser")
+        return
+    _serve(loaded, page, port, no_open=no_open, live=live)
+
+
+def _serve(model: Model, page: str, port: int, *, no_open: bool, live: bool) -> None:
+    from calib.show.preview.server import PreviewServer
+
+    answer = None
+    if live:
+        from calib.show.preview.live import Live
+
+        answer = Live(model).answer
+    with PreviewServer(page, port, answer) as server:
+        print(server.url, flush=True)
+        note("showing the preview; Ctrl-C ends it")
+        if not no_open:
+            webbrowser.open(server.url)
+        try:
+            server.serve_forever(poll_interval=0.2)
+        except KeyboardInterrupt:
+            note("ended")
+
+
+def checked_folder(meshes: str | None) -> Path | None:
+    """Return the folder of the meshes, which has to be one."""
+    if meshes is None:
+        return None
+    folder = Path(meshes)
+    if not folder.is_dir():
+        raise BadOption(f"--meshes {meshes!r}: expected the folder of the URDF's mesh files")
+    return folder
+
+
+def log_of(
+    model: Model, data: str | None, columns: parsing.Columns | None, notes: Notes
+) -> Samples | None:
+    """Read a log of a model's own arm, None where none is given."""
+    import calib
+
+    if data is None:
+        if columns is not None:
+            raise BadOption("--columns is for a log: expected --data LOG too")
+        return None
+    about = model.about
+    sliding = [n for n, turns in zip(about.joint_names, about.revolute, strict=True) if not turns]
+    log = calib.read_log(
+        data,
+        joints=list(about.joint_names),
+        columns=columns,
+        unit=about.unit,
+        prismatic=sliding,
+    )
+    notes.say(log.notes)
+    return log

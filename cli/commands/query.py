@@ -1,0 +1,236 @@
+"""The commands `calib query forward` and `calib query inverse`."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import TYPE_CHECKING, Annotated, Any
+
+import typer
+
+from .. import options as o
+from ..output import Table, fixed, note, show, show_json
+from ..parsing import BadOption, bad_option, finite
+from ..units import JointFormat, for_people, one_each
+
+if TYPE_CHECKING:
+    import numpy as np
+    from numpy.typing import NDArray
+
+    from calib import Answer, Model
+
+    Array = NDArray[np.float64]
+
+NO = 3
+
+query_app = typer.Typer(
+    help="Ask a model for positions or for joint values.",
+    rich_markup_mode=None,
+)
+
+_NEGATIVE = {"ignore_unknown_options": True}  # -0.1 is a number, not an option
+
+
+@query_app.command(context_settings=_NEGATIVE)
+def forward(
+    model: o.ModelArgument,
+    values: Annotated[
+        list[str] | None,
+        typer.Argument(metavar="Q1 Q2", help="Joint values, base to tip [rad or m]."),
+    ] = None,
+    readout: o.ReadoutOption = "local",
+    input_: o.InputOption = None,
+    output: o.AnswersOption = None,
+    degrees: o.DegreesOption = False,
+    as_json: o.JsonOption = False,
+) -> None:
+    """Position of the tip for joint values; exit code 3 outside of what was learned."""
+    typed = _numbers(values or [])
+    _check_streams(typed, input_, output, as_json)
+    loaded = _load(model)
+    joints = JointFormat(loaded.about, degrees)
+    if input_ is not None:
+        from ..batch import Streams, forward_batch
+
+        streams = Streams(input_, output, as_json)
+        raise typer.Exit(forward_batch(loaded, joints, streams, readout))
+    _check_count(typed, loaded.about.joint_names, "joint value")
+    q = [value / factor for value, factor in zip(typed, joints.typed, strict=True)]
+    position, bound = loaded.forward(q, readout), float(loaded.expected_error(q))
+    outside = loaded.outside(q)
+    if as_json:
+        document = {
+            "joints": dict(zip(joints.names, q, strict=True)),
+            "position": position,
+            "expected_error": bound,
+        }
+        show_json({**document, **_kind_of_answer(loaded)})
+    if outside is not None:
+        note(f"no answer: {_why_outside(joints, loaded, q) or outside}")
+        raise typer.Exit(NO)
+    if not as_json:
+        _show(loaded, joints, [(q, position, None, bound)], "")
+
+
+@query_app.command(context_settings=_NEGATIVE)
+def inverse(
+    model: o.ModelArgument,
+    target: Annotated[
+        list[str] | None,
+        typer.Argument(metavar="X Y", help="Position wanted [m, or the sensor's unit]."),
+    ] = None,
+    near: o.NearOption = None,
+    every: o.AllOption = False,
+    readout: o.ReadoutOption = "local",
+    input_: o.InputOption = None,
+    output: o.AnswersOption = None,
+    degrees: o.DegreesOption = False,
+    as_json: o.JsonOption = False,
+) -> None:
+    """Joint values that bring the tip to a position; exit code 3 if it is out of reach."""
+    typed = _numbers(target or [])
+    _check_streams(typed, input_, output, as_json)
+    if every and input_ is not None:
+        raise BadOption("--all answers one target: expected X Y in place of --input")
+    if every and readout != "local":
+        raise BadOption(f"--all needs the readout local: expected no --readout {readout}")
+    loaded = _load(model)
+    joints = JointFormat(loaded.about, degrees)
+    anchor = _anchor(loaded, near, joints)
+    if input_ is not None:
+        from ..batch import Streams, inverse_batch
+
+        streams = Streams(input_, output, as_json)
+        raise typer.Exit(inverse_batch(loaded, joints, streams, readout, anchor))
+    _check_count(typed, ("x", "y"), "coordinate")
+    answer = _branches(loaded, typed, anchor) if every else loaded.solve(typed, anchor, readout)
+    reachable = bool(answer.reachable.any())
+    if as_json:
+        solutions = [
+            {
+                "joints": dict(zip(joints.names, q, strict=True)),
+                "position": position,
+                "distance": distance,
+                "expected_error": bound,
+            }
+            for q, position, distance, bound in _solutions(answer)
+        ]
+        document = {"target": typed, "reachable": reachable, "solutions": solutions}
+        show_json({**document, **_kind_of_answer(loaded)})
+    else:
+        _show(loaded, joints, _solutions(answer), "" if reachable else "nearest attainable point")
+    if not reachable:
+        factor, unit = for_people(loaded.about.unit)
+        away = float(answer.distance.min()) * factor
+        note(f"out of reach: the nearest attainable point is {away:.4g} {unit} away")
+        raise typer.Exit(NO)
+
+
+def _load(path: str) -> Model:
+    import calib
+
+    return calib.load(path)
+
+
+def _numbers(values: Sequence[str]) -> list[float]:
+    """Parse arguments; among them are options that do not exist."""
+    result = []
+    for text in values:
+        try:
+            result.append(finite(text))
+        except ValueError:
+            if text.startswith("-") and not text[1:2].isdigit():
+                raise BadOption(f"no such option or number: {text!r}") from None
+            raise bad_option("value", text, "a finite number") from None
+    return result
+
+
+def _check_streams(
+    typed: Sequence[float], input_: str | None, output: str | None, as_json: bool
+) -> None:
+    if input_ is not None and typed:
+        raise BadOption(f"--input {input_!r} and {len(typed)} values: expected one of them")
+    if output is not None and input_ is None:
+        raise BadOption(f"--output {output!r} is for many queries: expected --input FILE too")
+    if as_json and output == "-":
+        raise BadOption("--json and --output '-' both want standard output: expected one of them")
+
+
+def _check_count(typed: Sequence[float], names: Sequence[str], what: str) -> None:
+    if len(typed) != len(names):
+        raise BadOption(
+            f"{len(typed)} {what}s: expected {len(names)}, one each for {', '.join(names)}"
+        )
+
+
+def _anchor(model: Model, near: Sequence[float] | None, joints: JointFormat) -> list[float] | None:
+    if near is None:
+        return None
+    q = one_each("--near", near, joints.names, joints.typed)
+    about, turns_round = model.about, model.motor.scale.periodic
+    for k, value in enumerate(q):
+        slack = 1e-9 * (about.upper[k] - about.lower[k])
+        inside = about.lower[k] - slack <= value <= about.upper[k] + slack
+        if not (inside or turns_round[k]):
+            raise bad_option("--near", joints.value(k, value), joints.learned_range(k))
+    return q
+
+
+def _branches(model: Model, target: Sequence[float], anchor: Sequence[float] | None) -> Answer:
+    """Every branch that reaches a target, those near the anchor first."""
+    import numpy as np
+
+    (answer,) = model.solve_all([target])
+    if anchor is None:
+        return answer
+    scale = model.motor.scale
+    gaps = scale.difference(scale.to_unit(answer.q), scale.to_unit(np.array([anchor])))
+    order = np.argsort(np.linalg.norm(gaps, axis=1), kind="stable")
+    return answer._replace(
+        q=answer.q[order],
+        position=answer.position[order],
+        distance=answer.distance[order],
+        expected_error=answer.expected_error[order],
+        reachable=answer.reachable[order],
+    )
+
+
+def _solutions(answer: Answer) -> list[tuple[Any, Any, float, float]]:
+    columns = answer.q, answer.position, answer.distance.tolist(), answer.expected_error.tolist()
+    return list(zip(*columns, strict=True))
+
+
+def _kind_of_answer(model: Model) -> dict[str, str]:
+    return {"unit": model.about.unit, "bound_of": model.about.bound_of}
+
+
+def _why_outside(joints: JointFormat, model: Model, q: Sequence[float]) -> str | None:
+    """Name the joint that is furthest beyond its learned range, in the units typed."""
+    about = model.about
+    excess = [
+        max(low - value, value - high) / (high - low)
+        for value, low, high in zip(q, about.lower, about.upper, strict=True)
+    ]
+    k = max(range(len(q)), key=lambda i: excess[i])
+    if excess[k] <= model.motor.spacing:
+        return None
+    return f"{joints.value(k, q[k])} is outside of the learned range {joints.learned_range(k)}"
+
+
+def _show(
+    model: Model,
+    joints: JointFormat,
+    answers: Sequence[tuple[Any, Any, float | None, float]],
+    title: str,
+) -> None:
+    """Print answers, one line each: joints, position, distance and expected error."""
+    factor, unit = for_people(model.about.unit)
+    with_distance = answers[0][2] is not None
+    header = [*joints.header, f"x [{unit}]", f"y [{unit}]"]
+    header += [f"distance [{unit}]"] if with_distance else []
+    rows = []
+    for q, position, distance, bound in answers:
+        row = [joints.cell(k, value) for k, value in enumerate(q)]
+        row += [fixed(value * factor, 4) for value in position]
+        row += [fixed(distance * factor, 4)] if distance is not None else []
+        rows.append([*row, fixed(bound * factor, 4)])
+    show(Table([*header, f"expected error [{unit}]"], rows, title, left=0))

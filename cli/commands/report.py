@@ -1,0 +1,54 @@
+"""The command `calib report`."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Annotated
+
+import typer
+
+from .. import options as o
+from ..output import Notes
+from ..parsing import BadOption
+from .preview import log_of
+
+
+def report(
+    model: o.ModelArgument,
+    output: Annotated[
+        str | None,
+        typer.Option("--output", "-o", metavar="FILE.html", help="The report, in one file."),
+    ] = None,
+    png: Annotated[
+        str | None,
+        typer.Option("--png", metavar="DIR", help="Write its figures as PNG into this folder."),
+    ] = None,
+    data: o.DataOption = None,
+    columns: o.ColumnsOption = None,
+) -> None:
+    """Write figures and tables that explain a calibration."""
+    import calib
+
+    from .train import check_output
+
+    if output is None and png is None:
+        raise BadOption("nothing to write: expected -o FILE.html, or --png DIR, or both")
+    if output is not None:
+        check_output(output)
+    loaded = calib.load(model)
+    log = log_of(loaded, data, columns, Notes())
+    from calib.common.atomic import atomic_write
+    from calib.show.report.page import pictures
+    from calib.show.report.page import report as report_of
+
+    if output is not None:
+        content = report_of(loaded, log).encode("utf-8")
+        atomic_write(output, content)
+        print(f"{output}: {len(content) / 1e6:.2f} MB, open it in a browser")
+    if png is not None:
+        folder = Path(png)
+        folder.mkdir(parents=True, exist_ok=True)
+        for name, picture in pictures(loaded, log).items():
+            path = folder / f"{name}.png"
+            atomic_write(path, picture)
+            print(path)

@@ -1,0 +1,140 @@
+"""The command `calib reproduce`."""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Callable
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated, Any
+
+import typer
+
+from .. import options as o
+from .. import parsing
+from ..output import Table, note, number, show, show_json
+from ..progress import progress_bar
+
+if TYPE_CHECKING:
+    from calib.paper.setting import Setting
+    from calib.paper.tables import Result
+
+SUBJECTS = ("table1", "table2", "figures", "adaptation", "networks", "experiments", "all")
+
+SubjectArgument = Annotated[
+    str,
+    typer.Argument(
+        parser=parsing.one_of("WHAT", SUBJECTS), metavar="|".join(SUBJECTS), help="What to redo."
+    ),
+]
+
+
+def reproduce(
+    what: SubjectArgument = "all",
+    output: Annotated[
+        str, typer.Option("--output", "-o", metavar="DIR", help="Folder of the CSV files, figures.")
+    ] = "reproduced",
+    quick: Annotated[
+        bool, typer.Option("--quick", help="Small lattices and few samples: does it all run?")
+    ] = False,
+    seed: o.SeedOption = 0,
+    as_json: o.JsonOption = False,
+) -> None:
+    """Redo the paper's tables, figures and experiments, its figures beside ours."""
+    from calib.paper.setting import Setting
+
+    folder = Path(output)
+    folder.mkdir(parents=True, exist_ok=True)
+    started = time.perf_counter()
+    document: dict[str, Any] = {}
+    with progress_bar("") as bar:
+
+        def report(share: float, stage: str) -> None:
+            if bar is not None:
+                bar(share, stage, float("nan"))
+
+        setting = Setting.of(seed, quick=quick, report=report)
+        for name in _ALL if what == "all" else (what,):
+            for key, result in _RUNS[name](setting, folder):
+                document[key] = result.data
+                _keep(result, folder, shown=not as_json)
+    document["seconds"] = time.perf_counter() - started
+    document["files"] = sorted(str(path) for path in folder.iterdir())
+    if as_json:
+        show_json(document)
+    else:
+        note(f"{output}: {len(document['files'])} files, {document['seconds']:.0f} s")
+
+
+def _table1(setting: Setting, _folder: Path) -> list[tuple[str, Result]]:
+    from calib.paper.tables import table1
+
+    return [("table1", table1(setting))]
+
+
+def _table2(setting: Setting, _folder: Path) -> list[tuple[str, Result]]:
+    from calib.paper.tables import table2
+
+    return [("table2", table2(setting))]
+
+
+def _networks(setting: Setting, _folder: Path) -> list[tuple[str, Result]]:
+    from calib.paper.experiments import networks
+
+    return [("networks", networks(setting))]
+
+
+def _experiments(setting: Setting, _folder: Path) -> list[tuple[str, Result]]:
+    from calib.paper import experiments as e
+
+    runs = (e.resampling, e.perturbation, e.directions)
+    return [(run.__name__, run(setting)) for run in runs]
+
+
+def _figures(setting: Setting, folder: Path) -> list[tuple[str, Result]]:
+    from calib.paper.figures import lattice_figure
+
+    lattice_figure(setting, folder / "lattices.png")
+    return _adaptation(setting, folder)
+
+
+def _adaptation(setting: Setting, folder: Path) -> list[tuple[str, Result]]:
+    from calib.paper.adaptation import adaptation
+    from calib.paper.figures import changed_figure, curves_figure
+
+    result, episodes = adaptation(setting)
+    changed_figure(episodes, folder / "changed.png")
+    curves_figure(episodes, folder / "adaptation.png")
+    return [("adaptation", result)]
+
+
+_RUNS: dict[str, Callable[[Setting, Path], list[tuple[str, Result]]]] = {
+    "table1": _table1,
+    "table2": _table2,
+    "figures": _figures,
+    "adaptation": _adaptation,
+    "networks": _networks,
+    "experiments": _experiments,
+}
+_ALL = ("table1", "table2", "figures", "networks", "experiments")  # figures: adaptation too
+_LONG = ("schedules", "adaptation_curves")  # for the CSV files only
+
+
+def _keep(result: Result, folder: Path, *, shown: bool) -> None:
+    """Write the tables as CSV and print them."""
+    from calib.common.atomic import atomic_write
+
+    for table in result.tables:
+        atomic_write(folder / f"{table.name}.csv", table.csv().encode())
+        if shown and table.name not in _LONG:
+            rows = [[_cell(c) for c in row] for row in table.rows]
+            left = next(
+                (k for k, c in enumerate(table.rows[0]) if not isinstance(c, str)), len(rows[0])
+            )
+            show(Table(table.header, rows, table.title, left))
+            print()
+
+
+def _cell(value: str | float | None) -> str:
+    if value is None:
+        return ""
+    return value if isinstance(value, str) else number(value)

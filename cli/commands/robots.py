@@ -1,0 +1,28 @@
+"""The command `calib robots`."""
+
+from __future__ import annotations
+
+from ..options import JsonOption
+from ..output import Table, show, show_json
+
+
+def robots(as_json: JsonOption = False) -> None:
+    """List the bundled robots."""
+    import calib
+
+    entries = calib.list_robots()
+    if as_json:
+        show_json(
+            [
+                {
+                    "name": entry.name,
+                    "joints": entry.joints,
+                    "dof": entry.dof,
+                    "description": entry.description,
+                }
+                for entry in entries
+            ]
+        )
+        return
+    rows = [[entry.name, ", ".join(entry.joints), entry.description] for entry in entries]
+    show(Table(["robot", "joints, base to tip", "description"], rows, left=3))

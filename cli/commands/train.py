@@ -1,0 +1,160 @@
+"""The command `calib train`."""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Mapping
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated
+
+import typer
+
+from .. import options as o
+from ..output import Notes, show, show_json
+from ..parsing import BadOption
+from ..progress import progress_bar
+from ..samples import Selection, babbled, measured
+from ..sketch import show_sketch
+from ..summary import compact_table, size_in_words, summary
+
+if TYPE_CHECKING:
+    from calib import Model
+
+
+def train(
+    robot: Annotated[
+        str | None,
+        typer.Argument(
+            metavar="ROBOT",
+            help="A URDF file, or a bundled robot (calib robots). Not needed with --data.",
+        ),
+    ] = None,
+    data: o.DataOption = None,
+    output: Annotated[
+        str | None,
+        typer.Option(
+            "--output", "-o", metavar="MODEL", help="The model's file (default ROBOT.calib)."
+        ),
+    ] = None,
+    joints: o.JointsOption = None,
+    tip: o.TipOption = None,
+    lock: o.LockOption = None,
+    ranges: o.RangeOption = None,
+    map_: o.MapOption = "vdsom",
+    size: o.SizeOption = None,
+    motor_size: o.MotorSizeOption = None,
+    sensory_size: o.SensorySizeOption = None,
+    rule: o.RuleOption = "batch",
+    epochs: o.EpochsOption = None,
+    sigma: o.SigmaOption = None,
+    samples: o.SamplesOption = None,
+    noise: o.NoiseOption = None,
+    seed: o.SeedOption = 0,
+    motion: o.MotionOption = None,
+    change: o.ChangeOption = None,
+    columns: o.ColumnsOption = None,
+    unit: o.UnitOption = None,
+    prismatic: o.PrismaticOption = None,
+    degrees: o.DegreesOption = False,
+    as_json: o.JsonOption = False,
+) -> None:
+    """Learn a model from simulated babbling or from a measured log."""
+    import calib
+
+    simulated = {"--samples": samples, "--noise": noise, "--motion": motion, "--change": change}
+    of_logs = {"--columns": columns, "--unit": unit, "--prismatic": prismatic}
+    _check_source(robot, data, simulated, of_logs)
+    if output is not None:
+        check_output(output)
+    selection = Selection(robot, joints, tip, lock or (), ranges or (), degrees)
+    notes = Notes()
+    if data is None:
+        log = babbled(
+            selection,
+            samples=samples,
+            noise=noise,
+            motion=motion,
+            changes=change or (),
+            seed=seed,
+            notes=notes,
+        )
+    else:
+        log = measured(
+            selection,
+            data,
+            columns=columns,
+            unit=unit or "m",
+            prismatic=prismatic or (),
+            seed=seed,
+            notes=notes,
+        )
+    path = output or f"{_file_name(log.arm.name if log.arm else _stem(data))}.calib"
+    check_output(path)
+    with progress_bar(log.unit) as progress:
+        model = calib.train(
+            log,
+            size=size and size.plain(),
+            motor_size=motor_size and motor_size.plain(),
+            sensory_size=sensory_size and sensory_size.plain(),
+            map=map_,
+            rule=rule,
+            epochs=epochs,
+            sigma=sigma,
+            seed=seed,
+            progress=progress,
+        )
+    notes.say(model.about.notes)
+    model.save(path)
+    if as_json:
+        show_json(summary(model, path, model.about.errors, model.seconds))
+    else:
+        _report(model, path)
+
+
+def check_output(path: str) -> None:
+    """Refuse an output that cannot be written before the work starts."""
+    from calib.common.atomic import check_writable
+
+    if path == "-":
+        raise BadOption("--output '-': expected a file, a model is no text to print")
+    check_writable(path)
+
+
+def _check_source(
+    robot: str | None,
+    data: str | None,
+    simulated: Mapping[str, object],
+    of_logs: Mapping[str, object],
+) -> None:
+    """Refuse options that would be without effect."""
+    if robot is None and data is None:
+        raise BadOption("nothing to learn from: expected ROBOT, or --data LOG, or both")
+    for options, wrong, remedy in (
+        (simulated, data is not None, "is for simulated babbling, which --data replaces"),
+        (of_logs, data is None, "is for a log: expected --data LOG too"),
+    ):
+        for name, value in options.items():
+            if wrong and value is not None:
+                raise BadOption(f"{name} {remedy}")
+    if robot is not None and of_logs["--prismatic"] is not None:
+        raise BadOption("--prismatic is for a log without ROBOT, which knows its joints")
+
+
+def _report(model: Model, path: str) -> None:
+    about = model.about
+    what = "fresh exact samples" if about.source == "simulation" else "held out blocks of the log"
+    show(compact_table(model, about.errors, f"errors on {what}"))
+    show_sketch(model)
+    print(
+        f"{path}: {about.options['map']}, {size_in_words(model)}, {about.samples} samples, "
+        f"{model.seconds['total']:.2f} s, {Path(path).stat().st_size / 1e6:.2f} MB"
+    )
+
+
+def _stem(data: str | None) -> str:
+    return "log" if data in (None, "-") else Path(str(data)).stem
+
+
+def _file_name(name: str) -> str:
+    """Return a name without what would lead to another folder or hide the file."""
+    return re.sub(r"[^\w.+-]+", "_", name).lstrip(".") or "robot"
