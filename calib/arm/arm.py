@@ -9,8 +9,8 @@ from typing import TypeVar
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from ..errors import OptionError, QueryError
 from ..common.wording import quoted, suggestion
+from ..errors import OptionError, QueryError
 from .ranges import TURN, Range, checked_range, one_turn
 
 Array = NDArray[np.float64]

@@ -13,8 +13,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from ..errors import RobotError
 from ..common.wording import listed, quoted
+from ..errors import RobotError
 from .candidates import find_tip
 from .posture import Posture
 from .ranges import full_range, limits_fault
@@ -103,7 +103,10 @@ def choose_chain(chains: Sequence[Reaching], *, strict: bool) -> tuple[Reaching,
         shown = "; ".join(map(str, equals[:6])) + ("; ..." if len(equals) > 6 else "")
         raise RobotError(f"the robot has {len(equals)} arms of one reach, choose one: {shown}")
     others = "; ".join(map(str, equals[1:4])) + ("; ..." if len(equals) > 4 else "")
-    return best, f"chosen, as the first of {len(equals)} arms of one reach: {best} (others: {others})"
+    return (
+        best,
+        f"chosen, as the first of {len(equals)} arms of one reach: {best} (others: {others})",
+    )
 
 
 def no_chain(

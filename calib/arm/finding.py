@@ -5,12 +5,14 @@ from __future__ import annotations
 from collections.abc import Collection, Mapping, Sequence
 from dataclasses import dataclass
 
-from ..errors import RobotError
+import numpy as np
+
 from ..common.wording import listed
+from ..errors import RobotError
 from .candidates import Candidate, choose, find_candidates, nothing_found
 from .choosing import choose_chain, find_chains, no_chain
 from .folding import followers
-from .planarity import common_normal
+from .planarity import PARALLEL, common_normal
 from .posture import Posture
 from .ranges import Range, fixed_by_limits
 from .tree import Joint, Urdf
@@ -52,7 +54,8 @@ def find_arm(urdf: Urdf, posture: Posture, choice: Choice) -> tuple[Found, list[
     if not chains:
         explained = no_chain(urdf, choice.tip, choice.lock, choice.columns)
         raise explained or nothing_found(urdf, posture, choice.tip, choice.lock, fixed)
-    if is_planar(urdf, posture, chains[0].joints, chains[0].tip):
+    first = chains[0]
+    if is_planar(urdf, posture, first.joints, first.tip) or in_line(first.joints, posture):
         return _planar(urdf, posture, choice, fixed, excluded)
     chosen, note = choose_chain(chains, strict=choice.columns is not None)
     notes = [note] if note else []
@@ -72,6 +75,13 @@ def is_planar(urdf: Urdf, posture: Posture, joints: Sequence[Joint], tip: str) -
     except RobotError:
         return False
     return not followers(urdf, urdf.path(tip), joints)
+
+
+def in_line(joints: Sequence[Joint], posture: Posture) -> bool:
+    """Whether joints do no more than slide along one line."""
+    axes = np.array([posture.axes[joint.name] for joint in joints])
+    slides = not any(joint.revolute for joint in joints)
+    return slides and bool(np.linalg.norm(np.cross(axes, axes[0]), axis=1).max() < PARALLEL)
 
 
 def _planar(

@@ -7,8 +7,8 @@ from collections.abc import Mapping, Sequence
 import numpy as np
 from numpy.typing import NDArray
 
-from ..errors import RobotError
 from ..common.wording import quoted
+from ..errors import RobotError
 from .chain import Chain
 from .posture import Posture
 from .spatial_chain import SpatialChain

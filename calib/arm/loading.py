@@ -18,7 +18,7 @@ from ..common.wording import listed, one_line, quoted, suggestion
 from ..errors import OptionError, RobotError
 from .candidates import find_tip
 from .choosing import MOST_JOINTS
-from .finding import Choice, find_arm, is_planar
+from .finding import Choice, find_arm, in_line, is_planar
 from .folding import followers, planar_chain, refuse_followers, spatial_chain
 from .inertia import carried
 from .planar_arm import PlanarArm
@@ -139,6 +139,8 @@ def arm_from_urdf(
     choice = Choice(joints, tip, lock, ranges, planar, columns)
     active, tip, flat = _select(urdf, kinematics.posture(values), choice, notes)
     path = urdf.path(tip)
+    if flat:
+        refuse_followers(path, active)
     following = {} if flat else followers(urdf, path, active)
     moving = [joint for joint in path if joint in active or joint.name in following]
     posture = kinematics.posture({**values, **{joint.name: 0.0 for joint in moving}})
@@ -208,9 +210,8 @@ def _select(
                 f"do: {listed(j.name for j in path if j.movable)}"
             )
     active = [joint for joint in path if joint in active]
-    flat = choice.planar or is_planar(urdf, posture, active, tip)
+    flat = choice.planar or is_planar(urdf, posture, active, tip) or in_line(active, posture)
     if flat:
-        refuse_followers(path, active)
         common_normal(active, posture)
     elif len(active) > MOST_JOINTS:
         raise OptionError(

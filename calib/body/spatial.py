@@ -22,6 +22,7 @@ from .spatial_motion import Deviations, Motion, move
 from .spatial_view import OUTPUTS, Placed, View, compose, look
 from .structure import Array, Indices, Label, Prior, Structure
 
+
 @dataclass(frozen=True, eq=False)
 class SpatialStructure:
     """The structure of a spatial arm and its sensor; see `Structure`.
@@ -142,9 +143,7 @@ class SpatialStructure:
         for axis in range(3):
             columns.put(groups["view.rotation"][axis], lambda a=axis: view.turned(a))
             columns.put(groups["view.shift"][axis], lambda a=axis: view.shifted(a))
-            columns.put(
-                groups["tool"][axis], lambda a=axis: view.push(motion.flange[:, a], _STILL)
-            )
+            columns.put(groups["tool"][axis], lambda a=axis: view.push(motion.flange[:, a], _STILL))
             columns.put(
                 groups["tool.rotation"][axis],
                 lambda a=axis: view.push(np.zeros_like(motion.position), motion.rotation[:, a]),
@@ -346,9 +345,7 @@ class SpatialStructure:
 
     def _chained(self, motion: Motion, view: View) -> Array:
         """How outputs move with each joint of the chain: (m, outputs, n)."""
-        pushed = [
-            view.push(*motion.joint(i, turns)) for i, turns in enumerate(self.chain.revolute)
-        ]
+        pushed = [view.push(*motion.joint(i, turns)) for i, turns in enumerate(self.chain.revolute)]
         return np.stack(pushed)
 
     def _loads(self, q: Array) -> Array:

@@ -88,7 +88,9 @@ class View:
         moved = self.point if self.slope is None else self._without_shift
         if self.slope is not None:
             return self.seen(moved)
-        return np.concatenate([moved, np.zeros_like(moved)]) if self.sensor.kind == "pose" else moved
+        return (
+            np.concatenate([moved, np.zeros_like(moved)]) if self.sensor.kind == "pose" else moved
+        )
 
     def refocused(self) -> Array:
         """Derivative (2, 4, n) of pixels by focal length, centre and k1."""
