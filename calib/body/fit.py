@@ -6,6 +6,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from .bound import autocorrelation_time
 from .normal import (
     Factor,
     Sums,
@@ -40,7 +41,10 @@ class Fit:
     precision : (k, k) array
         Weighted information and prior.
     covariance : (k, k) array
-        Posterior covariance, with the Student noise's loss of information.
+        Posterior covariance, with the Student noise's loss of information and that of residuals
+        that are correlated in the order of the log.
+    autocorrelation : float
+        Integrated autocorrelation time of the residuals [rows]; 1 for Gaussian noise.
     scales : dict of str to float
     evidence : float
         Laplace approximation of the logarithm of the evidence.
@@ -57,6 +61,7 @@ class Fit:
     weight: Array
     precision: Array
     covariance: Array
+    autocorrelation: float
     scales: dict[str, float]
     evidence: float
 
@@ -283,7 +288,9 @@ def _finished(search: _Search) -> Fit:
     precision = gram.copy()
     precision[k] += search.sd**-2.0
     factor = Factor(precision)
-    softer = gram * information_factor(search.structure, search.nu)
+    # Rows that err together count once for the time that they do.
+    time = autocorrelation_time(search.r) if np.isfinite(search.nu) else 1.0
+    softer = gram * (information_factor(search.structure, search.nu) / time)
     softer[k] += search.sd**-2.0
     distance = search.distance(search.beta)
     evidence = -negative_log_likelihood(search.r, search.noise, search.nu, search.blocks)
@@ -301,6 +308,7 @@ def _finished(search: _Search) -> Fit:
         search.w,
         precision,
         Factor(softer).inverse(),
+        time,
         dict(search.scales),
         evidence,
     )

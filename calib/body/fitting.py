@@ -9,7 +9,6 @@ import numpy as np
 
 from ..errors import LogError, OptionError
 from .belief import Body, Second
-from .bound import autocorrelation_time
 from .fit import Fit, maximise
 from .gate import Passed, Tried, choose_member
 from .held_out import HeldOut, leave_blocks_out
@@ -222,7 +221,7 @@ def fit_structure(
         held = leave_blocks_out(whole)
     body = _body(whole, held, passed.name, simulated)
     if not simulated:
-        body = replace(body, second=_second(passed, members, floor))
+        body = replace(body, second=_second(passed, sub_q, sub_z, floor))
     residual = np.where(np.isfinite(held.residual), held.residual, whole.residual)
     return BodyFit(body, residual, whole.weight[:, 0].copy(), passed.tried, tuple(notes))
 
@@ -272,7 +271,7 @@ def _body(fit: Fit, held: HeldOut, member: str, simulated: bool) -> Body:
         held.tau(fit.noise, structure.blocks),
         np.zeros(structure.outputs),
         fit.nu,
-        autocorrelation_time(fit.residual),
+        fit.autocorrelation,
         {k: float(v) for k, v in fit.scales.items()},
         len(fit.residual),
         simulated,
@@ -280,11 +279,20 @@ def _body(fit: Fit, held: HeldOut, member: str, simulated: bool) -> Body:
     )
 
 
-def _second(
-    passed: Passed, members: tuple[tuple[str, tuple[str, ...]], ...], floor: Array
-) -> Second | None:
-    """The member with curves under a wider hyperprior, on the same rows."""
-    return None
+def _second(passed: Passed, q: Array, z: Array, floor: Array) -> Second:
+    """The member with curves under a wider hyperprior, fitted to the same rows."""
+    fit = passed.fit
+    prior = fit.structure.prior((*passed.free, "curve"))
+    sd = prior.sd.copy()
+    sd[fit.active] = fit.sd
+    hypers = _wider(tuple(h for h in prior.hypers if h.name.startswith("curve")))
+    for h in hypers:
+        sd[h.indices] = h.scale * np.sqrt(h.shape)
+    made = maximise(
+        fit.structure, q, z, fit.beta, Prior(prior.mean, sd, hypers), nu=fit.nu, floor=floor,
+        noise=fit.noise, steps=4,
+    )
+    return Second(made.beta, made.active, as_stored(made.covariance), made.noise)
 
 
 def _wider(hypers: tuple[Hyper, ...]) -> tuple[Hyper, ...]:
@@ -292,7 +300,5 @@ def _wider(hypers: tuple[Hyper, ...]) -> tuple[Hyper, ...]:
     pseudo, rms = WIDE
     return tuple(
         replace(h, pseudo=pseudo, scale=rms / np.sqrt(len(h.indices)))
-        if h.name.startswith("curve")
-        else h
         for h in hypers
     )

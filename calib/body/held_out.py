@@ -15,6 +15,12 @@ BLOCKS = 10
 
 PARTITIONS = (2, 5, 10)
 
+FEW = 20
+"""Rows that a 95 % quantile needs at least."""
+
+UNKNOWN_KAPPA = 1.5
+"""Inflation where there are too few rows to tell."""
+
 
 @dataclass(frozen=True)
 class HeldOut:
@@ -47,15 +53,25 @@ class HeldOut:
         )
 
     def kappa(self) -> float:
-        """Inflation: the largest 95 % quantile of error over radius, at least 1."""
-        worst = 1.0
+        """Inflation of the bound, at least 1.
+
+        The largest 95 % quantile of error over radius among the partitions; or, if that is more,
+        the mean of the single blocks' quantiles and one standard deviation beyond it, since the
+        place that is asked next may be one of the worse.
+        """
+        found = [1.0]
         for ratio in self.ratios.values():
             known = ratio[np.isfinite(ratio)]
-            if len(known) > 20:
-                worst = max(worst, float(np.quantile(known, 0.95)))
-        if not any(np.isfinite(r).sum() > 20 for r in self.ratios.values()):
-            worst = 1.5  # too few rows to tell
-        return worst
+            if len(known) > FEW:
+                found.append(float(np.quantile(known, 0.95)))
+        single = [
+            np.quantile(part[np.isfinite(part)], 0.95)
+            for part in np.split(self.ratios[max(self.ratios)], self.edges[1:-1])
+            if np.isfinite(part).sum() > FEW
+        ]
+        if len(single) > 1:
+            found.append(float(np.mean(single) + np.std(single)))
+        return max(found) if len(found) > 1 else UNKNOWN_KAPPA
 
     def tau(self, noise: Array, blocks: tuple[int, ...]) -> Array:
         """Residual sd (m,) of the body itself: held-out errors beyond the noise."""
@@ -82,7 +98,7 @@ def leave_blocks_out(fit: Fit, partitions: tuple[int, ...] = PARTITIONS) -> Held
         x = (fit.derivative[a:b] * root[a:b, :, None]).reshape(-1, k)
         grams.append(x.T @ x)
         moments.append(x.T @ (fit.residual[a:b] * root[a:b]).ravel())
-    share = information_factor(fit.structure, fit.nu)
+    share = information_factor(fit.structure, fit.nu) / fit.autocorrelation
     prior = np.diag(fit.sd**-2.0)
     gram_all = fit.precision - prior
     residual = np.full((n, m), np.nan)

@@ -57,7 +57,7 @@ class Nominal:
 
 
 def chain_of(
-    t: NDArray[np.complex128], mirror: int, revolute: tuple[bool, ...]
+    t: NDArray[np.complexfloating[Any, Any]], mirror: int, revolute: tuple[bool, ...]
 ) -> tuple[Array, Array, float]:
     """Magnitudes (dof,), offsets (dof,) and rotation of a chain from its coefficients (dof,).
 

@@ -17,7 +17,7 @@ def pack(covariance: Array) -> tuple[Packed, Array]:
     correlation = covariance / safe[:, None] / safe
     values, vectors = np.linalg.eigh((correlation + correlation.T) / 2)
     root = np.sqrt(np.maximum(values, 0.0))[:, None] * vectors.T
-    upper = np.linalg.qr(root, mode="r")
+    upper = np.asarray(np.linalg.qr(root, mode="r"), dtype=float)
     upper *= np.where(np.diag(upper) < 0, -1.0, 1.0)[:, None]
     return upper[np.triu_indices(len(upper))].astype(np.float32), deviations
 

@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from .curves import HARMONICS, curve_shape
-from .structure import Array, Hyper, Prior
+from .structure import Array, Hyper, Indices, Prior
 
 if TYPE_CHECKING:
     from .planar import PlanarStructure
@@ -69,7 +69,7 @@ def prior(structure: PlanarStructure, free: Sequence[str]) -> Prior:
         if group in free:
             sd[lay.groups[group]] = scale
 
-    def varied(group: str, name: str, ix: Array, scale: float, factors: tuple[float, ...]) -> None:
+    def varied(group: str, name: str, ix: Indices, scale: float, factors: tuple[float, ...]) -> None:
         if group in free and len(ix):
             sd[ix] = scale
             hypers.append(Hyper(name, ix, np.ones(len(ix)), scale, choices=factors))

@@ -48,7 +48,7 @@ def starts(structure: PlanarStructure, q: Array, z: Array) -> list[tuple[Structu
 def _sided(structure: PlanarStructure, every: bool) -> Iterator[PlanarStructure]:
     """The structure with each combination of signs and mirrors that may differ."""
     base = structure.nominal.signs if structure.nominal is not None else (1,) * structure.dof
-    mirrors = (1, -1)
+    mirrors: tuple[int, ...] = (1, -1)
     if structure.view == "base" and structure.nominal is not None:
         mirrors = (structure.nominal.mirror,)
     free = [i for i, turns in enumerate(structure.revolute) if turns or structure.nominal]
