@@ -10,15 +10,24 @@ from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from difflib import get_close_matches
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 import numpy as np
 from numpy.typing import NDArray
 
 from ..common.wording import clipped, quoted
 from ..errors import LogError
+<<<<<<< HEAD
 from .csv_rows import COMMENT, csv_batches, csv_rows
 from .parquet import parquet_batches, parquet_header
+=======
+from .csv_rows import csv_batches, csv_rows
+from .parquet import parquet_batches, parquet_errors, parquet_header
+>>>>>>> words
 from .places import Place, find_place
+
+if TYPE_CHECKING:
+    import polars as pl
 
 Array = NDArray[np.float64]
 
@@ -146,6 +155,26 @@ def read_columns(source: Source, names: Sequence[str], *, lenient: bool = False)
     """Read some columns as numbers, all rows at once; see `read_batches`."""
     batches = list(read_batches(source, names, lenient=lenient))
     return np.concatenate(batches) if batches else np.empty((0, len(names)))
+
+
+def read_texts(source: Source, names: Sequence[str]) -> dict[str, pl.Series]:
+    """Read some columns as they are: text from CSV, whatever type from Parquet."""
+    import polars as pl
+
+    if not names:
+        return {}
+    if not source.separator:
+        with parquet_errors(source.label):
+            frame = pl.read_parquet(source.path, columns=list(names), glob=False)
+        return {name: frame[name] for name in names}
+    index = [source.header.index(name) for name in names]
+    texts: list[list[str]] = [[] for _ in names]
+    with source.path.open("rb") as file:
+        for line, row in csv_rows(source.label, file, source.separator):
+            if line > source.skip:
+                for cells, i in zip(texts, index, strict=True):
+                    cells.append(row[i] if i < len(row) else "")
+    return {n: pl.Series(n, cells, pl.String) for n, cells in zip(names, texts, strict=True)}
 
 
 def _place(source: Source, name: str) -> Place:
