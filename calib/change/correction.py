@@ -12,7 +12,7 @@ from ..body import gp
 from ..body.teacher import MOST_ROWS, learn_teacher
 from ..common.scale import Scale
 from ..maps.map import Map, search_tree
-from ..maps.model_selection import better, blocks, select
+from ..maps.model_selection import better, blocks, of_trends, select
 from .features import Chain, Frame, find_chain
 from .outliers import find_outliers, spread_points
 from .smooth_correction import Folds, Old, Smooth, fit_smooth
@@ -210,7 +210,7 @@ def _bent_frame(
 def _long_detail(
     motor: Map, turning: tuple[bool, ...], u: Array, x: Array, _: np.random.Generator
 ) -> tuple[Callable[[Array], Array], Array]:
-    selected = select(motor, turning, u, x)
+    selected = select(motor, u, of_trends(motor.scale, turning, u, x))
     errors = np.full(len(u), np.nan)
     errors[selected.rows] = selected.errors
     return selected.predictor.value, errors

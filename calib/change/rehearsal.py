@@ -3,21 +3,43 @@
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import fields
+from dataclasses import dataclass, fields
 
 import numpy as np
 from numpy.typing import NDArray
 
 from ..errors import LogError
+from ..maps.association import Association
 from ..maps.density import GAINS
+from ..maps.model_selection import of_trends, select
+from ..maps.predictor import Predictor
 from ..model.about import About
 from ..model.model import Model
-from ..training.learn import Learned, Options, Progress, learn
+from ..training.learn import Options, Progress, Stopwatch, both_maps, link
 
 Array = NDArray[np.float64]
 
 IMAGINED = 20_000
 """Samples that are imagined."""
+
+
+@dataclass(frozen=True, eq=False)
+class Learned:
+    """What was learned of the imagined samples.
+
+    Attributes
+    ----------
+    association : Association
+        Both maps and their links.
+    predictor : Predictor
+        Smooth part and local models.
+    visited : (motor nodes,) bool array
+        Nodes that a sample has visited.
+    """
+
+    association: Association
+    predictor: Predictor
+    visited: NDArray[np.bool_]
 
 
 def rehearse(
@@ -42,15 +64,12 @@ def rehearse(
     progress : callable, optional
         Told how far the learning is.
     """
-    u = imagine(model, rows, rng)
-    return learn(
-        model.motor.scale,
-        model.about.revolute,
-        u,
-        value(u),
-        options_of(model.about),
-        progress=progress,
-    )
+    u, scale, options = imagine(model, rows, rng), model.motor.scale, options_of(model.about)
+    x = value(u)
+    motor, sensory = both_maps(scale, u, x, options, Stopwatch(), progress)
+    selected = select(motor, u, of_trends(scale, model.about.revolute, u, x))
+    visited = np.bincount(motor.nearest(u)[1][:, 0], minlength=motor.size) > 0
+    return Learned(link(motor, sensory, u, x, options), selected.predictor, visited)
 
 
 def imagine(model: Model, rows: Array, rng: np.random.Generator) -> Array:

@@ -19,7 +19,11 @@ if TYPE_CHECKING:
 Array = NDArray[np.float64]
 Index = NDArray[np.intp]
 
-READOUTS = ("local", "activity", "winner")
+MAP_READOUTS = ("activity", "winner")
+"""Readouts of maps and links alone."""
+
+READOUTS = ("local", "body", *MAP_READOUTS)
+"""Every readout; ``body`` only where there is one."""
 
 _JOINED = 1.9  # nodes closer than so many spacings belong to one cluster
 _CORE = 6.0  # reach of a cluster around its strongest node [spacings]

@@ -6,19 +6,20 @@ near-repeats that would flatter a model split row by row.
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
 
 from ..body.basis import exponents
-from ..body.trend import Trend
-from ..body.trend_choice import TrendChoice, choose_trends
+from ..body.fitting import BodyFit
+from ..body.trend_choice import choose_trends
 from ..common.scale import Scale
 from . import local_models as local
 from .local_models import NO_MODELS, LocalModels, Neighbourhood
 from .map import Map
-from .predictor import Predictor
+from .predictor import BodyInBox, Both, Predictor, Smooth
 
 Array = NDArray[np.float64]
 
@@ -27,6 +28,25 @@ _ROUNDING = 1e-9  # share of the extent that is no improvement
 _PRICE = 5e-4  # share of the error by which one more function of a trend must mend it
 _HELD_OUT = 1000  # rows on which local models are compared
 _CANDIDATES = ((0, 30), (1, 50), (1, 200), (2, 24), (2, 60), (3, 40))
+
+
+@dataclass(frozen=True)
+class Candidate:
+    """A smooth part, with what it leaves over of rows that it has and has not seen.
+
+    Attributes
+    ----------
+    smooth : Smooth
+        Fitted to all samples.
+    residual : (n, m) array
+        Positions less its predictions.
+    unseen : sequence of (n, m) arrays
+        For each fold the residuals of a smooth part that has not seen the fold's rows.
+    """
+
+    smooth: Smooth
+    residual: Array
+    unseen: Sequence[Array]
 
 
 @dataclass(frozen=True)
@@ -39,13 +59,18 @@ class Selected:
         Fitted to all samples.
     rows : (m,) int array
         Rows that were held out in turn.
-    errors : (m,) array
-        Distance between their positions and what a predictor said that had not seen them.
+    residual : (m, outputs) array
+        Their positions less the predictions of predictors that had not seen them.
     """
 
     predictor: Predictor
     rows: NDArray[np.intp]
-    errors: Array
+    residual: Array
+
+    @property
+    def errors(self) -> Array:
+        """Distances (m,) between positions and predictions."""
+        return np.asarray(np.linalg.norm(self.residual, axis=1))
 
 
 def blocks(n: int, folds: int = FOLDS) -> list[NDArray[np.intp]]:
@@ -53,41 +78,77 @@ def blocks(n: int, folds: int = FOLDS) -> list[NDArray[np.intp]]:
     return np.array_split(np.arange(n), min(folds, n))
 
 
-def select(
-    motor: Map, turning: tuple[bool, ...], u: Array, x: Array, trend: Trend | None = None
-) -> Selected:
-    """Fit trend and local models whose complexity cross-validation prefers.
+def of_body(fit: BodyFit, scale: Scale, u: Array, x: Array) -> Candidate:
+    """The candidate that a fitted body is."""
+    smooth = BodyInBox(fit.body, scale)
+    residual = x - smooth.value(u)
+    unseen = []
+    for rows in blocks(len(u)):
+        part = residual.copy()
+        part[rows] = fit.held_out[rows]
+        unseen.append(part)
+    return Candidate(smooth, residual, unseen)
+
+
+def of_trends(
+    scale: Scale, turning: tuple[bool, ...], u: Array, x: Array, under: Candidate | None = None
+) -> list[Candidate]:
+    """The trends that cross-validation compares, simplest first.
+
+    Parameters
+    ----------
+    scale : Scale
+        Range of the joints.
+    turning : tuple of bool
+        Joints that turn, rather than slide.
+    u, x : (n, dof), (n, m) array
+        Joints in the unit box and positions.
+    under : Candidate, optional
+        A smooth part; the trends are then of what it leaves over.
+    """
+    folds = blocks(len(u))
+    target = x if under is None else under.residual
+    found = []
+    for choice in choose_trends(scale, turning, u, target, folds):
+        residual = target - choice.trend.value(u)
+        unseen = []
+        for k, trend in enumerate(choice.without):
+            base = target if under is None else under.unseen[k]
+            unseen.append(base - trend.value(u))
+        smooth = choice.trend if under is None else Both(under.smooth, choice.trend)
+        found.append(Candidate(smooth, residual, unseen))
+    return found
+
+
+def select(motor: Map, u: Array, candidates: Sequence[Candidate]) -> Selected:
+    """Choose the smooth part, and fit local models whose complexity cross-validation prefers.
 
     Parameters
     ----------
     motor : Map
         Nodes that will carry the local models.
-    turning : tuple of bool
-        Joints that turn, rather than slide.
-    u, x : (n, d), (n, 2) array
-        Samples: joints in the unit box, positions.
-    trend : Trend, optional
-        Where the samples are a teacher's imagination its own trend: they are without
-        noise, so that a wilder one would fit, and run away beyond them.
-
-    Returns
-    -------
-    Selected
+    u : (n, dof) array
+        Joints of the samples, in the unit box.
+    candidates : sequence of Candidate
+        Smooth parts, the simplest first.
     """
     folds = blocks(len(u))
-    choices = [TrendChoice(trend, [trend] * len(folds))] if trend is not None else None
-    best: tuple[TrendChoice, tuple[int, int] | None, NDArray[np.intp], Array] | None = None
-    for choice in choices or choose_trends(motor.scale, turning, u, x, folds):
-        shape, rows, errors = _compare(motor, u, x, folds, choice.without)
-        if best is None or outdoes(errors, best[3], choice.trend.terms - best[0].trend.terms):
-            best = (choice, shape, rows, errors)
+    best: tuple[Candidate, tuple[int, int] | None, NDArray[np.intp], Array] | None = None
+    for candidate in candidates:
+        shape, rows, held = _compare(motor, u, folds, candidate)
+        errors = np.linalg.norm(held, axis=1)
+        if best is None or outdoes(
+            errors,
+            np.linalg.norm(best[3], axis=1),
+            candidate.smooth.terms - best[0].smooth.terms,
+        ):
+            best = (candidate, shape, rows, held)
     assert best is not None  # noqa: S101
-    choice, shape, rows, errors = best
+    candidate, shape, rows, held = best
     models = NO_MODELS
     if shape is not None:
-        residual = x - choice.trend.value(u)
-        models = local.fit(motor.units, u, residual, motor.scale, *shape)
-    return Selected(Predictor(motor, choice.trend, models), rows, errors)
+        models = local.fit(motor.units, u, candidate.residual, motor.scale, *shape)
+    return Selected(Predictor(motor, candidate.smooth, models), rows, held)
 
 
 def outdoes(errors: Array, simpler: Array, extra: int) -> bool:
@@ -106,11 +167,7 @@ def better(errors: Array, others: Array, least: float = 0.0) -> bool:
 
 
 def _compare(
-    motor: Map,
-    u: Array,
-    x: Array,
-    folds: list[NDArray[np.intp]],
-    without: list[Trend],
+    motor: Map, u: Array, folds: list[NDArray[np.intp]], candidate: Candidate
 ) -> tuple[tuple[int, int] | None, NDArray[np.intp], Array]:
     """Best (degree, samples) of the local models, None for no correction at all.
 
@@ -120,35 +177,38 @@ def _compare(
     use = range(len(folds)) if len(u) <= 5 * _HELD_OUT else range(0, len(folds), 3)
     quota = max(1, _HELD_OUT // len(use))
     size = local.blend_size(u.shape[1])
-    candidates = [
+    shapes = [
         c for c in _CANDIDATES if 1.2 * len(exponents(u.shape[1], c[0])) <= c[1] < len(u) // 4
     ]
     held = [folds[fold][:: max(1, len(folds[fold]) // quota)] for fold in use]
-    left = [x[rows] - without[fold].value(u[rows]) for fold, rows in zip(use, held, strict=True)]
-    errors = np.linalg.norm(np.concatenate(left), axis=1)
+    plain = [candidate.unseen[fold][rows] for fold, rows in zip(use, held, strict=True)]
+    best = np.concatenate(plain)
+    errors = np.linalg.norm(best, axis=1)
+    x = candidate.smooth.value(u[:: max(1, len(u) // 100)])
     least = _ROUNDING * float(np.linalg.norm(np.ptp(x, axis=0)))
     if errors.mean() <= least:  # nothing is left to mend
-        return None, np.concatenate(held), errors
-    found: dict[tuple[int, int], list[Array]] = {c: [] for c in candidates}
-    for fold, rows, target in zip(use if candidates else (), held, left, strict=False):
+        return None, np.concatenate(held), best
+    found: dict[tuple[int, int], list[Array]] = {c: [] for c in shapes}
+    for fold, rows, target in zip(use if shapes else (), held, plain, strict=False):
         others = np.setdiff1d(np.arange(len(u)), folds[fold], assume_unique=True)
-        residual = x[others] - without[fold].value(u[others])
+        residual = candidate.unseen[fold][others]
         index, weight = local.blend(motor, u[rows], size)
         nodes, place = np.unique(index, return_inverse=True)
-        most = max(k for _, k in candidates)
+        most = max(k for _, k in shapes)
         around = Neighbourhood.of(motor.units[nodes], u[others], motor.scale, most)
-        for degree, k in candidates:
+        for degree, k in shapes:
             models = local.fit(
                 motor.units[nodes], u[others], residual, motor.scale, degree, k, around
             )
             said = _blended(models, motor, u[rows], index, place.reshape(index.shape), weight)
-            found[degree, k].append(np.linalg.norm(target - said, axis=1))
+            found[degree, k].append(target - said)
     choice: tuple[int, int] | None = None
     for c, parts in found.items():
         tried = np.concatenate(parts)
-        if better(tried, errors, least):
-            choice, errors = c, tried
-    return choice, np.concatenate(held), errors
+        tried_errors = np.linalg.norm(tried, axis=1)
+        if better(tried_errors, errors, least):
+            choice, best, errors = c, tried, tried_errors
+    return choice, np.concatenate(held), best
 
 
 def _blended(

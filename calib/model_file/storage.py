@@ -20,11 +20,12 @@ from ..change.schemas import FIRST
 from ..maps.graph import Graph
 from . import schemas
 from .rebuild import build
+from .smooth_part import smooth_header, smooth_tensors
 
 if TYPE_CHECKING:
     from ..model.model import Model
 
-FORMAT = 1
+FORMAT = 2
 """Version of the format; ``docs/format.md`` describes it."""
 
 _KEY = "calib"
@@ -62,11 +63,7 @@ def to_bytes(model: Model) -> bytes:
         "motor": {"lattice": list(model.motor.lattice.shape)},
         "sensory": {"lattice": list(model.sensory.lattice.shape)},
         "links": asdict(model.association.wiring),
-        "trend": {
-            "turns": list(model.predictor.trend.basis.turns),
-            "degree": model.predictor.trend.basis.degree,
-            "each": model.predictor.trend.basis.each,
-        },
+        "smooth": smooth_header(model.predictor.smooth),
         "local": {
             "degree": model.predictor.models.degree,
             "samples": model.predictor.models.samples,
@@ -90,12 +87,15 @@ def _tensors(model: Model) -> dict[str, NDArray[Any]]:
         "links.data": links.data.astype(np.float32),
         "links.indices": links.indices.astype(_unsigned(model.sensory.size)),
         "links.counts": np.diff(links.indptr).astype(np.uint32),
-        "trend.coefficients": model.predictor.trend.coefficients,
         "local.radius": model.predictor.models.radius,
         "local.coefficients": model.predictor.models.coefficients,
+        **smooth_tensors(model.predictor.smooth),
         "bounds": model.bounds,
+        "model_bounds": model.model_bounds,
         "visited": model.visited.astype(np.uint8),
     }
+    if model.rows is not None:
+        tensors["rows.q"], tensors["rows.x"] = model.rows.q, model.rows.x
     if model.baseline is not None:
         tensors["baseline.motor"] = model.baseline.motor.astype(np.float32)
         tensors["baseline.sensory"] = model.baseline.sensory.astype(np.float32)

@@ -1,0 +1,224 @@
+"""A body: structure, parameters at their maximum and their covariance; what ``model.body`` is."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+from functools import cached_property
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from .bound import radius_95, root_of, spread_of
+from .structure import Array, Indices, Structure
+
+CHUNK = 2000
+"""Rows that a bound is evaluated for at a time."""
+
+
+@dataclass(frozen=True)
+class Parameter:
+    """One parameter of a body with its 95 % interval.
+
+    Attributes
+    ----------
+    name : str
+    group : str
+    joint : str or None
+    value, low, high : float
+        In `unit`.
+    unit : str
+    """
+
+    name: str
+    group: str
+    joint: str | None
+    value: float
+    low: float
+    high: float
+    unit: str
+
+
+@dataclass(frozen=True)
+class Second:
+    """A second fit with a wider hyperprior of the curves; the bound takes the worse of both.
+
+    Attributes
+    ----------
+    beta : (d,) array
+    active : (l,) int array
+        Its parameters: those of the first fit and the curves.
+    covariance : (l, l) array
+    noise : (m,) array
+    """
+
+    beta: Array
+    active: Indices
+    covariance: Array
+    noise: Array
+
+    @cached_property
+    def root(self) -> Array:
+        """A root of the covariance."""
+        return root_of(self.covariance)
+
+
+@dataclass(frozen=True)
+class Body:
+    """A Gaussian belief over the parameters of an arm and its sensor.
+
+    Attributes
+    ----------
+    structure : Structure
+    beta : (d,) array
+        Parameters at the maximum of the posterior.
+    active : (k,) int array
+        The parameters that were fitted.
+    covariance : (k, k) array
+        Posterior covariance of the active parameters.
+    noise : (m,) array
+        Noise sd of each output [unit; rad for rotations].
+    kappa : float
+        Inflation of the bound by leave-block-out errors, at least 1.
+    tau : (m,) array
+        Residual sd of the body itself, from leave-block-out errors beyond the noise [unit].
+    residual : (m,) array
+        Sd of a residual that an adaptation could not settle; added to the bound [unit].
+    nu : float
+        Degrees of freedom of the Student noise; infinite for Gaussian.
+    autocorrelation : float
+        Integrated autocorrelation time of the residuals [rows].
+    scales : mapping of str to float
+        Prior scales that the evidence chose, by the name of their `Hyper`.
+    rows : int
+        Rows of the fit.
+    simulated : bool
+        Whether the rows were exact samples of a simulation.
+    member : str
+        Name of the gate's member.
+    second : Second or None
+    """
+
+    structure: Structure
+    beta: Array
+    active: Indices
+    covariance: Array
+    noise: Array
+    kappa: float
+    tau: Array
+    residual: Array
+    nu: float
+    autocorrelation: float
+    scales: Mapping[str, float] = field(default_factory=dict)
+    rows: int = 0
+    simulated: bool = False
+    member: str = ""
+    second: Second | None = None
+
+    @cached_property
+    def root(self) -> Array:
+        """A root (k, k) of the covariance."""
+        return root_of(self.covariance)
+
+    def predict(self, q: Array) -> Array:
+        """Outputs (n, m) at joint values (n, dof) [rad or m]."""
+        return self.structure.predict(np.asarray(q, dtype=float), self.beta)
+
+    def predict_and_slope(self, q: Array) -> tuple[Array, Array]:
+        """Outputs (n, m) and their derivative (n, m, dof) by the joint values."""
+        q = np.asarray(q, dtype=float)
+        return self.structure.predict(q, self.beta), self.structure.slope(q, self.beta)
+
+    def bound(self, q: Array, *, noise: bool = True, block: int = 0) -> Array:
+        """95 % bound (n,) on the distance to what the sensor reads, or to the true output.
+
+        Parameters
+        ----------
+        q : (n, dof) array
+            Joint values.
+        noise : bool
+            Whether the sensor's noise is part of the distance.
+        block : int
+            Block of the outputs: 0 for positions, 1 for the orientation of a pose [rad].
+        """
+        q = np.asarray(q, dtype=float)
+        parts = [self._bound(q[i : i + CHUNK], noise, block) for i in range(0, len(q), CHUNK)]
+        return np.concatenate(parts) if parts else np.zeros(0)
+
+    def spread(self, q: Array) -> Array:
+        """Covariance (n, m, m) of the predictions from the parameters alone, without kappa."""
+        _, x = self.structure.linearise(np.asarray(q, dtype=float), self.beta, self.active)
+        return spread_of(x, self.root)
+
+    def _bound(self, q: Array, noise: bool, block: int) -> Array:
+        edges = np.cumsum((0, *self.structure.blocks))
+        part = slice(int(edges[block]), int(edges[block + 1]))
+        extra = self.residual[part] ** 2 + (self.noise[part] ** 2 if noise else 0.0)
+        z, x = self.structure.linearise(q, self.beta, self.active)
+        out = self.kappa * radius_95(spread_of(x[:, part], self.root) + np.diag(extra))
+        if self.second is not None:
+            other, x = self.structure.linearise(q, self.second.beta, self.second.active)
+            apart = np.linalg.norm(self.structure.residual(z, other)[:, part], axis=1)
+            spread = spread_of(x[:, part], self.second.root) + np.diag(extra)
+            out = np.maximum(out, apart + radius_95(spread))
+        return np.asarray(out)
+
+    @property
+    def deviations(self) -> Array:
+        """Posterior sd (d,) of each parameter, zero where nothing was fitted."""
+        out = np.zeros(self.structure.size)
+        out[self.active] = np.sqrt(np.maximum(np.diag(self.covariance), 0.0))
+        return out
+
+    def parameters(self) -> tuple[Parameter, ...]:
+        """The fitted parameters with 95 % intervals; the curves' harmonics are left out."""
+        sd = self.deviations
+        out = []
+        for index in self.active:
+            what = self.structure.label(int(index))
+            if what.group.startswith("curve"):
+                continue
+            value, half = float(self.beta[index]), 1.96 * float(sd[index])
+            out.append(
+                Parameter(
+                    what.name, what.group, what.joint, value, value - half, value + half, what.unit
+                )
+            )
+        return tuple(out)
+
+    def describe(self) -> tuple[str, ...]:
+        """The body in words, one line for each joint, curve and view."""
+        return self.structure.words(self.beta, self.deviations)
+
+    def header(self) -> dict[str, Any]:
+        """JSON-ready part of a model file; `arrays` holds the rest."""
+        from .storing import body_header
+
+        return body_header(self)
+
+    def arrays(self) -> dict[str, NDArray[Any]]:
+        """Arrays of a model file, by name."""
+        from .storing import body_arrays
+
+        return body_arrays(self)
+
+    @staticmethod
+    def rebuild(header: Mapping[str, Any], arrays: Mapping[str, NDArray[Any]]) -> Body:
+        """The body of a model file, every value checked; `ModelError` where one is impossible."""
+        from .storing import rebuild_body
+
+        return rebuild_body(header, arrays)
+
+    def to_json(self) -> dict[str, Any]:
+        """JSON-ready summary: member, view, noise, parameters with intervals, words."""
+        return {
+            "member": self.member,
+            "view": self.structure.view,
+            "unit": self.structure.unit,
+            "rows": self.rows,
+            "noise": [float(v) for v in self.noise],
+            "kappa": self.kappa,
+            "parameters": [vars(p) for p in self.parameters()],
+            "words": list(self.describe()),
+        }

@@ -1,0 +1,314 @@
+"""Maximum of the posterior by Gauss-Newton; noise and prior scales by evidence as it goes."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from .bound import autocorrelation_time
+from .normal import (
+    Factor,
+    Sums,
+    information_factor,
+    negative_log_likelihood,
+    slices,
+    student_weights,
+    sums_of,
+)
+from .structure import Array, Hyper, Indices, Prior, Structure
+
+INNER = 8
+"""Steps of EM for each linearisation."""
+
+
+@dataclass(frozen=True)
+class Fit:
+    """A member fitted to rows, with what the leave-block-out needs.
+
+    Attributes
+    ----------
+    structure : Structure
+    beta : (d,) array
+    active : (k,) int array
+    sd : (k,) array
+        Prior sd of the active parameters, with the scales that the evidence chose.
+    noise : (m,) array
+    nu : float
+    residual : (n, m) array
+    derivative : (n, m, k) array
+    weight : (n, m) array
+    precision : (k, k) array
+        Weighted information and prior.
+    covariance : (k, k) array
+        Posterior covariance, with the Student noise's loss of information and that of residuals
+        that are correlated in the order of the log.
+    autocorrelation : float
+        Integrated autocorrelation time of the residuals [rows]; 1 for Gaussian noise.
+    scales : dict of str to float
+    evidence : float
+        Laplace approximation of the logarithm of the evidence.
+    """
+
+    structure: Structure
+    beta: Array
+    active: Indices
+    sd: Array
+    noise: Array
+    nu: float
+    residual: Array
+    derivative: Array
+    weight: Array
+    precision: Array
+    covariance: Array
+    autocorrelation: float
+    scales: dict[str, float]
+    evidence: float
+
+
+def first_noise(r: Array, floor: Array, blocks: tuple[int, ...]) -> Array:
+    """Noise (m,) from the median residual of each block, at least `floor` (m,)."""
+    noise = np.empty(r.shape[1])
+    for part in slices(blocks):
+        p = part.stop - part.start
+        e2 = (r[:, part] ** 2).sum(axis=1)
+        noise[part] = 1.2 * np.sqrt(np.median(e2) / (p - 2 / 3))
+    return np.maximum(noise, floor)
+
+
+class _Search:
+    """The state of one maximisation: parameters, noise, prior scales."""
+
+    def __init__(
+        self,
+        structure: Structure,
+        q: Array,
+        z: Array,
+        beta: Array,
+        prior: Prior,
+        nu: float,
+        floor: Array,
+        noise: Array | None,
+        weight: Array | None,
+    ) -> None:
+        self.structure, self.q, self.z = structure, q, z
+        self.active = prior.active
+        self.place = np.full(len(prior.sd), -1)
+        self.place[self.active] = np.arange(len(self.active))
+        self.beta = np.where(prior.sd > 0, beta, prior.mean)
+        self.mean, self.sd = prior.mean, prior.sd[self.active].copy()
+        self.hypers = [h for h in prior.hypers if (self.place[h.indices] >= 0).all()]
+        self.scales = {h.name: h.scale for h in self.hypers}
+        self.nu, self.floor, self.noise = nu, floor, noise
+        self.fixed = weight
+        self.blocks = structure.blocks
+
+    def distance(self, beta: Array) -> Array:
+        """Active parameters (k,) beyond the prior mean."""
+        return np.asarray((beta - self.mean)[self.active])
+
+    def linearise(self) -> None:
+        """Residuals, derivatives and weighted sums at the present parameters."""
+        predicted, self.x = self.structure.linearise(self.q, self.beta, self.active)
+        self.r = self.structure.residual(self.z, predicted)
+        if self.noise is None:
+            self.noise = first_noise(self.r, self.floor, self.blocks)
+        self.w = student_weights(self.r, self.noise, self.nu, self.blocks)
+        if self.fixed is not None:
+            self.w = self.w * self.fixed[:, None]
+        self.sums = sums_of(self.x, self.r, self.w, self.blocks)
+
+    def data(self) -> tuple[Array, Array]:
+        """Information (k, k) and moment (k,) of the rows at the present noise."""
+        assert self.noise is not None  # set by linearise
+        gram = sum(s.gram / self.noise[p.start] ** 2 for s, p in self._blocks())
+        moment = sum(s.moment / self.noise[p.start] ** 2 for s, p in self._blocks())
+        return np.asarray(gram), np.asarray(moment)
+
+    def _blocks(self) -> list[tuple[Sums, slice]]:
+        return list(zip(self.sums, slices(self.blocks), strict=True))
+
+    def step(self, learn: bool) -> tuple[Array, Array]:
+        """Gauss-Newton step (k,) and posterior variances (k,); EM of noise and scales."""
+        start = self.distance(self.beta)
+        for _ in range(INNER if learn else 1):
+            gram, moment = self.data()
+            precision = gram.copy()
+            precision[np.diag_indices(len(self.sd))] += self.sd**-2.0
+            factor = Factor(precision)
+            inverse = factor.inverse()
+            delta = factor.solve(moment - start / self.sd**2)
+            variance = np.diag(inverse)
+            if learn:
+                self._learn(start + delta, delta, variance, inverse)
+        return delta, variance
+
+    def _learn(self, value: Array, delta: Array, variance: Array, inverse: Array) -> None:
+        """One step of EM: the scales of the hypers without choices, and the noise."""
+        for h in self.hypers:
+            if h.choices:
+                continue
+            ix = self.place[h.indices]
+            total = float(((value[ix] ** 2 + variance[ix]) / h.shape).sum())
+            scale = np.sqrt((total + h.pseudo * h.scale**2) / (len(ix) + h.pseudo))
+            self._rescale(h, max(float(scale), 1e-10 * h.scale))
+        assert self.noise is not None  # set by linearise
+        noise = self.noise.copy()
+        for s, part in self._blocks():
+            square = s.square - 2 * float(delta @ s.moment) + float(delta @ s.gram @ delta)
+            used = float((inverse * s.gram).sum()) / self.noise[part.start] ** 2
+            free = max(s.count - used, s.count / 4 + 1)
+            noise[part] = np.sqrt(max(square, 0.0) / free)
+        self.noise = np.maximum(noise, self.floor)
+
+    def _rescale(self, h: Hyper, scale: float) -> None:
+        self.scales[h.name] = scale
+        self.sd[self.place[h.indices]] = scale * np.sqrt(h.shape)
+
+    def choose(self) -> None:
+        """Compare the choices of each scale by evidence, one after another."""
+        gram, moment = self.data()
+        start = self.distance(self.beta)
+        for h in self.hypers:
+            best: tuple[float, float] | None = None
+            for factor in h.choices:
+                self._rescale(h, h.scale * factor)
+                value = self._evidence(gram, moment, start)
+                if best is None or value > best[0] + 1.0:
+                    best = (value, h.scale * factor)
+            if best is not None:
+                self._rescale(h, best[1])
+
+    def _evidence(self, gram: Array, moment: Array, start: Array) -> float:
+        """Log evidence of the linearised rows at the present scales, up to a constant."""
+        precision = gram.copy()
+        precision[np.diag_indices(len(self.sd))] += self.sd**-2.0
+        factor = Factor(precision)
+        pull = moment - start / self.sd**2
+        return 0.5 * float(
+            pull @ factor.solve(pull)
+            - ((start / self.sd) ** 2).sum()
+            - factor.log_determinant()
+            - 2 * np.log(self.sd).sum()
+        )
+
+    def objective(self, beta: Array) -> float:
+        """Negative log posterior at `beta`, up to a constant; infinite where it overflows."""
+        assert self.noise is not None  # set by linearise
+        with np.errstate(all="ignore"):
+            r = self.structure.residual(self.z, self.structure.predict(self.q, beta))
+            if self.fixed is not None:
+                r = r * np.sqrt(self.fixed)[:, None]
+            value = negative_log_likelihood(r, self.noise, self.nu, self.blocks)
+            value += 0.5 * float(((self.distance(beta) / self.sd) ** 2).sum())
+        return value if np.isfinite(value) else np.inf
+
+    def move(self, delta: Array) -> float:
+        """Move along the step as far as the posterior grows; the share of the step taken."""
+        before = self.objective(self.beta)
+        full = np.zeros(len(self.beta))
+        share = 1.0
+        for _ in range(10):
+            full[self.active] = share * delta
+            beta = self.structure.retract(self.beta, full)
+            if self.objective(beta) <= before + 1e-9 * abs(before):
+                self.beta = beta
+                return share
+            share *= 0.4
+        return 0.0
+
+
+def maximise(
+    structure: Structure,
+    q: Array,
+    z: Array,
+    beta: Array,
+    prior: Prior,
+    *,
+    nu: float,
+    floor: Array,
+    noise: Array | None = None,
+    weight: Array | None = None,
+    learn: bool = True,
+    steps: int = 10,
+    tolerance: float = 1e-2,
+) -> Fit:
+    """Fit one member: parameters at the maximum of the posterior, noise and scales by evidence.
+
+    Parameters
+    ----------
+    structure : Structure
+    q : (n, dof) array
+        Joint values [rad or m].
+    z : (n, m) array
+        What the sensor saw.
+    beta : (d,) array
+        Start.
+    prior : Prior
+        Parameters with a zero sd stay at the prior's mean.
+    nu : float
+        Degrees of freedom of the Student noise; infinite for Gaussian.
+    floor : (m,) array
+        Least noise [unit].
+    noise : (m,) array, optional
+        Noise to start from.
+    weight : (n,) array, optional
+        Weights of the rows.
+    learn : bool
+        Whether noise and scales are learned; otherwise they stay.
+    steps : int
+        Most linearisations.
+    tolerance : float
+        A step below this share of the posterior sd ends the search.
+    """
+    search = _Search(structure, q, z, beta, prior, nu, floor, noise, weight)
+    for it in range(steps):
+        search.linearise()
+        if learn and 1 <= it <= 3:
+            search.choose()
+        delta, variance = search.step(learn)
+        share = search.move(delta)
+        if learn and share < 0.9:  # the linearised residual is no guide to the noise
+            predicted = structure.predict(q, search.beta)
+            now = first_noise(structure.residual(z, predicted), floor, structure.blocks)
+            assert search.noise is not None  # set by linearise
+            search.noise = np.maximum(search.noise, now / 1.2)
+        small = np.abs(delta) <= tolerance * np.sqrt(variance)
+        if (it > (2 if learn else 0) and small.all()) or share == 0.0:
+            break
+    return _finished(search)
+
+
+def _finished(search: _Search) -> Fit:
+    """Posterior at the parameters found."""
+    search.linearise()
+    assert search.noise is not None  # set by linearise
+    gram, _ = search.data()
+    k = np.diag_indices(len(search.sd))
+    precision = gram.copy()
+    precision[k] += search.sd**-2.0
+    factor = Factor(precision)
+    # Rows that err together count once for the time that they do.
+    time = autocorrelation_time(search.r) if np.isfinite(search.nu) else 1.0
+    softer = gram * (information_factor(search.structure, search.nu) / time)
+    softer[k] += search.sd**-2.0
+    distance = search.distance(search.beta)
+    evidence = -negative_log_likelihood(search.r, search.noise, search.nu, search.blocks)
+    evidence -= 0.5 * float(((distance / search.sd) ** 2).sum())
+    evidence -= 0.5 * factor.log_determinant() + float(np.log(search.sd).sum())
+    return Fit(
+        search.structure,
+        search.beta,
+        search.active,
+        search.sd,
+        search.noise,
+        search.nu,
+        search.r,
+        search.x,
+        search.w,
+        precision,
+        Factor(softer).inverse(),
+        time,
+        dict(search.scales),
+        evidence,
+    )

@@ -1,0 +1,135 @@
+"""Normal equations of weighted residuals, and a factor of a positive matrix that scales itself."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from scipy.linalg import cho_factor, cho_solve, solve_triangular
+
+from .structure import Array, Structure
+
+
+class Factor:
+    """Cholesky factor of a symmetric positive matrix after scaling its diagonal to one.
+
+    Parameters
+    ----------
+    matrix : (k, k) array
+        Flat and tight priors differ by many decades; the scaling removes that.
+
+    Raises
+    ------
+    numpy.linalg.LinAlgError
+        If the matrix is not positive even with a jitter of 1e-6.
+    """
+
+    def __init__(self, matrix: Array) -> None:
+        diagonal = np.diag(matrix)
+        self.scale = 1.0 / np.sqrt(np.where(diagonal > 0, diagonal, 1.0))
+        scaled = matrix * self.scale[:, None] * self.scale
+        for jitter in (0.0, 1e-13, 1e-11, 1e-9, 1e-6):
+            if jitter:
+                scaled[np.diag_indices(len(scaled))] += jitter
+            try:
+                self._factor = cho_factor(scaled, lower=True, check_finite=False)
+            except np.linalg.LinAlgError:
+                continue
+            if np.isfinite(self._factor[0]).all():
+                return
+        raise np.linalg.LinAlgError("the matrix is not positive")
+
+    def solve(self, b: Array) -> Array:
+        """Solution (k,) or (k, r) of ``matrix x = b``."""
+        s = self.scale if b.ndim == 1 else self.scale[:, None]
+        return np.asarray(s * cho_solve(self._factor, s * b, check_finite=False))
+
+    def inverse(self) -> Array:
+        """Inverse (k, k)."""
+        inner = cho_solve(self._factor, np.eye(len(self.scale)), check_finite=False)
+        inner = (inner + inner.T) / 2
+        return np.asarray(inner * self.scale[:, None] * self.scale)
+
+    def whiten(self, b: Array) -> Array:
+        """``L^-1 b`` (k, r): columns whose scalar products are ``b' matrix^-1 b``."""
+        return np.asarray(
+            solve_triangular(
+                self._factor[0], self.scale[:, None] * b, lower=True, check_finite=False
+            )
+        )
+
+    def log_determinant(self) -> float:
+        """Logarithm of the matrix's determinant."""
+        return float(2 * np.log(np.diag(self._factor[0])).sum() - 2 * np.log(self.scale).sum())
+
+
+@dataclass(frozen=True)
+class Sums:
+    """Weighted sums of one block of outputs, noise not yet divided out.
+
+    Attributes
+    ----------
+    gram : (k, k) array
+        ``X' W X``.
+    moment : (k,) array
+        ``X' W r``.
+    square : float
+        ``r' W r``.
+    count : int
+        Number of residuals.
+    """
+
+    gram: Array
+    moment: Array
+    square: float
+    count: int
+
+
+def slices(blocks: tuple[int, ...]) -> list[slice]:
+    """Columns of each block of outputs."""
+    edges = np.cumsum((0, *blocks))
+    return [slice(int(a), int(b)) for a, b in zip(edges[:-1], edges[1:], strict=True)]
+
+
+def student_weights(r: Array, noise: Array, nu: float, blocks: tuple[int, ...]) -> Array:
+    """Weights (n, m) of residuals (n, m) under Student noise; one weight for each block."""
+    out = np.ones_like(r)
+    if np.isfinite(nu):
+        for part in slices(blocks):
+            e2 = ((r[:, part] / noise[part]) ** 2).sum(axis=1)
+            p = part.stop - part.start
+            out[:, part] = ((nu + p) / (nu + e2))[:, None]
+    return out
+
+
+def sums_of(x: Array, r: Array, w: Array, blocks: tuple[int, ...]) -> list[Sums]:
+    """Sums of each block of outputs: derivatives (n, m, k), residuals (n, m), weights (n, m)."""
+    out = []
+    for part in slices(blocks):
+        root = np.sqrt(w[:, part])
+        a = (x[:, part] * root[:, :, None]).reshape(-1, x.shape[2])
+        b = (r[:, part] * root).ravel()
+        out.append(Sums(a.T @ a, a.T @ b, float(b @ b), len(b)))
+    return out
+
+
+def negative_log_likelihood(r: Array, noise: Array, nu: float, blocks: tuple[int, ...]) -> float:
+    """Negative logarithm of the likelihood of residuals (n, m), up to a constant."""
+    total = 0.0
+    for part in slices(blocks):
+        e2 = ((r[:, part] / noise[part]) ** 2).sum(axis=1)
+        p = part.stop - part.start
+        total += len(r) * p * float(np.log(noise[part.start]))
+        if np.isfinite(nu):
+            total += 0.5 * (nu + p) * float(np.log1p(e2 / nu).sum())
+        else:
+            total += 0.5 * float(e2.sum())
+    return total
+
+
+def information_factor(structure: Structure, nu: float) -> float:
+    """Share of the weighted normal equations that is information under Student noise."""
+    if not np.isfinite(nu):
+        return 1.0
+    p = structure.blocks[0]
+    return (nu + p) / (nu + p + 2)

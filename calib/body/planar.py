@@ -1,0 +1,367 @@
+"""A planar arm and its sensor: chain, joint curves, elasticity and view, with derivatives.
+
+Equations of ``docs/body.md``; angles accumulate along the chain::
+
+    theta_i = g_i s_i q_i + o_i + elastic_i + c_i(q_i)          joints that turn
+    elastic_i = sum_{j>=i} a_ij cos psi_j + b_ij sin psi_j      psi: sums of s q, gravity
+    p = sum_i l_i exp(j phi_i) + sum_sliding (l_i + g_i s_i q_i) exp(j (phi_i + o_i))
+    z = lens(t + A p / (1 + h.p)),  A = exp(s) R(alpha) [[1+a, b], [b, 1-a]] mirror
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from . import planar_prior, planar_start, planar_words
+from .curves import curve_slope, curve_value, powers
+from .nominal import Nominal
+from .planar_layout import Layout, layout_of
+from .structure import Array, Indices, Label, Prior, Structure
+
+Complex = NDArray[np.complex128]
+
+
+@dataclass(frozen=True)
+class PlanarStructure:
+    """Structure of a planar body; its parameters are a plain vector.
+
+    Attributes
+    ----------
+    joint_names : tuple of str
+    revolute : tuple of bool
+    view : {"rigid", "base", "similarity", "affine", "homography"}
+    unit : str
+        Unit of positions.
+    metre : float
+        Units per metre where the sensor's unit is a length, else 1.
+    lens : bool
+        Whether the lens is fitted where the gate prefers it.
+    signs : tuple of int
+        Direction of each joint against its log, +1 or -1.
+    mirror : int
+        -1 where the sensor sees the plane from behind.
+    extent : float
+        Root mean square distance of the rows from their mean [unit].
+    centre : tuple of float
+        Mean position [unit]; origin of the lens.
+    nominal : Nominal or None
+        Prior geometry, in metres.
+    simulated : bool
+        Whether the rows are samples of a simulation.
+    """
+
+    joint_names: tuple[str, ...]
+    revolute: tuple[bool, ...]
+    view: str
+    unit: str
+    metre: float
+    lens: bool
+    signs: tuple[int, ...]
+    mirror: int
+    extent: float
+    centre: tuple[float, float]
+    nominal: Nominal | None
+    simulated: bool
+
+    @property
+    def kind(self) -> str:
+        """``"planar"``."""
+        return "planar"
+
+    @property
+    def layout(self) -> Layout:
+        """Where each parameter stands."""
+        return layout_of(self.revolute)
+
+    @property
+    def size(self) -> int:
+        """Number of parameters."""
+        return self.layout.size
+
+    @property
+    def outputs(self) -> int:
+        """Two coordinates."""
+        return 2
+
+    @property
+    def blocks(self) -> tuple[int, ...]:
+        """One block: both coordinates share a noise."""
+        return (2,)
+
+    @property
+    def dof(self) -> int:
+        """Number of joints."""
+        return len(self.revolute)
+
+    @property
+    def extents(self) -> Array:
+        """Spread (2,) of the positions [unit]."""
+        return np.full(2, self.extent)
+
+    @property
+    def groups(self) -> Mapping[str, Indices]:
+        """Indices of each group of parameters."""
+        return self.layout.groups
+
+    @property
+    def scaled(self) -> bool:
+        """Whether the view has a scale of its own, so that lengths are relative."""
+        return self.view not in ("rigid", "base")
+
+    @property
+    def slide(self) -> float:
+        """Chain units per metre of a slide."""
+        return 1.0 if self.scaled else self.metre
+
+    # ------------------------------------------------------------------ chain
+
+    def angles(self, q: Array, beta: Array) -> tuple[Array, Array, Array]:
+        """Signed joint values, their sums along the chain, and joint angles, each (n, dof)."""
+        lay = self.layout
+        signed = q * np.asarray(self.signs, dtype=float)
+        turning = np.asarray(self.revolute)
+        sums = np.cumsum(np.where(turning, signed, 0.0), axis=1)
+        theta = signed * beta[lay.gain] + beta[lay.offset]
+        theta[:, ~turning] = 0.0
+        elastic = beta[lay.elastic]
+        if elastic.any():
+            for c, (i, j) in enumerate(lay.pairs):
+                theta[:, i] += elastic[2 * c] * np.cos(sums[:, j])
+                theta[:, i] += elastic[2 * c + 1] * np.sin(sums[:, j])
+        for i, ix in lay.curve.items():
+            if beta[ix].any():
+                theta[:, i] += curve_value(q[:, i], beta[ix])
+        return signed, sums, theta
+
+    def terms(self, signed: Array, theta: Array, beta: Array) -> tuple[Complex, Complex]:
+        """Directions and terms of the chain, each (n, dof) complex."""
+        lay = self.layout
+        direction = np.exp(1j * np.cumsum(theta, axis=1))
+        reach = np.broadcast_to(beta[lay.length], signed.shape)
+        if lay.sliding:
+            ix = list(lay.sliding)
+            direction[:, ix] *= np.exp(1j * beta[lay.offset[ix]])
+            reach = reach.copy()
+            reach[:, ix] += signed[:, ix] * beta[lay.gain[ix]] * self.slide
+        return direction, direction * reach
+
+    def chain(self, q: Array, beta: Array) -> Complex:
+        """Tip (n,) of the chain in its own frame, as complex numbers."""
+        signed, _, theta = self.angles(q, beta)
+        return np.asarray(self.terms(signed, theta, beta)[1].sum(axis=1))
+
+    # ------------------------------------------------------------------- view
+
+    def matrix(self, beta: Array) -> Array:
+        """Linear part A (2, 2) of the view, with the mirror."""
+        c, s = np.cos(beta[0]), np.sin(beta[0])
+        a, b = beta[2], beta[3]
+        turn = np.array([[c, -s], [s, c]])
+        shear = np.array([[1 + a, b], [b, 1 - a]])
+        out: Array = np.exp(beta[1]) * turn @ shear @ np.diag([1.0, float(self.mirror)])
+        return out
+
+    def seen(self, p: Complex, beta: Array) -> Array:
+        """Sensor positions (n, 2) of tips (n,) given as complex numbers."""
+        x = np.stack([p.real, p.imag], axis=1)
+        y = x @ self.matrix(beta).T
+        if beta[6] or beta[7]:
+            y /= (1 + x @ beta[6:8])[:, None]
+        return self.through_lens(y + beta[4:6], beta)
+
+    def through_lens(self, z: Array, beta: Array) -> Array:
+        """Positions (n, 2) as the lens shows them: radial, with a first-order centre."""
+        k, centre = beta[8], beta[9:11]
+        if not (k or centre.any()):
+            return z
+        size = 1.5 * self.extent
+        u = (z - self.centre) / size
+        r2 = (u**2).sum(axis=1, keepdims=True)
+        return np.asarray(
+            self.centre + size * (u * (1 + k * r2 - 2 * (u @ centre)[:, None]) - centre * r2)
+        )
+
+    def lens_derivative(self, z: Array, beta: Array) -> Array:
+        """Derivative (n, 2, 2) of the lens by the position (n, 2) before it."""
+        k, centre = beta[8], beta[9:11]
+        u = (z - self.centre) / (1.5 * self.extent)
+        r2 = (u**2).sum(axis=1)
+        outer = u[:, :, None] * centre
+        return np.asarray(
+            np.eye(2) * (1 + k * r2 - 2 * u @ centre)[:, None, None]
+            + 2 * k * u[:, :, None] * u[:, None, :]
+            - 2 * outer
+            - 2 * np.swapaxes(outer, 1, 2)
+        )
+
+    # ----------------------------------------------------------- the protocol
+
+    def predict(self, q: Array, beta: Array) -> Array:
+        """Positions (n, 2) [unit] at joint values (n, dof)."""
+        return self.seen(self.chain(q, beta), beta)
+
+    def linearise(
+        self, q: Array, beta: Array, active: Indices | None = None
+    ) -> tuple[Array, Array]:
+        """Positions (n, 2) and derivatives (n, 2, k) by the parameters `active`."""
+        lay = self.layout
+        active = np.arange(lay.size) if active is None else active
+        place = np.full(lay.size, -1)
+        place[active] = np.arange(len(active))
+        signed, sums, theta = self.angles(q, beta)
+        direction, terms = self.terms(signed, theta, beta)
+        z, view, out = self._view_columns(terms.sum(axis=1), beta, place, len(active))
+
+        def put(ix: Indices, columns: Complex) -> None:
+            where = place[ix]
+            columns, where = columns[:, where >= 0], where[where >= 0]
+            for m in range(2):
+                out[:, m, where] = (
+                    view[:, m, 0, None] * columns.real + view[:, m, 1, None] * columns.imag
+                )
+
+        turned = 1j * np.cumsum(terms[:, ::-1], axis=1)[:, ::-1]  # dp / d theta_i
+        slides = list(lay.sliding)
+        by_offset, by_gain = turned.copy(), turned * signed
+        if slides:
+            by_offset[:, slides] = 1j * terms[:, slides]
+            by_gain[:, slides] = direction[:, slides] * signed[:, slides] * self.slide
+        put(lay.length, direction)
+        put(lay.offset, by_offset)
+        put(lay.gain, by_gain)
+        if (place[lay.elastic] >= 0).any():
+            columns = np.empty((len(q), len(lay.elastic)), dtype=complex)
+            for c, (i, j) in enumerate(lay.pairs):
+                columns[:, 2 * c] = turned[:, i] * np.cos(sums[:, j])
+                columns[:, 2 * c + 1] = turned[:, i] * np.sin(sums[:, j])
+            put(lay.elastic, columns)
+        for i, ix in lay.curve.items():
+            if (place[ix] >= 0).any():
+                waves = powers(q[:, i])
+                put(ix, turned[:, i, None] * np.concatenate([waves.real, waves.imag], axis=1))
+        return z, out
+
+    def _view_columns(
+        self, p: Complex, beta: Array, place: Indices, k: int
+    ) -> tuple[Array, Array, Array]:
+        """Positions, derivative (n, 2, 2) by the tip, and (n, 2, k) with the view's columns."""
+        n = len(p)
+        out = np.zeros((n, 2, k))
+        x = np.stack([p.real, p.imag], axis=1)
+        matrix = self.matrix(beta)
+        depth = 1 + x @ beta[6:8]
+        y = (x @ matrix.T) / depth[:, None]
+        view = (matrix - y[:, :, None] * beta[6:8]) / depth[:, None, None]
+        mirrored = x * [1.0, float(self.mirror)]
+        c, s = np.exp(beta[1]) * np.cos(beta[0]), np.exp(beta[1]) * np.sin(beta[0])
+        turn = np.array([[c, -s], [s, c]])
+        zero = np.zeros(n)
+        columns = {
+            0: np.stack([-y[:, 1], y[:, 0]], axis=1),
+            1: y,
+            2: mirrored @ (turn @ np.diag([1.0, -1.0])).T / depth[:, None],
+            3: mirrored[:, ::-1] @ turn.T / depth[:, None],
+            4: np.stack([zero + 1, zero], axis=1),
+            5: np.stack([zero, zero + 1], axis=1),
+            6: -y * (x[:, :1] / depth[:, None]),
+            7: -y * (x[:, 1:] / depth[:, None]),
+        }
+        z = y + beta[4:6]
+        lens: Array | None = None
+        if beta[8:11].any():
+            lens = self.lens_derivative(z, beta)
+            view = lens @ view
+        for index, column in columns.items():
+            if place[index] >= 0:
+                out[:, :, place[index]] = (
+                    column if lens is None else np.einsum("nij,nj->ni", lens, column)
+                )
+        size = 1.5 * self.extent
+        u = (z - self.centre) / size
+        r2 = (u**2).sum(axis=1)
+        if place[8] >= 0:
+            out[:, :, place[8]] = size * u * r2[:, None]
+        for axis in range(2):
+            if place[9 + axis] >= 0:
+                column = -2 * u * u[:, axis, None]
+                column[:, axis] -= r2
+                out[:, :, place[9 + axis]] = size * column
+        return self.through_lens(z, beta), view, out
+
+    def slope(self, q: Array, beta: Array) -> Array:
+        """Derivative (n, 2, dof) of the positions by the joint values."""
+        lay = self.layout
+        signed, sums, theta = self.angles(q, beta)
+        direction, terms = self.terms(signed, theta, beta)
+        turned = 1j * np.cumsum(terms[:, ::-1], axis=1)[:, ::-1]
+        by_joint = turned * (beta[lay.gain] * np.asarray(self.signs, dtype=float))
+        for i, ix in lay.curve.items():
+            if beta[ix].any():
+                by_joint[:, i] += turned[:, i] * curve_slope(q[:, i], beta[ix])
+        elastic = beta[lay.elastic]
+        if elastic.any():
+            for c, (i, j) in enumerate(lay.pairs):
+                bend = elastic[2 * c + 1] * np.cos(sums[:, j]) - elastic[2 * c] * np.sin(sums[:, j])
+                for k in lay.turning:
+                    if k <= j:
+                        by_joint[:, k] += turned[:, i] * bend * self.signs[k]
+        for i in lay.sliding:
+            by_joint[:, i] = direction[:, i] * beta[lay.gain[i]] * self.signs[i] * self.slide
+        place = np.full(lay.size, -1)
+        _, view, _ = self._view_columns(terms.sum(axis=1), beta, place, 0)
+        return np.asarray(view @ np.stack([by_joint.real, by_joint.imag], axis=1))
+
+    def retract(self, beta: Array, delta: Array) -> Array:
+        """The sum: no parameter of a planar body is a rotation matrix."""
+        return beta + delta
+
+    def residual(self, z: Array, predicted: Array) -> Array:
+        """The difference."""
+        return z - predicted
+
+    def label(self, index: int) -> Label:
+        """What parameter `index` is."""
+        return planar_words.label(self, index)
+
+    def prior(self, free: Sequence[str]) -> Prior:
+        """Prior of the member that fits the groups `free`."""
+        return planar_prior.prior(self, free)
+
+    def members(self) -> tuple[tuple[str, tuple[str, ...]], ...]:
+        """Members of the gate from simple to rich."""
+        return planar_prior.members(self)
+
+    def starts(self, q: Array, z: Array) -> Sequence[tuple[Structure, Array]]:
+        """Candidate starts over signs, mirrors and elbow offsets."""
+        return planar_start.starts(self, q, z)
+
+    def words(self, beta: Array, sd: Array) -> tuple[str, ...]:
+        """The parameters in words."""
+        return planar_words.words(self, beta, sd)
+
+    def header(self) -> dict[str, Any]:
+        """JSON-ready description."""
+        return {
+            "kind": self.kind,
+            "joint_names": list(self.joint_names),
+            "revolute": list(self.revolute),
+            "view": self.view,
+            "unit": self.unit,
+            "metre": self.metre,
+            "lens": self.lens,
+            "signs": list(self.signs),
+            "mirror": self.mirror,
+            "extent": self.extent,
+            "centre": list(self.centre),
+            "nominal": None if self.nominal is None else self.nominal.header(),
+            "simulated": self.simulated,
+        }
+
+    def arrays(self) -> dict[str, Array]:
+        """Nothing: the header is enough."""
+        return {}

@@ -1,0 +1,132 @@
+"""Priors of a planar body: what a URDF, a servo or nothing says of each parameter."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from .curves import HARMONICS, curve_shape
+from .structure import Array, Hyper, Indices, Prior
+
+if TYPE_CHECKING:
+    from .planar import PlanarStructure
+
+FREE = 1e3
+"""A prior sd of a thousand extents or radians: flat."""
+
+OFFSET_SCALES = (1.0, 5.0, 20.0, 100.0)
+"""Offsets move by 0.1 deg where an arm was calibrated, by up to 10 deg where servos were put on."""
+
+SCALES = (1.0, 5.0, 20.0)
+
+
+def view_groups(view: str) -> tuple[str, ...]:
+    """Groups that a view fits."""
+    groups: tuple[str, ...] = () if view == "base" else ("view.rotation", "view.shift")
+    if view in ("similarity", "affine", "homography"):
+        groups += ("view.scale",)
+    if view in ("affine", "homography"):
+        groups += ("view.shear",)
+    if view == "homography":
+        groups += ("view.tilt",)
+    return groups
+
+
+def members(structure: PlanarStructure) -> tuple[tuple[str, tuple[str, ...]], ...]:
+    """Members of the gate from simple to rich: a name and the groups that it fits."""
+    frame = view_groups(structure.view)
+    chain = (*frame, "length", "offset", "gain")
+    ladder: list[tuple[str, tuple[str, ...]]] = []
+    if structure.nominal is not None:
+        ladder.append(("frame", frame or ("offset",)))
+    ladder += [("chain", chain), ("elastic", (*chain, "elastic"))]
+    if structure.lens:
+        ladder.append(("lens", (*chain, "elastic", "lens")))
+    rich = (*chain, "elastic", *(("lens",) if structure.lens else ()))
+    ladder.append(("curves", (*rich, "curve")))
+    return tuple(ladder)
+
+
+def prior(structure: PlanarStructure, free: Sequence[str]) -> Prior:
+    """Prior of the member that fits the groups `free`; ``"curve"`` stands for all curves."""
+    lay, nominal = structure.layout, structure.nominal
+    mean, sd = neutral(structure), np.zeros(lay.size)
+    hypers: list[Hyper] = []
+    extent = structure.extent
+    turning = np.asarray(structure.revolute)
+    unit = structure.slide  # chain units per metre
+    simple = {
+        "view.rotation": 100.0,
+        "view.scale": 100.0,
+        "view.shift": FREE * extent,
+        "view.shear": 1.0,
+        "view.tilt": 1.0 / chain_reach(structure),
+        "lens": 0.3,
+    }
+    for group, scale in simple.items():
+        if group in free:
+            sd[lay.groups[group]] = scale
+
+    def varied(group: str, name: str, ix: Indices, scale: float, factors: tuple[float, ...]) -> None:
+        if group in free and len(ix):
+            sd[ix] = scale
+            hypers.append(Hyper(name, ix, np.ones(len(ix)), scale, choices=factors))
+
+    if nominal is not None:
+        first = structure.view == "base"
+        varied("length", "length", lay.length, 1e-3 * unit, SCALES)
+        varied("offset", "offset", lay.offset[0 if first else 1 :], np.radians(0.1), OFFSET_SCALES)
+        varied("gain", "gain", lay.gain, 1e-3, SCALES)
+    else:
+        if "length" in free:
+            sd[lay.length] = np.where(turning, 1.0 if anchored(structure) else extent, 0.0)
+            if structure.scaled and not anchored(structure):
+                sd[lay.length] *= 10.0 / extent
+            if anchored(structure):
+                sd[lay.length[0]] = 0.0  # the view's scale is the first length
+        if "offset" in free:
+            sd[lay.offset[1:]] = 10.0
+        if "gain" in free:
+            sd[lay.gain] = 2e-3
+    if "elastic" in free and len(lay.elastic):
+        scale = 1e-4 if nominal is not None else 1e-3
+        sd[lay.elastic] = scale
+        hypers.append(Hyper("elastic", lay.elastic, np.ones(len(lay.elastic)), scale, pseudo=1.0))
+    for i, ix in lay.curve.items():
+        if "curve" in free or f"curve.{i}" in free:
+            shape = curve_shape()
+            scale = 1e-3 / np.sqrt(2 * HARMONICS)
+            sd[ix] = scale * np.sqrt(shape)
+            hypers.append(Hyper(f"curve.{i}", ix, shape, scale, pseudo=5.0))
+    return Prior(mean, sd, tuple(hypers))
+
+
+def neutral(structure: PlanarStructure) -> Array:
+    """Parameters (d,) of the nominal arm, or of equal links, in a sensor frame at the base."""
+    lay, nominal = structure.layout, structure.nominal
+    beta = np.zeros(lay.size)
+    beta[lay.gain] = 1.0
+    if nominal is not None:
+        beta[lay.length] = np.asarray(nominal.lengths) * structure.slide
+        beta[lay.offset] = nominal.offsets
+        if structure.view == "base":
+            beta[0] = nominal.rotation
+            beta[4:6] = np.asarray(nominal.shift) * structure.metre
+    else:
+        turning = np.asarray(structure.revolute)
+        beta[lay.length] = np.where(turning, 1.0 if structure.scaled else structure.extent / 2, 0.0)
+    return beta
+
+
+def anchored(structure: PlanarStructure) -> bool:
+    """Whether the first length is the unit of the chain: a scaled view, no geometry, no slide."""
+    return structure.scaled and structure.nominal is None and not structure.layout.sliding
+
+
+def chain_reach(structure: PlanarStructure) -> float:
+    """Size of the chain in its own units, for the prior of a tilt."""
+    if structure.nominal is not None:
+        return max(float(np.sum(structure.nominal.lengths)) * structure.slide, 1e-12)
+    return 1.0 if structure.scaled else structure.extent

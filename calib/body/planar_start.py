@@ -1,0 +1,158 @@
+"""Starts of a planar body: linear least squares for every combination of signs and mirrors."""
+
+from __future__ import annotations
+
+import itertools
+from collections.abc import Iterator
+from dataclasses import replace
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from .nominal import chain_of, regressors
+from .planar_prior import anchored, neutral
+from .structure import Array, Structure
+
+if TYPE_CHECKING:
+    from .planar import PlanarStructure
+
+MOST = 16
+"""Combinations of signs and mirrors that are refined."""
+
+ELBOWS = np.linspace(-np.pi, np.pi, 9)[:-1]
+
+
+def starts(structure: PlanarStructure, q: Array, z: Array) -> list[tuple[Structure, Array]]:
+    """Candidates, the best linear fits first.
+
+    With a nominal geometry its own signs come first; every combination is tried where the view
+    is not metric (a camera says nothing of the servos) or where the nominal signs do not fit.
+    """
+    tip = z[:, 0] + 1j * z[:, 1]
+    found = [_linear(each, q, tip) for each in _sided(structure, every=structure.scaled)]
+    if structure.nominal is not None and not structure.scaled:
+        best = min(error for error, _, _ in found)
+        if best > 0.02 * structure.extent:
+            found += [_linear(each, q, tip) for each in _sided(structure, every=True)]
+    found.sort(key=lambda item: item[0])
+    out: list[tuple[Structure, Array]] = []
+    for _, each, beta in found[:MOST]:
+        out.append((each, beta))
+        if structure.nominal is None and structure.view in ("affine", "homography"):
+            out += [(each, b) for b in _affine(each, q, z)]
+        if structure.nominal is None and structure.scaled and structure.dof == 2:
+            out += [(each, b) for b in _elbows(each, q, tip)]
+    return out
+
+
+def _sided(structure: PlanarStructure, every: bool) -> Iterator[PlanarStructure]:
+    """The structure with each combination of signs and mirrors that may differ."""
+    base = structure.nominal.signs if structure.nominal is not None else (1,) * structure.dof
+    mirrors: tuple[int, ...] = (1, -1)
+    if structure.view == "base" and structure.nominal is not None:
+        mirrors = (structure.nominal.mirror,)
+    free = [i for i, turns in enumerate(structure.revolute) if turns or structure.nominal]
+    if not every and structure.nominal is not None:
+        free = []
+    elif structure.nominal is None:
+        free = free[1:]  # turning every joint the other way is a mirror
+    for flips in itertools.product((1, -1), repeat=len(free)):
+        signs = list(base)
+        for i, s in zip(free, flips, strict=True):
+            signs[i] *= s
+        for mirror in mirrors:
+            yield replace(structure, signs=tuple(signs), mirror=mirror)
+
+
+def _linear(
+    structure: PlanarStructure, q: Array, tip: Array
+) -> tuple[float, PlanarStructure, Array]:
+    """Error, structure and parameters of the best similarity of the chain."""
+    lay = structure.layout
+    beta = neutral(structure)
+    one = np.ones(len(q))
+    if structure.nominal is not None:
+        if structure.view != "base":
+            beta = _placed(structure, beta, q, tip)
+        error = structure.seen(structure.chain(q, beta), beta)
+        miss = tip - (error[:, 0] + 1j * error[:, 1])
+        return float(np.sqrt(np.mean(np.abs(miss) ** 2))), structure, beta
+    waves = regressors(q, np.asarray(structure.signs, dtype=float), structure.revolute)
+    columns = np.c_[waves if structure.mirror > 0 else waves.conj(), one]
+    scale = np.sqrt(np.mean(np.abs(columns) ** 2, axis=0)) + 1e-300
+    columns = columns / scale
+    normal = columns.conj().T @ columns + 1e-9 * len(q) * np.eye(columns.shape[1])
+    t = np.linalg.solve(normal, columns.conj().T @ tip)
+    miss = tip - columns @ t
+    t = t / scale
+    size, offsets, beta[0] = chain_of(t[:-1], structure.mirror, structure.revolute)
+    beta[lay.offset] = offsets
+    beta[4:6] = t[-1].real, t[-1].imag
+    turning = np.asarray(structure.revolute)
+    if structure.scaled:
+        slides = size[~turning]
+        unit = float(size[0] if anchored(structure) else np.exp(np.mean(np.log(slides + 1e-300))))
+        unit = max(unit, 1e-9 * structure.extent)
+        beta[1] = np.log(unit)
+        size = size / unit
+    beta[lay.length] = np.where(turning, size, 0.0)
+    return float(np.sqrt(np.mean(np.abs(miss) ** 2))), structure, beta
+
+
+def _placed(structure: PlanarStructure, beta: Array, q: Array, tip: Array) -> Array:
+    """`beta` with the rotation, scale and shift that fit its chain best."""
+    p = structure.chain(q, beta)
+    p = p if structure.mirror > 0 else p.conj()
+    centred = p - p.mean()
+    t = np.vdot(centred, tip) / (np.vdot(centred, centred).real + 1e-300)
+    out = beta.copy()
+    out[0] = np.angle(t)
+    out[1] = np.log(max(abs(t), 1e-12)) if structure.scaled else 0.0
+    shift = np.mean(tip - np.exp(out[1] + 1j * out[0]) * p)
+    out[4:6] = shift.real, shift.imag
+    return out
+
+
+def _elbows(structure: PlanarStructure, q: Array, tip: Array) -> list[Array]:
+    """Starts with equal links and several elbow offsets."""
+    out = []
+    for offset in ELBOWS:
+        beta = neutral(structure)
+        beta[structure.layout.offset[1]] = offset
+        out.append(_placed(structure, beta, q, tip))
+    return out
+
+
+def _affine(structure: PlanarStructure, q: Array, z: Array) -> list[Array]:
+    """The start of an affine view: a real 2x2 block for each turning joint."""
+    n, lay = structure.dof, structure.layout
+    if lay.sliding:
+        return []
+    sums = np.cumsum(q * np.asarray(structure.signs, dtype=float), axis=1)
+    columns = np.concatenate([np.cos(sums), np.sin(sums), np.ones((len(q), 1))], axis=1)
+    normal = columns.T @ columns + 1e-6 * len(q) * np.eye(2 * n + 1)
+    t = np.linalg.solve(normal, columns.T @ z)
+    blocks = [np.stack([t[k], t[n + k]], axis=1) for k in range(n)]
+    first = blocks[0]
+    turn = np.linalg.det(first) * structure.mirror
+    if not turn > 1e-6 * structure.extent**2:
+        return []
+    rotated = first @ np.diag([1.0, float(structure.mirror)])
+    u, _, vt = np.linalg.svd(rotated)
+    rotation = u @ vt
+    stretch = rotation.T @ rotated
+    scale = np.trace(stretch) / 2
+    beta = neutral(structure)
+    beta[0] = np.arctan2(rotation[1, 0], rotation[0, 0])
+    beta[1] = np.log(scale)
+    beta[2] = (stretch[0, 0] - stretch[1, 1]) / 2 / scale
+    beta[3] = stretch[0, 1] / scale
+    beta[4:6] = t[2 * n]
+    before = 0.0
+    for k in range(1, n):
+        x = np.linalg.solve(first, blocks[k])
+        c = (x[0, 0] + x[1, 1]) / 2 + 1j * (x[1, 0] - x[0, 1]) / 2
+        beta[lay.length[k]] = max(abs(c), 0.05)
+        beta[lay.offset[k]] = np.angle(c) - before
+        before = np.angle(c)
+    return [beta]

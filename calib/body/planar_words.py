@@ -1,0 +1,126 @@
+"""A planar body in words: "elbow: +0.43 +- 0.02 deg, gain 1.0003", "camera tilted 19 deg"."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from .curves import HARMONICS, curve_rms
+from .structure import Array, Label
+
+if TYPE_CHECKING:
+    from .planar import PlanarStructure
+
+VIEW_NAMES = (
+    ("view.rotation", "rotation", "rad"),
+    ("view.scale", "log scale", "1"),
+    ("view.shear", "stretch", "1"),
+    ("view.shear", "shear", "1"),
+    ("view.shift", "shift x", "position"),
+    ("view.shift", "shift y", "position"),
+    ("view.tilt", "tilt x", "tilt"),
+    ("view.tilt", "tilt y", "tilt"),
+    ("lens", "radial", "1"),
+    ("lens", "centre x", "1"),
+    ("lens", "centre y", "1"),
+)
+
+
+def label(structure: PlanarStructure, index: int) -> Label:
+    """What parameter `index` of a planar body is."""
+    lay = structure.layout
+    names = structure.joint_names
+    length = (
+        "1"
+        if structure.scaled and structure.nominal is None
+        else ("m" if structure.scaled else structure.unit)
+    )
+    if index < len(VIEW_NAMES):
+        group, name, unit = VIEW_NAMES[index]
+        unit = {"position": structure.unit, "tilt": f"1/{length}"}.get(unit, unit)
+        return Label(group, None, f"{group.split('.')[0]}.{name}", unit)
+    for group, unit in (("length", length), ("offset", "rad"), ("gain", "1")):
+        ix = lay.groups[group]
+        if ix[0] <= index <= ix[-1]:
+            joint = names[index - ix[0]]
+            return Label(group, joint, f"{joint}.{group}", unit)
+    if len(lay.elastic) and lay.elastic[0] <= index <= lay.elastic[-1]:
+        k = int(index - lay.elastic[0])
+        i, j = lay.pairs[k // 2]
+        part = "cos" if k % 2 == 0 else "sin"
+        return Label("elastic", names[i], f"{names[i]}.elastic {part} {names[j]}", "rad")
+    for i, ix in lay.curve.items():
+        if ix[0] <= index <= ix[-1]:
+            k = int(index - ix[0])
+            part = "cos" if k < HARMONICS else "sin"
+            return Label(
+                f"curve.{i}", names[i], f"{names[i]}.curve {part} {k % HARMONICS + 1}", "rad"
+            )
+    raise IndexError(f"parameter {index} of {lay.size}")
+
+
+def tilt_angle(structure: PlanarStructure, beta: Array) -> float:
+    """Angle [rad] between the optical axis and the plane's normal that a homography implies.
+
+    A camera at distance ``d`` that is tilted by ``t`` has a horizon at ``d / sin t``; the distance
+    is unknown without the focal length, so the angle is that of a view over the workspace's own
+    size: the change of depth along it, by the depth's own scale.  For an affine view it is the
+    foreshortening ``acos(smallest / largest singular value)``.
+    """
+    matrix = structure.matrix(beta)
+    # Local scales at the middle of the workspace: the derivative of the homography there.
+    middle = (structure.centre - beta[4:6]) @ np.linalg.inv(matrix).T
+    depth = 1.0 + middle @ beta[6:8]
+    y = matrix @ middle / depth
+    local = (matrix - np.outer(y, beta[6:8])) / depth
+    values = np.linalg.svd(local, compute_uv=False)
+    return float(np.arccos(np.clip(values[1] / values[0], 0.0, 1.0)))
+
+
+def words(structure: PlanarStructure, beta: Array, sd: Array) -> tuple[str, ...]:
+    """Lines that say the parameters; the intervals are 95 %."""
+    lay = structure.layout
+    lines: list[str] = []
+    for i, name in enumerate(structure.joint_names):
+        parts: list[str] = []
+        nominal = structure.nominal
+        at = lay.offset[i]
+        if sd[at] > 0:
+            value = beta[at] - (nominal.offsets[i] if nominal else 0.0)
+            value = (value + np.pi) % (2 * np.pi) - np.pi
+            what = "" if structure.revolute[i] else "direction "
+            parts.append(f"{what}{np.degrees(value):+.2f} ± {np.degrees(1.96 * sd[at]):.2f} deg")
+        at = lay.length[i]
+        if sd[at] > 0:
+            unit = label(structure, int(at)).unit
+            unit = "" if unit == "1" else f" {unit}"
+            digits = _digits(1.96 * sd[at])
+            parts.append(f"length {beta[at]:.{digits}f} ± {1.96 * sd[at]:.{digits}f}{unit}")
+        at = lay.gain[i]
+        if sd[at] > 0:
+            parts.append(f"gain {beta[at]:.{min(_digits(1.96 * sd[at]), 8)}f}")
+        if structure.signs[i] < 0:
+            parts.append("turns against its log")
+        if parts:
+            lines.append(f"{name}: {', '.join(parts)}")
+        if i in lay.curve and sd[lay.curve[i]].any():
+            rms = 1e3 * curve_rms(beta[lay.curve[i]])
+            lines.append(f"joint curve of {name} {rms:.2f} mrad rms")
+    if sd[lay.elastic].any():
+        rms = 1e3 * float(np.sqrt((beta[lay.elastic] ** 2).mean()))
+        lines.append(f"elasticity {rms:.2f} mrad rms")
+    if structure.view in ("affine", "homography"):
+        lines.append(f"camera tilted {np.degrees(tilt_angle(structure, beta)):.0f} deg")
+    if structure.mirror < 0:
+        lines.append("the sensor sees the plane mirrored")
+    if sd[8:11].any():
+        lines.append(f"lens bends by {100 * beta[8]:+.2f} % at 1.5 times the spread")
+    return tuple(lines)
+
+
+def _digits(width: float) -> int:
+    """Decimals that show an interval of this half width with two digits."""
+    if not width > 0:
+        return 4
+    return int(np.clip(1 - np.floor(np.log10(width)), 0, 10))

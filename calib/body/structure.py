@@ -1,0 +1,210 @@
+"""The protocol of a body's structure: its parameters, its prediction and their derivatives.
+
+The fit, the gate, the bound, ``check`` and ``adapt`` know a body only through this protocol;
+`PlanarStructure` and `SpatialStructure` implement it.  A structure is immutable.  Its vector of
+parameters ``beta`` (d,) always has the full layout: a group that a model does not use (a lens,
+the joint curves) is there with its neutral value, so that it can be freed later.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from typing import Any, NamedTuple, Protocol
+
+import numpy as np
+from numpy.typing import NDArray
+
+Array = NDArray[np.float64]
+Indices = NDArray[np.intp]
+
+
+class Label(NamedTuple):
+    """What one parameter is, for words and JSON.
+
+    Attributes
+    ----------
+    group : str
+        Key of `Structure.groups`.
+    joint : str or None
+        The joint that it belongs to.
+    name : str
+        Its name within the body, unique: ``"elbow_joint.offset"``, ``"view.rotation"``.
+    unit : str
+        ``"rad"``, ``"1"``, the unit of positions, ...
+    """
+
+    group: str
+    joint: str | None
+    name: str
+    unit: str
+
+
+@dataclass(frozen=True)
+class Hyper:
+    """Parameters whose common prior scale is chosen by evidence.
+
+    The prior variance of parameter ``indices[k]`` is ``scale**2 * shape[k]``.
+
+    Attributes
+    ----------
+    name : str
+        Name of the scale, as `Body.scales` keeps it: ``"length"``, ``"curve.0"``.
+    indices : (g,) int array
+        The parameters.
+    shape : (g,) array
+        Relative variances (mean 1 for curves).
+    scale : float
+        Starting scale; also the scale of the pseudo-observations.
+    pseudo : float
+        Number of pseudo-observations at `scale` (an inverse-gamma hyperprior); used by EM.
+    choices : tuple of float
+        Factors on `scale` that are compared by evidence; empty: the scale moves freely by EM.
+    """
+
+    name: str
+    indices: Indices
+    shape: Array
+    scale: float
+    pseudo: float = 0.0
+    choices: tuple[float, ...] = ()
+
+
+@dataclass(frozen=True)
+class Prior:
+    """A Gaussian prior over the parameters: a zero `sd` keeps a parameter at its `mean`.
+
+    Attributes
+    ----------
+    mean, sd : (d,) array
+        Prior mean and standard deviation, in each parameter's own unit.
+    hypers : tuple of Hyper
+        Groups whose scale the evidence chooses; `sd` holds their starting values.
+    """
+
+    mean: Array
+    sd: Array
+    hypers: tuple[Hyper, ...] = ()
+
+    @property
+    def active(self) -> Indices:
+        """Indices (k,) of the parameters that are fitted."""
+        return np.flatnonzero(self.sd > 0)
+
+
+class Structure(Protocol):
+    """What a body needs to know of its structure (planar chain and view, spatial chain and view).
+
+    ``n`` rows, ``dof`` joints, ``m`` outputs, ``d`` parameters.  Joint values are in rad or m as
+    they are logged; positions in the structure's own unit.
+    """
+
+    @property
+    def kind(self) -> str:
+        """``"planar"`` or ``"spatial"``: how a model file finds the class again."""
+        ...
+
+    @property
+    def view(self) -> str:
+        """``"rigid"``, ``"similarity"``, ``"affine"``, ``"homography"``, ``"base"``, ..."""
+        ...
+
+    @property
+    def unit(self) -> str:
+        """Unit of positions: ``"m"``, ``"px"``, ``"sensor"``, ..."""
+        ...
+
+    @property
+    def joint_names(self) -> tuple[str, ...]:
+        """Names of the joints, base to tip."""
+        ...
+
+    @property
+    def revolute(self) -> tuple[bool, ...]:
+        """Which joints turn; the others slide."""
+        ...
+
+    @property
+    def size(self) -> int:
+        """Number d of parameters."""
+        ...
+
+    @property
+    def outputs(self) -> int:
+        """Number m of outputs: 2 in the plane or pixels, 3 in space, 6 with orientation."""
+        ...
+
+    @property
+    def blocks(self) -> tuple[int, ...]:
+        """Sizes of the outputs that share a unit and a noise: ``(2,)``, ``(3,)``, ``(3, 3)``."""
+        ...
+
+    @property
+    def dof(self) -> int:
+        """Number of joints."""
+        ...
+
+    @property
+    def extents(self) -> Array:
+        """Size (m,) of the workspace along the outputs: the reach [unit]; 1 rad for rotations."""
+        ...
+
+    @property
+    def groups(self) -> Mapping[str, Indices]:
+        """Indices of each group of parameters.
+
+        Keys: ``"view.rotation"``, ``"view.shift"``, ``"view.scale"``, ``"view.shear"``,
+        ``"view.tilt"``, ``"lens"``, ``"length"``, ``"offset"``, ``"gain"``, ``"elastic"``,
+        ``"curve.0"``, ... (planar); spatial ones add ``"placement"``, ``"tool"``.
+        """
+        ...
+
+    def predict(self, q: Array, beta: Array) -> Array:
+        """Outputs (n, m) at joint values (n, dof); a rotation is a rotation vector."""
+        ...
+
+    def linearise(
+        self, q: Array, beta: Array, active: Indices | None = None
+    ) -> tuple[Array, Array]:
+        """Outputs (n, m) and their derivative (n, m, k) by the parameters `active` (or all)."""
+        ...
+
+    def slope(self, q: Array, beta: Array) -> Array:
+        """Derivative (n, m, dof) of the outputs by the joint values."""
+        ...
+
+    def retract(self, beta: Array, delta: Array) -> Array:
+        """`beta` (d,) moved by `delta` (d,): the sum, or a step on a rotation."""
+        ...
+
+    def residual(self, z: Array, predicted: Array) -> Array:
+        """Residuals (n, m) of observed against predicted outputs."""
+        ...
+
+    def label(self, index: int) -> Label:
+        """What parameter `index` is."""
+        ...
+
+    def prior(self, free: Sequence[str]) -> Prior:
+        """Prior of the member that fits the groups of `free`; ``"curve"`` stands for all curves."""
+        ...
+
+    def members(self) -> tuple[tuple[str, tuple[str, ...]], ...]:
+        """The gate's members from simple to rich: a name and the groups that it fits."""
+        ...
+
+    def starts(self, q: Array, z: Array) -> Sequence[tuple[Structure, Array]]:
+        """Candidate starts: structures (signs, mirror) with their parameters (d,)."""
+        ...
+
+    def words(self, beta: Array, sd: Array) -> tuple[str, ...]:
+        """Lines that say the parameters in words; `sd` (d,) is zero where nothing was fitted."""
+        ...
+
+    def header(self) -> dict[str, Any]:
+        """JSON-ready description from which `rebuild_structure` makes the structure again."""
+        ...
+
+    def arrays(self) -> dict[str, Array]:
+        """Arrays that the header refers to; empty where the header is enough."""
+        ...
