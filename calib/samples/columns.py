@@ -17,13 +17,8 @@ from numpy.typing import NDArray
 
 from ..common.wording import clipped, quoted
 from ..errors import LogError
-<<<<<<< HEAD
 from .csv_rows import COMMENT, csv_batches, csv_rows
-from .parquet import parquet_batches, parquet_header
-=======
-from .csv_rows import csv_batches, csv_rows
 from .parquet import parquet_batches, parquet_errors, parquet_header
->>>>>>> words
 from .places import Place, find_place
 
 if TYPE_CHECKING:

@@ -15,14 +15,10 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from ..common.atomic import atomic_write
-<<<<<<< HEAD
-from .columns import PARQUET, open_source, read_columns
-from .csv_rows import COMMENT
-=======
 from ..common.wording import listed
 from .columns import PARQUET, open_source, read_columns, read_texts
+from .csv_rows import COMMENT
 from .places import find_place
->>>>>>> words
 
 if TYPE_CHECKING:
     import polars as pl
