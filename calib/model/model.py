@@ -19,6 +19,7 @@ from ..maps.predictor import BodyInBox, Predictor, Smooth
 from . import answers
 from .answers import Answer, checked_rows
 from .rows import Rows
+from .single import Single
 from .trust import MOST_SHARE, Trust
 
 if TYPE_CHECKING:
@@ -108,6 +109,29 @@ class Model:
         return Solver(self.association, self.predictor)
 
     @cached_property
+    def single(self) -> Single | None:
+        """Queries of one row in plain floats; None where only the batch path answers."""
+        return Single.of(self)
+
+    def warm_up(self) -> Model:
+        """Compile and fill everything that queries use, so that none of them is slow.
+
+        Returns the model itself.  Without it the first query of each kind takes up to a
+        second longer than the following ones.
+        """
+        middle = (self.about.lower + self.about.upper) / 2
+        x = self.forward(middle)
+        self.expected_error(middle)
+        self.model_error(middle)
+        if np.isfinite(x).all():
+            self.inverse(x, near=middle)
+        self.forward(middle[None])
+        target = np.where(np.isfinite(x), x, self.sensory.weights[0])
+        self.inverse(target[None], near=middle[None])
+        self.inverse_all(target[None])
+        return self
+
+    @cached_property
     def body_solver(self) -> Solver:
         """Solver of the inverse direction of the body alone."""
         return Solver(self.association, Predictor(self.motor, self.smooth(), NO_MODELS))
@@ -157,6 +181,10 @@ class Model:
         >>> model.forward([0.5, 1.0]).round(3)
         array([0.281, 0.393])
         """
+        if readout == "local" and self.single is not None:
+            answer = self.single.forward(q)
+            if answer is not None:
+                return answer
         check_readout(readout)
         q, single = checked_rows(q, self.about.joint_names, "joint values")
         u = self.motor.scale.to_unit(q)
@@ -203,6 +231,10 @@ class Model:
         -------
         (n, dof) or (dof,) array [rad or m]
         """
+        if readout == "local" and near is not None and self.single is not None:
+            answer = self.single.inverse(x, near)
+            if answer is not None:
+                return answer
         if readout == "local":
             rows, single = checked_rows(x, ("x", "y"), "positions")
             q = answers.joints(self, rows, answers.anchor(self, near, len(rows)), nearest=nearest)
@@ -288,7 +320,7 @@ class Model:
         It bounds the distance to the true position for a simulated arm and to what the
         sensor would read for a log (``about.bound_of``).
         """
-        return self._bound(q, self.bounds)
+        return self._bound(q, "bounds")
 
     def model_error(self, q: ArrayLike) -> Array:
         """95 % bound on the true position in the sensor's frame at (n, dof), (n,) [unit].
@@ -296,14 +328,18 @@ class Model:
         Without the noise of a single reading; the same as :meth:`expected_error` for a
         simulated arm.
         """
-        return self._bound(q, self.model_bounds)
+        return self._bound(q, "model_bounds")
 
-    def _bound(self, q: ArrayLike, nodes: Array) -> Array:
+    def _bound(self, q: ArrayLike, which: str) -> Array:
+        if self.single is not None:
+            answer = self.single.bound(q, which)
+            if answer is not None:
+                return np.float64(answer)  # type: ignore[return-value]
         q, single = checked_rows(q, self.about.joint_names, "joint values")
         u = self.motor.scale.to_unit(q)
         known = self.trust.covers(u)
         bound = np.full(len(q), np.nan)
-        bound[known] = blend_nodes(self.motor, nodes, u[known])
+        bound[known] = blend_nodes(self.motor, getattr(self, which), u[known])
         return bound[0] if single else bound
 
     def evaluate(self, samples: Samples | None = None) -> Evaluation:

@@ -126,8 +126,15 @@ def _checksum(tensors: Mapping[str, NDArray[Any]], header: Mapping[str, Any]) ->
     return digest.hexdigest()
 
 
-def load(path: str | os.PathLike[str]) -> Model:
+def load(path: str | os.PathLike[str], *, warm: bool = False) -> Model:
     """Read a model from its file; neither Pinocchio nor yourdfpy is needed.
+
+    Parameters
+    ----------
+    path : str or path
+        What `calib train` or :meth:`Model.save` wrote.
+    warm : bool
+        Whether to call :meth:`Model.warm_up`, for a control loop.
 
     Raises
     ------
@@ -144,7 +151,8 @@ def load(path: str | os.PathLike[str]) -> Model:
     except (OSError, ValueError) as error:
         reason = getattr(error, "strerror", None) or error
         raise ModelError(f"{path}: cannot be read ({reason})") from error
-    return from_bytes(data, str(path))
+    model = from_bytes(data, str(path))
+    return model.warm_up() if warm else model
 
 
 def _read(path: Path) -> bytes:
