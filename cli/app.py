@@ -23,6 +23,7 @@ from .commands.babble import babble
 from .commands.check import check
 from .commands.correct import correct
 from .commands.evaluate import evaluate
+from .commands.export import export
 from .commands.info import info
 from .commands.log import log
 from .commands.path import path
@@ -50,6 +51,7 @@ COMMANDS = (
     "adapt",
     "correct",
     "urdf",
+    "export",
     "babble",
     "log",
     "preview",
@@ -249,6 +251,7 @@ app.command()(check)
 app.command()(adapt)
 app.command()(correct)
 app.command()(urdf)
+app.command()(export)
 app.command()(babble)
 app.command()(log)
 app.command()(preview)

@@ -11,7 +11,7 @@ from .parsing import Columns, JointRange, JointValue, Names, Numbers, Sigma, Siz
 
 MAPS = ("vdsom", "som", "dsom", "gng")
 RULES = ("batch", "online")
-READOUTS = ("local", "activity", "winner")
+READOUTS = ("local", "linear", "activity", "winner")
 VIEWS = ("auto", "base")
 MOTIONS = ("uniform", "halton", "sobol", "smooth")
 

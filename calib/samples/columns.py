@@ -17,7 +17,7 @@ from numpy.typing import NDArray
 
 from ..common.wording import clipped, quoted
 from ..errors import LogError
-from .csv_rows import csv_batches, csv_rows
+from .csv_rows import COMMENT, csv_batches, csv_rows
 from .parquet import parquet_batches, parquet_errors, parquet_header
 from .places import Place, find_place
 
@@ -49,6 +49,8 @@ class Source:
         Lines of a CSV file up to the end of its header.
     keep : object
         Whatever has to live as long as the file is needed.
+    comments : tuple of str
+        Lines of comment above the header of a CSV file.
     """
 
     label: str
@@ -57,6 +59,7 @@ class Source:
     separator: str = ""
     skip: int = 1
     keep: object = None
+    comments: tuple[str, ...] = ()
 
 
 def open_source(path: str | os.PathLike[str]) -> Source:
@@ -85,7 +88,10 @@ def open_source(path: str | os.PathLike[str]) -> Source:
         else:
             file = Path(path)
         with file.open("rb") as opened:
-            start = opened.readline(_LONGEST_HEADER)
+            start, comments = opened.readline(_LONGEST_HEADER), []
+            while start.startswith(COMMENT):
+                comments.append(start.decode("utf-8", "replace").strip())
+                start = opened.readline(_LONGEST_HEADER)
     except IsADirectoryError:
         raise LogError(f"{label} is a folder, expected a CSV or Parquet file") from None
     except FileNotFoundError:
@@ -100,9 +106,11 @@ def open_source(path: str | os.PathLike[str]) -> Source:
         raise LogError(f"{label} has no line end in its first megabyte: expected CSV or Parquet")
     separator = max(",;\t", key=lambda mark: start.count(mark.encode()))
     with file.open("rb") as opened:
-        for line, row in csv_rows(label, opened, separator):
+        for _ in comments:
+            opened.readline()
+        for line, row in csv_rows(label, opened, separator, len(comments)):
             header = tuple(name.strip() for name in row)
-            return Source(label, file, header, separator, line, keep)
+            return Source(label, file, header, separator, line, keep, tuple(comments))
     raise LogError(f"{label} is empty: expected a header with the names of the columns")
 
 

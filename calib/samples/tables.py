@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import io
+import json
 import os
 import sys
 from collections.abc import Mapping, Sequence
@@ -16,12 +17,16 @@ from numpy.typing import ArrayLike, NDArray
 from ..common.atomic import atomic_write
 from ..common.wording import listed
 from .columns import PARQUET, open_source, read_columns, read_texts
+from .csv_rows import COMMENT
 from .places import find_place
 
 if TYPE_CHECKING:
     import polars as pl
 
 Array = NDArray[np.float64]
+
+_MARK = COMMENT.decode()
+_KEY = "calib"  # of the metadata
 
 
 @dataclass(frozen=True, eq=False)
@@ -125,7 +130,12 @@ def read_table(path: str | os.PathLike[str], names: Sequence[str]) -> tuple[Arra
     return values, tuple((np.flatnonzero(invalid) + 1).tolist())
 
 
-def write_table(path: str | os.PathLike[str], columns: Mapping[str, ArrayLike]) -> None:
+def write_table(
+    path: str | os.PathLike[str],
+    columns: Mapping[str, ArrayLike],
+    *,
+    about: Mapping[str, Any] | None = None,
+) -> None:
     """Write columns of numbers, in full, whole or not at all.
 
     Parameters
@@ -134,6 +144,9 @@ def write_table(path: str | os.PathLike[str], columns: Mapping[str, ArrayLike]) 
         Parquet if it ends in .parquet or .pq, else CSV; `-` writes CSV to standard output.
     columns : mapping of str to (n,) array
         The columns in their order. NaN is written as `nan`.
+    about : mapping of str to plain values, optional
+        What holds for all rows, such as `unit`: a line of comment above the header of a CSV
+        file, metadata of a Parquet file. `read_about` reads it back.
     """
     import polars as pl
 
@@ -144,14 +157,44 @@ def write_table(path: str | os.PathLike[str], columns: Mapping[str, ArrayLike]) 
         }
     )
     if os.fspath(path) == "-":
-        sys.stdout.write(_csv(frame))
+        sys.stdout.write(_comment(about) + _csv(frame))
     elif Path(path).suffix.lower() in PARQUET:
         # by way of memory: what Polars says of a full disk is no OSError
         content = io.BytesIO()
-        frame.write_parquet(content)
+        metadata = {_KEY: json.dumps(about, sort_keys=True)} if about else None
+        frame.write_parquet(content, metadata=metadata)
         atomic_write(path, content.getvalue())
     else:
-        atomic_write(path, _csv(frame).encode())
+        atomic_write(path, (_comment(about) + _csv(frame)).encode())
+
+
+def read_about(path: str | os.PathLike[str]) -> dict[str, Any]:
+    """Return what `write_table` wrote about all rows of a table; empty if nothing.
+
+    Parameters
+    ----------
+    path : path-like
+        CSV or Parquet, a file; standard input has none.
+    """
+    source = open_source(path) if os.fspath(path) != "-" else None
+    if source is None:
+        return {}
+    if source.separator:
+        line = next((c for c in source.comments if c.startswith(_MARK)), _MARK + "{}")
+        text = line[len(_MARK) :]
+    else:
+        import polars as pl
+
+        text = pl.read_parquet_metadata(source.path).get(_KEY, "{}")
+    try:
+        about = json.loads(text)
+    except ValueError:
+        return {}
+    return about if isinstance(about, dict) else {}
+
+
+def _comment(about: Mapping[str, Any] | None) -> str:
+    return f"{_MARK}{json.dumps(about, sort_keys=True)}\n" if about else ""
 
 
 def _csv(frame: pl.DataFrame) -> str:
