@@ -43,11 +43,24 @@ _NONSENSE = (  # what building a model from a description without sense raises
 
 
 def save(model: Model, path: str | os.PathLike[str]) -> None:
-    """Write a model into one file, whole or not at all.
+    """Write a model into one file, whole or not at all, once it could be read back.
 
     The same model gives the same bytes: there are no times, dates or paths inside.
+
+    Raises
+    ------
+    ModelError
+        If the model's numbers make no file that could be read; an older file stays.
     """
-    atomic_write(path, to_bytes(model))
+    data = to_bytes(model)
+    try:
+        from_bytes(data, os.fspath(path))
+    except ModelError as error:
+        raise ModelError(
+            f"the new model cannot be read back, so nothing was written: {error.message}",
+            hint="an older file was left as it was; please report it with the log",
+        ) from error
+    atomic_write(path, data)
 
 
 def to_bytes(model: Model) -> bytes:
