@@ -290,8 +290,15 @@ def _second(passed: Passed, q: Array, z: Array, floor: Array) -> Second:
     for h in hypers:
         sd[h.indices] = h.scale * np.sqrt(h.shape)
     made = maximise(
-        fit.structure, q, z, fit.beta, Prior(prior.mean, sd, hypers), nu=fit.nu, floor=floor,
-        noise=fit.noise, steps=4,
+        fit.structure,
+        q,
+        z,
+        fit.beta,
+        Prior(prior.mean, sd, hypers),
+        nu=fit.nu,
+        floor=floor,
+        noise=fit.noise,
+        steps=4,
     )
     return Second(made.beta, made.active, as_stored(made.covariance), made.noise)
 
@@ -299,6 +306,4 @@ def _second(passed: Passed, q: Array, z: Array, floor: Array) -> Second:
 def _wider(hypers: tuple[Hyper, ...], wide: tuple[float, float]) -> tuple[Hyper, ...]:
     """The hyperpriors with many pseudo-observations of a large curve."""
     pseudo, rms = wide
-    return tuple(
-        replace(h, pseudo=pseudo, scale=rms / np.sqrt(len(h.indices))) for h in hypers
-    )
+    return tuple(replace(h, pseudo=pseudo, scale=rms / np.sqrt(len(h.indices))) for h in hypers)

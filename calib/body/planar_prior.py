@@ -69,7 +69,9 @@ def prior(structure: PlanarStructure, free: Sequence[str]) -> Prior:
         if group in free:
             sd[lay.groups[group]] = scale
 
-    def varied(group: str, name: str, ix: Indices, scale: float, factors: tuple[float, ...]) -> None:
+    def varied(
+        group: str, name: str, ix: Indices, scale: float, factors: tuple[float, ...]
+    ) -> None:
         if group in free and len(ix):
             sd[ix] = scale
             hypers.append(Hyper(name, ix, np.ones(len(ix)), scale, choices=factors))
