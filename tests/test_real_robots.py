@@ -9,6 +9,7 @@ from pathlib import Path
 import numpy as np
 import pinocchio
 import pytest
+from calib_cli.translation import as_typed
 from reference import pinocchio_forward, random_joints
 
 from calib.arm.loading import load_arm
@@ -140,7 +141,7 @@ def test_every_file_loads_truly_or_is_refused_in_one_line(path):
     try:
         arms = [load_arm(path, planar=True)]
     except RobotError as error:
-        message = str(error)
+        message = as_typed(as_typed(str(error)))
         choices = re.findall(r"--joints (\S+) --tip ([^\s;]+)", message)
         arms = [load_or_give_ranges(path, joints.split(","), tip) for joints, tip in choices]
     else:
@@ -170,7 +171,7 @@ def load_or_give_ranges(path, joints, tip):
         try:
             return load_arm(path, joints, tip, ranges=ranges)
         except RobotError as error:
-            asked = re.search(r"--range (\S+)=LOWER:UPPER", str(error))
+            asked = re.search(r"--range (\S+)=LOWER:UPPER", as_typed(str(error)))
             if asked is None or asked[1] in ranges:
                 raise
             ranges[asked[1]] = (-1, 1)

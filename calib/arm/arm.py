@@ -9,6 +9,7 @@ from typing import TypeVar
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from ..common.rows import number_rows
 from ..common.wording import quoted, suggestion
 from ..errors import OptionError, QueryError
 from .ranges import TURN, Range, checked_range, one_turn
@@ -84,7 +85,7 @@ class Arm:
         """
         lower, upper, notes = self.lower.copy(), self.upper.copy(), list(self.notes)
         for name, chosen in ranges.items():
-            k = self._index(name, "--range")
+            k = self._index(name, "ranges")
             unit = "rad" if self.revolute[k] else "m"
             lower[k], upper[k] = checked_range(name, chosen, self.limits[k], unit)
             if self.revolute[k]:
@@ -101,19 +102,7 @@ class Arm:
 
     def _rows(self, q: ArrayLike) -> tuple[Array, bool]:
         """Check joint values and return them as (n, dof), and whether they were one vector."""
-        try:
-            rows = np.asarray(q, dtype=float)
-        except (TypeError, ValueError):
-            raise QueryError(
-                f"joint values must be numbers of shape (n, {self.dof}) [rad or m]"
-            ) from None
-        single = rows.ndim == 1
-        rows = rows[None] if single else rows
-        if rows.ndim != 2 or rows.shape[1] != self.dof:
-            raise QueryError(
-                f"joint values have shape {np.shape(q)}, expected (n, {self.dof}): "
-                f"one column each for {', '.join(self.joint_names)}"
-            )
+        rows, single = number_rows(q, self.joint_names, "joint values")
         if not np.isfinite(rows).all():
             bad = int(np.flatnonzero(~np.isfinite(rows).all(axis=1))[0])
             raise QueryError(f"joint values of row {bad} are not finite: {rows[bad]}")

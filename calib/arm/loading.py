@@ -108,7 +108,7 @@ def load_arm(
             columns=columns,
         )
     except RobotError as error:
-        raise RobotError(f"{path.name}: {error}") from None
+        raise error.within(path.name) from None
 
 
 def arm_from_urdf(
@@ -132,7 +132,7 @@ def arm_from_urdf(
     if isinstance(joints, str):
         joints = [joint.strip() for joint in joints.split(",")]
     for locked in lock:
-        _movable(urdf, locked, "--lock")
+        _movable(urdf, locked, "lock")
     tip = None if tip is None else _find_link(urdf, tip)
     kinematics = Kinematics(urdf)
     values = _held_values(urdf, lock)
@@ -201,7 +201,7 @@ def _select(
         last = max(active, key=lambda joint: len(urdf.path(joint.child)))
         tip = find_tip(urdf, last.child)
         if sum(last in urdf.path(link) for link in urdf.links) > 2:  # more than link and tip
-            notes.append(f"tip {quoted(tip)} was chosen (--tip to change)")
+            notes.append(f"tip {quoted(tip)} was chosen (`tip` changes it)")
     path = urdf.path(tip)
     for joint in active:
         if joint not in path:
@@ -223,32 +223,39 @@ def _select(
 def _named_joints(urdf: Urdf, joints: Sequence[str], lock: Mapping[str, float]) -> list[Joint]:
     active: list[Joint] = []
     for name in joints:
-        joint = _movable(urdf, name, "--joints")
+        joint = _movable(urdf, name, "joints")
         if joint.mimic:
             raise RobotError(
                 f"joint {quoted(name)} mimics {quoted(joint.mimic.leader)} and cannot move on "
                 "its own: choose that one"
             )
         if joint in active:
-            raise OptionError(f"--joints: {quoted(name)} is named twice")
+            raise OptionError(f"`joints` has {quoted(name)} twice", parameter="joints", value=name)
         if name in lock:
             raise OptionError(f"joint {quoted(name)} is both active and locked: choose one")
         active.append(joint)
     if len(active) < 2:
         raise OptionError(
-            f"--joints names {len(active)} joint, expected two or more: one alone moves the "
-            "tip along a line, not over a plane"
+            f"`joints` names {len(active)} joint, expected two or more: one alone moves the "
+            "tip along a line, not over a plane",
+            parameter="joints",
+            value=list(joints),
         )
     return active
 
 
-def _movable(urdf: Urdf, name: str, option: str) -> Joint:
+def _movable(urdf: Urdf, name: str, parameter: str) -> Joint:
     """Return the movable joint of a name, or say which there are."""
     joint = urdf.joint(name)
     if joint is None or not joint.movable:
         what = "does not exist" if joint is None else "is fixed"
         names = [other.name for other in urdf.joints if other.movable]
-        raise RobotError(f"{option}: joint {quoted(name)} {what}: {suggestion(name, names)}")
+        raise RobotError(
+            f"`{parameter}`: joint {quoted(name)} {what}",
+            hint=suggestion(name, names),
+            parameter=parameter,
+            value=name,
+        )
     return joint
 
 
@@ -259,7 +266,10 @@ def _find_link(urdf: Urdf, tip: str) -> str:
     joint = urdf.joint(tip)
     if joint is None:
         raise RobotError(
-            f"--tip: frame {quoted(tip)} does not exist: {suggestion(tip, urdf.links)}"
+            f"`tip`: frame {quoted(tip)} does not exist",
+            hint=suggestion(tip, urdf.links),
+            parameter="tip",
+            value=tip,
         )
     return joint.child
 
@@ -272,8 +282,10 @@ def _held_values(urdf: Urdf, lock: Mapping[str, float]) -> dict[str, float]:
             values[joint.name] = float(lock.get(joint.name, neutral(joint)))
             if not np.isfinite(values[joint.name]):
                 raise OptionError(
-                    f"--lock {joint.name}={lock[joint.name]}: expected a finite number "
-                    f"[{unit_of(joint)}]"
+                    f"`lock` of {quoted(joint.name)} is {lock[joint.name]}: expected a finite "
+                    f"number [{unit_of(joint)}]",
+                    parameter="lock",
+                    value=lock[joint.name],
                 )
     for joint in urdf.joints:
         leads = joint.mimic and joint.mimic.leader in values
@@ -287,16 +299,16 @@ def _lock_notes(urdf: Urdf, held: Mapping[str, float], lock: Mapping[str, float]
     """Say which joints are held where, and where that is not what zero or limits say."""
     notes: list[str] = []
     for name, value in held.items():
-        joint = _movable(urdf, name, "--lock")
+        joint = _movable(urdf, name, "lock")
         lower, upper = travel(joint)
         if name in lock and not lower <= value <= upper:
             notes.append(
-                f"--lock {name}={value:g} lies outside the joint's limits "
+                f"`lock={{{name!r}: {value:g}}}` lies outside the joint's limits "
                 f"{lower:g}:{upper:g} [{unit_of(joint)}]"
             )
     neutral_ones = [f"{name}={held[name]:.4g}" for name in held if name not in lock]
     if neutral_ones:
-        notes.append(f"locked at neutral: {listed(neutral_ones, 8)} (--lock JOINT=VALUE to change)")
+        notes.append(f"locked at neutral: {listed(neutral_ones, 8)} (`lock` changes it)")
     idle = [name for name in lock if name not in held]
     if idle:
         notes.append(f"locked joints that do not move the tip: {listed(idle)}")

@@ -13,7 +13,7 @@ from .fit import Fit, maximise
 from .gate import Passed, Tried, choose_member
 from .held_out import HeldOut, leave_blocks_out
 from .nominal import Nominal
-from .packing import as_stored
+from .packing import pack, unpack
 from .planar import PlanarStructure
 from .starts import best_start
 from .structure import Array, Hyper, Prior, Structure
@@ -261,11 +261,12 @@ def _over_all_rows(passed: Passed, q: Array, z: Array, floor: Array) -> Fit:
 def _body(fit: Fit, held: HeldOut, member: str, simulated: bool) -> Body:
     """The belief of a fit."""
     structure = fit.structure
+    packed = pack(fit.covariance)
     return Body(
         structure,
         fit.beta,
         fit.active,
-        as_stored(fit.covariance),
+        unpack(packed, len(fit.active)),
         fit.noise,
         held.kappa(),
         held.tau(fit.noise, structure.blocks),
@@ -276,6 +277,7 @@ def _body(fit: Fit, held: HeldOut, member: str, simulated: bool) -> Body:
         len(fit.residual),
         simulated,
         member,
+        packed=packed,
     )
 
 
@@ -300,7 +302,8 @@ def _second(passed: Passed, q: Array, z: Array, floor: Array) -> Second:
         noise=fit.noise,
         steps=4,
     )
-    return Second(made.beta, made.active, as_stored(made.covariance), made.noise)
+    packed = pack(made.covariance)
+    return Second(made.beta, made.active, unpack(packed, len(made.active)), made.noise, packed)
 
 
 def _wider(hypers: tuple[Hyper, ...], wide: tuple[float, float]) -> tuple[Hyper, ...]:

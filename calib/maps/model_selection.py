@@ -6,19 +6,22 @@ near-repeats that would flatter a model split row by row.
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
 
 from ..body.basis import exponents
-from ..body.trend import Trend
-from ..body.trend_choice import TrendChoice, choose_trends
+from ..body.fitting import BodyFit
+from ..body.trend_choice import choose_trends
 from ..common.scale import Scale
 from . import local_models as local
-from .local_models import NO_MODELS, LocalModels, Neighbourhood
+from .local_models import NO_MODELS, Neighbourhood
 from .map import Map
-from .predictor import Predictor
+from .misfit import misfit
+from .node_choice import NodeChoice, Shape
+from .predictor import BodyInBox, Both, Predictor, Smooth
 
 Array = NDArray[np.float64]
 
@@ -26,7 +29,27 @@ FOLDS = 10
 _ROUNDING = 1e-9  # share of the extent that is no improvement
 _PRICE = 5e-4  # share of the error by which one more function of a trend must mend it
 _HELD_OUT = 1000  # rows on which local models are compared
-_CANDIDATES = ((0, 30), (1, 50), (1, 200), (2, 24), (2, 60), (3, 40))
+_CALM = 0.2  # share of the rows that is enough to choose what serves the calm ones
+_CANDIDATES: tuple[Shape, ...] = ((0, 30), (1, 50), (1, 200), (2, 24), (2, 60), (3, 40))
+
+
+@dataclass(frozen=True)
+class Candidate:
+    """A smooth part, with what it leaves over of rows that it has and has not seen.
+
+    Attributes
+    ----------
+    smooth : Smooth
+        Fitted to all samples.
+    residual : (n, m) array
+        Positions less its predictions.
+    unseen : sequence of (n, m) arrays
+        For each fold the residuals of a smooth part that has not seen the fold's rows.
+    """
+
+    smooth: Smooth
+    residual: Array
+    unseen: Sequence[Array]
 
 
 @dataclass(frozen=True)
@@ -39,13 +62,18 @@ class Selected:
         Fitted to all samples.
     rows : (m,) int array
         Rows that were held out in turn.
-    errors : (m,) array
-        Distance between their positions and what a predictor said that had not seen them.
+    residual : (m, outputs) array
+        Their positions less the predictions of predictors that had not seen them.
     """
 
     predictor: Predictor
     rows: NDArray[np.intp]
-    errors: Array
+    residual: Array
+
+    @property
+    def errors(self) -> Array:
+        """Distances (m,) between positions and predictions."""
+        return np.asarray(np.linalg.norm(self.residual, axis=1))
 
 
 def blocks(n: int, folds: int = FOLDS) -> list[NDArray[np.intp]]:
@@ -53,41 +81,80 @@ def blocks(n: int, folds: int = FOLDS) -> list[NDArray[np.intp]]:
     return np.array_split(np.arange(n), min(folds, n))
 
 
-def select(
-    motor: Map, turning: tuple[bool, ...], u: Array, x: Array, trend: Trend | None = None
-) -> Selected:
-    """Fit trend and local models whose complexity cross-validation prefers.
+def of_body(fit: BodyFit, scale: Scale, u: Array, x: Array) -> Candidate:
+    """The candidate that a fitted body is."""
+    smooth = BodyInBox(fit.body, scale)
+    residual = x - smooth.value(u)
+    unseen = []
+    for rows in blocks(len(u)):
+        part = residual.copy()
+        part[rows] = fit.held_out[rows]
+        unseen.append(part)
+    return Candidate(smooth, residual, unseen)
+
+
+def of_trends(
+    scale: Scale, turning: tuple[bool, ...], u: Array, x: Array, under: Candidate | None = None
+) -> list[Candidate]:
+    """The trends that cross-validation compares, simplest first.
+
+    Parameters
+    ----------
+    scale : Scale
+        Range of the joints.
+    turning : tuple of bool
+        Joints that turn, rather than slide.
+    u, x : (n, dof), (n, m) array
+        Joints in the unit box and positions.
+    under : Candidate, optional
+        A smooth part; the trends are then of what it leaves over.
+    """
+    folds = blocks(len(u))
+    target = x if under is None else under.residual
+    found = []
+    for choice in choose_trends(scale, turning, u, target, folds):
+        residual = target - choice.trend.value(u)
+        unseen = []
+        for k, trend in enumerate(choice.without):
+            base = target if under is None else under.unseen[k]
+            unseen.append(base - trend.value(u))
+        smooth = choice.trend if under is None else Both(under.smooth, choice.trend)
+        found.append(Candidate(smooth, residual, unseen))
+    return found
+
+
+def select(motor: Map, u: Array, candidates: Sequence[Candidate]) -> Selected:
+    """Choose the smooth part, and fit local models whose complexity cross-validation prefers.
 
     Parameters
     ----------
     motor : Map
         Nodes that will carry the local models.
-    turning : tuple of bool
-        Joints that turn, rather than slide.
-    u, x : (n, d), (n, 2) array
-        Samples: joints in the unit box, positions.
-    trend : Trend, optional
-        Where the samples are a teacher's imagination its own trend: they are without
-        noise, so that a wilder one would fit, and run away beyond them.
-
-    Returns
-    -------
-    Selected
+    u : (n, dof) array
+        Joints of the samples, in the unit box.
+    candidates : sequence of Candidate
+        Smooth parts, the simplest first.
     """
     folds = blocks(len(u))
-    choices = [TrendChoice(trend, [trend] * len(folds))] if trend is not None else None
-    best: tuple[TrendChoice, tuple[int, int] | None, NDArray[np.intp], Array] | None = None
-    for choice in choices or choose_trends(motor.scale, turning, u, x, folds):
-        shape, rows, errors = _compare(motor, u, x, folds, choice.without)
-        if best is None or outdoes(errors, best[3], choice.trend.terms - best[0].trend.terms):
-            best = (choice, shape, rows, errors)
+    best: tuple[Candidate, _Chosen] | None = None
+    for candidate in candidates:
+        chosen = _compare(motor, u, folds, candidate)
+        errors = np.linalg.norm(chosen.residual, axis=1)
+        if best is None or outdoes(
+            errors,
+            np.linalg.norm(best[1].residual, axis=1),
+            candidate.smooth.terms - best[0].smooth.terms,
+        ):
+            best = (candidate, chosen)
     assert best is not None  # noqa: S101
-    choice, shape, rows, errors = best
+    candidate, chosen = best
     models = NO_MODELS
-    if shape is not None:
-        residual = x - choice.trend.value(u)
-        models = local.fit(motor.units, u, residual, motor.scale, *shape)
-    return Selected(Predictor(motor, choice.trend, models), rows, errors)
+    if chosen.nodes is not None:
+        models = chosen.nodes.models(motor, u, candidate.residual, chosen.shapes, chosen.shape)
+    elif chosen.shape is not None:
+        models = local.fit(motor.units, u, candidate.residual, motor.scale, *chosen.shape)
+    predictor = Predictor(motor, candidate.smooth, models)
+    return Selected(predictor, chosen.rows, chosen.residual)
 
 
 def outdoes(errors: Array, simpler: Array, extra: int) -> bool:
@@ -105,63 +172,79 @@ def better(errors: Array, others: Array, least: float = 0.0) -> bool:
     return bool(gain.mean() > max(chance, least, 0.03 * float(others.mean())))
 
 
+@dataclass(frozen=True, eq=False)
+class _Chosen:
+    """Shape of the local models, None for none; what nodes chose for themselves, if any."""
+
+    shape: Shape | None
+    nodes: NodeChoice | None
+    rows: NDArray[np.intp]
+    residual: Array
+    shapes: Sequence[Shape] = ()
+
+
 def _compare(
-    motor: Map,
-    u: Array,
-    x: Array,
-    folds: list[NDArray[np.intp]],
-    without: list[Trend],
-) -> tuple[tuple[int, int] | None, NDArray[np.intp], Array]:
+    motor: Map, u: Array, folds: list[NDArray[np.intp]], candidate: Candidate
+) -> _Chosen:
     """Best (degree, samples) of the local models, None for no correction at all.
 
     Each fold is held out in turn (a few of them where samples abound); only the nodes that
-    speak for its rows are fitted.
+    speak for its rows are fitted.  Rows at which the smooth part is wrong by more than the
+    others are left to the nodes that speak for them.
     """
     use = range(len(folds)) if len(u) <= 5 * _HELD_OUT else range(0, len(folds), 3)
     quota = max(1, _HELD_OUT // len(use))
     size = local.blend_size(u.shape[1])
-    candidates = [
+    shapes = [
         c for c in _CANDIDATES if 1.2 * len(exponents(u.shape[1], c[0])) <= c[1] < len(u) // 4
     ]
     held = [folds[fold][:: max(1, len(folds[fold]) // quota)] for fold in use]
-    left = [x[rows] - without[fold].value(u[rows]) for fold, rows in zip(use, held, strict=True)]
-    errors = np.linalg.norm(np.concatenate(left), axis=1)
-    least = _ROUNDING * float(np.linalg.norm(np.ptp(x, axis=0)))
-    if errors.mean() <= least:  # nothing is left to mend
-        return None, np.concatenate(held), errors
-    found: dict[tuple[int, int], list[Array]] = {c: [] for c in candidates}
-    for fold, rows, target in zip(use if candidates else (), held, left, strict=False):
+    rows = np.concatenate(held)
+    plain = [candidate.unseen[fold][part] for fold, part in zip(use, held, strict=True)]
+    best = np.concatenate(plain)
+    errors = np.linalg.norm(best, axis=1)
+    x = candidate.smooth.value(u[:: max(1, len(u) // 100)])
+    extent = float(np.linalg.norm(np.ptp(x, axis=0)))
+    least = _ROUNDING * extent
+    if errors.mean() <= least or not shapes:  # nothing is left to mend
+        return _Chosen(None, None, rows, best)
+    wrong = _wrong(motor.scale, u, folds, candidate, extent)
+    found: dict[Shape, list[Array]] = {c: [] for c in shapes}
+    for fold, part, target in zip(use, held, plain, strict=True):
         others = np.setdiff1d(np.arange(len(u)), folds[fold], assume_unique=True)
-        residual = x[others] - without[fold].value(u[others])
-        index, weight = local.blend(motor, u[rows], size)
+        residual = candidate.unseen[fold][others]
+        index, weight = local.blend(motor, u[part], size)
         nodes, place = np.unique(index, return_inverse=True)
-        most = max(k for _, k in candidates)
-        around = Neighbourhood.of(motor.units[nodes], u[others], motor.scale, most)
-        for degree, k in candidates:
+        place = place.reshape(index.shape)
+        gap = motor.scale.difference(u[part, None], motor.units[index])
+        around = Neighbourhood.of(
+            motor.units[nodes], u[others], motor.scale, max(k for _, k in shapes)
+        )
+        for degree, k in shapes:
             models = local.fit(
                 motor.units[nodes], u[others], residual, motor.scale, degree, k, around
             )
-            said = _blended(models, motor, u[rows], index, place.reshape(index.shape), weight)
-            found[degree, k].append(np.linalg.norm(target - said, axis=1))
-    choice: tuple[int, int] | None = None
+            each = local.contributions(models, motor.spacings[nodes], place, gap)
+            found[degree, k].append(target - np.einsum("nm,nmo->no", weight, each))
+    choice: Shape | None = None
+    calm = ~wrong[rows]
+    if np.count_nonzero(calm) < _CALM * len(rows):
+        calm[:] = True  # no part of the samples is calm
     for c, parts in found.items():
         tried = np.concatenate(parts)
-        if better(tried, errors, least):
-            choice, errors = c, tried
-    return choice, np.concatenate(held), errors
+        tried_errors = np.linalg.norm(tried, axis=1)
+        if better(tried_errors[calm], errors[calm], least):
+            choice, best, errors = c, tried, tried_errors
+    if not wrong.any():
+        return _Chosen(choice, None, rows, best)
+    own = NodeChoice.of(motor, u, candidate.unseen, folds, wrong, shapes, choice)
+    return _Chosen(choice, own, rows, own.remaining(rows, best), shapes)
 
 
-def _blended(
-    models: LocalModels,
-    motor: Map,
-    u: Array,
-    index: NDArray[np.intp],
-    place: NDArray[np.intp],
-    weight: Array,
-) -> Array:
-    """What the local models of some nodes say, blended; `place` finds them in `models`."""
-    scale: Scale = motor.scale
-    z = scale.difference(u[:, None], motor.units[index]) / models.radius[place][..., None]
-    c = models.coefficients[place] * weight[..., None, None]
-    value: Array = np.einsum("nmt,nmto->no", local.monomials(z, models.degree), c)
-    return value
+def _wrong(
+    scale: Scale, u: Array, folds: list[NDArray[np.intp]], candidate: Candidate, extent: float
+) -> NDArray[np.bool_]:
+    """Rows around which the held-out residuals exceed the common ones, (n,)."""
+    held = np.concatenate([p[f] for p, f in zip(candidate.unseen, folds, strict=True)])
+    around = misfit(scale, u, held, extent, u)
+    return np.zeros(len(u), dtype=bool) if around is None else around > around.min()

@@ -1,13 +1,15 @@
-"""The predictor: trend plus blended local models, from joints to position."""
+"""The predictor: a smooth part of all joints plus local models on the motor map's nodes."""
 
 from __future__ import annotations
 
 from dataclasses import dataclass
+from typing import Protocol
 
 import numpy as np
 from numpy.typing import NDArray
 
-from ..body.trend import Trend
+from ..body.belief import Body
+from ..common.scale import Scale
 from . import local_models as local
 from .local_models import LocalModels
 from .map import Map
@@ -15,6 +17,80 @@ from .map import Map
 Array = NDArray[np.float64]
 
 _CHUNK = 250_000  # products at once: fewer than a BLAS splits over threads that wait for each other
+
+
+class Smooth(Protocol):
+    """A smooth function of the joints: a body, a trend, or both."""
+
+    @property
+    def terms(self) -> int:
+        """Number of functions: what one evaluation costs."""
+        ...
+
+    def value(self, u: Array) -> Array:
+        """Positions (n, m) at the points `u` (n, dof) of the unit box."""
+        ...
+
+    def value_and_slope(self, u: Array) -> tuple[Array, Array]:
+        """Positions (n, m) and their derivatives by the unit coordinates (n, m, dof)."""
+        ...
+
+
+@dataclass(frozen=True)
+class BodyInBox:
+    """A body that is asked in the unit box of the joints.
+
+    Attributes
+    ----------
+    body : Body
+    scale : Scale
+        Range of the joints.
+    """
+
+    body: Body
+    scale: Scale
+
+    @property
+    def terms(self) -> int:
+        """Number of fitted parameters."""
+        return len(self.body.active)
+
+    def value(self, u: Array) -> Array:
+        """Positions (n, m) at the points `u` (n, dof) of the unit box."""
+        return self.body.predict(self.scale.from_unit(u))
+
+    def value_and_slope(self, u: Array) -> tuple[Array, Array]:
+        """Positions (n, m) and their derivatives by the unit coordinates (n, m, dof)."""
+        value, slope = self.body.predict_and_slope(self.scale.from_unit(u))
+        return value, slope * self.scale.span
+
+
+@dataclass(frozen=True)
+class Both:
+    """The sum of two smooth parts: a body, and a trend of what it leaves over.
+
+    Attributes
+    ----------
+    first, second : Smooth
+    """
+
+    first: Smooth
+    second: Smooth
+
+    @property
+    def terms(self) -> int:
+        """Number of functions of both."""
+        return self.first.terms + self.second.terms
+
+    def value(self, u: Array) -> Array:
+        """Positions (n, m) at the points `u` (n, dof) of the unit box."""
+        return self.first.value(u) + self.second.value(u)
+
+    def value_and_slope(self, u: Array) -> tuple[Array, Array]:
+        """Positions (n, m) and their derivatives by the unit coordinates (n, m, dof)."""
+        value, slope = self.first.value_and_slope(u)
+        more, tilt = self.second.value_and_slope(u)
+        return value + more, slope + tilt
 
 
 @dataclass(frozen=True)
@@ -25,28 +101,28 @@ class Predictor:
     ----------
     motor : Map
         Its nodes carry the local models.
-    trend : Trend
-        The smooth part.
+    smooth : Smooth
+        The smooth part: the body, or what stands for it.
     models : LocalModels
-        What the trend leaves over, around each node.
+        What the smooth part leaves over, around each node.
     """
 
     motor: Map
-    trend: Trend
+    smooth: Smooth
     models: LocalModels
 
     def value(self, u: Array) -> Array:
-        """Positions (n, 2) at the points `u` (n, d) of the unit box."""
+        """Positions (n, m) at the points `u` (n, d) of the unit box."""
         return self._evaluate(u, slope=False)[0]
 
     def value_and_slope(self, u: Array) -> tuple[Array, Array]:
-        """Positions (n, 2) and their derivatives by the unit coordinates (n, 2, d)."""
+        """Positions (n, m) and their derivatives by the unit coordinates (n, m, d)."""
         value, slope = self._evaluate(u, slope=True)
         assert slope is not None  # noqa: S101
         return value, slope
 
     def _evaluate(self, u: Array, *, slope: bool) -> tuple[Array, Array | None]:
-        step = max(64, _CHUNK // (2 * (1 + u.shape[1]) * len(self.trend.coefficients)))
+        step = max(64, _CHUNK // (2 * (1 + u.shape[1]) * max(1, self.smooth.terms)))
         if len(u) <= step:
             return self._evaluate_chunk(u, slope)
         parts = [self._evaluate_chunk(u[i : i + step], slope) for i in range(0, len(u), step)]
@@ -54,7 +130,7 @@ class Predictor:
         return value, np.concatenate([s for _, s in parts if s is not None]) if slope else None
 
     def _evaluate_chunk(self, u: Array, slope: bool) -> tuple[Array, Array | None]:
-        value, tilt = self.trend.value_and_slope(u) if slope else (self.trend.value(u), None)
+        value, tilt = self.smooth.value_and_slope(u) if slope else (self.smooth.value(u), None)
         if self.models.degree >= 0:
             correction, correction_slope = local.predict(self.models, self.motor, u, slope=slope)
             value = value + correction

@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING, NamedTuple
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from ..common.rows import number_rows
 from ..errors import QueryError
 from ..maps.association import check_readout
 from ..maps.node_bounds import blend_nodes
@@ -17,8 +18,11 @@ if TYPE_CHECKING:
 
 Array = NDArray[np.float64]
 
-REACHED = 1e-4
-"""Share of the workspace's extent that counts as reached."""
+REACHED = 1e-9
+"""Share of the workspace's extent that always counts as reached."""
+
+SURE = 1e-2
+"""Share of the extent: a larger expected error does not make a target reachable."""
 
 
 _IN_SIGHT = 1e6  # extents of the workspace
@@ -62,9 +66,12 @@ def solve(model: Model, x: Array, near: Array, readout: str) -> Answer:
     """Answer the targets `x` (n, 2) with the solutions closest to `near` (n, dof, unit box)."""
     check_readout(readout)
     seen = in_sight(model, x)
-    if readout == "local":
-        u, _ = model.solver.solve(seen, near)
-        return answer(model, u, x, None)
+    if readout == "local" or (readout == "body" and model.body is not None):
+        solver = model.solver if readout == "local" else model.body_solver
+        u, _ = solver.solve(seen, near)
+        return answer(model, u, x, None if readout == "local" else model.smooth().value(u))
+    if readout == "body":
+        model.smooth()  # tells that there is none
     sensory, association = model.sensory, model.association
     v = sensory.scale.to_unit(seen)
     u = model.solver.clip(association.inverse(v, near, readout))
@@ -79,7 +86,7 @@ def joints(model: Model, x: Array, near: Array, *, nearest: bool) -> Array:
     far = np.flatnonzero(distance > REACHED * model.solver.extent)
     if len(far) and not nearest:
         # only the expected error can still call these reachable
-        beyond = distance[far] > blend_nodes(model.motor, model.bounds, u[far])
+        beyond = distance[far] > within_reach(model, blend_nodes(model.motor, model.bounds, u[far]))
         q[far[beyond]] = np.nan
     return q
 
@@ -111,8 +118,14 @@ def answer(model: Model, u: Array, x: Array, position: Array | None) -> Answer:
     with np.errstate(over="ignore"):  # the distance of a target at 1e308 may be infinite
         distance = np.hypot(*(position - x).T)
     bound = blend_nodes(model.motor, model.bounds, u)
-    within = distance <= np.maximum(bound, REACHED * model.solver.extent)
+    within = distance <= within_reach(model, bound)
     return Answer(model.motor.scale.from_unit(u), position, distance, bound, within)
+
+
+def within_reach(model: Model, bound: Array) -> Array:
+    """Distance (n,) to a target at which it counts as reached [unit]."""
+    extent = model.solver.extent
+    return np.maximum(np.minimum(bound, SURE * extent), REACHED * extent)
 
 
 def anchor(model: Model, near: ArrayLike | None, n: int) -> Array:
@@ -141,18 +154,7 @@ def anchor(model: Model, near: ArrayLike | None, n: int) -> Array:
 
 def checked_rows(values: ArrayLike, names: tuple[str, ...], what: str) -> tuple[Array, bool]:
     """Check an argument; rows (n, len(names)) and whether it was a single vector."""
-    try:
-        rows = np.array(values, dtype=float)
-    except (TypeError, ValueError) as error:
-        raise QueryError(f"{what}: expected numbers, got {values!r:.60}") from error
-    single = rows.ndim == 1
-    if single:
-        rows = rows[None]
-    if rows.ndim != 2 or rows.shape[1] != len(names):
-        raise QueryError(
-            f"{what} of shape {np.shape(values)}: expected ({len(names)},) or (n, {len(names)}), "
-            f"one column each for {', '.join(names)}"
-        )
+    rows, single = number_rows(values, names, what)
     if not np.isfinite(rows).all():
         row = int(np.argmin(np.isfinite(rows).all(axis=1)))
         where = "" if single else f" in row {row}"

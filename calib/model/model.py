@@ -9,23 +9,28 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from ..errors import OptionError
 from ..inverse.solver import Solver
-from ..maps.association import Association, check_readout
+from ..maps.association import MAP_READOUTS, Association, check_readout
+from ..maps.local_models import NO_MODELS
 from ..maps.map import Map
 from ..maps.node_bounds import blend_nodes
-from ..maps.predictor import Predictor
-from ..maps.support import Support
+from ..maps.predictor import BodyInBox, Predictor, Smooth
 from . import answers
 from .answers import Answer, checked_rows
+from .rows import Rows
+from .trust import MOST_SHARE, Trust
 
 if TYPE_CHECKING:
     import os
 
     from scipy.sparse import csr_array
 
+    from ..body.belief import Body
     from ..change.baseline import Baseline
     from ..change.check import Drift
     from ..change.monitor import Monitor
+    from ..change.schemas import Schema
     from ..samples.samples import Samples
     from ..training.evaluate import Evaluation
     from .about import About
@@ -45,27 +50,42 @@ class Model:
     association : Association
         Motor map, sensory map and the links between them.
     predictor : Predictor
-        Trend and local models of the motor nodes.
+        Body, and local models of the motor nodes for what it leaves over.
     bounds : (motor nodes,) array [unit]
-        95 % bound on the error around each node.
+        95 % bound around each node on what `about.bound_of` says.
+    model_bounds : (motor nodes,) array [unit]
+        95 % bound around each node on the true position in the sensor's frame.
     visited : (motor nodes,) bool array
         Nodes that training samples have visited.
+    body : Body or None
+        The kinematic model under the maps: its parameters with intervals.
+    rows : Rows or None
+        Measured rows that are kept with the model of a log.
     history : tuple of dict
         Earlier states of this model: trained, adapted, with their errors.
     baseline : Baseline or None
         What an undisturbed arm's distortions look like, for `check` and `monitor`.
     seconds : dict
         How long the steps of its training took; not stored in a file.
+    schema : str
+        Name of the state that this model is in, see :mod:`calib.change.schemas`.
+    schemas : tuple of Schema
+        Other states of the same arm that were kept, such as with a tool mounted.
     """
 
     about: About
     association: Association
     predictor: Predictor
     bounds: Array
+    model_bounds: Array
     visited: NDArray[np.bool_]
+    body: Body | None = None
+    rows: Rows | None = None
     history: tuple[dict[str, Any], ...] = field(default=())
     baseline: Baseline | None = field(default=None)
     seconds: dict[str, float] = field(default_factory=dict)
+    schema: str = "schema 1"
+    schemas: tuple[Schema, ...] = ()
 
     @property
     def motor(self) -> Map:
@@ -88,9 +108,27 @@ class Model:
         return Solver(self.association, self.predictor)
 
     @cached_property
-    def support(self) -> Support:
-        """Where samples were."""
-        return Support(self.motor, self.visited)
+    def body_solver(self) -> Solver:
+        """Solver of the inverse direction of the body alone."""
+        return Solver(self.association, Predictor(self.motor, self.smooth(), NO_MODELS))
+
+    @cached_property
+    def trust(self) -> Trust:
+        """Where answers are given."""
+        return Trust(self.motor, self.model_bounds, MOST_SHARE * self.reach)
+
+    @cached_property
+    def reach(self) -> float:
+        """How far the tip can be from the middle of what it reaches [unit]."""
+        if self.body is not None:
+            return float(self.body.structure.extents[: self.body.structure.blocks[0]].max())
+        return 0.5 * self.solver.extent
+
+    @property
+    def readouts(self) -> tuple[str, ...]:
+        """Readouts that differ, the default first."""
+        smooth = self.body is not None and self.predictor.models.degree >= 0
+        return ("local", *(("body",) if smooth else ()), *MAP_READOUTS)
 
     def forward(self, q: ArrayLike, readout: str = "local") -> Array:
         """Position of the tip for joint values.
@@ -98,13 +136,13 @@ class Model:
         Parameters
         ----------
         q : (n, dof) or (dof,) array [rad or m]
-        readout : {"local", "activity", "winner"}
+        readout : {"local", "body", "activity", "winner"}
 
         Returns
         -------
         (n, 2) or (2,) array [unit]
-            NaN more than one node spacing outside of the learned range, or far from every
-            sample.
+            NaN outside of the joints' range, and where the bound on the position exceeds a
+            tenth of the reach.
 
         Raises
         ------
@@ -122,15 +160,23 @@ class Model:
         check_readout(readout)
         q, single = checked_rows(q, self.about.joint_names, "joint values")
         u = self.motor.scale.to_unit(q)
-        inside = self.support.covers(u)
+        inside = self.trust.covers(u)
         x = np.full((len(q), 2), np.nan)
         if inside.any():
             u = u[inside]
             if readout == "local":
                 x[inside] = self.predictor.value(u)
+            elif readout == "body":
+                x[inside] = self.smooth().value(u)
             else:
                 x[inside] = self.sensory.scale.from_unit(self.association.forward(u, readout))
         return x[0] if single else x
+
+    def smooth(self) -> Smooth:
+        """The body alone, without local models."""
+        if self.body is None:
+            raise OptionError("readout 'body': the model has no body, choose another readout")
+        return BodyInBox(self.body, self.motor.scale)
 
     def inverse(
         self,
@@ -242,11 +288,22 @@ class Model:
         It bounds the distance to the true position for a simulated arm and to what the
         sensor would read for a log (``about.bound_of``).
         """
+        return self._bound(q, self.bounds)
+
+    def model_error(self, q: ArrayLike) -> Array:
+        """95 % bound on the true position in the sensor's frame at (n, dof), (n,) [unit].
+
+        Without the noise of a single reading; the same as :meth:`expected_error` for a
+        simulated arm.
+        """
+        return self._bound(q, self.model_bounds)
+
+    def _bound(self, q: ArrayLike, nodes: Array) -> Array:
         q, single = checked_rows(q, self.about.joint_names, "joint values")
         u = self.motor.scale.to_unit(q)
-        known = self.support.covers(u)
+        known = self.trust.covers(u)
         bound = np.full(len(q), np.nan)
-        bound[known] = blend_nodes(self.motor, self.bounds, u[known])
+        bound[known] = blend_nodes(self.motor, nodes, u[known])
         return bound[0] if single else bound
 
     def evaluate(self, samples: Samples | None = None) -> Evaluation:
@@ -278,10 +335,16 @@ class Model:
         return adapt(self, log, method=method).model
 
     def correct(self, q: ArrayLike) -> Array:
-        """Joint values (n, dof) that lead to where a nominal controller wants to go with `q`."""
+        """Joint values (n, dof) that lead to where a nominal controller wants to go with `q`.
+
+        NaN out of reach, and where a joint would change by far more than this model usually
+        corrects; :func:`calib.correct` tells which and takes another limit.
+        """
         from ..use.correct import correct
 
-        return correct(self, q).q if np.ndim(q) > 1 else correct(self, q).q[0]
+        found = correct(self, q)
+        answer = np.where(found.exceeded[:, None], np.nan, found.q)
+        return answer[0] if found.single else answer
 
     def save(self, path: str | os.PathLike[str]) -> None:
         """Write the model into one file, whole or not at all."""
@@ -293,13 +356,16 @@ class Model:
         """Why the joint values (dof,) are outside of what was learned, None if they are not."""
         rows, _ = checked_rows(q, self.about.joint_names, "joint values")
         u = self.motor.scale.to_unit(rows)
-        if bool(self.support.covers(u)[0]):
+        if bool(self.trust.covers(u)[0]):
             return None
         lower, upper = self.about.lower, self.about.upper
         for k, name in enumerate(self.about.joint_names):
-            if not -self.motor.spacing <= u[0, k] <= 1.0 + self.motor.spacing:
+            if not self.trust.in_range(u)[0, k]:
                 return (
                     f"{name} = {rows[0, k]:.6g} is outside of the learned range "
                     f"{lower[k]:.6g} to {upper[k]:.6g}"
                 )
-        return "no sample was measured near these joint values"
+        return (
+            "no row was measured near these joint values: the position may be off by more than "
+            f"{MOST_SHARE:.0%} of the reach"
+        )

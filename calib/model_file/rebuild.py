@@ -2,15 +2,13 @@
 
 from __future__ import annotations
 
-import math
 from collections.abc import Mapping
+from dataclasses import replace
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from numpy.typing import NDArray
 
-from ..body.basis import Basis
-from ..body.trend import Trend
 from ..change.baseline import Baseline
 from ..common.checks import LARGEST, finite, numbers, of_type
 from ..common.scale import Scale
@@ -22,12 +20,11 @@ from ..maps.local_models import LocalModels
 from ..maps.map import HISTORY, Map
 from ..maps.predictor import Predictor
 from ..model.about import About
+from ..model.rows import MOST, Rows
+from .smooth_part import build_smooth
 
 if TYPE_CHECKING:
     from ..model.model import Model
-
-_SMALL = 1e-9  # radians that are a range
-_FUNCTIONS = 100_000  # of a trend
 
 
 def build(header: Mapping[str, Any], tensors: Mapping[str, NDArray[Any]]) -> Model:
@@ -66,15 +63,7 @@ def build(header: Mapping[str, Any], tensors: Mapping[str, NDArray[Any]]) -> Mod
     links = csr_array(
         (tensors["links.data"].astype(float), indices, indptr), shape=(motor.size, sensory.size)
     )
-    turns = tuple(float(t) for t in header["trend"]["turns"])
-    if len(turns) != dof:
-        raise ValueError("the trend is of another arm")
-    if not all(turn == 0.0 or _SMALL <= turn < LARGEST for turn in turns):  # zero of slides
-        raise ValueError(f"{turns} are no turns")
-    if math.comb(_small(header["trend"]["degree"], 60) + dof, dof) > _FUNCTIONS:
-        raise ValueError("the trend has too many functions")
-    basis = Basis(turns, *(_small(header["trend"][k], 60) for k in ("degree", "each")))
-    _expect("trend.coefficients", tensors["trend.coefficients"], (len(basis.orders), 2))
+    smooth, body = build_smooth(header, tensors, motor.scale, 2)
     degree = _small(header["local"]["degree"], 3, least=-1)
     models = LocalModels(
         degree,
@@ -91,28 +80,41 @@ def build(header: Mapping[str, Any], tensors: Mapping[str, NDArray[Any]]) -> Mod
         terms = len(exponents(dof, degree))
         _expect("local.coefficients", models.coefficients, (motor.size, terms, 2))
     _expect("bounds", tensors["bounds"], (motor.size,))
+    model_bounds = tensors.get("model_bounds", tensors["bounds"])  # format 1 had one bound
+    _expect("model_bounds", model_bounds, (motor.size,))
     _expect("visited", tensors["visited"], (motor.size,))
-    if not tensors["visited"].any() or (tensors["bounds"] < 0.0).any():
+    if not tensors["visited"].any() or min(tensors["bounds"].min(), model_bounds.min()) < 0:
         raise ValueError("no node was visited, or a bound is negative")
-    return Model(
+    model = Model(
         about,
         Association(motor, sensory, links, _wiring(header["links"])),
-        Predictor(motor, Trend(basis, tensors["trend.coefficients"]), models),
+        Predictor(motor, smooth, models),
         tensors["bounds"],
+        model_bounds,
         tensors["visited"].astype(bool),
+        body,
+        _rows(tensors, dof),
         _history(header["history"]),
         _baseline(header.get("baseline"), tensors, motor, sensory),
     )
+    if "schemas" not in header:
+        return model
+    from . import schemas
+
+    model = replace(model, schema=schemas.schema_name(header["schema"]))
+    return replace(model, schemas=schemas.unpack(model, header["schemas"], tensors))
 
 
 def _check_types(tensors: Mapping[str, NDArray[Any]]) -> None:
     """Refuse numbers of another type than the format states; counts are checked as such."""
     for name, array in tensors.items():
+        if name.startswith("schema."):
+            continue  # checked one by one
         if name in ("links.data", "baseline.motor", "baseline.sensory"):
             wanted: type = np.float32
         elif name == "visited" or name.endswith(".periodic"):
             wanted = np.uint8
-        elif name.startswith("links.") or name.endswith(".edges"):
+        elif name.startswith(("links.", "body.")) or name.endswith(".edges"):
             continue
         else:
             wanted = np.float64
@@ -131,6 +133,17 @@ def _baseline(
     if min(*numbers("spread", stated["spread"], 2), finite("noise", stated["noise"])) < 0.0:
         raise ValueError("a variance of the baseline is negative")
     return Baseline.from_json(stated, *parts)
+
+
+def _rows(tensors: Mapping[str, NDArray[Any]], dof: int) -> Rows | None:
+    if "rows.q" not in tensors:
+        return None
+    q, x = tensors["rows.q"], tensors["rows.x"]
+    if len(q) > MOST:
+        raise ValueError("there are too many rows")
+    _expect("rows.q", q, (len(q), dof))
+    _expect("rows.x", x, (len(q), 2))
+    return Rows(q, x)
 
 
 def _history(stated: Any) -> tuple[dict[str, Any], ...]:

@@ -14,15 +14,18 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import NDArray
 
+from ..change.schemas import FIRST
 from ..common.atomic import atomic_write
 from ..errors import CalibError, ModelError
 from ..maps.graph import Graph
+from . import schemas
 from .rebuild import build
+from .smooth_part import smooth_header, smooth_tensors
 
 if TYPE_CHECKING:
     from ..model.model import Model
 
-FORMAT = 1
+FORMAT = 2
 """Version of the format; ``docs/format.md`` describes it."""
 
 _KEY = "calib"
@@ -52,7 +55,7 @@ def to_bytes(model: Model) -> bytes:
     from safetensors.numpy import save as pack
 
     tensors = {name: np.ascontiguousarray(a) for name, a in _tensors(model).items()}
-    header = {
+    header: dict[str, Any] = {
         "format": FORMAT,
         "about": model.about.to_json(),
         "history": list(model.history),
@@ -60,16 +63,16 @@ def to_bytes(model: Model) -> bytes:
         "motor": {"lattice": list(model.motor.lattice.shape)},
         "sensory": {"lattice": list(model.sensory.lattice.shape)},
         "links": asdict(model.association.wiring),
-        "trend": {
-            "turns": list(model.predictor.trend.basis.turns),
-            "degree": model.predictor.trend.basis.degree,
-            "each": model.predictor.trend.basis.each,
-        },
+        "smooth": smooth_header(model.predictor.smooth),
         "local": {
             "degree": model.predictor.models.degree,
             "samples": model.predictor.models.samples,
         },
     }
+    if model.schemas or model.schema != FIRST:
+        header["schema"] = model.schema
+        header["schemas"], kept = schemas.pack(model.schemas)
+        tensors.update({name: np.ascontiguousarray(a) for name, a in kept.items()})
     header["sha256"] = _checksum(tensors, header)
     return bytes(pack(tensors, metadata={_KEY: _canonical(header)}))
 
@@ -84,12 +87,15 @@ def _tensors(model: Model) -> dict[str, NDArray[Any]]:
         "links.data": links.data.astype(np.float32),
         "links.indices": links.indices.astype(_unsigned(model.sensory.size)),
         "links.counts": np.diff(links.indptr).astype(np.uint32),
-        "trend.coefficients": model.predictor.trend.coefficients,
         "local.radius": model.predictor.models.radius,
         "local.coefficients": model.predictor.models.coefficients,
+        **smooth_tensors(model.predictor.smooth),
         "bounds": model.bounds,
+        "model_bounds": model.model_bounds,
         "visited": model.visited.astype(np.uint8),
     }
+    if model.rows is not None:
+        tensors["rows.q"], tensors["rows.x"] = model.rows.q, model.rows.x
     if model.baseline is not None:
         tensors["baseline.motor"] = model.baseline.motor.astype(np.float32)
         tensors["baseline.sensory"] = model.baseline.sensory.astype(np.float32)

@@ -10,7 +10,6 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ..errors import LogError, OptionError
-from ..maps.association import READOUTS
 
 if TYPE_CHECKING:
     from ..model.model import Model
@@ -57,7 +56,7 @@ class Residuals:
         return {r: np.linalg.norm(e, axis=1) for r, e in self.forward.items()}
 
     @staticmethod
-    def of(model: Model, q: Array, x: Array, readouts: Sequence[str] = READOUTS) -> Residuals:
+    def of(model: Model, q: Array, x: Array, readouts: Sequence[str]) -> Residuals:
         """Forward residuals."""
         known = np.isfinite(model.forward(q, "winner")[:, 0])
         q, x = q[known], x[known]
@@ -111,12 +110,12 @@ def evaluate_residuals(
     Residuals
         Joint errors are those of the answer nearest to the true joints.
     """
-    forward = Residuals.of(model, q, x)
+    forward = Residuals.of(model, q, x, model.readouts)
     q, x = forward.q, forward.x
     inverse: dict[str, Array] = {}
     distance: dict[str, Array] = {}
     scale = model.motor.scale
-    for readout in READOUTS if len(q) else ():
+    for readout in model.readouts if len(q) else ():
         near = scale.from_unit(model.solver.clip(scale.to_unit(q)))
         answer = model.solve(x, near, readout)
         gap = scale.difference(scale.to_unit(answer.q), scale.to_unit(q))

@@ -1,4 +1,4 @@
-"""Learning: maps, links and local models from samples, measured or imagined."""
+"""Learning: both maps and their links, from samples that were measured or imagined."""
 
 from __future__ import annotations
 
@@ -11,15 +11,12 @@ import numpy as np
 from numpy.random import SeedSequence
 from numpy.typing import NDArray
 
-from ..body.trend import Trend
 from ..common.parallel import in_turn, side_by_side
 from ..common.scale import Scale
 from ..errors import OptionError
 from ..maps.association import Association
 from ..maps.density import Gain, kind_of
 from ..maps.links import WIRINGS
-from ..maps.model_selection import select
-from ..maps.predictor import Predictor
 from ..maps.som import SOM
 
 if TYPE_CHECKING:
@@ -29,10 +26,10 @@ Array = NDArray[np.float64]
 Progress = Callable[[float, str, float], None]
 """Called with the share of the work done, the stage, and the current error (or NaN)."""
 
-STREAMS = {"motor": 0, "sensory": 1, "teacher": 2, "bounds": 3, "evaluation": 4, "adapt": 5}
+STREAMS = {"motor": 0, "sensory": 1, "imagined": 2, "bounds": 3, "evaluation": 4, "adapt": 5}
 """Independent random streams of one seed."""
 
-UNFOLD = "give a larger --size, more --epochs or samples, or --rule batch"
+UNFOLD = "give a larger `size`, more `epochs` or samples, or `rule='batch'`"
 """What to do about a map that did not spread over its samples."""
 
 _COLLAPSED = 1e-9  # mean distance of joined nodes in the unit box
@@ -57,9 +54,13 @@ class Options:
     seed : int
         Seed of everything that is drawn.
     taught : bool
-        Whether a teacher's imagination is learned in place of the rows.
+        Whether the maps learn from imagined samples besides the rows.
     links : str
         How links are learned and read, a name of :data:`calib.maps.links.WIRINGS`.
+    body : {"auto", "none"}
+        Whether a kinematic model stands under the maps.
+    view : str
+        What the sensor measures, see :func:`calib.body.fit_body`.
     """
 
     motor_size: tuple[int, ...]
@@ -71,6 +72,8 @@ class Options:
     seed: int
     taught: bool
     links: str = "reciprocal"
+    body: str = "auto"
+    view: str = "auto"
 
     def to_json(self) -> dict[str, Any]:
         """Plain data for a model file."""
@@ -114,25 +117,6 @@ class _Timer:
         self.seconds[self.stage] = self.seconds.get(self.stage, 0.0) + spent
 
 
-@dataclass(frozen=True, eq=False)
-class Learned:
-    """What was learned of some samples.
-
-    Attributes
-    ----------
-    association : Association
-        Both maps and their links.
-    predictor : Predictor
-        Trend and local models.
-    visited : (motor nodes,) bool array
-        Nodes that a sample has visited.
-    """
-
-    association: Association
-    predictor: Predictor
-    visited: NDArray[np.bool_]
-
-
 def associate(
     scale: Scale,
     u: Array,
@@ -143,20 +127,25 @@ def associate(
     progress: Progress | None = None,
 ) -> Association:
     """Learn both maps and the links between them: the paper's part; see :func:`learn`."""
-    motor, sensory = _both_maps(scale, u, x, options, watch or Stopwatch(), progress)
+    motor, sensory = both_maps(scale, u, x, options, watch or Stopwatch(), progress)
     with (watch or Stopwatch())("links"):
-        return _linked(motor, sensory, u, x, options)
+        return link(motor, sensory, u, x, options)
 
 
-def _both_maps(
+def both_maps(
     scale: Scale,
     u: Array,
     x: Array,
     options: Options,
     watch: Stopwatch,
     progress: Progress | None,
+    residual: Array | None = None,
 ) -> tuple[Map, Map]:
-    """Motor and sensory map, at the same time where they learn from many samples at once."""
+    """Motor and sensory map, at the same time where they learn from many samples at once.
+
+    `residual` (n,) is how wrong the smooth part is around each sample, see
+    :func:`calib.maps.misfit.misfit`: the default varying density puts nodes there.
+    """
     seen = Scale.of_data(x)
     v = seen.to_unit(x)
 
@@ -173,7 +162,7 @@ def _both_maps(
             options.sigma,
             options.stream(name),
         )
-        return som.fit(points, scale=box, progress=tell, partners=partners)
+        return som.fit(points, scale=box, progress=tell, partners=partners, residual=residual)
 
     with watch("maps"):
         # steps of a few samples hold the interpreter's lock: two threads would fight for it
@@ -184,58 +173,13 @@ def _both_maps(
         )
     for name, found in zip(("motor", "sensory"), maps, strict=True):
         if not found.spacing > _COLLAPSED:
-            raise OptionError(f"the {name} map did not unfold, its nodes fell together: {UNFOLD}")
+            raise OptionError(
+                f"the {name} map did not unfold, its nodes fell together", hint=UNFOLD
+            )
     return maps
 
 
-def _linked(motor: Map, sensory: Map, u: Array, x: Array, options: Options) -> Association:
+def link(motor: Map, sensory: Map, u: Array, x: Array, options: Options) -> Association:
     """Both maps and the links between them."""
     wiring, v = WIRINGS[options.links], sensory.scale.to_unit(x)
-    return Association(motor, sensory, wiring.learn(motor, u, sensory, v), wiring)
-
-
-def learn(
-    scale: Scale,
-    turning: tuple[bool, ...],
-    u: Array,
-    x: Array,
-    options: Options,
-    *,
-    trend: Trend | None = None,
-    watch: Stopwatch | None = None,
-    progress: Progress | None = None,
-) -> Learned:
-    """Learn maps, links and local models.
-
-    Parameters
-    ----------
-    scale : Scale
-        Range of the joints.
-    turning : tuple of bool
-        Joints that turn, rather than slide.
-    u, x : (n, dof), (n, 2) array
-        Joints in the unit box and positions.
-    options : Options
-        How.
-    trend : Trend, optional
-        A teacher's trend, where it imagined the samples.
-    watch : Stopwatch, optional
-        Told how long each stage takes.
-    progress : callable, optional
-        Called with the share of this work that is done.
-    """
-    watch = watch or Stopwatch()
-    report = progress or (lambda *_: None)
-    motor, sensory = _both_maps(scale, u, x, options, watch, progress)
-    report(0.7, "links and local models", float("nan"))
-
-    def link() -> tuple[Association, NDArray[np.bool_]]:
-        association = _linked(motor, sensory, u, x, options)
-        winners = motor.nearest(u)[1][:, 0]
-        return association, np.bincount(winners, minlength=motor.size) > 0
-
-    with watch("links and local models"):
-        selected, (association, visited) = side_by_side(
-            lambda: select(motor, turning, u, x, trend), link
-        )
-    return Learned(association, selected.predictor, visited)
+    return Association.learn(motor, u, sensory, v, wiring)

@@ -10,29 +10,35 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import NDArray
 
-from ..body.teacher import MOST_ROWS, learn_teacher
-from ..body.trend_refinement import refine
+from ..body.fitting import VIEWS
 from ..change.baseline import Baseline, learn_baseline
 from ..common.parallel import one_blas_thread, side_by_side
 from ..common.scale import Scale
 from ..errors import LogError, OptionError
 from ..maps.density import Gain
 from ..maps.links import check_wiring
-from ..maps.model_selection import blocks
+from ..maps.model_selection import Selected, select
 from ..maps.node_bounds import learn_bounds, near_border
 from ..model.about import About
 from ..model.model import Model
+from ..model.rows import Rows
 from ..samples.samples import Samples
-from ..samples.screening import gross, screen
-from .evaluate import Residuals, evaluate_residuals, fresh_residuals, summarise
-from .learn import UNFOLD, Options, Progress, Stopwatch, learn
+from ..samples.screening import screen
+from .evaluate import Residuals, fresh_residuals, summarise
+from .held_out import held_out_residuals
+from .imagined import with_imagined
+from .learn import UNFOLD, Options, Progress, Stopwatch, both_maps, link
+from .log_bounds import node_bounds
 from .sizes import Size, lattice_sizes
+from .smooth import SmoothPart, find_smooth_part, uses_body, wrong_around
 
 if TYPE_CHECKING:
-    from ..samples.long_log import LongLog
     from ..samples.simulation import Simulation
 
 Array = NDArray[np.float64]
+
+BODIES = ("auto", "none")
+"""Whether a kinematic model stands under the maps."""
 
 LEAST_ROWS = 10
 """Fewest rows that anything can be learned and checked from."""
@@ -52,6 +58,8 @@ def train(
     epochs: int | None = None,
     sigma: tuple[float, float] | None = None,
     links: str = "reciprocal",
+    body: str = "auto",
+    view: str = "auto",
     seed: int = 0,
     progress: Progress | None = None,
 ) -> Model:
@@ -78,6 +86,12 @@ def train(
         Neighbourhood radius at the start and at the end [nodes].
     links : {"reciprocal", "oja", "local", "mutual"}
         How the links (eq. 5) are learned and read (eq. 6), see docs/paper.md.
+    body : {"auto", "none"}
+        ``auto`` fits a kinematic body under the maps; ``none`` learns from maps and links
+        alone, as the paper does.
+    view : {"auto", "base", "rigid", "similarity", "affine", "homography"}
+        What the sensor measures: ``base`` says that positions are in the robot's root frame,
+        ``auto`` is rigid for lengths and a homography for pixels.
     seed : int
         The same seed gives the same model, byte for byte.
     progress : callable, optional
@@ -110,6 +124,10 @@ def train(
             f"from: give at least {LEAST_ROWS}"
         )
     check_wiring(links)
+    if body not in BODIES:
+        raise OptionError(f"body {body!r}: expected one of {', '.join(BODIES)}")
+    if view not in VIEWS:
+        raise OptionError(f"view {view!r}: expected one of {', '.join(VIEWS)}")
     said: list[str] = []
     if samples.simulation is None:
         with one_blas_thread():
@@ -119,8 +137,10 @@ def train(
             kept = screening.kept
             samples = replace(samples, q=samples.q[kept], x=samples.x[kept])
     motor, sensory, notes = lattice_sizes(samples, size, motor_size, sensory_size)
-    taught = len(samples) < min(MOST_ROWS, int(np.prod(motor)))
-    options = Options(motor, sensory, map, rule, epochs, sigma, int(seed), taught, links)
+    taught = samples.simulation is None and body != "none"
+    options = Options(
+        motor, sensory, map, rule, epochs, sigma, int(seed), taught, links, body, view
+    )
     # a BLAS that splits sums over threads would change the last bits
     with one_blas_thread():
         return _Trainer(samples, options, said + notes, progress or (lambda *_: None)).run()
@@ -150,24 +170,47 @@ class _Trainer:
     def run(self) -> Model:
         started = time.perf_counter()
         self.watch = Stopwatch()
-        samples = self.samples
+        samples, options = self.samples, self.options
         scale = Scale.of_range(samples.lower, samples.upper, samples.revolute)
-        simulation = samples.simulation
-        model = self._learn(scale, samples.q, samples.x, share=0.75 if simulation else 0.2)
-        if samples.long_log is not None:
-            with self.watch("all rows"):
-                model = self._refined(model, scale, samples.long_log)
+        self.progress(0.0, "body", float("nan"))
+        with self.watch("body"):
+            part = find_smooth_part(
+                samples, scale, body=options.body, view=options.view, seed=options.seed
+            )
+        if part.fit is not None:
+            self.notes += part.fit.notes
+        u = scale.to_unit(samples.q)
+        seen_u, seen_x = with_imagined(u, samples.x, part, options)
+        motor, sensory = both_maps(
+            scale,
+            seen_u,
+            seen_x,
+            options,
+            self.watch,
+            lambda done, stage, error: self.progress(0.1 + 0.6 * done, stage, error),
+            wrong_around(part, scale, samples, seen_u),
+        )
+        self.progress(0.7, "links and local models", float("nan"))
+        with self.watch("links and local models"):
+            selected, association = side_by_side(
+                lambda: select(motor, u[part.rows], part.candidates),
+                lambda: link(motor, sensory, seen_u, seen_x, options),
+            )
+        visited = np.bincount(motor.nearest(u)[1][:, 0], minlength=motor.size) > 0
+        body = part.fit.body if part.fit is not None and uses_body(selected.predictor) else None
+        empty = np.zeros(motor.size)
+        model = Model(self._about(), association, selected.predictor, empty, empty, visited, body)
+        self.progress(0.8, "evaluation", float("nan"))
         with self.watch("evaluation"):
+            simulation = samples.simulation
             if simulation is not None:
-                self.progress(0.8, "evaluation", float("nan"))
-                (bounds, baseline), tested = side_by_side(
+                (model, baseline), tested = side_by_side(
                     lambda: self._simulated_bounds(model, simulation),
                     lambda: fresh_residuals(model, simulation),
                 )
             else:
-                tested = self._held_out(scale)
-                held = scale.to_unit(tested.q), tested.errors["local"]
-                bounds, baseline = self._bounds(model, *held, held[0], tested.x)
+                tested = held_out_residuals(model, samples, part, selected, options)
+                model, baseline = self._log_bounds(model, part, selected)
         self.watch.seconds["total"] = time.perf_counter() - started
         about = replace(
             model.about,
@@ -177,53 +220,10 @@ class _Trainer:
             notes=tuple(self.notes),
         )
         self.progress(1.0, "done", float("nan"))
-        return replace(
-            model, about=about, bounds=bounds, baseline=baseline, seconds=self.watch.seconds
-        )
+        rows = Rows.of(samples.q, samples.x) if samples.simulation is None else None
+        return replace(model, about=about, baseline=baseline, rows=rows, seconds=self.watch.seconds)
 
-    def _learn(self, scale: Scale, q: Array, x: Array, share: float) -> Model:
-        """Maps, links and local models from some of the samples."""
-        options, samples = self.options, self.samples
-        u = scale.to_unit(q)
-        turning = samples.revolute
-        self.teacher = None
-        if options.taught:
-            rng = np.random.default_rng(options.stream("teacher"))
-            self.teacher = learn_teacher(scale, turning, u, x, rng)
-            u = self.teacher.imagine(rng)
-            x = self.teacher.value(u)
-        learned = learn(
-            scale,
-            turning,
-            u,
-            x,
-            options,
-            trend=None if self.teacher is None else self.teacher.trend,
-            watch=self.watch,
-            progress=lambda done, stage, error: self.progress(share * done, stage, error),
-        )
-        empty = np.zeros(learned.association.motor.size)
-        return Model(self._about(), learned.association, learned.predictor, empty, learned.visited)
-
-    def _refined(self, model: Model, scale: Scale, log: LongLog) -> Model:
-        """The model with a trend that rests on all rows of a long log.
-
-        Local models rest on the rows that were drawn: their noise is their neighbourhood's,
-        beside which that of the trend is nothing.
-        """
-        predictor = model.predictor
-        if predictor.models.degree >= 0:
-            return model
-        self.progress(0.2, "all rows", float("nan"))
-        some = slice(None, None, max(1, len(self.samples) // _TESTED))
-        x = self.samples.x[some]
-        error = np.linalg.norm(predictor.value(scale.to_unit(self.samples.q[some])) - x, axis=1)
-        found = refine(predictor.trend, scale, log.batches(), gross(error, x))
-        but = f", but for {found.left_out:,} that are far from it" if found.left_out else ""
-        self.notes.append(f"the trend rests on all {log.rows:,} rows{but}")
-        return replace(model, predictor=replace(predictor, trend=found.trend))
-
-    def _simulated_bounds(self, model: Model, simulation: Simulation) -> tuple[Array, Baseline]:
+    def _simulated_bounds(self, model: Model, simulation: Simulation) -> tuple[Model, Baseline]:
         """Bounds and baseline from exact samples that are neither learned nor tested."""
         scale = model.motor.scale
         rng = np.random.default_rng(self.options.stream("bounds"))
@@ -236,39 +236,33 @@ class _Trainer:
             limits = Residuals.of(model, q, simulation.exact(q), readouts=("local",))
             known = np.concatenate([u, scale.to_unit(limits.q)])
             miss = np.concatenate([miss, limits.errors["local"]])
-        return self._bounds(model, known, miss, u, held.x)
-
-    def _bounds(
-        self, model: Model, known: Array, miss: Array, u: Array, x: Array
-    ) -> tuple[Array, Baseline]:
-        """Bounds from the errors `miss` (n,) at `known` (n, dof), and what is undisturbed."""
         if not len(known):
-            raise OptionError(f"no test sample is near the motor map's nodes: {UNFOLD}")
-        samples, doubt = self.samples, None
-        if self.teacher is not None:
-            nodes = np.concatenate([np.clip(model.motor.units, 0, 1), known])
-            doubt = self.teacher.deviation(nodes)
-        bounds = learn_bounds(model.motor, known, miss, doubt)
-        some = slice(None, None, max(1, len(samples) // _TESTED))
-        said = model.predictor.value(model.motor.scale.to_unit(samples.q[some]))
-        error = np.linalg.norm(said - samples.x[some], axis=1)
-        return bounds, learn_baseline(model.association, u, x, error)
+            raise OptionError("no test sample is near the motor map's nodes", hint=UNFOLD)
+        bounds = learn_bounds(model.motor, known, miss)
+        return replace(model, bounds=bounds, model_bounds=bounds), self._baseline(model, u, held.x)
 
-    def _held_out(self, scale: Scale) -> Residuals:
-        """Errors on contiguous blocks of the log that training has not seen."""
-        q, x = self.samples.q, self.samples.x
-        taught, watch = self.teacher, self.watch
-        self.watch = Stopwatch()
-        parts = []
-        folds = blocks(len(q))[::2]
-        for k, rows in enumerate(folds):
-            self.progress(0.2 + 0.75 * k / len(folds), "evaluation", float("nan"))
-            others = np.setdiff1d(np.arange(len(q)), rows, assume_unique=True)
-            model = self._learn(scale, q[others], x[others], share=0.0)
-            rows = rows[:: -(-len(rows) * len(folds) // _TESTED)]
-            parts.append(evaluate_residuals(model, q[rows], x[rows], None))
-        self.teacher, self.watch = taught, watch
-        return Residuals.join(parts)
+    def _log_bounds(
+        self, model: Model, part: SmoothPart, selected: Selected
+    ) -> tuple[Model, Baseline]:
+        """Bounds of a log's model: the body's, or held-out errors that grow away from rows."""
+        u = model.motor.scale.to_unit(self.samples.q[part.rows])
+        bounds, model_bounds = node_bounds(
+            model,
+            u,
+            selected.rows,
+            selected.errors,
+            has_models=selected.predictor.models.degree >= 0,
+        )
+        held = u[selected.rows]
+        baseline = self._baseline(model, held, self.samples.x[part.rows][selected.rows])
+        return replace(model, bounds=bounds, model_bounds=model_bounds), baseline
+
+    def _baseline(self, model: Model, u: Array, x: Array) -> Baseline:
+        """What the distortions of the undisturbed arm look like."""
+        some = slice(None, None, max(1, len(self.samples) // _TESTED))
+        predicted = model.predictor.value(model.motor.scale.to_unit(self.samples.q[some]))
+        error = np.linalg.norm(predicted - self.samples.x[some], axis=1)
+        return learn_baseline(model.association, u, x, error)
 
     def _about(self) -> About:
         samples, options = self.samples, self.options

@@ -1,0 +1,119 @@
+"""Errors of a log's model on contiguous blocks of rows that it has not seen."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ..maps.association import MAP_READOUTS
+from ..maps.model_selection import Selected
+from ..model.model import Model
+from ..samples.samples import Samples
+from .evaluate import Residuals
+from .imagined import with_imagined
+from .learn import Options, Stopwatch, both_maps, link
+from .smooth import SmoothPart, wrong_around
+
+Array = NDArray[np.float64]
+
+_TESTED = 5_000  # rows that errors are measured on; more would tell no more
+_HALVES = 2  # the maps' readouts are tested on blocks that the other half did not show
+
+
+def held_out_residuals(
+    model: Model, samples: Samples, part: SmoothPart, selected: Selected, options: Options
+) -> Residuals:
+    """Residuals of all readouts on rows that were held out in contiguous blocks.
+
+    The default readout and the body are held out in ten blocks; the readouts of the maps
+    are those of maps that have learned from every other block.
+
+    Parameters
+    ----------
+    model : Model
+        Learned from all rows.
+    samples : Samples
+        The log.
+    part : SmoothPart
+        Smooth parts with their held-out residuals.
+    selected : Selected
+        The predictor's held-out residuals.
+    options : Options
+        How the maps learn.
+    """
+    every = max(1, len(selected.rows) // _TESTED)
+    rows = selected.rows[::every]
+    q, x = samples.q[part.rows][rows], samples.x[part.rows][rows]
+    forward = {"local": -selected.residual[::every]}
+    if part.fit is not None and model.body is not None:
+        forward["body"] = -part.fit.held_out[rows]
+    inverse: dict[str, Array] = {}
+    distance: dict[str, Array] = {}
+    for readout, error in list(forward.items()):
+        inverse[readout], distance[readout] = _answered(model, q, error)
+    for readout in MAP_READOUTS:
+        forward[readout], inverse[readout] = np.empty_like(x), np.empty_like(q)
+        distance[readout] = np.empty(len(q))
+    folds = np.array_split(np.arange(len(samples)), 2 * _HALVES * 5)
+    for half in range(_HALVES):
+        unseen = np.concatenate(folds[half::_HALVES])
+        chosen = np.flatnonzero(np.isin(part.rows[rows], unseen))
+        if not len(chosen):
+            continue
+        seen = np.setdiff1d(np.arange(len(samples)), unseen, assume_unique=True)
+        other = _maps_of(model, samples, part, seen, options)
+        _add_maps(model, other, q, x, chosen, forward, inverse, distance)
+    return Residuals(q, x, forward, inverse, distance, samples.joint_names, 0)
+
+
+def _answered(model: Model, q: Array, error: Array) -> tuple[Array, Array]:
+    """Joint errors (n, dof) and displacements (n,) of answers to targets that are off.
+
+    A target that a held-out prediction misses by `error` is answered by the joints that the
+    learned map leads there; the displacement is from where it leads from the true joints.
+    """
+    here = model.predictor.value(model.motor.scale.to_unit(q))
+    near = model.motor.scale.from_unit(model.solver.clip(model.motor.scale.to_unit(q)))
+    answer = model.solve(here - error, near)
+    scale = model.motor.scale
+    gap = scale.difference(scale.to_unit(answer.q), scale.to_unit(q)) * scale.span
+    there = model.predictor.value(scale.to_unit(answer.q))
+    return gap, np.linalg.norm(there - here, axis=1)
+
+
+def _maps_of(
+    model: Model, samples: Samples, part: SmoothPart, seen: NDArray[np.intp], options: Options
+) -> Model:
+    """The model with maps and links that have learned from some of the rows."""
+    scale = model.motor.scale
+    u, x = with_imagined(scale.to_unit(samples.q[seen]), samples.x[seen], part, options)
+    wrong = wrong_around(part, scale, samples, u)
+    motor, sensory = both_maps(scale, u, x, options, Stopwatch(), None, wrong)
+    return replace(model, association=link(motor, sensory, u, x, options))
+
+
+def _add_maps(
+    model: Model,
+    other: Model,
+    q: Array,
+    x: Array,
+    chosen: NDArray[np.intp],
+    forward: dict[str, Array],
+    inverse: dict[str, Array],
+    distance: dict[str, Array],
+) -> None:
+    """Fill in the residuals of the maps' readouts for the rows `chosen`."""
+    scale, sensory = model.motor.scale, other.sensory
+    u = scale.to_unit(q[chosen])
+    here = model.predictor.value(u)
+    near = model.solver.clip(u)
+    for readout in MAP_READOUTS:
+        predicted = sensory.scale.from_unit(other.association.forward(u, readout))
+        forward[readout][chosen] = predicted - x[chosen]
+        v = sensory.scale.to_unit(x[chosen])
+        answer = model.solver.clip(other.association.inverse(v, near, readout))
+        inverse[readout][chosen] = scale.difference(answer, u) * scale.span
+        moved = model.predictor.value(answer) - here
+        distance[readout][chosen] = np.linalg.norm(moved, axis=1)

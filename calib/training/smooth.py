@@ -1,0 +1,154 @@
+"""The smooth part of a model: the body of the samples, or trends where they are of no arm.
+
+Training chooses it before the maps learn: the maps may need samples that it imagines, and the
+varying density may need to know where it is wrong.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ..body.fitting import BodyFit, fit_body
+from ..body.nominal import Nominal, nominal_of
+from ..common.scale import Scale
+from ..errors import OptionError
+from ..maps.misfit import misfit
+from ..maps.model_selection import Candidate, of_body, of_trends
+from ..maps.predictor import BodyInBox, Both, Predictor
+from ..samples.samples import Samples
+
+Array = NDArray[np.float64]
+
+MOST_ROWS = 50_000
+"""Rows of a log that the smooth part and the local models rest on."""
+
+_RAYLEIGH = 1.2533  # mean distance of a 2-D Gaussian of standard deviation 1
+_NOISE_FLOOR = 1.2  # a held-out error within this factor of the noise leaves nothing to mend
+_EXACT = 3e-8  # share of the extent that is nothing to mend in a simulation without noise
+_NO_ARM = 0.02  # share of the extent: a body that is further off is compared with trends
+_FAR_BETTER = 0.5  # of a body's error: what a trend without any kinematics has to reach
+
+
+@dataclass(frozen=True, eq=False)
+class SmoothPart:
+    """What may stand under the local models.
+
+    Attributes
+    ----------
+    candidates : tuple of Candidate
+        Smooth parts, the preferred one first.
+    fit : BodyFit or None
+        The body's fit, where there is a body.
+    rows : (k,) int array
+        Rows of the samples that the candidates rest on.
+    """
+
+    candidates: tuple[Candidate, ...]
+    fit: BodyFit | None
+    rows: NDArray[np.intp]
+
+
+def find_smooth_part(
+    samples: Samples, scale: Scale, *, body: str, view: str, seed: int
+) -> SmoothPart:
+    """Fit the body of the samples, and trends where the body does not explain them.
+
+    Parameters
+    ----------
+    samples : Samples
+        Joint values and positions.
+    scale : Scale
+        Range of the joints.
+    body : {"auto", "none"}
+        ``none`` leaves the kinematic model out.
+    view : str
+        What the sensor measures, see :func:`calib.body.fit_body`.
+    seed : int
+        Chooses rows where there are many.
+    """
+    every = -(-len(samples) // MOST_ROWS)
+    rows = np.arange(0, len(samples), every)
+    q, x = samples.q[rows], samples.x[rows]
+    u = scale.to_unit(q)
+    turning = samples.revolute
+    if body == "none":
+        return SmoothPart(tuple(of_trends(scale, turning, u, x)), None, rows)
+    simulation = samples.simulation
+    fit = fit_body(
+        q,
+        x,
+        joint_names=samples.joint_names,
+        revolute=turning,
+        nominal=None if simulation is not None else nominal_geometry(samples),
+        view=view,
+        unit=samples.unit,
+        simulated=simulation is not None,
+        lower=samples.lower,
+        upper=samples.upper,
+        seed=seed,
+    )
+    under = of_body(fit, scale, u, x)
+    error = float(np.linalg.norm(fit.held_out, axis=1).mean())
+    extent = float(np.linalg.norm(np.ptp(x, axis=0)))
+    if simulation is not None:
+        if error <= _NOISE_FLOOR * _RAYLEIGH * simulation.noise + _EXACT * extent:
+            return SmoothPart((under,), fit, rows)
+        # an exact lens or gear is smooth: a trend of what the body leaves over follows it
+        trends = of_trends(scale, turning, u, x)
+        return SmoothPart((under, *trends, *of_trends(scale, turning, u, x, under)), fit, rows)
+    if error <= _NO_ARM * extent:
+        return SmoothPart((under,), fit, rows)
+    better = [
+        trend
+        for trend in of_trends(scale, turning, u, x)
+        if _held_out_error(trend) < _FAR_BETTER * error
+    ]
+    if better:
+        return SmoothPart(tuple(better), None, rows)
+    return SmoothPart((under,), fit, rows)
+
+
+def wrong_around(part: SmoothPart, scale: Scale, samples: Samples, u: Array) -> Array | None:
+    """How wrong the preferred smooth part is around points `u` (k, dof), None within noise.
+
+    Returns
+    -------
+    (k,) array [unit^2] or None
+    """
+    candidate = part.candidates[0]
+    n = len(candidate.residual)
+    folds = np.array_split(np.arange(n), len(candidate.unseen))
+    held = np.concatenate([p[f] for p, f in zip(candidate.unseen, folds, strict=True)])
+    x = samples.x[part.rows]
+    extent = float(np.linalg.norm(np.ptp(x, axis=0)))
+    return misfit(scale, scale.to_unit(samples.q[part.rows]), held, extent, u)
+
+
+def nominal_geometry(samples: Samples) -> Nominal | None:
+    """The URDF's geometry as a prior, None without an arm whose joints are all in the plane."""
+    arm = samples.arm
+    if arm is None:
+        return None
+    try:
+        return nominal_of(arm.forward, samples.lower, samples.upper, samples.revolute)
+    except OptionError:  # a joint out of the plane: the rows have to tell
+        return None
+
+
+def _held_out_error(candidate: Candidate) -> float:
+    """Mean distance of held-out rows to their predictions."""
+    n = len(candidate.residual)
+    folds = np.array_split(np.arange(n), len(candidate.unseen))
+    held = [part[fold] for part, fold in zip(candidate.unseen, folds, strict=True)]
+    return float(np.linalg.norm(np.concatenate(held), axis=1).mean())
+
+
+def uses_body(predictor: Predictor) -> bool:
+    """Whether a body stands under a predictor's local models."""
+    smooth = predictor.smooth
+    return isinstance(smooth, BodyInBox) or (
+        isinstance(smooth, Both) and isinstance(smooth.first, BodyInBox)
+    )
