@@ -11,7 +11,8 @@ from .parsing import Columns, JointRange, JointValue, Names, Numbers, Sigma, Siz
 
 MAPS = ("vdsom", "som", "dsom", "gng")
 RULES = ("batch", "online")
-READOUTS = ("local", "activity", "winner")
+READOUTS = ("local", "linear", "activity", "winner")
+VIEWS = ("auto", "base")
 MOTIONS = ("uniform", "halton", "sobol", "smooth")
 
 RobotArgument = Annotated[
@@ -194,6 +195,16 @@ PrismaticOption = Annotated[
         parser=parsing.names("--prismatic"),
         metavar="A,B",
         help="For a log without ROBOT: the joints that slide.",
+    ),
+]
+
+ViewOption = Annotated[
+    str,
+    typer.Option(
+        "--view",
+        parser=parsing.one_of("--view", VIEWS),
+        metavar="|".join(VIEWS),
+        help="base: the log is in the robot's root frame; auto: the sensor's frame is free.",
     ),
 ]
 

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterable, Mapping, Sequence
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 from .output import fixed
 from .parsing import BadOption, JointRange, JointValue, bad_option
@@ -27,6 +27,12 @@ def for_people(unit: str) -> tuple[float, str]:
     return 1.0, unit
 
 
+def units_of(about: About) -> dict[str, Any]:
+    """Return the units of a JSON document: SI, whatever people see."""
+    joints = dict(zip(about.joint_names, about.units_of_joints, strict=True))
+    return {"joints": joints, "positions": about.unit, "seconds": "s"}
+
+
 class JointFormat:
     """How the values of a model's joints are typed and printed.
 
@@ -42,7 +48,7 @@ class JointFormat:
     def __init__(self, about: About, degrees: bool) -> None:
         self.names = about.joint_names
         self._about = about
-        self._degrees = degrees
+        self.degrees = degrees
 
     @property
     def typed(self) -> list[float]:
@@ -71,12 +77,21 @@ class JointFormat:
         unit = "deg" if self._turned(k) else self._about.units_of_joints[k]
         return f"{self.names[k]} = {value * self.typed[k]:.6g} {unit}"
 
+    def of_change(self, k: int) -> tuple[float, str]:
+        """Return the factor and the unit in which a change of joint `k` is printed."""
+        return for_people(self._about.units_of_joints[k])
+
+    def size(self, k: int, value: float) -> str:
+        """Return a change of joint `k` [rad or m] in words, in deg or mm."""
+        factor, unit = self.of_change(k)
+        return f"{self.names[k]} {abs(value) * factor:.4g} {unit}"
+
     def _turned(self, k: int) -> bool:
-        return self._degrees and self._about.revolute[k]
+        return self.degrees and self._about.revolute[k]
 
     def _printed(self, k: int) -> tuple[float, str]:
         if self._about.revolute[k]:
-            return for_people("rad") if self._degrees else (1.0, "rad")
+            return for_people("rad") if self.degrees else (1.0, "rad")
         return for_people("m")
 
 

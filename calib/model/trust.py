@@ -44,7 +44,7 @@ class Trust:
 
     def covers(self, u: Array) -> NDArray[np.bool_]:
         """Whether points of the unit box (n, dof) are answered, (n,)."""
-        known: NDArray[np.bool_] = self.in_range(u).all(axis=1)
+        known: NDArray[np.bool_] = np.logical_and.reduce(self.in_range(u), axis=1)
         if not self._everywhere and known.any():
             known[known] = blend_nodes(self.motor, self.bounds, u[known]) <= self.most
         return known

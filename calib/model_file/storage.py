@@ -14,9 +14,9 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import NDArray
 
+from ..change.schemas import FIRST
 from ..common.atomic import atomic_write
 from ..errors import CalibError, ModelError
-from ..change.schemas import FIRST
 from ..maps.graph import Graph
 from . import schemas
 from .rebuild import build
