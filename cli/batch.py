@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 from calib.samples.tables import read_table, write_table
 
 from .output import note, show_json
-from .units import JointFormat
+from .units import JointFormat, units_of
 
 if TYPE_CHECKING:
     from calib import Model
@@ -60,15 +60,17 @@ def forward_batch(model: Model, joints: JointFormat, streams: Streams, readout: 
     """
     typed, invalid = read_table(streams.source, joints.names)
     valid = np.isfinite(typed).all(axis=1)
-    x, bound = np.full((len(typed), 2), np.nan), np.full(len(typed), np.nan)
+    x, bounds = np.full((len(typed), 2), np.nan), np.full((2, len(typed)), np.nan)
     if valid.any():
         q = typed[valid] / joints.typed
-        x[valid], bound[valid] = model.forward(q, readout), model.expected_error(q)
+        x[valid] = model.forward(q, readout)
+        bounds[:, valid] = model.expected_error(q), model.model_error(q)
     columns = {name: typed[:, k] for k, name in enumerate(joints.names)}
-    columns |= {"x": x[:, 0], "y": x[:, 1], "expected_error": bound}
+    columns |= {"x": x[:, 0], "y": x[:, 1]}
+    columns |= {"expected_error": bounds[0], "model_error": bounds[1]}
     outside = np.flatnonzero(valid & np.isnan(x[:, 0])) + 1
     return _finish(
-        model, columns, streams, invalid, outside.tolist(), "outside of the learned range"
+        model, joints, columns, streams, invalid, outside.tolist(), "outside of what was learned"
     )
 
 
@@ -98,22 +100,24 @@ def inverse_batch(
     valid = np.isfinite(target).all(axis=1)
     n = len(target)
     q = np.full((n, len(joints.names)), np.nan)
-    distance, bound = np.full(n, np.nan), np.full(n, np.nan)
+    distance, bounds = np.full(n, np.nan), np.full((2, n), np.nan)
     reachable = np.zeros(n, dtype=np.int64)
     if valid.any():
         answer = model.solve(target[valid], near, readout)
         q[valid] = np.where(answer.reachable[:, None], answer.q * joints.typed, np.nan)
-        distance[valid], bound[valid] = answer.distance, answer.expected_error
-        reachable[valid] = answer.reachable
+        distance[valid], reachable[valid] = answer.distance, answer.reachable
+        bounds[:, valid] = answer.expected_error, answer.model_error
     columns: dict[str, NDArray[Any]] = {"x": target[:, 0], "y": target[:, 1]}
     columns |= {name: q[:, k] for k, name in enumerate(joints.names)}
-    columns |= {"distance": distance, "expected_error": bound, "reachable": reachable}
+    columns |= {"distance": distance, "expected_error": bounds[0], "model_error": bounds[1]}
+    columns["reachable"] = reachable
     missed = np.flatnonzero(valid & (reachable == 0)) + 1
-    return _finish(model, columns, streams, invalid, missed.tolist(), "out of reach")
+    return _finish(model, joints, columns, streams, invalid, missed.tolist(), "out of reach")
 
 
 def _finish(
     model: Model,
+    joints: JointFormat,
     columns: Mapping[str, NDArray[Any]],
     streams: Streams,
     invalid: Sequence[int],
@@ -131,9 +135,10 @@ def _finish(
             "out_of_reach": refused,
             "unit": model.about.unit,
             "bound_of": model.about.bound_of,
+            "units": units_of(model.about),
         }
         if streams.target is None:
-            document["answers"] = columns
+            document["answers"] = joints.in_si(columns)
         show_json(document)
     for rows, what in ((invalid, "not all numbers, left without an answer"), (refused, why)):
         if rows:

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterable, Mapping, Sequence
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 from .output import fixed
 from .parsing import BadOption, JointRange, JointValue, bad_option
@@ -25,6 +25,15 @@ def for_people(unit: str) -> tuple[float, str]:
     if unit == "rad":
         return math.degrees(1.0), "deg"
     return 1.0, unit
+
+
+def units_of(about: About) -> dict[str, Any]:
+    """Units of the numbers in a JSON document.
+
+    Errors, bounds and distances have the unit of the positions, times are in seconds.
+    """
+    joints = dict(zip(about.joint_names, about.units_of_joints, strict=True))
+    return {"joints": joints, "positions": about.unit, "seconds": "s"}
 
 
 class JointFormat:
@@ -48,6 +57,11 @@ class JointFormat:
     def typed(self) -> list[float]:
         """Factors from SI units to what is typed, and written to tables of answers."""
         return [math.degrees(1.0) if self._turned(k) else 1.0 for k in range(len(self.names))]
+
+    def in_si(self, columns: Mapping[str, Any]) -> dict[str, Any]:
+        """Columns of a table of answers in SI units, as a JSON document holds them."""
+        factors = dict(zip(self.names, self.typed, strict=True))
+        return {name: column / factors.get(name, 1.0) for name, column in columns.items()}
 
     @property
     def header(self) -> list[str]:
