@@ -11,7 +11,7 @@ from .parsing import Columns, JointRange, JointValue, Names, Numbers, Sigma, Siz
 
 MAPS = ("vdsom", "som", "dsom", "gng")
 RULES = ("batch", "online")
-READOUTS = ("local", "body", "activity", "winner")
+READOUTS = ("local", "body", "linear", "activity", "winner")
 BODIES = ("auto", "none")
 VIEWS = ("auto", "base", "rigid", "similarity", "affine", "homography")
 MOTIONS = ("uniform", "halton", "sobol", "smooth")

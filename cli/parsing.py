@@ -11,7 +11,19 @@ import typer
 
 
 class BadOption(typer.BadParameter):
-    """Wrong usage, told by its message alone."""
+    """Wrong usage, told by its message alone.
+
+    Parameters
+    ----------
+    message : str
+        What was typed and what was expected.
+    option, value : str or None
+        The option that is wrong, and what was typed.
+    """
+
+    def __init__(self, message: str, option: str | None = None, value: str | None = None) -> None:
+        super().__init__(message)
+        self.option, self.value = option, value
 
     def format_message(self) -> str:
         """Return the message without a preface."""
@@ -82,7 +94,7 @@ class Side(NamedTuple):
 def bad_option(option: str, text: str, expected: str) -> BadOption:
     """Return the error for a value that an option cannot have."""
     shown = text if len(text) <= 60 else text[:57] + "..."
-    return BadOption(f"{option} {shown!r}: expected {expected}")
+    return BadOption(f"{option} {shown!r}: expected {expected}", option, text)
 
 
 def finite(text: str) -> float:

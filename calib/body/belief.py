@@ -11,6 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from .bound import radius_95, root_of, spread_of
+from .packing import Packed
 from .structure import Array, Indices, Structure
 
 CHUNK = 2000
@@ -51,12 +52,15 @@ class Second:
         Its parameters: those of the first fit and the curves.
     covariance : (l, l) array
     noise : (m,) array
+    packed : (l (l + 1) / 2,) float32 array, optional
+        The covariance's root as a model file keeps it.
     """
 
     beta: Array
     active: Indices
     covariance: Array
     noise: Array
+    packed: Packed | None = field(default=None, repr=False, compare=False)
 
     @cached_property
     def root(self) -> Array:
@@ -98,6 +102,8 @@ class Body:
     member : str
         Name of the gate's member.
     second : Second or None
+    packed : (k (k + 1) / 2,) float32 array, optional
+        The covariance's root as a model file keeps it.
     """
 
     structure: Structure
@@ -115,6 +121,7 @@ class Body:
     simulated: bool = False
     member: str = ""
     second: Second | None = None
+    packed: Packed | None = field(default=None, repr=False, compare=False)
 
     @cached_property
     def root(self) -> Array:

@@ -13,7 +13,7 @@ from .fit import Fit, maximise
 from .gate import Passed, Tried, choose_member
 from .held_out import HeldOut, leave_blocks_out
 from .nominal import Nominal
-from .packing import as_stored
+from .packing import pack, unpack
 from .planar import PlanarStructure
 from .starts import best_start
 from .structure import Array, Hyper, Prior, Structure
@@ -261,11 +261,12 @@ def _over_all_rows(passed: Passed, q: Array, z: Array, floor: Array) -> Fit:
 def _body(fit: Fit, held: HeldOut, member: str, simulated: bool) -> Body:
     """The belief of a fit."""
     structure = fit.structure
+    packed = pack(fit.covariance)
     return Body(
         structure,
         fit.beta,
         fit.active,
-        as_stored(fit.covariance),
+        unpack(packed, len(fit.active)),
         fit.noise,
         held.kappa(),
         held.tau(fit.noise, structure.blocks),
@@ -276,6 +277,7 @@ def _body(fit: Fit, held: HeldOut, member: str, simulated: bool) -> Body:
         len(fit.residual),
         simulated,
         member,
+        packed=packed,
     )
 
 
@@ -289,16 +291,21 @@ def _second(passed: Passed, q: Array, z: Array, floor: Array) -> Second:
     for h in hypers:
         sd[h.indices] = h.scale * np.sqrt(h.shape)
     made = maximise(
-        fit.structure, q, z, fit.beta, Prior(prior.mean, sd, hypers), nu=fit.nu, floor=floor,
-        noise=fit.noise, steps=4,
+        fit.structure,
+        q,
+        z,
+        fit.beta,
+        Prior(prior.mean, sd, hypers),
+        nu=fit.nu,
+        floor=floor,
+        noise=fit.noise,
+        steps=4,
     )
-    return Second(made.beta, made.active, as_stored(made.covariance), made.noise)
+    packed = pack(made.covariance)
+    return Second(made.beta, made.active, unpack(packed, len(made.active)), made.noise, packed)
 
 
 def _wider(hypers: tuple[Hyper, ...]) -> tuple[Hyper, ...]:
     """The hyperpriors with many pseudo-observations of a large curve."""
     pseudo, rms = WIDE
-    return tuple(
-        replace(h, pseudo=pseudo, scale=rms / np.sqrt(len(h.indices)))
-        for h in hypers
-    )
+    return tuple(replace(h, pseudo=pseudo, scale=rms / np.sqrt(len(h.indices))) for h in hypers)

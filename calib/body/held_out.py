@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from itertools import pairwise
 
 import numpy as np
 
@@ -48,9 +49,7 @@ class HeldOut:
 
     def blockwise(self, values: Array) -> Array:
         """Mean of `values` (n,) in each block."""
-        return np.array(
-            [values[a:b].mean() for a, b in zip(self.edges[:-1], self.edges[1:], strict=True)]
-        )
+        return np.array([values[a:b].mean() for a, b in pairwise(self.edges)])
 
     def kappa(self) -> float:
         """Inflation of the bound, at least 1.
@@ -94,7 +93,7 @@ def leave_blocks_out(fit: Fit, partitions: tuple[int, ...] = PARTITIONS) -> Held
     edges = np.linspace(0, n, count + 1).round().astype(int)
     root = np.sqrt(fit.weight) / fit.noise
     grams, moments = [], []
-    for a, b in zip(edges[:-1], edges[1:], strict=True):
+    for a, b in pairwise(edges):
         x = (fit.derivative[a:b] * root[a:b, :, None]).reshape(-1, k)
         grams.append(x.T @ x)
         moments.append(x.T @ (fit.residual[a:b] * root[a:b]).ravel())
@@ -108,7 +107,7 @@ def leave_blocks_out(fit: Fit, partitions: tuple[int, ...] = PARTITIONS) -> Held
         parts = min(parts, count)
         limits = np.linspace(0, count, parts + 1).round().astype(int)
         ratio = np.full(n, np.nan)
-        for first, last in zip(limits[:-1], limits[1:], strict=True):
+        for first, last in pairwise(limits):
             rows = slice(int(edges[first]), int(edges[last]))
             gram = np.sum(grams[first:last], axis=0)
             moment = np.sum(moments[first:last], axis=0)

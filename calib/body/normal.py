@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from itertools import pairwise
 
 import numpy as np
 from scipy.linalg import cho_factor, cho_solve, solve_triangular
@@ -88,7 +89,7 @@ class Sums:
 def slices(blocks: tuple[int, ...]) -> list[slice]:
     """Columns of each block of outputs."""
     edges = np.cumsum((0, *blocks))
-    return [slice(int(a), int(b)) for a, b in zip(edges[:-1], edges[1:], strict=True)]
+    return [slice(int(a), int(b)) for a, b in pairwise(edges)]
 
 
 def student_weights(r: Array, noise: Array, nu: float, blocks: tuple[int, ...]) -> Array:

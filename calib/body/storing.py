@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 from ..errors import ModelError
 from .belief import Body, Second
 from .nominal import Nominal
-from .packing import pack, unpack
+from .packing import Packed, packed_of, unpack
 from .planar import PlanarStructure
 from .structure import Array, Indices, Structure
 
@@ -37,23 +37,19 @@ def body_header(body: Body) -> dict[str, Any]:
 
 def body_arrays(body: Body) -> dict[str, NDArray[Any]]:
     """Arrays of a body: parameters in double, covariances in single precision."""
-    triangle, deviations = pack(body.covariance)
     out: dict[str, NDArray[Any]] = {
         "beta": body.beta,
         "active": body.active.astype(np.int32),
-        "triangle": triangle,
-        "deviations": deviations,
+        "root": packed_of(body.covariance, body.packed),
         "noise": body.noise,
         "tau": body.tau,
         "residual": body.residual,
     }
     if body.second is not None:
-        triangle, deviations = pack(body.second.covariance)
         out |= {
             "second.beta": body.second.beta,
             "second.active": body.second.active.astype(np.int32),
-            "second.triangle": triangle,
-            "second.deviations": deviations,
+            "second.root": packed_of(body.second.covariance, body.second.packed),
             "second.noise": body.second.noise,
         }
     return out | {f"structure.{k}": v for k, v in body.structure.arrays().items()}
@@ -76,7 +72,7 @@ def rebuild_body(header: Mapping[str, Any], arrays: Stored) -> Body:
     freedom = np.inf if nu is None else given.number("nu", least=2.0)
     scales = given.mapping("scales")
     second = _second(structure, arrays) if given.truth("second") else None
-    active, covariance = _belief(structure, arrays, "")
+    active, covariance, packed = _belief(structure, arrays, "")
     return Body(
         structure,
         _array(arrays, "beta", (structure.size,)),
@@ -93,6 +89,7 @@ def rebuild_body(header: Mapping[str, Any], arrays: Stored) -> Body:
         given.truth("simulated"),
         given.text("member"),
         second,
+        packed,
     )
 
 
@@ -153,17 +150,18 @@ def rebuild_planar(header: Mapping[str, Any]) -> PlanarStructure:
 
 
 def _second(structure: Structure, arrays: Stored) -> Second:
-    active, covariance = _belief(structure, arrays, "second.")
+    active, covariance, packed = _belief(structure, arrays, "second.")
     return Second(
         _array(arrays, "second.beta", (structure.size,)),
         active,
         covariance,
         _positive(arrays, "second.noise", structure.outputs),
+        packed,
     )
 
 
-def _belief(structure: Structure, arrays: Stored, prefix: str) -> tuple[Indices, Array]:
-    """Active parameters and their covariance."""
+def _belief(structure: Structure, arrays: Stored, prefix: str) -> tuple[Indices, Array, Packed]:
+    """Active parameters, their covariance and its root."""
     name = prefix + "active"
     active = arrays.get(name)
     if active is None or active.ndim != 1 or active.dtype.kind not in "iu":
@@ -174,13 +172,12 @@ def _belief(structure: Structure, arrays: Stored, prefix: str) -> tuple[Indices,
         raise ModelError(f"body: array {name!r} names parameters beyond {structure.size}")
     if (np.diff(index) <= 0).any():
         raise ModelError(f"body: array {name!r} does not rise")
-    deviations = _positive(arrays, prefix + "deviations", k)
-    triangle = _array(arrays, prefix + "triangle", (k * (k + 1) // 2,))
-    covariance = unpack(triangle.astype(np.float32), deviations)
-    diagonal = np.diag(covariance)
-    if not np.allclose(diagonal, deviations**2, rtol=1e-3, atol=0.0):
-        raise ModelError(f"body: array {prefix + 'triangle'!r} is the root of no correlation")
-    return index, covariance
+    name = prefix + "root"
+    packed = np.asarray(_array(arrays, name, (k * (k + 1) // 2,)), dtype=np.float32)
+    covariance = unpack(packed, k)
+    if not (np.isfinite(covariance).all() and (np.diag(covariance) > 0).all()):
+        raise ModelError(f"body: array {name!r} is the root of no covariance")
+    return index, covariance, packed
 
 
 def _array(arrays: Stored, name: str, shape: tuple[int, ...]) -> Array:

@@ -102,7 +102,10 @@ def _check_degrees(model: Model, q: Array, known: NDArray[np.bool_]) -> None:
     if np.mean(known) > 0.5:
         return
     turning = np.array(model.about.revolute)
-    for factor, remedy in ((np.pi / 180, "give --degrees"), (180 / np.pi, "leave out --degrees")):
+    for factor, remedy in (
+        (np.pi / 180, "give `degrees=True`"),
+        (180 / np.pi, "leave out `degrees`"),
+    ):
         if not turning.any():
             return
         fits = np.isfinite(model.expected_error(np.where(turning, q * factor, q)))
@@ -133,12 +136,11 @@ def _check_swapped(model: Model, q: Array, u: Array, x: Array) -> None:
     names = model.about.joint_names
     for order in itertools.permutations(range(dof)):
         if list(order) != sorted(order) and misfit(q[:, list(order)]) < _SWAPPED * mine:
-            pairs = ",".join(
-                f"{names[k]}={names[j]}" for k, j in enumerate(order) if names[k] != names[j]
-            )
+            pairs = {names[k]: names[j] for k, j in enumerate(order) if names[k] != names[j]}
             raise LogError(
-                f"the log fits the model only if its joint columns are exchanged: give "
-                f"--columns {pairs}, or correct the log's header"
+                "the log fits the model only if its joint columns are exchanged",
+                hint=f"give `columns={pairs}`, or correct the log's header",
+                parameter="columns",
             )
 
 

@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING, NamedTuple
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from ..common.rows import number_rows
 from ..errors import QueryError
 from ..maps.association import check_readout
 from ..maps.node_bounds import blend_nodes
@@ -160,18 +161,7 @@ def anchor(model: Model, near: ArrayLike | None, n: int) -> Array:
 
 def checked_rows(values: ArrayLike, names: tuple[str, ...], what: str) -> tuple[Array, bool]:
     """Check an argument; rows (n, len(names)) and whether it was a single vector."""
-    try:
-        rows = np.array(values, dtype=float)
-    except (TypeError, ValueError) as error:
-        raise QueryError(f"{what}: expected numbers, got {values!r:.60}") from error
-    single = rows.ndim == 1
-    if single:
-        rows = rows[None]
-    if rows.ndim != 2 or rows.shape[1] != len(names):
-        raise QueryError(
-            f"{what} of shape {np.shape(values)}: expected ({len(names)},) or (n, {len(names)}), "
-            f"one column each for {', '.join(names)}"
-        )
+    rows, single = number_rows(values, names, what)
     if not np.isfinite(rows).all():
         row = int(np.argmin(np.isfinite(rows).all(axis=1)))
         where = "" if single else f" in row {row}"

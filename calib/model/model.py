@@ -30,6 +30,7 @@ if TYPE_CHECKING:
     from ..change.baseline import Baseline
     from ..change.check import Drift
     from ..change.monitor import Monitor
+    from ..change.schemas import Schema
     from ..samples.samples import Samples
     from ..training.evaluate import Evaluation
     from .about import About
@@ -66,6 +67,10 @@ class Model:
         What an undisturbed arm's distortions look like, for `check` and `monitor`.
     seconds : dict
         How long the steps of its training took; not stored in a file.
+    schema : str
+        Name of the state that this model is in, see :mod:`calib.change.schemas`.
+    schemas : tuple of Schema
+        Other states of the same arm that were kept, such as with a tool mounted.
     """
 
     about: About
@@ -79,6 +84,8 @@ class Model:
     history: tuple[dict[str, Any], ...] = field(default=())
     baseline: Baseline | None = field(default=None)
     seconds: dict[str, float] = field(default_factory=dict)
+    schema: str = "schema 1"
+    schemas: tuple[Schema, ...] = ()
 
     @property
     def motor(self) -> Map:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
+from dataclasses import replace
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -84,7 +85,7 @@ def build(header: Mapping[str, Any], tensors: Mapping[str, NDArray[Any]]) -> Mod
     _expect("visited", tensors["visited"], (motor.size,))
     if not tensors["visited"].any() or min(tensors["bounds"].min(), model_bounds.min()) < 0:
         raise ValueError("no node was visited, or a bound is negative")
-    return Model(
+    model = Model(
         about,
         Association(motor, sensory, links, _wiring(header["links"])),
         Predictor(motor, smooth, models),
@@ -96,11 +97,19 @@ def build(header: Mapping[str, Any], tensors: Mapping[str, NDArray[Any]]) -> Mod
         _history(header["history"]),
         _baseline(header.get("baseline"), tensors, motor, sensory),
     )
+    if "schemas" not in header:
+        return model
+    from . import schemas
+
+    model = replace(model, schema=schemas.schema_name(header["schema"]))
+    return replace(model, schemas=schemas.unpack(model, header["schemas"], tensors))
 
 
 def _check_types(tensors: Mapping[str, NDArray[Any]]) -> None:
     """Refuse numbers of another type than the format states; counts are checked as such."""
     for name, array in tensors.items():
+        if name.startswith("schema."):
+            continue  # checked one by one
         if name in ("links.data", "baseline.motor", "baseline.sensory"):
             wanted: type = np.float32
         elif name == "visited" or name.endswith(".periodic"):

@@ -14,9 +14,11 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import NDArray
 
+from ..change.schemas import FIRST
 from ..common.atomic import atomic_write
 from ..errors import CalibError, ModelError
 from ..maps.graph import Graph
+from . import schemas
 from .rebuild import build
 from .smooth_part import smooth_header, smooth_tensors
 
@@ -53,7 +55,7 @@ def to_bytes(model: Model) -> bytes:
     from safetensors.numpy import save as pack
 
     tensors = {name: np.ascontiguousarray(a) for name, a in _tensors(model).items()}
-    header = {
+    header: dict[str, Any] = {
         "format": FORMAT,
         "about": model.about.to_json(),
         "history": list(model.history),
@@ -67,6 +69,10 @@ def to_bytes(model: Model) -> bytes:
             "samples": model.predictor.models.samples,
         },
     }
+    if model.schemas or model.schema != FIRST:
+        header["schema"] = model.schema
+        header["schemas"], kept = schemas.pack(model.schemas)
+        tensors.update({name: np.ascontiguousarray(a) for name, a in kept.items()})
     header["sha256"] = _checksum(tensors, header)
     return bytes(pack(tensors, metadata={_KEY: _canonical(header)}))
 

@@ -144,10 +144,13 @@ def _place(source: Source, name: str) -> Place:
     place = find_place(source.header, name)
     if place is None:
         near = get_close_matches(name, source.header, n=1)
-        hint = f"did you mean {quoted(near[0])}? " if near else ""
+        meant = f"did you mean {quoted(near[0])}? " if near else ""
         raise LogError(
-            f"{source.label} has no column {quoted(name)}: {hint}columns: "
-            f"{_listed(source.header)}; map another name with --columns {clipped(name)}=OTHER"
+            f"{source.label} has no column {quoted(name)}: {meant}columns: "
+            f"{_listed(source.header)}",
+            hint=f"map another name with `columns={{{clipped(name)!r}: 'OTHER'}}`",
+            parameter="columns",
+            value=name,
         )
     count = source.header.count(place.column)
     if count > 1:

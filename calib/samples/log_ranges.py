@@ -108,7 +108,7 @@ class JointColumn:
                 values = wrapped
         excess = _beyond(values, limits)
         if excess > _SLACK:
-            raise LogError(self._outside(limits))
+            raise self._outside(limits)
         low, high = min(limits[0], float(values.min())), max(limits[1], float(values.max()))
         if excess > _ROUNDED:
             notes.append(
@@ -117,7 +117,7 @@ class JointColumn:
             )
         return values, (low, high), notes
 
-    def _outside(self, limits: Range) -> str:
+    def _outside(self, limits: Range) -> LogError:
         row = int(np.argmax(np.maximum(limits[0] - self.values, self.values - limits[1])))
         number = row + 1 if self.rows is None else self.rows[row]
         message = (
@@ -126,19 +126,31 @@ class JointColumn:
         )
         radians = np.deg2rad(self.values)
         if self.revolute and not self.degrees and _beyond(radians, limits) <= _SLACK:
-            return f"{message}; as degrees the log fits: give --degrees"
-        return f"{message}; if the joint really goes there, give --range {self.joint}=LOW:HIGH"
+            return LogError(
+                message,
+                hint="as degrees the log fits: give `degrees=True`",
+                parameter="degrees",
+                value=self.degrees,
+            )
+        return LogError(
+            message,
+            hint=f"if the joint really goes there, give `ranges={{{self.joint!r}: (LOW, HIGH)}}`",
+            parameter="ranges",
+            value=float(self.values[row]),
+        )
 
     def _refuse_many_turns(self) -> None:
         low, high = self._extremes
         if high - low <= 2.02 * TURN and max(abs(low), abs(high)) <= 4.0 * TURN:
             return
         turns = (high - low) / TURN
-        turn = "-180:180" if self.degrees else "-3.14159:3.14159"
-        remedy = "" if self.degrees else "if the log is in degrees, give --degrees; "
+        turn = "(-180, 180)" if self.degrees else "(-3.14159, 3.14159)"
+        remedy = "" if self.degrees else "if the log is in degrees, give `degrees=True`; "
         raise LogError(
-            f"{self.label}: {self.joint} goes {self._show((low, high))}, {turns:.1f} turns; "
-            f"{remedy}to wrap it into one turn, give --range {self.joint}={turn}"
+            f"{self.label}: {self.joint} goes {self._show((low, high))}, {turns:.1f} turns",
+            hint=f"{remedy}to wrap it into one turn, give `ranges={{{self.joint!r}: {turn}}}`",
+            parameter="ranges" if self.degrees else "degrees",
+            value=(low, high),
         )
 
     def _wrapped_note(self, values: Array, turn: Range) -> list[str]:
@@ -280,10 +292,16 @@ def _shown(limits: Range, revolute: bool, degrees: bool) -> str:
 def _checked(joint: str, chosen: Range, revolute: bool) -> Range:
     low, high = (float(value) for value in chosen)
     if not (math.isfinite(low) and math.isfinite(high) and low < high):
-        raise OptionError(f"range {joint}={low:g}:{high:g}: expected low:high with low below high")
+        raise OptionError(
+            f"range {joint}={low:g}:{high:g}: expected low:high with low below high",
+            parameter="ranges",
+            value=(low, high),
+        )
     if revolute and high - low > TURN + 1e-4:
         raise OptionError(
-            f"range {joint}={low:g}:{high:g} is more than one turn; if these are degrees, "
-            "give --degrees"
+            f"range {joint}={low:g}:{high:g} is more than one turn",
+            hint="if these are degrees, give `degrees=True`",
+            parameter="ranges",
+            value=(low, high),
         )
     return low, high

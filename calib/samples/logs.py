@@ -90,7 +90,7 @@ def read_log(
     Notes
     -----
     Values beyond the arm's limits by up to 5 % of the range widen it, aloud; beyond that
-    they are an error, which names `--degrees` if the log fits as degrees. A joint that
+    they are an error, which names `degrees` if the log fits as degrees. A joint that
     can turn all the way round, or without an arm one that went further than a turn, has
     a range of one turn: about 0, or where the log says otherwise about the log's values.
     """
@@ -245,7 +245,7 @@ def locked_from_log(
             shown = f"{math.degrees(moved):.3g} deg" if turns else f"{1e3 * moved:.3g} mm"
             notes.append(
                 f"{source.label}: {name} is taken as locked but moved by up to {shown}; "
-                "leave out those rows, or name it in --joints"
+                "leave out those rows, or name it in `joints`"
             )
     return values, tuple(notes)
 
@@ -269,7 +269,10 @@ def _check_values(source: Source, values: Array, names: Sequence[str], axes: Seq
         if spread[k] == 0.0:
             raise LogError(
                 f"{source.label}: joint {name!r} is {values[0, k]:g} in every row; a joint "
-                "that does not move cannot be learned, leave it out of --joints"
+                "that does not move cannot be learned",
+                hint="leave it out of `joints`",
+                parameter="joints",
+                value=name,
             )
         for other in range(k):
             if np.array_equal(values[:, k], values[:, other]):
@@ -289,7 +292,7 @@ def _check_values(source: Source, values: Array, names: Sequence[str], axes: Seq
 def _degrees_note(q: Array, revolute: Sequence[bool]) -> list[str]:
     """Doubt that values of a few degrees at most are degrees."""
     if any(revolute) and np.abs(q[:, list(revolute)]).max() <= math.radians(2.0 * math.pi):
-        return ["no joint goes beyond 6.3 degrees; if the log is in rad, leave out --degrees"]
+        return ["no joint goes beyond 6.3 degrees; if the log is in rad, leave out `degrees`"]
     return []
 
 

@@ -9,6 +9,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from ..common.checks import LARGEST
+from ..common.rows import number_rows
 from ..errors import LogError
 
 if TYPE_CHECKING:
@@ -81,8 +82,13 @@ class Samples:
     out_of_plane_rms: float | None = None
 
     def __post_init__(self) -> None:
+        named = {"q": tuple(self.joint_names), "x": ("x", "y")}
         for name in ("q", "x", "lower", "upper"):
-            object.__setattr__(self, name, _frozen(name, getattr(self, name)))
+            value = getattr(self, name)
+            plain = type(value) is np.ndarray and value.dtype.kind in "fiu"
+            if name in named and not plain and not isinstance(value, (list, tuple)):
+                value = number_rows(value, named[name], name, LogError)[0]
+            object.__setattr__(self, name, _frozen(name, value))
         for name in ("joint_names", "revolute", "notes"):
             object.__setattr__(self, name, tuple(getattr(self, name)))
         self._check_shapes()

@@ -14,7 +14,7 @@ from ..samples.samples import Samples
 from .evaluate import Residuals
 from .imagined import with_imagined
 from .learn import Options, Stopwatch, both_maps, link
-from .smooth import SmoothPart
+from .smooth import SmoothPart, wrong_around
 
 Array = NDArray[np.float64]
 
@@ -89,7 +89,8 @@ def _maps_of(
     """The model with maps and links that have learned from some of the rows."""
     scale = model.motor.scale
     u, x = with_imagined(scale.to_unit(samples.q[seen]), samples.x[seen], part, options)
-    motor, sensory = both_maps(scale, u, x, options, Stopwatch(), None)
+    wrong = wrong_around(part, scale, samples, u)
+    motor, sensory = both_maps(scale, u, x, options, Stopwatch(), None, wrong)
     return replace(model, association=link(motor, sensory, u, x, options))
 
 

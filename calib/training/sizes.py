@@ -56,7 +56,7 @@ def lattice_sizes(
             side = min(SIDE, max(4, round(math.sqrt(rows / _ROWS_PER_NODE))))
             notes.append(
                 f"{rows:,} rows fill lattices of {side}x{side} nodes ({_ROWS_PER_NODE} rows per "
-                "node), --size chooses others"
+                "node), `size` chooses others"
             )
         given = (side, side)
     fallback = given or (SIDE, SIDE)
@@ -69,8 +69,9 @@ def lattice_sizes(
             motor = (max(2, round(math.prod(motor) ** (1 / dof))),) * dof
         elif len(motor) > dof:
             raise OptionError(
-                f"size {'x'.join(map(str, motor))} has {len(motor)} axes for {dof} joints, "
-                "give --motor-size"
+                f"size {'x'.join(map(str, motor))} has {len(motor)} axes for {dof} joints",
+                hint="give `motor_size`",
+                parameter="motor_size",
             )
     if sensory is None:
         sensory = fallback if len(fallback) == 2 else (SIDE, SIDE)

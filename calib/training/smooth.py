@@ -15,6 +15,7 @@ from ..body.fitting import BodyFit, fit_body
 from ..body.nominal import Nominal, nominal_of
 from ..common.scale import Scale
 from ..errors import OptionError
+from ..maps.misfit import misfit
 from ..maps.model_selection import Candidate, of_body, of_trends
 from ..maps.predictor import BodyInBox, Both, Predictor
 from ..samples.samples import Samples
@@ -114,6 +115,22 @@ def find_smooth_part(
     if better:
         return SmoothPart(tuple(better), None, rows)
     return SmoothPart((under,), fit, rows)
+
+
+def wrong_around(part: SmoothPart, scale: Scale, samples: Samples, u: Array) -> Array | None:
+    """How wrong the preferred smooth part is around points `u` (k, dof), None within noise.
+
+    Returns
+    -------
+    (k,) array [unit^2] or None
+    """
+    candidate = part.candidates[0]
+    n = len(candidate.residual)
+    folds = np.array_split(np.arange(n), len(candidate.unseen))
+    held = np.concatenate([p[f] for p, f in zip(candidate.unseen, folds, strict=True)])
+    x = samples.x[part.rows]
+    extent = float(np.linalg.norm(np.ptp(x, axis=0)))
+    return misfit(scale, scale.to_unit(samples.q[part.rows]), held, extent, u)
 
 
 def nominal_geometry(samples: Samples) -> Nominal | None:

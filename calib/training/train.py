@@ -30,7 +30,7 @@ from .imagined import with_imagined
 from .learn import UNFOLD, Options, Progress, Stopwatch, both_maps, link
 from .log_bounds import node_bounds
 from .sizes import Size, lattice_sizes
-from .smooth import SmoothPart, find_smooth_part, uses_body
+from .smooth import SmoothPart, find_smooth_part, uses_body, wrong_around
 
 if TYPE_CHECKING:
     from ..samples.simulation import Simulation
@@ -188,6 +188,7 @@ class _Trainer:
             options,
             self.watch,
             lambda done, stage, error: self.progress(0.1 + 0.6 * done, stage, error),
+            wrong_around(part, scale, samples, seen_u),
         )
         self.progress(0.7, "links and local models", float("nan"))
         with self.watch("links and local models"):
@@ -236,7 +237,7 @@ class _Trainer:
             known = np.concatenate([u, scale.to_unit(limits.q)])
             miss = np.concatenate([miss, limits.errors["local"]])
         if not len(known):
-            raise OptionError(f"no test sample is near the motor map's nodes: {UNFOLD}")
+            raise OptionError("no test sample is near the motor map's nodes", hint=UNFOLD)
         bounds = learn_bounds(model.motor, known, miss)
         return replace(model, bounds=bounds, model_bounds=bounds), self._baseline(model, u, held.x)
 

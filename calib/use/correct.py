@@ -92,7 +92,7 @@ def nominal_arm(model: Model) -> PlanarArm:
     if not about.urdf:
         raise OptionError(
             "the model bears no URDF, so there is no nominal arm to correct: train it with "
-            "ROBOT, or with ROBOT and --data"
+            "a robot, or with a robot and a log"
         )
     return arm_from_urdf(about.urdf, about.joint_names, about.tip, lock=about.locked)
 

@@ -94,7 +94,7 @@ def fit_geometry(model: Model) -> Geometry:
     if model.about.unit != "m":
         raise OptionError(
             f"the model's positions are in {model.about.unit!r}, a URDF's are in m: adapt it with "
-            "a log in m (or --unit mm)"
+            "a log in m (or `unit='mm'`)"
         )
     u = np.random.default_rng(0).random((_POINTS, arm.dof))
     q = model.motor.scale.from_unit(u)

@@ -46,7 +46,7 @@ def corrected_urdf(geometry: Geometry) -> str:
     if last in shifts and joints[last].type != "prismatic":
         raise RobotError(
             f"the tip {arm.tip!r} is the origin of joint {last!r}: it has no place of its own that "
-            "could be corrected; name another --tip"
+            "could be corrected; name another `tip`"
         )
     shifts[last] = shifts.get(last, np.zeros(2)) + geometry.moved[-1]
     rotation = np.eye(3)

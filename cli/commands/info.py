@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING, Any
 from .. import options as o
 from ..output import number, show, show_facts, show_json
 from ..summary import compact_table, size_in_words, summary
+from ..translation import as_typed
 from ..units import JointFormat, for_people
 
 if TYPE_CHECKING:
@@ -52,7 +53,7 @@ def _provenance(model: Model) -> dict[str, Any]:
         "body": None if model.body is None else model.body.to_json(),
         "rows": 0 if model.rows is None else len(model.rows),
         "options": about.options,
-        "notes": about.notes,
+        "notes": [as_typed(text) for text in about.notes],
         "history": model.history,
     }
 

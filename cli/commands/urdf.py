@@ -8,7 +8,7 @@ from typing import Annotated
 import typer
 
 from .. import options as o
-from ..output import Table, fixed, number, show, show_json
+from ..output import Table, fixed, number, show, show_json, tell
 
 
 def urdf(
@@ -65,7 +65,7 @@ def urdf(
             ]
         )
     show(Table(["joint", "change of", "unit", "value", "+-"], rows, "against the URDF", left=3))
-    print(
+    tell(
         f"{output}: {number(1e3 * geometry.residual)} mm rms are no geometry of this arm "
         f"(before {number(1e3 * geometry.before)} mm)"
     )
