@@ -1,4 +1,4 @@
-"""The smooth part in a model file: a body, a trend, or a body and a trend of what it leaves over."""
+"""The smooth part in a model file: a body, a trend, or both."""
 
 from __future__ import annotations
 

@@ -47,7 +47,7 @@ def held_out_residuals(
     rows = selected.rows[::every]
     q, x = samples.q[part.rows][rows], samples.x[part.rows][rows]
     forward = {"local": -selected.residual[::every]}
-    if part.fit is not None and model.body is not None:
+    if part.fit is not None and "body" in model.readouts:
         forward["body"] = -part.fit.held_out[rows]
     inverse: dict[str, Array] = {}
     distance: dict[str, Array] = {}

@@ -7,7 +7,6 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from ..body.teacher import MOST_ROWS
 from ..errors import OptionError
 from ..maps.lattice import Lattice
 from ..samples.samples import Samples
@@ -16,6 +15,9 @@ Size = int | Sequence[int] | None
 
 SIDE = 70
 """Nodes along each axis of a plane lattice, as in the paper's best table."""
+
+FEW_ROWS = 1000
+"""A log of fewer rows fills no lattice: its maps learn from what the body imagines besides."""
 
 _ROWS_PER_NODE = 5
 
@@ -50,7 +52,7 @@ def lattice_sizes(
     if given is None and motor_size is None and sensory_size is None:
         rows = len(samples)
         side = SIDE
-        if samples.simulation is None and rows >= MOST_ROWS:
+        if samples.simulation is None and rows >= FEW_ROWS:
             side = min(SIDE, max(4, round(math.sqrt(rows / _ROWS_PER_NODE))))
             notes.append(
                 f"{rows:,} rows fill lattices of {side}x{side} nodes ({_ROWS_PER_NODE} rows per "
@@ -84,7 +86,7 @@ def lattice_sizes(
         )
     Lattice(motor)
     Lattice(sensory)
-    if len(samples) < min(MOST_ROWS, math.prod(motor)):
+    if len(samples) < min(FEW_ROWS, math.prod(motor)):
         notes.append(
             f"{len(samples):,} samples are fewer than the {math.prod(motor):,} motor nodes: the "
             "maps learn from what a smooth model of them imagines"

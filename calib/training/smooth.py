@@ -77,12 +77,18 @@ def find_smooth_part(
     if body == "none":
         return SmoothPart(tuple(of_trends(scale, turning, u, x)), None, rows)
     simulation = samples.simulation
+    nominal = None if simulation is not None else nominal_geometry(samples)
+    if view == "base" and nominal is None:
+        raise OptionError(
+            "view 'base' needs a measured log and the planar robot that it is of: give both, or "
+            "another view"
+        )
     fit = fit_body(
         q,
         x,
         joint_names=samples.joint_names,
         revolute=turning,
-        nominal=None if simulation is not None else nominal_geometry(samples),
+        nominal=nominal,
         view=view,
         unit=samples.unit,
         simulated=simulation is not None,
