@@ -182,9 +182,9 @@ class Model:
         array([0.281, 0.393])
         """
         if readout == "local" and self.single is not None:
-            answer = self.single.forward(q)
-            if answer is not None:
-                return answer
+            position = self.single.forward(q)
+            if position is not None:
+                return position
         check_readout(readout)
         q, single = checked_rows(q, self.about.joint_names, "joint values")
         u = self.motor.scale.to_unit(q)
@@ -232,9 +232,9 @@ class Model:
         (n, dof) or (dof,) array [rad or m]
         """
         if readout == "local" and near is not None and self.single is not None:
-            answer = self.single.inverse(x, near)
-            if answer is not None:
-                return answer
+            joints = self.single.inverse(x, near)
+            if joints is not None:
+                return joints
         if readout == "local":
             rows, single = checked_rows(x, ("x", "y"), "positions")
             q = answers.joints(self, rows, answers.anchor(self, near, len(rows)), nearest=nearest)

@@ -158,10 +158,8 @@ class Single:
 
     def _across(self, row: Sequence[float]) -> bool:
         """Whether a joint of a full turn has left its range: a gain jumps at the seam."""
-        for k in self._turning:
-            if not 0.0 <= row[k] - self._lower[k] < self._span[k]:
-                return True
-        return False
+        lower, span = self._lower, self._span
+        return any(not 0.0 <= row[k] - lower[k] < span[k] for k in self._turning)
 
     def _in_range(self, row: Sequence[float]) -> bool:
         for value, (low, high) in zip(row, self._limits, strict=True):
@@ -281,7 +279,7 @@ def _floats(values: Any, count: int) -> list[float] | None:
     if type(values) is np.ndarray:
         if values.ndim != 1 or values.dtype != np.float64:
             return None
-        row = values.tolist()
+        row: list[float] = values.tolist()
     elif type(values) in (list, tuple):
         row = [float(v) if type(v) is int else v for v in values]
     else:
