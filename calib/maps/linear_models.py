@@ -27,7 +27,6 @@ RIDGE = 1e-2
 """Of the regressions, as a share of the mean variance of the active nodes' positions."""
 
 
-
 class MeanPositions:
     """Mean of samples weighted by the activity of each node, part after part.
 
@@ -52,7 +51,9 @@ class MeanPositions:
     def result(self) -> Array:
         """The means, (nodes, d); a node that was never active keeps its weight."""
         share = np.where(self._total > _SEEN, 1.0 / np.maximum(self._total, _SEEN), 0.0)
-        return np.asarray(self._network.units + self._shift * share[:, None])
+        # in the precision of a model file, so that a model answers the same when it is loaded
+        away = (self._shift * share[:, None]).astype(np.float32)
+        return np.asarray(self._network.units + away)
 
 
 _SEEN = 1e-9  # activity below which a node was never active
@@ -107,6 +108,11 @@ class LinearModels:
     motor: Map
     values: Array
     slopes: Array
+
+    @property
+    def terms(self) -> int:
+        """Numbers that one evaluation multiplies."""
+        return 2 * blend_size(self.motor.units.shape[1]) * (1 + self.motor.units.shape[1])
 
     def value(self, u: Array) -> Array:
         """Positions (n, o) at the points `u` (n, d) of the unit box."""

@@ -12,6 +12,7 @@ from numpy.typing import ArrayLike, NDArray
 from ..errors import OptionError
 from ..inverse.solver import Solver
 from ..maps.association import MAP_READOUTS, Association, check_readout
+from ..maps.linear_models import LinearModels
 from ..maps.local_models import NO_MODELS
 from ..maps.map import Map
 from ..maps.node_bounds import blend_nodes
@@ -149,18 +150,33 @@ class Model:
         return 0.5 * self.solver.extent
 
     @property
+    def default_readout(self) -> str:
+        """``local``, the body and its local models; ``linear`` where maps and links stand alone."""
+        return "linear" if isinstance(self.predictor.smooth, LinearModels) else "local"
+
+    @property
     def readouts(self) -> tuple[str, ...]:
         """Readouts that differ, the default first."""
+        if self.default_readout == "linear":
+            return MAP_READOUTS
         smooth = self.body is not None and self.predictor.models.degree >= 0
         return ("local", *(("body",) if smooth else ()), *MAP_READOUTS)
 
-    def forward(self, q: ArrayLike, readout: str = "local") -> Array:
+    def _readout(self, name: str | None) -> str:
+        """The readout that answers; ``local`` where the predictor does."""
+        check_readout(name or "local")
+        if name == "local" and self.default_readout == "linear":
+            raise OptionError("readout 'local': the model has no body, choose 'linear'")
+        return "local" if name in (None, self.default_readout) else str(name)
+
+    def forward(self, q: ArrayLike, readout: str | None = None) -> Array:
         """Position of the tip for joint values.
 
         Parameters
         ----------
         q : (n, dof) or (dof,) array [rad or m]
-        readout : {"local", "body", "activity", "winner"}
+        readout : {"local", "body", "linear", "activity", "winner"}, optional
+            The model's default where not given.
 
         Returns
         -------
@@ -181,11 +197,11 @@ class Model:
         >>> model.forward([0.5, 1.0]).round(3)
         array([0.281, 0.393])
         """
+        readout = self._readout(readout)
         if readout == "local" and self.single is not None:
             position = self.single.forward(q)
             if position is not None:
                 return position
-        check_readout(readout)
         q, single = checked_rows(q, self.about.joint_names, "joint values")
         u = self.motor.scale.to_unit(q)
         inside = self.trust.covers(u)
@@ -210,7 +226,7 @@ class Model:
         self,
         x: ArrayLike,
         near: ArrayLike | None = None,
-        readout: str = "local",
+        readout: str | None = None,
         *,
         nearest: bool = False,
     ) -> Array:
@@ -222,7 +238,8 @@ class Model:
         near : (n, dof) or (dof,) array [rad or m], optional
             Of several solutions the one closest to these joints answers, distances in
             units of the joints' ranges; the middle of the ranges where not given.
-        readout : {"local", "activity", "winner"}
+        readout : {"local", "body", "linear", "activity", "winner"}, optional
+            The model's default where not given.
         nearest : bool
             Where a target is out of reach, answer with the nearest reachable point
             instead of NaN.
@@ -231,6 +248,7 @@ class Model:
         -------
         (n, dof) or (dof,) array [rad or m]
         """
+        readout = self._readout(readout)
         if readout == "local" and near is not None and self.single is not None:
             joints = self.single.inverse(x, near)
             if joints is not None:
@@ -239,12 +257,15 @@ class Model:
             rows, single = checked_rows(x, ("x", "y"), "positions")
             q = answers.joints(self, rows, answers.anchor(self, near, len(rows)), nearest=nearest)
             return q[0] if single else q
-        answer = self.solve(x, near, readout)
+        answer = self.solve(x, near, readout if readout != "local" else None)
         q = answer.q if nearest else np.where(answer.reachable[:, None], answer.q, np.nan)
         return q[0] if np.ndim(x) == 1 else q
 
-    def solve(self, x: ArrayLike, near: ArrayLike | None = None, readout: str = "local") -> Answer:
+    def solve(
+        self, x: ArrayLike, near: ArrayLike | None = None, readout: str | None = None
+    ) -> Answer:
         """Answer inverse queries in full; see :meth:`inverse` for the parameters."""
+        readout = self._readout(readout)
         rows, _ = checked_rows(x, ("x", "y"), "positions")
         return answers.solve(self, rows, answers.anchor(self, near, len(rows)), readout)
 

@@ -63,7 +63,15 @@ def build(header: Mapping[str, Any], tensors: Mapping[str, NDArray[Any]]) -> Mod
     links = csr_array(
         (tensors["links.data"].astype(float), indices, indptr), shape=(motor.size, sensory.size)
     )
-    smooth, body = build_smooth(header, tensors, motor.scale, 2)
+    association = Association(
+        motor,
+        sensory,
+        links,
+        _wiring(header["links"]),
+        _means("motor", tensors, motor),
+        _means("sensory", tensors, sensory),
+    )
+    smooth, body = build_smooth(header, tensors, motor.scale, 2, lambda: association.linear)
     degree = _small(header["local"]["degree"], 3, least=-1)
     models = LocalModels(
         degree,
@@ -87,7 +95,7 @@ def build(header: Mapping[str, Any], tensors: Mapping[str, NDArray[Any]]) -> Mod
         raise ValueError("no node was visited, or a bound is negative")
     model = Model(
         about,
-        Association(motor, sensory, links, _wiring(header["links"])),
+        association,
         Predictor(motor, smooth, models),
         tensors["bounds"],
         model_bounds,
@@ -105,12 +113,22 @@ def build(header: Mapping[str, Any], tensors: Mapping[str, NDArray[Any]]) -> Mod
     return replace(model, schemas=schemas.unpack(model, header["schemas"], tensors))
 
 
+_SINGLE = ("links.data", "baseline.motor", "baseline.sensory", "motor.means", "sensory.means")
+"""Arrays in single precision."""
+
+
 def _check_types(tensors: Mapping[str, NDArray[Any]]) -> None:
     """Refuse numbers of another type than the format states; counts are checked as such."""
     for name, array in tensors.items():
         if name.startswith("schema."):
             continue  # checked one by one
-        if name in ("links.data", "baseline.motor", "baseline.sensory"):
+        if name in (
+            "links.data",
+            "baseline.motor",
+            "baseline.sensory",
+            "motor.means",
+            "sensory.means",
+        ):
             wanted: type = np.float32
         elif name == "visited" or name.endswith(".periodic"):
             wanted = np.uint8
@@ -133,6 +151,15 @@ def _baseline(
     if min(*numbers("spread", stated["spread"], 2), finite("noise", stated["noise"])) < 0.0:
         raise ValueError("a variance of the baseline is negative")
     return Baseline.from_json(stated, *parts)
+
+
+def _means(name: str, tensors: Mapping[str, NDArray[Any]], network: Map) -> NDArray[np.float64] | None:
+    """Mean activity position of each node, None in files that have none."""
+    if f"{name}.means" not in tensors:
+        return None
+    away = tensors[f"{name}.means"].astype(float)
+    _expect(f"{name}.means", away, network.units.shape)
+    return network.units + away
 
 
 def _rows(tensors: Mapping[str, NDArray[Any]], dof: int) -> Rows | None:

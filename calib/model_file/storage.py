@@ -104,7 +104,6 @@ def _tensors(model: Model) -> dict[str, NDArray[Any]]:
         "local.coefficients": model.predictor.models.coefficients,
         **smooth_tensors(model.predictor.smooth),
         "bounds": model.bounds,
-        "model_bounds": model.model_bounds,
         "visited": model.visited.astype(np.uint8),
     }
     if model.rows is not None:
@@ -112,6 +111,15 @@ def _tensors(model: Model) -> dict[str, NDArray[Any]]:
     if model.baseline is not None:
         tensors["baseline.motor"] = model.baseline.motor.astype(np.float32)
         tensors["baseline.sensory"] = model.baseline.sensory.astype(np.float32)
+    if not np.array_equal(model.bounds, model.model_bounds):
+        tensors["model_bounds"] = model.model_bounds
+    pair = model.association
+    for name, part, means in (
+        ("motor", pair.motor, pair.motor_means),
+        ("sensory", pair.sensory, pair.sensory_means),
+    ):
+        if means is not None:  # relative to the node, so that single precision is enough
+            tensors[f"{name}.means"] = (means - part.units).astype(np.float32)
     for name, part in (("motor", model.motor), ("sensory", model.sensory)):
         tensors[f"{name}.units"] = part.units
         if isinstance(part.lattice, Graph):
