@@ -62,14 +62,20 @@ def _refuse_misfit(structure: SpatialStructure, q: Array, z: Array, beta: Array)
     misfit = structure.residual(z, structure.predict(q, beta))[:, :3]
     left = float(np.median(np.linalg.norm(misfit, axis=1)))
     size = max(float(np.linalg.norm(z[:, :3] - np.median(z[:, :3], axis=0), axis=1).max()), 1e-300)
-    if left < MISFIT * size:
+    tool = float(np.linalg.norm(beta[structure.groups["tool"]]))
+    if left < MISFIT * size and tool < 2 * structure.chain.reach:
         return
-    points = (structure.predict(q, beta)[:, :3] - beta[structure.groups["view.shift"]]) / size
-    for sign, what in ((1.0, "scale"), (-1.0, "mirror")):
+    points = structure.metre * structure.pose(q, structure.neutral())[0]
+    left = np.inf
+    for what, sign in (("same", 1.0), ("scale", 1.0), ("mirror", -1.0)):
         seen = z[:, :3] * (sign, 1.0, 1.0)
         turn, shift, scale = similarity(points, seen)
-        rest = np.median(np.linalg.norm(seen - scale * points @ turn.T - shift, axis=1))
-        if rest > 0.2 * left:
+        if what != "scale":
+            scale, shift = 1.0, seen.mean(axis=0) - turn @ points.mean(axis=0)
+        rest = float(np.median(np.linalg.norm(seen - scale * points @ turn.T - shift, axis=1)))
+        if what == "same":
+            left = rest
+        if what == "same" or rest > 0.3 * left:
             continue
         if what == "mirror":
             raise LogError(
@@ -77,7 +83,7 @@ def _refuse_misfit(structure: SpatialStructure, q: Array, z: Array, beta: Array)
                 "sign, or two are swapped; change one of them (columns of the log)"
             )
         raise LogError(
-            f"the positions are {scale / size:.4g} times those of the robot: state their unit, or "
+            f"the positions are about {scale:.4g} times those of the robot: state their unit, or "
             "use view='similarity'"
         )
 
