@@ -142,6 +142,22 @@ def at_least_zero(option: str, unit: str) -> Callable[[object], float]:
     return parse
 
 
+def above_zero(option: str, unit: str) -> Callable[[object], float]:
+    """Return a parser of numbers above zero."""
+
+    def parse(typed: object) -> float:
+        text = str(typed).strip()
+        try:
+            value = finite(text)
+        except ValueError:
+            value = 0.0
+        if value <= 0.0:
+            raise bad_option(option, text, f"a number above zero [{unit}]")
+        return value
+
+    return parse
+
+
 def one_of(option: str, choices: Sequence[str]) -> Callable[[str], str]:
     """Return a parser of a word out of several."""
 

@@ -51,7 +51,7 @@ class JointFormat:
     def __init__(self, about: About, degrees: bool) -> None:
         self.names = about.joint_names
         self._about = about
-        self._degrees = degrees
+        self.degrees = degrees
 
     @property
     def typed(self) -> list[float]:
@@ -61,7 +61,10 @@ class JointFormat:
     def in_si(self, columns: Mapping[str, Any]) -> dict[str, Any]:
         """Columns of a table of answers in SI units, as a JSON document holds them."""
         factors = dict(zip(self.names, self.typed, strict=True))
-        return {name: column / factors.get(name, 1.0) for name, column in columns.items()}
+        return {
+            name: column / factors[name] if name in factors else column
+            for name, column in columns.items()
+        }
 
     @property
     def header(self) -> list[str]:
@@ -85,12 +88,21 @@ class JointFormat:
         unit = "deg" if self._turned(k) else self._about.units_of_joints[k]
         return f"{self.names[k]} = {value * self.typed[k]:.6g} {unit}"
 
+    def of_change(self, k: int) -> tuple[float, str]:
+        """Return the factor and the unit in which a change of joint `k` is printed."""
+        return for_people(self._about.units_of_joints[k])
+
+    def size(self, k: int, value: float) -> str:
+        """Return a change of joint `k` [rad or m] in words, in deg or mm."""
+        factor, unit = self.of_change(k)
+        return f"{self.names[k]} {abs(value) * factor:.4g} {unit}"
+
     def _turned(self, k: int) -> bool:
-        return self._degrees and self._about.revolute[k]
+        return self.degrees and self._about.revolute[k]
 
     def _printed(self, k: int) -> tuple[float, str]:
         if self._about.revolute[k]:
-            return for_people("rad") if self._degrees else (1.0, "rad")
+            return for_people("rad") if self.degrees else (1.0, "rad")
         return for_people("m")
 
 

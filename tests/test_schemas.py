@@ -109,10 +109,10 @@ def test_a_schema_that_makes_no_sense_is_refused():
         "name": [dict(described[0], name="a\nb")],
         "twice": [dict(described[0], name=kept.schema)],
         "bounds": [dict(described[0], bound_of="nothing")],
-        "turns": [dict(described[0], trend=dict(described[0]["trend"], turns=[1.0, 1.0]))],
+        "smooth": [dict(described[0], smooth={"body": None, "trend": None})],
     }
     for states in wrong.values():
-        with pytest.raises(ValueError, match=r"schema|trend"):
+        with pytest.raises(ValueError, match=r"schema|body"):
             stored.unpack(kept, states, tensors)
     nan = dict(tensors)
     nan["schema.0.bounds"] = np.full_like(tensors["schema.0.bounds"], np.nan)

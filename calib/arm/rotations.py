@@ -59,7 +59,7 @@ def quaternion_of(matrices: ArrayLike) -> Array:
 def exponential(vectors: ArrayLike) -> Array:
     """Rotation matrices (n, 3, 3) of rotation vectors (n, 3) [rad]."""
     v = np.asarray(vectors, dtype=float)
-    angle = np.linalg.norm(v, axis=-1)[..., None, None]
+    angle = np.sqrt((v * v).sum(axis=-1))[..., None, None]
     k = cross_matrix(v)
     small = angle < _SMALL
     safe = np.where(small, 1.0, angle)
@@ -81,10 +81,8 @@ def logarithm(matrices: ArrayLike) -> Array:
 def cross_matrix(vectors: ArrayLike) -> Array:
     """Matrices K (n, 3, 3) with K u = v x u of vectors v (n, 3)."""
     v = np.asarray(vectors, dtype=float)
-    zero = np.zeros_like(v[..., 0])
-    rows = [
-        [zero, -v[..., 2], v[..., 1]],
-        [v[..., 2], zero, -v[..., 0]],
-        [-v[..., 1], v[..., 0], zero],
-    ]
-    return np.stack([np.stack(row, axis=-1) for row in rows], axis=-2)
+    out = np.zeros((*v.shape, 3))
+    out[..., 0, 1], out[..., 1, 0] = -v[..., 2], v[..., 2]
+    out[..., 0, 2], out[..., 2, 0] = v[..., 1], -v[..., 1]
+    out[..., 1, 2], out[..., 2, 1] = -v[..., 0], v[..., 0]
+    return out

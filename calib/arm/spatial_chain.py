@@ -226,13 +226,11 @@ class SpatialChain:
 
 def cross(a: Array, b: Array) -> Array:
     """Cross products of columns: (3, n) x (3, n) -> (3, n)."""
-    return np.stack(
-        [
-            a[1] * b[2] - a[2] * b[1],
-            a[2] * b[0] - a[0] * b[2],
-            a[0] * b[1] - a[1] * b[0],
-        ]
-    )
+    out = np.empty(np.broadcast_shapes(a.shape, b.shape))
+    out[0] = a[1] * b[2] - a[2] * b[1]
+    out[1] = a[2] * b[0] - a[0] * b[2]
+    out[2] = a[0] * b[1] - a[1] * b[0]
+    return out
 
 
 def turned(rotation: Array, vector: Array) -> Array:
@@ -242,15 +240,19 @@ def turned(rotation: Array, vector: Array) -> Array:
 
 def times(rotation: Array, matrix: Array) -> Array:
     """Multiply many rotations (3, 3, n) by one matrix (3, 3) from the right."""
-    return np.stack([turned(rotation, matrix[:, k]) for k in range(3)], axis=1)
+    out = np.empty_like(rotation)
+    for k in range(3):
+        out[:, k] = turned(rotation, matrix[:, k])
+    return out
 
 
 def rotated(rotation: Array, axis: Array, angle: Array) -> Array:
-    """Multiply rotations (3, 3, n) by turns about one constant axis by angles (n,)."""
+    """Multiply rotations (3, 3, n) by turns about one constant unit axis by angles (n,)."""
     x, y, z = axis
     k = np.array([[0.0, -z, y], [z, 0.0, -x], [-y, x, 0.0]])
-    # Rodrigues: exp = 1 + sin(v) K + (1 - cos(v)) K^2
-    half = np.sin(0.5 * angle)
-    return np.asarray(
-        rotation + np.sin(angle) * times(rotation, k) + 2.0 * half * half * times(rotation, k @ k)
-    )
+    # Rodrigues: exp = 1 + sin(v) K + (1 - cos(v)) K^2 with K^2 = a a' - 1
+    cosine, swung = np.cos(angle), 1.0 - np.cos(angle)
+    out = np.sin(angle) * times(rotation, k)
+    out += cosine * rotation
+    out += (swung * turned(rotation, axis))[:, None] * axis[:, None]
+    return out

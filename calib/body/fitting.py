@@ -287,7 +287,8 @@ def _second(passed: Passed, q: Array, z: Array, floor: Array) -> Second:
     prior = fit.structure.prior((*passed.free, "curve"))
     sd = prior.sd.copy()
     sd[fit.active] = fit.sd
-    hypers = _wider(tuple(h for h in prior.hypers if h.name.startswith("curve")))
+    curves = tuple(h for h in prior.hypers if h.name.startswith("curve"))
+    hypers = _wider(curves, getattr(fit.structure, "wide", WIDE))
     for h in hypers:
         sd[h.indices] = h.scale * np.sqrt(h.shape)
     made = maximise(
@@ -305,7 +306,9 @@ def _second(passed: Passed, q: Array, z: Array, floor: Array) -> Second:
     return Second(made.beta, made.active, unpack(packed, len(made.active)), made.noise, packed)
 
 
-def _wider(hypers: tuple[Hyper, ...]) -> tuple[Hyper, ...]:
+def _wider(hypers: tuple[Hyper, ...], wide: tuple[float, float]) -> tuple[Hyper, ...]:
     """The hyperpriors with many pseudo-observations of a large curve."""
-    pseudo, rms = WIDE
-    return tuple(replace(h, pseudo=pseudo, scale=rms / np.sqrt(len(h.indices))) for h in hypers)
+    pseudo, rms = wide
+    return tuple(
+        replace(h, pseudo=pseudo, scale=rms / np.sqrt(len(h.indices))) for h in hypers
+    )

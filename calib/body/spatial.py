@@ -51,6 +51,8 @@ class SpatialStructure:
         Whether the chain is a drawing (prior 1 mm, 0.1 deg) or was found from rows alone.
     gravity : (3,) array [m/s2]
         In the root frame.
+    simulated : bool
+        Whether the rows are samples of a simulation.
     """
 
     chain: SpatialChain
@@ -65,6 +67,7 @@ class SpatialStructure:
     lens_sd: tuple[float, float, float, float] = (300.0, 50.0, 50.0, 0.3)
     informed: bool = True
     gravity: tuple[float, float, float] = GRAVITY
+    simulated: bool = False
 
     @property
     def kind(self) -> str:
@@ -75,6 +78,11 @@ class SpatialStructure:
     def revolute(self) -> tuple[bool, ...]:
         """Which active joints turn; the others slide."""
         return self.turning
+
+    @property
+    def wide(self) -> tuple[float, float]:
+        """Wider hyperprior of the curves for a second fit: pseudo-observations, rms [rad]."""
+        return (200.0, 1e-3)
 
     @property
     def dof(self) -> int:
@@ -199,12 +207,12 @@ class SpatialStructure:
     def retract(self, beta: Array, delta: Array) -> Array:
         """`beta` (d,) moved by `delta` (d,): the sum, or a step on a rotation."""
         out = beta + delta
-        view, tool = self.groups["view.rotation"], self.groups["tool.rotation"]
+        view = self.groups["view.rotation"]
         if delta[view].any():
             out[view] = compose(delta[view], beta[view])
-        for ix in (tool, *self.layout.turns):
-            if delta[ix].any():
-                out[ix] = compose(beta[ix], delta[ix])
+        own = np.vstack([self.groups["tool.rotation"], self.layout.turns])
+        if delta[own].any():
+            out[own] = compose(beta[own], delta[own])
         return out
 
     def residual(self, z: Array, predicted: Array) -> Array:
@@ -248,8 +256,9 @@ class SpatialStructure:
         return words(self, beta, sd)
 
     def header(self) -> dict[str, Any]:
-        """JSON-ready description from which `SpatialStructure.rebuild` makes the structure."""
+        """JSON-ready description from which `rebuild_structure` makes the structure again."""
         return {
+            "kind": self.kind,
             "joint_names": list(self.joint_names),
             "chain_names": list(self.chain_names),
             "turning": list(self.turning),
@@ -258,41 +267,16 @@ class SpatialStructure:
             "unit": self.unit,
             "metre": self.metre,
             "extent": self.extent,
-            "lens": list(self.lens),
-            "lens_sd": list(self.lens_sd),
+            "lens": [float(v) for v in self.lens],
+            "lens_sd": [float(v) for v in self.lens_sd],
             "informed": self.informed,
-            "gravity": list(self.gravity),
+            "gravity": [float(v) for v in self.gravity],
+            "simulated": self.simulated,
         }
 
     def arrays(self) -> dict[str, Array]:
         """Arrays of the chain that the header refers to."""
         return {name: np.asarray(getattr(self.chain, name)) for name in _CHAIN_ARRAYS}
-
-    @staticmethod
-    def rebuild(header: Mapping[str, Any], arrays: Mapping[str, Array]) -> SpatialStructure:
-        """Make a structure of its `header` and its `arrays`."""
-        chain = SpatialChain(
-            revolute=tuple(map(bool, header["chain_revolute"])),
-            **{name: arrays[name] for name in _CHAIN_ARRAYS},
-        )
-        return SpatialStructure(
-            chain=chain,
-            joint_names=tuple(header["joint_names"]),
-            chain_names=tuple(header["chain_names"]),
-            turning=tuple(map(bool, header["turning"])),
-            view=str(header["view"]),
-            unit=str(header["unit"]),
-            metre=float(header["metre"]),
-            extent=float(header["extent"]),
-            lens=_four(header["lens"]),
-            lens_sd=_four(header["lens_sd"]),
-            informed=bool(header["informed"]),
-            gravity=(
-                float(header["gravity"][0]),
-                float(header["gravity"][1]),
-                float(header["gravity"][2]),
-            ),
-        )
 
     def with_view(self, view: str, **changes: Any) -> SpatialStructure:
         """Return the structure with another view."""
@@ -398,10 +382,6 @@ def structure_of(arm: Any, view: str = "rigid", **options: Any) -> SpatialStruct
         chain, tuple(arm.joint_names), tuple(names), tuple(arm.revolute), view, **options
     )
 
-
-def _four(values: Sequence[float]) -> tuple[float, float, float, float]:
-    a, b, c, d = (float(value) for value in values)
-    return a, b, c, d
 
 
 _STILL = np.zeros((3, 1))

@@ -144,5 +144,5 @@ def _pinhole(sensor: Placed, point: Array) -> View:
 
 
 def compose(first: Array, second: Array) -> Array:
-    """Rotation vector (3,) of exp(first) exp(second)."""
+    """Rotation vectors (..., 3) of exp(first) exp(second)."""
     return np.asarray(logarithm(exponential(first) @ exponential(second)))

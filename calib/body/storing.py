@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
+from collections.abc import Mapping
 from typing import Any
 
 import numpy as np
@@ -63,7 +63,7 @@ def rebuild_body(header: Mapping[str, Any], arrays: Stored) -> Body:
     ModelError
         If a value is missing, of the wrong kind or size, not finite, or impossible.
     """
-    given = _Given(header, "body")
+    given = Given(header, "body")
     structure = rebuild_structure(
         given.mapping("structure"),
         {k[10:]: v for k, v in arrays.items() if k.startswith("structure.")},
@@ -75,7 +75,7 @@ def rebuild_body(header: Mapping[str, Any], arrays: Stored) -> Body:
     active, covariance, packed = _belief(structure, arrays, "")
     return Body(
         structure,
-        _array(arrays, "beta", (structure.size,)),
+        finite_array(arrays, "beta", (structure.size,)),
         active,
         covariance,
         _positive(arrays, "noise", structure.outputs),
@@ -84,7 +84,7 @@ def rebuild_body(header: Mapping[str, Any], arrays: Stored) -> Body:
         _positive(arrays, "residual", structure.outputs, zero=True),
         freedom,
         given.number("autocorrelation", least=0.0),
-        {str(k): _Given(scales, "body.scales").number(k, least=0.0) for k in scales},
+        {str(k): Given(scales, "body.scales").number(k, least=0.0) for k in scales},
         given.count("rows"),
         given.truth("simulated"),
         given.text("member"),
@@ -95,22 +95,19 @@ def rebuild_body(header: Mapping[str, Any], arrays: Stored) -> Body:
 
 def rebuild_structure(header: Mapping[str, Any], arrays: Stored) -> Structure:
     """The structure of a header and its arrays; its kind says which class."""
-    kind = _Given(header, "body.structure").text("kind")
+    kind = Given(header, "body.structure").text("kind")
     if kind == "planar":
         return rebuild_planar(header)
-    maker = REBUILDERS.get(kind)
-    if maker is None:
-        raise ModelError(f"body of kind {kind!r}, expected {', '.join(('planar', *REBUILDERS))}")
-    return maker(header, arrays)
+    if kind == "spatial":
+        from .spatial_storing import rebuild_spatial
 
-
-REBUILDERS: dict[str, Callable[[Mapping[str, Any], Stored], Structure]] = {}
-"""Rebuilders of other kinds of structures, by the kind that their header states."""
+        return rebuild_spatial(header, arrays)
+    raise ModelError(f"body of kind {kind!r}, expected planar or spatial")
 
 
 def rebuild_planar(header: Mapping[str, Any]) -> PlanarStructure:
     """A planar structure from its header."""
-    given = _Given(header, "body.structure")
+    given = Given(header, "body.structure")
     names = given.texts("joint_names")
     n = len(names)
     if not 1 <= n <= MOST_JOINTS or len(set(names)) != n:
@@ -122,7 +119,7 @@ def rebuild_planar(header: Mapping[str, Any]) -> PlanarStructure:
     signs = given.signs("signs", n)
     nominal = None
     if given.value("nominal") is not None:
-        inner = _Given(given.mapping("nominal"), "body.structure.nominal")
+        inner = Given(given.mapping("nominal"), "body.structure.nominal")
         shift = inner.numbers("shift", 2)
         nominal = Nominal(
             tuple(inner.numbers("lengths", n)),
@@ -152,7 +149,7 @@ def rebuild_planar(header: Mapping[str, Any]) -> PlanarStructure:
 def _second(structure: Structure, arrays: Stored) -> Second:
     active, covariance, packed = _belief(structure, arrays, "second.")
     return Second(
-        _array(arrays, "second.beta", (structure.size,)),
+        finite_array(arrays, "second.beta", (structure.size,)),
         active,
         covariance,
         _positive(arrays, "second.noise", structure.outputs),
@@ -173,14 +170,14 @@ def _belief(structure: Structure, arrays: Stored, prefix: str) -> tuple[Indices,
     if (np.diff(index) <= 0).any():
         raise ModelError(f"body: array {name!r} does not rise")
     name = prefix + "root"
-    packed = np.asarray(_array(arrays, name, (k * (k + 1) // 2,)), dtype=np.float32)
+    packed = np.asarray(finite_array(arrays, name, (k * (k + 1) // 2,)), dtype=np.float32)
     covariance = unpack(packed, k)
     if not (np.isfinite(covariance).all() and (np.diag(covariance) > 0).all()):
         raise ModelError(f"body: array {name!r} is the root of no covariance")
     return index, covariance, packed
 
 
-def _array(arrays: Stored, name: str, shape: tuple[int, ...]) -> Array:
+def finite_array(arrays: Stored, name: str, shape: tuple[int, ...]) -> Array:
     """A finite array of this shape."""
     value = arrays.get(name)
     if value is None:
@@ -195,13 +192,13 @@ def _array(arrays: Stored, name: str, shape: tuple[int, ...]) -> Array:
 
 
 def _positive(arrays: Stored, name: str, size: int, zero: bool = False) -> Array:
-    value = _array(arrays, name, (size,))
+    value = finite_array(arrays, name, (size,))
     if (value < 0).any() or (not zero and (value == 0).any()):
         raise ModelError(f"body: array {name!r} must be positive")
     return value
 
 
-class _Given:
+class Given:
     """A header of a stranger's file, read key by key."""
 
     def __init__(self, header: Any, where: str) -> None:

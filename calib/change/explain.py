@@ -11,11 +11,11 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from ..body.belief import Body
 from ..body.bound import autocorrelation_time
 from ..body.structure import Array
 from .members import NOTHING, Member, drift, freedom, members_of
 from .reference import Reference
+from .rows import Log
 from .whitening import Spectrum, scaled, spectrum
 
 MARGIN = 5.0
@@ -28,7 +28,6 @@ FACTORS = (1.0, 4.0)
 """Times the usual size of the log's own residual."""
 
 _STEPS = 12
-_STUDENT = 6.0
 
 
 @dataclass(frozen=True)
@@ -40,10 +39,10 @@ class Explanation:
     member : Member
     factor : float
         Times the usual size of the log's own residual.
-    body : Body
-        The old belief, in the structure that the log asks for.
     beta : (d,) array
         Parameters of the greatest evidence.
+    deviation : (d,) array
+        Posterior standard deviations of those that were free, zero elsewhere.
     sd : (d,) array
         Standard deviations by which they were free to change.
     evidence : float
@@ -58,8 +57,8 @@ class Explanation:
 
     member: Member
     factor: float
-    body: Body
     beta: Array
+    deviation: Array
     sd: Array
     evidence: float
     noise: float
@@ -67,39 +66,33 @@ class Explanation:
     residual: Array
 
 
-def thinned(n: int, most: int = MOST_ROWS) -> Array:
-    """At most `most` rows of n, evenly spread, in order."""
-    return np.unique(np.linspace(0, n - 1, min(n, most)).round().astype(int))
-
-
 def explain(
-    body: Body, reference: Reference, q: Array, z: Array, cause: str | None = None
+    reference: Reference, log: Log, robust: Array, cause: str | None = None
 ) -> tuple[Explanation, ...]:
     """All members with their evidence, best first.
 
     Parameters
     ----------
-    body : Body
-        The old belief.
     reference : Reference
-        Its structure and parameters in the frame of the log.
-    q, z : (n, dof), (n, m) array
-        Rows of the log; `z` less what maps add to the body.
+        The old belief in the frame of the log.
+    log : Log
+        Its rows; `z` less what maps add to the body.
+    robust : (d,) array
+        Parameters of a robust fit of the richest member, where that one starts.
     cause : {"sensor", "joints"}, optional
         What is known about the change.
     """
-    rows = thinned(len(q))
-    search = _Search(body, reference, q[rows], z[rows], cause)
+    search = _Search(reference, log.some(MOST_ROWS), robust, cause)
     return tuple(sorted(search.run(), key=lambda e: -e.evidence))
 
 
 class _Search:
     """The members of one log; what they share is computed once."""
 
-    def __init__(
-        self, body: Body, reference: Reference, q: Array, z: Array, cause: str | None
-    ) -> None:
-        self.body, self.reference, self.q, self.z, self.cause = body, reference, q, z, cause
+    def __init__(self, reference: Reference, log: Log, robust: Array, cause: str | None) -> None:
+        body = reference.body
+        self.reference, self.q, self.z, self.cause = reference, log.q, log.z, cause
+        self.weight, self.robust = log.weight, robust
         self.members = members_of(body.structure, cause)
         self.structure = reference.structure
         self.scaled = scaled(reference.body)
@@ -109,7 +102,7 @@ class _Search:
         body, reference = self.reference.body, self.reference
         creep = drift(body)
         richest = self.members[-1]
-        weight, beta = self._weights(richest)
+        weight, beta = self.weight, self.robust
         found: list[Explanation] = []
         starts: dict[str, Array] = {}
         for factor in FACTORS:
@@ -129,40 +122,10 @@ class _Search:
                 found.append(made)
         return found
 
-    def _weights(self, member: Member) -> tuple[Array, Array]:
-        """Robust weights (n,) from a fit of the richest member, and its parameters."""
-        body, structure = self.reference.body, self.structure
-        sd = np.sqrt(freedom(body, member, self.cause) ** 2 + drift(body) ** 2)
-        free = np.flatnonzero(sd > 0)
-        beta = self.reference.beta.copy()
-        start = beta.copy()
-        size, floor = self.scaled.size, 1.0
-        weight = np.ones(len(self.q))
-        for _ in range(10):
-            predicted, x = structure.linearise(self.q, beta, free)
-            r = structure.residual(self.z, predicted) / size
-            e2 = (r**2).sum(axis=1)
-            m = r.shape[1]
-            noise = max(float(np.median(e2)) / (m - 2 / 3), floor**2)
-            weight = (_STUDENT + m) / (_STUDENT + e2 / noise)
-            root = np.sqrt(weight / noise)
-            j = (x / size[:, None] * sd[free] * root[:, None, None]).reshape(-1, len(free))
-            y = (r * root[:, None]).ravel()
-            prior = (beta - start)[free] / sd[free]
-            a = j.T @ j
-            a[np.diag_indices(len(free))] += 1.0
-            step = np.linalg.solve(a, j.T @ y - prior)
-            full = np.zeros(len(beta))
-            full[free] = step * sd[free]
-            beta = structure.retract(beta, full)
-            if float(np.abs(step).max()) < 1e-3:
-                break
-        return weight, beta
-
     def _fit(self, member: Member, space: Spectrum, factor: float, start: Array) -> Explanation:
         """Damped Gauss-Newton steps of one member, its noise by likelihood."""
-        body, structure, z = self.reference.body, self.structure, self.z
-        sd = freedom(body, member, self.cause)
+        structure, z = self.structure, self.z
+        sd = freedom(self.reference.body, member, self.cause)
         free = np.flatnonzero(sd > 0)
         origin = self.reference.beta
         beta = origin.copy()
@@ -201,19 +164,21 @@ class _Search:
             if before - after < 1e-2:
                 break
         determinant = 0.0
+        deviation = np.zeros(len(beta))
         if len(free):
             _, x = structure.linearise(self.q, beta, free)
             j = space.turn_columns(x) * sd[free]
             a = (j / ((space.values + noise**2) * self.temper)[:, None]).T @ j
             a[np.diag_indices(len(free))] += 1.0
             determinant = float(np.linalg.slogdet(a)[1])
+            deviation[free] = sd[free] * np.sqrt(np.diag(np.linalg.inv(a)))
         away = (beta - origin)[free] / sd[free]
         total = space.values + noise**2
         fit = -0.5 * float(np.log(total).sum() + (y**2 / total).sum()) / self.temper
         evidence = fit - 0.5 * float(away @ away) - 0.5 * determinant
         residual = structure.residual(z, structure.predict(self.q, beta))
         return Explanation(
-            member, factor, body, beta, sd, evidence, noise, self.temper, residual
+            member, factor, beta, deviation, sd, evidence, noise, self.temper, residual
         )
 
 

@@ -15,7 +15,6 @@ from typing import TYPE_CHECKING, Any, Literal
 import numpy as np
 from numpy.typing import NDArray
 
-from ..body.teacher import MOST_ROWS, learn_teacher
 from ..errors import OptionError
 from ..maps import dsom
 from ..maps.association import Association
@@ -23,9 +22,11 @@ from ..maps.density import Visit, gain_of, kind_of
 from ..maps.lattice import Lattice
 from ..maps.links import oja, sparse_links
 from ..maps.map import Map, search_tree
-from ..maps.model_selection import of_trends, select
 from ..maps.online import present
+from ..model.rows import Rows
+from ..training.log_bounds import node_bounds
 from .radius import matching_sigma
+from .refit import refit
 
 if TYPE_CHECKING:
     from ..model.model import Model
@@ -214,24 +215,26 @@ class OnlineAdapter:
         # a short stream may have been shown again and again
         first = np.sort(np.unique(np.hstack([q, x]), axis=0, return_index=True)[1])
         u, x = motor.scale.to_unit(q[first]), x[first]
-        if len(u) < MOST_ROWS:
-            rng = np.random.default_rng(model.about.seed)
-            teacher = learn_teacher(motor.scale, model.about.revolute, u, x, rng)
-            u = teacher.imagine(rng)
-            x = teacher.value(u)
+        fitted = refit(model, motor, u, x)
         wiring = model.association.wiring
         if links == "rule":
             found = sparse_links(self._links.T)
         else:
-            found = wiring.learn(motor, u, sensory, sensory.scale.to_unit(x))
-        selected = select(motor, u, of_trends(motor.scale, model.about.revolute, u, x))
-        visited = np.bincount(motor.nearest(u)[1][:, 0], minlength=motor.size) > 0
-        return replace(
+            found = wiring.learn(motor, fitted.u, sensory, sensory.scale.to_unit(fitted.v))
+        made = replace(
             model,
             association=Association(motor, sensory, found, wiring),
-            predictor=selected.predictor,
-            visited=visited,
+            predictor=fitted.predictor,
+            body=fitted.body,
+            visited=np.bincount(motor.nearest(u)[1][:, 0], minlength=motor.size) > 0,
+            rows=Rows.of(motor.scale.from_unit(u), x) if model.rows is not None else None,
         )
+        has_models = fitted.predictor.models.degree >= 0
+        reading, position = node_bounds(
+            made, u, fitted.rows, fitted.errors, has_models=has_models
+        )
+        true = model.about.bound_of == "true position"
+        return replace(made, bounds=position if true else reading, model_bounds=position)
 
     def _map(self, name: str) -> Map:
         network: Map = getattr(self._model, name)

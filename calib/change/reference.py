@@ -18,9 +18,10 @@ from ..body.structure import Array, Structure
 from .members import FRAME
 
 _FAR = 0.05  # misfit, of the extents, from which another frame is looked for
-_BETTER = 0.5  # misfit by which a mirror or another sense must be better
+_BETTER = 0.5  # misfit by which a mirror, another sense or a locked joint must be better
 _SCALES = (0.5, 2.0)  # beyond these the positions are in another unit
 _ROWS = 200
+_LOCKED_STEP = 0.1  # between the angles that are tried for a joint that is held [rad]
 
 
 @dataclass(frozen=True)
@@ -39,6 +40,8 @@ class Reference:
         Whether the sensor sees the plane from the other side than before.
     turned : tuple of int
         Joints that turn the other way.
+    locked : tuple of int
+        Joints that no longer move the tip.
     scale : float
         Size of positions over what it was; 1 where they are in the old unit.
     forgotten : (g,) int array
@@ -50,6 +53,7 @@ class Reference:
     new: bool
     mirrored: bool
     turned: tuple[int, ...]
+    locked: tuple[int, ...]
     scale: float
     forgotten: NDArray[np.intp]
 
@@ -59,7 +63,14 @@ class Reference:
         return self.body.structure
 
 
-def reference_of(body: Body, q: Array, z: Array, unit: str | None = None) -> Reference:
+def kept_reference(body: Body) -> Reference:
+    """A belief where it is."""
+    return Reference(body, body.beta, False, False, (), (), 1.0, np.zeros(0, dtype=np.intp))
+
+
+def reference_of(
+    body: Body, q: Array, z: Array, unit: str | None = None, *, moved_only: bool = False
+) -> Reference:
     """Bring a belief into the frame of a log.
 
     Parameters
@@ -70,10 +81,10 @@ def reference_of(body: Body, q: Array, z: Array, unit: str | None = None) -> Ref
         The log.
     unit : str, optional
         Unit of its positions, where it is another.
+    moved_only : bool
+        Whether nothing but a move of the frame is looked for, from where it is.
     """
-    kept = Reference(
-        body, body.beta, False, False, (), 1.0, np.zeros(0, dtype=np.intp)
-    )
+    kept = kept_reference(body)
     places = body.structure.blocks[0]
     rows = np.linspace(0, len(q) - 1, min(len(q), _ROWS)).round().astype(int)
     q, z = q[rows], z[rows]
@@ -82,24 +93,27 @@ def reference_of(body: Body, q: Array, z: Array, unit: str | None = None) -> Ref
     gap = _typical(np.linalg.norm((z - seen)[:, :places], axis=1))
     if gap < _FAR * extent:
         return kept
-    best: tuple[float, dict[str, Any], float] | None = None
-    for change in _variants(body.structure):
+    if moved_only:
+        turn, shift = (np.asarray(body.structure.groups[g]) for g in FRAME)
+        free = np.concatenate([turn, shift])
+        _, beta = _aligned(body.structure, body.beta, q, z, free, np.isin(free, turn))
+        return replace(kept, beta=beta)
+    tries: list[tuple[float, dict[str, Any], Array, tuple[int, ...], float]] = []
+    for change, start, locked in _variants(body):
         structure = _replaced(body.structure, change)
-        p = structure.predict(q, body.beta)[:, :places]
-        for scaled in (False, True):
+        p = structure.predict(q, start)[:, :places]
+        for scaled in (False,) if locked else (False, True):
             error, ratio = _misfit(p, z[:, :places], scaled)
             # each further freedom must halve what is left
-            cost = error / _BETTER ** (bool(change) + (scaled and not 0.5 < ratio < 2.0))
-            if best is None or cost < best[0] * (1 - 1e-6):
-                best = (cost, change, ratio)
-    assert best is not None  # the structure itself is one of them
-    _, change, ratio = best
+            free = bool(change) + bool(locked) + (scaled and not 0.5 < ratio < 2.0)
+            tries.append((error / _BETTER**free, change, start, locked, ratio))
+    _, change, start, locked, ratio = min(tries, key=lambda t: t[0])
     other = not _SCALES[0] < ratio < _SCALES[1]
     structure = _replaced(body.structure, change)
     if other:
         structure = _rescaled(structure, ratio, z, unit)
-    beta = _framed(structure, body.beta, q, z, ratio if other else None)
-    new = bool(change) or other
+    beta = _framed(structure, start, q, z, ratio if other else None)
+    new = bool(change) or bool(locked) or other
     groups = structure.groups
     view = [ix for name, ix in groups.items() if name.startswith("view.") or name == "lens"]
     factor = ratio if other else 1.0
@@ -120,6 +134,7 @@ def reference_of(body: Body, q: Array, z: Array, unit: str | None = None) -> Ref
         new,
         "mirror" in change,
         turned,
+        locked,
         factor,
         np.concatenate(view if new else frame).astype(np.intp),
     )
@@ -129,21 +144,34 @@ def _typical(values: Array) -> float:
     return float(np.median(values))
 
 
-def _variants(structure: Structure) -> Iterator[dict[str, Any]]:
-    """The structure itself, seen from behind, and with one joint turned the other way."""
-    yield {}
+def _variants(body: Body) -> Iterator[tuple[dict[str, Any], Array, tuple[int, ...]]]:
+    """The belief itself, seen from behind, with one joint turned round, with one joint locked.
+
+    Yields fields of the structure that differ, parameters, and the joints that are locked.
+    """
+    structure, beta = body.structure, body.beta
+    yield {}, beta, ()
     names = {f.name for f in fields(structure)} if is_dataclass(structure) else set()
     mirrors: list[dict[str, Any]] = [{}]
     if "mirror" in names:
         mirrors.append({"mirror": -structure.mirror})  # type: ignore[attr-defined]
-        yield mirrors[1]
-    if "signs" in names:
-        signs = structure.signs  # type: ignore[attr-defined]
-        for k, turns in enumerate(structure.revolute):
-            if turns:
-                other = tuple(-s if j == k else s for j, s in enumerate(signs))
-                for mirror in mirrors:
-                    yield {**mirror, "signs": other}
+        yield mirrors[1], beta, ()
+    chain = {"offset", "gain"} <= set(structure.groups)
+    for k, turns in enumerate(structure.revolute):
+        if "signs" in names and chain and turns:
+            signs = structure.signs  # type: ignore[attr-defined]
+            other = tuple(-s if j == k else s for j, s in enumerate(signs))
+            for mirror in mirrors:
+                yield {**mirror, "signs": other}, beta, ()
+        if chain and turns and k:
+            held = beta.copy()
+            held[np.asarray(structure.groups["gain"])[k]] = 0.0
+            for angle in np.arange(-np.pi, np.pi, _LOCKED_STEP):
+                held = held.copy()
+                held[np.asarray(structure.groups["offset"])[k]] = (
+                    beta[np.asarray(structure.groups["offset"])[k]] + angle
+                )
+                yield {}, held, (k,)
 
 
 def _replaced(structure: Structure, change: dict[str, Any]) -> Structure:
@@ -185,9 +213,7 @@ def _misfit(p: Array, z: Array, scaled: bool) -> tuple[float, float]:
     return _typical(error) / (size if scaled and size > 0 else 1.0), max(ratio, 1e-12)
 
 
-def _framed(
-    structure: Structure, beta: Array, q: Array, z: Array, ratio: float | None
-) -> Array:
+def _framed(structure: Structure, beta: Array, q: Array, z: Array, ratio: float | None) -> Array:
     """Parameters with the frame that fits a log best, from several rotations."""
     groups = structure.groups
     turn, shift = np.asarray(groups["view.rotation"]), np.asarray(groups["view.shift"])
@@ -196,7 +222,7 @@ def _framed(
     beta = beta.copy()
     if ratio is not None:
         beta[scale] += np.log(ratio)
-    best: tuple[float, Array] | None = None
+    tries: list[tuple[float, Array]] = []
     for start in _rotations(len(turn)):
         found = beta.copy()
         full = np.zeros(len(beta))
@@ -204,11 +230,8 @@ def _framed(
         found = structure.retract(found, full)
         left = structure.residual(z, structure.predict(q, found))
         found[shift] += np.median(left, axis=0)[: len(shift)]
-        error, found = _aligned(structure, found, q, z, free, ~np.isin(free, shift))
-        if best is None or error < best[0]:
-            best = (error, found)
-    assert best is not None  # there is at least one rotation
-    return best[1]
+        tries.append(_aligned(structure, found, q, z, free, ~np.isin(free, shift)))
+    return min(tries, key=lambda t: t[0])[1]
 
 
 def _rotations(size: int) -> Iterator[Array]:

@@ -11,7 +11,6 @@ from numpy.typing import NDArray
 
 from ..common.robust import robust_solve
 from ..errors import LogError
-from .features import Frame
 
 if TYPE_CHECKING:
     from ..model.model import Model
@@ -125,7 +124,7 @@ def _check_swapped(model: Model, q: Array, u: Array, x: Array) -> None:
         if np.mean(inside) < 0.9:
             return float("inf")
         said = model.predictor.value(model.motor.scale.to_unit(columns[inside]))
-        features = Frame.of(said, 1).values(said)
+        features = np.concatenate([said, np.ones((len(said), 1))], axis=1)
         gap = x[inside] - features @ robust_solve(features, x[inside])
         return float(np.median(np.linalg.norm(gap, axis=1)))
 

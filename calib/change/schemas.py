@@ -21,11 +21,12 @@ from ..errors import LogError, OptionError
 from ..maps.association import Association
 from ..maps.map import Map
 from ..maps.node_bounds import blend_nodes
-from ..maps.predictor import Predictor
-from ..maps.support import Support
+from ..maps.predictor import BodyInBox, Both, Predictor
+from ..model.trust import Trust
 from .baseline import Baseline
 
 if TYPE_CHECKING:
+    from ..body.belief import Body
     from ..model.model import Model
     from ..samples.samples import Samples
 
@@ -62,8 +63,10 @@ class Schema:
         Where the sensory nodes stand.
     predictor : Predictor
         From joints to positions, with the motor map that carries it.
-    bounds : (motor nodes,) array [unit]
-        95 % bound on the error around each node.
+    bounds, model_bounds : (motor nodes,) array [unit]
+        95 % bounds around each node: on what `bound_of` says, and on the true position.
+    most : float [unit]
+        Largest bound with which a position is still an answer.
     visited : (motor nodes,) bool array
         Nodes that samples have visited.
     baseline : Baseline or None
@@ -78,6 +81,8 @@ class Schema:
     sensory: Map
     predictor: Predictor
     bounds: Array
+    model_bounds: Array
+    most: float
     visited: NDArray[np.bool_]
     baseline: Baseline | None
     bound_of: str
@@ -91,6 +96,8 @@ class Schema:
             model.sensory,
             model.predictor,
             model.bounds,
+            model.model_bounds,
+            model.trust.most,
             model.visited,
             model.baseline,
             model.about.bound_of,
@@ -105,9 +112,17 @@ class Schema:
         return self.baseline.noise
 
     @cached_property
-    def support(self) -> Support:
-        """Where samples were."""
-        return Support(self.predictor.motor, self.visited)
+    def trust(self) -> Trust:
+        """Where answers are given."""
+        return Trust(self.predictor.motor, self.model_bounds, self.most)
+
+    @property
+    def body(self) -> Body | None:
+        """The kinematic model under the maps, if there is one."""
+        smooth = self.predictor.smooth
+        while isinstance(smooth, Both):
+            smooth = smooth.first
+        return smooth.body if isinstance(smooth, BodyInBox) else None
 
     def contradictions(self, u: Array, x: Array) -> tuple[Array, Array, Array]:
         """How far positions are from what the schema says of joints.
@@ -124,7 +139,7 @@ class Schema:
         distance, bound : (n,) array [unit]
         """
         motor = self.predictor.motor
-        known = self.support.covers(u)
+        known = self.trust.covers(u)
         ratio, distance, bound = (np.full(len(u), np.nan) for _ in range(3))
         if known.any():
             said = self.predictor.value(u[known])
@@ -292,7 +307,9 @@ def in_state(model: Model, schema: Schema) -> Model:
         about=replace(model.about, bound_of=schema.bound_of, samples=schema.samples),
         association=_linked(model, schema),
         predictor=schema.predictor,
+        body=schema.body,
         bounds=schema.bounds,
+        model_bounds=schema.model_bounds,
         visited=schema.visited,
         baseline=schema.baseline,
         schema=schema.name,

@@ -17,12 +17,12 @@ from numpy.typing import ArrayLike, NDArray
 
 from ..common.parallel import one_blas_thread
 from ..errors import OptionError
-from ..maps.node_bounds import learn_bounds
 from .baseline import learn_baseline
 from .follow import BLOCK, HORIZON, OnlineAdapter, Step, check_followable
 from .schemas import MOST, OUTSIDE, Schema, compare, in_state
 
 if TYPE_CHECKING:
+    from ..model.about import About
     from ..model.model import Model
 
 Array = NDArray[np.float64]
@@ -35,7 +35,7 @@ _STILL = 60  # a change of many small steps may end in a known schema that much 
 _FIRST = 30  # samples that a first model of a new state rests on
 _GROWTH = 3.0  # it is made anew whenever there are so many times the samples
 _SETTLED = 100  # samples that a state must have lasted to be kept as a schema
-_JUDGED = 2000  # latest samples whose errors make the bounds
+_JUDGED = 2000  # latest samples whose errors are told
 
 
 @dataclass(frozen=True)
@@ -254,15 +254,17 @@ class _Learning:
         self.name = name
         self.samples = 0
         self.step: Step | None = None
-        self._base = base
-        self._adapter = OnlineAdapter(base, horizon, force=True)
+        # from now on it rests on what a sensor reads
+        self._about = replace(base.about, bound_of="sensor reading")
+        self._base = replace(base, about=self._about)
+        self._adapter = OnlineAdapter(self._base, horizon, force=True)
         self._horizon = horizon
         self._u: list[Array] = []
         self._x: list[Array] = []
         self._fed = 0
         self._next = _FIRST
         self._made: Model | None = None
-        self._judged: list[tuple[Array, Array]] = []  # joints, and errors before learning
+        self._judged: list[Array] = []  # distances to samples before they were learned
 
     @property
     def known(self) -> bool:
@@ -281,7 +283,7 @@ class _Learning:
         self.samples += len(u)
         if self._made is not None:
             said = self._made.predictor.value(u)
-            self._judged.append((u, np.linalg.norm(x - said, axis=1)))
+            self._judged.append(np.linalg.norm(x - said, axis=1))
         block = _FIRST if not self._fed else BLOCK
         last = self.samples >= self._horizon
         if self.samples - self._fed >= block or last:
@@ -301,27 +303,16 @@ class _Learning:
             self._fed = self.samples
 
     def _make(self, last: bool) -> Model:
-        """The model of the samples so far, with bounds of the errors that it made on the way."""
+        """The model of the samples so far, and the errors that were made on the way."""
         made = self._adapter.model()
         u, x = np.concatenate(self._u), np.concatenate(self._x)
-        if self._judged:
-            tested = np.concatenate([p[0] for p in self._judged])[-_JUDGED:]
-            errors = np.concatenate([p[1] for p in self._judged])[-_JUDGED:]
-            # errors of a model of half the samples: those of this one are hardly larger
-            half = max(20, len(errors) // 2)
-            tested, errors = tested[-half:], errors[-half:]
-            bounds = learn_bounds(made.motor, tested, errors)
-            noise = np.linalg.norm(x - made.predictor.value(u), axis=1)
-            baseline = learn_baseline(made.association, u, x, noise)
-        else:
-            bounds = np.full(made.motor.size, _unknown(self._base, x))
-            baseline = self._base.baseline
-            errors = np.zeros(0)
+        noise = np.linalg.norm(x - made.predictor.value(u), axis=1)
+        # what it did not know when it met it; the first model has met nothing
+        errors = np.concatenate(self._judged)[-_JUDGED:] if self._judged else noise
         self._made = replace(
             made,
-            about=_about(self._base, self.samples, errors),
-            bounds=bounds,
-            baseline=baseline,
+            about=_about(self._about, self.samples, errors),
+            baseline=learn_baseline(made.association, u, x, noise),
             schema=self.name,
             history=(*self._base.history, self._event(errors)) if last else self._base.history,
             seconds={},
@@ -340,15 +331,9 @@ class _Learning:
         }
 
 
-def _unknown(model: Model, x: Array) -> float:
-    """A bound that says that nothing is known yet: the extent of the workspace."""
-    extent = float(np.linalg.norm(np.ptp(x, axis=0)))
-    return max(extent, float(np.linalg.norm(model.sensory.scale.span)))
-
-
-def _about(model: Model, samples: int, errors: Array) -> Any:
+def _about(about: About, samples: int, errors: Array) -> About:
     """Facts of a model that was followed: it rests on what a sensor read."""
-    found = dict(model.about.errors)
+    found = dict(about.errors)
     if len(errors) and "local" in found:
         told = {
             "mean": float(errors.mean()),
@@ -359,7 +344,7 @@ def _about(model: Model, samples: int, errors: Array) -> Any:
         local["forward"] = {**local["forward"], "distance": told}
         found["local"] = local
     return replace(
-        model.about,
+        about,
         source="log",
         bound_of="sensor reading",
         simulation=None,

@@ -15,9 +15,10 @@ import numpy as np
 from ..body.belief import Body, Second
 from ..body.normal import Factor
 from ..body.structure import Array, Indices
-from .explain import Explanation, thinned
+from .explain import Explanation
 from .members import drift
 from .reference import Reference
+from .rows import Log, thinned
 from .whitening import kernel, lengths_of, nuisance_sd, scaled
 
 MOST_ROWS = 600
@@ -45,26 +46,6 @@ class Posterior:
     active: Indices
     covariance: Array
     held_out: Array
-
-
-@dataclass(frozen=True)
-class Log:
-    """Rows of a log and how much each counts.
-
-    Attributes
-    ----------
-    q, z : (n, dof), (n, m) array
-    weight : (n,) array
-    """
-
-    q: Array
-    z: Array
-    weight: Array
-
-    def some(self, most: int) -> Log:
-        """At most so many rows, evenly spread."""
-        rows = thinned(len(self.q), most)
-        return Log(self.q[rows], self.z[rows], self.weight[rows])
 
 
 def updated(
@@ -260,8 +241,7 @@ def settled(before: Array, after: Array, blocks: int = _BLOCKS) -> tuple[float, 
         block.
     """
     gain = [
-        float(np.mean(before[b] - after[b]))
-        for b in np.array_split(np.arange(len(before)), blocks)
+        float(np.mean(before[b] - after[b])) for b in np.array_split(np.arange(len(before)), blocks)
     ]
     error = float(np.std(gain, ddof=1)) / np.sqrt(len(gain))
     ratio = float(after.mean() / max(float(before.mean()), 1e-300))

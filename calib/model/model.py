@@ -335,10 +335,16 @@ class Model:
         return adapt(self, log, method=method).model
 
     def correct(self, q: ArrayLike) -> Array:
-        """Joint values (n, dof) that lead to where a nominal controller wants to go with `q`."""
+        """Joint values (n, dof) that lead to where a nominal controller wants to go with `q`.
+
+        NaN out of reach, and where a joint would change by far more than this model usually
+        corrects; :func:`calib.correct` tells which and takes another limit.
+        """
         from ..use.correct import correct
 
-        return correct(self, q).q if np.ndim(q) > 1 else correct(self, q).q[0]
+        found = correct(self, q)
+        answer = np.where(found.exceeded[:, None], np.nan, found.q)
+        return answer[0] if found.single else answer
 
     def save(self, path: str | os.PathLike[str]) -> None:
         """Write the model into one file, whole or not at all."""

@@ -2,15 +2,13 @@
 
 from __future__ import annotations
 
-import math
 from collections.abc import Mapping, Sequence
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from numpy.typing import NDArray
 
-from ..body.basis import Basis, exponents
-from ..body.trend import Trend
+from ..body.basis import exponents
 from ..change.baseline import Baseline
 from ..change.schemas import Schema, check_name
 from ..common.checks import LARGEST, finite, numbers, of_type
@@ -18,6 +16,7 @@ from ..errors import OptionError
 from ..maps.local_models import LocalModels
 from ..maps.map import Map
 from ..maps.predictor import Predictor
+from .smooth_part import build_smooth, smooth_header, smooth_tensors
 
 if TYPE_CHECKING:
     from ..model.model import Model
@@ -30,7 +29,9 @@ PREFIX = "schema."
 BYTES = 2_000_000
 """All kept schemas take no more; those that were kept longest are left out of the file."""
 
-_FUNCTIONS = 100_000  # of a trend
+SMOOTH = "smooth."
+"""Those of its smooth part, body or trend, "schema.k.smooth.NAME"."""
+
 _MOST = 100
 
 
@@ -45,17 +46,14 @@ def pack(schemas: Sequence[Schema]) -> tuple[list[dict[str, Any]], dict[str, NDA
         if total > BYTES:
             break
         tensors.update({f"{PREFIX}{k}.{name}": array for name, array in own.items()})
-        trend, models = schema.predictor.trend, schema.predictor.models
+        models = schema.predictor.models
         described.append(
             {
                 "name": schema.name,
                 "bound_of": schema.bound_of,
                 "samples": schema.samples,
-                "trend": {
-                    "turns": list(trend.basis.turns),
-                    "degree": trend.basis.degree,
-                    "each": trend.basis.each,
-                },
+                "most": schema.most,
+                "smooth": smooth_header(schema.predictor.smooth),
                 "local": {"degree": models.degree, "samples": models.samples},
                 "baseline": None if schema.baseline is None else schema.baseline.to_json(),
             }
@@ -68,8 +66,9 @@ def _tensors(schema: Schema) -> dict[str, NDArray[Any]]:
     arrays = {
         "motor": predictor.motor.units.astype(np.float32),
         "sensory": schema.sensory.units.astype(np.float32),
-        "trend": predictor.trend.coefficients,
+        **{SMOOTH + name: array for name, array in smooth_tensors(predictor.smooth).items()},
         "bounds": _rounded_up(schema.bounds),
+        "model_bounds": _rounded_up(schema.model_bounds),
         "visited": np.packbits(schema.visited),
     }
     if predictor.models.degree >= 0:
@@ -134,15 +133,9 @@ def _schema(model: Model, state: dict[str, Any], tensors: Tensors, prefix: str) 
     )
     if not (motor.spacing > 0.0 and sensory.spacing > 0.0):
         raise ValueError(f"the nodes of schema {name!r} are all in one place")
-    stated, local = state["trend"], state["local"]
-    turns = model.predictor.trend.basis.turns
-    if [float(t) for t in stated["turns"]] != [float(t) for t in turns]:
-        raise ValueError(f"the trend of schema {name!r} is of another arm")
-    degree, each = (_small(stated[k], 60) for k in ("degree", "each"))
-    if math.comb(degree + dof, dof) > _FUNCTIONS:
-        raise ValueError(f"the trend of schema {name!r} has too many functions")
-    basis = Basis(turns, degree, each)
-    trend = Trend(basis, take("trend", (len(basis.orders), width), np.float64))
+    local = state["local"]
+    own = {n[len(prefix + SMOOTH) :]: a for n, a in tensors.items() if n.startswith(prefix + SMOOTH)}
+    smooth, _ = build_smooth(state, own, motor.scale, width)
     models = LocalModels(-1, 0, np.zeros(0), np.zeros((0, 0, width)))
     order = _small(local["degree"], 3, least=-1)
     if order >= 0:
@@ -152,9 +145,10 @@ def _schema(model: Model, state: dict[str, Any], tensors: Tensors, prefix: str) 
         terms = len(exponents(dof, order))
         coefficients = take("local", (nodes, terms, width))
         models = LocalModels(order, _small(local["samples"], 10**9), radius, coefficients)
-    bounds = take("bounds", (nodes,))
+    bounds, model_bounds = take("bounds", (nodes,)), take("model_bounds", (nodes,))
+    most = finite("most", state["most"])
     visited = np.unpackbits(take("visited", (-(-nodes // 8),), np.uint8), count=nodes) > 0
-    if not visited.any() or (bounds < 0.0).any():
+    if not visited.any() or min(bounds.min(), model_bounds.min(), most) < 0.0:
         raise ValueError(f"schema {name!r} was visited nowhere, or a bound is negative")
     baseline = None
     if state["baseline"] is not None:
@@ -164,8 +158,18 @@ def _schema(model: Model, state: dict[str, Any], tensors: Tensors, prefix: str) 
         parts = (take("baseline.motor", (nodes,)), take("baseline.sensory", (others,)))
         baseline = Baseline.from_json(told, *parts)
     samples = _small(state["samples"], 2**62)
-    predictor = Predictor(motor, trend, models)
-    return Schema(name, sensory, predictor, bounds, visited, baseline, state["bound_of"], samples)
+    return Schema(
+        name,
+        sensory,
+        Predictor(motor, smooth, models),
+        bounds,
+        model_bounds,
+        most,
+        visited,
+        baseline,
+        state["bound_of"],
+        samples,
+    )
 
 
 def schema_name(value: Any) -> str:

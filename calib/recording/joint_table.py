@@ -10,10 +10,10 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
-from ..data.columns import Source, open_source, read_columns
-from ..data.csv_rows import csv_rows
+from ..samples.columns import Source, open_source, read_columns
+from ..samples.csv_rows import csv_rows
 from ..errors import LogError
-from ..wording import listed
+from ..common.wording import listed
 
 Array = NDArray[np.float64]
 

@@ -15,7 +15,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from ..atomic import atomic_write
+from ..common.atomic import atomic_write
 from ..errors import LogError
 from .board import LEAST_CORNERS, Board
 from .opencv import opencv

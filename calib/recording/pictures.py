@@ -14,7 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ..errors import LogError
-from ..wording import listed
+from ..common.wording import listed
 from .joint_table import JointTable
 
 Array = NDArray[np.float64]

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import json
 import os
 from collections.abc import Mapping
 from dataclasses import dataclass, field
@@ -11,7 +10,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from ..data.tables import write_table
+from ..samples.tables import write_table
 
 Array = NDArray[np.float64]
 
@@ -96,8 +95,3 @@ class Recorded:
 def told(reasons: Mapping[str, int], what: str) -> list[str]:
     """Say what was left out, and why."""
     return [f"{count} {what} left out: {why}" for why, count in reasons.items() if count]
-
-
-def comment(about: Mapping[str, Any]) -> str:
-    """Return the line of comment of a CSV log."""
-    return "# calib " + json.dumps(about, sort_keys=True, separators=(", ", ": ")) + "\n"

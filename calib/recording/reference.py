@@ -15,7 +15,7 @@ from typing import Any, Protocol
 import numpy as np
 from numpy.typing import NDArray
 
-from ..data.columns import open_source, read_columns
+from ..samples.columns import open_source, read_columns
 from ..errors import LogError, OptionError
 from .board import LEAST_CORNERS, Board
 from .lens import Lens

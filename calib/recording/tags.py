@@ -11,7 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ..errors import OptionError
-from ..wording import suggestion
+from ..common.wording import suggestion
 from .edges import crossing, refine_square
 from .opencv import opencv
 

@@ -9,11 +9,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ..errors import LogError, OptionError
+from .joint_values import TURN, beyond, in_degrees, many_turns
 
 Array = NDArray[np.float64]
 Range = tuple[float, float]
-
-TURN = 2.0 * math.pi
 
 _SLACK = 0.05  # share of a range by which a log may leave it: limits are rounded, arms differ
 _ROUNDED = 1e-4  # share of a range that is not worth a word
@@ -101,12 +100,12 @@ class JointColumn:
 
     def _within_limits(self, limits: Range) -> tuple[Array, Range, list[str]]:
         values, notes = self.values, []
-        if self.revolute and np.ptp(values) <= TURN + 1e-9 and _beyond(values, limits) > _SLACK:
+        if self.revolute and np.ptp(values) <= TURN + 1e-9 and beyond(values, *limits) > _SLACK:
             wrapped = wrap(values, *limits)
-            if _beyond(wrapped, limits) <= _SLACK:
+            if beyond(wrapped, *limits) <= _SLACK:
                 notes += self._wrapped_note(wrapped, limits)
                 values = wrapped
-        excess = _beyond(values, limits)
+        excess = beyond(values, *limits)
         if excess > _SLACK:
             raise self._outside(limits)
         low, high = min(limits[0], float(values.min())), max(limits[1], float(values.max()))
@@ -124,8 +123,7 @@ class JointColumn:
             f"{self.label}, row {number}: {self.joint} is {self._value(row)}, outside of its "
             f"limits {self._show(limits)}"
         )
-        radians = np.deg2rad(self.values)
-        if self.revolute and not self.degrees and _beyond(radians, limits) <= _SLACK:
+        if self.revolute and not self.degrees and in_degrees(self.values, *limits):
             return LogError(
                 message,
                 hint="as degrees the log fits: give `degrees=True`",
@@ -141,7 +139,7 @@ class JointColumn:
 
     def _refuse_many_turns(self) -> None:
         low, high = self._extremes
-        if high - low <= 2.02 * TURN and max(abs(low), abs(high)) <= 4.0 * TURN:
+        if not many_turns(self.values):
             return
         turns = (high - low) / TURN
         turn = "(-180, 180)" if self.degrees else "(-3.14159, 3.14159)"
@@ -272,12 +270,6 @@ def wrap(values: Array, low: float, high: float) -> Array:
     moved = np.where(moved - high > TURN / 2.0 - (high - low) / 2.0, moved - TURN, moved)
     moved = np.where(high - low >= TURN - 1e-9, np.clip(moved, low, high), moved)
     return np.where((values < low) | (values > high), moved, values)
-
-
-def _beyond(values: Array, limits: Range) -> float:
-    """Return by how much the values leave the limits, as a share of their width."""
-    excess = max(limits[0] - float(values.min()), float(values.max()) - limits[1], 0.0)
-    return excess / (limits[1] - limits[0])
 
 
 def _shown(limits: Range, revolute: bool, degrees: bool) -> str:
