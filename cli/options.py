@@ -13,8 +13,8 @@ MAPS = ("vdsom", "som", "dsom", "gng")
 RULES = ("batch", "online")
 READOUTS = ("local", "body", "linear", "activity", "winner")
 BODIES = ("auto", "none")
-FRAMES = ("auto", "base")
-VIEWS = ("auto", "base", "rigid", "similarity", "affine", "homography")
+SENSOR_VIEWS = ("auto", "base", "rigid", "similarity", "affine", "homography")
+VIEWS = ("auto", "base")
 MOTIONS = ("uniform", "halton", "sobol", "smooth")
 
 RobotArgument = Annotated[
@@ -102,12 +102,12 @@ BodyOption = Annotated[
         help="auto fits a kinematic model under the maps, none learns from maps and links alone.",
     ),
 ]
-ViewOption = Annotated[
+SensorViewOption = Annotated[
     str,
     typer.Option(
         "--view",
-        parser=parsing.one_of("--view", VIEWS),
-        metavar="|".join(VIEWS),
+        parser=parsing.one_of("--view", SENSOR_VIEWS),
+        metavar="|".join(SENSOR_VIEWS),
         help="What the sensor measures: base is the robot's root frame; auto is rigid for "
         "lengths, homography for pixels.",
     ),
@@ -219,12 +219,12 @@ PrismaticOption = Annotated[
     ),
 ]
 
-FrameOption = Annotated[
+ViewOption = Annotated[
     str,
     typer.Option(
         "--view",
-        parser=parsing.one_of("--view", FRAMES),
-        metavar="|".join(FRAMES),
+        parser=parsing.one_of("--view", VIEWS),
+        metavar="|".join(VIEWS),
         help="base: the log is in the robot's root frame; auto: the sensor's frame is free.",
     ),
 ]

@@ -61,7 +61,10 @@ class JointFormat:
     def in_si(self, columns: Mapping[str, Any]) -> dict[str, Any]:
         """Columns of a table of answers in SI units, as a JSON document holds them."""
         factors = dict(zip(self.names, self.typed, strict=True))
-        return {name: column / factors.get(name, 1.0) for name, column in columns.items()}
+        return {
+            name: column / factors[name] if name in factors else column
+            for name, column in columns.items()
+        }
 
     @property
     def header(self) -> list[str]:

@@ -18,6 +18,7 @@ from ..change.schemas import FIRST
 from ..common.atomic import atomic_write
 from ..errors import CalibError, ModelError
 from ..maps.graph import Graph
+from ..maps.linear_models import to_shifts
 from . import schemas
 from .rebuild import build
 from .smooth_part import smooth_header, smooth_tensors
@@ -99,27 +100,26 @@ def _tensors(model: Model) -> dict[str, NDArray[Any]]:
     tensors: dict[str, NDArray[Any]] = {
         "links.data": links.data.astype(np.float32),
         "links.indices": links.indices.astype(_unsigned(model.sensory.size)),
-        "links.counts": np.diff(links.indptr).astype(np.uint32),
+        "links.counts": np.diff(links.indptr).astype(_unsigned(model.sensory.size + 1)),
         "local.radius": model.predictor.models.radius,
         "local.coefficients": model.predictor.models.coefficients,
         **smooth_tensors(model.predictor.smooth),
         "bounds": model.bounds,
         "visited": model.visited.astype(np.uint8),
     }
+    if not np.array_equal(model.model_bounds, model.bounds):
+        tensors["model_bounds"] = model.model_bounds
+    for name, part, means in (
+        ("motor", model.motor, model.association.motor_means),
+        ("sensory", model.sensory, model.association.sensory_means),
+    ):
+        if means is not None:
+            tensors[f"{name}.shifts"] = to_shifts(part, means)
     if model.rows is not None:
         tensors["rows.q"], tensors["rows.x"] = model.rows.q, model.rows.x
     if model.baseline is not None:
         tensors["baseline.motor"] = model.baseline.motor.astype(np.float32)
         tensors["baseline.sensory"] = model.baseline.sensory.astype(np.float32)
-    if not np.array_equal(model.bounds, model.model_bounds):
-        tensors["model_bounds"] = model.model_bounds
-    pair = model.association
-    for name, part, means in (
-        ("motor", pair.motor, pair.motor_means),
-        ("sensory", pair.sensory, pair.sensory_means),
-    ):
-        if means is not None:  # relative to the node, so that single precision is enough
-            tensors[f"{name}.means"] = (means - part.units).astype(np.float32)
     for name, part in (("motor", model.motor), ("sensory", model.sensory)):
         tensors[f"{name}.units"] = part.units
         if isinstance(part.lattice, Graph):

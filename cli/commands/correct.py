@@ -42,7 +42,7 @@ def correct(
             "model usually corrects if not given.",
         ),
     ] = None,
-    view: o.FrameOption = "auto",
+    view: o.ViewOption = "auto",
     degrees: o.DegreesOption = False,
     as_json: o.JsonOption = False,
 ) -> None:

@@ -45,7 +45,7 @@ def train(
     motor_size: o.MotorSizeOption = None,
     sensory_size: o.SensorySizeOption = None,
     body: o.BodyOption = "auto",
-    view: o.ViewOption = "auto",
+    view: o.SensorViewOption = "auto",
     rule: o.RuleOption = "batch",
     epochs: o.EpochsOption = None,
     sigma: o.SigmaOption = None,

@@ -22,7 +22,7 @@ def urdf(
     output: Annotated[
         str, typer.Option("--output", "-o", metavar="URDF", help="The corrected description.")
     ],
-    view: o.FrameOption = "auto",
+    view: o.ViewOption = "auto",
     move_base: Annotated[
         bool,
         typer.Option("--move-base", help="Fit the place of the first joint as well."),
