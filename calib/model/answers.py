@@ -121,12 +121,17 @@ def answer(model: Model, u: Array, x: Array, position: Array | None) -> Answer:
     if position is None:
         position = model.predictor.value(u)
     with np.errstate(over="ignore"):  # the distance of a target at 1e308 may be infinite
-        distance = np.hypot(*(position - x).T)
+        distance = np.hypot(*(position - x).T) if x.shape[1] == 2 else _apart(position, x)
     bound = blend_nodes(model.motor, model.bounds, u)
     same = model.model_bounds is model.bounds
     error = bound if same else blend_nodes(model.motor, model.model_bounds, u)
     within = distance <= within_reach(model, bound)
     return Answer(model.motor.scale.from_unit(u), position, distance, bound, error, within)
+
+
+def _apart(a: Array, b: Array) -> Array:
+    """Distances (n,) of points (n, m)."""
+    return np.asarray(np.sqrt(((a - b) ** 2).sum(axis=1)))
 
 
 def within_reach(model: Model, bound: Array) -> Array:

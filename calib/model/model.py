@@ -150,6 +150,11 @@ class Model:
         return 0.5 * self.solver.extent
 
     @property
+    def axes(self) -> tuple[str, ...]:
+        """Names of a position's coordinates: x and y, and z for an arm in space."""
+        return ("x", "y", "z")[: self.sensory.units.shape[1]]
+
+    @property
     def default_readout(self) -> str:
         """``local``, the body and its local models; ``linear`` where maps and links stand alone."""
         return "linear" if isinstance(self.predictor.smooth, LinearModels) else "local"
@@ -205,7 +210,7 @@ class Model:
         q, single = checked_rows(q, self.about.joint_names, "joint values")
         u = self.motor.scale.to_unit(q)
         inside = self.trust.covers(u)
-        x = np.full((len(q), 2), np.nan)
+        x = np.full((len(q), len(self.axes)), np.nan)
         if inside.any():
             u = u[inside]
             if readout == "local":
@@ -254,7 +259,7 @@ class Model:
             if joints is not None:
                 return joints
         if readout == "local":
-            rows, single = checked_rows(x, ("x", "y"), "positions")
+            rows, single = checked_rows(x, self.axes, "positions")
             q = answers.joints(self, rows, answers.anchor(self, near, len(rows)), nearest=nearest)
             return q[0] if single else q
         answer = self.solve(x, near, readout if readout != "local" else None)
@@ -266,7 +271,7 @@ class Model:
     ) -> Answer:
         """Answer inverse queries in full; see :meth:`inverse` for the parameters."""
         readout = self._readout(readout)
-        rows, _ = checked_rows(x, ("x", "y"), "positions")
+        rows, _ = checked_rows(x, self.axes, "positions")
         return answers.solve(self, rows, answers.anchor(self, near, len(rows)), readout)
 
     def solve_all(self, x: ArrayLike) -> list[Answer]:
@@ -274,7 +279,7 @@ class Model:
 
         A target out of reach has one answer, the nearest attainable point.
         """
-        rows, _ = checked_rows(x, ("x", "y"), "positions")
+        rows, _ = checked_rows(x, self.axes, "positions")
         return answers.solve_all(self, rows)
 
     def inverse_all(self, x: ArrayLike) -> list[Array]:

@@ -273,7 +273,7 @@ class _Trainer:
     def _about(self) -> About:
         samples, options = self.samples, self.options
         arm, simulation = samples.arm, samples.simulation
-        plane = samples.plane or (arm.plane if arm is not None else None)
+        plane = samples.plane or getattr(arm, "plane", None)
         stated: Mapping[str, Any] | None = None
         if plane is not None:
             stated = {k: getattr(plane, k).tolist() for k in ("origin", "x", "y")}
