@@ -41,6 +41,10 @@ if TYPE_CHECKING:
 Array = NDArray[np.float64]
 
 
+MOST_BLENDED = 3
+"""Joints up to which bounds are blended between the motor map's nodes."""
+
+
 @dataclass(frozen=True, eq=False)
 class Model:
     """A calibrated arm.
@@ -365,8 +369,26 @@ class Model:
         u = self.motor.scale.to_unit(q)
         known = self.trust.covers(u)
         bound = np.full(len(q), np.nan)
-        bound[known] = blend_nodes(self.motor, getattr(self, which), u[known])
+        bound[known] = self.bound_at(u[known], which)
         return bound[0] if single else bound
+
+    def bound_at(self, u: Array, which: str = "bounds") -> Array:
+        """95 % bound (n,) [unit] at points of the unit box (n, dof).
+
+        Parameters
+        ----------
+        u : (n, dof) array
+        which : {"bounds", "model_bounds"}
+
+        Notes
+        -----
+        The bounds of the nodes, blended.  Of more than three joints a lattice covers too
+        little of the joints' box to blend between: the body's posterior answers itself.
+        """
+        if self.body is not None and u.shape[1] > MOST_BLENDED:
+            noise = which == "bounds" and self.about.bound_of == "sensor reading"
+            return self.body.bound(self.motor.scale.from_unit(u), noise=noise)
+        return blend_nodes(self.motor, getattr(self, which), u)
 
     def evaluate(self, samples: Samples | None = None) -> Evaluation:
         """Errors of all readouts on fresh exact samples, or on measured ones."""
