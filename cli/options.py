@@ -230,7 +230,7 @@ ViewOption = Annotated[
 ]
 
 ReadoutOption = Annotated[
-    str,
+    str | None,
     typer.Option(
         "--readout",
         parser=parsing.one_of("--readout", READOUTS),

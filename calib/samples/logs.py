@@ -270,9 +270,7 @@ def _in_space(x: Array, arm: Arm | None) -> bool:
     return bool(spread[2] > _THICK * spread[0])
 
 
-def _revolute(
-    arm: Arm | None, names: Sequence[str], prismatic: Sequence[str]
-) -> tuple[bool, ...]:
+def _revolute(arm: Arm | None, names: Sequence[str], prismatic: Sequence[str]) -> tuple[bool, ...]:
     if arm is not None:
         return tuple(arm.revolute)
     for name in prismatic:

@@ -111,9 +111,7 @@ def check_names(names: Sequence[str]) -> None:
             raise OptionError(f"joint {name!r} is given {names.count(name)} times")
 
 
-def _joint_names(
-    source: Source, arm: Arm | None, joints: Sequence[str] | None
-) -> tuple[str, ...]:
+def _joint_names(source: Source, arm: Arm | None, joints: Sequence[str] | None) -> tuple[str, ...]:
     if isinstance(joints, str):
         joints = [name.strip() for name in joints.split(",")]
     if arm is not None:

@@ -79,8 +79,10 @@ def find_smooth_part(
     if body == "none":
         return SmoothPart((), None, rows)  # the maps and their links stand alone
     simulation = samples.simulation
-    fit = _in_space(samples, q, x, view, seed) if x.shape[1] == 3 else _planar(
-        samples, q, x, view, seed
+    fit = (
+        _in_space(samples, q, x, view, seed)
+        if x.shape[1] == 3
+        else _planar(samples, q, x, view, seed)
     )
     under = of_body(fit, scale, u, x)
     error = float(np.linalg.norm(fit.held_out, axis=1).mean())

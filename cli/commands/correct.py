@@ -63,7 +63,7 @@ def correct(
     valid = np.isfinite(batch.values).all(axis=1)
     n = len(valid)
     factors = np.array(joints.typed)
-    names = (*joints.names, "x", "y", "distance", "expected_error", "reachable")
+    names = (*joints.names, *loaded.axes, "distance", "expected_error", "reachable")
     columns: dict[str, Any] = {name: np.full(n, np.nan) for name in names}
     columns["reachable"] = np.zeros(n, dtype=np.int64)
     found = None
