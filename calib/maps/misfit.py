@@ -18,11 +18,11 @@ _MANY = 20_000  # rows that are averaged over; more tell no more
 
 
 def misfit(scale: Scale, u: Array, held: Array, extent: float, at: Array) -> Array | None:
-    """Mean square of held-out residuals around points, None where they are noise.
+    """Mean square of held-out residuals around points beyond noise, None where all is noise.
 
-    The median over the samples is taken for the noise.  A mean square that exceeds it by no
-    more than chance (four standard errors of a chi-square mean) is set to it, so that noise
-    draws no nodes.
+    The median over the samples is taken for the noise and subtracted.  A mean square that
+    exceeds it by no more than chance (four standard errors of a chi-square mean) counts as
+    zero, so that noise draws no nodes.
 
     Parameters
     ----------
@@ -53,4 +53,4 @@ def misfit(scale: Scale, u: Array, held: Array, extent: float, at: Array) -> Arr
     noise = float(np.median(around))
     chance = _CHANCE * np.sqrt(2.0 / (held.shape[1] * k))
     wrong = around > noise * (1.0 + chance)
-    return np.where(wrong, around, noise) if np.count_nonzero(wrong) > k else None
+    return np.where(wrong, around - noise, 0.0) if np.count_nonzero(wrong) > k else None
