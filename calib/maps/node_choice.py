@@ -27,7 +27,7 @@ _GROUPS = 3  # of folds, held out in turn
 _AROUND = 60  # rows by which a node chooses, besides those that it speaks for
 _TURNS = 9  # rounds in which nodes reconsider
 _COLOURS = 3  # of which each node takes part in every third
-_PRICE = 0.1  # share of the distances by which another choice must mend them
+_PRICE = 0.05  # share of the distances by which another choice must mend them
 _SURE = 2.0  # standard errors by which a local model must win over none
 
 
