@@ -8,7 +8,8 @@ from hypothesis import strategies as st
 from calib.common.scale import Scale
 from calib.maps.lattice import Lattice
 from calib.maps.map import Map
-from calib.maps.model_selection import FOLDS, better, blocks, outdoes, select
+from calib.maps.model_selection import FOLDS, better, blocks, of_trends, outdoes
+from calib.maps.model_selection import select as choose
 
 N = 3000
 SPAN = np.array([1.5, 2.3])
@@ -19,6 +20,10 @@ def motor():
     lattice = Lattice((20, 20))
     scale = Scale(np.zeros(2), SPAN, np.zeros(2, dtype=bool))
     return Map((lattice.positions() + 0.5) / 20, lattice, scale, np.zeros((0, 4)))
+
+
+def select(motor, u, x):
+    return choose(motor, u, of_trends(motor.scale, (True, True), u, x))
 
 
 def arm(u):
@@ -55,14 +60,14 @@ def test_there_are_ten_folds_unless_told_otherwise():
 
 def test_an_exact_arm_needs_no_correction(motor):
     u = points(N)
-    selected = select(motor, (True, True), u, arm(u))
+    selected = select(motor, u, arm(u))
     assert selected.predictor.models.degree == -1
     assert selected.errors.max() < 1e-8
 
 
 def test_noise_asks_for_no_narrow_correction(motor):
     u = points(N)
-    selected = select(motor, (True, True), u, arm(u) + noise(N, 1e-3))
+    selected = select(motor, u, arm(u) + noise(N, 1e-3))
     models = selected.predictor.models
     assert models.degree == -1 or models.samples >= 200
     fresh = points(1000, seed=1)
@@ -72,11 +77,11 @@ def test_noise_asks_for_no_narrow_correction(motor):
 
 def test_structure_finer_than_the_trend_is_corrected_locally(motor):
     u = points(N)
-    predictor = select(motor, (True, True), u, ripple(u)).predictor
+    predictor = select(motor, u, ripple(u)).predictor
     assert predictor.models.degree >= 1
     fresh = points(1000, seed=1)
     gap = np.linalg.norm(predictor.value(fresh) - ripple(fresh), axis=1)
-    plain = np.linalg.norm(predictor.trend.value(fresh) - ripple(fresh), axis=1)
+    plain = np.linalg.norm(predictor.smooth.value(fresh) - ripple(fresh), axis=1)
     assert gap.mean() < 0.25 * plain.mean()
 
 
@@ -85,7 +90,7 @@ def test_with_more_noise_more_samples_stand_behind_each_coefficient(motor):
 
     def samples_per_term(size):
         x = ripple(u) + noise(N, size)
-        models = select(motor, (True, True), u, x).predictor.models
+        models = select(motor, u, x).predictor.models
         terms = models.coefficients.shape[1]
         return models.samples / terms if models.degree >= 0 else np.inf
 
@@ -95,7 +100,7 @@ def test_with_more_noise_more_samples_stand_behind_each_coefficient(motor):
 def test_held_out_errors_are_those_of_rows_unseen(motor):
     """On an exact arm with noise they are the noise itself: sigma sqrt(pi / 2) on average."""
     u = points(N)
-    selected = select(motor, (True, True), u, arm(u) + noise(N, 1e-3))
+    selected = select(motor, u, arm(u) + noise(N, 1e-3))
     assert selected.errors.mean() == pytest.approx(1e-3 * np.sqrt(np.pi / 2), rel=0.05)
     assert len(np.unique(selected.rows)) == len(selected.rows) == len(selected.errors)
 
@@ -104,7 +109,7 @@ def test_rows_that_repeat_within_a_block_flatter_no_one(motor):
     """Noise repeated ten times in neighbouring rows is still not learned."""
     u = np.repeat(points(N // 10), 10, axis=0)
     x = arm(u) + np.repeat(noise(N // 10, 1e-3), 10, axis=0)
-    selected = select(motor, (True, True), u, x)
+    selected = select(motor, u, x)
     assert selected.predictor.models.degree == -1
     assert selected.errors.mean() > 1e-3
 
@@ -121,27 +126,19 @@ def test_better_asks_for_more_than_chance_and_three_percent():
 
 def test_of_many_rows_every_third_fold_is_held_out(motor):
     u = points(5200)
-    selected = select(motor, (True, True), u, ripple(u) + noise(5200, 1e-4))
+    selected = select(motor, u, ripple(u) + noise(5200, 1e-4))
     fold = np.unique(selected.rows // 520)
     assert fold.tolist() == [0, 3, 6, 9]
     assert len(np.unique(selected.rows)) == len(selected.rows)
     assert 1000 <= len(selected.rows) <= 1100
-    few = select(motor, (True, True), u[:2000], arm(u[:2000]))
+    few = select(motor, u[:2000], arm(u[:2000]))
     assert np.unique(few.rows // 200).tolist() == list(range(10))
-
-
-def test_a_trend_that_is_given_is_the_trend(motor):
-    u = points(800)
-    given = select(motor, (True, True), u, arm(u)).predictor.trend
-    selected = select(motor, (True, True), u, ripple(u), given)
-    assert selected.predictor.trend is given
-    assert selected.predictor.models.degree >= 0
 
 
 def test_what_is_exact_to_rounding_is_not_mended(motor):
     u = points(300)
     tiny = arm(u) + 1e-13 * ripple(u)
-    assert select(motor, (True, True), u, tiny).predictor.models.degree == -1
+    assert select(motor, u, tiny).predictor.models.degree == -1
 
 
 def test_a_wilder_trend_has_its_price():

@@ -13,6 +13,7 @@ Array = NDArray[np.float64]
 _AROUND = 30  # rows whose residuals are averaged
 _CHANCE = 4.0  # standard errors by which a mean square must exceed the common one
 _FEWEST = 5  # rows that tell a mean
+_SPREADS = 6.0  # standard deviations of the calm mean squares, the same
 _ROUNDING = 1e-9  # share of the extent that is no residual
 _MANY = 20_000  # rows that are averaged over; more tell no more
 
@@ -52,5 +53,7 @@ def misfit(scale: Scale, u: Array, held: Array, extent: float, at: Array) -> Arr
     around = np.sort(square[some][index], axis=1)[:, : k - k // 5].mean(axis=1)
     noise = float(np.median(around))
     chance = _CHANCE * np.sqrt(2.0 / (held.shape[1] * k))
-    wrong = around > noise * (1.0 + chance)
+    # repeated rows tell less than their number: the calm half shows how much
+    spread = noise - float(np.quantile(around, 0.16))
+    wrong = around > noise + max(noise * chance, _SPREADS * spread)
     return np.where(wrong, around - noise, 0.0) if np.count_nonzero(wrong) > k else None

@@ -178,9 +178,7 @@ def _held_out(
     return target, said
 
 
-def _least(
-    motor: Map, nodes: Index, u: Array, index: Index, square: Array, usual: int
-) -> Index:
+def _least(motor: Map, nodes: Index, u: Array, index: Index, square: Array, usual: int) -> Index:
     """Best choice of `square` (choices, m) for each node by the rows around it, or the usual."""
     from scipy.sparse import csr_array
 
@@ -227,12 +225,11 @@ def _settled(
         now = every[chosen[node] + 1, np.arange(len(node))]
         remains = target - _per_row(row, now, len(target))
         before = share * np.linalg.norm(remains, axis=1)[row]
-        score = np.stack(
-            [
-                np.bincount(node, before - share * np.linalg.norm(remains[row] + now - new, axis=1), nodes)
-                for new in every
-            ]
-        )
+        gains = []
+        for new in every:
+            after = share * np.linalg.norm(remains[row] + now - new, axis=1)
+            gains.append(np.bincount(node, before - after, nodes))
+        score = np.stack(gains)
         # the price keeps a choice that is as good but for chance; none is chosen without
         score[1:] -= _PRICE * np.bincount(node, before, nodes)
         best, gain = score.argmax(axis=0) - 1, score.max(axis=0)

@@ -27,6 +27,9 @@ if TYPE_CHECKING:
     from ..model.model import Model
 
 
+_MEANS = ("means.motor", "means.sensory")
+
+
 def build(header: Mapping[str, Any], tensors: Mapping[str, NDArray[Any]]) -> Model:
     """Rebuild the model that the description and the tensors of a file are.
 
@@ -63,7 +66,7 @@ def build(header: Mapping[str, Any], tensors: Mapping[str, NDArray[Any]]) -> Mod
     links = csr_array(
         (tensors["links.data"].astype(float), indices, indptr), shape=(motor.size, sensory.size)
     )
-    smooth, body = build_smooth(header, tensors, motor.scale, 2)
+    smooth, body = build_smooth(header, tensors, motor, 2)
     degree = _small(header["local"]["degree"], 3, least=-1)
     models = LocalModels(
         degree,
@@ -87,7 +90,9 @@ def build(header: Mapping[str, Any], tensors: Mapping[str, NDArray[Any]]) -> Mod
         raise ValueError("no node was visited, or a bound is negative")
     model = Model(
         about,
-        Association(motor, sensory, links, _wiring(header["links"])),
+        Association(
+            motor, sensory, links, _wiring(header["links"]), *_means(tensors, motor, sensory)
+        ),
         Predictor(motor, smooth, models),
         tensors["bounds"],
         model_bounds,
@@ -110,7 +115,7 @@ def _check_types(tensors: Mapping[str, NDArray[Any]]) -> None:
     for name, array in tensors.items():
         if name.startswith("schema."):
             continue  # checked one by one
-        if name in ("links.data", "baseline.motor", "baseline.sensory"):
+        if name in ("links.data", "baseline.motor", "baseline.sensory", *_MEANS):
             wanted: type = np.float32
         elif name == "visited" or name.endswith(".periodic"):
             wanted = np.uint8
@@ -120,6 +125,17 @@ def _check_types(tensors: Mapping[str, NDArray[Any]]) -> None:
             wanted = np.float64
         if array.dtype != wanted:
             raise ValueError(f"{name} is of type {array.dtype}, expected {wanted.__name__}")
+
+
+def _means(
+    tensors: Mapping[str, NDArray[Any]], motor: Map, sensory: Map
+) -> tuple[NDArray[np.float64] | None, NDArray[np.float64] | None]:
+    """Mean positions at which the nodes were active; None in files of format 1."""
+    if _MEANS[0] not in tensors:
+        return None, None
+    for name, part in zip(_MEANS, (motor, sensory), strict=True):
+        _expect(name, tensors[name], part.units.shape)
+    return tensors[_MEANS[0]].astype(float), tensors[_MEANS[1]].astype(float)
 
 
 def _baseline(

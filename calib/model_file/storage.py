@@ -94,6 +94,10 @@ def _tensors(model: Model) -> dict[str, NDArray[Any]]:
         "model_bounds": model.model_bounds,
         "visited": model.visited.astype(np.uint8),
     }
+    means = model.association.motor_means, model.association.sensory_means
+    if means[0] is not None and means[1] is not None:
+        tensors["means.motor"] = means[0].astype(np.float32)
+        tensors["means.sensory"] = means[1].astype(np.float32)
     if model.rows is not None:
         tensors["rows.q"], tensors["rows.x"] = model.rows.q, model.rows.x
     if model.baseline is not None:

@@ -21,7 +21,12 @@ _ROWS_PER_NODE = 5
 
 
 def lattice_sizes(
-    samples: Samples, size: Size, motor_size: Size, sensory_size: Size
+    samples: Samples,
+    size: Size,
+    motor_size: Size,
+    sensory_size: Size,
+    *,
+    imagined: bool = True,
 ) -> tuple[tuple[int, ...], tuple[int, ...], list[str]]:
     """Choose the lattices.
 
@@ -31,6 +36,8 @@ def lattice_sizes(
         What they are to be trained on.
     size, motor_size, sensory_size : int, sequence of int, or None
         What the user gives; see :func:`calib.train`.
+    imagined : bool
+        Whether the maps of few rows learn from imagined samples besides.
 
     Returns
     -------
@@ -50,7 +57,7 @@ def lattice_sizes(
     if given is None and motor_size is None and sensory_size is None:
         rows = len(samples)
         side = SIDE
-        if samples.simulation is None and rows >= MOST_ROWS:
+        if samples.simulation is None and (rows >= MOST_ROWS or not imagined):
             side = min(SIDE, max(4, round(math.sqrt(rows / _ROWS_PER_NODE))))
             notes.append(
                 f"{rows:,} rows fill lattices of {side}x{side} nodes ({_ROWS_PER_NODE} rows per "
@@ -84,7 +91,7 @@ def lattice_sizes(
         )
     Lattice(motor)
     Lattice(sensory)
-    if len(samples) < min(MOST_ROWS, math.prod(motor)):
+    if imagined and len(samples) < min(MOST_ROWS, math.prod(motor)):
         notes.append(
             f"{len(samples):,} samples are fewer than the {math.prod(motor):,} motor nodes: the "
             "maps learn from what a smooth model of them imagines"

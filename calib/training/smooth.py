@@ -39,7 +39,7 @@ class SmoothPart:
     Attributes
     ----------
     candidates : tuple of Candidate
-        Smooth parts, the preferred one first.
+        Smooth parts, the preferred one first; none where the maps stand alone.
     fit : BodyFit or None
         The body's fit, where there is a body.
     rows : (k,) int array
@@ -74,8 +74,8 @@ def find_smooth_part(
     q, x = samples.q[rows], samples.x[rows]
     u = scale.to_unit(q)
     turning = samples.revolute
-    if body == "none":
-        return SmoothPart(tuple(of_trends(scale, turning, u, x)), None, rows)
+    if body == "none":  # maps and links are all there is
+        return SmoothPart((), None, rows)
     simulation = samples.simulation
     fit = fit_body(
         q,
@@ -118,6 +118,8 @@ def wrong_around(part: SmoothPart, scale: Scale, samples: Samples, u: Array) -> 
     -------
     (k,) array [unit^2] or None
     """
+    if not part.candidates:
+        return None
     candidate = part.candidates[0]
     n = len(candidate.residual)
     folds = np.array_split(np.arange(n), len(candidate.unseen))

@@ -25,7 +25,7 @@ from ..model.rows import Rows
 from ..samples.samples import Samples
 from ..samples.screening import screen
 from .evaluate import Residuals, fresh_residuals, summarise
-from .held_out import held_out_residuals
+from .held_out import held_out_residuals, linear_selected
 from .imagined import with_imagined
 from .learn import UNFOLD, Options, Progress, Stopwatch, both_maps, link
 from .log_bounds import node_bounds
@@ -136,7 +136,9 @@ def train(
         if screening.left_out:
             kept = screening.kept
             samples = replace(samples, q=samples.q[kept], x=samples.x[kept])
-    motor, sensory, notes = lattice_sizes(samples, size, motor_size, sensory_size)
+    motor, sensory, notes = lattice_sizes(
+        samples, size, motor_size, sensory_size, imagined=body != "none"
+    )
     taught = samples.simulation is None and body != "none"
     options = Options(
         motor, sensory, map, rule, epochs, sigma, int(seed), taught, links, body, view
@@ -192,10 +194,14 @@ class _Trainer:
         )
         self.progress(0.7, "links and local models", float("nan"))
         with self.watch("links and local models"):
-            selected, association = side_by_side(
-                lambda: select(motor, u[part.rows], part.candidates),
-                lambda: link(motor, sensory, seen_u, seen_x, options),
-            )
+            if part.candidates:
+                selected, association = side_by_side(
+                    lambda: select(motor, u[part.rows], part.candidates),
+                    lambda: link(motor, sensory, seen_u, seen_x, options),
+                )
+            else:
+                association = link(motor, sensory, seen_u, seen_x, options)
+                selected = linear_selected(association, samples, part, options)
         visited = np.bincount(motor.nearest(u)[1][:, 0], minlength=motor.size) > 0
         body = part.fit.body if part.fit is not None and uses_body(selected.predictor) else None
         empty = np.zeros(motor.size)
