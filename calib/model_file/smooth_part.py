@@ -1,9 +1,9 @@
-"""The smooth part in a model file: a body, a trend, both, or linear models of maps and links."""
+"""The smooth part in a model file: a body, a trend, or both."""
 
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from typing import Any
 
 import numpy as np
@@ -15,7 +15,6 @@ from ..body.trend import Trend
 from ..common.checks import LARGEST
 from ..common.scale import Scale
 from ..maps.linear_models import LinearModels
-from ..maps.map import Map
 from ..maps.predictor import BodyInBox, Both, Smooth
 
 _SMALL = 1e-9  # radians that are a range
@@ -26,10 +25,9 @@ _BODY = "body."  # prefix of the body's arrays
 
 def smooth_header(smooth: Smooth) -> dict[str, Any]:
     """JSON-ready description of a smooth part."""
-    if isinstance(smooth, LinearModels):
-        return {"body": None, "trend": None, "linear": True}
     body, trend = _parts(smooth)
     return {
+        "linear": isinstance(smooth, LinearModels),
         "body": None if body is None else body.header(),
         "trend": None
         if trend is None
@@ -43,8 +41,6 @@ def smooth_header(smooth: Smooth) -> dict[str, Any]:
 
 def smooth_tensors(smooth: Smooth) -> dict[str, NDArray[Any]]:
     """Arrays of a smooth part, by name."""
-    if isinstance(smooth, LinearModels):
-        return {"linear.values": smooth.values, "linear.slopes": smooth.slopes}
     body, trend = _parts(smooth)
     tensors: dict[str, NDArray[Any]] = {}
     if body is not None:
@@ -63,11 +59,17 @@ def _parts(smooth: Smooth) -> tuple[Body | None, Trend | None]:
         return smooth.body, None
     if isinstance(smooth, Trend):
         return None, smooth
+    if isinstance(smooth, LinearModels):  # made of the maps and the links
+        return None, None
     raise TypeError(f"{type(smooth).__name__} is no smooth part that a file can hold")
 
 
 def build_smooth(
-    header: Mapping[str, Any], tensors: Mapping[str, NDArray[Any]], motor: Map, outputs: int
+    header: Mapping[str, Any],
+    tensors: Mapping[str, NDArray[Any]],
+    scale: Scale,
+    outputs: int,
+    linear: Callable[[], LinearModels],
 ) -> tuple[Smooth, Body | None]:
     """Rebuild a smooth part from a file's description and arrays; both are checked.
 
@@ -77,9 +79,9 @@ def build_smooth(
         If they make no sense.
     """
     stated = {"body": None, "trend": header["trend"]} if "trend" in header else header["smooth"]
-    scale, body = motor.scale, None
     if stated.get("linear"):
-        return _linear(tensors, motor, outputs), None
+        return linear(), None
+    body = None
     if stated["body"] is not None:
         arrays = {n[len(_BODY) :]: a for n, a in tensors.items() if n.startswith(_BODY)}
         body = Body.rebuild(stated["body"], arrays)
@@ -92,19 +94,6 @@ def build_smooth(
         return trend, None
     inside = BodyInBox(body, scale)
     return (inside if trend is None else Both(inside, trend)), body
-
-
-def _linear(tensors: Mapping[str, NDArray[Any]], motor: Map, outputs: int) -> LinearModels:
-    nodes, dof = motor.units.shape
-    found = []
-    for name, shape in (("values", (nodes, outputs)), ("slopes", (nodes, dof, outputs))):
-        array = tensors[f"linear.{name}"]
-        if array.shape != shape:
-            raise ValueError(f"linear.{name} has the shape {array.shape}, expected {shape}")
-        if not (np.abs(array) < LARGEST).all():
-            raise ValueError(f"linear.{name} holds a value that is not finite")
-        found.append(array.astype(float))
-    return LinearModels(motor, *found)
 
 
 def _trend(

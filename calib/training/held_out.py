@@ -2,17 +2,13 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
 from dataclasses import replace
 
 import numpy as np
 from numpy.typing import NDArray
 
-from ..common.scale import Scale
-from ..maps.association import MAP_READOUTS, Association
-from ..maps.local_models import NO_MODELS
+from ..maps.association import MAP_READOUTS
 from ..maps.model_selection import Selected
-from ..maps.predictor import Predictor
 from ..model.model import Model
 from ..samples.samples import Samples
 from .evaluate import Residuals
@@ -27,7 +23,7 @@ _HALVES = 2  # the maps' readouts are tested on blocks that the other half did n
 
 
 def held_out_residuals(
-    model: Model, samples: Samples, part: SmoothPart, selected: Selected, options: Options
+    model: Model, samples: Samples, part: SmoothPart, selected: Selected | None, options: Options
 ) -> Residuals:
     """Residuals of all readouts on rows that were held out in contiguous blocks.
 
@@ -42,16 +38,20 @@ def held_out_residuals(
         The log.
     part : SmoothPart
         Smooth parts with their held-out residuals.
-    selected : Selected
-        The predictor's held-out residuals.
+    selected : Selected or None
+        The predictor's held-out residuals; None where maps and links stand alone.
     options : Options
         How the maps learn.
     """
-    every = max(1, len(selected.rows) // _TESTED)
-    rows = selected.rows[::every]
+    forward: dict[str, Array] = {}
+    if selected is None:
+        rows = tested_rows(part)
+    else:
+        every = max(1, len(selected.rows) // _TESTED)
+        rows = selected.rows[::every]
+        forward["local"] = -selected.residual[::every]
     q, x = samples.q[part.rows][rows], samples.x[part.rows][rows]
-    forward = {"local": -selected.residual[::every]}
-    if part.fit is not None and model.body is not None:
+    if part.fit is not None and "body" in model.readouts:
         forward["body"] = -part.fit.held_out[rows]
     inverse: dict[str, Array] = {}
     distance: dict[str, Array] = {}
@@ -60,49 +60,21 @@ def held_out_residuals(
     for readout in MAP_READOUTS:
         forward[readout], inverse[readout] = np.empty_like(x), np.empty_like(q)
         distance[readout] = np.empty(len(q))
-    for chosen, seen in _halves(len(samples), part.rows[rows]):
+    folds = np.array_split(np.arange(len(samples)), 2 * _HALVES * 5)
+    for half in range(_HALVES):
+        unseen = np.concatenate(folds[half::_HALVES])
+        chosen = np.flatnonzero(np.isin(part.rows[rows], unseen))
+        if not len(chosen):
+            continue
+        seen = np.setdiff1d(np.arange(len(samples)), unseen, assume_unique=True)
         other = _maps_of(model, samples, part, seen, options)
         _add_maps(model, other, q, x, chosen, forward, inverse, distance)
     return Residuals(q, x, forward, inverse, distance, samples.joint_names, 0)
 
 
-def linear_selected(
-    association: Association, samples: Samples, part: SmoothPart, options: Options
-) -> Selected:
-    """The predictor that maps and links are by themselves, with its held-out residuals.
-
-    Parameters
-    ----------
-    association : Association
-        Learned from all rows.
-    samples : Samples
-    part : SmoothPart
-        Without candidates.
-    options : Options
-        How the maps learn.
-    """
-    predictor = Predictor(association.motor, association.linear, NO_MODELS)
-    rows = np.arange(0, len(part.rows), max(1, len(part.rows) // _TESTED))
-    residual = np.zeros((len(rows), samples.x.shape[1]))
-    if samples.simulation is not None:  # fresh samples tell more
-        return Selected(predictor, rows, residual)
-    scale = association.motor.scale
-    u = scale.to_unit(samples.q[part.rows][rows])
-    x = samples.x[part.rows][rows]
-    for chosen, seen in _halves(len(samples), part.rows[rows]):
-        other = _linked(scale, samples, part, seen, options)
-        residual[chosen] = x[chosen] - other.linear.value(u[chosen])
-    return Selected(predictor, rows, residual)
-
-
-def _halves(n: int, rows: NDArray[np.intp]) -> Iterator[tuple[NDArray[np.intp], NDArray[np.intp]]]:
-    """Which of `rows` are unseen, and the rows that are seen, for every other block each."""
-    folds = np.array_split(np.arange(n), 2 * _HALVES * 5)
-    for half in range(_HALVES):
-        unseen = np.concatenate(folds[half::_HALVES])
-        chosen = np.flatnonzero(np.isin(rows, unseen))
-        if len(chosen):
-            yield chosen, np.setdiff1d(np.arange(n), unseen, assume_unique=True)
+def tested_rows(part: SmoothPart) -> NDArray[np.intp]:
+    """Rows of the smooth part that errors are measured on, evenly spread over the log."""
+    return np.arange(0, len(part.rows), max(1, len(part.rows) // _TESTED))
 
 
 def _answered(model: Model, q: Array, error: Array) -> tuple[Array, Array]:
@@ -124,17 +96,11 @@ def _maps_of(
     model: Model, samples: Samples, part: SmoothPart, seen: NDArray[np.intp], options: Options
 ) -> Model:
     """The model with maps and links that have learned from some of the rows."""
-    return replace(model, association=_linked(model.motor.scale, samples, part, seen, options))
-
-
-def _linked(
-    scale: Scale, samples: Samples, part: SmoothPart, seen: NDArray[np.intp], options: Options
-) -> Association:
-    """Maps and links that have learned from some of the rows."""
+    scale = model.motor.scale
     u, x = with_imagined(scale.to_unit(samples.q[seen]), samples.x[seen], part, options)
     wrong = wrong_around(part, scale, samples, u)
     motor, sensory = both_maps(scale, u, x, options, Stopwatch(), None, wrong)
-    return link(motor, sensory, u, x, options)
+    return replace(model, association=link(motor, sensory, u, x, options))
 
 
 def _add_maps(

@@ -39,7 +39,7 @@ class SmoothPart:
     Attributes
     ----------
     candidates : tuple of Candidate
-        Smooth parts, the preferred one first; none where the maps stand alone.
+        Smooth parts, the preferred one first; none where maps and links stand alone.
     fit : BodyFit or None
         The body's fit, where there is a body.
     rows : (k,) int array
@@ -74,15 +74,21 @@ def find_smooth_part(
     q, x = samples.q[rows], samples.x[rows]
     u = scale.to_unit(q)
     turning = samples.revolute
-    if body == "none":  # maps and links are all there is
-        return SmoothPart((), None, rows)
+    if body == "none":
+        return SmoothPart((), None, rows)  # the maps and their links stand alone
     simulation = samples.simulation
+    nominal = None if simulation is not None else nominal_geometry(samples)
+    if view == "base" and nominal is None:
+        raise OptionError(
+            "view 'base' needs a measured log and the planar robot that it is of: give both, or "
+            "another view"
+        )
     fit = fit_body(
         q,
         x,
         joint_names=samples.joint_names,
         revolute=turning,
-        nominal=None if simulation is not None else nominal_geometry(samples),
+        nominal=nominal,
         view=view,
         unit=samples.unit,
         simulated=simulation is not None,
