@@ -93,9 +93,7 @@ class Association:
                 yield a, b
 
         links = wiring.linked(parts())
-        # as a model file keeps them
-        places = [m.result().astype(np.float32).astype(float) for m in means]
-        return Association(motor, sensory, links, wiring, *places)
+        return Association(motor, sensory, links, wiring, means[0].result(), means[1].result())
 
     def forward(self, u: Array, readout: str) -> Array:
         """Positions in the sensory unit box (n, 2) for joints `u` (n, dof) in theirs."""
