@@ -33,9 +33,7 @@ def starts(structure: SpatialStructure, q: Array, z: Array) -> Sequence[tuple[St
     return [(structure, frame(structure, q, z))]
 
 
-def frame(
-    structure: SpatialStructure, q: Array, z: Array, arm: Array | None = None
-) -> Array:
+def frame(structure: SpatialStructure, q: Array, z: Array, arm: Array | None = None) -> Array:
     """Parameters (d,) of an arm in the sensor frame that fits rows best.
 
     `arm` (d,) are the parameters of the arm, whose sensor and tool are found anew; by default
@@ -55,7 +53,9 @@ def frame(
     beta = arm if best is None else best[1]
     if structure.view in ("rigid", "pose", "base"):
         _refuse_misfit(structure, q, z, beta)
-    if structure.view == "pinhole" and not (arm - structure.neutral()).any():  # a camera's pose and its focal length help each other
+    if (
+        structure.view == "pinhole" and not (arm - structure.neutral()).any()
+    ):  # a camera's pose and its focal length help each other
         free = [*groups, "lens", "offset"] if any(structure.lens_sd) else [*groups, "offset"]
         prior = structure.prior(free)
         sd = prior.sd.copy()
@@ -232,9 +232,7 @@ def _from_pose(
     return beta
 
 
-def _cameras(
-    structure: SpatialStructure, points: Array, z: Array, arm: Array
-) -> list[Array]:
+def _cameras(structure: SpatialStructure, points: Array, z: Array, arm: Array) -> list[Array]:
     """Cameras that an affine fit of pixels to points suggests, at a few focal lengths."""
     beta, groups = arm.copy(), structure.groups
     f, u0, v0, _ = structure.lens
