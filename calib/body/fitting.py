@@ -32,6 +32,12 @@ LOG_FLOOR, SIMULATED_FLOOR = 1e-4, 1e-7
 
 STUDENT = 6.0
 
+MISFIT = 0.02
+"""Share of the extent beyond which a nominal geometry is doubted."""
+
+NO_CURVES = 8.0
+"""Nats against joint curves from which the bound needs no second fit with large ones."""
+
 WIDE = (200.0, 3e-3)
 """Pseudo-observations of the curves' wider hyperprior, and their rms [rad]."""
 
@@ -88,7 +94,7 @@ def fit_body(
     nominal : Nominal, optional
         Geometry of a URDF as prior; with logs only.
     view : {"auto", "base", "rigid", "similarity", "affine", "homography"}
-        ``auto`` is rigid for lengths, homography for pixels, similarity otherwise.
+        ``auto`` is rigid for lengths, homography otherwise.
     lens : bool, optional
         Whether the gate may fit a lens; by default where the view is a homography.
     unit : str
@@ -110,7 +116,22 @@ def fit_body(
     q, z = np.asarray(q, dtype=float), np.asarray(z, dtype=float)
     template = planar_structure(q, z, joint_names, revolute, nominal, view, lens, unit, simulated)
     notes = warnings_of(q, template.joint_names, template.revolute, z, lower, upper)
-    return fit_structure(template, q, z, seed=seed, notes=notes)
+    fitted = fit_structure(template, q, z, seed=seed, notes=notes)
+    if nominal is None or view == "base":
+        return fitted
+    error = _typical(fitted.held_out)
+    if error < MISFIT * template.extent:
+        return fitted
+    free = fit_structure(replace(template, nominal=None), q, z, seed=seed)
+    if not _typical(free.held_out) < error / 2:
+        return fitted
+    note = "the nominal geometry does not fit the rows, even with its frame free: it is not used"
+    return replace(free, notes=(*notes, note))
+
+
+def _typical(residual: Array) -> float:
+    """Median length of residuals (n, m)."""
+    return float(np.median(np.linalg.norm(residual, axis=1)))
 
 
 def planar_structure(
@@ -142,7 +163,7 @@ def planar_structure(
     if nominal is not None and len(nominal.lengths) != len(names):
         raise OptionError(f"nominal has {len(nominal.lengths)} joints, the log {len(names)}")
     if view == "auto":
-        view = "rigid" if unit in METRES else "homography" if unit == "px" else "similarity"
+        view = "rigid" if unit in METRES else "homography"
     centre = z.mean(axis=0)
     extent = float(np.sqrt(((z - centre) ** 2).sum(axis=1).mean()))
     extent = max(extent, 1e-9 * (1e-3 + float(np.abs(z).max())))
@@ -195,20 +216,23 @@ def fit_structure(
     sub_q, sub_z = (q, z) if rows is None else (q[rows], z[rows])
     tolerance = 1e-3 if simulated else 1e-2
 
+    known: list[tuple[set[str], Array]] = [(set(), beta)]
+
     def fit(free: tuple[str, ...]) -> Fit:
-        nonlocal beta
+        start = [b for groups, b in known if groups <= set(free)][-1]
         made = maximise(
             structure,
             sub_q,
             sub_z,
-            beta,
+            start,
             structure.prior(free),
             nu=nu,
             floor=floor,
             tolerance=tolerance,
             steps=20 if simulated else 10,
         )
-        beta = made.beta
+        if set(chain) <= set(free):  # a start for what is richer
+            known.append((set(free), made.beta))
         return made
 
     def enough(made: Fit) -> bool:
@@ -220,9 +244,11 @@ def fit_structure(
         whole = _over_all_rows(passed, q, z, floor)
         held = leave_blocks_out(whole)
     body = _body(whole, held, passed.name, simulated)
-    if not simulated:
+    bends = "curve" in passed.free
+    if not simulated and (bends or passed.against("curves") < NO_CURVES):
         body = replace(body, second=_second(passed, sub_q, sub_z, floor))
-    residual = np.where(np.isfinite(held.residual), held.residual, whole.residual)
+    # Where the other blocks determine nothing, they predict their mean.
+    residual = np.where(np.isfinite(held.residual), held.residual, z - z.mean(axis=0))
     return BodyFit(body, residual, whole.weight[:, 0].copy(), passed.tried, tuple(notes))
 
 
