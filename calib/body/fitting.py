@@ -94,7 +94,7 @@ def fit_body(
     nominal : Nominal, optional
         Geometry of a URDF as prior; with logs only.
     view : {"auto", "base", "rigid", "similarity", "affine", "homography"}
-        ``auto`` is rigid for lengths, homography for pixels, similarity otherwise.
+        ``auto`` is rigid for lengths, homography otherwise.
     lens : bool, optional
         Whether the gate may fit a lens; by default where the view is a homography.
     unit : str
@@ -163,7 +163,7 @@ def planar_structure(
     if nominal is not None and len(nominal.lengths) != len(names):
         raise OptionError(f"nominal has {len(nominal.lengths)} joints, the log {len(names)}")
     if view == "auto":
-        view = "rigid" if unit in METRES else "homography" if unit == "px" else "similarity"
+        view = "rigid" if unit in METRES else "homography"
     centre = z.mean(axis=0)
     extent = float(np.sqrt(((z - centre) ** 2).sum(axis=1).mean()))
     extent = max(extent, 1e-9 * (1e-3 + float(np.abs(z).max())))
@@ -216,20 +216,23 @@ def fit_structure(
     sub_q, sub_z = (q, z) if rows is None else (q[rows], z[rows])
     tolerance = 1e-3 if simulated else 1e-2
 
+    known: list[tuple[set[str], Array]] = [(set(), beta)]
+
     def fit(free: tuple[str, ...]) -> Fit:
-        nonlocal beta
+        start = [b for groups, b in known if groups <= set(free)][-1]
         made = maximise(
             structure,
             sub_q,
             sub_z,
-            beta,
+            start,
             structure.prior(free),
             nu=nu,
             floor=floor,
             tolerance=tolerance,
             steps=20 if simulated else 10,
         )
-        beta = made.beta
+        if set(chain) <= set(free):  # a start for what is richer
+            known.append((set(free), made.beta))
         return made
 
     def enough(made: Fit) -> bool:
@@ -241,7 +244,8 @@ def fit_structure(
         whole = _over_all_rows(passed, q, z, floor)
         held = leave_blocks_out(whole)
     body = _body(whole, held, passed.name, simulated)
-    if not simulated and passed.against("curves") < NO_CURVES:
+    bends = "curve" in passed.free
+    if not simulated and (bends or passed.against("curves") < NO_CURVES):
         body = replace(body, second=_second(passed, sub_q, sub_z, floor))
     # Where the other blocks determine nothing, they predict their mean.
     residual = np.where(np.isfinite(held.residual), held.residual, z - z.mean(axis=0))
