@@ -99,9 +99,13 @@ class _Search:
         self.mean, self.sd = prior.mean, prior.sd[self.active].copy()
         self.hypers = [h for h in prior.hypers if (self.place[h.indices] >= 0).all()]
         self.scales = {h.name: h.scale for h in self.hypers}
-        self.nu, self.floor, self.noise = nu, floor, noise
+        self.nu, self.floor = nu, floor
         self.fixed = weight
         self.blocks = structure.blocks
+        if noise is None:
+            r = structure.residual(z, structure.predict(q, self.beta))
+            noise = first_noise(r, floor, self.blocks)
+        self.noise = noise
 
     def distance(self, beta: Array) -> Array:
         """Active parameters (k,) beyond the prior mean."""
@@ -111,8 +115,6 @@ class _Search:
         """Residuals, derivatives and weighted sums at the present parameters."""
         predicted, self.x = self.structure.linearise(self.q, self.beta, self.active)
         self.r = self.structure.residual(self.z, predicted)
-        if self.noise is None:
-            self.noise = first_noise(self.r, self.floor, self.blocks)
         self.w = student_weights(self.r, self.noise, self.nu, self.blocks)
         if self.fixed is not None:
             self.w = self.w * self.fixed[:, None]
@@ -120,7 +122,6 @@ class _Search:
 
     def data(self) -> tuple[Array, Array]:
         """Information (k, k) and moment (k,) of the rows at the present noise."""
-        assert self.noise is not None  # set by linearise
         gram = sum(s.gram / self.noise[p.start] ** 2 for s, p in self._blocks())
         moment = sum(s.moment / self.noise[p.start] ** 2 for s, p in self._blocks())
         return np.asarray(gram), np.asarray(moment)
@@ -152,7 +153,6 @@ class _Search:
             total = float(((value[ix] ** 2 + variance[ix]) / h.shape).sum())
             scale = np.sqrt((total + h.pseudo * h.scale**2) / (len(ix) + h.pseudo))
             self._rescale(h, max(float(scale), 1e-10 * h.scale))
-        assert self.noise is not None  # set by linearise
         noise = self.noise.copy()
         for s, part in self._blocks():
             square = s.square - 2 * float(delta @ s.moment) + float(delta @ s.gram @ delta)
@@ -194,7 +194,6 @@ class _Search:
 
     def objective(self, beta: Array) -> float:
         """Negative log posterior at `beta`, up to a constant; infinite where it overflows."""
-        assert self.noise is not None  # set by linearise
         with np.errstate(all="ignore"):
             r = self.structure.residual(self.z, self.structure.predict(self.q, beta))
             if self.fixed is not None:
@@ -271,7 +270,6 @@ def maximise(
         if learn and share < 0.9:  # the linearised residual is no guide to the noise
             predicted = structure.predict(q, search.beta)
             now = first_noise(structure.residual(z, predicted), floor, structure.blocks)
-            assert search.noise is not None  # set by linearise
             search.noise = np.maximum(search.noise, now / 1.2)
         small = np.abs(delta) <= tolerance * np.sqrt(variance)
         if (it > (2 if learn else 0) and small.all()) or share == 0.0:
@@ -282,7 +280,6 @@ def maximise(
 def _finished(search: _Search) -> Fit:
     """Posterior at the parameters found."""
     search.linearise()
-    assert search.noise is not None  # set by linearise
     gram, _ = search.data()
     k = np.diag_indices(len(search.sd))
     precision = gram.copy()

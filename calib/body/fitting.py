@@ -13,7 +13,7 @@ from .fit import Fit, maximise
 from .gate import Passed, Tried, choose_member
 from .held_out import HeldOut, leave_blocks_out
 from .nominal import Nominal
-from .packing import as_stored
+from .packing import pack, unpack
 from .planar import PlanarStructure
 from .starts import best_start
 from .structure import Array, Hyper, Prior, Structure
@@ -31,6 +31,12 @@ LOG_FLOOR, SIMULATED_FLOOR = 1e-4, 1e-7
 """Least noise, as a share of the extents."""
 
 STUDENT = 6.0
+
+MISFIT = 0.02
+"""Share of the extent beyond which a nominal geometry is doubted."""
+
+NO_CURVES = 8.0
+"""Nats against joint curves from which the bound needs no second fit with large ones."""
 
 WIDE = (200.0, 3e-3)
 """Pseudo-observations of the curves' wider hyperprior, and their rms [rad]."""
@@ -110,7 +116,22 @@ def fit_body(
     q, z = np.asarray(q, dtype=float), np.asarray(z, dtype=float)
     template = planar_structure(q, z, joint_names, revolute, nominal, view, lens, unit, simulated)
     notes = warnings_of(q, template.joint_names, template.revolute, z, lower, upper)
-    return fit_structure(template, q, z, seed=seed, notes=notes)
+    fitted = fit_structure(template, q, z, seed=seed, notes=notes)
+    if nominal is None or view == "base":
+        return fitted
+    error = _typical(fitted.held_out)
+    if error < MISFIT * template.extent:
+        return fitted
+    free = fit_structure(replace(template, nominal=None), q, z, seed=seed)
+    if not _typical(free.held_out) < error / 2:
+        return fitted
+    note = "the nominal geometry does not fit the rows, even with its frame free: it is not used"
+    return replace(free, notes=(*notes, note))
+
+
+def _typical(residual: Array) -> float:
+    """Median length of residuals (n, m)."""
+    return float(np.median(np.linalg.norm(residual, axis=1)))
 
 
 def planar_structure(
@@ -220,9 +241,10 @@ def fit_structure(
         whole = _over_all_rows(passed, q, z, floor)
         held = leave_blocks_out(whole)
     body = _body(whole, held, passed.name, simulated)
-    if not simulated:
+    if not simulated and passed.against("curves") < NO_CURVES:
         body = replace(body, second=_second(passed, sub_q, sub_z, floor))
-    residual = np.where(np.isfinite(held.residual), held.residual, whole.residual)
+    # Where the other blocks determine nothing, they predict their mean.
+    residual = np.where(np.isfinite(held.residual), held.residual, z - z.mean(axis=0))
     return BodyFit(body, residual, whole.weight[:, 0].copy(), passed.tried, tuple(notes))
 
 
@@ -261,11 +283,12 @@ def _over_all_rows(passed: Passed, q: Array, z: Array, floor: Array) -> Fit:
 def _body(fit: Fit, held: HeldOut, member: str, simulated: bool) -> Body:
     """The belief of a fit."""
     structure = fit.structure
+    packed = pack(fit.covariance)
     return Body(
         structure,
         fit.beta,
         fit.active,
-        as_stored(fit.covariance),
+        unpack(packed, len(fit.active)),
         fit.noise,
         held.kappa(),
         held.tau(fit.noise, structure.blocks),
@@ -276,6 +299,7 @@ def _body(fit: Fit, held: HeldOut, member: str, simulated: bool) -> Body:
         len(fit.residual),
         simulated,
         member,
+        packed=packed,
     )
 
 
@@ -285,20 +309,26 @@ def _second(passed: Passed, q: Array, z: Array, floor: Array) -> Second:
     prior = fit.structure.prior((*passed.free, "curve"))
     sd = prior.sd.copy()
     sd[fit.active] = fit.sd
-    hypers = _wider(tuple(h for h in prior.hypers if h.name.startswith("curve")))
+    curves = tuple(h for h in prior.hypers if h.name.startswith("curve"))
+    hypers = _wider(curves, getattr(fit.structure, "wide", WIDE))
     for h in hypers:
         sd[h.indices] = h.scale * np.sqrt(h.shape)
     made = maximise(
-        fit.structure, q, z, fit.beta, Prior(prior.mean, sd, hypers), nu=fit.nu, floor=floor,
-        noise=fit.noise, steps=4,
+        fit.structure,
+        q,
+        z,
+        fit.beta,
+        Prior(prior.mean, sd, hypers),
+        nu=fit.nu,
+        floor=floor,
+        noise=fit.noise,
+        steps=4,
     )
-    return Second(made.beta, made.active, as_stored(made.covariance), made.noise)
+    packed = pack(made.covariance)
+    return Second(made.beta, made.active, unpack(packed, len(made.active)), made.noise, packed)
 
 
-def _wider(hypers: tuple[Hyper, ...]) -> tuple[Hyper, ...]:
+def _wider(hypers: tuple[Hyper, ...], wide: tuple[float, float]) -> tuple[Hyper, ...]:
     """The hyperpriors with many pseudo-observations of a large curve."""
-    pseudo, rms = WIDE
-    return tuple(
-        replace(h, pseudo=pseudo, scale=rms / np.sqrt(len(h.indices)))
-        for h in hypers
-    )
+    pseudo, rms = wide
+    return tuple(replace(h, pseudo=pseudo, scale=rms / np.sqrt(len(h.indices))) for h in hypers)

@@ -10,27 +10,27 @@ from .structure import Array
 Packed = NDArray[np.float32]
 
 
-def pack(covariance: Array) -> tuple[Packed, Array]:
-    """Triangle (k (k + 1) / 2,) of the correlation's root, and the deviations (k,)."""
+def pack(covariance: Array) -> Packed:
+    """Upper triangular root (k (k + 1) / 2,) of a covariance, row by row."""
     deviations = np.sqrt(np.maximum(np.diag(covariance), 0.0))
     safe = np.where(deviations > 0, deviations, 1.0)
     correlation = covariance / safe[:, None] / safe
     values, vectors = np.linalg.eigh((correlation + correlation.T) / 2)
     root = np.sqrt(np.maximum(values, 0.0))[:, None] * vectors.T
     upper = np.asarray(np.linalg.qr(root, mode="r"), dtype=float)
-    upper *= np.where(np.diag(upper) < 0, -1.0, 1.0)[:, None]
-    return upper[np.triu_indices(len(upper))].astype(np.float32), deviations
+    upper *= np.where(np.diag(upper) < 0, -1.0, 1.0)[:, None] * deviations
+    return upper[np.triu_indices(len(upper))].astype(np.float32)
 
 
-def unpack(packed: Packed, deviations: Array) -> Array:
-    """The covariance (k, k) that `pack` stored."""
-    k = len(deviations)
-    upper = np.zeros((k, k))
-    upper[np.triu_indices(k)] = packed
-    upper *= deviations
+def unpack(packed: Packed, size: int) -> Array:
+    """The covariance (size, size) of a packed root."""
+    upper = np.zeros((size, size))
+    upper[np.triu_indices(size)] = packed
     return np.asarray(upper.T @ upper)
 
 
-def as_stored(covariance: Array) -> Array:
-    """The covariance as it is after saving and loading."""
-    return unpack(*pack(covariance))
+def packed_of(covariance: Array, packed: Packed | None) -> Packed:
+    """The packed root of a covariance: the one at hand where it is the covariance's own."""
+    if packed is not None and np.array_equal(unpack(packed, len(covariance)), covariance):
+        return packed
+    return pack(covariance)

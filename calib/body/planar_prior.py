@@ -41,11 +41,17 @@ def members(structure: PlanarStructure) -> tuple[tuple[str, tuple[str, ...]], ..
     ladder: list[tuple[str, tuple[str, ...]]] = []
     if structure.nominal is not None:
         ladder.append(("frame", frame or ("offset",)))
-    ladder += [("chain", chain), ("elastic", (*chain, "elastic"))]
-    if structure.lens:
-        ladder.append(("lens", (*chain, "elastic", "lens")))
-    rich = (*chain, "elastic", *(("lens",) if structure.lens else ()))
-    ladder.append(("curves", (*rich, "curve")))
+    ladder.append(("chain", chain))
+    bent: tuple[str, ...] = ("lens",) if structure.lens else ()
+    if structure.simulated and not structure.scaled:
+        # A simulated sensor may be tilted or bent; the lengths hold the scale.
+        bent = ("view.shear", "view.tilt", "lens")
+    if bent:
+        ladder.append(("view", (*chain, *bent)))
+    if structure.layout.turning:
+        ladder.append(("curves", (*chain, *bent, "curve")))
+        ladder.append(("elastic", (*chain, *bent, "elastic")))
+        ladder.append(("curves and elastic", (*chain, *bent, "elastic", "curve")))
     return tuple(ladder)
 
 
@@ -69,7 +75,9 @@ def prior(structure: PlanarStructure, free: Sequence[str]) -> Prior:
         if group in free:
             sd[lay.groups[group]] = scale
 
-    def varied(group: str, name: str, ix: Indices, scale: float, factors: tuple[float, ...]) -> None:
+    def varied(
+        group: str, name: str, ix: Indices, scale: float, factors: tuple[float, ...]
+    ) -> None:
         if group in free and len(ix):
             sd[ix] = scale
             hypers.append(Hyper(name, ix, np.ones(len(ix)), scale, choices=factors))
@@ -91,15 +99,15 @@ def prior(structure: PlanarStructure, free: Sequence[str]) -> Prior:
         if "gain" in free:
             sd[lay.gain] = 2e-3
     if "elastic" in free and len(lay.elastic):
-        scale = 1e-4 if nominal is not None else 1e-3
+        scale = 1e-4 if nominal is not None else 2e-4
         sd[lay.elastic] = scale
-        hypers.append(Hyper("elastic", lay.elastic, np.ones(len(lay.elastic)), scale, pseudo=1.0))
+        hypers.append(Hyper("elastic", lay.elastic, np.ones(len(lay.elastic)), scale, pseudo=4.0))
     for i, ix in lay.curve.items():
         if "curve" in free or f"curve.{i}" in free:
             shape = curve_shape()
-            scale = 1e-3 / np.sqrt(2 * HARMONICS)
+            scale = 5e-4 / np.sqrt(2 * HARMONICS)
             sd[ix] = scale * np.sqrt(shape)
-            hypers.append(Hyper(f"curve.{i}", ix, shape, scale, pseudo=5.0))
+            hypers.append(Hyper(f"curve.{i}", ix, shape, scale, pseudo=10.0))
     return Prior(mean, sd, tuple(hypers))
 
 

@@ -32,12 +32,11 @@ def best_start(
     for each, beta in structure.starts(q, z):
         runs.append((*_refine(each, q, z, beta, each.prior(free), 6), each))
     runs.sort(key=lambda run: run[0])
-    best: tuple[float, Array, Structure] | None = None
-    for _, beta, each in runs[:KEPT]:
+    best = runs[0]
+    for cost, beta, each in runs[:KEPT]:
         cost, beta = _refine(each, q, z, beta, each.prior(free), 40)
-        if best is None or cost < best[0] - 1e-9 * abs(best[0]):
+        if cost < best[0] - 1e-9 * abs(best[0]):
             best = (cost, beta, each)
-    assert best is not None  # a structure has at least one start
     return best[2], best[1], best[0]
 
 
