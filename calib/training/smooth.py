@@ -11,7 +11,8 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from ..body.fitting import METRES, BodyFit, fit_body, fit_structure
+from ..body.fitting import METRES, fit_body
+from ..body.posterior import BodyFit, fit_structure
 from ..body.nominal import Nominal, nominal_of
 from ..body.telling import warnings_of
 from ..common.scale import Scale
