@@ -309,6 +309,4 @@ def _second(passed: Passed, q: Array, z: Array, floor: Array) -> Second:
 def _wider(hypers: tuple[Hyper, ...], wide: tuple[float, float]) -> tuple[Hyper, ...]:
     """The hyperpriors with many pseudo-observations of a large curve."""
     pseudo, rms = wide
-    return tuple(
-        replace(h, pseudo=pseudo, scale=rms / np.sqrt(len(h.indices))) for h in hypers
-    )
+    return tuple(replace(h, pseudo=pseudo, scale=rms / np.sqrt(len(h.indices))) for h in hypers)

@@ -40,6 +40,7 @@ _CLEAR = 0.95  # of the held-out error that a change may leave at most
 _REFINED = 0.85  # the same where nothing changed and rows are only added
 _SURE = 2.0  # standard errors by which held-out blocks must gain where nothing changed
 _UNSURE = 0.9  # share of the expected error that added rows may leave at most
+_LOUD = ("mirror", "scale", "sign", "lost")
 _CELLS = 5  # along each joint, for the share of the range that a log measured
 _RADIUS_95 = 2.448  # radius that holds 95 % of a 2-D Gaussian of standard deviation 1
 _BASELINE = 6000  # imagined samples that tell what is usual after an adaptation
@@ -167,7 +168,7 @@ def _few_shot(found: Comparison, log: Samples, report: Progress) -> Adaptation:
         tuple(c for c in causes if c.cause != "noise"),
         _left(found, chosen[0][1]) if changed else ("the arm and the sensor",),
         measured_share(model, found.q),
-        tuple(_notes(found, said, improved)),
+        tuple(_notes(found, causes, said, improved)),
     )
     if not improved:
         return made
@@ -181,10 +182,10 @@ def _few_shot(found: Comparison, log: Samples, report: Progress) -> Adaptation:
 def _unchanged(found: Comparison) -> list[tuple[float, Explanation]]:
     """Nothing changed: the rows are added to what was known."""
     some = [e for e in found.explanations if e.member == NOTHING]
-    weight = np.exp(np.array([e.evidence for e in some]) - some[0].evidence) if some else []
     if not some:
         return found.likely
-    return list(zip((weight / np.sum(weight)).tolist(), some, strict=True))
+    weight = np.exp(np.array([e.evidence for e in some]) - some[0].evidence)
+    return list(zip((weight / weight.sum()).tolist(), some, strict=True))
 
 
 def _improves(
@@ -370,8 +371,13 @@ def _left(found: Comparison, best: Explanation) -> tuple[str, ...]:
     return tuple(w for g, w in words.items() if g in known and len(known[g]) and g not in freed)
 
 
-def _notes(found: Comparison, said: tuple[str, ...], improved: bool) -> list[str]:
-    notes = [*found.rows.notes, *outlier_note(found.outliers), *said]
+def _notes(
+    found: Comparison, causes: tuple[Cause, ...], said: tuple[str, ...], improved: bool
+) -> list[str]:
+    notes = [*found.rows.notes, *outlier_note(found.outliers)]
+    # what nobody may miss: another unit, a mirror, a joint that turns round or not at all
+    notes += [c.words for c in causes if c.cause.split(":")[0] in _LOUD]
+    notes += said
     if not found.explained:
         notes.append(found.why_not())
     elif improved:

@@ -14,7 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ..body.belief import Body
-from ..body.structure import Array, Structure
+from ..body.structure import Array, Indices, Structure
 from .members import FRAME
 
 _FAR = 0.05  # misfit, of the extents, from which another frame is looked for
@@ -94,19 +94,20 @@ def reference_of(
     if gap < _FAR * extent:
         return kept
     if moved_only:
-        turn, shift = (np.asarray(body.structure.groups[g]) for g in FRAME)
-        free = np.concatenate([turn, shift])
-        _, beta = _aligned(body.structure, body.beta, q, z, free, np.isin(free, turn))
+        turning, shift = (np.asarray(body.structure.groups[g]) for g in FRAME)
+        frame = np.concatenate([turning, shift]).astype(np.intp)
+        careful = np.isin(frame, turning)
+        beta = _aligned(body.structure, body.beta, q, z, frame, careful)[1]
         return replace(kept, beta=beta)
     tries: list[tuple[float, dict[str, Any], Array, tuple[int, ...], float]] = []
-    for change, start, locked in _variants(body):
+    for change, start, held in _variants(body):
         structure = _replaced(body.structure, change)
         p = structure.predict(q, start)[:, :places]
-        for scaled in (False,) if locked else (False, True):
+        for scaled in (False,) if held else (False, True):
             error, ratio = _misfit(p, z[:, :places], scaled)
             # each further freedom must halve what is left
-            free = bool(change) + bool(locked) + (scaled and not 0.5 < ratio < 2.0)
-            tries.append((error / _BETTER**free, change, start, locked, ratio))
+            free = bool(change) + bool(held) + (scaled and not 0.5 < ratio < 2.0)
+            tries.append((error / _BETTER**free, change, start, held, ratio))
     _, change, start, locked, ratio = min(tries, key=lambda t: t[0])
     other = not _SCALES[0] < ratio < _SCALES[1]
     structure = _replaced(body.structure, change)
@@ -127,7 +128,7 @@ def reference_of(
     signs = change.get("signs")
     old = getattr(body.structure, "signs", ())
     turned = tuple(k for k, s in enumerate(signs) if s != old[k]) if signs else ()
-    frame = [ix for name, ix in groups.items() if name in FRAME]
+    moving = [ix for name, ix in groups.items() if name in FRAME]
     return Reference(
         moved,
         beta,
@@ -136,7 +137,7 @@ def reference_of(
         turned,
         locked,
         factor,
-        np.concatenate(view if new else frame).astype(np.intp),
+        np.concatenate(view if new else moving).astype(np.intp),
     )
 
 
@@ -151,7 +152,7 @@ def _variants(body: Body) -> Iterator[tuple[dict[str, Any], Array, tuple[int, ..
     """
     structure, beta = body.structure, body.beta
     yield {}, beta, ()
-    names = {f.name for f in fields(structure)} if is_dataclass(structure) else set()
+    names = _fields(structure)
     mirrors: list[dict[str, Any]] = [{}]
     if "mirror" in names:
         mirrors.append({"mirror": -structure.mirror})  # type: ignore[attr-defined]
@@ -174,13 +175,18 @@ def _variants(body: Body) -> Iterator[tuple[dict[str, Any], Array, tuple[int, ..
                 yield {}, held, (k,)
 
 
+def _fields(structure: Structure) -> set[str]:
+    """Names of the fields of a structure."""
+    return {f.name for f in fields(structure)} if is_dataclass(structure) else set()
+
+
 def _replaced(structure: Structure, change: dict[str, Any]) -> Structure:
     return replace(structure, **change) if change else structure  # type: ignore[type-var]
 
 
 def _rescaled(structure: Structure, ratio: float, z: Array, unit: str | None) -> Structure:
     """The structure in the log's own unit."""
-    names = {f.name for f in fields(structure)} if is_dataclass(structure) else set()
+    names = _fields(structure)
     change: dict[str, Any] = {}
     if "extent" in names:
         change["extent"] = ratio * structure.extent  # type: ignore[attr-defined]
@@ -218,7 +224,7 @@ def _framed(structure: Structure, beta: Array, q: Array, z: Array, ratio: float 
     groups = structure.groups
     turn, shift = np.asarray(groups["view.rotation"]), np.asarray(groups["view.shift"])
     scale = np.asarray(groups["view.scale"]) if ratio is not None else np.zeros(0, dtype=int)
-    free = np.concatenate([turn, shift, scale]).astype(int)
+    free = np.concatenate([turn, shift, scale]).astype(np.intp)
     beta = beta.copy()
     if ratio is not None:
         beta[scale] += np.log(ratio)
@@ -231,7 +237,10 @@ def _framed(structure: Structure, beta: Array, q: Array, z: Array, ratio: float 
         left = structure.residual(z, structure.predict(q, found))
         found[shift] += np.median(left, axis=0)[: len(shift)]
         tries.append(_aligned(structure, found, q, z, free, ~np.isin(free, shift)))
-    return min(tries, key=lambda t: t[0])[1]
+    best = min(tries, key=lambda t: t[0])[1]
+    if len(turn) == 1:  # the same angle, the short way round
+        best[turn] -= 2 * np.pi * np.round((best[turn] - beta[turn]) / (2 * np.pi))
+    return best
 
 
 def _rotations(size: int) -> Iterator[Array]:
@@ -248,7 +257,7 @@ def _rotations(size: int) -> Iterator[Array]:
 
 
 def _aligned(
-    structure: Structure, beta: Array, q: Array, z: Array, free: Array, careful: Array
+    structure: Structure, beta: Array, q: Array, z: Array, free: Indices, careful: NDArray[np.bool_]
 ) -> tuple[float, Array]:
     """Gauss-Newton of the frame alone on absolute residuals, and the median error.
 

@@ -91,6 +91,7 @@ def updated(
         noise=noise,
         residual=np.maximum(old.residual, own),
         second=second,
+        packed=None,
     )
     return body, held
 
@@ -228,6 +229,7 @@ def _second(
         active=found.active,
         covariance=found.covariance,
         noise=np.maximum(noise, second.noise),
+        packed=None,
     )
 
 

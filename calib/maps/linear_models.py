@@ -27,7 +27,6 @@ RIDGE = 1e-2
 """Of the regressions, as a share of the mean variance of the active nodes' positions."""
 
 
-
 class MeanPositions:
     """Mean of samples weighted by the activity of each node, part after part.
 

@@ -134,7 +134,9 @@ def _schema(model: Model, state: dict[str, Any], tensors: Tensors, prefix: str) 
     if not (motor.spacing > 0.0 and sensory.spacing > 0.0):
         raise ValueError(f"the nodes of schema {name!r} are all in one place")
     local = state["local"]
-    own = {n[len(prefix + SMOOTH) :]: a for n, a in tensors.items() if n.startswith(prefix + SMOOTH)}
+    own = {
+        n[len(prefix + SMOOTH) :]: a for n, a in tensors.items() if n.startswith(prefix + SMOOTH)
+    }
     smooth, _ = build_smooth(state, own, motor.scale, width)
     models = LocalModels(-1, 0, np.zeros(0), np.zeros((0, 0, width)))
     order = _small(local["degree"], 3, least=-1)
