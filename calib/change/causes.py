@@ -125,9 +125,9 @@ def _of_frame(comparison: Comparison) -> list[Cause]:
         found.append(Cause(f"lost:{names[k]}", "gain", 0.0, None, "1", words))
     if reference.scale != 1.0:
         ratio = reference.scale
-        words = f"the log's positions are {ratio:.5g} times the model's"
+        words = f"the log's positions are {ratio:.4g} times the model's"
         if abs(ratio / 1e3 - 1.0) < 0.1:
-            words += "; if they are mm, --unit mm converts them"
+            words += "; if they are mm, `unit='mm'` converts them"
         found.append(Cause("scale", "view.scale", ratio, None, "1", words))
     return found
 
