@@ -22,14 +22,14 @@ from .baseline import learn_baseline
 from .carry import carry
 from .causes import Cause, find_causes, frame_between
 from .check import outlier_note
-from .comparison import Comparison, carried, compare
+from .comparison import UNEXPLAINED, Comparison, carried, compare
 from .explain import Explanation
 from .follow import BLOCK, HORIZON, OnlineAdapter
 from .members import NOTHING
 from .own_residual import OwnResidual, own_residual
 from .rows import thinned
 from .update import MOST_ROWS, settled, updated
-from .whitening import lengths_of
+from .whitening import kernel, lengths_of
 
 if TYPE_CHECKING:
     from ..samples.samples import Samples
@@ -155,7 +155,8 @@ def _few_shot(found: Comparison, log: Samples, report: Progress) -> Adaptation:
     predicted = model.predictor.value(model.motor.scale.to_unit(found.q))
     before = np.linalg.norm(found.x - predicted, axis=1)[some][kept]
     after = after[kept]
-    improved = found.explained and _improves(found, body, own, changed, before, after)
+    explained = found.explained or _followed(found, own)
+    improved = explained and _improves(found, body, own, changed, before, after)
     causes, said = find_causes(found, changed or not found.explained)
     made = Adaptation(
         model,
@@ -177,6 +178,14 @@ def _few_shot(found: Comparison, log: Samples, report: Progress) -> Adaptation:
     frame = frame_between(found, body.beta) if chosen[0][1].member.framed else None
     report(1.0, "done", float(after.mean()))
     return replace(made, model=_finished(found, log, made, fresh, after, "few-shot", frame))
+
+
+def _followed(found: Comparison, own: OwnResidual | None) -> bool:
+    """Whether the log of a model without a body is followed by a smooth residual at least."""
+    if found.model.body is not None or own is None:
+        return False
+    spread = np.linalg.norm(found.x - np.median(found.x, axis=0), axis=1)
+    return float(np.median(own.held_out)) < UNEXPLAINED * float(np.median(spread))
 
 
 def _unchanged(found: Comparison) -> list[tuple[float, Explanation]]:
@@ -230,13 +239,24 @@ def _carried(found: Comparison, body: Body, own: OwnResidual | None) -> Model:
     nodes = scale.from_unit(np.clip(fresh.motor.units, 0.0, 1.0))
     bounds = [body.bound(nodes, noise=noise) for noise in (True, False)]
     if model.body is None:
-        growth = _RADIUS_95 * (own.deviation(nodes) if own is not None else 0.0)
+        growth = np.zeros(len(nodes)) if own is None else _growth(found, fresh, own, nodes)
         noise = _RADIUS_95 * float(body.noise[0])
         bounds = [np.hypot(model.bounds, growth), np.hypot(model.model_bounds, growth)]
         bounds[0] = np.maximum(bounds[0], noise)
     winners = fresh.motor.nearest(scale.to_unit(found.q))[1][:, 0]
     visited = model.visited | (np.bincount(winners, minlength=fresh.motor.size) > 0)
     return replace(fresh, bounds=bounds[0], model_bounds=bounds[1], visited=visited)
+
+
+def _growth(found: Comparison, fresh: Model, own: OwnResidual, nodes: Array) -> Array:
+    """What a model without a body does not know away from the rows, (nodes,) [unit].
+
+    Where no view explains the log alone, the old prediction may be right there as well.
+    """
+    u = np.clip(fresh.motor.units, 0.0, 1.0)
+    change = np.linalg.norm(fresh.predictor.value(u) - found.model.predictor.value(u), axis=1)
+    near = kernel(nodes, own.q, own.lengths).max(axis=1)
+    return np.hypot(_RADIUS_95 * own.deviation(nodes), (1.0 - near) * change)
 
 
 def _finished(

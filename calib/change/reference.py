@@ -21,6 +21,7 @@ _FAR = 0.05  # misfit, of the extents, from which another frame is looked for
 _BETTER = 0.5  # misfit by which a mirror, another sense or a locked joint must be better
 _SCALES = (0.5, 2.0)  # beyond these the positions are in another unit
 _ROWS = 200
+_EXACT = 1e-6  # misfit, of the extents, that is none
 _LOCKED_STEP = 0.1  # between the angles that are tried for a joint that is held [rad]
 
 
@@ -68,9 +69,7 @@ def kept_reference(body: Body) -> Reference:
     return Reference(body, body.beta, False, False, (), (), 1.0, np.zeros(0, dtype=np.intp))
 
 
-def reference_of(
-    body: Body, q: Array, z: Array, unit: str | None = None, *, moved_only: bool = False
-) -> Reference:
+def reference_of(body: Body, q: Array, z: Array, unit: str | None = None) -> Reference:
     """Bring a belief into the frame of a log.
 
     Parameters
@@ -81,8 +80,6 @@ def reference_of(
         The log.
     unit : str, optional
         Unit of its positions, where it is another.
-    moved_only : bool
-        Whether nothing but a move of the frame is looked for, from where it is.
     """
     kept = kept_reference(body)
     places = body.structure.blocks[0]
@@ -93,21 +90,15 @@ def reference_of(
     gap = _typical(np.linalg.norm((z - seen)[:, :places], axis=1))
     if gap < _FAR * extent:
         return kept
-    if moved_only:
-        turning, shift = (np.asarray(body.structure.groups[g]) for g in FRAME)
-        frame = np.concatenate([turning, shift]).astype(np.intp)
-        careful = np.isin(frame, turning)
-        beta = _aligned(body.structure, body.beta, q, z, frame, careful)[1]
-        return replace(kept, beta=beta)
     tries: list[tuple[float, dict[str, Any], Array, tuple[int, ...], float]] = []
     for change, start, held in _variants(body):
         structure = _replaced(body.structure, change)
         p = structure.predict(q, start)[:, :places]
         for scaled in (False,) if held else (False, True):
-            error, ratio = _misfit(p, z[:, :places], scaled)
+            error, ratio = rigid_misfit(p, z[:, :places], scaled)
             # each further freedom must halve what is left
-            free = bool(change) + bool(held) + (scaled and not 0.5 < ratio < 2.0)
-            tries.append((error / _BETTER**free, change, start, held, ratio))
+            free = len(change) + len(held) + (scaled and not 0.5 < ratio < 2.0)
+            tries.append((max(error, _EXACT * extent) / _BETTER**free, change, start, held, ratio))
     _, change, start, locked, ratio = min(tries, key=lambda t: t[0])
     other = not _SCALES[0] < ratio < _SCALES[1]
     structure = _replaced(body.structure, change)
@@ -197,7 +188,7 @@ def _rescaled(structure: Structure, ratio: float, z: Array, unit: str | None) ->
     return _replaced(structure, change)
 
 
-def _misfit(p: Array, z: Array, scaled: bool) -> tuple[float, float]:
+def rigid_misfit(p: Array, z: Array, scaled: bool) -> tuple[float, float]:
     """Typical distance after the best rotation, shift and scale, and the scale (Umeyama 1991).
 
     The rotation is a proper one: mirrors are variants of the structure.  Rows that contradict

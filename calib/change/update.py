@@ -126,7 +126,7 @@ def _averaged(
     the same, and half of each would not.
     """
     beta = parts[0][1]
-    if len(parts) == 1:
+    if len(parts) == 1 or not len(active):
         return beta
     structure = old.structure
     here, x = structure.linearise(probes, beta, active)
