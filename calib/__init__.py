@@ -23,6 +23,7 @@ if TYPE_CHECKING:
     from .change.adapt import Adaptation as Adaptation
     from .change.adapt import adapt as adapt
     from .change.check import Drift as Drift
+    from .change.check import check as check
     from .change.monitor import Monitor as Monitor
     from .errors import CalibError as CalibError
     from .errors import LogError as LogError
@@ -78,6 +79,7 @@ _HOME = {
     "Trial": "sweeps.trials",
     "adapt": "change.adapt",
     "babble": "samples.babbling",
+    "check": "change.check",
     "correct": "use.correct",
     "evaluate": "training.evaluate",
     "list_robots": "arm.robots",

@@ -24,6 +24,8 @@ ModelArgument = Annotated[
     str, typer.Argument(metavar="MODEL", help="A model file, as written by calib train.")
 ]
 
+CAUSES = ("sensor", "joints")
+
 JointsOption = Annotated[
     Names | None,
     typer.Option(
@@ -208,6 +210,15 @@ ColumnsOption = Annotated[
 UnitOption = Annotated[
     str | None,
     typer.Option("--unit", metavar="m|mm|px|..", help="Unit of the log's positions (default m)."),
+]
+CauseOption = Annotated[
+    str | None,
+    typer.Option(
+        "--cause",
+        parser=parsing.one_of("--cause", CAUSES),
+        metavar="|".join(CAUSES),
+        help="What is known of a change: the sensor's, or the arm's joints and links.",
+    ),
 ]
 PrismaticOption = Annotated[
     Names | None,

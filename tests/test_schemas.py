@@ -55,9 +55,7 @@ def test_what_is_recalled_is_what_was_kept():
     assert np.array_equal(back.forward(q), kept.forward(q))
     assert np.array_equal(back.expected_error(q), kept.expected_error(q))
     # the links of a recalled schema lead to all of its branches
-    assert len(on.inverse_all(on.forward(q))[0]) == len(
-        kept.inverse_all(kept.forward(q))[0]
-    )
+    assert len(on.inverse_all(on.forward(q))[0]) == len(kept.inverse_all(kept.forward(q))[0])
 
 
 def test_a_file_keeps_schemas_and_says_so_the_same_way(tmp_path):
