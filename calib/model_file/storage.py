@@ -69,6 +69,9 @@ def to_bytes(model: Model) -> bytes:
             "samples": model.predictor.models.samples,
         },
     }
+    if model.approach is not None:
+        header["approach"] = model.approach.play.tolist()
+        tensors["approach.bounds"] = np.ascontiguousarray(model.approach.bounds)
     if model.schemas or model.schema != FIRST:
         header["schema"] = model.schema
         header["schemas"], kept = schemas.pack(model.schemas)

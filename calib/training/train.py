@@ -24,6 +24,7 @@ from ..model.model import Model
 from ..model.rows import Rows
 from ..samples.samples import Samples
 from ..samples.screening import screen
+from .approach import corrected, play_of, simulated_approach, widened
 from .evaluate import Residuals, fresh_residuals, summarise
 from .held_out import held_out_residuals
 from .imagined import with_imagined
@@ -158,6 +159,19 @@ def on_limits(samples: Samples, q: Array, rng: np.random.Generator) -> Array:
     return moved
 
 
+def _play_words(samples: Samples, play: Array) -> str:
+    """One line about the backlash that the order of the rows shows."""
+    said = [
+        f"{name} {np.degrees(2 * h):.3g} deg" if turns else f"{name} {2 * h:.3g} m"
+        for name, h, turns in zip(samples.joint_names, play, samples.revolute, strict=True)
+        if h > 0.0
+    ]
+    return (
+        f"the direction of approach counts, backlash of {', '.join(said)}: give it to forward "
+        "for smaller errors, else the expected error covers both sides"
+    )
+
+
 @dataclass
 class _Trainer:
     """One training: the steps in the order of the data flow, with their times."""
@@ -177,6 +191,13 @@ class _Trainer:
             part = find_smooth_part(
                 samples, scale, body=options.body, view=options.view, seed=options.seed
             )
+            play = play_of(samples, scale, part)
+            if play is not None:  # where the joints stood, rather than what they read
+                samples = self.samples = corrected(samples, play)
+                part = find_smooth_part(
+                    samples, scale, body=options.body, view=options.view, seed=options.seed
+                )
+                self.notes.append(_play_words(samples, play))
         if part.fit is not None:
             self.notes += part.fit.notes
         u = scale.to_unit(samples.q)
@@ -211,6 +232,8 @@ class _Trainer:
             else:
                 tested = held_out_residuals(model, samples, part, selected, options)
                 model, baseline = self._log_bounds(model, part, selected)
+            if play is not None:
+                model = self._for_directions(model, play)
         self.watch.seconds["total"] = time.perf_counter() - started
         about = replace(
             model.about,
@@ -228,18 +251,27 @@ class _Trainer:
         scale = model.motor.scale
         rng = np.random.default_rng(self.options.stream("bounds"))
         q = simulation.draw(_BOUND_SAMPLES, rng)
-        held = Residuals.of(model, q, simulation.exact(q), readouts=("local",))
+        held = Residuals.of(model, q, simulation.true(q, rng), readouts=("local",))
         u, miss = scale.to_unit(held.q), held.errors["local"]
         near = np.count_nonzero(near_border(model.motor, u))
         known, q = u, on_limits(self.samples, q[: near // 20], rng)
         if len(q):
-            limits = Residuals.of(model, q, simulation.exact(q), readouts=("local",))
+            limits = Residuals.of(model, q, simulation.true(q, rng), readouts=("local",))
             known = np.concatenate([u, scale.to_unit(limits.q)])
             miss = np.concatenate([miss, limits.errors["local"]])
         if not len(known):
             raise OptionError("no test sample is near the motor map's nodes", hint=UNFOLD)
         bounds = learn_bounds(model.motor, known, miss)
         return replace(model, bounds=bounds, model_bounds=bounds), self._baseline(model, u, held.x)
+
+    def _for_directions(self, model: Model, play: Array) -> Model:
+        """The model with bounds for a known and an unknown direction of approach."""
+        simulation = self.samples.simulation
+        if simulation is None:
+            return widened(model, play)
+        rng = np.random.default_rng(self.options.stream("bounds"))
+        approach = simulated_approach(model, simulation, play, rng, _BOUND_SAMPLES)
+        return replace(model, approach=approach)
 
     def _log_bounds(
         self, model: Model, part: SmoothPart, selected: Selected
