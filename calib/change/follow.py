@@ -21,12 +21,15 @@ from ..maps.association import Association
 from ..maps.density import Visit, gain_of, kind_of
 from ..maps.lattice import Lattice
 from ..maps.links import oja, sparse_links
+from ..maps.local_models import NO_MODELS
 from ..maps.map import Map, search_tree
+from ..maps.model_selection import blocks
 from ..maps.online import present
+from ..maps.predictor import Predictor
 from ..model.rows import Rows
 from ..training.log_bounds import node_bounds
 from .radius import matching_sigma
-from .refit import refit
+from .refit import Refit, refit
 
 if TYPE_CHECKING:
     from ..model.model import Model
@@ -221,11 +224,15 @@ class OnlineAdapter:
         wiring = model.association.wiring
         if links == "rule":
             found = sparse_links((self._links * np.exp(-self._idle)[:, None]).T)
+            association = Association(motor, sensory, found, wiring)
         else:
-            found = wiring.learn(motor, fitted.u, sensory, sensory.scale.to_unit(fitted.v))
+            v = sensory.scale.to_unit(fitted.v)
+            association = Association.learn(motor, fitted.u, sensory, v, wiring)
+        if model.default_readout == "linear":  # maps and links, without anything else
+            fitted = _alone(fitted, association, u, x)
         made = replace(
             model,
-            association=Association(motor, sensory, found, wiring),
+            association=association,
             predictor=fitted.predictor,
             body=fitted.body,
             visited=np.bincount(motor.nearest(u)[1][:, 0], minlength=motor.size) > 0,
@@ -371,6 +378,23 @@ class OnlineAdapter:
             self.adapting,
             self._changes,
         )
+
+
+def _alone(fitted: Refit, association: Association, u: Array, x: Array) -> Refit:
+    """The readout ``linear`` in place of what was fitted, and its errors on unseen blocks."""
+    motor, sensory, wiring = association.motor, association.sensory, association.wiring
+    folds = blocks(len(u))
+    errors, rows = [], []
+    for half in (0, 1):
+        held = np.concatenate(folds[half::2])
+        seen = np.concatenate(folds[1 - half :: 2])
+        other = Association.learn(motor, u[seen], sensory, sensory.scale.to_unit(x[seen]), wiring)
+        errors.append(np.linalg.norm(other.linear.value(u[held]) - x[held], axis=1))
+        rows.append(held)
+    predictor = Predictor(motor, association.linear, NO_MODELS)
+    return replace(
+        fitted, predictor=predictor, rows=np.concatenate(rows), errors=np.concatenate(errors)
+    )
 
 
 def check_followable(model: Model) -> None:
