@@ -56,6 +56,7 @@ _JUMP = 3.0  # an error that rises by this factor while the maps re-form: anothe
 _CALM = 3  # blocks after a reset before another change can be told from the first
 _NEIGHBOURS = 4  # earlier samples that a sample is compared with
 _LOOSE = 1.5  # what a settled map's own distortion must be exceeded by
+_TRACKING = 0.05  # share by which a settled map's usual means follow, per block
 _LEAST = 10  # samples since a change that a model can rest on
 
 
@@ -239,9 +240,7 @@ class OnlineAdapter:
             rows=Rows.of(motor.scale.from_unit(u), x) if model.rows is not None else None,
         )
         has_models = fitted.predictor.models.degree >= 0
-        reading, position = node_bounds(
-            made, u, fitted.rows, fitted.errors, has_models=has_models
-        )
+        reading, position = node_bounds(made, u, fitted.rows, fitted.errors, has_models=has_models)
         true = model.about.bound_of == "true position"
         return replace(made, bounds=position if true else reading, model_bounds=position)
 
@@ -272,7 +271,7 @@ class OnlineAdapter:
         size *= _SETTLED if self._since >= 0 else 1.0
         expected = float(model.baseline.sensory[winner].mean()) * size * (1.0 + chance)
         # a map that follows is not trained anew: its own distortion is usual to it
-        return max(expected, _LOOSE * self._usual.get("sensory", 0.0))
+        return max(expected, _LOOSE * self._usual.get("sensory", 0.0) * (1.0 + chance))
 
     def _say(self, motor: Map, u: Array) -> Array:
         """Readout ``activity`` of the dense links, (n, 2) in the sensory unit box."""
@@ -290,14 +289,17 @@ class OnlineAdapter:
             return self._force or self._fired(expected)
         if self._force:  # all samples are of one arm
             return False
-        if self._since >= self._horizon and not self._usual:
-            self._usual = dict(self._mean)
+        settled = bool(self._usual)
+        if self._since >= self._horizon:
+            # a settled map goes on at its last rates: what is usual to it follows slowly
+            usual = self._usual or self._mean
+            self._usual = {n: v + _TRACKING * (self._mean[n] - v) for n, v in usual.items()}
         block = self._contradiction(u, v)
         jump = block > _JUMP * self._apart + 2.0 * self._noise  # never where it is unknown
         if not jump and math.isfinite(block):
             known = math.isfinite(self._apart)
             self._apart = 0.5 * (self._apart + block) if known else block
-        return jump or (self._since >= self._horizon and self._fired(expected))
+        return jump or (settled and self._fired(expected))
 
     def _contradiction(self, u: Array, v: Array) -> float:
         """Mean distance of positions to those of the nearest joints since the change [unit].

@@ -168,9 +168,7 @@ def _rows(tensors: Mapping[str, NDArray[Any]], dof: int) -> Rows | None:
     return Rows(q, x)
 
 
-def _approach(
-    stated: Any, tensors: Mapping[str, NDArray[Any]], nodes: int, dof: int
-) -> Approach:
+def _approach(stated: Any, tensors: Mapping[str, NDArray[Any]], nodes: int, dof: int) -> Approach:
     play = np.array(numbers("approach", stated, dof))
     _expect("approach.bounds", tensors["approach.bounds"], (nodes,))
     if (play < 0.0).any() or (tensors["approach.bounds"] < 0.0).any():

@@ -16,6 +16,7 @@ from ..common.parallel import one_blas_thread, side_by_side
 from ..common.scale import Scale
 from ..errors import LogError, OptionError
 from ..maps.density import Gain
+from ..maps.fields import LinkRule
 from ..maps.links import check_wiring
 from ..maps.local_models import NO_MODELS
 from ..maps.model_selection import select
@@ -60,7 +61,7 @@ def train(
     rule: str = "batch",
     epochs: int | None = None,
     sigma: tuple[float, float] | None = None,
-    links: str = "reciprocal",
+    links: str | LinkRule = "reciprocal",
     body: str = "auto",
     view: str = "auto",
     seed: int = 0,
@@ -78,8 +79,9 @@ def train(
     motor_size, sensory_size : int or tuple of int, optional
         Where they differ from `size`.
     map : str or gain function
-        Network: "vdsom", "som", "dsom", "gng", "vdgng", or a reading of the varying
-        density (eq. 7 and 8) such as "vdsom:error" or "gng:error".
+        Network: "vdsom", "som", "dsom", "gng", or a reading of the varying density
+        (eq. 7 and 8) such as "vdsom:error" or "gng:error", or a function of a
+        :class:`calib.Visit`.
     rule : {"batch", "online"}
         Kohonen's batch map, or the paper's eq. 1 to 4, sample by sample.
     epochs : int, optional
@@ -87,8 +89,9 @@ def train(
         the coarse lattices that come first by default.
     sigma : (float, float), optional
         Neighbourhood radius at the start and at the end [nodes].
-    links : {"reciprocal", "oja", "local", "mutual"}
-        How the links (eq. 5) are learned and read (eq. 6), see docs/paper.md.
+    links : {"reciprocal", "oja", "local", "mutual"} or link rule
+        How the links (eq. 5) are learned and read (eq. 6), see docs/paper.md, or a
+        function of :class:`calib.Pairs`.
     body : {"auto", "none"}
         ``auto`` fits a kinematic body under the maps; ``none`` learns from maps and links
         alone, as the paper does.
@@ -268,7 +271,9 @@ class _Trainer:
         near = np.count_nonzero(near_border(model.motor, u))
         known, q = u, on_limits(self.samples, q[: near // 20], rng)
         if len(q):
-            limits = Residuals.of(model, q, simulation.true(q, rng), readouts=(model.default_readout,))
+            limits = Residuals.of(
+                model, q, simulation.true(q, rng), readouts=(model.default_readout,)
+            )
             known = np.concatenate([u, scale.to_unit(limits.q)])
             miss = np.concatenate([miss, limits.errors[model.default_readout]])
         if not len(known):
