@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import NDArray
 
+from ..body.approach import Approach
 from ..change.baseline import Baseline
 from ..common.checks import LARGEST, finite, numbers, of_type
 from ..common.scale import Scale
@@ -113,6 +114,8 @@ def build(header: Mapping[str, Any], tensors: Mapping[str, NDArray[Any]]) -> Mod
         _history(header["history"]),
         _baseline(header.get("baseline"), tensors, motor, sensory),
     )
+    if "approach" in header:
+        model = replace(model, approach=_approach(header["approach"], tensors, motor.size, dof))
     if "schemas" not in header:
         return model
     from . import schemas
@@ -166,6 +169,14 @@ def _rows(tensors: Mapping[str, NDArray[Any]], dof: int, width: int) -> Rows | N
     _expect("rows.q", q, (len(q), dof))
     _expect("rows.x", x, (len(q), width))
     return Rows(q, x)
+
+
+def _approach(stated: Any, tensors: Mapping[str, NDArray[Any]], nodes: int, dof: int) -> Approach:
+    play = np.array(numbers("approach", stated, dof))
+    _expect("approach.bounds", tensors["approach.bounds"], (nodes,))
+    if (play < 0.0).any() or (tensors["approach.bounds"] < 0.0).any():
+        raise ValueError("a play or its bound is negative")
+    return Approach(play, tensors["approach.bounds"])
 
 
 def _history(stated: Any) -> tuple[dict[str, Any], ...]:

@@ -134,8 +134,47 @@ class Simulation:
             Positions in the sensor's frame.
         """
         q = np.asarray(q, dtype=np.float64)
-        rows = np.atleast_2d(q)
         joint_noise, sensor_noise, outliers = rng.spawn(3)
+        x = self._see(self._moved(np.atleast_2d(q), joint_noise))
+        if self.noise > 0.0:
+            x += self.noise * sensor_noise.standard_normal(x.shape)
+        for change in self._of("sensor", "outliers"):
+            wrong = outliers.random(len(x)) < change.value
+            low, high = self._box
+            x[wrong] = outliers.uniform(low, high, size=x.shape)[wrong]
+        return x if q.ndim == 2 else x[0]
+
+    @property
+    def hidden(self) -> bool:
+        """Whether something that no encoder reads moves the tip: backlash, joint noise."""
+        return bool(self._of("joint", "backlash") or self._of("joint", "noise"))
+
+    def true(self, q: ArrayLike, rng: Generator) -> Array:
+        """Return where the tip truly is while the arm goes through `q`, row by row.
+
+        With backlash and noise of the joints, without the sensor's noise and outliers:
+        what a bound on the true position has to cover.  The same as `exact` where nothing
+        is hidden.
+
+        Parameters
+        ----------
+        q : (n, dof) array [rad or m]
+            What the encoders read.
+        rng : numpy.random.Generator
+            Where the joints' noise comes from.
+
+        Returns
+        -------
+        (n, 2) array [m]
+            Positions in the sensor's frame.
+        """
+        rows = np.atleast_2d(np.asarray(q, dtype=np.float64))
+        if not self.hidden:
+            return self.exact(rows)
+        return self._see(self._moved(rows, rng.spawn(1)[0]))
+
+    def _moved(self, rows: Array, joint_noise: Generator) -> Array:
+        """Where the joints stand one after the other, with backlash and noise."""
         theta = self._joints(rows)
         locked = {change.joint for change in self._of("joint", "lock")}
         for change in self._of("joint", "backlash"):
@@ -148,14 +187,7 @@ class Simulation:
             if change.joint not in locked:
                 column = self._column(change)
                 theta[:, column] += change.value * wobble[:, column]
-        x = self._see(theta)
-        if self.noise > 0.0:
-            x += self.noise * sensor_noise.standard_normal(x.shape)
-        for change in self._of("sensor", "outliers"):
-            wrong = outliers.random(len(x)) < change.value
-            low, high = self._box
-            x[wrong] = outliers.uniform(low, high, size=x.shape)[wrong]
-        return x if q.ndim == 2 else x[0]
+        return theta
 
     def to_json(self) -> dict[str, Any]:
         """Return the noise and the changes as plain data; the arm is stored elsewhere.

@@ -227,10 +227,11 @@ def evaluate(model: Model, samples: Samples | None = None) -> Evaluation:
 
 
 def fresh_residuals(model: Model, simulation: Simulation) -> Residuals:
-    """Residuals on 10,000 exact samples of the simulated arm that training never saw."""
+    """Residuals on 10,000 true positions of the simulated arm that training never saw."""
     stream = np.random.SeedSequence(model.about.seed, spawn_key=(_STREAM,))
-    q = simulation.draw(_SAMPLES, np.random.default_rng(stream))
-    return evaluate_residuals(model, q, simulation.exact(q), simulation.exact)
+    rng = np.random.default_rng(stream)
+    q = simulation.draw(_SAMPLES, rng)
+    return evaluate_residuals(model, q, simulation.true(q, rng), simulation.exact)
 
 
 def simulation_of(model: Model) -> Simulation | None:
