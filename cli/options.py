@@ -12,7 +12,7 @@ from .parsing import Columns, JointRange, JointValue, Names, Numbers, Sigma, Siz
 MAPS = ("vdsom", "som", "dsom", "gng")
 RULES = ("batch", "online")
 READOUTS = ("local", "linear", "activity", "winner")
-VIEWS = ("auto", "base")
+VIEWS, CAUSES = ("auto", "base"), ("sensor", "joints")
 MOTIONS = ("uniform", "halton", "sobol", "smooth")
 
 RobotArgument = Annotated[
@@ -205,6 +205,16 @@ ViewOption = Annotated[
         parser=parsing.one_of("--view", VIEWS),
         metavar="|".join(VIEWS),
         help="base: the log is in the robot's root frame; auto: the sensor's frame is free.",
+    ),
+]
+
+CauseOption = Annotated[
+    str,
+    typer.Option(
+        "--cause",
+        parser=parsing.one_of("--cause", CAUSES),
+        metavar="|".join(CAUSES),
+        help="What changed, where a turned sensor and the first joint's offset look the same.",
     ),
 ]
 
