@@ -14,7 +14,7 @@ RULES = ("batch", "online")
 READOUTS = ("local", "body", "linear", "activity", "winner")
 BODIES = ("auto", "none")
 SENSOR_VIEWS = ("auto", "base", "rigid", "similarity", "affine", "homography")
-VIEWS = ("auto", "base")
+VIEWS, CAUSES = ("auto", "base"), ("sensor", "joints")
 MOTIONS = ("uniform", "halton", "sobol", "smooth")
 
 RobotArgument = Annotated[
@@ -237,6 +237,16 @@ ViewOption = Annotated[
         parser=parsing.one_of("--view", VIEWS),
         metavar="|".join(VIEWS),
         help="base: the log is in the robot's root frame; auto: the sensor's frame is free.",
+    ),
+]
+
+CauseOption = Annotated[
+    str,
+    typer.Option(
+        "--cause",
+        parser=parsing.one_of("--cause", CAUSES),
+        metavar="|".join(CAUSES),
+        help="What changed, where a turned sensor and the first joint's offset look the same.",
     ),
 ]
 

@@ -43,6 +43,7 @@ def correct(
         ),
     ] = None,
     view: o.ViewOption = "auto",
+    cause: o.CauseOption = "sensor",
     degrees: o.DegreesOption = False,
     as_json: o.JsonOption = False,
 ) -> None:
@@ -74,6 +75,7 @@ def correct(
             batch.values[valid] / factors,
             limit=None if limit is None else limit / factors,
             view=view,
+            cause=cause,
         )
         notes.say(found.notes)
         parts = [*(found.q * factors).T, *found.target.T, found.distance, found.expected_error]
