@@ -14,12 +14,11 @@ from ..inverse.solver import Solver
 from ..maps.association import MAP_READOUTS, Association, check_readout
 from ..maps.local_models import NO_MODELS
 from ..maps.map import Map
-from ..maps.node_bounds import blend_nodes
 from ..maps.predictor import BodyInBox, Predictor, Smooth
 from . import answers
 from .answers import Answer, checked_rows
 from .rows import Rows
-from .trust import MOST_SHARE, Trust
+from .trust import KNOWN_DISTANCES, KNOWN_SPACINGS, MOST_SHARE, Trust
 
 if TYPE_CHECKING:
     import os
@@ -114,8 +113,16 @@ class Model:
 
     @cached_property
     def trust(self) -> Trust:
-        """Where answers are given."""
-        return Trust(self.motor, self.model_bounds, MOST_SHARE * self.reach)
+        """Where answers are given, and how bounds grow away from what was learned."""
+        known = None
+        # a file of format 1 has no option `body`, and its bounds hold as they did
+        if self.body is None and self.baseline is not None and "body" in self.about.options:
+            known = np.maximum(
+                KNOWN_SPACINGS * self.motor.spacing, KNOWN_DISTANCES * np.sqrt(self.baseline.motor)
+            )
+        return Trust(
+            self.motor, self.model_bounds, MOST_SHARE * self.reach, known, self.solver.extent
+        )
 
     @cached_property
     def reach(self) -> float:
@@ -303,7 +310,7 @@ class Model:
         u = self.motor.scale.to_unit(q)
         known = self.trust.covers(u)
         bound = np.full(len(q), np.nan)
-        bound[known] = blend_nodes(self.motor, nodes, u[known])
+        bound[known] = self.trust.bound(nodes, u[known])
         return bound[0] if single else bound
 
     def evaluate(self, samples: Samples | None = None) -> Evaluation:

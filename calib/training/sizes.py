@@ -16,14 +16,12 @@ Size = int | Sequence[int] | None
 SIDE = 70
 """Nodes along each axis of a plane lattice, as in the paper's best table."""
 
-FEW_ROWS = 1000
-"""A log of fewer rows fills no lattice: its maps learn from what the body imagines besides."""
-
 _ROWS_PER_NODE = 5
+_LEAST, _LEAST_IMAGINED = 4, 20  # nodes along each axis for a log of a few rows
 
 
 def lattice_sizes(
-    samples: Samples, size: Size, motor_size: Size, sensory_size: Size
+    samples: Samples, size: Size, motor_size: Size, sensory_size: Size, *, imagined: bool = True
 ) -> tuple[tuple[int, ...], tuple[int, ...], list[str]]:
     """Choose the lattices.
 
@@ -33,6 +31,8 @@ def lattice_sizes(
         What they are to be trained on.
     size, motor_size, sensory_size : int, sequence of int, or None
         What the user gives; see :func:`calib.train`.
+    imagined : bool
+        Whether the maps also learn from positions that a body predicts.
 
     Returns
     -------
@@ -52,11 +52,12 @@ def lattice_sizes(
     if given is None and motor_size is None and sensory_size is None:
         rows = len(samples)
         side = SIDE
-        if samples.simulation is None and rows >= FEW_ROWS:
-            side = min(SIDE, max(4, round(math.sqrt(rows / _ROWS_PER_NODE))))
+        if samples.simulation is None:
+            least = _LEAST_IMAGINED if imagined else _LEAST
+            side = min(SIDE, max(least, round(math.sqrt(rows / _ROWS_PER_NODE))))
+            why = f"{_ROWS_PER_NODE} rows per node" if side > least else "the smallest by default"
             notes.append(
-                f"{rows:,} rows fill lattices of {side}x{side} nodes ({_ROWS_PER_NODE} rows per "
-                "node), `size` chooses others"
+                f"{rows:,} rows: lattices of {side}x{side} nodes ({why}), `size` chooses others"
             )
         given = (side, side)
     fallback = given or (SIDE, SIDE)
@@ -86,10 +87,12 @@ def lattice_sizes(
         )
     Lattice(motor)
     Lattice(sensory)
-    if len(samples) < min(FEW_ROWS, math.prod(motor)):
+    if len(samples) < math.prod(motor):
+        few = f"{len(samples):,} samples are fewer than the {math.prod(motor):,} motor nodes"
         notes.append(
-            f"{len(samples):,} samples are fewer than the {math.prod(motor):,} motor nodes: the "
-            "maps learn from what a smooth model of them imagines"
+            f"{few}: the maps also learn from positions that the body predicts"
+            if imagined
+            else f"{few}: nodes without a sample have no links, a smaller `size` has fewer of them"
         )
     return motor, sensory, notes
 
