@@ -47,7 +47,7 @@ class Streams:
     as_json: bool
 
 
-def forward_batch(model: Model, joints: JointFormat, streams: Streams, readout: str) -> int:
+def forward_batch(model: Model, joints: JointFormat, streams: Streams, readout: str | None) -> int:
     """Answer a table of joint values with positions; return the exit code.
 
     Parameters
@@ -57,7 +57,7 @@ def forward_batch(model: Model, joints: JointFormat, streams: Streams, readout: 
         Unit of the joint values in both tables.
     streams : Streams
         The tables.
-    readout : str
+    readout : str or None
         Passed on to `Model.forward`.
     """
     batch = read_batch(streams.source, joints.names)
@@ -69,8 +69,7 @@ def forward_batch(model: Model, joints: JointFormat, streams: Streams, readout: 
         q = typed[valid] / joints.typed
         x[valid] = model.forward(q, readout)
         bounds[:, valid] = model.expected_error(q), model.model_error(q)
-    columns = {"x": x[:, 0], "y": x[:, 1]}
-    columns |= {"expected_error": bounds[0], "model_error": bounds[1]}
+    columns = {"x": x[:, 0], "y": x[:, 1], "expected_error": bounds[0], "model_error": bounds[1]}
     outside = np.flatnonzero(valid & np.isnan(x[:, 0])) + 1
     return _finish(
         model, joints, columns, streams, batch, outside.tolist(), "outside of what was learned"
@@ -81,7 +80,7 @@ def inverse_batch(
     model: Model,
     joints: JointFormat,
     streams: Streams,
-    readout: str,
+    readout: str | None,
     near: Sequence[float] | None,
 ) -> int:
     """Answer a table of positions with joint values; return the exit code.

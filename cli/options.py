@@ -230,12 +230,13 @@ ViewOption = Annotated[
 ]
 
 ReadoutOption = Annotated[
-    str,
+    str | None,
     typer.Option(
         "--readout",
         parser=parsing.one_of("--readout", READOUTS),
         metavar="|".join(READOUTS),
-        help="How the query is answered: local is the body and the local models.",
+        help="How the query is answered (default local, the body and its local models; of a "
+        "model without a body linear, maps and links alone).",
     ),
 ]
 NearOption = Annotated[

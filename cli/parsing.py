@@ -292,6 +292,22 @@ def margin(text: str) -> Margin:
     return Margin(value / 100.0, True) if percent else Margin(value, False)
 
 
+def percent(option: str) -> Callable[[object], float]:
+    """Return a parser of shares such as `1%`, as a number from 0 to 1."""
+
+    def parse(typed: object) -> float:
+        text = str(typed).strip()
+        try:
+            value = finite(text.removesuffix("%").strip()) if text.endswith("%") else -1.0
+        except ValueError:
+            value = -1.0
+        if not 0.0 < value <= 100.0:
+            raise bad_option(option, text, "a share above zero such as 1%")
+        return value / 100.0
+
+    return parse
+
+
 def side(text: str) -> Side:
     """Parse `x=lo:hi`."""
     axis, _, limits = (piece.strip() for piece in text.partition("="))

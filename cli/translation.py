@@ -43,7 +43,7 @@ OPTIONS = {
     "samples": "--data",
     "seed": "--seed",
     "sensory_size": "--sensory-size",
-    "share": "--share",
+    "share": "--residual",
     "sigma": "--sigma",
     "size": "--size",
     "start": "--from",

@@ -126,6 +126,11 @@ class LinearModels:
     values: Array
     slopes: Array
 
+    @property
+    def terms(self) -> int:
+        """Numbers that one evaluation multiplies."""
+        return 2 * blend_size(self.motor.units.shape[1]) * (1 + self.motor.units.shape[1])
+
     def value(self, u: Array) -> Array:
         """Positions (n, o) at the points `u` (n, d) of the unit box."""
         index, weight, _ = smooth_blend(self.motor, u, slope=False)

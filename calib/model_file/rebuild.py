@@ -66,7 +66,15 @@ def build(header: Mapping[str, Any], tensors: Mapping[str, NDArray[Any]]) -> Mod
     links = csr_array(
         (tensors["links.data"].astype(float), indices, indptr), shape=(motor.size, sensory.size)
     )
-    smooth, body = build_smooth(header, tensors, motor.scale, 2)
+    association = Association(
+        motor,
+        sensory,
+        links,
+        _wiring(header["links"]),
+        _means(tensors, "motor", motor),
+        _means(tensors, "sensory", sensory),
+    )
+    smooth, body = build_smooth(header, tensors, motor.scale, 2, lambda: association.linear)
     degree = _small(header["local"]["degree"], 3, least=-1)
     models = LocalModels(
         degree,
@@ -92,14 +100,7 @@ def build(header: Mapping[str, Any], tensors: Mapping[str, NDArray[Any]]) -> Mod
         raise ValueError("no node was visited, or a bound is negative")
     model = Model(
         about,
-        Association(
-            motor,
-            sensory,
-            links,
-            _wiring(header["links"]),
-            _means(tensors, "motor", motor),
-            _means(tensors, "sensory", sensory),
-        ),
+        association,
         Predictor(motor, smooth, models),
         tensors["bounds"],
         model_bounds,

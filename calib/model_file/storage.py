@@ -44,11 +44,24 @@ _NONSENSE = (  # what building a model from a description without sense raises
 
 
 def save(model: Model, path: str | os.PathLike[str]) -> None:
-    """Write a model into one file, whole or not at all.
+    """Write a model into one file, whole or not at all, once it could be read back.
 
     The same model gives the same bytes: there are no times, dates or paths inside.
+
+    Raises
+    ------
+    ModelError
+        If the model's numbers make no file that could be read; an older file stays.
     """
-    atomic_write(path, to_bytes(model))
+    data = to_bytes(model)
+    try:
+        from_bytes(data, os.fspath(path))
+    except ModelError as error:
+        raise ModelError(
+            f"the new model cannot be read back, so nothing was written: {error.message}",
+            hint="an older file was left as it was; please report it with the log",
+        ) from error
+    atomic_write(path, data)
 
 
 def to_bytes(model: Model) -> bytes:
@@ -134,8 +147,15 @@ def _checksum(tensors: Mapping[str, NDArray[Any]], header: Mapping[str, Any]) ->
     return digest.hexdigest()
 
 
-def load(path: str | os.PathLike[str]) -> Model:
+def load(path: str | os.PathLike[str], *, warm: bool = False) -> Model:
     """Read a model from its file; neither Pinocchio nor yourdfpy is needed.
+
+    Parameters
+    ----------
+    path : str or path
+        What `calib train` or :meth:`Model.save` wrote.
+    warm : bool
+        Whether to call :meth:`Model.warm_up`, for a control loop.
 
     Raises
     ------
@@ -152,7 +172,8 @@ def load(path: str | os.PathLike[str]) -> Model:
     except (OSError, ValueError) as error:
         reason = getattr(error, "strerror", None) or error
         raise ModelError(f"{path}: cannot be read ({reason})") from error
-    return from_bytes(data, str(path))
+    model = from_bytes(data, str(path))
+    return model.warm_up() if warm else model
 
 
 def _read(path: Path) -> bytes:

@@ -17,7 +17,7 @@ SIDE = 70
 """Nodes along each axis of a plane lattice, as in the paper's best table."""
 
 _ROWS_PER_NODE = 5
-_LEAST, _LEAST_IMAGINED = 4, 20  # nodes along each axis for a log of a few rows
+_LEAST_SIDE = {True: 20, False: 4}  # the links have to propose starts for every branch
 
 
 def lattice_sizes(
@@ -32,7 +32,8 @@ def lattice_sizes(
     size, motor_size, sensory_size : int, sequence of int, or None
         What the user gives; see :func:`calib.train`.
     imagined : bool
-        Whether the maps also learn from positions that a body predicts.
+        Whether a body imagines samples where a log has no rows; without them few rows fill
+        few nodes.
 
     Returns
     -------
@@ -47,17 +48,15 @@ def lattice_sizes(
         If a size is no lattice.
     """
     notes: list[str] = []
-    dof = samples.dof
+    dof, least = samples.dof, _LEAST_SIDE[imagined]
     given = _checked(size, "size")
     if given is None and motor_size is None and sensory_size is None:
         rows = len(samples)
         side = SIDE
         if samples.simulation is None:
-            least = _LEAST_IMAGINED if imagined else _LEAST
             side = min(SIDE, max(least, round(math.sqrt(rows / _ROWS_PER_NODE))))
-            why = f"{_ROWS_PER_NODE} rows per node" if side > least else "the smallest by default"
             notes.append(
-                f"{rows:,} rows: lattices of {side}x{side} nodes ({why}), `size` chooses others"
+                f"lattices of {side}x{side} nodes for {rows:,} rows, `size` chooses others"
             )
         given = (side, side)
     fallback = given or (SIDE, SIDE)
@@ -87,13 +86,6 @@ def lattice_sizes(
         )
     Lattice(motor)
     Lattice(sensory)
-    if len(samples) < math.prod(motor):
-        few = f"{len(samples):,} samples are fewer than the {math.prod(motor):,} motor nodes"
-        notes.append(
-            f"{few}: the maps also learn from positions that the body predicts"
-            if imagined
-            else f"{few}: nodes without a sample have no links, a smaller `size` has fewer of them"
-        )
     return motor, sensory, notes
 
 

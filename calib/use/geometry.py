@@ -29,6 +29,7 @@ _STEPS = 60
 _OFFSET = math.radians(10.0)  # prior standard deviation of a joint's offset [rad]
 _PLACED = 1e-3  # of a joint's or the tip's place [m]; also of a sliding joint's offset
 _WIDER = (1.0, 5.0, 20.0)  # the prior's widths that are tried
+_NU = 6.0  # degrees of freedom of the residuals
 _FLOOR = 1e-6  # of the reach: a residual below is rounding
 
 
@@ -269,6 +270,16 @@ class _Problem:
                 best = tried
         return best[0], best[1]
 
+    def _weight(self, theta: Array, noise: float) -> Array:
+        """Roots of Student weights (2 n,) of the residuals: a few rows may be grossly wrong."""
+        r = np.sum((self.x - self.predicted(theta)) ** 2, axis=1) / noise**2
+        return np.repeat(np.sqrt((_NU + 2.0) / (_NU + r)), 2)
+
+    def _noise(self, theta: Array, noise: float) -> float:
+        """Scale of the residuals along an axis [unit], with the weights at the last one."""
+        r = (self.x - self.predicted(theta)).ravel() * self._weight(theta, noise)
+        return float(np.sqrt(np.mean(r**2)))
+
     def _start(self) -> Array:
         theta = np.zeros(3 * self.arm.dof + 6)
         if not self.free:
@@ -333,18 +344,20 @@ class _Problem:
         noise = max(self.rms(theta) / math.sqrt(2.0), floor)
         slope = self._slopes(theta, use)
         for _ in range(_STEPS):
-            residual = (self.x - self.predicted(theta)).ravel() / noise
-            rows = np.vstack([slope / noise, root])
+            weight = self._weight(theta, noise)
+            residual = weight * (self.x - self.predicted(theta)).ravel() / noise
+            rows = np.vstack([weight[:, None] * slope / noise, root])
             pull = np.concatenate([residual, -root @ theta[use]])
             step = np.linalg.lstsq(rows, pull, rcond=1e-14)[0]
             turned = float(np.abs(step).max())
             theta = theta.copy()
             theta[use] += step * min(1.0, 0.5 / turned) if turned > 0.5 and not self.free else step
-            before, noise = noise, max(self.rms(theta) / math.sqrt(2.0), floor)
+            before, noise = noise, max(self._noise(theta, noise), floor)
             slope = self._slopes(theta, use)
-            if turned < 1e-11 and abs(noise - before) < 1e-6 * noise:
+            if turned < 1e-9 and abs(noise - before) < 1e-6 * noise:
                 break
-        information = slope.T @ slope / noise**2 + root.T @ root
+        weighted = self._weight(theta, noise)[:, None] * slope / noise
+        information = weighted.T @ weighted + root.T @ root
         covariance = np.zeros((len(theta), len(theta)))
         covariance[np.ix_(use, use)] = np.linalg.pinv(information, rcond=1e-15, hermitian=True)
         fitted = np.isfinite(sd[use])

@@ -37,7 +37,7 @@ def forward(
         list[str] | None,
         typer.Argument(metavar="Q1 Q2", help="Joint values, base to tip [rad or m]."),
     ] = None,
-    readout: o.ReadoutOption = "local",
+    readout: o.ReadoutOption = None,
     input_: o.InputOption = None,
     output: o.AnswersOption = None,
     degrees: o.DegreesOption = False,
@@ -82,7 +82,7 @@ def inverse(
     ] = None,
     near: o.NearOption = None,
     every: o.AllOption = False,
-    readout: o.ReadoutOption = "local",
+    readout: o.ReadoutOption = None,
     input_: o.InputOption = None,
     output: o.AnswersOption = None,
     degrees: o.DegreesOption = False,
@@ -93,8 +93,8 @@ def inverse(
     _check_streams(typed, input_, output, as_json)
     if every and input_ is not None:
         raise BadOption("--all answers one target: expected X Y in place of --input")
-    if every and readout != "local":
-        raise BadOption(f"--all needs the readout local: expected no --readout {readout}")
+    if every and readout is not None:
+        raise BadOption(f"--all answers by the default readout: expected no --readout {readout}")
     loaded = _load(model)
     joints = JointFormat(loaded.about, degrees)
     anchor = _anchor(loaded, near, joints)
