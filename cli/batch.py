@@ -47,7 +47,7 @@ class Streams:
     as_json: bool
 
 
-def forward_batch(model: Model, joints: JointFormat, streams: Streams, readout: str) -> int:
+def forward_batch(model: Model, joints: JointFormat, streams: Streams, readout: str | None) -> int:
     """Answer a table of joint values with positions; return the exit code.
 
     Parameters
@@ -57,7 +57,7 @@ def forward_batch(model: Model, joints: JointFormat, streams: Streams, readout: 
         Unit of the joint values in both tables.
     streams : Streams
         The tables.
-    readout : str
+    readout : str or None
         Passed on to `Model.forward`.
     """
     batch = read_batch(streams.source, joints.names)

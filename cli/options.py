@@ -240,7 +240,7 @@ ViewOption = Annotated[
     ),
 ]
 
-CauseOption = Annotated[
+BlameOption = Annotated[
     str,
     typer.Option(
         "--cause",
@@ -256,7 +256,8 @@ ReadoutOption = Annotated[
         "--readout",
         parser=parsing.one_of("--readout", READOUTS),
         metavar="|".join(READOUTS),
-        help="How the query is answered: local is the body and the local models.",
+        help="How the query is answered (default local, the body and its local models; of a "
+        "model without a body linear, maps and links alone).",
     ),
 ]
 NearOption = Annotated[

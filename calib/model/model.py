@@ -15,13 +15,12 @@ from ..maps.association import MAP_READOUTS, Association, check_readout
 from ..maps.linear_models import LinearModels
 from ..maps.local_models import NO_MODELS
 from ..maps.map import Map
-from ..maps.node_bounds import blend_nodes
 from ..maps.predictor import BodyInBox, Predictor, Smooth
 from . import answers
 from .answers import Answer, checked_rows
 from .rows import Rows
 from .single import Single
-from .trust import MOST_SHARE, Trust
+from .trust import KNOWN_DISTANCES, KNOWN_SPACINGS, MOST_SHARE, Trust
 
 if TYPE_CHECKING:
     import os
@@ -147,8 +146,16 @@ class Model:
 
     @cached_property
     def trust(self) -> Trust:
-        """Where answers are given."""
-        return Trust(self.motor, self.model_bounds, MOST_SHARE * self.reach)
+        """Where answers are given, and how bounds grow away from what was learned."""
+        known = None
+        # a file of format 1 has no option `body`, and its bounds hold as they did
+        if self.body is None and self.baseline is not None and "body" in self.about.options:
+            known = np.maximum(
+                KNOWN_SPACINGS * self.motor.spacing, KNOWN_DISTANCES * np.sqrt(self.baseline.motor)
+            )
+        return Trust(
+            self.motor, self.model_bounds, MOST_SHARE * self.reach, known, self.solver.extent
+        )
 
     @cached_property
     def reach(self) -> float:
@@ -421,7 +428,7 @@ class Model:
         if self.body is not None and u.shape[1] > MOST_BLENDED:
             noise = which == "bounds" and self.about.bound_of == "sensor reading"
             return self.body.bound(self.motor.scale.from_unit(u), noise=noise)
-        return blend_nodes(self.motor, getattr(self, which), u)
+        return self.trust.bound(getattr(self, which), u)
 
     def evaluate(self, samples: Samples | None = None) -> Evaluation:
         """Errors of all readouts on fresh exact samples, or on measured ones."""

@@ -124,10 +124,6 @@ def build(header: Mapping[str, Any], tensors: Mapping[str, NDArray[Any]]) -> Mod
     return replace(model, schemas=schemas.unpack(model, header["schemas"], tensors))
 
 
-_SINGLE = ("links.data", "baseline.motor", "baseline.sensory", "motor.means", "sensory.means")
-"""Arrays in single precision."""
-
-
 def _check_types(tensors: Mapping[str, NDArray[Any]]) -> None:
     """Refuse numbers of another type than the format states; counts are checked as such."""
     for name, array in tensors.items():

@@ -8,7 +8,6 @@ import typer
 
 from .. import options as o
 from .. import parsing
-from ..batch import numbered
 from ..output import Notes, note, number, show_json, tell
 from ..units import JointFormat, units_of
 
@@ -43,7 +42,7 @@ def correct(
         ),
     ] = None,
     view: o.ViewOption = "auto",
-    cause: o.CauseOption = "sensor",
+    cause: o.BlameOption = "sensor",
     degrees: o.DegreesOption = False,
     as_json: o.JsonOption = False,
 ) -> None:
@@ -57,6 +56,8 @@ def correct(
     import calib
     from calib.samples.tables import read_batch, write_table
     from calib.use.correct import correct as correction
+
+    from ..batch import numbered
 
     loaded = calib.load(model)
     joints = JointFormat(loaded.about, degrees)

@@ -93,8 +93,8 @@ def inverse(
     _check_streams(typed, input_, output, as_json)
     if every and input_ is not None:
         raise BadOption("--all answers one target: expected X Y in place of --input")
-    if every and readout not in (None, "local"):
-        raise BadOption(f"--all needs the default readout: expected no --readout {readout}")
+    if every and readout is not None:
+        raise BadOption(f"--all answers by the default readout: expected no --readout {readout}")
     loaded = _load(model)
     joints = JointFormat(loaded.about, degrees)
     anchor = _anchor(loaded, near, joints)

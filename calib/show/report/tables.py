@@ -129,8 +129,7 @@ def fact_list(pairs: Iterable[tuple[str, str]]) -> str:
 def _source(evidence: Evidence) -> str:
     about = evidence.model.about
     if about.simulation is None:
-        taught = ", through a Gaussian process of them" if about.taught else ""
-        return f"{about.samples:,} rows of a log{taught}"
+        return f"{about.samples:,} rows of a log"
     noise = about.simulation.get("noise") or 0.0
     parts = [f"{about.samples:,} simulated samples"]
     parts.append(f"sensor noise {length_in_words(noise, about.unit)}" if noise else "no noise")
