@@ -80,10 +80,6 @@ class Arm:
         """Return the arm with the link that a joint moves at a new length [m]."""
         raise NotImplementedError
 
-    def with_tip_offset(self: _A, *offset: float) -> _A:
-        """Return the arm with its tip moved in its own frame [m]."""
-        raise NotImplementedError
-
     @property
     def dof(self) -> int:
         """Number of active joints."""

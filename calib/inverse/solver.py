@@ -52,7 +52,7 @@ class Solver:
     def redundant(self) -> bool:
         """Whether there are more joints than coordinates of a position."""
         pair = self.association
-        return pair.motor.units.shape[1] > pair.sensory.units.shape[1]
+        return bool(pair.motor.units.shape[1] > pair.sensory.units.shape[1])
 
     @cached_property
     def newton(self) -> Newton:

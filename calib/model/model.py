@@ -377,7 +377,7 @@ class Model:
             return bound
         known = self.approach.known(side)
         u = self.motor.scale.to_unit(self.approach.effective(rows, side))
-        smaller = blend_nodes(self.motor, self.approach.bounds, u)
+        smaller = self.trust.bound(self.approach.bounds, u)
         both = np.atleast_1d(bound)
         # NaN stays: what is out of range has no bound from any side
         result: Array = np.where(known & np.isfinite(both), smaller, both)

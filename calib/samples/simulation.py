@@ -78,7 +78,7 @@ class Simulation:
                 length *= self._link_length(change)
             arm = arm.with_link_length(change.joint, length)
         for change in self._of("tip", "offset"):
-            arm = arm.with_tip_offset(*change.values)
+            arm = arm.with_tip_offset(*change.values)  # type: ignore[attr-defined]
         return arm
 
     def draw(self, n: int, rng: Generator) -> Array:

@@ -12,8 +12,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ..body.fitting import METRES, fit_body
-from ..body.posterior import BodyFit, fit_structure
 from ..body.nominal import Nominal, nominal_of
+from ..body.posterior import BodyFit, fit_structure
 from ..body.telling import warnings_of
 from ..common.scale import Scale
 from ..errors import OptionError
