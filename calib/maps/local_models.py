@@ -174,12 +174,17 @@ def speaking(motor: Map, u: Array) -> tuple[NDArray[np.intp], Array, Array]:
     """
     index, weight = blend(motor, u, blend_size(u.shape[1]))
     gap = motor.scale.difference(u[:, None], motor.units[index])
-    reach = _REACH * np.sqrt(u.shape[1]) * motor.spacings[index]
+    reach = reaches(motor)[index]
     share = _fade(np.sqrt(np.einsum("nmd,nmd->nm", gap, gap)) / reach)
     weight = weight * share
     total = weight.sum(axis=1, keepdims=True)
     left = share.max(axis=1, keepdims=True)
     return index, np.where(total > 0.0, weight * left / np.where(total > 0.0, total, 1.0), 0.0), gap
+
+
+def reaches(motor: Map) -> Array:
+    """Distance up to which each node speaks fully, (nodes,), in the unit box."""
+    return np.asarray(_REACH * np.sqrt(motor.units.shape[1]) * motor.spacings)
 
 
 def near_rows(motor: Map, u: Array) -> Array:

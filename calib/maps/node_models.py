@@ -5,11 +5,12 @@ The counterpart of `local_models.predict` for a control loop.
 
 from __future__ import annotations
 
+import math
 from collections.abc import Sequence
 from dataclasses import dataclass, field
 
 from ..body.basis import exponents
-from .local_models import LocalModels
+from .local_models import LocalModels, reaches
 from .map import Map
 from .node_cells import NodeCells
 
@@ -25,13 +26,14 @@ class NodeModels:
     cells : NodeCells
         Finds the nodes that speak for a point.
     nodes : list
-        For each node its coordinates, radius and terms (exponents, x, y); only what is not zero.
+        For each node its coordinates, reach, radius and terms (exponents, x, y); only what is
+        not zero.
     periodic : tuple of bool
         Axes whose ends meet.
     """
 
     cells: NodeCells
-    nodes: list[tuple[list[float], float, list[Term]]] = field(repr=False)
+    nodes: list[tuple[list[float], float, float, list[Term]]] = field(repr=False)
     periodic: tuple[bool, ...]
 
     @staticmethod
@@ -39,18 +41,21 @@ class NodeModels:
         """The local models of a motor map."""
         powers = [tuple(e) for e in exponents(motor.units.shape[1], models.degree).tolist()]
         nodes = []
-        for w, radius, rows in zip(
-            motor.units.tolist(), models.radius.tolist(), models.coefficients.tolist(), strict=True
+        for w, reach, radius, rows in zip(
+            motor.units.tolist(),
+            reaches(motor).tolist(),
+            models.radius.tolist(),
+            models.coefficients.tolist(),
+            strict=True,
         ):
             terms = [(e, x, y) for e, (x, y) in zip(powers, rows, strict=True) if x or y]
-            nodes.append((w, radius, terms))
+            nodes.append((w, reach, radius, terms))
         return NodeModels(cells, nodes, tuple(bool(p) for p in motor.scale.periodic))
 
     def value(self, u: Sequence[float]) -> tuple[float, float]:
         """Blended correction at a point of the unit box."""
         x = y = 0.0
-        for n, weight in zip(*self.cells.near(u), strict=True):
-            z, terms = self._at(n, u)
+        for weight, _, z, terms in self._speaking(u):
             for powers, cx, cy in terms:
                 factor = weight
                 for value, power in zip(z, powers, strict=True):
@@ -64,9 +69,8 @@ class NodeModels:
         """Blended correction and its derivatives by the unit coordinates."""
         x = y = 0.0
         gx, gy = [0.0] * len(u), [0.0] * len(u)
-        for n, weight in zip(*self.cells.near(u), strict=True):
-            z, terms = self._at(n, u)
-            per_unit = weight / self.nodes[n][1]
+        for weight, radius, z, terms in self._speaking(u):
+            per_unit = weight / radius
             for powers, cx, cy in terms:
                 factor = weight
                 for value, power in zip(z, powers, strict=True):
@@ -83,13 +87,28 @@ class NodeModels:
                     gy[k] += tilt * cy
         return x, y, gx, gy
 
-    def _at(self, n: int, u: Sequence[float]) -> tuple[list[float], list[Term]]:
-        """Coordinates of a point about a node, in its radius, and the node's terms."""
-        w, radius, terms = self.nodes[n]
-        z = []
-        for a, b, turns in zip(u, w, self.periodic, strict=True):
-            gap = a - b
-            if turns:
-                gap -= round(gap)
-            z.append(gap / radius)
-        return z, terms
+    def _speaking(self, u: Sequence[float]) -> list[tuple[float, float, list[float], list[Term]]]:
+        """Weight, radius, offset in radii and terms of the nodes; see `local_models.speaking`."""
+        found = []
+        total = left = 0.0
+        for n, weight in zip(*self.cells.near(u), strict=True):
+            w, reach, radius, terms = self.nodes[n]
+            gaps = []
+            square = 0.0
+            for a, b, turns in zip(u, w, self.periodic, strict=True):
+                gap = a - b
+                if turns:
+                    gap -= round(gap)
+                gaps.append(gap)
+                square += gap * gap
+            beyond = math.sqrt(square) / reach - 1.0
+            if beyond >= 1.0:
+                continue
+            share = 1.0 if beyond <= 0.0 else (1.0 - beyond * beyond) ** 2
+            left = share if share > left else left
+            weight *= share
+            total += weight
+            found.append((weight, radius, [gap / radius for gap in gaps], terms))
+        if not total > 0.0:
+            return []
+        return [(w * left / total, radius, z, terms) for w, radius, z, terms in found]

@@ -199,7 +199,7 @@ def _name(source: Source) -> str:
     return "log" if isinstance(source, Samples) else getattr(source, "__name__", "source")
 
 
-def _loaded(source: Source) -> PlanarArm | Samples | str:
+def _loaded(source: Source) -> Arm | Samples | str:
     """Return an arm or samples, or in words why there are none."""
     try:
         if isinstance(source, str):
