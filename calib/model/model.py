@@ -464,8 +464,11 @@ class Model:
         NaN out of reach, and where a joint would change by far more than this model usually
         corrects; :func:`calib.correct` tells which and takes another limit.
         """
-        from ..use.correct import correct
+        from ..use.correct import correct, correct_one
 
+        quick = correct_one(self, q)
+        if quick is not None:
+            return quick
         found = correct(self, q)
         answer = np.where(found.exceeded[:, None], np.nan, found.q)
         return answer[0] if found.single else answer
