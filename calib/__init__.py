@@ -46,6 +46,8 @@ if TYPE_CHECKING:
     from .training.evaluate import Evaluation as Evaluation
     from .training.evaluate import evaluate as evaluate
     from .training.train import train as train
+    from .use.correct import Corrected as Corrected
+    from .use.correct import correct as correct
     from .use.plan import Plan as Plan
     from .use.plan import plan as plan
 
@@ -56,6 +58,7 @@ _HOME = {
     "Adaptation": "change.adapt",
     "Answer": "model.answers",
     "CalibError": "errors",
+    "Corrected": "use.correct",
     "Drift": "change.check",
     "Evaluation": "training.evaluate",
     "LogError": "errors",
@@ -75,6 +78,7 @@ _HOME = {
     "Trial": "sweeps.trials",
     "adapt": "change.adapt",
     "babble": "samples.babbling",
+    "correct": "use.correct",
     "evaluate": "training.evaluate",
     "list_robots": "arm.robots",
     "load": "model_file.storage",

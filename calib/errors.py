@@ -1,11 +1,17 @@
-"""The errors of calib: one family, each message one line.
+"""The errors of calib: one family, each message one line with structured fields.
 
-A message says what was given, what was expected and what to do about it.
+Use them to raise whatever is the user's to mend: a message says what was given and what was
+expected, the hint says what to do.  Messages name Python parameters in backquotes, such as
+`degrees=True`; the command line translates those to its options.
 """
 
 from __future__ import annotations
 
+from typing import Any, TypeVar
+
 from .common.wording import one_line
+
+E = TypeVar("E", bound="CalibError")
 
 
 class CalibError(Exception):
@@ -14,15 +20,60 @@ class CalibError(Exception):
     Parameters
     ----------
     message : str
-        What happened; names within it may come from a stranger's file.
+        What was given and what was expected; names within it may come from a stranger's file.
+    hint : str or None
+        What to do; it follows the message after a semicolon.
+    parameter : str or None
+        Python name of the parameter that is wrong or that would help.
+    value : object
+        The value that is wrong, None if there is none.
+
+    Attributes
+    ----------
+    message, hint, parameter, value
+        As given.
+
+    Examples
+    --------
+    >>> error = CalibError("seed is -1", hint="give 0 or more", parameter="seed", value=-1)
+    >>> str(error), error.parameter, error.value
+    ('seed is -1; give 0 or more', 'seed', -1)
     """
 
-    def __init__(self, message: str = "") -> None:
-        super().__init__(one_line(message))
+    def __init__(
+        self,
+        message: str = "",
+        *,
+        hint: str | None = None,
+        parameter: str | None = None,
+        value: Any = None,
+    ) -> None:
+        self.message = one_line(message)
+        self.hint = None if hint is None else one_line(hint)
+        self.parameter, self.value = parameter, value
+        super().__init__(self.message if self.hint is None else f"{self.message}; {self.hint}")
+
+    def __reduce__(self) -> tuple[Any, ...]:
+        """Pickle with all fields, as process pools do."""
+        fields = {"hint": self.hint, "parameter": self.parameter, "value": self.value}
+        return _remade, (type(self), self.message, fields)
+
+    def within(self: E, label: str) -> E:
+        """Return the same error with the place of what is wrong, such as a file, before it."""
+        return type(self)(
+            f"{label}: {self.message}",
+            hint=self.hint,
+            parameter=self.parameter,
+            value=self.value,
+        )
+
+
+def _remade(kind: type[E], message: str, fields: dict[str, Any]) -> E:
+    return kind(message, **fields)
 
 
 class RobotError(CalibError):
-    """A URDF, a joint or a tip that cannot be used as a planar arm."""
+    """A URDF, a joint or a tip that cannot be used as an arm."""
 
 
 class LogError(CalibError):
@@ -30,7 +81,7 @@ class LogError(CalibError):
 
 
 class OptionError(CalibError):
-    """An option or an argument outside of what is possible."""
+    """An argument outside of what is possible."""
 
 
 class ModelError(CalibError):

@@ -1,6 +1,7 @@
 """The application: its commands, and the one place where errors become lines.
 
-Exit codes: 0 done, 1 an error, 2 wrong usage, 3 the answer is no, 130 interrupted.
+Exit codes: 0 done, 1 an error, 2 wrong usage, 3 a result that a script should act on (each
+command says which), 130 interrupted.
 """
 
 from __future__ import annotations
@@ -8,6 +9,7 @@ from __future__ import annotations
 import os
 import sys
 from collections.abc import Sequence
+from dataclasses import dataclass
 from typing import Annotated, Any
 
 import typer
@@ -21,6 +23,7 @@ from .commands.babble import babble
 from .commands.check import check
 from .commands.correct import correct
 from .commands.evaluate import evaluate
+from .commands.export import export
 from .commands.info import info
 from .commands.log import log
 from .commands.path import path
@@ -34,6 +37,8 @@ from .commands.sweep import sweep
 from .commands.train import train
 from .commands.urdf import urdf
 from .interrupts import received
+from .output import note, show_json, tell
+from .translation import as_typed, option_of
 
 COMMANDS = (
     "robots",
@@ -46,6 +51,7 @@ COMMANDS = (
     "adapt",
     "correct",
     "urdf",
+    "export",
     "babble",
     "log",
     "preview",
@@ -53,7 +59,7 @@ COMMANDS = (
     "reproduce",
     "info",
 )
-INTERRUPTED = 130
+USAGE, INTERRUPTED = 2, 130
 _SIGNAL = 128  # a larger code names the signal that ended it
 _TRACEBACK = "CALIB_TRACEBACK"
 
@@ -79,9 +85,12 @@ class CalibGroup(TyperGroup):
         except Exception as error:
             if os.environ.get(_TRACEBACK):
                 raise
-            line, code = describe_error(error)
+            told = describe_error(error)
+            code = told.code
             if code < _SIGNAL:
-                print(line, file=sys.stderr)
+                if "--json" in (sys.argv[1:] if args is None else args):
+                    show_json({"error": told.to_json()})
+                note(told.line)
         code = code if isinstance(code, int) else 0
         if standalone_mode:
             sys.exit(code)
@@ -99,28 +108,63 @@ class CalibGroup(TyperGroup):
             raise typer.Exit(_reader_left()) from None
 
 
-def describe_error(error: Exception) -> tuple[str, int]:
-    """Return the line that tells an error, and the exit code.
+@dataclass(frozen=True)
+class ErrorReport:
+    """An error as the command line tells it.
 
-    Parameters
+    Attributes
     ----------
-    error : Exception
-        Whatever ended a command.
-
-    Returns
-    -------
-    line : str
-        One line, whatever the error's own text looks like.
+    kind : str
+        Its type, such as "LogError"; "UsageError" for what was typed wrongly.
+    message : str
+        What was given and what was expected, in one line.
     code : int
-        130 for an interruption, 2 for wrong usage, else 1.
+        Exit code: 130 for an interruption, 2 for wrong usage, else 1.
+    hint, option : str or None
+        What to do, and the option that is concerned.
+    value : object
+        The value that is wrong, None if there is none.
     """
+
+    kind: str
+    message: str
+    code: int
+    hint: str | None = None
+    option: str | None = None
+    value: Any = None
+
+    @property
+    def line(self) -> str:
+        """All of it in one line, whatever the error's own text looks like."""
+        text = self.message if self.hint is None else f"{self.message}; {self.hint}"
+        return "error: " + one_line(" ".join(text.split()))
+
+    def to_json(self) -> dict[str, Any]:
+        """Plain data: what a command with `--json` prints in place of its result."""
+        plain = self.value is None or isinstance(self.value, (bool, int, float, str, list, tuple))
+        return {
+            "type": self.kind,
+            "message": one_line(" ".join(self.message.split())),
+            "hint": self.hint,
+            "parameter": self.option,
+            "value": self.value if plain else str(self.value),
+        }
+
+
+def describe_error(error: Exception) -> ErrorReport:
+    """Return how an error is told, whatever ended a command."""
+    if isinstance(error, CalibError):
+        hint = None if error.hint is None else as_typed(error.hint)
+        option = option_of(error.parameter)
+        kind = type(error).__name__
+        return ErrorReport(kind, as_typed(error.message), 1, hint, option, error.value)
     text, code = _text_and_code(error)
-    return "error: " + one_line(" ".join(text.split())), code
+    kind = "UsageError" if code == USAGE else type(error).__name__
+    option, value = getattr(error, "option", None), getattr(error, "value", None)
+    return ErrorReport(kind, text, code, option=option, value=value)
 
 
 def _text_and_code(error: Exception) -> tuple[str, int]:
-    if isinstance(error, CalibError):
-        return str(error), 1
     if isinstance(error, typer.Abort) or _was_interrupted(error):
         return "interrupted", received() or INTERRUPTED
     if hasattr(error, "format_message"):  # an error of usage, told by Typer
@@ -164,7 +208,7 @@ def _print_version(wanted: bool) -> None:
     if wanted:
         import calib
 
-        print(f"calib {calib.__version__}")
+        tell(f"calib {calib.__version__}")
         raise typer.Exit
 
 
@@ -207,6 +251,7 @@ app.command()(check)
 app.command()(adapt)
 app.command()(correct)
 app.command()(urdf)
+app.command()(export)
 app.command()(babble)
 app.command()(log)
 app.command()(preview)

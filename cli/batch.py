@@ -12,10 +12,12 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import NDArray
 
-from calib.samples.tables import read_table, write_table
+from calib.errors import QueryError
+from calib.samples.joint_values import check_joint_values
+from calib.samples.tables import Batch, read_batch, write_table
 
-from .output import note, show_json
-from .units import JointFormat
+from .output import Notes, note, show_json
+from .units import JointFormat, units_of
 
 if TYPE_CHECKING:
     from calib import Model
@@ -58,17 +60,19 @@ def forward_batch(model: Model, joints: JointFormat, streams: Streams, readout: 
     readout : str
         Passed on to `Model.forward`.
     """
-    typed, invalid = read_table(streams.source, joints.names)
+    batch = read_batch(streams.source, joints.names)
+    typed = batch.values
     valid = np.isfinite(typed).all(axis=1)
-    x, bound = np.full((len(typed), 2), np.nan), np.full(len(typed), np.nan)
+    check_joints(model, typed / joints.typed, joints)
+    x, bounds = np.full((len(typed), 2), np.nan), np.full((2, len(typed)), np.nan)
     if valid.any():
         q = typed[valid] / joints.typed
-        x[valid], bound[valid] = model.forward(q, readout), model.expected_error(q)
-    columns = {name: typed[:, k] for k, name in enumerate(joints.names)}
-    columns |= {"x": x[:, 0], "y": x[:, 1], "expected_error": bound}
+        x[valid] = model.forward(q, readout)
+        bounds[:, valid] = model.expected_error(q), model.model_error(q)
+    columns = {"x": x[:, 0], "y": x[:, 1], "expected_error": bounds[0], "model_error": bounds[1]}
     outside = np.flatnonzero(valid & np.isnan(x[:, 0])) + 1
     return _finish(
-        model, columns, streams, invalid, outside.tolist(), "outside of the learned range"
+        model, joints, columns, streams, batch, outside.tolist(), "outside of what was learned"
     )
 
 
@@ -94,51 +98,70 @@ def inverse_batch(
     readout, near
         Passed on to `Model.solve`.
     """
-    target, invalid = read_table(streams.source, ("x", "y"))
+    batch = read_batch(streams.source, ("x", "y"))
+    target = batch.values
     valid = np.isfinite(target).all(axis=1)
     n = len(target)
     q = np.full((n, len(joints.names)), np.nan)
-    distance, bound = np.full(n, np.nan), np.full(n, np.nan)
+    distance, bounds = np.full(n, np.nan), np.full((2, n), np.nan)
     reachable = np.zeros(n, dtype=np.int64)
     if valid.any():
         answer = model.solve(target[valid], near, readout)
         q[valid] = np.where(answer.reachable[:, None], answer.q * joints.typed, np.nan)
-        distance[valid], bound[valid] = answer.distance, answer.expected_error
-        reachable[valid] = answer.reachable
-    columns: dict[str, NDArray[Any]] = {"x": target[:, 0], "y": target[:, 1]}
-    columns |= {name: q[:, k] for k, name in enumerate(joints.names)}
-    columns |= {"distance": distance, "expected_error": bound, "reachable": reachable}
+        distance[valid], reachable[valid] = answer.distance, answer.reachable
+        bounds[:, valid] = answer.expected_error, answer.model_error
+    columns: dict[str, NDArray[Any]] = {name: q[:, k] for k, name in enumerate(joints.names)}
+    columns |= {"distance": distance, "expected_error": bounds[0], "model_error": bounds[1]}
+    columns["reachable"] = reachable
     missed = np.flatnonzero(valid & (reachable == 0)) + 1
-    return _finish(model, columns, streams, invalid, missed.tolist(), "out of reach")
+    return _finish(model, joints, columns, streams, batch, missed.tolist(), "out of reach")
 
 
 def _finish(
     model: Model,
-    columns: Mapping[str, NDArray[Any]],
+    joints: JointFormat,
+    added: Mapping[str, NDArray[Any]],
     streams: Streams,
-    invalid: Sequence[int],
+    batch: Batch,
     refused: Sequence[int],
     why: str,
 ) -> int:
     """Write the answers, say which rows have none, and return the exit code."""
+    columns, invalid, n = batch.answered(added), batch.invalid, len(batch.values)
     if streams.target is not None or not streams.as_json:
         write_table("-" if streams.target is None else streams.target, columns)
     if streams.as_json:
         document: dict[str, Any] = {
             "output": streams.target,
-            "rows": len(columns["x"]),
+            "rows": n,
             "invalid": invalid,
             "out_of_reach": refused,
             "unit": model.about.unit,
+            "units": units_of(model.about),
             "bound_of": model.about.bound_of,
         }
         if streams.target is None:
-            document["answers"] = columns
+            document["answers"] = joints.in_si(columns)
         show_json(document)
+    Notes().say(batch.notes(list(added)))
     for rows, what in ((invalid, "not all numbers, left without an answer"), (refused, why)):
         if rows:
-            note(f"{numbered(rows)} of {len(columns['x'])}: {what}")
+            note(f"{numbered(rows)} of {n}: {what}")
     return 1 if invalid else 3 if refused else 0
+
+
+def check_joints(model: Model, q: Array, joints: JointFormat) -> None:
+    """Refuse joint values (n, dof) [rad or m] that can only be of another unit."""
+    about = model.about
+    check_joint_values(
+        q,
+        about.joint_names,
+        about.lower,
+        about.upper,
+        about.revolute,
+        degrees=joints.degrees,
+        error=QueryError,
+    )
 
 
 def numbered(numbers: Sequence[int]) -> str:

@@ -36,6 +36,7 @@ def log_for(
     from dataclasses import replace
 
     import calib
+    from calib.samples.joint_values import check_joint_values
 
     about = model.about
     log = calib.read_log(
@@ -47,8 +48,17 @@ def log_for(
         prismatic=[n for n, t in zip(about.joint_names, about.revolute, strict=True) if not t],
     )
     notes.say(log.notes)
+    check_joint_values(
+        log.q,
+        about.joint_names,
+        about.lower,
+        about.upper,
+        about.revolute,
+        degrees=degrees,
+        label=path,
+    )
     if unit is not None and unit != about.unit and {unit, about.unit} <= set(_METRES):
         factor = _METRES[unit] / _METRES[about.unit]
         notes.say([f"positions converted from {unit} to {about.unit}"])
-        log = replace(log, x=log.x * factor, unit=about.unit, long_log=None)
+        log = replace(log, x=log.x * factor, unit=about.unit)
     return log

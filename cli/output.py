@@ -13,7 +13,9 @@ from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any
 
-from calib.common.wording import one_line
+from calib.common.wording import one_line, printable
+
+from .translation import as_typed
 
 # what is below a nanometre or a millionth of a degree is rounding
 _LEAST, _TINY = 1e-6, "<1e-6"
@@ -40,6 +42,12 @@ class Table:
     rows: Sequence[Sequence[str]]
     title: str = ""
     left: int = 1
+
+    def __post_init__(self) -> None:
+        """Write out control characters, which names from a file may hold."""
+        object.__setattr__(self, "header", [printable(name) for name in self.header])
+        object.__setattr__(self, "rows", [[printable(cell) for cell in row] for row in self.rows])
+        object.__setattr__(self, "title", printable(self.title))
 
     def lines(self) -> list[str]:
         """Return the table as plain text, its columns aligned."""
@@ -86,8 +94,9 @@ def show(table: Table) -> None:
 
 def show_facts(facts: Mapping[str, str]) -> None:
     """Print names and values, one pair on each line."""
-    width = max(map(len, facts), default=0)
-    for name, value in facts.items():
+    shown = {printable(name): printable(as_typed(value)) for name, value in facts.items()}
+    width = max(map(len, shown), default=0)
+    for name, value in shown.items():
         print(f"{name:<{width}}  {value}")
 
 
@@ -112,7 +121,12 @@ def plain(value: Any) -> Any:
 
 def note(text: str) -> None:
     """Say something on standard error, in one line."""
-    print(one_line(" ".join(text.split())), file=sys.stderr)
+    print(one_line(" ".join(as_typed(text).split())), file=sys.stderr)
+
+
+def tell(text: str) -> None:
+    """Print a line of a result on standard output; names within it may be a stranger's."""
+    print(one_line(text))
 
 
 class Notes:

@@ -11,7 +11,19 @@ import typer
 
 
 class BadOption(typer.BadParameter):
-    """Wrong usage, told by its message alone."""
+    """Wrong usage, told by its message alone.
+
+    Parameters
+    ----------
+    message : str
+        What was typed and what was expected.
+    option, value : str or None
+        The option that is wrong, and what was typed.
+    """
+
+    def __init__(self, message: str, option: str | None = None, value: str | None = None) -> None:
+        super().__init__(message)
+        self.option, self.value = option, value
 
     def format_message(self) -> str:
         """Return the message without a preface."""
@@ -82,7 +94,7 @@ class Side(NamedTuple):
 def bad_option(option: str, text: str, expected: str) -> BadOption:
     """Return the error for a value that an option cannot have."""
     shown = text if len(text) <= 60 else text[:57] + "..."
-    return BadOption(f"{option} {shown!r}: expected {expected}")
+    return BadOption(f"{option} {shown!r}: expected {expected}", option, text)
 
 
 def finite(text: str) -> float:
@@ -125,6 +137,22 @@ def at_least_zero(option: str, unit: str) -> Callable[[object], float]:
             value = -1.0
         if value < 0.0:
             raise bad_option(option, text, f"a number, zero or more [{unit}]")
+        return value
+
+    return parse
+
+
+def above_zero(option: str, unit: str) -> Callable[[object], float]:
+    """Return a parser of numbers above zero."""
+
+    def parse(typed: object) -> float:
+        text = str(typed).strip()
+        try:
+            value = finite(text)
+        except ValueError:
+            value = 0.0
+        if value <= 0.0:
+            raise bad_option(option, text, f"a number above zero [{unit}]")
         return value
 
     return parse
@@ -262,6 +290,22 @@ def margin(text: str) -> Margin:
         expected = "a number, zero or more, or a share below 50% such as 2%"
         raise bad_option("--margin", text, expected)
     return Margin(value / 100.0, True) if percent else Margin(value, False)
+
+
+def percent(option: str) -> Callable[[object], float]:
+    """Return a parser of shares such as `1%`, as a number from 0 to 1."""
+
+    def parse(typed: object) -> float:
+        text = str(typed).strip()
+        try:
+            value = finite(text.removesuffix("%").strip()) if text.endswith("%") else -1.0
+        except ValueError:
+            value = -1.0
+        if not 0.0 < value <= 100.0:
+            raise bad_option(option, text, "a share above zero such as 1%")
+        return value / 100.0
+
+    return parse
 
 
 def side(text: str) -> Side:

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterable, Mapping, Sequence
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 from .output import fixed
 from .parsing import BadOption, JointRange, JointValue, bad_option
@@ -27,6 +27,15 @@ def for_people(unit: str) -> tuple[float, str]:
     return 1.0, unit
 
 
+def units_of(about: About) -> dict[str, Any]:
+    """Units of the numbers in a JSON document.
+
+    Errors, bounds and distances have the unit of the positions, times are in seconds.
+    """
+    joints = dict(zip(about.joint_names, about.units_of_joints, strict=True))
+    return {"joints": joints, "positions": about.unit, "seconds": "s"}
+
+
 class JointFormat:
     """How the values of a model's joints are typed and printed.
 
@@ -42,12 +51,20 @@ class JointFormat:
     def __init__(self, about: About, degrees: bool) -> None:
         self.names = about.joint_names
         self._about = about
-        self._degrees = degrees
+        self.degrees = degrees
 
     @property
     def typed(self) -> list[float]:
         """Factors from SI units to what is typed, and written to tables of answers."""
         return [math.degrees(1.0) if self._turned(k) else 1.0 for k in range(len(self.names))]
+
+    def in_si(self, columns: Mapping[str, Any]) -> dict[str, Any]:
+        """Columns of a table of answers in SI units, as a JSON document holds them."""
+        factors = dict(zip(self.names, self.typed, strict=True))
+        return {
+            name: column / factors[name] if name in factors else column
+            for name, column in columns.items()
+        }
 
     @property
     def header(self) -> list[str]:
@@ -71,12 +88,21 @@ class JointFormat:
         unit = "deg" if self._turned(k) else self._about.units_of_joints[k]
         return f"{self.names[k]} = {value * self.typed[k]:.6g} {unit}"
 
+    def of_change(self, k: int) -> tuple[float, str]:
+        """Return the factor and the unit in which a change of joint `k` is printed."""
+        return for_people(self._about.units_of_joints[k])
+
+    def size(self, k: int, value: float) -> str:
+        """Return a change of joint `k` [rad or m] in words, in deg or mm."""
+        factor, unit = self.of_change(k)
+        return f"{self.names[k]} {abs(value) * factor:.4g} {unit}"
+
     def _turned(self, k: int) -> bool:
-        return self._degrees and self._about.revolute[k]
+        return self.degrees and self._about.revolute[k]
 
     def _printed(self, k: int) -> tuple[float, str]:
         if self._about.revolute[k]:
-            return for_people("rad") if self._degrees else (1.0, "rad")
+            return for_people("rad") if self.degrees else (1.0, "rad")
         return for_people("m")
 
 

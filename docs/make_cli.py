@@ -25,13 +25,40 @@ JSON documents and what is typed are in rad, m and s; tables for people print mm
 and say so. A negative number is an ordinary argument: `calib query inverse m.calib -0.1 0.3`.
 Numbers that are typed may be followed by options, and options may come first.
 
+## Exit codes
+
 | exit code | meaning |
 |---:|---|
 | 0 | done |
-| 1 | an error, told in one line on standard error: the value, what was expected, what to do |
+| 1 | an error, printed in one line on standard error: the value, what was expected, what to do |
 | 2 | the command was typed wrongly: an unknown option, a value that cannot be read |
-| 3 | the answer is no: drifted, out of reach, not improved; each command says what it means |
-| 130 | interrupted with Ctrl-C; nothing half done is left behind |
+| 3 | the command ran, and its result is one that a script should act on; see the next table |
+| 130 | interrupted with Ctrl-C; no incomplete file is left |
+
+| command | exit code 3 means |
+|---|---|
+| `calib query forward` | the joint values are outside the range that was learned |
+| `calib query inverse` | the target, or one row of a batch, is out of reach |
+| `calib query path` | the path cannot be followed on one branch, or leaves the reach |
+| `calib check` | the arm or the sensor has changed, or the log is too coarse for `--tolerance` |
+| `calib adapt` | no change improves the model or explains the log; no file is written |
+| `calib correct` | a target is out of reach, or a correction exceeds the limit; no file is written over |
+| `calib urdf` | offsets and placements do not explain the model; no file is written |
+| `calib log` | no time offset aligns the recordings |
+
+## Errors as JSON
+
+A command that is given `--json` and fails prints one object on standard output, besides the
+line on standard error:
+
+```text
+{"error": {"type": "RobotError", "message": "...", "hint": "...", "parameter": "--joints",
+           "value": "elbw"}}
+```
+
+`type` is the class of the error in Python, or `UsageError` for exit code 2; `hint` says what to
+do, `parameter` names the option concerned and `value` what it was. Each of the last three may
+be `null`.
 """
 
 

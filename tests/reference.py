@@ -5,11 +5,11 @@ from __future__ import annotations
 import numpy as np
 import pinocchio as pin
 
-from calib.arm.planar_arm import PlanarArm
+from calib.arm.arm import Arm
 
 
-def pinocchio_forward(arm: PlanarArm, q: np.ndarray) -> np.ndarray:
-    """Tip positions by `framesForwardKinematics`, one sample at a time: (n, dof) -> (n, 2)."""
+def pinocchio_forward(arm: Arm, q: np.ndarray) -> np.ndarray:
+    """Tip positions by `framesForwardKinematics`, one sample at a time: (n, dof) -> (n, 2 or 3)."""
     model = pin.buildModelFromXML(arm.urdf)
     data = model.createData()
     frame = model.getFrameId(arm.tip, pin.FrameType.BODY)
@@ -23,9 +23,9 @@ def pinocchio_forward(arm: PlanarArm, q: np.ndarray) -> np.ndarray:
             velocity[model.joints[model.getJointId(name)].idx_v] = value
         pin.framesForwardKinematics(model, data, pin.integrate(model, pin.neutral(model), velocity))
         out[row] = data.oMf[frame].translation
-    return arm.plane.project(out)
+    return arm.plane.project(out) if arm.outputs == 2 else out
 
 
-def random_joints(arm: PlanarArm, n: int, seed: int = 0) -> np.ndarray:
+def random_joints(arm: Arm, n: int, seed: int = 0) -> np.ndarray:
     """Joint values drawn uniformly from the arm's range: (n, dof)."""
     return np.random.default_rng(seed).uniform(arm.lower, arm.upper, (n, arm.dof))

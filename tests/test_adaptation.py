@@ -131,7 +131,7 @@ def test_a_locked_joint_is_told_plainly():
 @pytest.mark.parametrize(
     ("change", "words"),
     [
-        ("sensor.scale=1000", "1000 times the model's.*--unit mm"),
+        ("sensor.scale=1000", "1000 times the model's.*unit='mm'"),
         ("sensor.mirror=y", "mirrored"),
     ],
 )

@@ -6,6 +6,7 @@ import sys
 
 import numpy as np
 import pytest
+from calib_cli.translation import as_typed
 from hypothesis import given, settings
 from hypothesis import strategies as st
 from reference import pinocchio_forward, random_joints
@@ -17,7 +18,7 @@ from calib.arm.robots import list_robots
 from calib.arm.urdf import parse_urdf
 from calib.errors import CalibError, OptionError, QueryError, RobotError
 
-BUNDLED = [entry.name for entry in list_robots()]
+BUNDLED = [entry.name for entry in list_robots() if entry.name not in ("six_axis", "spatial_three")]
 ANGLE = st.floats(-np.pi, np.pi)
 
 
@@ -149,10 +150,10 @@ def test_where_the_base_stands_does_not_change_the_arm(x, y, z, roll, pitch, yaw
 @pytest.mark.parametrize(
     ("q", "word"),
     [
-        ([1.0], "expected (n, 2)"),
-        ([[1.0, 2.0, 3.0]], "expected (n, 2)"),
-        (np.zeros((2, 2, 2)), "expected (n, 2)"),
-        (3.0, "expected (n, 2)"),
+        ([1.0], "or (n, 2)"),
+        ([[1.0, 2.0, 3.0]], "or (n, 2)"),
+        (np.zeros((2, 2, 2)), "or (n, 2)"),
+        (3.0, "or (n, 2)"),
         ([[0.1, 0.2], [np.nan, 0]], "row 1"),
         ([np.inf, 0], "row 0"),
         (["a", "b"], "numbers"),
@@ -246,7 +247,7 @@ def test_impossible_ranges_are_refused(ranges, words):
     with pytest.raises(OptionError) as caught:
         load_arm("two_link", ranges=ranges)
     for word in words:
-        assert word in str(caught.value)
+        assert word in as_typed(str(caught.value))
 
 
 def test_more_than_one_turn_becomes_one_turn_said_aloud():
@@ -301,7 +302,7 @@ def test_a_continuous_or_boundless_joint_gets_one_turn(upper):
 
 def test_a_range_mends_limits_that_are_missing():
     text = chain_urdf(turning(), turning(lower="2", upper="-2"))
-    with pytest.raises(RobotError, match=r"inverted.*--range j2=LOWER:UPPER \[rad\]"):
+    with pytest.raises(RobotError, match=r"inverted.*`ranges=\{'j2': \(LOWER, UPPER\)\}` \[rad\]"):
         arm_from_urdf(text)
     assert arm_from_urdf(text, ranges={"j2": (-2, 2)}).upper[1] == 2
 
@@ -348,7 +349,7 @@ def test_an_arm_is_preferred_to_its_fingers():
         turning(xyz="0.02 0 0", axis="0 0 1"),
         tip="0.04 0 0",
     )
-    assert arm_from_urdf(text).joint_names == ("j2", "j3")
+    assert arm_from_urdf(text, planar=True).joint_names == ("j2", "j3")
 
 
 def test_two_slides_make_a_plane():
@@ -361,11 +362,11 @@ def test_two_slides_make_a_plane():
 def test_what_had_to_be_chosen_is_said_aloud():
     text = chain_urdf(turning(), turning(), turning(axis="0 1 0"))
     assert arm_from_urdf(text, ["j1", "j2"]).notes == (
-        "tip 'tip' was chosen (--tip to change)",
-        "locked at neutral: j3=0 (--lock JOINT=VALUE to change)",
+        "tip 'tip' was chosen (`tip` changes it)",
+        "locked at neutral: j3=0 (`lock` changes it)",
     )
     assert arm_from_urdf(text, ["j1", "j2"], "tip", lock={"j3": 9}).notes == (
-        "--lock j3=9 lies outside the joint's limits -1:1 [rad]",
+        "`lock={'j3': 9}` lies outside the joint's limits -1:1 [rad]",
     )
     assert load_arm("two_link", ["shoulder", "elbow"]).notes == ()
 
@@ -386,7 +387,7 @@ def test_a_robot_without_a_name_is_called_as_its_file(tmp_path):
 def test_a_note_is_one_printable_line_whatever_the_joints_are_called():
     text = chain_urdf(turning(), turning(), turning(axis="0 1 0")).replace('"j3"', '"a&#13;b"')
     assert arm_from_urdf(text, ["j1", "j2"], "tip").notes == (
-        "locked at neutral: a\\rb=0 (--lock JOINT=VALUE to change)",
+        "locked at neutral: a\\rb=0 (`lock` changes it)",
     )
 
 
@@ -419,13 +420,13 @@ def test_an_arm_can_be_built_again_from_its_own_text():
         ({"joints": ["shoulder", "tip_mount"]}, ["'tip_mount' is fixed", "shoulder, elbow"]),
         ({"joints": ["elbow"]}, ["two or more"]),
         ({"joints": []}, ["two or more"]),
-        ({"joints": ["elbow", "elbow"]}, ["'elbow' is named twice"]),
+        ({"joints": ["elbow", "elbow"]}, ["'elbow' twice"]),
         ({"tip": "tp"}, ["'tp'", "did you mean tip?"]),
         ({"tip": "upper_arm"}, ["'upper_arm'", "shoulder"]),
         ({"joints": ["shoulder", "elbow"], "tip": "upper_arm"}, ["'elbow'", "'upper_arm'"]),
         ({"joints": ["shoulder", "elbow"], "tip": "forearm"}, ["'elbow'", "'forearm'", "axis"]),
-        ({"lock": {"nope": 1}}, ["--lock", "'nope'"]),
-        ({"lock": {"elbow": np.inf}, "joints": ["shoulder", "elbow"]}, ["elbow=inf"]),
+        ({"lock": {"nope": 1}}, ["`lock`", "'nope'"]),
+        ({"lock": {"elbow": np.inf}, "joints": ["shoulder", "elbow"]}, ["elbow", "inf"]),
         ({"lock": {"elbow": 1.0}, "joints": ["shoulder", "elbow"]}, ["active and locked"]),
         ({"lock": {"elbow": 1.0}}, ["no planar arm", "shoulder, elbow"]),
     ],
@@ -459,7 +460,7 @@ SIDE_BY_SIDE = (
         # two joints side by side
         (SIDE_BY_SIDE, {}, ["in one chain", "a, b"]),
         # limits that leave no room: named only where they are the reason
-        (STUCK_CHAIN, {}, ["j1", "no room (0 to 0)", "--range j1=LOWER:UPPER"]),
+        (STUCK_CHAIN, {}, ["j1", "no room (0 to 0)", "`ranges={'j1': (LOWER, UPPER)}`"]),
         (STUCK_CHAIN, {"lock": {"j2": 0.0}}, ["in one chain", "j2 is locked"]),
     ],
 )
@@ -480,10 +481,10 @@ def test_joints_that_their_limits_hold_move_once_they_are_given_a_range():
 def test_an_arm_that_is_not_planar_is_refused_naming_the_joint_and_its_axis():
     text = chain_urdf(turning(), turning(axis="0 1 0"), turning())
     with pytest.raises(RobotError, match=r"not planar: joint 'j2' has the axis \(0, 1, 0\)"):
-        arm_from_urdf(text, ["j1", "j2", "j3"])
+        arm_from_urdf(text, ["j1", "j2", "j3"], planar=True)
     sliding = chain_urdf(turning(), turning() + SLIDE)
     with pytest.raises(RobotError, match=r"'j2' has the axis \(0, 0, 1\).*perpendicular"):
-        arm_from_urdf(sliding, ["j1", "j2"])
+        arm_from_urdf(sliding, ["j1", "j2"], planar=True)
     in_line = chain_urdf(turning() + SLIDE, turning() + SLIDE)
     with pytest.raises(RobotError, match="all slide along"):
         arm_from_urdf(in_line, ["j1", "j2"])
@@ -495,8 +496,9 @@ def test_axes_may_differ_by_a_ten_thousandth(angle, planar):
     if planar:
         assert arm_from_urdf(text, ["j1", "j2"]).joint_names == ("j1", "j2")
     else:
+        assert arm_from_urdf(text, ["j1", "j2"]).outputs == 3
         with pytest.raises(RobotError, match="not planar"):
-            arm_from_urdf(text, ["j1", "j2"])
+            arm_from_urdf(text, ["j1", "j2"], planar=True)
 
 
 def test_like_arms_are_listed_and_every_suggestion_works():
@@ -511,7 +513,9 @@ def test_like_arms_are_listed_and_every_suggestion_works():
     text += "</robot>"
     with pytest.raises(RobotError) as caught:
         arm_from_urdf(text)
-    assert "--joints l_j1,l_j2 --tip l_tip; --joints r_j1,r_j2 --tip r_tip" in str(caught.value)
+    assert "--joints l_j1,l_j2 --tip l_tip; --joints r_j1,r_j2 --tip r_tip" in as_typed(
+        str(caught.value)
+    )
     assert arm_from_urdf(text, ["r_j1", "r_j2"], "r_tip").joint_names == ("r_j1", "r_j2")
     assert arm_from_urdf(text, tip="l_tip").joint_names == ("l_j1", "l_j2")
 
@@ -523,7 +527,7 @@ def test_an_active_follower_or_leader_is_refused():
         arm_from_urdf(text, ["j1", "j3"])
     for joints in (["j1", "j2"], None):
         with pytest.raises(RobotError, match=r"'j3' mimics the active 'j2'"):
-            arm_from_urdf(text, joints)
+            arm_from_urdf(text, joints, planar=True)
 
 
 def test_without_pinocchio_the_remedy_is_told(monkeypatch):
@@ -639,10 +643,11 @@ def test_the_next_three_arms_are_named_beside_the_one_that_is_chosen(others):
     joints = parse_urdf(chain_urdf(*[turning()] * (others + 1))).joints
     small = [Candidate((joints[k],), "tip", 0.4 - 0.01 * k) for k in range(1, others + 1)]
     best, note = choose([Candidate((joints[0],), "tip", 1.0), *small])
-    assert str(best) == "--joints j1 --tip tip"
+    assert as_typed(str(best)) == "--joints j1 --tip tip"
     named = "; ".join(f"--joints j{k + 2} --tip tip" for k in range(min(others, 3)))
     more = "; ..." if others > 3 else ""
-    assert note == f"chosen by reach: {best} (others: {named}{more})"
+    shown = f"chosen by reach: --joints j1 --tip tip (others: {named}{more})"
+    assert as_typed(str(note)) == shown
 
 
 def test_the_only_arm_is_chosen_without_a_word():
@@ -673,7 +678,7 @@ def test_all_joints_without_limits_are_asked_for_at_once():
         arm_from_urdf(text)
     for joint in ("j1", "j2"):
         assert f"joint '{joint}' cannot be babbled, it states no limits" in str(caught.value)
-        assert f"--range {joint}=LOWER:UPPER [rad]" in str(caught.value)
+        assert f"--range {joint}=LOWER:UPPER" in as_typed(str(caught.value))
     arm = arm_from_urdf(text, ranges={"j1": (-1, 1), "j2": (0, 1)})
     np.testing.assert_array_equal([arm.lower, arm.upper], [[-1, 0], [1, 1]])
 
@@ -681,12 +686,12 @@ def test_all_joints_without_limits_are_asked_for_at_once():
 def test_a_slides_range_is_a_travel_that_can_be_and_a_turns_is_one_turn():
     endless = turning(axis="1 0 0", lower="-1e9", upper="1e9")
     text = chain_urdf(turning(lower="-1e9", upper="1e9"), endless + SLIDE)
-    with pytest.raises(OptionError, match=r"j2=0:2000: expected a travel of at most 1000 m"):
+    with pytest.raises(OptionError, match=r"j2.*2000.*expected a travel of at most 1000 m"):
         arm_from_urdf(text, ["j1", "j2"], ranges={"j2": (0, 2000)})
     arm = arm_from_urdf(text, ["j1", "j2"], ranges={"j2": (-500, 500), "j1": (-5000, 5000)})
     assert (arm.lower[1], arm.upper[1]) == (-500, 500)
     np.testing.assert_allclose([arm.lower[0], arm.upper[0]], [-np.pi, np.pi])
-    with pytest.raises(RobotError, match=r"limits are unusable.*--range j2"):
+    with pytest.raises(RobotError, match=r"limits are unusable.*ranges=.*j2"):
         arm_from_urdf(text, ["j1", "j2"])
 
 
@@ -711,5 +716,5 @@ def test_only_the_first_six_of_like_arms_are_listed():
         arm_from_urdf(text + "</robot>")
     message = str(caught.value)
     assert "the robot has 7 planar arms" in message
-    assert message.count("--joints") == 6
+    assert message.count("`joints=") == 6
     assert message.endswith("; ...")

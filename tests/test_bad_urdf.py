@@ -99,18 +99,18 @@ BAD = {
     "origin as Python writes it": (changed("0.3 0 0", "1_0 0 0"), ["'1_0'"]),
     "endless number": (changed("0.3 0 0", "1" * 100_000 + "x 0 0"), ["'111", "finite"]),
     "limit nan": (changed(ELBOW_LIMITS, 'lower="nan" upper="1"'), ["'elbow'", "'nan'"]),
-    "no limit": (changed(LIMIT_ELEMENT, ""), ["'elbow'", "no limits", "--range elbow="]),
+    "no limit": (changed(LIMIT_ELEMENT, ""), ["'elbow'", "no limits", "`ranges={'elbow': "]),
     "limit without ends": (
         changed(ELBOW_LIMITS, ""),
-        ["'elbow'", "no limits", "--range elbow="],
+        ["'elbow'", "no limits", "`ranges={'elbow': "],
     ),
     "inverted limits": (
         changed(ELBOW_LIMITS, 'lower="2" upper="-2"'),
-        ["'elbow'", "inverted", "2 > -2", "--range elbow="],
+        ["'elbow'", "inverted", "2 > -2", "`ranges={'elbow': "],
     ),
     "zero-wide limits": (
         changed(ELBOW_LIMITS, 'lower="1" upper="1"'),
-        ["elbow", "no room (1 to 1)", "--range"],
+        ["elbow", "no room (1 to 1)", "`ranges="],
     ),
     "1e16 slide": (
         changed(ELBOW, ELBOW.replace("revolute", "prismatic"))
@@ -146,13 +146,13 @@ def test_each_bad_urdf_gets_one_line(case):
 def test_the_joint_that_leaves_the_plane_is_named_without_being_asked():
     head, elbow = GOOD.split(ELBOW)
     with pytest.raises(RobotError, match=r"joint 'elbow' has the axis \(1, 0, 0\)") as caught:
-        arm_from_urdf(head + ELBOW + elbow.replace(AXIS, '<axis xyz="1 0 0"/>', 1))
+        arm_from_urdf(head + ELBOW + elbow.replace(AXIS, '<axis xyz="1 0 0"/>', 1), planar=True)
     assert "\n" not in str(caught.value)
 
 
 def test_a_slide_without_end_asks_for_a_range():
     text = read_urdf(resolve_robot("polar")).replace('upper="0.25"', 'upper="1e16"')
-    with pytest.raises(RobotError, match=r"'slide'.*unusable.*--range slide=LOWER:UPPER \[m\]"):
+    with pytest.raises(RobotError, match=r"'slide'.*unusable.*'slide': .LOWER, UPPER.... \[m\]"):
         arm_from_urdf(text)
     assert arm_from_urdf(text, ranges={"slide": (0, 0.2)}).upper[1] == 0.2
 

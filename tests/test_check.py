@@ -157,7 +157,7 @@ def test_swapped_joint_columns():
 
 def test_degrees():
     wrong = replace(log(), q=np.rad2deg(log().q), simulation=None)
-    with pytest.raises(LogError, match="--degrees"):
+    with pytest.raises(LogError, match="degrees"):
         model().check(wrong)
 
 

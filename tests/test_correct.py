@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import csv
 from dataclasses import replace
 
 import numpy as np
@@ -9,6 +10,9 @@ import pytest
 from drifting import arm, log, model
 
 import calib
+from calib.arm.loading import arm_from_urdf
+from calib.arm.robots import resolve_robot
+from calib.arm.urdf import read_urdf
 from calib.errors import OptionError, QueryError
 from calib.use.correct import correct
 
@@ -72,7 +76,7 @@ def test_command(tmp_path, run):
     table.write_text("shoulder,elbow\n0.5,1.0\nx,1\n0.6,1.2\n")
     done = run("correct", path, "--input", table, "--output", tmp_path / "q2.csv")
     assert done.code == 1
-    assert "rows 2 of 3" in done.err
+    assert "row 2 of 3" in done.err
     lines = (tmp_path / "q2.csv").read_text().splitlines()
     assert lines[0] == "shoulder,elbow,x,y,distance,expected_error,reachable"
     expected = calib.load(path).correct([0.6, 1.2])
@@ -82,3 +86,96 @@ def test_command(tmp_path, run):
     assert done.code == 0
     shoulder = done.document["answers"]["shoulder"][0]
     assert shoulder == pytest.approx(np.rad2deg(calib.load(path).correct(np.deg2rad([30, 60])))[0])
+
+
+# --- turns, limits, frames, columns --------------------------------------------------------
+
+
+@pytest.fixture(scope="module")
+def turning():
+    """A model of an arm whose first joint turns all the way round, adapted to an offset."""
+    text = read_urdf(resolve_robot("two_link")).replace(
+        '<limit lower="0.0" upper="1.5707963267948966"', '<limit lower="-6.2" upper="6.2"'
+    )
+    nominal = arm_from_urdf(text)
+    trained = calib.train(calib.babble(nominal, 3000, seed=0), size=15)
+    changed = calib.babble(nominal, 200, seed=1, changes=["elbow.offset=0.02"])
+    return calib.adapt(trained, changed).model
+
+
+def test_answers_stay_on_the_turn_of_the_input(turning):
+    """A sweep from -3.1 to -3.2 rad came back as -3.099 .. +3.084."""
+    assert turning.about.upper[0] - turning.about.lower[0] == pytest.approx(2 * np.pi)
+    for start, end in ((-3.1, -3.2), (3.0, 3.4), (-6.0, 6.0)):
+        sweep = np.linspace(start, end, 200)
+        q = np.stack([sweep, np.linspace(1.0, 1.3, 200)], axis=1)
+        found = correct(turning, q)
+        assert not found.exceeded.any()
+        assert np.abs(found.q - q).max() < 0.05
+        step = np.abs(np.diff(q, axis=0)).max()
+        assert np.abs(np.diff(found.q, axis=0)).max() < step + 0.01
+
+
+def test_a_change_beyond_the_limit_is_marked_and_not_written(tmp_path, run, turning):
+    q = np.array([[0.3, 1.0], [0.4, 1.2]])
+    found = correct(turning, q, limit=1e-4)
+    assert found.exceeded.all()
+    assert np.isnan(turning.correct(q)).any() == correct(turning, q).exceeded.any()
+    turning.save(tmp_path / "m.calib")
+    (tmp_path / "q.csv").write_text("shoulder,elbow\n0.3,1.0\n0.4,1.2\n")
+    old = tmp_path / "out.csv"
+    old.write_text("old")
+    line = ["correct", tmp_path / "m.calib", "--input", tmp_path / "q.csv", "--output", old]
+    done = run(*line, "--limit", "0.0001", "--json")
+    assert done.code == 3
+    assert old.read_text() == "old"
+    assert "row 1" in done.err
+    assert "--limit" in done.err
+    assert done.document["beyond_limit"] == [1, 2]
+    assert done.document["change"]["elbow"]["max"] == pytest.approx(0.02, abs=2e-3)
+    done = run(*line)
+    assert done.code == 0
+    assert "elbow" in done.out
+    assert "deg" in done.out
+
+
+def test_degrees_for_radians_are_refused(tmp_path, run, turning):
+    with pytest.raises(QueryError, match=r"-166 rad.*degrees=True"):
+        turning.correct([[-166.0, 60.0], [12.0, 70.0]])
+    turning.save(tmp_path / "m.calib")
+    (tmp_path / "q.csv").write_text("shoulder,elbow\n-166,60\n12,70\n")
+    for words in (["correct"], ["query", "forward"]):
+        done = run(*words, tmp_path / "m.calib", "--input", tmp_path / "q.csv")
+        assert done.code == 1, words
+        assert "--degrees" in done.err
+        assert done.out == ""
+
+
+def test_other_columns_go_along_in_place(tmp_path, run, turning):
+    turning.save(tmp_path / "m.calib")
+    table = tmp_path / "q.csv"
+    table.write_text('time,elbow,note,shoulder,x\n0.10,1.0,"a, b",0.3,9\n0.20,1.1,,0.4,9\n')
+    done = run("correct", tmp_path / "m.calib", "--input", table)
+    lines = done.out.splitlines()
+    assert lines[0] == "time,elbow,note,shoulder,x,y,distance,expected_error,reachable"
+    assert lines[1].startswith("0.10,")
+    assert '"a, b"' in lines[1]
+    assert next(csv.reader([lines[2]]))[2] == ""
+    assert "2 other columns copied to the output unchanged: time, note" in done.err
+    done = run("query", "forward", tmp_path / "m.calib", "--input", table)
+    assert done.out.startswith("time,elbow,note,shoulder,x,y,expected_error")
+
+
+def test_the_frame_of_a_tracker_is_not_corrected():
+    """Rows of a log in a tracker's own frame moved by a median of 12 degrees."""
+    changed = log("elbow.length=+2%", "elbow.offset=0.01", n=400, noise=1e-4)
+    truth = changed.simulation.exact
+    turn = np.array([[0.6, -0.8], [0.8, 0.6]])
+    seen = replace(changed, x=changed.x @ turn.T + [3.0, -2.0], simulation=None, arm=arm())
+    found = correct(calib.train(seen, size=12), Q)
+    assert "first joint's offset is taken as zero" in found.notes[0]
+    assert np.linalg.norm(truth(found.q) - arm().forward(Q), axis=1).max() < 1e-3
+    assert np.abs(found.change).max() < np.radians(3.0)
+    based = correct(calib.train(replace(changed, simulation=None), size=12), Q, view="base")
+    assert based.notes == ()
+    assert np.linalg.norm(truth(based.q) - arm().forward(Q), axis=1).max() < 1e-3

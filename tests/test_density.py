@@ -14,6 +14,7 @@ from calib.maps.density import (
     kind_of,
     lattice,
     mixed,
+    residual,
     transformation,
 )
 from calib.maps.graph import Graph
@@ -115,7 +116,8 @@ def test_a_gain_follows_the_winner_of_each_sample():
 
 def test_names_find_their_gain_and_the_plain_som_has_none():
     assert gain_of("som") is None
-    assert gain_of("vdsom") is gain_of("vdsom:border") is border
+    assert gain_of("vdsom") is gain_of("vdsom:residual") is residual
+    assert gain_of("vdsom:border") is border
     assert gain_of("vdsom:error") is gain_of("gng:error") is error
     assert gain_of("dsom") is gain_of("gng") is None
     assert [kind_of(n) for n in ("som", "vdsom:error", "dsom", "gng:border", border)] == [

@@ -141,7 +141,7 @@ def test_columns_with_other_names(file):
     assert log.q.tolist() == [[1, 2], [2, 4]]
     assert log.x.tolist() == [[3, 4], [6, 8]]
     refused(path, "'q' is neither", OptionError, columns={"q": "j1"})
-    refused(path, "two things", OptionError, columns={"a": "b"})
+    refused(path, "taken twice", OptionError, columns={"a": "b"})
 
 
 @pytest.mark.parametrize("text", ["", "x", "x=", "=x", "x=u,,y=v", "x=u,x=v"])
@@ -165,7 +165,7 @@ def test_the_arms_order_holds_and_its_joints_are_the_log(arm, file):
 
 def test_without_joints_the_choices_are_listed(file):
     path = file("b,a,x,y,t\n1,2,3,4,5\n")
-    refused(path, "--joints; choices: 'b', 'a', 't'", OptionError, joints=None)
+    refused(path, "choices: 'b', 'a', 't'; name them in .joints", OptionError, joints=None)
     refused(path, "'b' is given 2 times", OptionError, joints=["b", "b"])
     refused(path, "cannot be told", OptionError, joints=["b", "x"])
     refused(path, "'c' is to slide", OptionError, prismatic=["c"])
@@ -453,8 +453,8 @@ def test_degrees(arm, file):
     np.testing.assert_allclose(log.q, q, atol=1e-15)
     assert log.notes == ()
     np.testing.assert_allclose([log.lower, log.upper], [arm.lower, arm.upper], atol=1e-12)
-    refused(file(text), "give --degrees", arm=arm, joints=None)
-    refused(file(text), "14.3 turns; if the log is in degrees.*:3.14", joints=["shoulder"])
+    refused(file(text), "give `degrees=True`", arm=arm, joints=None)
+    refused(file(text), "14.3 turns; if the log is in degrees.*3.14", joints=["shoulder"])
 
 
 def test_sliding_joints_are_never_in_degrees(file):
@@ -462,7 +462,7 @@ def test_sliding_joints_are_never_in_degrees(file):
     np.testing.assert_allclose(log.q[:, 0], np.deg2rad([0.1, 0.2, 0.3]))
     assert log.q[:, 1].tolist() == [0.2, 0.4, 0.1]
     assert log.revolute == (True, False)
-    assert "leave out --degrees" in log.notes[0]
+    assert "leave out `degrees`" in log.notes[0]
 
 
 def test_values_just_beyond_the_limits_widen_the_range_aloud(arm, file):
@@ -473,7 +473,9 @@ def test_values_just_beyond_the_limits_widen_the_range_aloud(arm, file):
     assert log.arm.lower[0] == -0.05
     assert len(log.notes) == 1
     assert "shoulder: the log goes beyond" in log.notes[0]
-    refused(file(rows.format(3.0)), "row 3: elbow is 3 rad.*--range elbow=", arm=arm, joints=None)
+    refused(
+        file(rows.format(3.0)), "row 3: elbow is 3 rad.*ranges={'elbow': ", arm=arm, joints=None
+    )
 
 
 def test_the_row_that_is_named_counts_the_rows_left_out(arm, file):

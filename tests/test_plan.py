@@ -280,7 +280,7 @@ def test_branches_that_the_box_parts_are_told():
         start = two_link_inverse(np.array([[0.3, 0.3]]), sign)[0]
         plan = calib.plan(arm, 20, keep=box, start=start)
         assert (np.sign(plan.q[:, 1]) == sign).all()
-        assert any("--from" in note for note in plan.notes)
+        assert any("`start`" in note for note in plan.notes)
 
 
 def test_a_model_keeps_its_tip_too():

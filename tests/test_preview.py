@@ -156,7 +156,7 @@ def test_meshes_are_drawn_or_a_skeleton_in_their_place(tmp_path: Path):
     )
     meshed = replace(model, about=replace(model.about, urdf=text))
     bare = draw(meshed)
-    assert any("--meshes" in note for note in bare.notes)
+    assert any("`meshes`" in note for note in bare.notes)
     assert any(path.endswith("/bone") for path in paths(bare))
     full = draw(meshed, meshes=tmp_path)
     assert full.notes == ()

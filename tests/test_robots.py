@@ -24,10 +24,17 @@ PROMISED = {
     "scara": (("shoulder", "elbow"), [(-120, 120), (-140, 140)], [0.35, 0.35]),
     "tilted": (("shoulder", "elbow"), [(0, 90), (15, 150)], [0.30, 0.25]),
 }
+SPATIAL = {
+    "spatial_three": (("shoulder_pan", "shoulder_lift", "elbow"), [0.08, 0.301496, 0.25]),
+    "six_axis": (
+        ("shoulder_pan", "shoulder_lift", "elbow", "wrist_1", "wrist_2", "wrist_3"),
+        [0.12, 0.420476, 0.38, 0.1, 0.09, 0.08],
+    ),
+}
 
 
 def test_the_catalogue_holds_what_was_promised():
-    assert {entry.name for entry in list_robots()} == {*PROMISED, "polar"}
+    assert {entry.name for entry in list_robots()} == {*PROMISED, "polar", *SPATIAL}
 
 
 @pytest.mark.parametrize("entry", list_robots(), ids=lambda entry: entry.name)
@@ -37,7 +44,8 @@ def test_every_entry_is_what_its_file_says(entry):
     assert arm.joint_names == entry.joints
     assert arm.dof == entry.dof
     assert entry.description
-    assert arm.notes == ()  # nothing had to be assumed
+    assumed = [note for note in arm.notes if not note.startswith("a spatial arm; planar=True")]
+    assert not assumed
     assert arm.locked == {}
     assert "<visual>" in arm.urdf
 
@@ -51,6 +59,16 @@ def test_joints_ranges_and_lengths(name):
     np.testing.assert_array_equal(arm.lower, np.deg2rad([low for low, _ in degrees]))
     np.testing.assert_array_equal(arm.upper, np.deg2rad([high for _, high in degrees]))
     np.testing.assert_allclose(list(arm.link_lengths.values()), lengths, atol=1e-15)
+
+
+@pytest.mark.parametrize("name", SPATIAL)
+def test_spatial_arms_have_their_joints_lengths_and_masses(name):
+    joints, lengths = SPATIAL[name]
+    arm = load_arm(name)
+    assert arm.joint_names == joints
+    assert arm.view == "space"
+    np.testing.assert_allclose(list(arm.link_lengths.values()), lengths, atol=1e-6)
+    assert (arm.chain.masses > 0).all()
 
 
 def test_polar_turns_and_slides():

@@ -175,8 +175,8 @@ def test_plain_data_rebuild_the_simulation(arm, q):
     ("change", "message"),
     [
         ("wrist.length=1", "no joint 'wrist'; choices: shoulder, elbow, sensor, tip"),
-        ("elbow.lock=57", "--degrees"),
-        ("elbow.offset=-90", "--degrees"),
+        ("elbow.lock=57", "`degrees=True`"),
+        ("elbow.offset=-90", "`degrees=True`"),
     ],
 )
 def test_impossible_changes_are_refused_when_made(arm, change, message):

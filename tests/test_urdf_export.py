@@ -9,9 +9,10 @@ import pytest
 from drifting import arm, log, model
 
 import calib
-from calib.errors import OptionError
-from calib.use.geometry import fit_geometry
-from calib.use.urdf import corrected_urdf
+from calib.arm.loading import arm_from_urdf
+from calib.errors import OptionError, RobotError
+from calib.use.geometry import Geometry, fit_geometry
+from calib.use.urdf import corrected_urdf, edited
 
 
 def exported(tmp_path, adapted):
@@ -98,3 +99,91 @@ def test_command(tmp_path, run):
     found = run("urdf", path, "-o", tmp_path / "c.urdf", "--json").document
     assert found["moved"]["elbow"]["value"][0] == pytest.approx(0.01, abs=1e-5)
     assert calib.load_arm(tmp_path / "c.urdf").link_lengths["elbow"] == pytest.approx(0.26)
+
+
+# --- the file ------------------------------------------------------------------------------
+
+
+def test_a_diff_shows_the_changed_attributes_alone():
+    text = arm().urdf.replace(
+        "</robot>",
+        '<!-- <joint name="elbow"><origin xyz="9 9 9"/></joint> -->\n'
+        '  <gazebo reference="tip"><a b="1 > 0"/></gazebo>\n'
+        '  <transmission name="t"><joint name="elbow"/></transmission>\n</robot>',
+    )
+    nominal = replace(arm(), urdf=text)
+    dof = 2
+    zero = np.zeros((dof, 2))
+    some = {
+        "arm": nominal, "offsets": np.array([0.0, 0.02]), "moved": np.array([[0.003, 0.0], [0, 0]]),
+        "base": np.zeros(2), "interval_offsets": np.zeros(dof), "interval_moved": zero,
+        "interval_base": np.zeros(2), "frame": None, "free": False, "residual": 0.0,
+        "before": 0.0, "reach": 0.5,
+    }  # fmt: skip
+    new = corrected_urdf(Geometry(**some))
+    before, after = text.splitlines(), new.splitlines()
+    assert len(before) == len(after)
+    changed = [(a, b) for a, b in zip(before, after, strict=True) if a != b]
+    assert len(changed) == 1
+    assert "<origin" in changed[0][1]
+    again = arm_from_urdf(new)
+    assert again.link_lengths["shoulder"] == pytest.approx(0.303, abs=1e-12)
+    np.testing.assert_allclose(
+        again.forward([0.3, 1.0]), two_link_changed(0.3, 1.02, 0.303), atol=1e-12
+    )
+    some["offsets"], some["moved"] = np.zeros(dof), zero
+    assert corrected_urdf(Geometry(**some)) == text
+
+
+def two_link_changed(a, b, first):
+    ends = first * np.exp(1j * a) + 0.25 * np.exp(1j * (a + b))
+    return [ends.real, ends.imag]
+
+
+def test_an_origin_that_is_missing_is_added_where_it_belongs():
+    text = (
+        '<robot name="r"><link name="a"/><link name="b"/>'
+        '<joint name="j" type="revolute"><parent link="a"/><child link="b"/></joint></robot>'
+    )
+    new = edited(text, {"j": {"xyz": np.array([1.0, 0.0, 0.5])}})
+    assert new == text.replace('"revolute">', '"revolute"><origin xyz="1.0 0.0 0.5"/>')
+    again = edited(new, {"j": {"rpy": np.array([0.1, 0.0, 0.0])}})
+    assert again.count("<origin") == 1
+    assert 'rpy="0.1 0.0 0.0"' in again
+    assert 'xyz="1.0 0.0 0.5"' in again
+
+
+def test_what_geometry_does_not_explain_is_not_written(tmp_path, run):
+    """A log of another arm gave an elbow offset of 6,844 degrees and 277 mm rms, exit 0."""
+    rng = np.random.default_rng(0)
+    q = rng.uniform(arm().lower, arm().upper, (400, 2))
+    x = np.stack([np.sin(3 * q[:, 0]) * q[:, 1], np.cos(2 * q[:, 1]) + q[:, 0] ** 2], axis=1)
+    trained = calib.train(replace(log(n=400), q=q, x=x, simulation=None, arm=arm()), size=12)
+    with pytest.raises(RobotError, match="% of the reach"):
+        corrected_urdf(fit_geometry(trained))
+    trained.save(tmp_path / "m.calib")
+    (tmp_path / "old.urdf").write_text("old")
+    done = run("urdf", tmp_path / "m.calib", "-o", tmp_path / "old.urdf", "--json")
+    assert done.code == 3
+    assert done.document["urdf"] is None
+    assert (tmp_path / "old.urdf").read_text() == "old"
+    assert "mesh" not in done.err
+
+
+def test_the_users_own_file_is_never_written_over(tmp_path, run):
+    path, nominal = tmp_path / "m.calib", tmp_path / "robot.urdf"
+    model().save(path)
+    nominal.write_text(arm().urdf)
+    done = run("urdf", path, "-o", nominal)
+    assert done.code == 1
+    assert "never overwritten" in done.err
+    assert nominal.read_text() == arm().urdf
+
+
+def test_the_base_stays_unless_it_is_freed():
+    shifted = model().adapt(log("elbow.offset=0.01", n=100, noise=0.0))
+    assert not fit_geometry(shifted).base.any()
+    assert fit_geometry(shifted, move_base=True).interval_base.all()
+    measured = calib.train(replace(log(n=300), simulation=None, arm=arm()), size=10)
+    with pytest.raises(OptionError, match="view='base'"):
+        fit_geometry(measured, move_base=True)

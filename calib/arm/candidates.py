@@ -18,7 +18,7 @@ from ..errors import RobotError
 from .chain import lever_lengths
 from .planarity import MIN_LEVER, PARALLEL, common_normal, fits, frames_moved
 from .posture import Posture
-from .ranges import full_range, limits_fault
+from .ranges import full_range, limits_fault, ranges_wanted
 from .tree import Joint, Urdf
 
 Array = NDArray[np.float64]
@@ -43,7 +43,7 @@ class Candidate:
     area: float
 
     def __str__(self) -> str:
-        return f"--joints {','.join(joint.name for joint in self.joints)} --tip {self.tip}"
+        return f"`joints={[joint.name for joint in self.joints]}` `tip={self.tip!r}`"
 
 
 def find_tip(urdf: Urdf, link: str) -> str:
@@ -157,10 +157,11 @@ def nothing_found(
     if freed:
         stuck = [joint for joint in freed[0].joints if joint.name in fixed]
         faults = "; ".join(f"{joint.name}: {limits_fault(joint)}" for joint in stuck)
-        ranges = " ".join(f"--range {joint.name}=LOWER:UPPER" for joint in stuck)
+        ranges = ranges_wanted(stuck)
         return RobotError(
-            f"no planar arm{to_tip} without joints that have no room to move; {faults}; "
-            f"give {ranges}"
+            f"no planar arm{to_tip} without joints that have no room to move; {faults}",
+            hint=f"give {ranges}",
+            parameter="ranges",
         )
     turning = [joint for joint in max(chains, key=len) if joint.revolute]
     if len(turning) == 2:  # the one pair there is: say what is wrong with it

@@ -81,6 +81,13 @@ class Chain:
             v = moved
         return np.stack(columns[::-1], axis=-1)
 
+    def rotations(self, q: Array) -> Array:
+        """How the joints turn the tip's frame: (n, dof) [rad or m] -> (n, 3, 3)."""
+        columns = [np.repeat(axis[:, None], len(q), axis=1) for axis in np.eye(3)]
+        for i in reversed(range(self.dof)):
+            columns = [self._turn(i, q[:, i], column) for column in columns]
+        return np.moveaxis(np.stack(columns, axis=1), 2, 0).copy()
+
     def skeleton(self, q: Array) -> Array:
         """Joint origins and the tip: (n, dof) [rad or m] -> (n, dof + 1, 3) [m].
 

@@ -1,22 +1,26 @@
-"""Arm: find a planar arm in a robot and load it, its kinematics computed by Pinocchio.
+"""Loading: find an arm in a robot and load it, its kinematics computed by Pinocchio.
 
 A planar arm is a serial chain whose active revolute axes are all parallel to one normal and
-whose active prismatic axes are all perpendicular to it. Every other joint is locked.
+whose active prismatic axes are all perpendicular to it. Any other serial chain is a spatial
+arm. Joints that are not active are locked.
 """
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Collection, Mapping, Sequence
 from dataclasses import replace
 from pathlib import Path
+from typing import Any, TypeVar
 
 import numpy as np
-from numpy.typing import NDArray
 
 from ..common.wording import listed, one_line, quoted, suggestion
 from ..errors import OptionError, RobotError
-from .candidates import choose, find_candidates, find_tip, nothing_found
-from .chain import Chain
+from .candidates import find_tip
+from .choosing import MOST_JOINTS
+from .finding import Choice, find_arm, in_line, is_planar
+from .folding import followers, planar_chain, refuse_followers, spatial_chain
+from .inertia import carried
 from .planar_arm import PlanarArm
 from .planarity import check_tip, common_normal
 from .plane import plane_of
@@ -24,7 +28,6 @@ from .posture import Kinematics, Posture
 from .ranges import (
     Range,
     check_limits,
-    fixed_by_limits,
     full_range,
     neutral,
     one_turn,
@@ -32,12 +35,13 @@ from .ranges import (
     unit_of,
 )
 from .robots import resolve_robot
+from .spatial_arm import SpatialArm
 from .tree import Joint, Urdf
 from .urdf import parse_urdf, read_urdf
 
-__all__ = ["PlanarArm", "arm_from_urdf", "load_arm"]
+__all__ = ["PlanarArm", "SpatialArm", "arm_from_urdf", "load_arm"]
 
-Array = NDArray[np.float64]
+_A = TypeVar("_A", PlanarArm, SpatialArm)
 
 
 def load_arm(
@@ -47,25 +51,35 @@ def load_arm(
     *,
     lock: Mapping[str, float] | None = None,
     ranges: Mapping[str, Range] | None = None,
-) -> PlanarArm:
-    """Load a planar arm from a URDF file or from the bundled robots.
+    planar: bool = False,
+    columns: Collection[str] | None = None,
+) -> PlanarArm | SpatialArm:
+    """Load an arm from a URDF file or from the bundled robots.
+
+    Parallel axes make a planar arm, whose positions are x and y in its plane. Any others make a
+    spatial arm, whose positions are x, y and z in the root link's frame.
 
     Parameters
     ----------
     robot : str or Path
         Path to a URDF, or the name of a bundled robot.
     joints : sequence of str, optional
-        Active joints in any order; found automatically if only one choice makes sense.
+        Active joints in any order, 2 to 7; by default those of the arm that reaches furthest,
+        before its fingers.
     tip : str, optional
         The link (or the fixed joint) whose position is sensed.
     lock : mapping of str to float, optional
         Values [rad or m] at which other joints are held (default: neutral).
     ranges : mapping of str to (lower, upper), optional
         Part of a joint's range [rad or m] to babble and learn.
+    planar : bool
+        Whether to look only for planar arms within the robot.
+    columns : collection of str, optional
+        Columns of a log: without `joints`, joints that are none of them are locked.
 
     Returns
     -------
-    PlanarArm
+    PlanarArm or SpatialArm
         What was chosen or assumed stands in its `notes`.
 
     Raises
@@ -83,9 +97,18 @@ def load_arm(
     path = resolve_robot(robot)
     text = read_urdf(path)
     try:
-        return arm_from_urdf(text, joints, tip, lock=lock, ranges=ranges, name=path.stem)
+        return arm_from_urdf(
+            text,
+            joints,
+            tip,
+            lock=lock,
+            ranges=ranges,
+            name=path.stem,
+            planar=planar,
+            columns=columns,
+        )
     except RobotError as error:
-        raise RobotError(f"{path.name}: {error}") from None
+        raise error.within(path.name) from None
 
 
 def arm_from_urdf(
@@ -96,8 +119,10 @@ def arm_from_urdf(
     lock: Mapping[str, float] | None = None,
     ranges: Mapping[str, Range] | None = None,
     name: str = "robot",
-) -> PlanarArm:
-    """Build a planar arm from the text of a URDF; see `load_arm`.
+    planar: bool = False,
+    columns: Collection[str] | None = None,
+) -> PlanarArm | SpatialArm:
+    """Build an arm from the text of a URDF; see `load_arm`.
 
     `name` is used where the URDF gives its robot none.
     """
@@ -107,48 +132,47 @@ def arm_from_urdf(
     if isinstance(joints, str):
         joints = [joint.strip() for joint in joints.split(",")]
     for locked in lock:
-        _movable(urdf, locked, "--lock")
+        _movable(urdf, locked, "lock")
     tip = None if tip is None else _find_link(urdf, tip)
     kinematics = Kinematics(urdf)
     values = _held_values(urdf, lock)
-    active, tip = _select(urdf, kinematics.posture(values), joints, tip, lock, ranges, notes)
+    choice = Choice(joints, tip, lock, ranges, planar, columns)
+    active, tip, flat = _select(urdf, kinematics.posture(values), choice, notes)
     path = urdf.path(tip)
-    for joint in path:
-        if joint.mimic and any(joint.mimic.leader == other.name for other in active):
-            raise RobotError(
-                f"joint {quoted(joint.name)} mimics the active {quoted(joint.mimic.leader)} on "
-                "the way to the tip: coupled joints are not supported; choose others"
-            )
-    posture = kinematics.posture({**values, **{joint.name: 0.0 for joint in active}})
-    normal = common_normal(active, posture)
-    chain = Chain(
-        axes=np.array([posture.axes[joint.name] for joint in active]),
-        points=np.array([posture.points[joint.name] for joint in active]),
-        tip=posture.links[tip],
-        revolute=tuple(joint.revolute for joint in active),
-    )
-    plane = plane_of(normal, chain.tip)
-    check_tip(active[-1], tip, urdf, posture)
-    held = {j.name: values[j.name] for j in path if j.movable and j not in active}
+    if flat:
+        refuse_followers(path, active)
+    following = {} if flat else followers(urdf, path, active)
+    moving = [joint for joint in path if joint in active or joint.name in following]
+    posture = kinematics.posture({**values, **{joint.name: 0.0 for joint in moving}})
+    held = {j.name: values[j.name] for j in path if j.movable and j not in moving}
     notes += _lock_notes(urdf, held, lock)
-    arm = PlanarArm(
-        name=urdf.name,
-        joint_names=tuple(joint.name for joint in active),
-        lower=np.zeros(len(active)),
-        upper=np.zeros(len(active)),
-        revolute=chain.revolute,
-        tip=tip,
-        plane=plane,
-        locked=held,
-        urdf=text,
-        notes=tuple(map(one_line, notes)),
-        chain=chain,
-        limits=tuple(travel(joint) for joint in active),
-    )
+    arm: PlanarArm | SpatialArm
+    shared: dict[str, Any] = {
+        "name": urdf.name,
+        "joint_names": tuple(joint.name for joint in active),
+        "lower": np.zeros(len(active)),
+        "upper": np.zeros(len(active)),
+        "revolute": tuple(joint.revolute for joint in active),
+        "tip": tip,
+        "locked": held,
+        "urdf": text,
+        "notes": tuple(map(one_line, notes)),
+        "limits": tuple(travel(joint) for joint in active),
+    }
+    if flat:
+        check_tip(active[-1], tip, urdf, posture)
+        chain = planar_chain(active, tip, posture)
+        plane = plane_of(common_normal(active, posture), chain.tip)
+        arm = PlanarArm(**shared, plane=plane, chain=chain, rotation=posture.rotations[tip])
+    else:
+        masses, centres = carried(text, urdf, posture, moving)
+        arm = SpatialArm(
+            **shared, chain=spatial_chain(moving, active, following, tip, posture, masses, centres)
+        )
     return _with_ranges(arm, active, ranges)
 
 
-def _with_ranges(arm: PlanarArm, active: Sequence[Joint], ranges: Mapping[str, Range]) -> PlanarArm:
+def _with_ranges(arm: _A, active: Sequence[Joint], ranges: Mapping[str, Range]) -> _A:
     """Return the arm with the ranges that were chosen, or else its joints' limits."""
     arm = arm.with_range(ranges)
     check_limits([joint for joint in active if joint.name not in ranges])
@@ -164,33 +188,20 @@ def _with_ranges(arm: PlanarArm, active: Sequence[Joint], ranges: Mapping[str, R
 
 
 def _select(
-    urdf: Urdf,
-    posture: Posture,
-    joints: Sequence[str] | None,
-    tip: str | None,
-    lock: Mapping[str, float],
-    ranges: Mapping[str, Range],
-    notes: list[str],
-) -> tuple[list[Joint], str]:
-    """Return the active joints, base to tip, and the tip link: as named, or found."""
-    if joints is None:
-        fixed = {
-            joint.name
-            for joint in urdf.joints
-            if fixed_by_limits(joint) and joint.name not in ranges
-        }
-        candidates = find_candidates(urdf, posture, tip, fixed.union(lock))
-        if not candidates:
-            raise nothing_found(urdf, posture, tip, lock, fixed)
-        chosen, note = choose(candidates)
-        notes += [note] if note else []
-        return list(chosen.joints), chosen.tip
-    active = _named_joints(urdf, joints, lock)
+    urdf: Urdf, posture: Posture, choice: Choice, notes: list[str]
+) -> tuple[list[Joint], str, bool]:
+    """Return the active joints, base to tip, the tip link, and whether the arm is planar."""
+    if choice.joints is None:
+        found, note = find_arm(urdf, posture, choice)
+        notes += note
+        return found
+    active = _named_joints(urdf, choice.joints, choice.lock)
+    tip = choice.tip
     if tip is None:
         last = max(active, key=lambda joint: len(urdf.path(joint.child)))
         tip = find_tip(urdf, last.child)
         if sum(last in urdf.path(link) for link in urdf.links) > 2:  # more than link and tip
-            notes.append(f"tip {quoted(tip)} was chosen (--tip to change)")
+            notes.append(f"tip {quoted(tip)} was chosen (`tip` changes it)")
     path = urdf.path(tip)
     for joint in active:
         if joint not in path:
@@ -198,38 +209,53 @@ def _select(
                 f"joint {quoted(joint.name)} does not move the tip {quoted(tip)}: joints that "
                 f"do: {listed(j.name for j in path if j.movable)}"
             )
-    return [joint for joint in path if joint in active], tip
+    active = [joint for joint in path if joint in active]
+    flat = choice.planar or is_planar(urdf, posture, active, tip) or in_line(active, posture)
+    if flat:
+        common_normal(active, posture)
+    elif len(active) > MOST_JOINTS:
+        raise OptionError(
+            f"--joints names {len(active)} joints, expected 2 to {MOST_JOINTS}: lock the others"
+        )
+    return active, tip, flat
 
 
 def _named_joints(urdf: Urdf, joints: Sequence[str], lock: Mapping[str, float]) -> list[Joint]:
     active: list[Joint] = []
     for name in joints:
-        joint = _movable(urdf, name, "--joints")
+        joint = _movable(urdf, name, "joints")
         if joint.mimic:
             raise RobotError(
                 f"joint {quoted(name)} mimics {quoted(joint.mimic.leader)} and cannot move on "
                 "its own: choose that one"
             )
         if joint in active:
-            raise OptionError(f"--joints: {quoted(name)} is named twice")
+            raise OptionError(f"`joints` has {quoted(name)} twice", parameter="joints", value=name)
         if name in lock:
             raise OptionError(f"joint {quoted(name)} is both active and locked: choose one")
         active.append(joint)
     if len(active) < 2:
         raise OptionError(
-            f"--joints names {len(active)} joint, expected two or more: one alone moves the "
-            "tip along a line, not over a plane"
+            f"`joints` names {len(active)} joint, expected two or more: one alone moves the "
+            "tip along a line, not over a plane",
+            parameter="joints",
+            value=list(joints),
         )
     return active
 
 
-def _movable(urdf: Urdf, name: str, option: str) -> Joint:
+def _movable(urdf: Urdf, name: str, parameter: str) -> Joint:
     """Return the movable joint of a name, or say which there are."""
     joint = urdf.joint(name)
     if joint is None or not joint.movable:
         what = "does not exist" if joint is None else "is fixed"
         names = [other.name for other in urdf.joints if other.movable]
-        raise RobotError(f"{option}: joint {quoted(name)} {what}: {suggestion(name, names)}")
+        raise RobotError(
+            f"`{parameter}`: joint {quoted(name)} {what}",
+            hint=suggestion(name, names),
+            parameter=parameter,
+            value=name,
+        )
     return joint
 
 
@@ -240,7 +266,10 @@ def _find_link(urdf: Urdf, tip: str) -> str:
     joint = urdf.joint(tip)
     if joint is None:
         raise RobotError(
-            f"--tip: frame {quoted(tip)} does not exist: {suggestion(tip, urdf.links)}"
+            f"`tip`: frame {quoted(tip)} does not exist",
+            hint=suggestion(tip, urdf.links),
+            parameter="tip",
+            value=tip,
         )
     return joint.child
 
@@ -253,8 +282,10 @@ def _held_values(urdf: Urdf, lock: Mapping[str, float]) -> dict[str, float]:
             values[joint.name] = float(lock.get(joint.name, neutral(joint)))
             if not np.isfinite(values[joint.name]):
                 raise OptionError(
-                    f"--lock {joint.name}={lock[joint.name]}: expected a finite number "
-                    f"[{unit_of(joint)}]"
+                    f"`lock` of {quoted(joint.name)} is {lock[joint.name]}: expected a finite "
+                    f"number [{unit_of(joint)}]",
+                    parameter="lock",
+                    value=lock[joint.name],
                 )
     for joint in urdf.joints:
         leads = joint.mimic and joint.mimic.leader in values
@@ -268,16 +299,16 @@ def _lock_notes(urdf: Urdf, held: Mapping[str, float], lock: Mapping[str, float]
     """Say which joints are held where, and where that is not what zero or limits say."""
     notes: list[str] = []
     for name, value in held.items():
-        joint = _movable(urdf, name, "--lock")
+        joint = _movable(urdf, name, "lock")
         lower, upper = travel(joint)
         if name in lock and not lower <= value <= upper:
             notes.append(
-                f"--lock {name}={value:g} lies outside the joint's limits "
+                f"`lock={{{name!r}: {value:g}}}` lies outside the joint's limits "
                 f"{lower:g}:{upper:g} [{unit_of(joint)}]"
             )
     neutral_ones = [f"{name}={held[name]:.4g}" for name in held if name not in lock]
     if neutral_ones:
-        notes.append(f"locked at neutral: {listed(neutral_ones, 8)} (--lock JOINT=VALUE to change)")
+        notes.append(f"locked at neutral: {listed(neutral_ones, 8)} (`lock` changes it)")
     idle = [name for name in lock if name not in held]
     if idle:
         notes.append(f"locked joints that do not move the tip: {listed(idle)}")

@@ -51,8 +51,9 @@ def common_normal(active: Sequence[Joint], posture: Posture) -> Array:
             wanted = "parallel to" if joint.revolute else "perpendicular to"
             raise RobotError(
                 f"the arm is not planar: joint {quoted(joint.name)} has the axis {_shown(axis)} "
-                f"in the root frame, expected one {wanted} the others' normal {_shown(normal)}; "
-                "choose other --joints"
+                f"in the root frame, expected one {wanted} the others' normal {_shown(normal)}",
+                hint="choose other `joints`",
+                parameter="joints",
             )
     aligned = [axis if axis @ normal > 0 else -axis for axis in turning]
     return np.mean(aligned, axis=0) if aligned else normal

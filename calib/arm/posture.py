@@ -27,11 +27,14 @@ class Posture:
         Origin of each movable joint's frame.
     links : dict of str to (3,) array [m]
         Origin of each link's frame.
+    rotations : dict of str to (3, 3) array
+        Orientation of each link's frame.
     """
 
     axes: dict[str, Array]
     points: dict[str, Array]
     links: dict[str, Array]
+    rotations: dict[str, Array]
 
 
 class Kinematics:
@@ -77,7 +80,10 @@ class Kinematics:
         links = {
             link: np.array(data.oMf[frame].translation) for link, frame in self._frames.items()
         }
-        return Posture(axes, points, links)
+        rotations = {
+            link: np.array(data.oMf[frame].rotation) for link, frame in self._frames.items()
+        }
+        return Posture(axes, points, links, rotations)
 
 
 def _import_pinocchio() -> Any:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
+from typing import Any
 
 from ..errors import OptionError, RobotError
 from .tree import Joint
@@ -60,18 +61,24 @@ def neutral(joint: Joint) -> float:
 
 
 def check_limits(joints: Sequence[Joint]) -> None:
-    """Ask for `--range` of all joints whose limits are unusable."""
+    """Ask for `ranges` of all joints whose limits are unusable."""
     faulty = [joint for joint in joints if limits_fault(joint)]
     if faulty:
         faults = "; ".join(
             f"joint {joint.name!r} cannot be babbled, {limits_fault(joint)}" for joint in faulty
         )
-        asked = " ".join(f"--range {joint.name}=LOWER:UPPER [{unit_of(joint)}]" for joint in faulty)
-        raise RobotError(f"{faults}: give {asked}")
+        raise RobotError(faults, hint=f"give {ranges_wanted(faulty)}", parameter="ranges")
+
+
+def ranges_wanted(joints: Sequence[Joint]) -> str:
+    """Return the parameter that would give these joints a range, to be filled in."""
+    entries = ", ".join(f"{joint.name!r}: (LOWER, UPPER)" for joint in joints)
+    units = sorted({unit_of(joint) for joint in joints})
+    return f"`ranges={{{entries}}}` [{', '.join(units)}]"
 
 
 def full_range(joint: Joint) -> Range:
-    """Return the limits of a joint, or ask for `--range` where they are unusable."""
+    """Return the limits of a joint, or ask for `ranges` where they are unusable."""
     check_limits([joint])
     return (-math.inf, math.inf) if joint.limits is None else joint.limits
 
@@ -85,15 +92,19 @@ def checked_range(name: str, chosen: Range, limits: Range, unit: str) -> Range:
         If it is not finite, empty or inverted, or goes beyond the joint's limits.
     """
     lower, upper = (float(end) for end in chosen)
-    shown = f"--range {name}={lower:g}:{upper:g}"
+    shown = f"`ranges={{{name!r}: ({lower:g}, {upper:g})}}`"
+    fields: dict[str, Any] = {"parameter": "ranges", "value": (lower, upper)}
     if not (math.isfinite(lower) and math.isfinite(upper) and lower < upper):
-        raise OptionError(f"{shown}: expected two finite numbers, the lower one first [{unit}]")
+        raise OptionError(
+            f"{shown}: expected two finite numbers, the lower one first [{unit}]", **fields
+        )
     if lower < limits[0] - ROUNDING or upper > limits[1] + ROUNDING:
         raise OptionError(
-            f"{shown}: outside the joint's limits {limits[0]:.6g}:{limits[1]:.6g} [{unit}]"
+            f"{shown}: outside the joint's limits {limits[0]:.6g}:{limits[1]:.6g} [{unit}]",
+            **fields,
         )
     if unit == "m" and upper - lower > MAX_TRAVEL:
-        raise OptionError(f"{shown}: expected a travel of at most {MAX_TRAVEL:g} m")
+        raise OptionError(f"{shown}: expected a travel of at most {MAX_TRAVEL:g} m", **fields)
     return max(lower, limits[0]), min(upper, limits[1])
 
 

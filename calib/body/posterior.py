@@ -209,7 +209,8 @@ def _second(
     prior = fit.structure.prior(free)
     sd = prior.sd.copy()
     sd[fit.active] = fit.sd
-    hypers = tuple(_wider(h) for h in prior.hypers if _left_out(h, fit.active))
+    wide = getattr(fit.structure, "wide", WIDE)
+    hypers = tuple(_wider(h, wide) for h in prior.hypers if _left_out(h, fit.active))
     for h in hypers:
         sd[h.indices] = h.scale * np.sqrt(h.shape)
     made = maximise(
@@ -232,9 +233,9 @@ def _left_out(h: Hyper, active: Indices) -> bool:
     return h.name.startswith("curve") or not np.isin(h.indices, active).any()
 
 
-def _wider(h: Hyper) -> Hyper:
+def _wider(h: Hyper, wide: tuple[float, float]) -> Hyper:
     """The hyperprior of a curve with many pseudo-observations of a large one."""
     if not h.name.startswith("curve"):
         return h
-    pseudo, rms = WIDE
+    pseudo, rms = wide
     return replace(h, pseudo=pseudo, scale=rms / np.sqrt(len(h.indices)))

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
+from collections.abc import Mapping
 from typing import Any
 
 import numpy as np
@@ -10,6 +10,7 @@ from numpy.typing import NDArray
 
 from ..errors import ModelError
 from .belief import Body, Second
+from .given import Given
 from .nominal import Nominal
 from .packing import Packed, packed_of, unpack
 from .planar import PlanarStructure
@@ -63,7 +64,7 @@ def rebuild_body(header: Mapping[str, Any], arrays: Stored) -> Body:
     ModelError
         If a value is missing, of the wrong kind or size, not finite, or impossible.
     """
-    given = _Given(header, "body")
+    given = Given(header, "body")
     structure = rebuild_structure(
         given.mapping("structure"),
         {k[10:]: v for k, v in arrays.items() if k.startswith("structure.")},
@@ -75,7 +76,7 @@ def rebuild_body(header: Mapping[str, Any], arrays: Stored) -> Body:
     active, covariance, packed = _belief(structure, arrays, "")
     return Body(
         structure,
-        _array(arrays, "beta", (structure.size,)),
+        finite_array(arrays, "beta", (structure.size,)),
         active,
         covariance,
         _positive(arrays, "noise", structure.outputs),
@@ -84,7 +85,7 @@ def rebuild_body(header: Mapping[str, Any], arrays: Stored) -> Body:
         _positive(arrays, "residual", structure.outputs, zero=True),
         freedom,
         given.number("autocorrelation", least=0.0),
-        {str(k): _Given(scales, "body.scales").number(k, least=0.0) for k in scales},
+        {str(k): Given(scales, "body.scales").number(k, least=0.0) for k in scales},
         given.count("rows"),
         given.truth("simulated"),
         given.text("member"),
@@ -95,22 +96,19 @@ def rebuild_body(header: Mapping[str, Any], arrays: Stored) -> Body:
 
 def rebuild_structure(header: Mapping[str, Any], arrays: Stored) -> Structure:
     """The structure of a header and its arrays; its kind says which class."""
-    kind = _Given(header, "body.structure").text("kind")
+    kind = Given(header, "body.structure").text("kind")
     if kind == "planar":
         return rebuild_planar(header)
-    maker = REBUILDERS.get(kind)
-    if maker is None:
-        raise ModelError(f"body of kind {kind!r}, expected {', '.join(('planar', *REBUILDERS))}")
-    return maker(header, arrays)
+    if kind == "spatial":
+        from .spatial_storing import rebuild_spatial
 
-
-REBUILDERS: dict[str, Callable[[Mapping[str, Any], Stored], Structure]] = {}
-"""Rebuilders of other kinds of structures, by the kind that their header states."""
+        return rebuild_spatial(header, arrays)
+    raise ModelError(f"body of kind {kind!r}, expected planar or spatial")
 
 
 def rebuild_planar(header: Mapping[str, Any]) -> PlanarStructure:
     """A planar structure from its header."""
-    given = _Given(header, "body.structure")
+    given = Given(header, "body.structure")
     names = given.texts("joint_names")
     n = len(names)
     if not 1 <= n <= MOST_JOINTS or len(set(names)) != n:
@@ -122,7 +120,7 @@ def rebuild_planar(header: Mapping[str, Any]) -> PlanarStructure:
     signs = given.signs("signs", n)
     nominal = None
     if given.value("nominal") is not None:
-        inner = _Given(given.mapping("nominal"), "body.structure.nominal")
+        inner = Given(given.mapping("nominal"), "body.structure.nominal")
         shift = inner.numbers("shift", 2)
         nominal = Nominal(
             tuple(inner.numbers("lengths", n)),
@@ -152,7 +150,7 @@ def rebuild_planar(header: Mapping[str, Any]) -> PlanarStructure:
 def _second(structure: Structure, arrays: Stored) -> Second:
     active, covariance, packed = _belief(structure, arrays, "second.")
     return Second(
-        _array(arrays, "second.beta", (structure.size,)),
+        finite_array(arrays, "second.beta", (structure.size,)),
         active,
         covariance,
         _positive(arrays, "second.noise", structure.outputs),
@@ -173,15 +171,15 @@ def _belief(structure: Structure, arrays: Stored, prefix: str) -> tuple[Indices,
     if (np.diff(index) <= 0).any():
         raise ModelError(f"body: array {name!r} does not rise")
     name = prefix + "root"
-    packed = np.asarray(_array(arrays, name, (k * (k + 1) // 2,)), dtype=np.float32)
+    packed = np.asarray(finite_array(arrays, name, (k * (k + 1) // 2,)), dtype=np.float32)
     covariance = unpack(packed, k)
     if not (np.isfinite(covariance).all() and (np.diag(covariance) > 0).all()):
         raise ModelError(f"body: array {name!r} is the root of no covariance")
     return index, covariance, packed
 
 
-def _array(arrays: Stored, name: str, shape: tuple[int, ...]) -> Array:
-    """A finite array of this shape."""
+def finite_array(arrays: Stored, name: str, shape: tuple[int, ...]) -> Array:
+    """A finite array of this shape, or an error that names it."""
     value = arrays.get(name)
     if value is None:
         raise ModelError(f"body: array {name!r} is missing")
@@ -195,97 +193,7 @@ def _array(arrays: Stored, name: str, shape: tuple[int, ...]) -> Array:
 
 
 def _positive(arrays: Stored, name: str, size: int, zero: bool = False) -> Array:
-    value = _array(arrays, name, (size,))
+    value = finite_array(arrays, name, (size,))
     if (value < 0).any() or (not zero and (value == 0).any()):
         raise ModelError(f"body: array {name!r} must be positive")
     return value
-
-
-class _Given:
-    """A header of a stranger's file, read key by key."""
-
-    def __init__(self, header: Any, where: str) -> None:
-        if not isinstance(header, Mapping):
-            raise ModelError(f"{where}: expected an object")
-        self.header, self.where = header, where
-
-    def value(self, key: str) -> Any:
-        if key not in self.header:
-            raise ModelError(f"{self.where}: {key!r} is missing")
-        return self.header[key]
-
-    def refuse(self, key: str, expected: str) -> ModelError:
-        return ModelError(f"{self.where}: {key!r} is {self.header[key]!r}, expected {expected}")
-
-    def mapping(self, key: str) -> Mapping[str, Any]:
-        value = self.value(key)
-        if not isinstance(value, Mapping):
-            raise self.refuse(key, "an object")
-        return value
-
-    def text(self, key: str) -> str:
-        value = self.value(key)
-        if not isinstance(value, str) or len(value) > 1000:
-            raise self.refuse(key, "a short text")
-        return value
-
-    def truth(self, key: str) -> bool:
-        value = self.value(key)
-        if not isinstance(value, bool):
-            raise self.refuse(key, "true or false")
-        return value
-
-    def number(self, key: str, least: float = -np.inf) -> float:
-        value = self.value(key)
-        if not _is_number(value) or value < least:
-            limit = "" if least == -np.inf else f" of at least {least:g}"
-            raise self.refuse(key, f"a finite number{limit}")
-        return float(value)
-
-    def count(self, key: str) -> int:
-        value = self.value(key)
-        if not isinstance(value, int) or isinstance(value, bool) or not 0 <= value < 2**53:
-            raise self.refuse(key, "a count")
-        return value
-
-    def sign(self, key: str) -> int:
-        if self.value(key) not in (1, -1) or isinstance(self.value(key), bool):
-            raise self.refuse(key, "1 or -1")
-        return int(self.value(key))
-
-    def _items(self, key: str, size: int | None) -> list[Any]:
-        value = self.value(key)
-        if not isinstance(value, list) or (size is not None and len(value) != size):
-            raise self.refuse(key, "a list" if size is None else f"a list of {size}")
-        return value
-
-    def texts(self, key: str) -> tuple[str, ...]:
-        items = self._items(key, None)
-        if not all(isinstance(v, str) and len(v) <= 1000 for v in items):
-            raise self.refuse(key, "short texts")
-        return tuple(items)
-
-    def truths(self, key: str, size: int) -> tuple[bool, ...]:
-        items = self._items(key, size)
-        if not all(isinstance(v, bool) for v in items):
-            raise self.refuse(key, "true or false each")
-        return tuple(items)
-
-    def numbers(self, key: str, size: int) -> list[float]:
-        items = self._items(key, size)
-        if not all(_is_number(v) for v in items):
-            raise self.refuse(key, "finite numbers")
-        return [float(v) for v in items]
-
-    def signs(self, key: str, size: int) -> tuple[int, ...]:
-        items = self._items(key, size)
-        if not all(v in (1, -1) and not isinstance(v, bool) for v in items):
-            raise self.refuse(key, "1 or -1 each")
-        return tuple(int(v) for v in items)
-
-
-def _is_number(value: Any) -> bool:
-    """Whether a JSON value is a finite number."""
-    if isinstance(value, bool) or not isinstance(value, int | float):
-        return False
-    return abs(value) < 1e300  # false for NaN and infinities

@@ -68,7 +68,7 @@ class Alignment:
         scale = self.scale
         if abs(scale - 1.0) > _SCALED:
             like = next((u for f, u in _UNITS.items() if abs(scale / f - 1.0) < 0.1), "")
-            hint = f"; if they are {like}, --unit {like} converts them" if like == "mm" else ""
+            hint = f"; if they are {like}, `unit={like!r}` converts them" if like == "mm" else ""
             notes.append(f"the log's positions are {scale:.5g} times the model's{hint}")
         if self.swapped:
             notes.append("x and y of the log are exchanged, compared with the model")

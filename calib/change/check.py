@@ -1,4 +1,4 @@
-"""Checking: whether the map still fits the arm."""
+"""Checking: whether the model still fits the arm."""
 
 from __future__ import annotations
 
@@ -9,13 +9,11 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import NDArray
 
-from ..errors import ModelError
+from ..common.parallel import one_blas_thread
 from ..maps.map import Map, search_tree
-from .baseline import Baseline
-from .causes import Evidence, find_causes
-from .outliers import find_outliers, harmonics
-from .sanity import comparable
-from .systematic import FALSE_ALARM, Systematic, orthonormal, systematic
+from .causes import Cause, find_causes
+from .comparison import Comparison, compare
+from .group_tests import FALSE_ALARM, GroupTest
 
 if TYPE_CHECKING:
     from ..model.model import Model
@@ -23,20 +21,18 @@ if TYPE_CHECKING:
 
 Array = NDArray[np.float64]
 
-_SIGMAS = 4.0  # skewed as the distances are, chance exceeds so many once in 1,000
-_DRAWS = 40  # undisturbed logs that are imagined for the reverse distortion
-_MOST = 1000  # rows that it looks at
-_GRAIN = 1e-6  # share of the extent below which nothing counts as drift
+_SIGMAS = 4.0  # of the maps' distortions, skewed as they are
+_MOST = 1000  # rows that distortions are measured on
 
 
 @dataclass(frozen=True)
 class Signal:
-    """One measure of drift.
+    """One measure of how a log lies on the maps: a display, no alarm.
 
     Attributes
     ----------
     value, threshold : float
-        What was found, and what undisturbed logs stay below but for one in 1,000.
+        What was found, and what rows of the regions that were learned stay below.
     """
 
     value: float
@@ -58,47 +54,58 @@ class Drift:
 
     Attributes
     ----------
-    drifted : bool
-        Whether one of the signals fired.
+    drifted : bool or None
+        Whether something changed; None where these rows could not have shown a change of the
+        asked size.
     samples : int
         Rows that were compared.
     outliers : int
-        Rows that contradict all others; they are left out.
+        Rows that contradict all others; they count for next to nothing.
+    score : float
+        Largest statistic over its threshold.
+    groups : tuple of GroupTest
+        Every group that was tested.
+    smallest : float [unit]
+        Root mean square displacement over the learned range by the smallest change that these
+        rows could have shown, whatever its cause.
+    tolerance : float or None [unit]
+        What the user asked for.
     distortion : dict of str to Signal
-        "motor" and "sensory": the distortion zeta of the maps (eq. 9), in the unit box.
-        "reverse": mean squared distance of the nodes predicted for the log's joints to
-        those that its positions visit.  "links": root mean square of the systematic part
-        of measured less predicted position [unit].
+        "motor" and "sensory": the distortion zeta of the maps (eq. 9), in the unit box; they
+        say "new region".  "reverse": mean squared distance of the nodes predicted for the
+        log's joints to those that its positions visit.  "links": root mean square of measured
+        less predicted position [unit].
     noise, usual_noise : float [unit]
-        Standard deviation per axis of the rest, now and in training.
-    causes : tuple of str
-        Every cause that explains the data: "noise", "sensor", "offset:JOINT",
-        "length:JOINT", "geometry", "bent", "lost:JOINT", "workspace", or "unknown".
-    explanations : tuple of str
-        The same in words, with figures.
+        Standard deviation per axis of what is left over, now and in training.
+    causes : tuple of Cause
+        What explains the data, the largest first.
     notes : tuple of str
         What else the user should be told.
     """
 
-    drifted: bool
+    drifted: bool | None
     samples: int
     outliers: int
+    score: float
+    groups: tuple[GroupTest, ...]
+    smallest: float
+    tolerance: float | None
     distortion: dict[str, Signal]
     noise: float
     usual_noise: float
-    causes: tuple[str, ...]
-    explanations: tuple[str, ...]
+    causes: tuple[Cause, ...]
     notes: tuple[str, ...] = field(default=())
 
     @property
-    def score(self) -> float:
-        """Largest value over threshold."""
-        return max(signal.score for signal in self.distortion.values())
+    def fired(self) -> tuple[str, ...]:
+        """Names of the groups above their threshold, the most telling first."""
+        fired = [g for g in self.groups if g.score > 1.0]
+        return tuple(g.name for g in sorted(fired, key=lambda g: -g.penalised))
 
     @property
-    def fired(self) -> tuple[str, ...]:
-        """Signals above their threshold."""
-        return tuple(name for name, signal in self.distortion.items() if signal.score > 1.0)
+    def explanations(self) -> tuple[str, ...]:
+        """The causes in words."""
+        return tuple(cause.words for cause in self.causes)
 
     def to_json(self) -> dict[str, Any]:
         """What `calib check --json` prints."""
@@ -110,14 +117,19 @@ class Drift:
             "threshold": 1,
             "distortion": {name: signal.to_json() for name, signal in self.distortion.items()},
             "fired": list(self.fired),
-            "causes": list(self.causes),
+            "causes": [cause.to_json() for cause in self.causes],
+            "smallest": self.smallest,
+            "tolerance": self.tolerance,
+            "smallest_by_group": {g.name: g.smallest for g in self.groups},
             "explanations": list(self.explanations),
             "noise": {"now": self.noise, "usual": self.usual_noise},
             "false_alarm": FALSE_ALARM,
         }
 
 
-def check(model: Model, log: Samples) -> Drift:
+def check(
+    model: Model, log: Samples, *, cause: str | None = None, tolerance: float | None = None
+) -> Drift:
     """Compare new samples with a model.
 
     Parameters
@@ -125,6 +137,11 @@ def check(model: Model, log: Samples) -> Drift:
     model : Model
     log : Samples
         At least ten different rows of the same arm.
+    cause : {"sensor", "joints"}, optional
+        What is known about a change.
+    tolerance : float, optional [unit]
+        Where nothing fired and the rows could not have shown a change of this size, the
+        answer is None.
 
     Returns
     -------
@@ -135,71 +152,79 @@ def check(model: Model, log: Samples) -> Drift:
     LogError
         If the log is not of this arm, too short, or looks wrong.
     """
-    baseline = baseline_of(model)
-    rows = comparable(model, log)
-    kept = find_outliers(
-        model.predictor.value, model.motor.scale, model.about.revolute, rows.u, rows.x
-    )
-    u, x = rows.u[kept], rows.x[kept]
-    said = model.predictor.value(u)
-    floor = own_error(model, u)
-    basis = smooth_functions(model, u, said)
-    part = systematic(basis, x - said, floor)
-    scale = model.sensory.scale
-    v = scale.to_unit(x)
-    # noise moves samples across the border of the map
-    leak = float(np.sum((part.noise / scale.span) ** 2))
-    signals = {
-        "motor": _zeta(model.motor, baseline.motor, baseline.spread[0], u, 0.0),
-        "sensory": _zeta(model.sensory, baseline.sensory, baseline.spread[1], v, leak),
-        "reverse": _reverse(model, said, x, max(part.noise, baseline.noise), floor),
-        "links": Signal(part.value, part.threshold),
-    }
-    drifted = any(signal.score > 1.0 for signal in signals.values())
-    evidence = Evidence(model, u, x, said, basis, floor, part)
-    causes, words = find_causes(
-        evidence, drifted, signals["reverse"].score > 1.0, _noisier(part, baseline, len(u), floor)
-    )
-    outliers = int(np.count_nonzero(~kept))
-    notes = list(rows.notes)
-    if outliers:
-        rows_said = "1 row contradicts" if outliers == 1 else f"{outliers} rows contradict"
-        notes.append(f"{rows_said} all others: left out")
+    with one_blas_thread():
+        found = compare(model, log, cause)
+        return _drift(found, tolerance)
+
+
+def _drift(found: Comparison, tolerance: float | None) -> Drift:
+    tested = found.tested
+    # a log that no group reaches is compared with the members only if it is far off
+    score = tested.score
+    if found.reference.new or score > 1.0 or _far(found):
+        score = max(score, _misfit_score(found))
+    drifted: bool | None = score > 1.0
+    causes, said = find_causes(found, bool(drifted))
+    if not drifted and tolerance is not None and tested.smallest > tolerance:
+        drifted = None
+    notes = [*found.rows.notes, *outlier_note(found.outliers), *said]
     return Drift(
         drifted,
-        len(u),
-        outliers,
-        signals,
-        part.noise,
-        baseline.noise,
-        tuple(causes),
-        tuple(words),
+        len(found.q),
+        found.outliers,
+        score,
+        tested.groups,
+        tested.smallest,
+        tolerance,
+        distortions(found),
+        tested.noise,
+        tested.usual,
+        causes,
         tuple(notes),
     )
 
 
-def baseline_of(model: Model) -> Baseline:
-    """The baseline that a model brings, or one line that says that it brings none."""
-    if model.baseline is None:
-        raise ModelError("the model has no baseline of its distortions: train it again")
-    return model.baseline
+def _far(found: Comparison) -> bool:
+    """Whether the rows are so far from the model that noise alone is no answer."""
+    gap = np.linalg.norm(found.z - found.body.structure.predict(found.q, found.body.beta), axis=1)
+    spread = np.linalg.norm(found.x - np.median(found.x, axis=0), axis=1)
+    return float(np.median(gap)) > 0.1 * float(np.median(spread))
 
 
-def own_error(model: Model, u: Array) -> float:
-    """Root mean square error that the model may have of itself at `u` (n, dof) [unit]."""
-    bound = np.nan_to_num(model.expected_error(model.motor.scale.from_unit(u)))
-    extent = float(np.linalg.norm(model.sensory.scale.span))
-    return max(0.5 * float(np.sqrt(np.mean(bound**2))), _GRAIN * extent)
+def _misfit_score(found: Comparison) -> float:
+    """What a new frame, or a log that nothing explains, adds to the score."""
+    if not found.explained:
+        return 1.0 + found.misfit
+    return 2.0 if found.reference.new else 0.0
 
 
-def smooth_functions(model: Model, u: Array, said: Array) -> Array:
-    """Functions that a change of arm or sensor is made of, orthonormal on the rows."""
-    degree = 2 if len(u) >= 60 else 1
-    turning, scale = model.about.revolute, model.motor.scale
-    columns = [np.ones((len(u), 1)), said - said.mean(axis=0)]
-    if len(u) >= 20:
-        columns.append(harmonics(scale, turning, u, degree))
-    return orthonormal(np.concatenate(columns, axis=1))
+def outlier_note(outliers: int) -> list[str]:
+    """What is said of rows that contradict all others."""
+    rows = "1 row contradicts" if outliers == 1 else f"{outliers} rows contradict"
+    return [f"{rows} all others: left out"] if outliers else []
+
+
+def distortions(found: Comparison) -> dict[str, Signal]:
+    """How the rows lie on the maps (eq. 9), beside what is expected there."""
+    model = found.model
+    baseline = model.baseline
+    if baseline is None:
+        return {}
+    some = slice(None, None, max(1, math.ceil(len(found.q) / _MOST)))
+    q, x = found.q[some], found.x[some]
+    u = model.motor.scale.to_unit(q)
+    predicted = model.predictor.value(u)
+    noise = max(found.tested.noise, baseline.noise)
+    leak = float(np.sum((noise / model.sensory.scale.span) ** 2))
+    gap = float(np.sqrt(np.mean(np.sum((x - predicted) ** 2, axis=1))))
+    usual = np.nan_to_num(model.expected_error(q), nan=0.0)
+    sensory, seen = model.sensory, model.sensory.scale.to_unit(x)
+    return {
+        "motor": _zeta(model.motor, baseline.motor, baseline.spread[0], u, 0.0),
+        "sensory": _zeta(sensory, baseline.sensory, baseline.spread[1], seen, leak),
+        "reverse": _reverse(model, predicted, x, noise),
+        "links": Signal(gap, float(np.sqrt(np.mean(usual**2)))),
+    }
 
 
 def _zeta(network: Map, expected: Array, spread: float, points: Array, leak: float) -> Signal:
@@ -212,28 +237,17 @@ def _zeta(network: Map, expected: Array, spread: float, points: Array, leak: flo
     return Signal(float(np.mean(distance**2)), float(usual.mean()) + chance + leak)
 
 
-def _reverse(model: Model, said: Array, x: Array, noise: float, floor: float) -> Signal:
+def _reverse(model: Model, predicted: Array, x: Array, noise: float) -> Signal:
     """Distance of the nodes that joints predict to those that positions visit."""
     sensory = model.sensory
-    some = slice(0, None, max(1, math.ceil(len(x) / _MOST)))
-    said, x = said[some], x[some]
-    predicted = sensory.units[sensory.nearest(sensory.scale.to_unit(said))[1][:, 0]]
+    winners = sensory.units[sensory.nearest(sensory.scale.to_unit(predicted))[1][:, 0]]
 
     def away(points: Array) -> float:
         nodes = np.unique(sensory.nearest(sensory.scale.to_unit(points))[1][:, 0])
         tree = search_tree(sensory.units[nodes], sensory.scale)
-        return float(np.mean(np.asarray(tree.query(predicted)[0]) ** 2))
+        return float(np.mean(np.asarray(tree.query(winners)[0]) ** 2))
 
     rng = np.random.default_rng(0)
-    scatter = math.hypot(noise, floor)
-    usual = [away(said + scatter * rng.standard_normal(said.shape)) for _ in range(_DRAWS)]
-    chance = 4.0 * float(np.std(usual)) + 1.0 / len(x) * sensory.spacing**2
+    usual = [away(predicted + noise * rng.standard_normal(x.shape)) for _ in range(8)]
+    chance = 4.0 * float(np.std(usual)) + sensory.spacing**2 / len(x)
     return Signal(away(x), float(np.mean(usual)) + chance)
-
-
-def _noisier(part: Systematic, baseline: Baseline, n: int, floor: float) -> bool:
-    from scipy.special import fdtri
-
-    usual = math.hypot(baseline.noise, floor)
-    limit = float(fdtri(2 * n, 4000, 1.0 - FALSE_ALARM))
-    return part.noise > 1.15 * usual * math.sqrt(limit)

@@ -1,6 +1,8 @@
 """Online adaptation, as in the paper: maps and links re-form while samples stream in.
 
+For a stream that lasts: a change is noticed, followed, and the next one is waited for.
 Equation numbers are those of the paper in the order in which it states them.
+:class:`~calib.change.streams.Follower` adds schemas that are kept and recalled.
 """
 
 from __future__ import annotations
@@ -8,21 +10,23 @@ from __future__ import annotations
 import math
 from collections.abc import Iterator
 from dataclasses import dataclass, replace
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, Literal
 
 import numpy as np
 from numpy.typing import NDArray
 
-from ..body.teacher import MOST_ROWS, learn_teacher
 from ..errors import OptionError
+from ..maps import dsom
 from ..maps.association import Association
-from ..maps.density import Visit, gain_of
+from ..maps.density import Visit, gain_of, kind_of
 from ..maps.lattice import Lattice
-from ..maps.links import oja
-from ..maps.map import Map
-from ..maps.model_selection import of_trends, select
+from ..maps.links import oja, sparse_links
+from ..maps.map import Map, search_tree
 from ..maps.online import present
+from ..model.rows import Rows
+from ..training.log_bounds import node_bounds
 from .radius import matching_sigma
+from .refit import refit
 
 if TYPE_CHECKING:
     from ..model.model import Model
@@ -45,6 +49,11 @@ _KEPT = 20_000  # latest samples that the local models are fitted to
 _FIRED = 4.0  # standard deviations of a running mean that are no chance
 _SETTLED = 1.2  # a re-formed map has settled within this factor of a trained one
 _LARGEST = 60_000_000  # links that are held densely
+_JUMP = 3.0  # an error that rises by this factor while the maps re-form: another change
+_CALM = 3  # blocks after a reset before another change can be told from the first
+_NEIGHBOURS = 4  # earlier samples that a sample is compared with
+_LOOSE = 1.5  # what a settled map's own distortion must be exceeded by
+_LEAST = 10  # samples since a change that a model can rest on
 
 
 @dataclass(frozen=True)
@@ -69,6 +78,8 @@ class Step:
         Learning rate and forgetting factor of the links (eq. 12).
     adapting : bool
         Whether a change was noticed and the maps are re-forming.
+    changes : int
+        Changes noticed so far.
     """
 
     samples: int
@@ -80,6 +91,7 @@ class Step:
     eta: float
     beta: float
     adapting: bool
+    changes: int = 0
 
 
 class OnlineAdapter:
@@ -88,7 +100,9 @@ class OnlineAdapter:
     It watches until the sensory distortion (eq. 9) or the links' residual leaves what
     training knew.  Then sigma is reset to the radius at which training had the same
     distortion (eq. 10), eta and beta rise (eq. 12), and all three decay while the maps
-    (eq. 1 to 3) and the links (eq. 11) follow the samples.
+    (eq. 1 to 3) and the links (eq. 11) follow the samples.  Once they are settled it keeps
+    their last rates and watches again: the next change resets the schedules and forgets
+    the samples from before it.  So does a jump of the error while the maps re-form.
 
     Parameters
     ----------
@@ -97,18 +111,14 @@ class OnlineAdapter:
     horizon : int
         Samples over which sigma decays to half a node.
     force : bool
-        Whether to adapt from the first sample on, without waiting for a signal.
+        Whether to adapt from the first sample on, without waiting for a signal, and to
+        take all samples for those of one arm.
     """
 
     def __init__(self, model: Model, horizon: int = HORIZON, *, force: bool = False) -> None:
         if horizon < 1:
             raise OptionError(f"horizon {horizon}: expected one or more samples")
-        for part in (model.motor, model.sensory):
-            if not isinstance(part.lattice, Lattice):
-                raise OptionError(
-                    "online adaptation needs maps with a lattice, this model's are a growing "
-                    "neural gas: use --method few-shot"
-                )
+        check_followable(model)
         if model.motor.size * model.sensory.size > _LARGEST:
             raise OptionError(
                 f"lattices of {model.motor.size:,} and {model.sensory.size:,} nodes are too "
@@ -121,17 +131,27 @@ class OnlineAdapter:
         # by sensory node, so that the columns that eq. 11 changes are contiguous
         # half the memory of float64; eq. 11 loses nothing by it
         self._links: Any = np.ascontiguousarray(model.links.T.toarray(), dtype=np.float32)
+        self._idle = np.zeros(model.sensory.size)  # what unvisited nodes should have forgotten
         self._seen = 0
         self._since = -1
+        self._changes = 0
         self._mean: dict[str, float] = {}
+        self._block: dict[str, float] = {}
+        self._usual: dict[str, float] = {}  # running means once settled
+        self._apart = math.nan  # running mean of what :meth:`_contradiction` finds
         self._start = {"motor": _SIGMA_END, "sensory": _SIGMA_END}
         self._q: list[Array] = []
         self._x: list[Array] = []
 
     @property
     def adapting(self) -> bool:
-        """Whether a change was noticed."""
-        return self._since >= 0
+        """Whether a change was noticed and the maps have not settled yet."""
+        return self._since >= 0 and (self._force or self._since < self._horizon)
+
+    @property
+    def changes(self) -> int:
+        """Changes noticed so far."""
+        return self._changes
 
     def feed(self, q: Array, x: Array) -> Step:
         """Take the next samples of the stream, (n, dof) and (n, 2), and learn from them."""
@@ -148,9 +168,12 @@ class OnlineAdapter:
         motor, sensory = self._map("motor"), self._map("sensory")
         expected = self._watch(motor, sensory, u, v)
         self._seen += len(u)
-        if not self.adapting and (self._force or self._fired(expected)):
+        kept = slice(None)
+        if self._changed(u, v, expected):
             self._reset()
-        if not self.adapting:
+            # this block may have begun before the change
+            kept = slice(None) if self._force else slice(0)
+        if self._since < 0:
             return self._step(expected, 0.0, 0.0, 0.0)
         for name, network, points in (("motor", motor, u), ("sensory", sensory, v)):
             self._form(name, network, points)
@@ -162,44 +185,58 @@ class OnlineAdapter:
         b = wiring.activity(self._map("sensory"), v).toarray()
         for a_motor, a_sensory, e, f in zip(a, b, eta, beta, strict=True):
             oja(self._links.T, a_motor, a_sensory, float(e), float(f))  # eq. 11
+        # eq. 11 forgets where a_j > 0 alone; a node that no sample visits forgets at the
+        # mean pace of all, or a shortened arm would promise its old reach for ever
+        self._idle += float(eta * beta @ (b**2).sum(axis=1)) / b.shape[1]
+        self._idle[b.any(axis=0)] = 0.0
         self._since += len(u)
         scale = self._model.sensory.scale
-        self._q.append(self._model.motor.scale.from_unit(u))
-        self._x.append(scale.from_unit(v))
+        self._q.append(self._model.motor.scale.from_unit(u)[kept])
+        self._x.append(scale.from_unit(v)[kept])
         while sum(map(len, self._x)) - len(self._x[0]) >= _KEPT:
             del self._q[0], self._x[0]
         return self._step(expected, self._sigma("sensory", t[-1:])[0], eta[-1], beta[-1])
 
-    def model(self) -> Model:
+    def model(self, links: Literal["rest", "rule"] = "rest") -> Model:
         """The model as it stands, with local models of the latest samples.
 
-        Its links are where eq. 11 comes to rest for the latest samples.  Nodes that the
-        stream has not visited since the change have none: what is no longer reached is no
-        longer promised.
+        Parameters
+        ----------
+        links : {"rest", "rule"}
+            "rest": the links at which eq. 11 comes to rest for the samples since the
+            change, in closed form.  Nodes that the stream has not visited since have none:
+            what is no longer reached is no longer promised.  "rule": the links that eq. 11
+            and 12 have made so far, step by step, which lag behind the maps; the readouts
+            ``activity`` and ``winner`` then show what the rule itself reaches.
         """
         model = self._model
-        if not self.adapting:
+        if self._since < 0 or sum(map(len, self._x)) < _LEAST:
             return model
         motor, sensory = self._map("motor"), self._map("sensory")
         q, x = np.concatenate(self._q), np.concatenate(self._x)
         # a short stream may have been shown again and again
         first = np.sort(np.unique(np.hstack([q, x]), axis=0, return_index=True)[1])
         u, x = motor.scale.to_unit(q[first]), x[first]
-        if len(u) < MOST_ROWS:
-            rng = np.random.default_rng(model.about.seed)
-            teacher = learn_teacher(motor.scale, model.about.revolute, u, x, rng)
-            u = teacher.imagine(rng)
-            x = teacher.value(u)
+        fitted = refit(model, motor, u, x)
         wiring = model.association.wiring
-        links = wiring.learn(motor, u, sensory, sensory.scale.to_unit(x))
-        selected = select(motor, u, of_trends(motor.scale, model.about.revolute, u, x))
-        visited = np.bincount(motor.nearest(u)[1][:, 0], minlength=motor.size) > 0
-        return replace(
+        if links == "rule":
+            found = sparse_links((self._links * np.exp(-self._idle)[:, None]).T)
+        else:
+            found = wiring.learn(motor, fitted.u, sensory, sensory.scale.to_unit(fitted.v))
+        made = replace(
             model,
-            association=Association(motor, sensory, links, wiring),
-            predictor=selected.predictor,
-            visited=visited,
+            association=Association(motor, sensory, found, wiring),
+            predictor=fitted.predictor,
+            body=fitted.body,
+            visited=np.bincount(motor.nearest(u)[1][:, 0], minlength=motor.size) > 0,
+            rows=Rows.of(motor.scale.from_unit(u), x) if model.rows is not None else None,
         )
+        has_models = fitted.predictor.models.degree >= 0
+        reading, position = node_bounds(
+            made, u, fitted.rows, fitted.errors, has_models=has_models
+        )
+        true = model.about.bound_of == "true position"
+        return replace(made, bounds=position if true else reading, model_bounds=position)
 
     def _map(self, name: str) -> Map:
         network: Map = getattr(self._model, name)
@@ -217,6 +254,7 @@ class OnlineAdapter:
             "sensory": float(np.mean(distance**2)),
             "error": float(np.linalg.norm(gap, axis=1).mean()),
         }
+        self._block = found
         for name, value in found.items():
             self._mean[name] = (1 - share) * self._mean.get(name, value) + share * value
         if model.baseline is None:
@@ -224,8 +262,10 @@ class OnlineAdapter:
         chance = _FIRED * math.sqrt(model.baseline.spread[1] / _WINDOW)
         # distances scale with the lattice: a larger arm's nodes stand further apart
         size = (sensory.spacing / model.sensory.spacing) ** 2
-        size *= _SETTLED if self.adapting else 1.0
-        return float(model.baseline.sensory[winner].mean()) * size * (1.0 + chance)
+        size *= _SETTLED if self._since >= 0 else 1.0
+        expected = float(model.baseline.sensory[winner].mean()) * size * (1.0 + chance)
+        # a map that follows is not trained anew: its own distortion is usual to it
+        return max(expected, _LOOSE * self._usual.get("sensory", 0.0))
 
     def _say(self, motor: Map, u: Array) -> Array:
         """Readout ``activity`` of the dense links, (n, 2) in the sensory unit box."""
@@ -233,25 +273,63 @@ class OnlineAdapter:
         k = a.nnz // len(u)
         nodes, weight = a.indices.reshape(-1, k), a.data.reshape(-1, k)
         strength = np.einsum("jnk,nk->nj", self._links[:, nodes], weight)
+        strength *= np.exp(-self._idle)
         total = strength.sum(axis=1, keepdims=True)
         return np.asarray(strength @ self._weights["sensory"] / np.maximum(total, 1e-30))
 
+    def _changed(self, u: Array, v: Array, expected: float) -> bool:
+        """Whether the arm or the sensor has just changed."""
+        if self._since < 0:
+            return self._force or self._fired(expected)
+        if self._force:  # all samples are of one arm
+            return False
+        if self._since >= self._horizon and not self._usual:
+            self._usual = dict(self._mean)
+        block = self._contradiction(u, v)
+        jump = block > _JUMP * self._apart + 2.0 * self._noise  # never where it is unknown
+        if not jump and math.isfinite(block):
+            known = math.isfinite(self._apart)
+            self._apart = 0.5 * (self._apart + block) if known else block
+        return jump or (self._since >= self._horizon and self._fired(expected))
+
+    def _contradiction(self, u: Array, v: Array) -> float:
+        """Mean distance of positions to those of the nearest joints since the change [unit].
+
+        It tells another change even while the links, which lag behind, are far off.
+        """
+        if sum(map(len, self._x)) < _CALM * BLOCK:
+            return math.nan
+        motor, sensory = self._model.motor.scale, self._model.sensory.scale
+        past = motor.to_unit(np.concatenate(self._q))
+        _, near = search_tree(past, motor).query(u, k=np.arange(1, _NEIGHBOURS + 1))
+        said = np.concatenate(self._x)[near].mean(axis=1)
+        return float(np.linalg.norm(said - sensory.from_unit(v), axis=1).mean())
+
     def _fired(self, expected: float) -> bool:
+        """Whether the distortion (eq. 9) or the links' residual left what is usual."""
         errors = self._model.about.errors
-        usual = errors["activity"]["forward"]["distance"]["mean"] if errors else math.inf
-        noise = self._model.baseline.noise if self._model.baseline else 0.0
+        trained = errors["activity"]["forward"]["distance"]["mean"] if errors else math.inf
+        usual = max(trained, self._usual.get("error", 0.0))
         return self._seen >= _WINDOW / 2 and (
-            self._mean["sensory"] > expected or self._mean["error"] > 2.0 * usual + 2.0 * noise
+            self._mean["sensory"] > expected or self._mean["error"] > 2.0 * (usual + self._noise)
         )
 
+    @property
+    def _noise(self) -> float:
+        return self._model.baseline.noise if self._model.baseline else 0.0
+
     def _reset(self) -> None:
-        """Set sigma to where training had the same distortion (eq. 10)."""
-        self._since = 0
+        """Set sigma to where training had the same distortion (eq. 10), forget what was."""
+        self._since, self._apart = 0, math.nan
+        self._changes += 1
+        self._q.clear()
+        self._x.clear()
+        self._usual.clear()
         for name in self._start:
             network: Map = getattr(self._model, name)
-            self._start[name] = max(
-                _SIGMA_END, matching_sigma(network, math.sqrt(self._mean[name]))
-            )
+            after = max(self._mean[name], self._block[name])
+            self._start[name] = max(_SIGMA_END, matching_sigma(network, math.sqrt(after)))
+        self._mean = dict(self._block)
 
     def _sigma(self, name: str, t: NDArray[np.int_]) -> Array:
         start = self._start[name]
@@ -263,17 +341,21 @@ class OnlineAdapter:
         share = t / self._horizon
         rate = _ALPHA[0] * (_ALPHA[1] / _ALPHA[0]) ** share
         rule = str(self._model.about.options.get("map", "vdsom"))
+        assert isinstance(network.lattice, Lattice)  # noqa: S101 - checked at the start
         try:
-            gain = gain_of(rule)
+            gain, kind = gain_of(rule), kind_of(rule)
         except OptionError:  # a function that the model file could not keep
-            gain = gain_of("vdsom")
+            gain, kind = gain_of("vdsom"), "som"
+        if kind == "dsom":  # its rate and radius follow the distance, not time
+            self._weights[name] = weights = self._weights[name].copy()
+            dsom.present(weights, network.lattice, points)
+            return
         weights = self._weights[name]
         if gain is not None:
             distance, winner = network.nearest(points)
             visit = Visit(float(share[-1]), winner[:, 0], distance[:, 0], weights, network.lattice)
             rate = rate * gain(visit)
         self._weights[name] = weights = weights.copy()
-        assert isinstance(network.lattice, Lattice)  # noqa: S101 - checked at the start
         present(weights, network.lattice, points, self._sigma(name, t), rate)
 
     def _step(self, expected: float, sigma: float, eta: float, beta: float) -> Step:
@@ -287,7 +369,20 @@ class OnlineAdapter:
             float(eta),
             float(beta),
             self.adapting,
+            self._changes,
         )
+
+
+def check_followable(model: Model) -> None:
+    """Refuse a model whose maps have no lattice to re-form."""
+    for part in (model.motor, model.sensory):
+        if not isinstance(part.lattice, Lattice):
+            raise OptionError(
+                "online adaptation resets the neighbourhood radius of a lattice (eq. 10), and a "
+                "growing neural gas has neither: its edges age by wins, so that a region which "
+                "is no longer visited keeps its nodes; use method 'few-shot', or train with "
+                "map 'vdsom', 'som' or 'dsom'"
+            )
 
 
 def follow(

@@ -8,9 +8,9 @@ from typing import TYPE_CHECKING, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from .check import baseline_of, own_error
-from .features import find_chain
-from .outliers import spread_points
+from ..errors import ModelError
+from .group_tests import groups_of
+from .seen import seen_body
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
@@ -25,6 +25,8 @@ WINDOW = 200.0
 FALSE_ALARM = 1e-6
 """Share of the samples of an undisturbed stream that raise an alarm, nominally."""
 
+_COLLINEAR = 1e-3  # directions that are so much weaker than the strongest are left out
+_GRAIN = 1e-6  # share of the extent below which nothing counts as drift
 _WARM = 20  # samples before the first judgement
 _MOST, _DOUBTED = 100.0, 4.0  # largest ratio of distortions, of a sample that is clipped
 _CLIP = 8.0  # a residual counts for at most so many standard deviations of the recent ones
@@ -64,8 +66,8 @@ class Monitor:
     """Watches a stream of samples.
 
     Of the recent past it keeps means alone: of the sensory distortion over its expected
-    value, and of the products of the residual with those functions of the joints that a
-    change of a link, an offset or the sensor's frame is made of.
+    value, and of the products of the residual with the displacements that a change of a link,
+    an offset or the sensor's frame would make, those that `check` tests.
 
     Parameters
     ----------
@@ -88,9 +90,10 @@ class Monitor:
     """
 
     def __init__(self, model: Model, window: float = WINDOW) -> None:
-        baseline = baseline_of(model)
+        baseline = model.baseline
+        if baseline is None:
+            raise ModelError("the model has no baseline of its distortions: train it again")
         motor, sensory = model.motor, model.sensory
-        dof = len(model.about.joint_names)
         self._lower, self._span = motor.scale.lower, motor.scale.span
         self._periodic = motor.scale.periodic
         self._origin, self._size = sensory.scale.lower, sensory.scale.span
@@ -100,20 +103,17 @@ class Monitor:
         self._taylor = _second_order(model)
         self._reach = 3.0 * motor.spacing
         self._visited = model.visited
-        points, positions = spread_points(model.predictor.value, dof)
-        self._chain = find_chain(motor.scale, model.about.revolute, points, positions)
-        self._middle = positions.mean(axis=0)
+        self._directions = _directions(model)
         self._fade = 1.0 - 1.0 / window
-        p = 3 if self._chain is None else 1 + 2 * dof
-        self._senses = None if self._chain is None else np.array(self._chain.senses, dtype=float)
+        p = self._directions.shape[2]
         self._moments = np.zeros((p, p))
-        self._products = np.zeros((p, 2))
+        self._products = np.zeros(p)
         self._power = self._weight = self._square = 0.0
         self._ratio = self._usual = 0.0
-        self._floor = own_error(model, np.clip(motor.units[model.visited], 0.0, 1.0))
+        self._floor = _own_error(model)
         self._spread = baseline.spread[1]
         self._noise = max(baseline.noise, self._floor)
-        self._quantile = _chi_square(2 * p)
+        self._quantile = _chi_square(p)
         self._samples = 0
         self._state = State(0, False, 0.0, 0.0, 0.0, 0.0, ())
 
@@ -145,11 +145,11 @@ class Monitor:
             most = _DOUBTED
         away, winner = self._nearest((position - self._origin) / self._size)
         fade = self._fade
-        phi = self._features(joints, said)
+        phi = self._directions[node]
         self._moments *= fade
-        self._moments += phi[:, None] * phi
+        self._moments += phi.T @ phi
         self._products *= fade
-        self._products += phi[:, None] * residual
+        self._products += residual @ phi
         self._power = fade * self._power + residual[0] ** 2 + residual[1] ** 2
         self._weight = fade * self._weight + 1.0
         self._square = fade * fade * self._square + 1.0
@@ -171,20 +171,6 @@ class Monitor:
         """The state after the last sample."""
         return self._state
 
-    def _features(self, joints: Array, said: Array) -> Array:
-        if self._senses is None:
-            return np.array([1.0, said[0] - self._middle[0], said[1] - self._middle[1]])
-        phi = np.empty(1 + 2 * len(joints))
-        phi[0] = 1.0
-        angle = 0.0
-        for k, (value, sense) in enumerate(
-            zip(joints.tolist(), self._senses.tolist(), strict=True)
-        ):
-            angle += sense * value
-            size = 1.0 if sense else value
-            phi[1 + 2 * k], phi[2 + 2 * k] = size * math.cos(angle), size * math.sin(angle)
-        return phi
-
     def _judge(self) -> None:
         p = len(self._moments)
         weight = self._weight
@@ -194,7 +180,7 @@ class Monitor:
         explained = float((mean * np.linalg.solve(gram, mean)).sum())
         power = self._power / weight
         independent = weight * weight / self._square
-        left = max(power - explained, 0.0) / 2.0 / max(1.0 - p / independent, 0.1)
+        left = max(power - explained, 0.0) / 2.0 / max(1.0 - 0.5 * p / independent, 0.1)
         noise = math.sqrt(left)
         links = math.sqrt(max(explained, 0.0))
         limit = math.sqrt(max(left, self._noise**2) * self._quantile / independent + self._floor**2)
@@ -206,6 +192,27 @@ class Monitor:
         self._state = State(
             self._samples, bool(fired), max(scores.values()), zeta, links, noise, fired
         )
+
+
+def _directions(model: Model) -> Array:
+    """Displacements at each motor node by what may change, orthonormal, (nodes, 2, p)."""
+    body = seen_body(model) if model.body is None else model.body
+    every = np.unique(np.concatenate(list(groups_of(body).values())))
+    q = model.motor.scale.from_unit(np.clip(model.motor.units, 0.0, 1.0))
+    _, x = body.structure.linearise(q, body.beta, every)
+    n, m, k = x.shape
+    flat = x.reshape(n * m, k)
+    flat = flat / (np.linalg.norm(flat, axis=0) + 1e-300)
+    left, size, _ = np.linalg.svd(flat, full_matrices=False)
+    kept = left[:, size > _COLLINEAR * size[0]]
+    return np.ascontiguousarray(kept.reshape(n, m, -1) * np.sqrt(n))
+
+
+def _own_error(model: Model) -> float:
+    """Root mean square error [unit] that the model may have of itself."""
+    bound = np.nan_to_num(model.model_bounds[model.visited])
+    extent = float(np.linalg.norm(model.sensory.scale.span))
+    return max(0.5 * float(np.sqrt(np.mean(bound**2))), _GRAIN * extent)
 
 
 def _second_order(model: Model) -> tuple[Array, Array, Array]:

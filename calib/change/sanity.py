@@ -11,7 +11,6 @@ from numpy.typing import NDArray
 
 from ..common.robust import robust_solve
 from ..errors import LogError
-from .features import Frame
 
 if TYPE_CHECKING:
     from ..model.model import Model
@@ -102,7 +101,10 @@ def _check_degrees(model: Model, q: Array, known: NDArray[np.bool_]) -> None:
     if np.mean(known) > 0.5:
         return
     turning = np.array(model.about.revolute)
-    for factor, remedy in ((np.pi / 180, "give --degrees"), (180 / np.pi, "leave out --degrees")):
+    for factor, remedy in (
+        (np.pi / 180, "give `degrees=True`"),
+        (180 / np.pi, "leave out `degrees`"),
+    ):
         if not turning.any():
             return
         fits = np.isfinite(model.expected_error(np.where(turning, q * factor, q)))
@@ -122,7 +124,7 @@ def _check_swapped(model: Model, q: Array, u: Array, x: Array) -> None:
         if np.mean(inside) < 0.9:
             return float("inf")
         said = model.predictor.value(model.motor.scale.to_unit(columns[inside]))
-        features = Frame.of(said, 1).values(said)
+        features = np.concatenate([said, np.ones((len(said), 1))], axis=1)
         gap = x[inside] - features @ robust_solve(features, x[inside])
         return float(np.median(np.linalg.norm(gap, axis=1)))
 
@@ -133,12 +135,11 @@ def _check_swapped(model: Model, q: Array, u: Array, x: Array) -> None:
     names = model.about.joint_names
     for order in itertools.permutations(range(dof)):
         if list(order) != sorted(order) and misfit(q[:, list(order)]) < _SWAPPED * mine:
-            pairs = ",".join(
-                f"{names[k]}={names[j]}" for k, j in enumerate(order) if names[k] != names[j]
-            )
+            pairs = {names[k]: names[j] for k, j in enumerate(order) if names[k] != names[j]}
             raise LogError(
-                f"the log fits the model only if its joint columns are exchanged: give "
-                f"--columns {pairs}, or correct the log's header"
+                "the log fits the model only if its joint columns are exchanged",
+                hint=f"give `columns={pairs}`, or correct the log's header",
+                parameter="columns",
             )
 
 

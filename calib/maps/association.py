@@ -1,7 +1,8 @@
-"""Readouts of the links: ``winner`` and ``activity``, in both directions."""
+"""Readouts of the links: ``winner``, ``activity`` and ``linear``, in both directions."""
 
 from __future__ import annotations
 
+from collections.abc import Iterator
 from dataclasses import dataclass
 from functools import cached_property
 from typing import TYPE_CHECKING
@@ -10,6 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ..errors import OptionError
+from .linear_models import LinearModels, MeanPositions, regress
 from .links import WIRINGS, Wiring
 from .map import Map
 
@@ -19,7 +21,7 @@ if TYPE_CHECKING:
 Array = NDArray[np.float64]
 Index = NDArray[np.intp]
 
-MAP_READOUTS = ("activity", "winner")
+MAP_READOUTS = ("linear", "activity", "winner")
 """Readouts of maps and links alone."""
 
 READOUTS = ("local", "body", *MAP_READOUTS)
@@ -67,17 +69,38 @@ class Association:
         Strength c_ij of each connection.
     wiring : Wiring
         How they were learned and how active nodes are.
+    motor_means, sensory_means : (nodes, dof), (nodes, 2) array, optional
+        Mean position of the samples at which each node was active, in the unit boxes;
+        their weights where not known.
     """
 
     motor: Map
     sensory: Map
     links: csr_array
     wiring: Wiring = WIRINGS["reciprocal"]
+    motor_means: Array | None = None
+    sensory_means: Array | None = None
+
+    @staticmethod
+    def learn(motor: Map, u: Array, sensory: Map, v: Array, wiring: Wiring) -> Association:
+        """Link two maps by samples (n, dof) and (n, 2) in their unit boxes."""
+        means = MeanPositions(motor), MeanPositions(sensory)
+
+        def parts() -> Iterator[tuple[csr_array, csr_array]]:
+            for rows, a, b in wiring.parts(motor, u, sensory, v):
+                means[0].add(a, u[rows])
+                means[1].add(b, v[rows])
+                yield a, b
+
+        links = wiring.linked(parts())
+        return Association(motor, sensory, links, wiring, means[0].result(), means[1].result())
 
     def forward(self, u: Array, readout: str) -> Array:
         """Positions in the sensory unit box (n, 2) for joints `u` (n, dof) in theirs."""
         if readout == "winner":
             return self.sensory.units[self._strongest_partner[self.motor.nearest(u)[1][:, 0]]]
+        if readout == "linear":
+            return self.sensory.scale.to_unit(self.linear.value(u))
         a = self.wiring.activity(self.motor, u)
         # sum_i a_i c_ij w_j / sum_i a_i c_ij
         total = a @ self._strength
@@ -90,7 +113,8 @@ class Association:
 
         Of the branches of the winner the one closest to `near` (n, dof) answers:
         ``winner`` with its strongest partner there, ``activity`` with the mean within that
-        connected cluster of motor nodes, never across branches.
+        connected cluster of motor nodes, never across branches.  ``linear`` regresses the
+        same nodes on the mean activity positions of the sensory ones.
         """
         scale, clusters = self.motor.scale, self.clusters
         winner = self.sensory.nearest(v)[1][:, 0]
@@ -110,9 +134,24 @@ class Association:
         weight = np.where(close, weight * strength, 0.0)
         weight[:, 0] += 1e-300
         step = np.take_along_axis(gap, best[..., None], 2)[:, :, 0]
-        mean = np.einsum("nk,nkd->nd", weight, step) / weight.sum(axis=1, keepdims=True)
+        if readout == "linear":
+            places = self.sensory.units if self.sensory_means is None else self.sensory_means
+            middle, mean, slope = regress(places[nodes] - v[:, None], step, weight)
+            mean = mean - np.einsum("nd,ndo->no", middle, slope)
+        else:
+            mean = np.einsum("nk,nkd->nd", weight, step) / weight.sum(axis=1, keepdims=True)
         joints: Array = anchor + mean
         return joints
+
+    @cached_property
+    def linear(self) -> LinearModels:
+        """The forward direction of the readout ``linear``, with slopes [unit]."""
+        motor, strength = self.motor, self._strength
+        means = motor.units if self.motor_means is None else self.motor_means
+        partners = self._weighted / np.where(strength > 0, strength, 1.0)[:, None]
+        inside = np.where(motor.scale.periodic, motor.units % 1.0, motor.units)
+        said = self.sensory.scale.from_unit(partners)
+        return LinearModels.of(motor, means, said, strength, self.wiring.activity(motor, inside))
 
     @cached_property
     def _strength(self) -> Array:

@@ -25,6 +25,7 @@ def learn(
     gain: Gain | None,
     rng: np.random.Generator,
     partners: Array | None = None,
+    residual: Array | None = None,
 ) -> Iterator[Epoch]:
     """Train stage after stage from a random start; yields after each epoch.
 
@@ -33,14 +34,13 @@ def learn(
     by their gain.
     """
     order = _by_place(u)
-    back = np.argsort(order)
     u = u[order]
     lattice = stages[0].lattice
     if stages[0].final:
         weights = rng.random((lattice.size, u.shape[1]))
     else:
         coarsest = [stage for stage in stages if stage.lattice == lattice]
-        few, more = (_some(u, n, rng) for n in (coarsest[0].samples, _JUDGES))
+        few, more = (u[_some(u, n, rng)] for n in (coarsest[0].samples, _JUDGES))
         for epoch in unfold(few, more, coarsest, rng):
             weights = epoch.weights
             yield epoch
@@ -49,14 +49,20 @@ def learn(
         if stage.lattice != lattice:
             weights = lattice.resample(weights, stage.lattice)
         lattice = stage.lattice
-        some = _some(u, stage.samples, rng)
+        drawn = _some(u, stage.samples, rng)
+        some, rows = u[drawn], order[drawn]
+        back = np.argsort(rows)
+        known = [None if a is None else a[rows[back]] for a in (partners, residual)]
         for k, sigma in enumerate(stage.sigma):
             tree = search(weights)
             distance, winner = nearest(tree, some)  # eq. 1
             g = None
-            if gain is not None and stage.final:
-                t = (k + 1) / len(stage.sigma)
-                g = gain(Visit(t, winner[back], distance[back], weights, lattice, partners))[order]
+            if gain is not None and stage.progress is not None:
+                first, last = stage.progress
+                t = first + (last - first) * (k + 1) / len(stage.sigma)
+                seen = Visit(t, winner[back], distance[back], weights, lattice, *known, stage.grown)
+                g = np.empty(len(some))
+                g[back] = gain(seen)
             topographic = topographic_error(some, tree, lattice)
             sums = _sums(some, winner, g, lattice.size)
             weights = moved(weights, sums, lattice, float(sigma), stage.step)
@@ -77,9 +83,11 @@ def _by_place(u: Array) -> NDArray[np.intp]:
     return np.argsort(cell, kind="stable")  # in linear time, as they have 16 bits
 
 
-def _some(u: Array, n: int, rng: np.random.Generator) -> Array:
-    """At most `n` of the samples, drawn at random, in the same order."""
-    return u if n >= len(u) else u[np.sort(rng.choice(len(u), n, replace=False, shuffle=False))]
+def _some(u: Array, n: int, rng: np.random.Generator) -> NDArray[np.intp] | slice:
+    """Which samples are shown: at most `n`, drawn at random, in the same order."""
+    if n >= len(u):
+        return slice(None)
+    return np.sort(rng.choice(len(u), n, replace=False, shuffle=False))
 
 
 def _sums(u: Array, winner: NDArray[np.intp], gain: Array | None, nodes: int) -> Array:

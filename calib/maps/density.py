@@ -39,6 +39,11 @@ class Visit:
         How the nodes are joined.
     partners : (n, k) array, optional
         The same samples in the other space, in its unit box, where it is known.
+    residual : (n,) array, optional
+        Held-out error of a smooth model at each sample, where one was fitted [unit].
+    grown : bool
+        Whether the map trains at the default schedule, coarse to fine down to a small
+        radius, at which a lattice hardly shrinks from its border.
     """
 
     progress: float
@@ -47,12 +52,15 @@ class Visit:
     weights: Array
     lattice: Lattice | Graph
     partners: Array | None = None
+    residual: Array | None = None
+    grown: bool = False
 
 
 Gain = Callable[[Visit], Array]
 
 
 _FULL = 2 / 3  # share of the training after which the gain at the border is full
+_LEAST, _MOST = 0.05, 50.0  # of the residual's share in the gain
 
 
 def border(visit: Visit, strength: float = 9.0) -> Array:
@@ -152,8 +160,52 @@ def lattice(visit: Visit, strength: float = 3.0) -> Array:
     return gain[visit.winners]
 
 
+def rho(visit: Visit) -> Array:
+    """Equations 7 and 8 to the letter, with O the whole lattice.
+
+    g = 1 + (t mean(rho) / (rho T))^4.  The fourth power is a factor on the update and no
+    exponent of the time: at t = 0 the gain is 1, at the end it is 2 where rho is its mean.
+    With the sum over "each node in the lattice" rho is smallest at the border.
+    """
+    mean = visit.weights.mean(axis=0)
+    total = np.sum((visit.weights - mean) ** 2, axis=1)
+    total = total + total.mean()
+    rho = np.exp(-total / max(float(total.mean()), 1e-300))  # eq. 7
+    gain: Array = 1.0 + (visit.progress * rho.mean() / rho) ** 4  # eq. 8
+    return gain[visit.winners]
+
+
+def residual(visit: Visit) -> Array:
+    """Gain of samples where a smooth model is wrong, times that of the border: the default.
+
+    g = border (r / mean r)^(min(1, 3/2 t/T)), r / mean r within 0.05 and 50 and r the mean
+    square of the model's held-out residuals around a sample, see
+    :func:`calib.maps.misfit.misfit`; "concentration of nodes in regions with large
+    transformation errors".  Without residuals it is the border's gain alone.  At the default schedule
+    its strength follows the lattice, see :func:`border_strength`; at a radius that the user
+    chooses, and online, it is that of :func:`border`.
+    """
+    gain = border(visit, border_strength(visit.lattice)) if visit.grown else border(visit)
+    if visit.residual is None:
+        return gain
+    share = visit.residual / max(float(visit.residual.mean()), 1e-300)
+    ramp = min(1.0, visit.progress / _FULL)
+    return np.asarray(gain * np.clip(share, _LEAST, _MOST) ** ramp)
+
+
+def border_strength(lattice: Lattice | Graph) -> float:
+    """Strength p of the border's gain: 2 log2(side / 4), 1 to 5, by the nodes along a side.
+
+    Of a small lattice a large share is border: drawn there, its nodes would be missed inside.
+    """
+    side = lattice.size ** (1 / getattr(lattice, "dim", 2))
+    return float(np.clip(2.0 * np.log2(side / 4.0), 1.0, 5.0))
+
+
 READINGS: dict[str, Gain] = {
+    "residual": residual,
     "border": border,
+    "rho": rho,
     "error": error,
     "density": density,
     "lattice": lattice,
@@ -166,7 +218,7 @@ _VARYING_GNG = ("error", "border", "density")
 
 GAINS: dict[str, Gain | None] = {
     "som": None,
-    "vdsom": border,
+    "vdsom": residual,
     **{f"vdsom:{name}": gain for name, gain in READINGS.items()},
     "dsom": None,
     "gng": None,

@@ -37,7 +37,7 @@ class Lattice:
         if math.prod(self.shape) > MAX_NODES:
             raise OptionError(
                 f"size {shape}: {math.prod(self.shape):,} nodes are more than the {MAX_NODES:,} "
-                "that fit into memory, give a smaller --size"
+                "that fit into memory, give a smaller `size`"
             )
 
     @property

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable
+from collections.abc import Iterable, Iterator
 from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
@@ -62,10 +62,18 @@ class Wiring:
 
         However many, the activities of only some of them are held at once.
         """
-        parts = (
-            (self.activity(motor, u[k : k + _AT_ONCE]), self.activity(sensory, v[k : k + _AT_ONCE]))
-            for k in range(0, len(u), _AT_ONCE)
-        )
+        return self.linked((a, b) for _, a, b in self.parts(motor, u, sensory, v))
+
+    def parts(
+        self, motor: Map, u: Array, sensory: Map, v: Array
+    ) -> Iterator[tuple[slice, csr_array, csr_array]]:
+        """Rows of the samples and the activities of both maps, part after part."""
+        for first in range(0, len(u), _AT_ONCE):
+            rows = slice(first, first + _AT_ONCE)
+            yield rows, self.activity(motor, u[rows]), self.activity(sensory, v[rows])
+
+    def linked(self, parts: Iterable[tuple[csr_array, csr_array]]) -> csr_array:
+        """Links from the activities of both maps, part after part, see :func:`link`."""
         return _linked(parts, 1.0, mutual=self.mutual)
 
 
@@ -161,6 +169,13 @@ def _linked(
         scale = np.sqrt(scale * _settled(np.asarray(square[0]), beta)[rows])
     together.data *= scale
     return _without_weak(together)
+
+
+def sparse_links(links: Array) -> csr_array:
+    """Dense links (motor nodes, sensory nodes) that :func:`oja` has made, without weak ones."""
+    from scipy.sparse import csr_array
+
+    return _without_weak(csr_array(links))
 
 
 def _without_weak(links: csr_array) -> csr_array:

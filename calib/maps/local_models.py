@@ -13,6 +13,7 @@ from .map import Map
 
 Array = NDArray[np.float64]
 
+_REACH = 1.5  # node spacings that a model speaks for, whatever the radius of its samples
 _CHUNK = 20_000_000  # numbers held at once while fitting
 
 
@@ -28,9 +29,10 @@ class LocalModels:
     Attributes
     ----------
     degree : int
-        Total degree, -1 for none: the trend stands alone.
+        Largest total degree, -1 for none: the smooth part stands alone.  A node of a lower
+        degree, or of no model, has zeros for the other coefficients.
     samples : int
-        Number of samples that each was fitted to; with `degree` it follows the noise.
+        Largest number of samples that one was fitted to; with `degree` it follows the noise.
     radius : (nodes,) array
         Distance to the first sample that was left out, in the unit box.
     coefficients : (nodes, terms, 2) array
@@ -41,6 +43,12 @@ class LocalModels:
     samples: int
     radius: Array
     coefficients: Array
+
+    def degrees(self, dof: int) -> NDArray[np.intp]:
+        """Degree of each node's own model, (nodes,), -1 for none."""
+        total = exponents(dof, max(self.degree, 0)).sum(axis=1)
+        used = (self.coefficients != 0.0).any(axis=2)
+        return np.asarray(np.where(used, total, -1).max(axis=1), dtype=np.intp)
 
 
 NO_MODELS = LocalModels(-1, 0, np.zeros(0), np.zeros((0, 0, 2)))
@@ -158,16 +166,42 @@ def blend(motor: Map, u: Array, m: int) -> tuple[NDArray[np.intp], Array]:
     return index[:, :-1], weight
 
 
+def contributions(
+    models: LocalModels, spacings: Array, index: NDArray[np.intp], gap: Array
+) -> Array:
+    """What the models of the nodes `index` (n, m) say at the offsets `gap` (n, m, d), (n, m, o).
+
+    A model fades to zero between once and twice its reach, the radius of its samples or
+    1.5 times its node's spacing (nodes,): nothing is carried on to where nothing was.
+    """
+    radius = models.radius[index]
+    value = np.einsum(
+        "nmt,nmto->nmo",
+        monomials(gap / radius[..., None], models.degree),
+        models.coefficients[index],
+    )
+    return np.asarray(value * fade(radius, spacings[index], gap)[..., None])
+
+
+def fade(radius: Array, spacing: Array, gap: Array) -> Array:
+    """Share of a model's say at the offsets `gap` (..., d) from its node, (...)."""
+    reach = np.maximum(radius, _REACH * spacing)
+    beyond = np.clip(np.sqrt(np.einsum("...d,...d->...", gap, gap)) / reach - 1.0, 0.0, 1.0)
+    return np.asarray((1.0 - beyond**2) ** 2)
+
+
 def predict(
     models: LocalModels, motor: Map, u: Array, *, slope: bool = False
 ) -> tuple[Array, Array | None]:
     """Blended correction at the points `u` (n, d), (n, 2), and its slope (n, 2, d)."""
     index, weight = blend(motor, u, blend_size(u.shape[1]))
-    radius = models.radius[index][..., None]
-    z = motor.scale.difference(u[:, None], motor.units[index]) / radius
+    radius = models.radius[index]
+    gap = motor.scale.difference(u[:, None], motor.units[index])
+    weight = weight * fade(radius, motor.spacings[index], gap)
+    z = gap / radius[..., None]
     c = models.coefficients[index] * weight[..., None, None]
     value = np.einsum("nmt,nmto->no", monomials(z, models.degree), c)
     if not slope:
         return value, None
-    slopes = _monomial_slopes(z, models.degree) / radius
+    slopes = _monomial_slopes(z, models.degree) / radius[..., None]
     return value, np.einsum("dnmt,nmto->nod", slopes, c)

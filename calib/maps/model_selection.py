@@ -17,8 +17,10 @@ from ..body.fitting import BodyFit
 from ..body.trend_choice import choose_trends
 from ..common.scale import Scale
 from . import local_models as local
-from .local_models import NO_MODELS, LocalModels, Neighbourhood
+from .local_models import NO_MODELS, Neighbourhood
 from .map import Map
+from .misfit import misfit
+from .node_choice import NodeChoice, Shape
 from .predictor import BodyInBox, Both, Predictor, Smooth
 
 Array = NDArray[np.float64]
@@ -27,7 +29,8 @@ FOLDS = 10
 _ROUNDING = 1e-9  # share of the extent that is no improvement
 _PRICE = 5e-4  # share of the error by which one more function of a trend must mend it
 _HELD_OUT = 1000  # rows on which local models are compared
-_CANDIDATES = ((0, 30), (1, 50), (1, 200), (2, 24), (2, 60), (3, 40))
+_CALM = 0.2  # share of the rows that is enough to choose what serves the calm ones
+_CANDIDATES: tuple[Shape, ...] = ((0, 30), (1, 50), (1, 200), (2, 24), (2, 60), (3, 40))
 
 
 @dataclass(frozen=True)
@@ -133,22 +136,25 @@ def select(motor: Map, u: Array, candidates: Sequence[Candidate]) -> Selected:
         Smooth parts, the simplest first.
     """
     folds = blocks(len(u))
-    best: tuple[Candidate, tuple[int, int] | None, NDArray[np.intp], Array] | None = None
+    best: tuple[Candidate, _Chosen] | None = None
     for candidate in candidates:
-        shape, rows, held = _compare(motor, u, folds, candidate)
-        errors = np.linalg.norm(held, axis=1)
+        chosen = _compare(motor, u, folds, candidate)
+        errors = np.linalg.norm(chosen.residual, axis=1)
         if best is None or outdoes(
             errors,
-            np.linalg.norm(best[3], axis=1),
+            np.linalg.norm(best[1].residual, axis=1),
             candidate.smooth.terms - best[0].smooth.terms,
         ):
-            best = (candidate, shape, rows, held)
+            best = (candidate, chosen)
     assert best is not None  # noqa: S101
-    candidate, shape, rows, held = best
+    candidate, chosen = best
     models = NO_MODELS
-    if shape is not None:
-        models = local.fit(motor.units, u, candidate.residual, motor.scale, *shape)
-    return Selected(Predictor(motor, candidate.smooth, models), rows, held)
+    if chosen.nodes is not None:
+        models = chosen.nodes.models(motor, u, candidate.residual, chosen.shapes, chosen.shape)
+    elif chosen.shape is not None:
+        models = local.fit(motor.units, u, candidate.residual, motor.scale, *chosen.shape)
+    predictor = Predictor(motor, candidate.smooth, models)
+    return Selected(predictor, chosen.rows, chosen.residual)
 
 
 def outdoes(errors: Array, simpler: Array, extra: int) -> bool:
@@ -166,13 +172,23 @@ def better(errors: Array, others: Array, least: float = 0.0) -> bool:
     return bool(gain.mean() > max(chance, least, 0.03 * float(others.mean())))
 
 
-def _compare(
-    motor: Map, u: Array, folds: list[NDArray[np.intp]], candidate: Candidate
-) -> tuple[tuple[int, int] | None, NDArray[np.intp], Array]:
+@dataclass(frozen=True, eq=False)
+class _Chosen:
+    """Shape of the local models, None for none; what nodes chose for themselves, if any."""
+
+    shape: Shape | None
+    nodes: NodeChoice | None
+    rows: NDArray[np.intp]
+    residual: Array
+    shapes: Sequence[Shape] = ()
+
+
+def _compare(motor: Map, u: Array, folds: list[NDArray[np.intp]], candidate: Candidate) -> _Chosen:
     """Best (degree, samples) of the local models, None for no correction at all.
 
     Each fold is held out in turn (a few of them where samples abound); only the nodes that
-    speak for its rows are fitted.
+    speak for its rows are fitted.  Rows at which the smooth part is wrong by more than the
+    others are left to the nodes that speak for them.
     """
     use = range(len(folds)) if len(u) <= 5 * _HELD_OUT else range(0, len(folds), 3)
     quota = max(1, _HELD_OUT // len(use))
@@ -181,47 +197,52 @@ def _compare(
         c for c in _CANDIDATES if 1.2 * len(exponents(u.shape[1], c[0])) <= c[1] < len(u) // 4
     ]
     held = [folds[fold][:: max(1, len(folds[fold]) // quota)] for fold in use]
-    plain = [candidate.unseen[fold][rows] for fold, rows in zip(use, held, strict=True)]
+    rows = np.concatenate(held)
+    plain = [candidate.unseen[fold][part] for fold, part in zip(use, held, strict=True)]
     best = np.concatenate(plain)
     errors = np.linalg.norm(best, axis=1)
     x = candidate.smooth.value(u[:: max(1, len(u) // 100)])
-    least = _ROUNDING * float(np.linalg.norm(np.ptp(x, axis=0)))
-    if errors.mean() <= least:  # nothing is left to mend
-        return None, np.concatenate(held), best
-    found: dict[tuple[int, int], list[Array]] = {c: [] for c in shapes}
-    for fold, rows, target in zip(use if shapes else (), held, plain, strict=False):
+    extent = float(np.linalg.norm(np.ptp(x, axis=0)))
+    least = _ROUNDING * extent
+    if errors.mean() <= least or not shapes:  # nothing is left to mend
+        return _Chosen(None, None, rows, best)
+    wrong = _wrong(motor.scale, u, folds, candidate, extent)
+    found: dict[Shape, list[Array]] = {c: [] for c in shapes}
+    for fold, part, target in zip(use, held, plain, strict=True):
         others = np.setdiff1d(np.arange(len(u)), folds[fold], assume_unique=True)
         residual = candidate.unseen[fold][others]
-        index, weight = local.blend(motor, u[rows], size)
+        index, weight = local.blend(motor, u[part], size)
         nodes, place = np.unique(index, return_inverse=True)
-        most = max(k for _, k in shapes)
-        around = Neighbourhood.of(motor.units[nodes], u[others], motor.scale, most)
+        place = place.reshape(index.shape)
+        gap = motor.scale.difference(u[part, None], motor.units[index])
+        around = Neighbourhood.of(
+            motor.units[nodes], u[others], motor.scale, max(k for _, k in shapes)
+        )
         for degree, k in shapes:
             models = local.fit(
                 motor.units[nodes], u[others], residual, motor.scale, degree, k, around
             )
-            said = _blended(models, motor, u[rows], index, place.reshape(index.shape), weight)
-            found[degree, k].append(target - said)
-    choice: tuple[int, int] | None = None
+            each = local.contributions(models, motor.spacings[nodes], place, gap)
+            found[degree, k].append(target - np.einsum("nm,nmo->no", weight, each))
+    choice: Shape | None = None
+    calm = ~wrong[rows]
+    if np.count_nonzero(calm) < _CALM * len(rows):
+        calm[:] = True  # no part of the samples is calm
     for c, parts in found.items():
         tried = np.concatenate(parts)
         tried_errors = np.linalg.norm(tried, axis=1)
-        if better(tried_errors, errors, least):
+        if better(tried_errors[calm], errors[calm], least):
             choice, best, errors = c, tried, tried_errors
-    return choice, np.concatenate(held), best
+    if not wrong.any():
+        return _Chosen(choice, None, rows, best)
+    own = NodeChoice.of(motor, u, candidate.unseen, folds, wrong, shapes, choice)
+    return _Chosen(choice, own, rows, own.remaining(rows, best), shapes)
 
 
-def _blended(
-    models: LocalModels,
-    motor: Map,
-    u: Array,
-    index: NDArray[np.intp],
-    place: NDArray[np.intp],
-    weight: Array,
-) -> Array:
-    """What the local models of some nodes say, blended; `place` finds them in `models`."""
-    scale: Scale = motor.scale
-    z = scale.difference(u[:, None], motor.units[index]) / models.radius[place][..., None]
-    c = models.coefficients[place] * weight[..., None, None]
-    value: Array = np.einsum("nmt,nmto->no", local.monomials(z, models.degree), c)
-    return value
+def _wrong(
+    scale: Scale, u: Array, folds: list[NDArray[np.intp]], candidate: Candidate, extent: float
+) -> NDArray[np.bool_]:
+    """Rows around which the held-out residuals exceed the common ones, (n,)."""
+    held = np.concatenate([p[f] for p, f in zip(candidate.unseen, folds, strict=True)])
+    around = misfit(scale, u, held, extent, u)
+    return np.zeros(len(u), dtype=bool) if around is None else around > around.min()

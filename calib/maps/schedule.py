@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -35,6 +35,11 @@ class Stage:
         without it Kohonen's batch rule, see :func:`~calib.maps.neighbourhood.moved`.
     starts : int
         Random starts of a coarsest lattice, of which the best is kept.
+    progress : (float, float), optional
+        t / T of a varying density before and after this stage; without it the density does
+        not vary here.
+    grown : bool
+        Whether it belongs to the default schedule of a varying density, see :func:`growing`.
     """
 
     lattice: Lattice
@@ -43,6 +48,8 @@ class Stage:
     final: bool
     step: float | None = None
     starts: int = 1
+    progress: tuple[float, float] | None = None
+    grown: bool = False
 
 
 _LAST, _LAST_VARYING = 0.4, 1.5  # last radii of the full lattice [nodes]
@@ -52,6 +59,9 @@ _GROWTH = 10.0  # the next one has at most so many times the nodes
 _PER_NODE = 10  # samples that a coarse lattice is shown per epoch and node
 _STEP = 1.5  # see Stage.step
 _ALL = np.iinfo(np.int64).max
+_FIRST_GROWING = 3.0  # first radius of the full lattice, see `growing` [nodes]
+_EPOCHS_GROWING = 5  # epochs on the full lattice
+_GROWN = 0.5  # t / T after the coarse lattices
 
 
 def coarse_to_fine(
@@ -75,7 +85,8 @@ def coarse_to_fine(
     last = _LAST_VARYING if varying else _LAST
     if epochs is not None or sigma is not None:
         start, end = sigma or (max(max(lattice.shape) / 2, last), last)
-        return [Stage(lattice, exponential(start, end, epochs or 20), _ALL, final=True)]
+        radii = exponential(start, end, epochs or 20)
+        return [Stage(lattice, radii, _ALL, final=True, progress=(0.0, 1.0))]
     stages: list[Stage] = []
     # a varying density starts with so wide a radius that one coarse lattice will do
     for small in _coarser(lattice)[: 1 if varying else None]:
@@ -94,7 +105,38 @@ def coarse_to_fine(
     else:
         stages.append(Stage(lattice, np.array([1.5]), _ALL, False, _STEP))
         radii = exponential(1.0, last, 3)
-    return [*stages, Stage(lattice, radii, _ALL, final=True)]
+    return [*stages, Stage(lattice, radii, _ALL, final=True, progress=(0.0, 1.0))]
+
+
+def growing(
+    lattice: Lattice, epochs: int | None = None, sigma: tuple[float, float] | None = None
+) -> list[Stage]:
+    """Stages of the default varying density: those of a plain map, with the gain in each.
+
+    The gain grows on the coarse lattices, where an epoch costs little, and is full at the
+    last radius.  On a small lattice that radius is a plain map's: half a node more would
+    cost more inside than the gain wins at the border.
+    """
+    if epochs is not None or sigma is not None:
+        return coarse_to_fine(lattice, epochs, sigma, varying=True)
+    stages = coarse_to_fine(lattice)
+    if stages[0].final:
+        return [replace(stages[0], progress=(0.0, 1.0), grown=True)]
+    first, *coarse = stages[:-1]
+    share = np.linspace(0.0, _GROWN, len(coarse) + 1)
+    varying = [
+        replace(stage, progress=(float(share[k]), float(share[k + 1])), grown=True)
+        for k, stage in enumerate(coarse)
+    ]
+    radii = exponential(_FIRST_GROWING, _last_growing(lattice), _EPOCHS_GROWING)
+    last = Stage(lattice, radii, _ALL, final=True, progress=(_GROWN, 1.0), grown=True)
+    return [first, *varying, last]
+
+
+def _last_growing(lattice: Lattice) -> float:
+    """Last radius of the default varying density [nodes]: 0.4 up to 20 a side, 0.6 at 80."""
+    side = lattice.size ** (1 / lattice.dim)
+    return float(np.clip(_LAST + 0.1 * math.log2(side / 20), _LAST, 0.6))
 
 
 def _coarser(lattice: Lattice) -> list[Lattice]:

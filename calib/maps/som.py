@@ -17,7 +17,7 @@ from .epoch import Epoch
 from .lattice import Lattice
 from .map import Map
 from .online import present as present
-from .schedule import Stage, coarse_to_fine, total_work
+from .schedule import Stage, coarse_to_fine, growing, total_work
 
 Array = NDArray[np.float64]
 Progress = Callable[[float, float], None]
@@ -85,6 +85,7 @@ class SOM:
         scale: Scale | None = None,
         progress: Progress | None = None,
         partners: Array | None = None,
+        residual: Array | None = None,
     ) -> Map:
         """Train on the rows of `x` (n, d) and return the map.
 
@@ -100,6 +101,9 @@ class SOM:
         partners : (n, k) array, optional
             The same samples in the other space, in its unit box, for gains that weigh the
             errors there.
+        residual : (n,) array, optional
+            How wrong a smooth model is at each sample, see
+            :func:`calib.maps.misfit.misfit`, for the default varying density.
 
         Returns
         -------
@@ -122,7 +126,7 @@ class SOM:
         history, done, work = [], 0, self._work(len(u))
         # small products of matrices: threads would only wait for each other
         with one_blas_thread():
-            for epoch in self._epochs(u, gain, partners):
+            for epoch in self._epochs(u, gain, partners, residual):
                 done += epoch.shown
                 history.append((len(epoch.weights), epoch.sigma, epoch.error, epoch.topographic))
                 weights, lattice = epoch.weights, epoch.lattice
@@ -131,6 +135,8 @@ class SOM:
         return Map(weights, lattice, scale, np.array(history))
 
     def _stages(self) -> list[Stage]:
+        if self.map in ("vdsom", "vdsom:residual"):
+            return growing(Lattice(self.size), self.epochs, self.sigma)
         varying = self.map != "som"
         return coarse_to_fine(Lattice(self.size), self.epochs, self.sigma, varying=varying)
 
@@ -146,7 +152,9 @@ class SOM:
         shown = gng.samples_shown(n, Lattice(self.size).size) if kind == "gng" else n
         return shown * self._passes()
 
-    def _epochs(self, u: Array, gain: Gain | None, partners: Array | None) -> Iterator[Epoch]:
+    def _epochs(
+        self, u: Array, gain: Gain | None, partners: Array | None, residual: Array | None
+    ) -> Iterator[Epoch]:
         rng = np.random.default_rng(self.seed)
         kind, lattice = kind_of(self.map), Lattice(self.size)
         if kind == "gng":
@@ -156,4 +164,4 @@ class SOM:
         if self.rule == "online":
             sigma = self.sigma or (max(lattice.shape) / 2, 0.5 if self.map == "som" else 1.5)
             return online.learn(u, lattice, gain, self._passes(), sigma, rng)
-        return batch.learn(u, self._stages(), gain, rng, partners)
+        return batch.learn(u, self._stages(), gain, rng, partners, residual)

@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING, NamedTuple
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from ..common.rows import number_rows
 from ..errors import QueryError
 from ..maps.association import check_readout
 from ..maps.node_bounds import blend_nodes
@@ -39,15 +40,19 @@ class Answer(NamedTuple):
     distance : (n,) array [unit]
         From the target to that position.
     expected_error : (n,) array [unit]
-        95 % bound on the distance from that position to the true one.
+        95 % bound on the distance from that position to what the sensor will read (a log) or
+        to the true one (a simulation).
+    model_error : (n,) array [unit]
+        95 % bound on the distance to the true position in the sensor's frame.
     reachable : (n,) bool array
-        Whether the target was reached within that bound.
+        Whether the distance is within the expected error and within 1 % of the extent.
     """
 
     q: Array
     position: Array
     distance: Array
     expected_error: Array
+    model_error: Array
     reachable: NDArray[np.bool_]
 
     def take(self, rows: slice | list[int] | NDArray[np.intp]) -> Answer:
@@ -57,6 +62,7 @@ class Answer(NamedTuple):
             self.position[rows],
             self.distance[rows],
             self.expected_error[rows],
+            self.model_error[rows],
             self.reachable[rows],
         )
 
@@ -117,8 +123,10 @@ def answer(model: Model, u: Array, x: Array, position: Array | None) -> Answer:
     with np.errstate(over="ignore"):  # the distance of a target at 1e308 may be infinite
         distance = np.hypot(*(position - x).T)
     bound = blend_nodes(model.motor, model.bounds, u)
+    same = model.model_bounds is model.bounds
+    error = bound if same else blend_nodes(model.motor, model.model_bounds, u)
     within = distance <= within_reach(model, bound)
-    return Answer(model.motor.scale.from_unit(u), position, distance, bound, within)
+    return Answer(model.motor.scale.from_unit(u), position, distance, bound, error, within)
 
 
 def within_reach(model: Model, bound: Array) -> Array:
@@ -153,18 +161,7 @@ def anchor(model: Model, near: ArrayLike | None, n: int) -> Array:
 
 def checked_rows(values: ArrayLike, names: tuple[str, ...], what: str) -> tuple[Array, bool]:
     """Check an argument; rows (n, len(names)) and whether it was a single vector."""
-    try:
-        rows = np.array(values, dtype=float)
-    except (TypeError, ValueError) as error:
-        raise QueryError(f"{what}: expected numbers, got {values!r:.60}") from error
-    single = rows.ndim == 1
-    if single:
-        rows = rows[None]
-    if rows.ndim != 2 or rows.shape[1] != len(names):
-        raise QueryError(
-            f"{what} of shape {np.shape(values)}: expected ({len(names)},) or (n, {len(names)}), "
-            f"one column each for {', '.join(names)}"
-        )
+    rows, single = number_rows(values, names, what)
     if not np.isfinite(rows).all():
         row = int(np.argmin(np.isfinite(rows).all(axis=1)))
         where = "" if single else f" in row {row}"

@@ -24,6 +24,7 @@ CHANGES = {"lengthened": "elbow.length=+20%", "shortened": "elbow.length=-20%"}
 
 _STREAM = 91  # of the samples that come after the change
 _READOUTS = ("winner", "activity", "local")
+_RULE = "activity, eq. 11 alone"  # the links as the rule has made them, step by step
 
 
 @dataclass(frozen=True, eq=False)
@@ -40,7 +41,9 @@ class Episode:
         Exact test points of the changed arm.
     errors : dict
         {readout: {"trained", "changed", "adapted"}}: mean and largest forward error [m] of
-        the model on the old arm, on the changed arm, and after it has followed.
+        the model on the old arm, on the changed arm, and after it has followed.  The
+        readout "rule" is ``activity`` with the links that eq. 11 made on the way, which the
+        delivered model replaces by those at which it comes to rest.
     distortion : dict
         {"trained", "changed", "adapted"}: zeta of the sensory map (eq. 9) in the unit box.
     """
@@ -63,12 +66,12 @@ def episode(setting: Setting, change: str) -> Episode:
     before = train(samples, size=setting.side, seed=seed)
     stream = setting.babble(seed + _STREAM, n, changes=(change,))
     steps = []
-    after = before
+    after = rule = before
     for step, adapter in follow(before, stream.q, stream.x, horizon=n // 2):
         steps.append(step)
         setting.report(step.samples / n, f"{change}: sigma {step.sigma:.2f}")
         if step.samples == n:
-            after = adapter.model()
+            after, rule = adapter.model(), adapter.model("rule")
     q, old = setting.validation(samples, seed, 40_000)
     _, x = setting.validation(stream, seed, 40_000)
     errors = {
@@ -79,6 +82,8 @@ def episode(setting: Setting, change: str) -> Episode:
         }
         for readout in _READOUTS
     }
+    by_rule = _error(rule, q, x, "activity")
+    errors["rule"] = {**errors["activity"], "adapted": by_rule}
     distortion = {
         "trained": zeta(before, old),
         "changed": zeta(before, x),
@@ -117,7 +122,7 @@ def adaptation(setting: Setting) -> tuple[Result, dict[str, Episode]]:
         }
         for state in ("trained", "changed", "adapted"):
             cells: list[str | float | None] = [name, state, e.distortion[state]]
-            for readout in _READOUTS:
+            for readout in (*_READOUTS, "rule"):
                 cells += [1e3 * e.errors[readout][state][k] for k in ("mean", "max")]
             summary.append(cells)
         for s in e.steps:
@@ -136,7 +141,7 @@ def adaptation(setting: Setting) -> tuple[Result, dict[str, Episode]]:
                 ]
             )
     header = ["change", "state", "zeta"]
-    header += [f"{r} {k} [mm]" for r in _READOUTS for k in ("mean", "max")]
+    header += [f"{r} {k} [mm]" for r in (*_READOUTS, _RULE) for k in ("mean", "max")]
     columns = ["change", "samples", "zeta motor", "zeta sensory", "threshold", "error [mm]"]
     columns += ["sigma [nodes]", "eta", "beta", "adapting"]
     words = " and ".join(f"{k}: {v}" for k, v in CHANGES.items())

@@ -14,7 +14,7 @@ from ..maps.links import WIRINGS
 from ..samples.samples import Samples
 from .published import COLUMNS, UNITS
 from .search import SAME
-from .setting import Setting
+from .setting import NETWORKS, Setting
 from .tables import FACTORS, Result, Table
 from .trial import Row, Schedule, Trial, activity_errors, association, joined
 
@@ -37,9 +37,9 @@ def networks(setting: Setting) -> Result:
         rows[name] = Trial(name, Schedule(), setting.side).row(few, n)
     for name in ("som", "vdsom"):
         online = Schedule(5, 0.5 if name == "som" else 1.5, rule="online")
-        rows[f"{name}, online rule"] = Trial(name, online, setting.side).row(few, n)
+        rows[f"{name}, online rule"] = Trial(NETWORKS[name], online, setting.side).row(few, n)
         same = replace(SAME, links="oja")
-        rows[f"{name}, {same}"] = Trial(name, same, setting.side).row(few, n)
+        rows[f"{name}, {same}"] = Trial(NETWORKS[name], same, setting.side).row(few, n)
     title = f"networks, {n:,} samples, {len(few.seeds)} seeds, readout activity"
     return Result(dict(rows), (_table("networks", title, rows),))
 
@@ -63,7 +63,7 @@ def resampling(setting: Setting) -> Result:
             )
         rows[f"SOM, border drawn {times} times as often"] = joined(found)
     few = replace(setting, seeds=seeds)
-    rows["VDSOM, gain per sample"] = Trial("vdsom", SAME, setting.side).row(few, n)
+    rows["VDSOM, gain per sample"] = Trial(NETWORKS["vdsom"], SAME, setting.side).row(few, n)
     title = f"data at the border against a gain, {SAME}, {n:,} samples, {len(seeds)} seeds"
     return Result(dict(rows), (_table("resampling", title, rows),))
 
@@ -95,7 +95,7 @@ def perturbation(setting: Setting) -> Result:
         found = []
         for seed in seeds:
             samples = setting.babble(seed, n, changes=changes if degrees else ())
-            found.append(Trial("vdsom", Schedule(), setting.side).errors(samples, seed))
+            found.append(Trial(NETWORKS["vdsom"], Schedule(), setting.side).errors(samples, seed))
         rows[f"{degrees:g} deg"] = joined(found)
     title = f"commands perturbed while learning (standard deviation), {n:,} samples, "
     title += f"{len(seeds)} seeds, tested on the arm at rest"
@@ -113,7 +113,7 @@ def directions(setting: Setting) -> Result:
     samples = setting.babble(seed, min(setting.samples, _ROWS))
     q, x = setting.validation(samples, seed)
     data: dict[str, Any] = {}
-    one = association(samples, "vdsom", Schedule(), setting.side, seed)
+    one = association(samples, NETWORKS["vdsom"], Schedule(), setting.side, seed)
     there, back = _one_sided(one, samples)
     found = {
         "one reciprocal set": (one, one),

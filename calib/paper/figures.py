@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 from ..common.atomic import atomic_write
 from .adaptation import Episode
 from .search import SAME
-from .setting import Setting
+from .setting import NETWORKS, Setting
 from .trial import activity_errors, association
 
 if TYPE_CHECKING:
@@ -44,7 +44,7 @@ def lattice_figure(setting: Setting, path: Path) -> None:
     drawn: list[tuple[str, Association, Array, Array]] = []
     for network in ("som", "vdsom"):
         setting.report(0.5 * len(drawn), f"lattices of the {network}")
-        pair = association(samples, network, SAME, setting.side, seed)
+        pair = association(samples, NETWORKS[network], SAME, setting.side, seed)
         errors = activity_errors(pair, q, x)
         forward = np.linalg.norm(errors[:, :2] * pair.sensory.scale.span, axis=1) * 1e3
         inverse = np.degrees(np.linalg.norm(errors[:, 2:] * pair.motor.scale.span, axis=1))

@@ -20,6 +20,9 @@ ROBOT = "two_link"
 """Links of 0.30 and 0.25 m, shoulder 0..90 deg, elbow 15..150 deg.  The paper states
 neither lengths nor ranges, and its tables do not settle them."""
 
+NETWORKS = {"som": "som", "vdsom": "vdsom:border"}
+"""The paper's networks by our names: its varying density is that of the border."""
+
 _VALIDATION = 77  # stream of the points on which schedules are chosen
 
 

@@ -10,13 +10,13 @@ from typing import Any
 
 from .published import COLUMNS, TABLE1, TABLE2, UNITS, Printed
 from .search import SAME, Found, best_trial
-from .setting import Setting
+from .setting import NETWORKS, Setting
 from .trial import Row, Trial
 
 FACTORS = {"mm": 1000.0, "deg": 180.0 / math.pi}
 """From SI units to those of the tables."""
 
-READOUTS = ("winner", "activity", "local")
+READOUTS = ("winner", "activity", "linear", "local")
 
 
 @dataclass(frozen=True)
@@ -72,9 +72,9 @@ def table1(setting: Setting) -> Result:
     best: dict[str, Row] = {}
     searched: dict[str, list[Found]] = {}
     for network in ("som", "vdsom"):
-        trial, searched[network] = best_trial(setting, network)
+        trial, searched[network] = best_trial(setting, NETWORKS[network])
         best[network] = trial.row(setting)
-    same = {n: Trial(n, SAME, setting.side).row(setting) for n in ("som", "vdsom")}
+    same = {n: Trial(m, SAME, setting.side).row(setting) for n, m in NETWORKS.items()}
     schedules = {n: str(found[0].schedule) for n, found in searched.items()}
     data = {
         **best,
@@ -112,12 +112,12 @@ def table1(setting: Setting) -> Result:
 
 def table2(setting: Setting) -> Result:
     """VDSOM of three sizes, at the best schedule of the largest."""
-    trial, _ = best_trial(setting, "vdsom")
+    trial, _ = best_trial(setting, NETWORKS["vdsom"])
     data: dict[str, Any] = {}
     lines = {}
     for k, side in enumerate(setting.sides):
         setting.report(k / len(setting.sides), f"{side}x{side}")
-        row = Trial("vdsom", trial.schedule, side).row(setting)
+        row = Trial(NETWORKS["vdsom"], trial.schedule, side).row(setting)
         data[f"{side}x{side}"] = row
         paper = TABLE2.get(side)
         lines[f"VDSOM {side}x{side}"] = (row, paper)

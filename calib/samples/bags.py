@@ -96,12 +96,12 @@ def read_bag(
         raise OptionError(f"still {still:g}: expected a speed above zero [rad/s or m/s]")
     with _reader(Path(path)) as reader:
         topics = {c.topic: c.msgtype for c in reader.connections}
-        source = _topic(topics, joints_topic, (JOINT_STATE,), "--joints-topic", "JointState")
+        source = _topic(topics, joints_topic, (JOINT_STATE,), "joints_topic", "JointState")
         target = _topic(
             topics,
             tip_topic,
             tuple(POSITIONS),
-            "--tip-topic",
+            "tip_topic",
             "PointStamped, PoseStamped or TransformStamped",
         )
         names, times, values = _joint_states(reader, source, joints)
@@ -133,7 +133,7 @@ def _reader(path: Path) -> Iterator[Any]:
 
 
 def _topic(
-    topics: Mapping[str, str], chosen: str | None, types: Sequence[str], option: str, kind: str
+    topics: Mapping[str, str], chosen: str | None, types: Sequence[str], parameter: str, kind: str
 ) -> str:
     fitting = sorted(name for name, kind in topics.items() if kind in types)
     shown = listed(f"{name} ({kind.rpartition('/')[2]})" for name, kind in sorted(topics.items()))
@@ -141,7 +141,11 @@ def _topic(
         if len(fitting) == 1:
             return fitting[0]
         many = f"{len(fitting)} topics of type {kind}" if fitting else f"no topic of type {kind}"
-        raise LogError(f"the recording has {many}: give {option}; its topics: {shown}")
+        raise LogError(
+            f"the recording has {many}; its topics: {shown}",
+            hint=f"name one as `{parameter}`",
+            parameter=parameter,
+        )
     if chosen not in topics:
         raise LogError(
             f"the recording has no topic {chosen!r}: {suggestion(chosen, sorted(topics))}; its "
@@ -240,6 +244,9 @@ def _aligned(
             notes.append(f"{np.count_nonzero(rows)} positions left out: {why}")
     if not usable.any():
         raise LogError(
-            f"no position is left ({'; '.join(notes)}): see --max-gap, --still, --time-offset"
+            f"no position is left ({'; '.join(notes)})",
+            hint="change `max_gap`, `still` or `time_offset`",
+            parameter="max_gap",
+            value=max_gap,
         )
     return Recording(names, q[usable], x[usable], stamps[usable] - stamps[usable][0], tuple(notes))

@@ -10,15 +10,19 @@ from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from difflib import get_close_matches
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 import numpy as np
 from numpy.typing import NDArray
 
 from ..common.wording import clipped, quoted
 from ..errors import LogError
-from .csv_rows import csv_batches, csv_rows
-from .parquet import parquet_batches, parquet_header
+from .csv_rows import COMMENT, csv_batches, csv_rows
+from .parquet import parquet_batches, parquet_errors, parquet_header
 from .places import Place, find_place
+
+if TYPE_CHECKING:
+    import polars as pl
 
 Array = NDArray[np.float64]
 
@@ -45,6 +49,8 @@ class Source:
         Lines of a CSV file up to the end of its header.
     keep : object
         Whatever has to live as long as the file is needed.
+    comments : tuple of str
+        Lines of comment above the header of a CSV file.
     """
 
     label: str
@@ -53,6 +59,7 @@ class Source:
     separator: str = ""
     skip: int = 1
     keep: object = None
+    comments: tuple[str, ...] = ()
 
 
 def open_source(path: str | os.PathLike[str]) -> Source:
@@ -81,7 +88,10 @@ def open_source(path: str | os.PathLike[str]) -> Source:
         else:
             file = Path(path)
         with file.open("rb") as opened:
-            start = opened.readline(_LONGEST_HEADER)
+            start, comments = opened.readline(_LONGEST_HEADER), []
+            while start.startswith(COMMENT):
+                comments.append(start.decode("utf-8", "replace").strip())
+                start = opened.readline(_LONGEST_HEADER)
     except IsADirectoryError:
         raise LogError(f"{label} is a folder, expected a CSV or Parquet file") from None
     except FileNotFoundError:
@@ -96,9 +106,11 @@ def open_source(path: str | os.PathLike[str]) -> Source:
         raise LogError(f"{label} has no line end in its first megabyte: expected CSV or Parquet")
     separator = max(",;\t", key=lambda mark: start.count(mark.encode()))
     with file.open("rb") as opened:
-        for line, row in csv_rows(label, opened, separator):
+        for _ in comments:
+            opened.readline()
+        for line, row in csv_rows(label, opened, separator, len(comments)):
             header = tuple(name.strip() for name in row)
-            return Source(label, file, header, separator, line, keep)
+            return Source(label, file, header, separator, line, keep, tuple(comments))
     raise LogError(f"{label} is empty: expected a header with the names of the columns")
 
 
@@ -140,14 +152,37 @@ def read_columns(source: Source, names: Sequence[str], *, lenient: bool = False)
     return np.concatenate(batches) if batches else np.empty((0, len(names)))
 
 
+def read_texts(source: Source, names: Sequence[str]) -> dict[str, pl.Series]:
+    """Read some columns as they are: text from CSV, whatever type from Parquet."""
+    import polars as pl
+
+    if not names:
+        return {}
+    if not source.separator:
+        with parquet_errors(source.label):
+            frame = pl.read_parquet(source.path, columns=list(names), glob=False)
+        return {name: frame[name] for name in names}
+    index = [source.header.index(name) for name in names]
+    texts: list[list[str]] = [[] for _ in names]
+    with source.path.open("rb") as file:
+        for line, row in csv_rows(source.label, file, source.separator):
+            if line > source.skip:
+                for cells, i in zip(texts, index, strict=True):
+                    cells.append(row[i] if i < len(row) else "")
+    return {n: pl.Series(n, cells, pl.String) for n, cells in zip(names, texts, strict=True)}
+
+
 def _place(source: Source, name: str) -> Place:
     place = find_place(source.header, name)
     if place is None:
         near = get_close_matches(name, source.header, n=1)
-        hint = f"did you mean {quoted(near[0])}? " if near else ""
+        meant = f"did you mean {quoted(near[0])}? " if near else ""
         raise LogError(
-            f"{source.label} has no column {quoted(name)}: {hint}columns: "
-            f"{_listed(source.header)}; map another name with --columns {clipped(name)}=OTHER"
+            f"{source.label} has no column {quoted(name)}: {meant}columns: "
+            f"{_listed(source.header)}",
+            hint=f"map another name with `columns={{{clipped(name)!r}: 'OTHER'}}`",
+            parameter="columns",
+            value=name,
         )
     count = source.header.count(place.column)
     if count > 1:

@@ -20,6 +20,9 @@ Array = NDArray[np.float64]
 BLOCK = 1 << 23
 """Bytes of a CSV file that are held at once."""
 
+COMMENT = b"# calib "
+"""Begins a line above the header that says what holds for all rows."""
+
 _ROWS = 1 << 16  # rows of a batch that is read cell by cell
 
 
@@ -59,13 +62,14 @@ def csv_batches(
     """
     careful = _Careful(label, header, separator, index, lenient)
     with path.open("rb") as file:
-        start = file.readline()
+        start = [file.readline() for _ in range(skip)]
+        comments = all(line.startswith(COMMENT) for line in start[:-1])
         # a header of several lines, or one that only a carriage return ends
-        if skip != 1 or b"\r" in start.rstrip(b"\r\n"):
+        if not comments or b"\r" in start[-1].rstrip(b"\r\n"):
             file.seek(0)
             yield from careful.batches(file, 0, 0, skip)
             return
-        rows, lines = 0, 1
+        rows, lines = 0, skip
         while block := _next_block(label, file):
             values = _read_plain(block, len(header), separator, index)
             if values is not None:

@@ -9,11 +9,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ..errors import LogError, OptionError
+from .joint_values import TURN, beyond, in_degrees, many_turns
 
 Array = NDArray[np.float64]
 Range = tuple[float, float]
-
-TURN = 2.0 * math.pi
 
 _SLACK = 0.05  # share of a range by which a log may leave it: limits are rounded, arms differ
 _ROUNDED = 1e-4  # share of a range that is not worth a word
@@ -101,14 +100,14 @@ class JointColumn:
 
     def _within_limits(self, limits: Range) -> tuple[Array, Range, list[str]]:
         values, notes = self.values, []
-        if self.revolute and np.ptp(values) <= TURN + 1e-9 and _beyond(values, limits) > _SLACK:
+        if self.revolute and np.ptp(values) <= TURN + 1e-9 and beyond(values, *limits) > _SLACK:
             wrapped = wrap(values, *limits)
-            if _beyond(wrapped, limits) <= _SLACK:
+            if beyond(wrapped, *limits) <= _SLACK:
                 notes += self._wrapped_note(wrapped, limits)
                 values = wrapped
-        excess = _beyond(values, limits)
+        excess = beyond(values, *limits)
         if excess > _SLACK:
-            raise LogError(self._outside(limits))
+            raise self._outside(limits)
         low, high = min(limits[0], float(values.min())), max(limits[1], float(values.max()))
         if excess > _ROUNDED:
             notes.append(
@@ -117,28 +116,39 @@ class JointColumn:
             )
         return values, (low, high), notes
 
-    def _outside(self, limits: Range) -> str:
+    def _outside(self, limits: Range) -> LogError:
         row = int(np.argmax(np.maximum(limits[0] - self.values, self.values - limits[1])))
         number = row + 1 if self.rows is None else self.rows[row]
         message = (
             f"{self.label}, row {number}: {self.joint} is {self._value(row)}, outside of its "
             f"limits {self._show(limits)}"
         )
-        radians = np.deg2rad(self.values)
-        if self.revolute and not self.degrees and _beyond(radians, limits) <= _SLACK:
-            return f"{message}; as degrees the log fits: give --degrees"
-        return f"{message}; if the joint really goes there, give --range {self.joint}=LOW:HIGH"
+        if self.revolute and not self.degrees and in_degrees(self.values, *limits):
+            return LogError(
+                message,
+                hint="as degrees the log fits: give `degrees=True`",
+                parameter="degrees",
+                value=self.degrees,
+            )
+        return LogError(
+            message,
+            hint=f"if the joint really goes there, give `ranges={{{self.joint!r}: (LOW, HIGH)}}`",
+            parameter="ranges",
+            value=float(self.values[row]),
+        )
 
     def _refuse_many_turns(self) -> None:
         low, high = self._extremes
-        if high - low <= 2.02 * TURN and max(abs(low), abs(high)) <= 4.0 * TURN:
+        if not many_turns(self.values):
             return
         turns = (high - low) / TURN
-        turn = "-180:180" if self.degrees else "-3.14159:3.14159"
-        remedy = "" if self.degrees else "if the log is in degrees, give --degrees; "
+        turn = "(-180, 180)" if self.degrees else "(-3.14159, 3.14159)"
+        remedy = "" if self.degrees else "if the log is in degrees, give `degrees=True`; "
         raise LogError(
-            f"{self.label}: {self.joint} goes {self._show((low, high))}, {turns:.1f} turns; "
-            f"{remedy}to wrap it into one turn, give --range {self.joint}={turn}"
+            f"{self.label}: {self.joint} goes {self._show((low, high))}, {turns:.1f} turns",
+            hint=f"{remedy}to wrap it into one turn, give `ranges={{{self.joint!r}: {turn}}}`",
+            parameter="ranges" if self.degrees else "degrees",
+            value=(low, high),
         )
 
     def _wrapped_note(self, values: Array, turn: Range) -> list[str]:
@@ -262,12 +272,6 @@ def wrap(values: Array, low: float, high: float) -> Array:
     return np.where((values < low) | (values > high), moved, values)
 
 
-def _beyond(values: Array, limits: Range) -> float:
-    """Return by how much the values leave the limits, as a share of their width."""
-    excess = max(limits[0] - float(values.min()), float(values.max()) - limits[1], 0.0)
-    return excess / (limits[1] - limits[0])
-
-
 def _shown(limits: Range, revolute: bool, degrees: bool) -> str:
     low, high = limits
     if not revolute:
@@ -280,10 +284,16 @@ def _shown(limits: Range, revolute: bool, degrees: bool) -> str:
 def _checked(joint: str, chosen: Range, revolute: bool) -> Range:
     low, high = (float(value) for value in chosen)
     if not (math.isfinite(low) and math.isfinite(high) and low < high):
-        raise OptionError(f"range {joint}={low:g}:{high:g}: expected low:high with low below high")
+        raise OptionError(
+            f"range {joint}={low:g}:{high:g}: expected low:high with low below high",
+            parameter="ranges",
+            value=(low, high),
+        )
     if revolute and high - low > TURN + 1e-4:
         raise OptionError(
-            f"range {joint}={low:g}:{high:g} is more than one turn; if these are degrees, "
-            "give --degrees"
+            f"range {joint}={low:g}:{high:g} is more than one turn",
+            hint="if these are degrees, give `degrees=True`",
+            parameter="ranges",
+            value=(low, high),
         )
     return low, high

@@ -14,7 +14,6 @@ from numpy.typing import NDArray
 from ..errors import LogError, OptionError
 from .columns import Source, open_source, read_batches
 from .log_ranges import ChosenRange, JointColumn, Range
-from .long_log import LongLog
 from .measured_rows import MeasuredRows
 from .places import find_place
 from .reservoir import Reservoir
@@ -81,7 +80,7 @@ def read_log(
     Returns
     -------
     Samples
-        Rows in the order of the file. Those of a long log are in `Samples.long_log`.
+        Rows in the order of the file; of a long log those that were drawn.
 
     Raises
     ------
@@ -91,7 +90,7 @@ def read_log(
     Notes
     -----
     Values beyond the arm's limits by up to 5 % of the range widen it, aloud; beyond that
-    they are an error, which names `--degrees` if the log fits as degrees. A joint that
+    they are an error, which names `degrees` if the log fits as degrees. A joint that
     can turn all the way round, or without an arm one that went further than a turn, has
     a range of one turn: about 0, or where the log says otherwise about the log's values.
     """
@@ -115,8 +114,7 @@ def read_log(
         count += len(batch)
     notes = measured.notes()
     values, rows = reservoir.rows()
-    drawn = len(rows) < count
-    if drawn:
+    if len(rows) < count:
         notes.append(
             f"{count:,} rows: {len(rows):,} of them, drawn evenly, are held; other counts of "
             "values are of these"
@@ -163,7 +161,6 @@ def read_log(
         notes=tuple(notes),
         plane=plane,
         out_of_plane_rms=rms,
-        long_log=LongLog(measured, lower, upper, revolute, plane, count) if drawn else None,
     )
 
 
@@ -248,7 +245,7 @@ def locked_from_log(
             shown = f"{math.degrees(moved):.3g} deg" if turns else f"{1e3 * moved:.3g} mm"
             notes.append(
                 f"{source.label}: {name} is taken as locked but moved by up to {shown}; "
-                "leave out those rows, or name it in --joints"
+                "leave out those rows, or name it in `joints`"
             )
     return values, tuple(notes)
 
@@ -272,7 +269,10 @@ def _check_values(source: Source, values: Array, names: Sequence[str], axes: Seq
         if spread[k] == 0.0:
             raise LogError(
                 f"{source.label}: joint {name!r} is {values[0, k]:g} in every row; a joint "
-                "that does not move cannot be learned, leave it out of --joints"
+                "that does not move cannot be learned",
+                hint="leave it out of `joints`",
+                parameter="joints",
+                value=name,
             )
         for other in range(k):
             if np.array_equal(values[:, k], values[:, other]):
@@ -292,7 +292,7 @@ def _check_values(source: Source, values: Array, names: Sequence[str], axes: Seq
 def _degrees_note(q: Array, revolute: Sequence[bool]) -> list[str]:
     """Doubt that values of a few degrees at most are degrees."""
     if any(revolute) and np.abs(q[:, list(revolute)]).max() <= math.radians(2.0 * math.pi):
-        return ["no joint goes beyond 6.3 degrees; if the log is in rad, leave out --degrees"]
+        return ["no joint goes beyond 6.3 degrees; if the log is in rad, leave out `degrees`"]
     return []
 
 

@@ -32,7 +32,7 @@ def parquet_header(label: str, path: Path) -> tuple[str, ...]:
     """Return the names of the columns."""
     import polars as pl
 
-    with _one_line_errors(label):
+    with parquet_errors(label):
         return tuple(pl.read_parquet_schema(path))
 
 
@@ -59,7 +59,7 @@ def parquet_batches(
     """
     import polars as pl
 
-    with _one_line_errors(label):
+    with parquet_errors(label):
         wanted = list(dict.fromkeys(place.column for place in places))
         table = pl.scan_parquet(path, glob=False).select(wanted)
     lists = dict.fromkeys(place.column for place in places if place.element is not None)
@@ -67,7 +67,7 @@ def parquet_batches(
     # the first row alone tells how long the lists are, and so how many rows fit
     first, size = 0, 1 if lists else BATCH
     while True:
-        with _one_line_errors(label):
+        with parquet_errors(label):
             frame = table.slice(first, size).collect()
         for name in lists:
             _check_lists(frame[name], lengths, label, first)
@@ -144,7 +144,7 @@ def _numbers(
 
 
 @contextmanager
-def _one_line_errors(label: str) -> Iterator[None]:
+def parquet_errors(label: str) -> Iterator[None]:
     """Tell a failure of Polars in one line, without what its threads print on a panic."""
     import polars as pl
 

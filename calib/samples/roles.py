@@ -65,14 +65,21 @@ def find_roles(
         if name not in (*names, *POSITION, *locked):
             raise OptionError(
                 f"columns {name}={mapping[name]}: {name!r} is neither a position nor a joint; "
-                f"choices: {', '.join((*POSITION, *names, *locked))}"
+                f"choices: {', '.join((*POSITION, *names, *locked))}",
+                parameter="columns",
+                value=name,
             )
     has_z = "z" not in names and ("z" in mapping or "z" in source.header)
     axes = POSITION if has_z else POSITION[:2]
     used = tuple(mapping.get(name, name) for name in (*names, *axes))
     for column in used:
         if used.count(column) > 1:
-            raise OptionError(f"column {column!r} cannot be two things at once; see --columns")
+            raise OptionError(
+                f"column {column!r} is taken twice",
+                hint="give each joint and position a column of its own with `columns`",
+                parameter="columns",
+                value=column,
+            )
     return Roles(names, axes, used)
 
 
@@ -118,8 +125,10 @@ def _joint_names(
     else:
         others = [repr(name) for name in source.header if name not in POSITION]
         raise OptionError(
-            f"{source.label}: which columns are the joints, base to tip? give --joints; "
-            f"choices: {', '.join(others) or 'none, there are only positions'}"
+            f"{source.label}: which columns are the joints, base to tip? choices: "
+            f"{', '.join(others) or 'none, there are only positions'}",
+            hint="name them in `joints`",
+            parameter="joints",
         )
     check_names(names)
     return names

@@ -9,12 +9,12 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from ..common.checks import LARGEST
+from ..common.rows import number_rows
 from ..errors import LogError
 
 if TYPE_CHECKING:
     from ..arm.planar_arm import PlanarArm
     from ..arm.plane import Plane
-    from .long_log import LongLog
     from .simulation import Simulation
 
 Array = NDArray[np.float64]
@@ -54,8 +54,6 @@ class Samples:
         For a log of x, y, z the plane that was fitted to it.
     out_of_plane_rms : float or None [unit]
         Root mean square distance of those x, y, z from that plane.
-    long_log : LongLog or None
-        For a log that is longer than what is held at once, all of its rows.
 
     Raises
     ------
@@ -82,11 +80,15 @@ class Samples:
     notes: tuple[str, ...] = ()
     plane: Plane | None = field(default=None, repr=False)
     out_of_plane_rms: float | None = None
-    long_log: LongLog | None = field(default=None, repr=False)
 
     def __post_init__(self) -> None:
+        named = {"q": tuple(self.joint_names), "x": ("x", "y")}
         for name in ("q", "x", "lower", "upper"):
-            object.__setattr__(self, name, _frozen(name, getattr(self, name)))
+            value = getattr(self, name)
+            plain = type(value) is np.ndarray and value.dtype.kind in "fiu"
+            if name in named and not plain and not isinstance(value, (list, tuple)):
+                value = number_rows(value, named[name], name, LogError)[0]
+            object.__setattr__(self, name, _frozen(name, value))
         for name in ("joint_names", "revolute", "notes"):
             object.__setattr__(self, name, tuple(getattr(self, name)))
         self._check_shapes()
@@ -116,7 +118,7 @@ class Samples:
         rows = index if isinstance(index, slice) else np.atleast_1d(np.asarray(index))
         if not isinstance(rows, slice) and not rows.size:
             rows = rows.astype(np.intp)  # an empty list has no type that could index
-        return replace(self, q=self.q[rows], x=self.x[rows], long_log=None)
+        return replace(self, q=self.q[rows], x=self.x[rows])
 
     def _check_shapes(self) -> None:
         dof = len(self.joint_names)

@@ -222,8 +222,10 @@ class Simulation:
         revolute = self.arm.revolute[names.index(change.joint)]
         if revolute and change.what in ("offset", "lock") and abs(change.value) > 2.0 * math.pi:
             raise OptionError(
-                f"change {change.text!r}: more than one turn; joint values are in rad "
-                "unless --degrees is given"
+                f"change {change.text!r}: more than one turn; joint values are in rad",
+                hint="for degrees give `degrees=True`",
+                parameter="degrees",
+                value=change.value,
             )
 
     def _link_length(self, change: Change) -> float:

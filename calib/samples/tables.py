@@ -3,22 +3,106 @@
 from __future__ import annotations
 
 import io
+import json
 import os
 import sys
 from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from ..common.atomic import atomic_write
-from .columns import PARQUET, open_source, read_columns
+from ..common.wording import listed
+from .columns import PARQUET, open_source, read_columns, read_texts
+from .csv_rows import COMMENT
+from .places import find_place
 
 if TYPE_CHECKING:
     import polars as pl
 
 Array = NDArray[np.float64]
+
+_MARK = COMMENT.decode()
+_KEY = "calib"  # of the metadata
+
+
+@dataclass(frozen=True, eq=False)
+class Batch:
+    """A table of queries, with the columns that go along unread.
+
+    Attributes
+    ----------
+    values : (n, k) array
+        The columns that were asked for; NaN throughout a row that has no number for each.
+    names : tuple of str
+        What they were asked for as.
+    invalid : tuple of int
+        Numbers of the rows that are NaN; 1 is the first below the header.
+    header : tuple of str
+        All columns of the table, in their order.
+    others : dict of str to Series
+        The other columns, as they are in the file.
+    dropped : tuple of str
+        Other columns that cannot go along: their name is empty or there twice.
+    """
+
+    values: Array
+    names: tuple[str, ...]
+    invalid: tuple[int, ...]
+    header: tuple[str, ...]
+    others: Mapping[str, pl.Series]
+    dropped: tuple[str, ...] = ()
+
+    def answered(self, added: Mapping[str, ArrayLike]) -> dict[str, Any]:
+        """Return the table's columns in their places, answers in place or behind them."""
+        mine = dict(zip(self.names, self.values.T, strict=True))
+        columns: dict[str, Any] = {}
+        for name in self.header:
+            if name in mine:
+                columns[name] = added.get(name, mine[name])
+            elif name in self.others and name not in added:
+                columns[name] = self.others[name]
+        columns |= {name: values for name, values in mine.items() if name not in columns}
+        return columns | {name: values for name, values in added.items() if name not in columns}
+
+    def notes(self, added: Sequence[str]) -> list[str]:
+        """Say how many columns go along, and which do not."""
+        kept = [name for name in self.others if name not in added]
+        notes = []
+        if kept:
+            notes.append(f"{_columns(kept)} copied to the output unchanged: {listed(kept)}")
+        if self.dropped:
+            notes.append(
+                f"{_columns(self.dropped)} left out, without a name of its own: "
+                f"{listed(map(repr, self.dropped))}"
+            )
+        return notes
+
+
+def _columns(names: Sequence[str]) -> str:
+    return f"{len(names)} other column{'s' if len(names) > 1 else ''}"
+
+
+def read_batch(path: str | os.PathLike[str], names: Sequence[str]) -> Batch:
+    """Read a batch of queries and all that stands beside them; see `read_table`."""
+    source = open_source(path)
+    values = read_columns(source, names, lenient=True)
+    invalid = np.logical_not(np.isfinite(values).all(axis=1))
+    values[invalid] = np.nan
+    taken = {place.column for name in names if (place := find_place(source.header, name))}
+    rest = [name for name in dict.fromkeys(source.header) if name not in taken]
+    others = [name for name in rest if name and source.header.count(name) == 1]
+    return Batch(
+        values,
+        tuple(names),
+        tuple((np.flatnonzero(invalid) + 1).tolist()),
+        source.header,
+        read_texts(source, others),
+        tuple(name for name in rest if name not in others),
+    )
 
 
 def read_table(path: str | os.PathLike[str], names: Sequence[str]) -> tuple[Array, tuple[int, ...]]:
@@ -46,7 +130,12 @@ def read_table(path: str | os.PathLike[str], names: Sequence[str]) -> tuple[Arra
     return values, tuple((np.flatnonzero(invalid) + 1).tolist())
 
 
-def write_table(path: str | os.PathLike[str], columns: Mapping[str, ArrayLike]) -> None:
+def write_table(
+    path: str | os.PathLike[str],
+    columns: Mapping[str, ArrayLike],
+    *,
+    about: Mapping[str, Any] | None = None,
+) -> None:
     """Write columns of numbers, in full, whole or not at all.
 
     Parameters
@@ -55,20 +144,61 @@ def write_table(path: str | os.PathLike[str], columns: Mapping[str, ArrayLike]) 
         Parquet if it ends in .parquet or .pq, else CSV; `-` writes CSV to standard output.
     columns : mapping of str to (n,) array
         The columns in their order. NaN is written as `nan`.
+    about : mapping of str to plain values, optional
+        What holds for all rows, such as `unit`: a line of comment above the header of a CSV
+        file, metadata of a Parquet file. `read_about` reads it back.
     """
     import polars as pl
 
-    frame = pl.DataFrame({name: np.asarray(values) for name, values in columns.items()})
+    frame = pl.DataFrame(
+        {
+            name: values if isinstance(values, pl.Series) else np.asarray(values)
+            for name, values in columns.items()
+        }
+    )
     if os.fspath(path) == "-":
-        sys.stdout.write(_csv(frame))
+        sys.stdout.write(_comment(about) + _csv(frame))
     elif Path(path).suffix.lower() in PARQUET:
         # by way of memory: what Polars says of a full disk is no OSError
         content = io.BytesIO()
-        frame.write_parquet(content)
+        metadata = {_KEY: json.dumps(about, sort_keys=True)} if about else None
+        frame.write_parquet(content, metadata=metadata)
         atomic_write(path, content.getvalue())
     else:
-        atomic_write(path, _csv(frame).encode())
+        atomic_write(path, (_comment(about) + _csv(frame)).encode())
+
+
+def read_about(path: str | os.PathLike[str]) -> dict[str, Any]:
+    """Return what `write_table` wrote about all rows of a table; empty if nothing.
+
+    Parameters
+    ----------
+    path : path-like
+        CSV or Parquet, a file; standard input has none.
+    """
+    source = open_source(path) if os.fspath(path) != "-" else None
+    if source is None:
+        return {}
+    if source.separator:
+        line = next((c for c in source.comments if c.startswith(_MARK)), _MARK + "{}")
+        text = line[len(_MARK) :]
+    else:
+        import polars as pl
+
+        text = pl.read_parquet_metadata(source.path).get(_KEY, "{}")
+    try:
+        about = json.loads(text)
+    except ValueError:
+        return {}
+    return about if isinstance(about, dict) else {}
+
+
+def _comment(about: Mapping[str, Any] | None) -> str:
+    return f"{_MARK}{json.dumps(about, sort_keys=True)}\n" if about else ""
 
 
 def _csv(frame: pl.DataFrame) -> str:
-    return frame.fill_nan(None).write_csv(null_value="nan")  # Polars spells it "NaN" otherwise
+    import polars as pl
+
+    # Polars spells it "NaN" otherwise
+    return frame.with_columns(pl.col(pl.Float64).fill_nan(None)).write_csv(null_value="nan")

@@ -29,7 +29,7 @@ Progress = Callable[[float, str, float], None]
 STREAMS = {"motor": 0, "sensory": 1, "imagined": 2, "bounds": 3, "evaluation": 4, "adapt": 5}
 """Independent random streams of one seed."""
 
-UNFOLD = "give a larger --size, more --epochs or samples, or --rule batch"
+UNFOLD = "give a larger `size`, more `epochs` or samples, or `rule='batch'`"
 """What to do about a map that did not spread over its samples."""
 
 _COLLAPSED = 1e-9  # mean distance of joined nodes in the unit box
@@ -139,8 +139,13 @@ def both_maps(
     options: Options,
     watch: Stopwatch,
     progress: Progress | None,
+    residual: Array | None = None,
 ) -> tuple[Map, Map]:
-    """Motor and sensory map, at the same time where they learn from many samples at once."""
+    """Motor and sensory map, at the same time where they learn from many samples at once.
+
+    `residual` (n,) is how wrong the smooth part is around each sample, see
+    :func:`calib.maps.misfit.misfit`: the default varying density puts nodes there.
+    """
     seen = Scale.of_data(x)
     v = seen.to_unit(x)
 
@@ -157,7 +162,7 @@ def both_maps(
             options.sigma,
             options.stream(name),
         )
-        return som.fit(points, scale=box, progress=tell, partners=partners)
+        return som.fit(points, scale=box, progress=tell, partners=partners, residual=residual)
 
     with watch("maps"):
         # steps of a few samples hold the interpreter's lock: two threads would fight for it
@@ -168,11 +173,13 @@ def both_maps(
         )
     for name, found in zip(("motor", "sensory"), maps, strict=True):
         if not found.spacing > _COLLAPSED:
-            raise OptionError(f"the {name} map did not unfold, its nodes fell together: {UNFOLD}")
+            raise OptionError(
+                f"the {name} map did not unfold, its nodes fell together", hint=UNFOLD
+            )
     return maps
 
 
 def link(motor: Map, sensory: Map, u: Array, x: Array, options: Options) -> Association:
     """Both maps and the links between them."""
     wiring, v = WIRINGS[options.links], sensory.scale.to_unit(x)
-    return Association(motor, sensory, wiring.learn(motor, u, sensory, v), wiring)
+    return Association.learn(motor, u, sensory, v, wiring)

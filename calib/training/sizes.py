@@ -7,7 +7,6 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from ..body.teacher import MOST_ROWS
 from ..errors import OptionError
 from ..maps.lattice import Lattice
 from ..samples.samples import Samples
@@ -18,10 +17,11 @@ SIDE = 70
 """Nodes along each axis of a plane lattice, as in the paper's best table."""
 
 _ROWS_PER_NODE = 5
+_LEAST_SIDE = {True: 20, False: 4}  # the links have to propose starts for every branch
 
 
 def lattice_sizes(
-    samples: Samples, size: Size, motor_size: Size, sensory_size: Size
+    samples: Samples, size: Size, motor_size: Size, sensory_size: Size, *, imagined: bool = True
 ) -> tuple[tuple[int, ...], tuple[int, ...], list[str]]:
     """Choose the lattices.
 
@@ -31,6 +31,9 @@ def lattice_sizes(
         What they are to be trained on.
     size, motor_size, sensory_size : int, sequence of int, or None
         What the user gives; see :func:`calib.train`.
+    imagined : bool
+        Whether a body imagines samples where a log has no rows; without them few rows fill
+        few nodes.
 
     Returns
     -------
@@ -45,16 +48,15 @@ def lattice_sizes(
         If a size is no lattice.
     """
     notes: list[str] = []
-    dof = samples.dof
+    dof, least = samples.dof, _LEAST_SIDE[imagined]
     given = _checked(size, "size")
     if given is None and motor_size is None and sensory_size is None:
         rows = len(samples)
         side = SIDE
-        if samples.simulation is None and rows >= MOST_ROWS:
-            side = min(SIDE, max(4, round(math.sqrt(rows / _ROWS_PER_NODE))))
+        if samples.simulation is None:
+            side = min(SIDE, max(least, round(math.sqrt(rows / _ROWS_PER_NODE))))
             notes.append(
-                f"{rows:,} rows fill lattices of {side}x{side} nodes ({_ROWS_PER_NODE} rows per "
-                "node), --size chooses others"
+                f"lattices of {side}x{side} nodes for {rows:,} rows, `size` chooses others"
             )
         given = (side, side)
     fallback = given or (SIDE, SIDE)
@@ -67,8 +69,9 @@ def lattice_sizes(
             motor = (max(2, round(math.prod(motor) ** (1 / dof))),) * dof
         elif len(motor) > dof:
             raise OptionError(
-                f"size {'x'.join(map(str, motor))} has {len(motor)} axes for {dof} joints, "
-                "give --motor-size"
+                f"size {'x'.join(map(str, motor))} has {len(motor)} axes for {dof} joints",
+                hint="give `motor_size`",
+                parameter="motor_size",
             )
     if sensory is None:
         sensory = fallback if len(fallback) == 2 else (SIDE, SIDE)
@@ -83,11 +86,6 @@ def lattice_sizes(
         )
     Lattice(motor)
     Lattice(sensory)
-    if len(samples) < min(MOST_ROWS, math.prod(motor)):
-        notes.append(
-            f"{len(samples):,} samples are fewer than the {math.prod(motor):,} motor nodes: the "
-            "maps learn from what a smooth model of them imagines"
-        )
     return motor, sensory, notes
 
 

@@ -15,6 +15,7 @@ from ..body.fitting import BodyFit, fit_body
 from ..body.nominal import Nominal, nominal_of
 from ..common.scale import Scale
 from ..errors import OptionError
+from ..maps.misfit import misfit
 from ..maps.model_selection import Candidate, of_body, of_trends
 from ..maps.predictor import BodyInBox, Both, Predictor
 from ..samples.samples import Samples
@@ -38,7 +39,7 @@ class SmoothPart:
     Attributes
     ----------
     candidates : tuple of Candidate
-        Smooth parts, the preferred one first.
+        Smooth parts, the preferred one first; none where maps and links stand alone.
     fit : BodyFit or None
         The body's fit, where there is a body.
     rows : (k,) int array
@@ -74,14 +75,20 @@ def find_smooth_part(
     u = scale.to_unit(q)
     turning = samples.revolute
     if body == "none":
-        return SmoothPart(tuple(of_trends(scale, turning, u, x)), None, rows)
+        return SmoothPart((), None, rows)  # the maps and their links stand alone
     simulation = samples.simulation
+    nominal = None if simulation is not None else nominal_geometry(samples)
+    if view == "base" and nominal is None:
+        raise OptionError(
+            "view 'base' needs a measured log and the planar robot that it is of: give both, or "
+            "another view"
+        )
     fit = fit_body(
         q,
         x,
         joint_names=samples.joint_names,
         revolute=turning,
-        nominal=None if simulation is not None else nominal_geometry(samples),
+        nominal=nominal,
         view=view,
         unit=samples.unit,
         simulated=simulation is not None,
@@ -108,6 +115,24 @@ def find_smooth_part(
     if better:
         return SmoothPart(tuple(better), None, rows)
     return SmoothPart((under,), fit, rows)
+
+
+def wrong_around(part: SmoothPart, scale: Scale, samples: Samples, u: Array) -> Array | None:
+    """How wrong the preferred smooth part is around points `u` (k, dof), None within noise.
+
+    Returns
+    -------
+    (k,) array [unit^2] or None
+    """
+    if not part.candidates:
+        return None
+    candidate = part.candidates[0]
+    n = len(candidate.residual)
+    folds = np.array_split(np.arange(n), len(candidate.unseen))
+    held = np.concatenate([p[f] for p, f in zip(candidate.unseen, folds, strict=True)])
+    x = samples.x[part.rows]
+    extent = float(np.linalg.norm(np.ptp(x, axis=0)))
+    return misfit(scale, scale.to_unit(samples.q[part.rows]), held, extent, u)
 
 
 def nominal_geometry(samples: Samples) -> Nominal | None:

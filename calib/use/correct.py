@@ -1,21 +1,41 @@
-"""Correcting: joint values that bring the real arm to where the nominal one would be."""
+"""Correcting: joint values that bring the real arm to where the nominal one would be.
+
+Use it on what a controller that trusts its URDF is about to command.
+"""
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass
 from typing import TYPE_CHECKING
+from weakref import WeakKeyDictionary
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from ..change.alignment import Alignment
+from ..common.rows import number_rows
+from ..common.scale import TURN
 from ..errors import OptionError, QueryError
+from ..samples.joint_values import check_joint_values
+from ..samples.log_ranges import wrap
+from .geometry import fit_geometry, frame_is_free, frames, nominal_arm
 
 if TYPE_CHECKING:
     from ..arm.planar_arm import PlanarArm
+    from ..model.answers import Answer
     from ..model.model import Model
 
 Array = NDArray[np.float64]
+
+_USUAL = 3.0  # a correction this many times the 95 % quantile of the model's own is not trusted
+_LEAST = 0.01  # [rad or m]; a limit below would refuse what is harmless
+_NODES = 200
+
+FREE_FRAME = (
+    "the sensor's frame is fitted to the log, so the first joint's offset is taken as zero; if "
+    "the log is in the robot's root frame, give `view='base'`"
+)
 
 
 @dataclass(frozen=True, eq=False)
@@ -34,6 +54,16 @@ class Corrected:
         95 % bound on the error of that map.
     reachable : (n,) bool array
         Whether the target was reached.
+    change : (n, dof) array [rad or m]
+        Corrected minus given; NaN where there is no answer.
+    limit : (dof,) array [rad or m]
+        Largest change of each joint that is trusted.
+    exceeded : (n,) bool array
+        Rows that change by more.
+    notes : tuple of str
+        What was assumed.
+    single : bool
+        Whether one vector was given rather than rows.
     """
 
     q: Array
@@ -41,62 +71,138 @@ class Corrected:
     distance: Array
     expected_error: Array
     reachable: NDArray[np.bool_]
+    change: Array
+    limit: Array
+    exceeded: NDArray[np.bool_]
+    notes: tuple[str, ...] = ()
+    single: bool = False
 
 
-def correct(model: Model, q: ArrayLike) -> Corrected:
+def correct(
+    model: Model, q: ArrayLike, *, limit: ArrayLike | None = None, view: str = "auto"
+) -> Corrected:
     """Compensate for what the nominal kinematics do not know.
 
     A controller that trusts its URDF commands `q` to bring the tip to a place.  The real
     arm gets there with other joint values: those for which the learned map says that
-    place, nearest to `q`.
+    place, nearest to `q` and on the same turn.
 
     Parameters
     ----------
     model : Model
-        Learned of or adapted to the real arm; it must bear a URDF.
-    q : (n, dof) or (dof,) array [rad or m]
+        Learned of or adapted to the real arm; it must have a URDF.
+    q : (n, dof) or (dof,) array, or named columns [rad or m]
         Joint values that are right for the nominal arm.
+    limit : float or (dof,) array, optional [rad or m]
+        Largest change of a joint that is trusted; three times what this model usually
+        corrects where not given, at least 0.01.  Rows beyond are marked in `exceeded`.
+    view : {"auto", "base"}
+        "base" says that the log was in the robot's root frame.
 
     Notes
     -----
-    Places are compared in the sensor's frame.  Where an adaptation found that the sensor's
-    own frame differs from the URDF's plane (and that this explains most of the change) the
-    nominal place is moved into it first; otherwise the two are taken to be the same.
+    Places are compared in the sensor's frame.  That of a simulation is the root link's plane;
+    where an adaptation found that it moved, the nominal place moves with it.  That of a log is
+    fitted together with joint offsets and link placements, so that only what is the arm's own
+    is compensated.
     """
-    arm = nominal_arm(model)
-    rows = np.atleast_2d(np.asarray(q, dtype=float))
-    if rows.shape[1] != arm.dof:
-        raise QueryError(
-            f"joint values of shape {np.shape(q)}: expected ({arm.dof},) or (n, {arm.dof}), one "
-            f"column each for {', '.join(arm.joint_names)}"
-        )
-    target = arm.forward(rows)
-    for frame in frames(model):
-        target = frame.apply(target)
-    near = np.clip(rows, model.about.lower, model.about.upper)
-    answer = model.solve(target, near)
+    rows, single = number_rows(q, model.about.joint_names, "joint values")
+    if not np.isfinite(rows).all():
+        row = int(np.argmin(np.isfinite(rows).all(axis=1)))
+        raise QueryError(f"joint values of row {row + 1} are not finite: {rows[row].tolist()}")
+    about = model.about
+    check_joint_values(
+        rows, about.joint_names, about.lower, about.upper, about.revolute, error=QueryError
+    )
+    nominal = _nominal(model, view)
+    limits = usual_limit(model, view) if limit is None else _checked_limit(limit, rows.shape[1])
+    target, answer, found = _solved(model, nominal, rows)
+    change = found - rows
+    exceeded = answer.reachable & (np.abs(change) > limits).any(axis=1)
+    notes = (FREE_FRAME,) if nominal.free else ()
     return Corrected(
-        np.where(answer.reachable[:, None], answer.q, np.nan),
+        found,
         target,
         answer.distance,
         answer.expected_error,
         answer.reachable,
+        change,
+        limits,
+        exceeded,
+        notes,
+        single,
     )
 
 
-def nominal_arm(model: Model) -> PlanarArm:
-    """The arm as its URDF describes it."""
-    from ..arm.loading import arm_from_urdf
+def usual_limit(model: Model, view: str = "auto") -> Array:
+    """Return the largest change of each joint that is trusted, (dof,) [rad or m].
 
+    Three times the 95 % quantile of what correcting the motor map's own nodes changes; one
+    limit for all joints that turn, another for those that slide.
+    """
+    nominal = _nominal(model, view)
+    nodes = np.flatnonzero(model.visited)
+    if len(nodes) > _NODES:
+        nodes = np.sort(np.random.default_rng(0).choice(nodes, _NODES, replace=False))
+    q = np.clip(model.motor.weights[nodes], model.about.lower, model.about.upper)
+    _, answer, found = _solved(model, nominal, q)
+    change = np.abs(found - q)[answer.reachable]
+    turns = np.array(model.about.revolute)
+    limits = np.full(len(turns), _LEAST)
+    for kind in (turns, ~turns):
+        if kind.any() and len(change):
+            usual = float(np.quantile(change[:, kind].max(axis=1), 0.95))
+            limits[kind] = max(_LEAST, _USUAL * usual)
+    return limits
+
+
+@dataclass(frozen=True, eq=False)
+class _Nominal:
+    """The nominal arm and how its plane lies in the sensor's frame."""
+
+    arm: PlanarArm
+    frames: tuple[Alignment, ...]
+    free: bool
+
+
+_nominals: WeakKeyDictionary[Model, dict[str, _Nominal]] = WeakKeyDictionary()
+
+
+def _nominal(model: Model, view: str) -> _Nominal:
+    """Return it, fitted once for a model: a controller corrects row by row."""
+    kept = _nominals.setdefault(model, {})
+    if view not in kept:
+        free = frame_is_free(model, view)
+        own = (fit_geometry(model, view=view).frame,) if free else ()
+        kept[view] = _Nominal(nominal_arm(model), (*own, *frames(model)), free)
+    return kept[view]
+
+
+def _solved(model: Model, nominal: _Nominal, q: Array) -> tuple[Array, Answer, Array]:
+    """Return targets (n, 2), answers, and the joints (n, dof), on the turn that `q` is on."""
+    target: Array = nominal.arm.forward(q)
+    for frame in nominal.frames:
+        target = frame.apply(target)
     about = model.about
-    if not about.urdf:
+    near = q.copy()
+    for k, turns in enumerate(about.revolute):
+        if turns:
+            near[:, k] = wrap(q[:, k], float(about.lower[k]), float(about.upper[k]))
+    answer = model.solve(target, np.clip(near, about.lower, about.upper))
+    found = np.where(answer.reachable[:, None], answer.q, np.nan)
+    turning = np.array(about.revolute)
+    found[:, turning] += TURN * np.round((q - found)[:, turning] / TURN)
+    return target, answer, found
+
+
+def _checked_limit(limit: ArrayLike, dof: int) -> Array:
+    limits = np.asarray(limit, dtype=float)
+    if limits.shape not in ((), (dof,)) or not (limits > 0.0).all():
         raise OptionError(
-            "the model bears no URDF, so there is no nominal arm to correct: train it with "
-            "ROBOT, or with ROBOT and --data"
+            f"limit {limit!r}: expected a number above zero, or {dof} of them [rad or m]",
+            parameter="limit",
+            value=limit,
         )
-    return arm_from_urdf(about.urdf, about.joint_names, about.tip, lock=about.locked)
-
-
-def frames(model: Model) -> list[Alignment]:
-    """How the sensor's frame moved, adaptation after adaptation."""
-    return [Alignment.from_json(e["frame"]) for e in model.history if e.get("frame") is not None]
+    if math.isnan(float(limits.sum())):
+        raise OptionError(f"limit {limit!r}: expected a number", parameter="limit", value=limit)
+    return np.broadcast_to(limits, (dof,)).copy()

@@ -178,7 +178,7 @@ def plan(
     notes = [_UNSEEN]
     if measured is None and not isinstance(source, PlanarArm):
         notes.append(
-            "the model does not keep its samples: to improve it, give them too (--data), and the "
+            "the model does not keep its samples: to improve it, give the log too, and the "
             "new poses go between them"
         )
     if keep:
@@ -187,7 +187,7 @@ def plan(
             begin = neutral
         route = kept_route(box, n, begin, taken, dense(space, rng), rng)
         if begin is None:
-            notes.append("the way begins at the first pose: give --from to begin where the arm is")
+            notes.append("the way begins at the first pose: give `start` to begin where the arm is")
     else:
         begin = neutral if begin is None else begin
         route = free_route(space, n, begin, taken, candidates(space, rng))

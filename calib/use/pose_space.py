@@ -120,7 +120,10 @@ def space_of(
     for name, chosen in (ranges or {}).items():
         if name not in space.joint_names:
             raise OptionError(
-                f"--range: {quoted(name)} is no joint here: {suggestion(name, space.joint_names)}"
+                f"`ranges`: {quoted(name)} is no joint here",
+                hint=suggestion(name, space.joint_names),
+                parameter="ranges",
+                value=name,
             )
         k = space.joint_names.index(name)
         own = float(space.lower[k]), float(space.upper[k])

@@ -108,8 +108,9 @@ def kept_route(
         x, y = space.position(space.scale.from_unit(start[None]))[0].tolist()
         raise OptionError(
             f"keep {keep.words()}: the start's tip is at x = {x:.4g}, y = {y:.4g}, which is "
-            f"outside or closer than {keep.step / 2:.2g} {space.unit} to its border; give --from "
-            "with joint values whose tip is inside"
+            f"outside or closer than {keep.step / 2:.2g} {space.unit} to its border",
+            hint="give as `start` joint values whose tip is inside",
+            parameter="start",
         )
     nodes = points[keep.holds(points)]
     found = len(nodes)
@@ -143,7 +144,7 @@ def kept_route(
         notes.append(
             f"keep {keep.words()}: {100 * others:.0f} % of the poses in the box cannot be reached "
             "from the start without leaving it, such as those of the other elbow; plan them "
-            "apart, with --from"
+            "apart, with `start`"
         )
     return Route(nodes[path], between, away[np.ix_(order, order)], tuple(notes))
 

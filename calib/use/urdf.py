@@ -1,93 +1,271 @@
-"""Exporting: a URDF that describes the arm as it really is."""
+"""Exporting: a copy of the URDF whose joint origins describe the arm as it really is.
+
+Only attributes that change are rewritten; comments, other elements and the layout stay.
+"""
 
 from __future__ import annotations
 
-import io
+import math
+import re
+from dataclasses import dataclass
 from typing import Any
+from xml.parsers import expat
 
 import numpy as np
 from numpy.typing import NDArray
 
-from ..errors import RobotError
+from ..arm.tree import Joint
+from ..arm.urdf import parse_urdf
+from ..errors import OptionError, RobotError
 from .geometry import Geometry
 
 Array = NDArray[np.float64]
 
+MOST_UNEXPLAINED = 0.01
+"""Share of the arm's reach that a geometry may leave unexplained."""
 
-def corrected_urdf(geometry: Geometry) -> str:
-    """Text of the nominal URDF with corrected joint origins.
+_TINY = 1e-12  # [m or rad]; a smaller change is rounding
 
-    Everything else that yourdfpy knows of (links, meshes, limits, other joints) stays as it
-    was.  A joint's offset becomes a turn of its origin about its axis (or a shift along it,
-    if it slides), a displacement in the plane a shift of the origin of the joint that it
-    moves; the tip's displacement that of the joint which carries the tip.
+
+def check_explained(geometry: Geometry, share: float = MOST_UNEXPLAINED) -> None:
+    """Refuse a geometry that does not describe the model.
+
+    Parameters
+    ----------
+    geometry : Geometry
+    share : float
+        Largest residual, as a share of the arm's reach.
 
     Raises
     ------
     RobotError
-        If the tip has no joint of its own that could be moved.
+        If the residual is larger.
     """
-    import yourdfpy
+    if not geometry.residual <= share * geometry.reach:
+        raise RobotError(
+            f"joint offsets and link placements leave {1e3 * geometry.residual:.4g} mm rms "
+            f"unexplained, {100.0 * geometry.residual / geometry.reach:.3g} % of the reach "
+            f"(at most {100.0 * share:g} %)",
+            hint="check the joints, the tip and the unit of the log; a log in the robot's root "
+            "frame needs `view='base'`, one in a sensor's frame must not have it",
+            parameter="share",
+            value=geometry.residual / geometry.reach,
+        )
 
-    from ..arm.urdf import parse_urdf
 
+def corrected_urdf(geometry: Geometry, share: float = MOST_UNEXPLAINED) -> str:
+    """Text of the nominal URDF with corrected joint origins.
+
+    A joint's offset becomes a turn of its origin about its axis (or a shift along it, if it
+    slides), a displacement in the plane a shift of the origin of the joint that it moves; the
+    tip's displacement that of the joint which carries the tip.
+
+    Parameters
+    ----------
+    geometry : Geometry
+        What was fitted.
+    share : float
+        Largest residual that is accepted, as a share of the arm's reach.
+
+    Raises
+    ------
+    RobotError
+        If the residual is larger, or the tip has no joint of its own that could be moved.
+    """
+    check_explained(geometry, share)
     arm = geometry.arm
-    urdf = parse_urdf(arm.urdf)
-    path = [joint.name for joint in urdf.path(arm.tip)]
-    robot = yourdfpy.URDF.load(
-        io.BytesIO(arm.urdf.encode()), build_scene_graph=False, load_meshes=False
-    )
-    joints = {joint.name: joint for joint in robot.robot.joints}
+    joints = parse_urdf(arm.urdf).path(arm.tip)
     axes = np.stack([arm.plane.x, arm.plane.y])
     shifts = dict(
         zip(arm.joint_names, np.vstack([geometry.base, geometry.moved[:-1]]), strict=True)
     )
-    last = path[-1]
-    if last in shifts and joints[last].type != "prismatic":
+    last = joints[-1]
+    if last.name in shifts and last.kind != "prismatic":
         raise RobotError(
-            f"the tip {arm.tip!r} is the origin of joint {last!r}: it has no place of its own that "
-            "could be corrected; name another --tip"
+            f"the tip {arm.tip!r} is the origin of joint {last.name!r}: it has no place of its "
+            "own that could be corrected",
+            hint="name another `tip`",
+            parameter="tip",
+            value=arm.tip,
         )
-    shifts[last] = shifts.get(last, np.zeros(2)) + geometry.moved[-1]
-    rotation = np.eye(3)
-    changes: dict[str, Array] = {}
-    for name in path:
-        joint = joints[name]
-        change = np.eye(4)
-        change[:3, 3] = rotation.T @ (shifts.get(name, np.zeros(2)) @ axes)
-        changes[name] = change
-        rotation = rotation @ _origin(joint)[:3, :3] @ _turn(joint, arm.locked.get(name, 0.0))
+    shifts[last.name] = shifts.get(last.name, np.zeros(2)) + geometry.moved[-1]
     offsets = dict(zip(arm.joint_names, geometry.offsets.tolist(), strict=True))
-    for name, change in changes.items():
-        joint = joints[name]
-        joint.origin = change @ _origin(joint) @ _motion(joint, offsets.get(name, 0.0))
-    return _text(robot)
+    rotation = np.eye(3)
+    changes: dict[str, dict[str, Array]] = {}
+    for joint in joints:
+        origin = _origin(joint)
+        change = np.eye(4)
+        change[:3, 3] = rotation.T @ (shifts.get(joint.name, np.zeros(2)) @ axes)
+        moved = change @ origin @ _motion(joint, offsets.get(joint.name, 0.0))
+        changes[joint.name] = _changed(joint, moved)
+        rotation = rotation @ origin[:3, :3]
+        if joint.revolute and joint.movable:
+            rotation = rotation @ _motion(joint, arm.locked.get(joint.name, 0.0))[:3, :3]
+    return edited(arm.urdf, {name: change for name, change in changes.items() if change})
 
 
-def _origin(joint: Any) -> Array:
-    return np.eye(4) if joint.origin is None else np.asarray(joint.origin, dtype=float)
+def edited(text: str, origins: dict[str, dict[str, Array]]) -> str:
+    """Return a URDF's text with other origins of joints, all else as it was.
+
+    Parameters
+    ----------
+    text : str
+        The URDF.
+    origins : dict of str to dict
+        By joint the new "xyz" [m] and "rpy" [rad], either of them or both.
+    """
+    data = text.encode()
+    edits = []
+    for place in _joint_places(data):
+        values = origins.get(place.name)
+        if values:
+            tag = data[place.start : place.end].decode()
+            edits.append((place.start, place.end, _rewritten(tag, values, place.new)))
+    for start, end, tag in sorted(edits, reverse=True):
+        data = data[:start] + tag.encode() + data[end:]
+    return data.decode()
 
 
-def _motion(joint: Any, value: float) -> Array:
-    """Transform of a joint at a value [rad or m]."""
+@dataclass(frozen=True)
+class _Place:
+    """Where the start tag of a joint's origin stands, or where one may be put."""
+
+    name: str
+    start: int
+    end: int
+    new: bool
+
+
+def _joint_places(data: bytes) -> list[_Place]:
+    """Find the origins of all joints by a parser that knows comments from elements."""
+    parser = expat.ParserCreate("utf-8")
+    path: list[str] = []
+    opened: list[tuple[str, int, int]] = []  # joints: name and the ends of their start tags
+    found: dict[str, _Place] = {}
+
+    def start(tag: str, attributes: dict[str, str]) -> None:
+        path.append(tag)
+        at = parser.CurrentByteIndex
+        if path == ["robot", "joint"]:
+            opened.append((attributes.get("name", ""), at, _end_of_tag(data, at)))
+        elif path == ["robot", "joint", "origin"]:
+            name = opened[-1][0]
+            found.setdefault(name, _Place(name, at, _end_of_tag(data, at), new=False))
+
+    def end(_tag: str) -> None:
+        path.pop()
+
+    parser.StartElementHandler, parser.EndElementHandler = start, end
+    parser.Parse(data, True)
+    for name, _, after in opened:
+        found.setdefault(name, _Place(name, after, after, new=True))
+    return list(found.values())
+
+
+def _end_of_tag(data: bytes, start: int) -> int:
+    """Return the place behind a start tag; a quoted attribute may hold its end sign."""
+    quote = 0
+    for at in range(start, len(data)):
+        sign = data[at]
+        if quote:
+            quote = 0 if sign == quote else quote
+        elif sign in b"\"'":
+            quote = sign
+        elif sign == ord(">"):
+            return at + 1
+    return len(data)
+
+
+def _rewritten(tag: str, values: dict[str, Array], missing: bool) -> str:
+    written = {
+        key: " ".join(f"{value + 0.0!r}" for value in v.tolist()) for key, v in values.items()
+    }
+    if missing:
+        inside = " ".join(f'{key}="{value}"' for key, value in written.items())
+        return f"<origin {inside}/>"
+    for key, value in written.items():
+        pattern = re.compile(rf"(\s{key}\s*=\s*)(\"[^\"]*\"|'[^']*')")
+        if pattern.search(tag):
+            tag = pattern.sub(lambda m, v=value: f"{m[1]}{m[2][0]}{v}{m[2][0]}", tag, count=1)
+        else:
+            tag = re.sub(r"^<(\S+?)(?=[\s/>])", rf'<\1 {key}="{value}"', tag, count=1)
+    return tag
+
+
+def _changed(joint: Joint, moved: Array) -> dict[str, Array]:
+    """Return what of a joint's origin differs from `moved` (4, 4)."""
+    change: dict[str, Array] = {}
+    if np.abs(moved[:3, 3] - joint.xyz).max() > _TINY:
+        change["xyz"] = moved[:3, 3]
+    if np.abs(moved[:3, :3] - _origin(joint)[:3, :3]).max() > _TINY:
+        change["rpy"] = _rpy(moved[:3, :3])
+    return change
+
+
+def _origin(joint: Joint) -> Array:
+    origin = np.eye(4)
+    roll, pitch, yaw = joint.rpy
+    origin[:3, :3] = _about(2, yaw) @ _about(1, pitch) @ _about(0, roll)
+    origin[:3, 3] = joint.xyz
+    return origin
+
+
+def _about(axis: int, angle: float) -> Array:
+    unit = np.zeros(3)
+    unit[axis] = 1.0
+    return _rotation(unit, angle)
+
+
+def _rotation(axis: Array, angle: float) -> Array:
+    """Rodrigues' formula; (3, 3) for a unit vector and an angle [rad]."""
+    k = np.cross(np.eye(3), axis)
+    return np.asarray(np.eye(3) + math.sin(angle) * k + (1.0 - math.cos(angle)) * k @ k)
+
+
+def _rpy(rotation: Array) -> Array:
+    """Roll, pitch and yaw [rad] of a rotation (3, 3), as URDF means them."""
+    pitch = math.atan2(-rotation[2, 0], math.hypot(rotation[0, 0], rotation[1, 0]))
+    if abs(rotation[2, 0]) > 1.0 - 1e-12:  # roll and yaw turn about one axis
+        return np.array([0.0, pitch, math.atan2(-rotation[0, 1], rotation[1, 1])])
+    return np.array(
+        [
+            math.atan2(rotation[2, 1], rotation[2, 2]),
+            pitch,
+            math.atan2(rotation[1, 0], rotation[0, 0]),
+        ]
+    )
+
+
+def _motion(joint: Joint, value: float) -> Array:
+    """Transform (4, 4) of a joint at a value [rad or m]."""
     motion = np.eye(4)
-    axis = np.asarray(joint.axis if joint.axis is not None else (1.0, 0.0, 0.0), dtype=float)
-    axis = axis / np.linalg.norm(axis)
-    if joint.type == "prismatic":
+    axis: Any = np.asarray(joint.axis, dtype=float)
+    axis = axis / max(float(np.linalg.norm(axis)), 1e-300)
+    if joint.kind == "prismatic":
         motion[:3, 3] = value * axis
     elif value:
-        k = np.cross(np.eye(3), axis)
-        motion[:3, :3] += np.sin(value) * k + (1.0 - np.cos(value)) * k @ k
+        motion[:3, :3] = _rotation(axis, value)
     return motion
 
 
-def _turn(joint: Any, value: float) -> Array:
-    """Rotation of a joint at a value, none where it is fixed or slides."""
-    if joint.type not in ("revolute", "continuous"):
-        return np.eye(3)
-    return _motion(joint, value)[:3, :3]
+def check_output(path: str, nominal: str) -> None:
+    """Refuse to write over the URDF that the model was made with.
 
+    Raises
+    ------
+    OptionError
+        If the file at `path` is that URDF.
+    """
+    from pathlib import Path
 
-def _text(robot: Any) -> str:
-    text = robot.write_xml_string()
-    return text.decode() if isinstance(text, bytes) else str(text)
+    try:
+        same = Path(path).read_text(encoding="utf-8-sig").strip() == nominal.strip()
+    except (OSError, ValueError):
+        return
+    if same:
+        raise OptionError(
+            f"{path} is the URDF that the model was made with, which is never overwritten",
+            hint="write the corrected one into another file",
+            parameter="output",
+            value=path,
+        )

@@ -10,8 +10,9 @@ import typer
 from .. import options as o
 from .. import parsing
 from ..measurements import log_for
-from ..output import Notes, Table, note, number, show, show_json
+from ..output import Notes, Table, note, number, show, show_json, tell
 from ..progress import progress_bar
+from ..translation import as_typed
 from ..units import for_people
 from .train import check_output
 
@@ -75,7 +76,7 @@ def adapt(
                 "correction": found.correction,
                 "before": found.before,
                 "after": found.after,
-                "notes": found.notes,
+                "notes": [as_typed(text) for text in found.notes],
                 "unit": found.model.about.unit,
             }
         )
@@ -91,7 +92,7 @@ def adapt(
         note(f"not improved: {model} stays as it is, nothing was written")
         raise typer.Exit(NO)
     if not as_json:
-        print(f"{path}: adapted with {found.samples} samples")
+        tell(f"{path}: adapted with {found.samples} samples")
 
 
 def adapted_name(model: str) -> str:

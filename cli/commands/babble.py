@@ -2,13 +2,12 @@
 
 from __future__ import annotations
 
-import sys
 from typing import Annotated
 
 import typer
 
 from .. import options as o
-from ..output import Notes, show_json
+from ..output import Notes, note, show_json, tell
 from ..parsing import BadOption
 from ..samples import Selection, babbled
 
@@ -65,6 +64,6 @@ def babble(
     columns = ", ".join([*log.joint_names, "x", "y"])
     line = f"{len(log)} rows of {columns} [rad, m]"
     if output == "-":
-        print(line, file=sys.stderr)
+        note(line)
     else:
-        print(f"{output}: {line}")
+        tell(f"{output}: {line}")

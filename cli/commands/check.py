@@ -8,7 +8,7 @@ import typer
 
 from .. import options as o
 from ..measurements import log_for
-from ..output import Notes, Table, number, show, show_json
+from ..output import Notes, Table, number, show, show_json, tell
 from ..units import for_people
 
 NO = 3
@@ -62,8 +62,8 @@ def check(
         title = f"{model}: {drift.samples} samples of {data}"
         show(Table(["signal", "unit", "found", "threshold", ""], rows, title, left=2))
         for text in drift.explanations:
-            print(text)
+            tell(text)
         verdict = "DRIFTED: calib adapt re-calibrates it" if drift.drifted else "still calibrated"
-        print(f"{verdict} (score {number(drift.score)}, threshold 1)")
+        tell(f"{verdict} (score {number(drift.score)}, threshold 1)")
     if drift.drifted:
         raise typer.Exit(NO)

@@ -2,13 +2,18 @@
 
 from __future__ import annotations
 
-from typing import Annotated
+from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
 from .. import options as o
-from ..output import note, show_json
-from ..units import JointFormat
+from .. import parsing
+from ..batch import numbered
+from ..output import Notes, note, number, show_json, tell
+from ..units import JointFormat, units_of
+
+if TYPE_CHECKING:
+    from calib.use.correct import Corrected
 
 NO = 3
 
@@ -27,55 +32,129 @@ def correct(
         str | None,
         typer.Option("--output", metavar="FILE", help="Corrected joint values, as CSV."),
     ] = None,
+    limit: Annotated[
+        float | None,
+        typer.Option(
+            "--limit",
+            parser=parsing.above_zero("--limit", "rad or m"),
+            metavar="L",
+            help="Largest change of a joint that is accepted [rad or m]; three times what the "
+            "model usually corrects if not given.",
+        ),
+    ] = None,
+    view: o.ViewOption = "auto",
     degrees: o.DegreesOption = False,
     as_json: o.JsonOption = False,
 ) -> None:
     """Joint values that bring the real arm to where the nominal one would be.
 
-    Exit code 3 if the real arm cannot reach one of these places.
+    Exit code 3 if the real arm cannot reach one of these places, or if a joint would change by
+    more than the limit; then nothing is written.
     """
     import numpy as np
 
     import calib
-    from calib.samples.tables import read_table, write_table
+    from calib.samples.tables import read_batch, write_table
     from calib.use.correct import correct as correction
 
     loaded = calib.load(model)
     joints = JointFormat(loaded.about, degrees)
-    typed, invalid = read_table(input_, joints.names)
-    valid = np.isfinite(typed).all(axis=1)
-    n = len(typed)
-    columns = {name: np.full(n, np.nan) for name in joints.names}
-    columns |= {name: np.full(n, np.nan) for name in ("x", "y", "distance", "expected_error")}
-    reachable = np.zeros(n, dtype=np.int64)
+    batch = read_batch(input_, joints.names)
+    valid = np.isfinite(batch.values).all(axis=1)
+    n = len(valid)
+    factors = np.array(joints.typed)
+    names = (*joints.names, "x", "y", "distance", "expected_error", "reachable")
+    columns: dict[str, Any] = {name: np.full(n, np.nan) for name in names}
+    columns["reachable"] = np.zeros(n, dtype=np.int64)
+    found = None
+    notes = Notes()
     if valid.any():
-        found = correction(loaded, typed[valid] / joints.typed)
-        for k, name in enumerate(joints.names):
-            columns[name][valid] = found.q[:, k] * joints.typed[k]
-        columns["x"][valid], columns["y"][valid] = found.target.T
-        columns["distance"][valid] = found.distance
-        columns["expected_error"][valid] = found.expected_error
-        reachable[valid] = found.reachable
-    table = {**columns, "reachable": reachable}
-    if output is not None or not as_json:
+        found = correction(
+            loaded,
+            batch.values[valid] / factors,
+            limit=None if limit is None else limit / factors,
+            view=view,
+        )
+        notes.say(found.notes)
+        parts = [*(found.q * factors).T, *found.target.T, found.distance, found.expected_error]
+        for name, part in zip(names, parts, strict=False):
+            columns[name][valid] = part
+        columns["reachable"][valid] = found.reachable
+    rows = np.flatnonzero(valid) + 1
+    beyond = [] if found is None else rows[found.exceeded].tolist()
+    missed = (np.flatnonzero(valid & (columns["reachable"] == 0)) + 1).tolist()
+    table = batch.answered(columns)
+    if not beyond and (output is not None or not as_json):
         write_table("-" if output is None else output, table)
-    missed = (np.flatnonzero(valid & (reachable == 0)) + 1).tolist()
     if as_json:
         show_json(
             {
-                "output": output,
+                "output": None if beyond else output,
                 "rows": n,
-                "invalid": invalid,
+                "invalid": batch.invalid,
                 "out_of_reach": missed,
+                "beyond_limit": beyond,
+                "change": None if found is None else _change(found, joints),
                 "unit": loaded.about.unit,
-                **({} if output is not None else {"answers": table}),
+                "units": units_of(loaded.about),
+                **({} if output is not None or beyond else {"answers": table}),
             }
         )
-    for rows, what in ((invalid, "not all numbers"), (missed, "out of reach for the real arm")):
-        if rows:
-            shown = ", ".join(map(str, rows[:10])) + (", ..." if len(rows) > 10 else "")
-            note(f"rows {shown} of {n}: {what}, left without an answer")
-    if invalid:
+    notes.say(batch.notes(names))
+    for which, what in (
+        (batch.invalid, "not all numbers, left without an answer"),
+        (missed, "out of reach for the real arm, left without an answer"),
+    ):
+        if which:
+            note(f"{numbered(which)} of {n}: {what}")
+    if found is not None and found.reachable.any():
+        _tell(found, joints, to_stdout=not as_json and output not in (None, "-"))
+    if beyond:
+        worst = _worst(found)
+        row, k = int(rows[worst[0]]), worst[1]
+        note(
+            f"{numbered(beyond)} of {n}: a joint would change by more than the limit (row {row}: "
+            f"{joints.size(k, found.change[worst])}, limit {joints.size(k, found.limit[k])}); "
+            "nothing was written; if the change is right, give a larger --limit"
+        )
+    if batch.invalid and not beyond:
         raise typer.Exit(1)
-    if missed:
+    if missed or beyond:
         raise typer.Exit(NO)
+
+
+def _worst(found: Corrected) -> tuple[int, int]:
+    """Return the row and the joint whose change is largest, measured by its limit."""
+    import numpy as np
+
+    share = np.nan_to_num(np.abs(found.change) / found.limit)
+    row, k = np.unravel_index(int(np.argmax(share)), share.shape)
+    return int(row), int(k)
+
+
+def _change(found: Corrected, joints: JointFormat) -> dict[str, Any]:
+    import numpy as np
+
+    size = np.abs(found.change[found.reachable])
+    return {
+        name: {
+            "mean": float(size[:, k].mean()) if len(size) else None,
+            "max": float(size[:, k].max()) if len(size) else None,
+            "limit": float(found.limit[k]),
+        }
+        for k, name in enumerate(joints.names)
+    }
+
+
+def _tell(found: Corrected, joints: JointFormat, *, to_stdout: bool) -> None:
+    """Print the mean and the largest change of each joint."""
+    import numpy as np
+
+    size = np.abs(found.change[found.reachable])
+    parts = []
+    for k, name in enumerate(joints.names):
+        factor, unit = joints.of_change(k)
+        mean, largest = size[:, k].mean() * factor, size[:, k].max() * factor
+        parts.append(f"{name} {number(mean)} (largest {number(largest)}) {unit}")
+    line = f"mean change: {', '.join(parts)}"
+    tell(line) if to_stdout else note(line)

@@ -8,7 +8,7 @@ import typer
 
 from .. import options as o
 from .. import parsing
-from ..output import Notes, show_json
+from ..output import Notes, show_json, tell
 
 
 def _above_zero(option: str) -> object:
@@ -101,4 +101,4 @@ def log(
         show_json({"log": output, "joints": recording.joint_names, "samples": len(recording.q)})
     elif output != "-":
         names = ", ".join(recording.joint_names)
-        print(f"{output}: {len(recording.q)} rows of {names}, x, y, z, time [rad, m, s]")
+        tell(f"{output}: {len(recording.q)} rows of {names}, x, y, z, time [rad, m, s]")

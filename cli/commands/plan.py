@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Annotated, Any, cast
 import typer
 
 from .. import options as o
-from ..output import Notes, note, show_json
+from ..output import Notes, note, show_json, tell
 from ..parsing import (
     BadOption,
     Margin,
@@ -137,7 +137,8 @@ def plan(
         for line in lines:
             note(line)
     else:
-        print("\n".join([f"{output}: {lines[0]}", *lines[1:]]))
+        for line in [f"{output}: {lines[0]}", *lines[1:]]:
+            tell(line)
 
 
 def _load(selection: Selection) -> PlanarArm | Model:

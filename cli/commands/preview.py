@@ -10,7 +10,7 @@ import typer
 
 from .. import options as o
 from .. import parsing
-from ..output import Notes, note
+from ..output import Notes, note, tell
 from ..parsing import BadOption
 
 if TYPE_CHECKING:
@@ -75,7 +75,7 @@ def preview(
 
         content = page.encode("utf-8")
         atomic_write(html, content)
-        print(f"{html}: {len(content) / 1e6:.2f} MB, open it in a browser")
+        tell(f"{html}: {len(content) / 1e6:.2f} MB, open it in a browser")
         return
     _serve(loaded, page, port, no_open=no_open, live=live)
 

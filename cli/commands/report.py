@@ -8,7 +8,7 @@ from typing import Annotated
 import typer
 
 from .. import options as o
-from ..output import Notes
+from ..output import Notes, tell
 from ..parsing import BadOption
 from .preview import log_of
 
@@ -44,11 +44,11 @@ def report(
     if output is not None:
         content = report_of(loaded, log).encode("utf-8")
         atomic_write(output, content)
-        print(f"{output}: {len(content) / 1e6:.2f} MB, open it in a browser")
+        tell(f"{output}: {len(content) / 1e6:.2f} MB, open it in a browser")
     if png is not None:
         folder = Path(png)
         folder.mkdir(parents=True, exist_ok=True)
         for name, picture in pictures(loaded, log).items():
             path = folder / f"{name}.png"
             atomic_write(path, picture)
-            print(path)
+            tell(str(path))

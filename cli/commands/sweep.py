@@ -13,7 +13,7 @@ import typer
 from .. import options as o
 from .. import parsing
 from ..comparison import document, failures, summary, tables
-from ..output import Notes, note, show, show_json
+from ..output import Notes, note, show, show_json, tell
 from ..parsing import BadOption, Values, several
 from ..progress import progress_bar
 from ..samples import Selection, measured
@@ -221,7 +221,7 @@ def sweep(
     elif output != "-":
         for table in tables(found, readout or o.READOUTS):
             show(table)
-        print(summary(found, output))
+        tell(summary(found, output))
     if found.failed:
         raise typer.Exit(1)
 

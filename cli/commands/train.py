@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 
 from .. import options as o
-from ..output import Notes, show, show_json
+from ..output import Notes, show, show_json, tell
 from ..parsing import BadOption
 from ..progress import progress_bar
 from ..samples import Selection, babbled, measured
@@ -44,6 +44,8 @@ def train(
     size: o.SizeOption = None,
     motor_size: o.MotorSizeOption = None,
     sensory_size: o.SensorySizeOption = None,
+    body: o.BodyOption = "auto",
+    view: o.SensorViewOption = "auto",
     rule: o.RuleOption = "batch",
     epochs: o.EpochsOption = None,
     sigma: o.SigmaOption = None,
@@ -100,6 +102,8 @@ def train(
             rule=rule,
             epochs=epochs,
             sigma=sigma,
+            body=body,
+            view=view,
             seed=seed,
             progress=progress,
         )
@@ -145,7 +149,7 @@ def _report(model: Model, path: str) -> None:
     what = "fresh exact samples" if about.source == "simulation" else "held out blocks of the log"
     show(compact_table(model, about.errors, f"errors on {what}"))
     show_sketch(model)
-    print(
+    tell(
         f"{path}: {about.options['map']}, {size_in_words(model)}, {about.samples} samples, "
         f"{model.seconds['total']:.2f} s, {Path(path).stat().st_size / 1e6:.2f} MB"
     )

@@ -2,13 +2,19 @@
 
 from __future__ import annotations
 
-import math
-from typing import Annotated
+from typing import TYPE_CHECKING, Annotated
 
 import typer
 
 from .. import options as o
-from ..output import Table, fixed, number, show, show_json
+from .. import parsing
+from ..output import Table, fixed, note, number, show, show_json, tell
+from ..units import for_people, units_of
+
+if TYPE_CHECKING:
+    from calib.use.geometry import Geometry
+
+NO = 3
 
 
 def urdf(
@@ -16,56 +22,86 @@ def urdf(
     output: Annotated[
         str, typer.Option("--output", "-o", metavar="URDF", help="The corrected description.")
     ],
+    view: o.ViewOption = "auto",
+    move_base: Annotated[
+        bool,
+        typer.Option("--move-base", help="Fit the place of the first joint as well."),
+    ] = False,
+    residual: Annotated[
+        float | None,
+        typer.Option(
+            "--residual",
+            parser=parsing.percent("--residual"),
+            metavar="P%",
+            help="Largest residual that is accepted, as a share of the arm's reach (default 1%).",
+        ),
+    ] = None,
     as_json: o.JsonOption = False,
 ) -> None:
-    """Write a URDF whose joint offsets and link placements fit the model best."""
-    import calib
-    from calib.common.atomic import atomic_write
-    from calib.use.geometry import fit_geometry
-    from calib.use.urdf import corrected_urdf
+    """Write a copy of the URDF with the joint offsets and link placements that fit the model best.
 
+    Only the numbers that change are rewritten. Exit code 3 if offsets and placements do not
+    describe the model; then nothing is written.
+    """
+    import calib
+    from calib.common.atomic import atomic_write, check_writable
+    from calib.use.geometry import fit_geometry
+    from calib.use.urdf import MOST_UNEXPLAINED, check_output, corrected_urdf
+
+    share = MOST_UNEXPLAINED if residual is None else residual
+    check_writable(output)
     loaded = calib.load(model)
-    geometry = fit_geometry(loaded)
-    atomic_write(output, corrected_urdf(geometry).encode())
+    check_output(output, loaded.about.urdf)
+    geometry = fit_geometry(loaded, view=view, move_base=move_base)
+    explained = geometry.residual <= share * geometry.reach
+    if explained:
+        atomic_write(output, corrected_urdf(geometry, share).encode())
     if as_json:
-        show_json({"urdf": output, **geometry.to_json(), "unit": loaded.about.unit})
-        return
+        show_json(
+            {
+                "urdf": output if explained else None,
+                **geometry.to_json(),
+                "unit": "m",
+                "units": {**units_of(loaded.about), "positions": "m"},
+            }
+        )
+    else:
+        show(_table(geometry))
+    if geometry.free:
+        note(
+            "note: the sensor's frame is fitted too, so the first joint's offset is taken as zero; "
+            "--view base says that the log is in the robot's root frame"
+        )
+    left = 100.0 * geometry.residual / geometry.reach
+    rms = f"{number(1e3 * geometry.residual)} mm rms ({left:.3g} % of the reach)"
+    if not explained:
+        note(
+            f"offsets and placements leave {rms} unexplained, more than {100.0 * share:g} %: "
+            "nothing was written; check the joints, the tip and the unit of the log, and --view"
+        )
+        raise typer.Exit(NO)
+    if not as_json:
+        tell(f"{output}: residual {rms}, with the nominal URDF {number(1e3 * geometry.before)} mm")
+
+
+def _table(geometry: Geometry) -> Table:
     rows = []
     arm = geometry.arm
     for k, name in enumerate(arm.joint_names):
-        turns = arm.revolute[k]
-        factor, unit = (math.degrees(1.0), "deg") if turns else (1e3, "mm")
+        factor, unit = for_people("rad" if arm.revolute[k] else "m")
         rows.append(
-            [
-                name,
-                "offset",
-                unit,
-                fixed(factor * float(geometry.offsets[k]), 4),
-                number(factor * float(geometry.interval_offsets[k])),
-            ]
+            _row(name, "offset", factor, unit, geometry.offsets[k], geometry.interval_offsets[k])
         )
         for axis, label in enumerate(("along x", "along y")):
-            rows.append(
-                [
-                    "",
-                    f"its link, {label}",
-                    "mm",
-                    fixed(1e3 * float(geometry.moved[k, axis]), 4),
-                    number(1e3 * float(geometry.interval_moved[k, axis])),
-                ]
-            )
-    for axis, label in enumerate(("along x", "along y")):
-        rows.append(
-            [
-                "base" if axis == 0 else "",
-                label,
-                "mm",
-                fixed(1e3 * float(geometry.base[axis]), 4),
-                number(1e3 * float(geometry.interval_base[axis])),
-            ]
-        )
-    show(Table(["joint", "change of", "unit", "value", "+-"], rows, "against the URDF", left=3))
-    print(
-        f"{output}: {number(1e3 * geometry.residual)} mm rms are no geometry of this arm "
-        f"(before {number(1e3 * geometry.before)} mm)"
-    )
+            what = f"far end of its link, {label}"
+            value, width = geometry.moved[k, axis], geometry.interval_moved[k, axis]
+            rows.append(_row("", what, 1e3, "mm", value, width))
+    if geometry.interval_base.any():
+        for axis, label in enumerate(("along x", "along y")):
+            value, width = geometry.base[axis], geometry.interval_base[axis]
+            rows.append(_row("" if axis else "base", label, 1e3, "mm", value, width))
+    return Table(["joint", "change of", "unit", "value", "+-"], rows, "against the URDF", left=3)
+
+
+def _row(name: str, what: str, factor: float, unit: str, value: float, width: float) -> list[str]:
+    return [name, what, unit, fixed(factor * float(value), 4), number(factor * float(width))]

@@ -49,7 +49,7 @@ def draw_arm(
     notes: list[str] = []
     drawn = set()
     if any(shape.kind == "mesh" for shape in shapes) and meshes is None:
-        notes.append("the robot's shape is in mesh files: name their folder with --meshes FOLDER")
+        notes.append("the robot's shape is in mesh files: give their folder as `meshes`")
     for number, shape in enumerate(shapes):
         if shape.link not in poses:
             continue

@@ -46,7 +46,10 @@ class PreviewServer(ThreadingHTTPServer):
         except (OSError, OverflowError) as error:
             reason = getattr(error, "strerror", None) or error
             raise OptionError(
-                f"--port {port} cannot be used ({reason}): choose another, or none for any"
+                f"port {port} cannot be used ({reason})",
+                hint="choose another, or none for any that is free",
+                parameter="port",
+                value=port,
             ) from error
         self.page = page.encode("utf-8")
         self.answer = answer

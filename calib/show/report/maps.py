@@ -171,7 +171,7 @@ def _heat(ax: Any, points: Array, errors: Array, scale: ErrorScale) -> Any:
 def _nodes(figure: Any, ax: Any, part: Map, values: Array, how: str, title: str) -> None:
     shape = part.lattice.shape
     if np.isnan(values).all():
-        ax.text(0.5, 0.5, "give the log with --data", ha="center", transform=ax.transAxes)
+        ax.text(0.5, 0.5, "not measured", ha="center", transform=ax.transAxes)
         ax.set(xticks=[], yticks=[], title=title)
         return
     if len(shape) == 1:  # a graph: its nodes have no place but where they stand

@@ -202,5 +202,5 @@ def _error_text(evidence: Evidence) -> str:
 
 def _missing(evidence: Evidence) -> str:
     if evidence.residuals is None:
-        return "The model does not hold the log that it was learned from: give it with --data LOG."
+        return "The model does not hold the log that it was learned from: give the log as well."
     return "All errors are rounding (below 1 nm): there is nothing to draw."

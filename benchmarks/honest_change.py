@@ -1,0 +1,294 @@
+"""Honesty about change: false alarms and power of `check`, what `adapt` does elsewhere."""
+
+from __future__ import annotations
+
+import sys
+from collections.abc import Iterator
+from dataclasses import dataclass, replace
+from functools import cache
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from honest_real import SERIES, gap_splits, halves, series
+from honest_worlds import (
+    LENGTHS,
+    bound_of,
+    distance,
+    flexed,
+    image,
+    lens,
+    samples,
+    tilted,
+    tip,
+)
+
+import calib
+
+Array = Any
+Row = dict[str, Any]
+
+PIXEL = 1.2 / 900.0
+"""What a pixel of the camera in honest_worlds is worth on the plane, nearly [m]."""
+
+
+@dataclass(frozen=True)
+class Trial:
+    """One real adaptation, judged on the rows that it did not see.
+
+    Attributes
+    ----------
+    same : bool
+        Whether the arm and the sensor were those of the training.
+    ratio : float
+        Mean error after over before.
+    covered : float
+        Share of the answered rows within the bound.
+    kept : bool
+        Whether the model was left as it was, bit for bit.
+    """
+
+    same: bool
+    ratio: float
+    covered: float
+    kept: bool
+
+
+def _adapted(model: calib.Model, log: calib.Samples, n: int, place: int, same: bool) -> Trial:
+    """Adapt with n contiguous rows at one of ten places."""
+    start = (len(log) - n) * place // 9
+    used = np.arange(start, start + n)
+    rest = log.take(np.setdiff1d(np.arange(len(log)), used))
+    found = calib.adapt(model, log.take(used))
+    after, before = found.model.forward(rest.q), model.forward(rest.q)
+    print(".", end="", file=sys.stderr, flush=True)
+    kept = bool(np.array_equal(after, before, equal_nan=True))
+    both = np.isfinite(after).all(axis=1) & np.isfinite(before).all(axis=1)
+    miss = distance(after, rest.x)
+    ratio = float(miss[both].mean() / distance(before, rest.x)[both].mean())
+    inside = float(np.mean(miss[both] <= found.model.expected_error(rest.q)[both]))
+    return Trial(same, ratio, inside, kept)
+
+
+def adaptations(folder: Path, quick: bool) -> Iterator[Row]:
+    """A -> C, C -> A and halves of each, with 40, 150 and 400 contiguous rows."""
+    a, c = (series(folder, name) for name in SERIES)
+    # one range for both: a model answers nowhere else
+    lower, upper = np.minimum(a.lower, c.lower), np.maximum(a.upper, c.upper)
+    a, c = (replace(log, lower=lower, upper=upper) for log in (a, c))
+    pairs = [(a, c, False), (c, a, False)]
+    for log in (c, a):
+        first, second = np.array_split(np.arange(len(log)), 2)
+        pairs += [(log.take(first), log.take(second), True)]
+        pairs += [(log.take(second), log.take(first), True)]
+    trials = []
+    for before, after, same in pairs[: 3 if quick else None]:
+        model = calib.train(before)
+        for n in (40, 400) if quick else (40, 150, 400):
+            for place in range(1, 10, 4) if quick else range(10):
+                trials.append(_adapted(model, after, n, place, same))
+    ratio = np.array([t.ratio for t in trials])
+    changed = [t for t in trials if not t.same]
+    same = [t for t in trials if t.same]
+    moved = [t for t in trials if not t.kept]
+    yield {
+        "what": f"adaptations: {len(trials)}, worst error after / before",
+        "measured": float(ratio.max()),
+        "unit": "",
+        "most": 1.12,
+        "more": "largest: " + ", ".join(f"{r:.2f}" for r in np.sort(ratio)[-6:]),
+    }
+    yield {
+        "what": "share of them above 1.05",
+        "measured": 100 * float(np.mean(ratio > 1.05)),
+        "unit": "%",
+        "most": 5,
+    }
+    yield {
+        "what": f"unchanged halves left bit for bit, of {len(same)}",
+        "measured": 100 * float(np.mean([t.kept for t in same])),
+        "unit": "%",
+        "least": 87.5,
+    }
+    yield {
+        "what": f"mean ratio of the changed, {len(changed)}",
+        "measured": float(np.mean([t.ratio for t in changed])),
+        "unit": "",
+        "most": 0.8,
+    }
+    yield {
+        "what": f"coverage on the rest after an adaptation, mean of {len(moved)}",
+        "measured": 100 * float(np.mean([t.covered for t in moved])),
+        "unit": "%",
+        "least": 85,
+        "more": f"least {100 * min(t.covered for t in moved):.0f}",
+    }
+
+
+def checks(folder: Path, quick: bool) -> Iterator[Row]:
+    """Alarms on unchanged rows: other halves, gaps, and contiguous pieces of either."""
+    alarms, told = [], []
+    for name in SERIES:
+        log = series(folder, name)
+        splits = [(f"{b} blocks", *s) for b in (2, 4, 10, 20) for s in halves(len(log), b)]
+        splits += gap_splits(log)
+        for what, learned, asked in splits[:: 4 if quick else 1]:
+            model = calib.train(log.take(learned))
+            pieces = [asked]
+            if len(asked) > 800:
+                pieces += [asked[:400], asked[-400:]]
+            for piece in pieces:
+                found = calib.check(model, log.take(piece)) if _has_check() else None
+                drift = found or model.check(log.take(piece))
+                alarms.append(drift.drifted)
+                if drift.drifted:
+                    told.append(f"{name} {what} {len(piece)} rows")
+    yield {
+        "what": f"alarms in {len(alarms)} unchanged halves, pieces and gaps",
+        "measured": float(np.sum(alarms)),
+        "unit": "",
+        "most": 0,
+        "more": "; ".join(told),
+    }
+
+
+def _has_check() -> bool:
+    """Whether `calib.check` is there; the first release had the method alone."""
+    return hasattr(calib, "check")
+
+
+@cache
+def _noisy(n: int = 20_000) -> calib.Model:
+    arm = calib.load_arm("two_link")
+    return calib.train(calib.babble(arm, n, seed=0, noise=1e-3), size=70 if n > 9000 else 30)
+
+
+def _power_log(change: str, seed: int) -> calib.Samples:
+    """200 rows at 1 mm; "swapped" turns the elbow's sense, all else is typed as for babble."""
+    arm = calib.load_arm("two_link")
+    if change != "swapped":
+        return calib.babble(arm, 200, seed=seed, noise=1e-3, changes=[change] if change else [])
+    rng = np.random.default_rng(seed)
+    q = rng.uniform(arm.lower, arm.upper, (200, 2))
+    x = tip(q * [1.0, -1.0], LENGTHS[2]) + 1e-3 * rng.standard_normal((200, 2))
+    return samples(q, x, arm.lower, arm.upper, arm=arm)
+
+
+def _alarms(change: str, seeds: range) -> int:
+    return sum(_noisy().check(_power_log(change, 1000 + s)).drifted for s in seeds)
+
+
+def power(quick: bool) -> Iterator[Row]:
+    """Alarms in 200 rows at 1 mm, and the smallest change found in 9 of 10 logs."""
+    seeds = range(4 if quick else 20)
+    degree = float(np.radians(1.0))
+    cases = {
+        "elbow link 5 %": "elbow.length=+5%",
+        "shoulder link 5 %": "shoulder.length=+5%",
+        "elbow offset 1 deg": f"elbow.offset={degree!r}",
+        "camera turned 1 deg": f"sensor.rotate={degree!r}",
+        "camera mirrored": "sensor.mirror=x",
+        "elbow's sign swapped": "swapped",
+    }
+    for name, change in cases.items():
+        yield {
+            "what": f"power, {name}: alarms in {len(seeds)}",
+            "measured": _alarms(change, seeds),
+            "unit": "",
+            "least": len(seeds),
+        }
+    calm = range(20 if quick else 100)
+    yield {
+        "what": f"nothing changed: alarms in {len(calm)}",
+        "measured": _alarms("", calm),
+        "unit": "",
+        "most": len(calm) // 100 + 1,
+    }
+    kinds = {
+        ("elbow link", "mm", 0.6): lambda v: f"elbow.length={0.25 + 1e-3 * v:.6f}",
+        ("elbow offset", "deg", 0.15): lambda v: f"elbow.offset={float(np.radians(v))!r}",
+        ("camera turned", "deg", 0.08): lambda v: f"sensor.rotate={float(np.radians(v))!r}",
+    }
+    for (name, unit, most), change in kinds.items():
+        found = [
+            v
+            for v in (0.02, 0.04, 0.06, 0.08, 0.1, 0.15, 0.2, 0.3, 0.4, 0.6, 0.8, 1.2)
+            if v <= 1.01 * most and _alarms(change(v), seeds) >= 0.9 * len(seeds)
+        ]
+        yield {
+            "what": f"smallest found in 9 of 10, {name}",
+            "measured": min(found, default=float("nan")),
+            "unit": unit,
+            "most": most,
+        }
+
+
+CHANGES: dict[str, tuple[Any, float, float]] = {
+    # what: (joints -> measured position, bar exact [mm], bar at 1 mm [mm])
+    "length": (lambda q: tip(q, (0.30, 0.30)), 0.001, 0.30),
+    "both": (lambda q: tip(q, (0.27, 0.20)), 0.001, 0.30),
+    "camera": (
+        lambda q: 1.05 * tip(q + np.array([0.139626, 0.0]), LENGTHS[2]) + np.array([0.03, 0.0]),
+        0.001,
+        0.30,
+    ),
+    "encoders": (lambda q: tip(q + np.radians([3.0, -2.0]), LENGTHS[2]), 0.001, 0.30),
+    "mirror": (lambda q: tip(q, LENGTHS[2]) * np.array([-1.0, 1.0]), 0.001, 0.30),
+    "gear 3 %": (lambda q: tip(q * np.array([1.0, 1.03]), LENGTHS[2]), 0.001, 0.30),
+    "flexion": (lambda q: tip(flexed(q), LENGTHS[2]), 0.001, 0.45),
+    "lens": (lambda q: lens(tip(q, LENGTHS[2])), 0.02, 0.50),
+    "tilted camera": (lambda q: tilted(tip(q, LENGTHS[2])), 0.001, 0.45),
+    "pixels": (lambda q: image(tip(q, LENGTHS[2])), 0.001, 0.45),
+}
+
+
+@cache
+def _exact(n: int) -> calib.Model:
+    return calib.train(
+        calib.babble(calib.load_arm("two_link"), n, seed=0), size=70 if n > 9000 else 30
+    )
+
+
+def changed(quick: bool) -> Iterator[Row]:
+    """Mean error over the workspace after 100 rows of a changed arm or sensor."""
+    arm, model = calib.load_arm("two_link"), _exact(4000 if quick else 20_000)
+    asked = np.random.default_rng(9).uniform(arm.lower, arm.upper, (2000, 2))
+    covers = {}
+    for noise in (0.0, 1e-3):
+        for name, (truth, exact, noisy) in CHANGES.items():
+            size = PIXEL if name == "pixels" else 1.0
+            errors, shares = [], []
+            for seed in range(1 if quick else 5):
+                rng = np.random.default_rng(300 + seed)
+                q = rng.uniform(arm.lower, arm.upper, (100, 2))
+                x = truth(q) + noise / size * rng.standard_normal((100, 2))
+                unit = "px" if name == "pixels" else "m"
+                log = samples(q, x, arm.lower, arm.upper, arm=arm, unit=unit)
+                found = calib.adapt(model, log).model
+                miss = distance(found.forward(asked), truth(asked))
+                bound = bound_of(found, asked)
+                known = np.isfinite(miss) & np.isfinite(bound)
+                errors.append(1e3 * size * float(miss[known].mean()))
+                shares.append(float(np.mean(miss[known] <= bound[known])))
+            yield {
+                "what": f"100 rows after {name}, {'1 mm' if noise else 'exact'}",
+                "measured": float(np.mean(errors)),
+                "unit": "mm",
+                "most": noisy if noise else exact,
+                "more": f"covers {100 * np.mean(shares):.0f} %, worst seed {max(errors):.3g}",
+            }
+            covers[name, noise] = 100 * float(np.mean(shares))
+    noisy = {name: share for (name, noise), share in covers.items() if noise}
+    yield {
+        "what": "coverage after a change at 1 mm, mean",
+        "measured": float(np.mean(list(noisy.values()))),
+        "unit": "%",
+        "least": 83,
+        "more": f"with the exact ones {np.mean(list(covers.values())):.0f}",
+    }
+    yield {
+        "what": f"the same, least ({min(noisy, key=lambda n: noisy[n])})",
+        "measured": min(noisy.values()),
+        "unit": "%",
+        "least": 60,
+    }

@@ -1,0 +1,109 @@
+"""Measure how honest the bounds, alarms and adaptations are: one row per bar.
+
+    python benchmarks/honesty.py --data FOLDER [--only PART,PART] [--quick] [--json FILE]
+
+FOLDER holds the laser-tracker logs series_a.csv and series_c.csv of a UR10 (docs/accuracy.md
+names their source); without it the parts on real rows are left out, aloud.  PART is one of
+coverage, gaps, adapt, check, rows, few, urdf (real rows) and paths, power, camera, change,
+noise, exact, worlds, three, time, simulation (own generators, see honest_worlds.py).
+``--quick`` takes fewer splits and seeds: each part then ends within about a minute.
+"""
+
+from __future__ import annotations
+
+import argparse
+import json
+import sys
+import time
+import warnings
+from collections.abc import Callable, Iterator
+from pathlib import Path
+from typing import Any
+
+import honest_change
+import honest_real
+import honest_simulated
+
+Row = dict[str, Any]
+
+REAL: dict[str, Callable[[Path, bool], Iterator[Row]]] = {
+    "coverage": honest_real.coverage,
+    "gaps": honest_real.gaps,
+    "adapt": honest_change.adaptations,
+    "check": honest_change.checks,
+    "rows": honest_real.rows,
+    "few": honest_real.few,
+    "urdf": honest_real.urdf,
+}
+OWN: dict[str, Callable[[bool], Iterator[Row]]] = {
+    "paths": honest_simulated.paths,
+    "power": honest_change.power,
+    "change": honest_change.changed,
+    "camera": honest_simulated.camera,
+    "noise": honest_simulated.noise,
+    "exact": honest_simulated.exact,
+    "worlds": honest_simulated.worlds,
+    "three": honest_simulated.three,
+    "time": honest_simulated.times,
+    "simulation": honest_simulated.simulation,
+}
+
+
+def judged(row: Row) -> Row:
+    """Add whether a measured figure keeps its bar."""
+    value, low, high = row["measured"], row.get("least"), row.get("most")
+    kept = value == value and (low is None or value >= low) and (high is None or value <= high)
+    return {**row, "kept": bool(kept) if (low, high) != (None, None) else None}
+
+
+def shown(row: Row) -> str:
+    """One line of the table."""
+    bar = " to ".join(
+        f"{word} {row[key]:g}"
+        for key, word in (("least", "at least"), ("most", "at most"))
+        if row.get(key) is not None
+    )
+    verdict = {True: "kept", False: "MISSED", None: ""}[row["kept"]]
+    more = f"  ({row['more']})" if row.get("more") else ""
+    return f"{row['what']:<58} {row['measured']:>9.4g} {row['unit']:<4} {bar:<28} {verdict}{more}"
+
+
+def main() -> None:
+    """Run the parts and print their rows."""
+    parser = argparse.ArgumentParser(description=__doc__.split("\n")[0])
+    parser.add_argument("--data", type=Path, help="folder with series_a.csv and series_c.csv")
+    parser.add_argument("--only", default="", help="parts to run, with commas between")
+    parser.add_argument("--quick", action="store_true", help="fewer splits and seeds")
+    parser.add_argument("--json", type=Path, help="also write the rows to this file")
+    options = parser.parse_args()
+    wanted = [name for name in options.only.split(",") if name]
+    unknown = set(wanted) - {*REAL, *OWN}
+    if unknown:
+        parser.error(f"unknown: {', '.join(sorted(unknown))}; choose from {', '.join(REAL | OWN)}")
+    warnings.simplefilter("ignore")
+    found: list[Row] = []
+    for name in REAL | OWN:
+        if wanted and name not in wanted:
+            continue
+        if name in REAL and options.data is None:
+            print(f"{name}: no --data, left out", file=sys.stderr)
+            continue
+        command = f"python benchmarks/honesty.py --only {name}"
+        command += " --data FOLDER" if name in REAL else ""
+        command += " --quick" if options.quick else ""
+        started = time.perf_counter()
+        parts = (
+            REAL[name](options.data, options.quick) if name in REAL else OWN[name](options.quick)
+        )
+        for row in parts:
+            found.append(judged({"part": name, **row, "command": command}))
+            print(shown(found[-1]), flush=True)
+        print(f"{name}: {time.perf_counter() - started:.0f} s", file=sys.stderr)
+        if options.json is not None:
+            options.json.write_text(json.dumps(found, indent=1) + "\n")
+    missed = [row for row in found if row["kept"] is False]
+    print(f"{len(found)} rows, {len(missed)} missed")
+
+
+if __name__ == "__main__":
+    main()

@@ -1,0 +1,152 @@
+"""Choosing: the arm of a robot for users who name no joints: the one that reaches furthest.
+
+A chain from the root to a tip reaches as far as its joints' distances and slides add up to.
+Fingers are no part of an arm: where a link branches and what lies beyond a joint of it is short
+beside the way up to it, the arm ends before that joint.
+"""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Collection, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from ..common.wording import listed, quoted
+from ..errors import RobotError
+from .candidates import find_tip
+from .posture import Posture
+from .ranges import full_range, limits_fault
+from .tree import Joint, Urdf
+
+#: More joints than this are no arm that a log could cover: those nearest to the root are held.
+MOST_JOINTS = 7
+#: What lies beyond a joint of a branching link is a finger if it is shorter than this share of
+#: the way from the first joint up to it.
+FINGER = 0.35
+#: Chains whose reach differs by less than this share are equals.
+EQUAL = 0.01
+#: Last joints of these names open a hand and move no arm.
+_FINGER_NAME = re.compile(r"(gripper|finger|jaw|claw|thumb)(_(left|right|joint|\d+))*$", re.I)
+
+
+@dataclass(frozen=True)
+class Reaching:
+    """A chain: its active joints from base to tip, its tip link and its reach [m]."""
+
+    joints: tuple[Joint, ...]
+    tip: str
+    reach: float
+
+    def __str__(self) -> str:
+        return f"--joints {','.join(joint.name for joint in self.joints)} --tip {self.tip}"
+
+
+def find_chains(
+    urdf: Urdf, posture: Posture, tip: str | None, excluded: Collection[str]
+) -> list[Reaching]:
+    """Return the chains of two joints or more, the one that reaches furthest first.
+
+    Parameters
+    ----------
+    urdf : Urdf
+    posture : Posture
+        Of all joints at their locked values.
+    tip : str or None
+        The tip, if the user named it.
+    excluded : collection of str
+        Joints that are not to be used.
+    """
+    movable = [joint for joint in urdf.joints if joint.movable and not joint.mimic]
+    tips = [tip] if tip else sorted({_arm_tip(urdf, posture, joint) for joint in movable})
+    found: dict[tuple[str, ...], Reaching] = {}
+    for link in tips:
+        usable = [j for j in urdf.path(link) if j in movable and j.name not in excluded]
+        if len(usable) < 2:
+            continue
+        reach = _reach(usable, link, posture)
+        usable = usable[-MOST_JOINTS:]
+        chain = Reaching(tuple(usable), link, reach)
+        key = tuple(joint.name for joint in usable)
+        if key not in found or found[key].reach < chain.reach:
+            found[key] = chain
+    chains = [
+        chain
+        for key, chain in found.items()
+        if not any(other[: len(key)] == key and other != key for other in found)
+    ]
+    return sorted(chains, key=lambda chain: (-round(chain.reach, 6), str(chain)))
+
+
+def choose_chain(chains: Sequence[Reaching], *, strict: bool) -> tuple[Reaching, str | None]:
+    """Return the chain that reaches furthest, and what to say about it.
+
+    Parameters
+    ----------
+    chains : sequence of Reaching
+        From `find_chains`.
+    strict : bool
+        Whether equals are refused: a log was measured on one of them only. In simulation the
+        first of them serves, and the others are told.
+
+    Raises
+    ------
+    RobotError
+        If several reach alike, with the options that name each.
+    """
+    best = chains[0]
+    equals = [chain for chain in chains if chain.reach >= (1 - EQUAL) * best.reach]
+    if len(equals) == 1:
+        return best, None
+    if strict:
+        shown = "; ".join(map(str, equals[:6])) + ("; ..." if len(equals) > 6 else "")
+        raise RobotError(f"the robot has {len(equals)} arms of one reach, choose one: {shown}")
+    others = "; ".join(map(str, equals[1:4])) + ("; ..." if len(equals) > 4 else "")
+    return (
+        best,
+        f"chosen, as the first of {len(equals)} arms of one reach: {best} (others: {others})",
+    )
+
+
+def no_chain(
+    urdf: Urdf, tip: str | None, locked: Collection[str], columns: Collection[str] | None
+) -> RobotError | None:
+    """Explain that no two joints of a chain are among a log's columns, or None."""
+    if columns is None:
+        return None
+    joints = [joint for joint in (urdf.path(tip) if tip else urdf.joints) if joint.movable]
+    named = [joint.name for joint in joints if joint.name in columns and joint.name not in locked]
+    to_tip = f" to {quoted(tip)}" if tip else ""
+    return RobotError(
+        f"an arm needs two joints or more of one chain{to_tip}, and of the log's columns "
+        f"{listed(named)} are joints; the robot's joints: {listed(joint.name for joint in joints)}"
+    )
+
+
+def _arm_tip(urdf: Urdf, posture: Posture, joint: Joint) -> str:
+    """Follow a joint outwards to the tip it leads to, and back to before its fingers."""
+    tip = find_tip(urdf, joint.child)
+    path = [other for other in urdf.path(tip) if other.movable]
+    while len(path) > 2 and _FINGER_NAME.search(path[-1].name):
+        tip = find_tip(urdf, path[-1].parent)
+        tip = path[-1].parent if path[-1] in urdf.path(tip) else tip
+        path = path[:-1]
+    for k, other in enumerate(path[1:], start=1):
+        end = find_tip(urdf, other.parent)
+        if end != tip and other not in urdf.path(end):
+            before = _reach(path[:k], other.parent, posture)
+            if _reach(path[k:], tip, posture) < FINGER * before:
+                return end
+    return tip
+
+
+def _reach(joints: Sequence[Joint], tip: str, posture: Posture) -> float:
+    """Distances from joint to joint and to the tip, and the travel of slides [m]."""
+    stops = np.array([*(posture.points[joint.name] for joint in joints), posture.links[tip]])
+    reach = float(np.linalg.norm(np.diff(stops, axis=0), axis=1).sum())
+    for joint in joints:
+        if not joint.revolute and not limits_fault(joint):
+            lower, upper = full_range(joint)
+            reach += upper - lower
+    return reach

@@ -1,0 +1,88 @@
+"""Rotations: matrices, quaternions (x, y, z, w) and rotation vectors of many rows, in NumPy.
+
+Quaternions of rows that follow each other may change sign; what is returned has w >= 0.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+Array = NDArray[np.float64]
+
+#: Below this angle [rad] the series of an exponential or a logarithm is used.
+_SMALL = 1e-4
+
+
+def matrix_of(quaternions: ArrayLike) -> Array:
+    """Rotation matrices (n, 3, 3) of quaternions (n, 4) as qx, qy, qz, qw; any length."""
+    q = np.asarray(quaternions, dtype=float)
+    x, y, z, w = np.moveaxis(q / np.linalg.norm(q, axis=-1, keepdims=True), -1, 0)
+    rows = [
+        [1 - 2 * (y * y + z * z), 2 * (x * y - z * w), 2 * (x * z + y * w)],
+        [2 * (x * y + z * w), 1 - 2 * (x * x + z * z), 2 * (y * z - x * w)],
+        [2 * (x * z - y * w), 2 * (y * z + x * w), 1 - 2 * (x * x + y * y)],
+    ]
+    return np.stack([np.stack(row, axis=-1) for row in rows], axis=-2)
+
+
+def quaternion_of(matrices: ArrayLike) -> Array:
+    """Quaternions (n, 4) as qx, qy, qz, qw with qw >= 0 of rotation matrices (n, 3, 3).
+
+    Of the four formulas (Shepperd 1978) each row takes the one that divides by most.
+    """
+    r = np.asarray(matrices, dtype=float)
+    d = np.stack([r[..., 0, 0], r[..., 1, 1], r[..., 2, 2]], axis=-1)
+    trace = d.sum(axis=-1)
+    choices = np.concatenate([d, trace[..., None]], axis=-1)
+    best = np.argmax(choices, axis=-1)
+    a = r[..., 2, 1] - r[..., 1, 2]
+    b = r[..., 0, 2] - r[..., 2, 0]
+    c = r[..., 1, 0] - r[..., 0, 1]
+    xy = r[..., 0, 1] + r[..., 1, 0]
+    xz = r[..., 0, 2] + r[..., 2, 0]
+    yz = r[..., 1, 2] + r[..., 2, 1]
+    four = np.stack(
+        [
+            np.stack([1 + 2 * d[..., 0] - trace, xy, xz, a], axis=-1),
+            np.stack([xy, 1 + 2 * d[..., 1] - trace, yz, b], axis=-1),
+            np.stack([xz, yz, 1 + 2 * d[..., 2] - trace, c], axis=-1),
+            np.stack([a, b, c, 1 + trace], axis=-1),
+        ],
+        axis=-2,
+    )
+    q = np.take_along_axis(four, best[..., None, None], axis=-2)[..., 0, :]
+    q = q / np.linalg.norm(q, axis=-1, keepdims=True)
+    return np.asarray(np.where(q[..., 3:] < 0, -q, q))
+
+
+def exponential(vectors: ArrayLike) -> Array:
+    """Rotation matrices (n, 3, 3) of rotation vectors (n, 3) [rad]."""
+    v = np.asarray(vectors, dtype=float)
+    angle = np.sqrt((v * v).sum(axis=-1))[..., None, None]
+    k = cross_matrix(v)
+    small = angle < _SMALL
+    safe = np.where(small, 1.0, angle)
+    first = np.where(small, 1 - angle**2 / 6, np.sin(safe) / safe)
+    second = np.where(small, 0.5 - angle**2 / 24, 2 * (np.sin(safe / 2) / safe) ** 2)
+    return np.asarray(np.eye(3) + first * k + second * (k @ k))
+
+
+def logarithm(matrices: ArrayLike) -> Array:
+    """Rotation vectors (n, 3) [rad], at most pi long, of rotation matrices (n, 3, 3)."""
+    q = quaternion_of(matrices)
+    sine = np.linalg.norm(q[..., :3], axis=-1, keepdims=True)
+    angle = 2 * np.arctan2(sine, q[..., 3:])
+    small = sine < _SMALL
+    scale = np.where(small, 2 + sine**2 / 3, angle / np.where(small, 1.0, sine))
+    return np.asarray(scale * q[..., :3])
+
+
+def cross_matrix(vectors: ArrayLike) -> Array:
+    """Matrices K (n, 3, 3) with K u = v x u of vectors v (n, 3)."""
+    v = np.asarray(vectors, dtype=float)
+    out = np.zeros((*v.shape, 3))
+    out[..., 0, 1], out[..., 1, 0] = -v[..., 2], v[..., 2]
+    out[..., 0, 2], out[..., 2, 0] = v[..., 1], -v[..., 1]
+    out[..., 1, 2], out[..., 2, 1] = -v[..., 0], v[..., 0]
+    return out

@@ -1,0 +1,396 @@
+"""Spatial body: a chain with a prior on every joint origin, seen by a tracker or a camera.
+
+It predicts what a sensor reads at joint values, and how that depends on each parameter. Source:
+the product of exponentials (Brockett 1984) with six numbers per joint origin, joint elasticity
+under gravity, and an error curve per joint.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, replace
+from functools import cached_property
+from typing import Any
+
+import numpy as np
+
+from ..arm.rotations import exponential, logarithm
+from ..arm.spatial_chain import GRAVITY, SpatialChain
+from .curves import curve_slope, curve_value, powers
+from .spatial_layout import SpatialLayout
+from .spatial_motion import Deviations, Motion, move
+from .spatial_view import OUTPUTS, Placed, View, compose, look
+from .structure import Array, Indices, Label, Prior, Structure
+
+
+@dataclass(frozen=True, eq=False)
+class SpatialStructure:
+    """The structure of a spatial arm and its sensor; see `Structure`.
+
+    Attributes
+    ----------
+    chain : SpatialChain
+        The nominal chain [m]: of a URDF, or what `starts` found without one.
+    joint_names, chain_names : tuple of str
+        Active joints (dof), and all joints of the chain (m) with mimic joints.
+    turning : tuple of bool
+        Which active joints turn.
+    view : str
+        ``"base"``, ``"rigid"``, ``"similarity"``, ``"pose"`` or ``"pinhole"``.
+    unit : str
+        Unit of positions.
+    metre : float
+        Units of positions in one metre; not used by a camera.
+    extent : float
+        Size of the workspace along an output [unit].
+    lens : (4,) array
+        Focal length, centre [px] and k1 that are known or assumed; used by ``"pinhole"``.
+    lens_sd : (4,) array
+        How sure they are: 0 for a lens that is known.
+    informed : bool
+        Whether the chain is a drawing (prior 1 mm, 0.1 deg) or was found from rows alone.
+    gravity : (3,) array [m/s2]
+        In the root frame.
+    simulated : bool
+        Whether the rows are samples of a simulation.
+    """
+
+    chain: SpatialChain
+    joint_names: tuple[str, ...]
+    chain_names: tuple[str, ...]
+    turning: tuple[bool, ...]
+    view: str = "rigid"
+    unit: str = "m"
+    metre: float = 1.0
+    extent: float = 1.0
+    lens: tuple[float, float, float, float] = (900.0, 640.0, 360.0, 0.0)
+    lens_sd: tuple[float, float, float, float] = (300.0, 50.0, 50.0, 0.3)
+    informed: bool = True
+    gravity: tuple[float, float, float] = GRAVITY
+    simulated: bool = False
+
+    @property
+    def kind(self) -> str:
+        """How a model file finds the class again."""
+        return "spatial"
+
+    @property
+    def revolute(self) -> tuple[bool, ...]:
+        """Which active joints turn; the others slide."""
+        return self.turning
+
+    @property
+    def wide(self) -> tuple[float, float]:
+        """Wider hyperprior of the curves for a second fit: pseudo-observations, rms [rad]."""
+        return (200.0, 1e-3)
+
+    @property
+    def dof(self) -> int:
+        """Number of joint values."""
+        return len(self.joint_names)
+
+    @property
+    def outputs(self) -> int:
+        """Number of outputs: 3 positions, 6 of a pose, 2 pixels."""
+        return OUTPUTS[self.view]
+
+    @property
+    def blocks(self) -> tuple[int, ...]:
+        """Sizes of the outputs that share a unit and a noise."""
+        return (3, 3) if self.view == "pose" else (self.outputs,)
+
+    @property
+    def extents(self) -> Array:
+        """Size of the workspace along each output [unit]; 1 rad for rotations."""
+        out = np.full(self.outputs, self.extent)
+        out[3:] = 1.0
+        return out
+
+    @cached_property
+    def layout(self) -> SpatialLayout:
+        """Which parameter is what."""
+        weighted = len(self.chain.masses) > 0
+        return SpatialLayout(self.joint_names, self.chain_names, self.turning, weighted)
+
+    @property
+    def size(self) -> int:
+        """Number d of parameters."""
+        return self.layout.size
+
+    @property
+    def groups(self) -> Mapping[str, Indices]:
+        """Indices of each group of parameters."""
+        return self.layout.groups
+
+    @cached_property
+    def torque(self) -> float:
+        """Largest torque of gravity [N m] that the first joint could carry: the arm stretched."""
+        away = np.linalg.norm(self.chain.centres - self.chain.points[0], axis=1)
+        pull = float(np.linalg.norm(self.gravity))
+        return max(float(self.chain.masses @ away) * pull, 1e-12)
+
+    def neutral(self) -> Array:
+        """Parameters (d,) of the nominal arm in a sensor frame at its root."""
+        beta = np.zeros(self.size)
+        beta[self.groups["gain"]] = 1.0
+        beta[self.groups["lens"]] = self.lens
+        return beta
+
+    def predict(self, q: Array, beta: Array) -> Array:
+        """Outputs (n, m) at joint values (n, dof); a rotation is a rotation vector."""
+        return self._seen(q, beta)[1].values
+
+    def linearise(
+        self, q: Array, beta: Array, active: Indices | None = None
+    ) -> tuple[Array, Array]:
+        """Outputs (n, m) and their derivative (n, m, k) by the parameters `active` (or all)."""
+        wanted = np.arange(self.size) if active is None else active
+        motion, view = self._seen(q, beta)
+        columns = _Columns(len(q), self.outputs, self.size, wanted)
+        groups, layout = self.groups, self.layout
+        for axis in range(3):
+            columns.put(groups["view.rotation"][axis], lambda a=axis: view.turned(a))
+            columns.put(groups["view.shift"][axis], lambda a=axis: view.shifted(a))
+            columns.put(groups["tool"][axis], lambda a=axis: view.push(motion.flange[:, a], _STILL))
+            columns.put(
+                groups["tool.rotation"][axis],
+                lambda a=axis: view.push(np.zeros_like(motion.position), motion.rotation[:, a]),
+            )
+            for i in range(self.chain.joints):
+                columns.put(
+                    layout.shifts[i, axis],
+                    lambda i=i, a=axis: view.push(motion.before[i][:, a], _STILL),
+                )
+                columns.put(
+                    layout.turns[i, axis], lambda i=i, a=axis: view.push(*motion.turn(i, a))
+                )
+        columns.put(groups["view.scale"][0], view.scaled)
+        if self.view == "pinhole" and columns.any(groups["lens"]):
+            lens = view.refocused()
+            for k, index in enumerate(groups["lens"]):
+                columns.put(index, lambda k=k: lens[:, k])
+        chained = self._chained(motion, view)
+        loads = self._loads(q) if columns.any(groups["elastic"]) else np.zeros((0, len(q)))
+        for i, index in enumerate(groups["elastic"]):
+            columns.put(index, lambda i=i: chained[i] * loads[i])
+        for k in range(self.dof):
+            own = np.tensordot(self.chain.coupling[:, k], chained, axes=1)
+            columns.put(groups["offset"][k], lambda own=own: own)
+            columns.put(groups["gain"][k], lambda own=own, k=k: own * q[:, k])
+            curve = groups[f"curve.{k}"]
+            if columns.any(curve):
+                waves = powers(q[:, k])
+                columns.block(curve, own, np.concatenate([waves.real, waves.imag], axis=1))
+        return view.values, columns.out
+
+    def slope(self, q: Array, beta: Array) -> Array:
+        """Derivative (n, m, dof) of the outputs by the joint values."""
+        motion, view = self._seen(q, beta)
+        chained = self._chained(motion, view)
+        out = np.empty((len(q), self.outputs, self.dof))
+        elastic = beta[self.groups["elastic"]]
+        bent = None
+        if elastic.any():
+            slopes = self.chain.torque_slopes(q, np.asarray(self.gravity)) / self.torque
+            bent = elastic[:, None, None] * np.moveaxis(slopes, 0, 2)
+        for k in range(self.dof):
+            rate = beta[self.groups["gain"][k]] + np.zeros(len(q))
+            curve = self.groups[f"curve.{k}"]
+            if len(curve):
+                rate = rate + curve_slope(q[:, k], beta[curve])
+            moved = np.tensordot(self.chain.coupling[:, k], chained, axes=1) * rate
+            if bent is not None:
+                moved = moved + np.einsum("imn,in->mn", chained, bent[:, k])
+            out[:, :, k] = moved.T
+        return out
+
+    def retract(self, beta: Array, delta: Array) -> Array:
+        """`beta` (d,) moved by `delta` (d,): the sum, or a step on a rotation."""
+        out = beta + delta
+        view = self.groups["view.rotation"]
+        if delta[view].any():
+            out[view] = compose(delta[view], beta[view])
+        own = np.vstack([self.groups["tool.rotation"], self.layout.turns])
+        if delta[own].any():
+            out[own] = compose(beta[own], delta[own])
+        return out
+
+    def residual(self, z: Array, predicted: Array) -> Array:
+        """Residuals (n, m) of observed against predicted outputs.
+
+        Of a pose, the last three are the rotation vector, in the sensor's frame, that turns the
+        predicted orientation into the observed one.
+        """
+        out = z - predicted
+        if self.view == "pose":
+            seen, expected = exponential(z[:, 3:]), exponential(predicted[:, 3:])
+            out[:, 3:] = logarithm(seen @ np.swapaxes(expected, 1, 2))
+        return np.asarray(out)
+
+    def label(self, index: int) -> Label:
+        """What parameter `index` is."""
+        return self.layout.label(index, "m" if self.view == "pinhole" else self.unit)
+
+    def prior(self, free: Sequence[str]) -> Prior:
+        """Prior of the member that fits the groups of `free`; ``"curve"`` stands for all curves."""
+        from .spatial_prior import prior
+
+        return prior(self, free)
+
+    def members(self) -> tuple[tuple[str, tuple[str, ...]], ...]:
+        """The gate's members from simple to rich: a name and the groups that it fits."""
+        from .spatial_prior import members
+
+        return members(self)
+
+    def starts(self, q: Array, z: Array) -> Sequence[tuple[Structure, Array]]:
+        """Candidate starts: structures with their parameters (d,)."""
+        from .spatial_start import starts
+
+        return starts(self, q, z)
+
+    def words(self, beta: Array, sd: Array) -> tuple[str, ...]:
+        """Lines that say the parameters in words; `sd` (d,) is zero where nothing was fitted."""
+        from .spatial_words import words
+
+        return words(self, beta, sd)
+
+    def header(self) -> dict[str, Any]:
+        """JSON-ready description from which `rebuild_structure` makes the structure again."""
+        return {
+            "kind": self.kind,
+            "joint_names": list(self.joint_names),
+            "chain_names": list(self.chain_names),
+            "turning": list(self.turning),
+            "chain_revolute": list(self.chain.revolute),
+            "view": self.view,
+            "unit": self.unit,
+            "metre": self.metre,
+            "extent": self.extent,
+            "lens": [float(v) for v in self.lens],
+            "lens_sd": [float(v) for v in self.lens_sd],
+            "informed": self.informed,
+            "gravity": [float(v) for v in self.gravity],
+            "simulated": self.simulated,
+        }
+
+    def arrays(self) -> dict[str, Array]:
+        """Arrays of the chain that the header refers to."""
+        return {name: np.asarray(getattr(self.chain, name)) for name in _CHAIN_ARRAYS}
+
+    def with_view(self, view: str, **changes: Any) -> SpatialStructure:
+        """Return the structure with another view."""
+        return replace(self, view=view, **changes)
+
+    def pose(self, q: Array, beta: Array) -> tuple[Array, Array]:
+        """Position (n, 3) [m] and orientation (n, 3, 3) of the tip in the arm's root frame."""
+        motion = move(self.chain, self.joint_values(q, beta), self.deviations(beta))
+        return np.ascontiguousarray(motion.position.T), np.moveaxis(motion.rotation, 2, 0).copy()
+
+    def joint_values(self, q: Array, beta: Array) -> Array:
+        """True values (m, n) of the chain's joints at logged values (n, dof) [rad or m]."""
+        own = np.empty((self.dof, len(q)))
+        for k in range(self.dof):
+            own[k] = beta[self.groups["gain"][k]] * q[:, k] + beta[self.groups["offset"][k]]
+            curve = self.groups[f"curve.{k}"]
+            if len(curve) and beta[curve].any():
+                own[k] += curve_value(q[:, k], beta[curve])
+        values = self.chain.coupling @ own + self.chain.bias[:, None]
+        elastic = beta[self.groups["elastic"]]
+        if elastic.any():
+            values = values + elastic[:, None] * self._loads(q)
+        return np.asarray(values)
+
+    def deviations(self, beta: Array) -> Deviations:
+        """How the chain differs from its nominal one."""
+        layout, groups = self.layout, self.groups
+        return Deviations(
+            beta[layout.shifts],
+            beta[layout.turns],
+            beta[groups["tool"]],
+            beta[groups["tool.rotation"]],
+        )
+
+    def sensor(self, beta: Array) -> Placed:
+        """The sensor: where it stands, its scale and its lens."""
+        groups = self.groups
+        scale = float(np.exp(beta[groups["view.scale"][0]]))
+        return Placed(
+            self.view,
+            exponential(beta[groups["view.rotation"]]),
+            beta[groups["view.shift"]],
+            scale if self.view == "pinhole" else scale * self.metre,
+            beta[groups["lens"]],
+        )
+
+    def _seen(self, q: Array, beta: Array) -> tuple[Motion, View]:
+        motion = move(self.chain, self.joint_values(q, beta), self.deviations(beta))
+        return motion, look(self.sensor(beta), motion.position, motion.rotation)
+
+    def _chained(self, motion: Motion, view: View) -> Array:
+        """How outputs move with each joint of the chain: (m, outputs, n)."""
+        pushed = [view.push(*motion.joint(i, turns)) for i, turns in enumerate(self.chain.revolute)]
+        return np.stack(pushed)
+
+    def _loads(self, q: Array) -> Array:
+        """Torques of gravity (m, n) as shares of the largest one."""
+        return np.asarray(self.chain.torques(q, np.asarray(self.gravity)).T / self.torque)
+
+
+class _Columns:
+    """Derivatives that are asked for, each computed only where it is wanted."""
+
+    def __init__(self, n: int, outputs: int, size: int, wanted: Indices) -> None:
+        self.out = np.zeros((n, outputs, len(wanted)))
+        self._place = np.full(size, -1)
+        self._place[wanted] = np.arange(len(wanted))
+
+    def any(self, indices: Indices) -> bool:
+        """Whether one of some parameters is asked for."""
+        return bool((self._place[indices] >= 0).any())
+
+    def put(self, index: int, column: Any) -> None:
+        """Set the column (outputs, n) of a parameter, if it is asked for."""
+        place = self._place[index]
+        if place >= 0:
+            self.out[:, :, place] = column().T
+
+    def block(self, indices: Indices, direction: Array, factors: Array) -> None:
+        """Set columns direction (outputs, n) times factors (n, g)."""
+        place = self._place[indices]
+        chosen = np.flatnonzero(place >= 0)
+        start = place[chosen[0]]
+        if (place[chosen] == start + np.arange(len(chosen))).all():
+            part = self.out[:, :, start : start + len(chosen)]
+            np.multiply(direction.T[:, :, None], factors[:, None, chosen], out=part)
+        else:
+            self.out[:, :, place[chosen]] = direction.T[:, :, None] * factors[:, None, chosen]
+
+
+def structure_of(arm: Any, view: str = "rigid", **options: Any) -> SpatialStructure:
+    """Return the structure of a `SpatialArm` and a view of it, its URDF being the prior.
+
+    `options` are further attributes: unit, metre, extent, lens, lens_sd, gravity.
+    """
+    chain: SpatialChain = arm.chain
+    names = []
+    for i, leader in enumerate(chain.leaders):
+        name = arm.joint_names[leader]
+        names.append(name if name not in names else f"{name}.mimic{i}")
+    options.setdefault("extent", max(chain.reach, 1e-9) * options.get("metre", 1.0))
+    return SpatialStructure(
+        chain, tuple(arm.joint_names), tuple(names), tuple(arm.revolute), view, **options
+    )
+
+
+_STILL = np.zeros((3, 1))
+_CHAIN_ARRAYS = (
+    "axes",
+    "points",
+    "tip",
+    "rotation",
+    "coupling",
+    "bias",
+    "masses",
+    "centres",
+)

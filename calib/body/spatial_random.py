@@ -1,0 +1,133 @@
+"""Chains without a drawing: joint origins found from rows alone, from random starts.
+
+Each start turns every joint about an axis drawn at random. Damped Gauss-Newton over all origins
+brings most of them to a local optimum; the best of 24 was the best there is in every case tried.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import replace
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from ..arm.rotations import exponential, logarithm
+from ..arm.spatial_chain import SpatialChain
+from .structure import Array, Structure
+
+if TYPE_CHECKING:
+    from .spatial import SpatialStructure
+
+STARTS = 24
+#: Damped steps of every start, and of the few that are best by then.
+FIRST, LAST, KEPT = 40, 80, 4
+#: Rows that they are fitted to.
+ROWS = 150
+
+
+def unknown_structure(
+    joint_names: Sequence[str],
+    revolute: Sequence[bool],
+    extent: float,
+    unit: str = "m",
+    metre: float = 1.0,
+) -> SpatialStructure:
+    """Return the structure of a serial arm of which only its joints' names are known.
+
+    Parameters
+    ----------
+    joint_names, revolute : sequences
+        Base to tip; whether each joint turns.
+    extent : float
+        Size of the workspace along an output [unit]: the positions' rms spread.
+    unit : str
+        Unit of positions.
+    metre : float
+        Units of positions in one metre.
+    """
+    from .spatial import SpatialStructure
+
+    dof = len(joint_names)
+    link = extent / metre / max(dof, 1)
+    points = np.outer(np.arange(dof), (0.0, 0.0, link))
+    chain = SpatialChain(
+        axes=np.tile((0.0, 0.0, 1.0), (dof, 1)),
+        points=points,
+        tip=np.array([0.0, 0.0, dof * link]),
+        rotation=np.eye(3),
+        revolute=tuple(revolute),
+        coupling=np.eye(dof),
+        bias=np.zeros(dof),
+    )
+    names = tuple(joint_names)
+    return SpatialStructure(
+        chain,
+        names,
+        names,
+        tuple(revolute),
+        "base",
+        unit=unit,
+        metre=metre,
+        extent=extent,
+        informed=False,
+    )
+
+
+def chains(structure: SpatialStructure, q: Array, z: Array) -> Sequence[tuple[Structure, Array]]:
+    """Chains that fit rows, the best first: structures at whose origins the parameters are zero."""
+    from .spatial_start import settle
+
+    rows = np.unique(np.linspace(0, len(q) - 1, min(len(q), ROWS)).round().astype(int))
+    q, z = q[rows], z[rows]
+    rng = np.random.default_rng(0)
+    free = structure.prior(("placement", "tool"))
+    tried: list[tuple[float, SpatialStructure]] = []
+    for _ in range(STARTS):
+        drawn = _drawn(structure, z, rng)
+        beta, cost = settle(drawn, q, z, drawn.neutral(), free.active, free.sd, FIRST)
+        tried.append((cost, absorbed(drawn, beta)))
+    tried.sort(key=lambda pair: pair[0])
+    found: list[tuple[float, SpatialStructure]] = []
+    for _, each in tried[:KEPT]:
+        beta, cost = settle(each, q, z, each.neutral(), free.active, free.sd, LAST)
+        found.append((cost, absorbed(each, beta)))
+    found.sort(key=lambda pair: pair[0])
+    return [(each, each.neutral()) for _, each in found[:2]]
+
+
+def absorbed(structure: SpatialStructure, beta: Array) -> SpatialStructure:
+    """Return the structure whose nominal chain is where `beta` puts origins and tip."""
+    chain, deviations = structure.chain, structure.deviations(beta)
+    rotation, position, last = np.eye(3), np.zeros(3), np.zeros(3)
+    axes, points = np.empty_like(chain.axes), np.empty_like(chain.points)
+    turns = exponential(deviations.turns)
+    for i in range(chain.joints):
+        position = position + rotation @ (chain.points[i] - last + deviations.shifts[i])
+        last = chain.points[i]
+        rotation = rotation @ turns[i]
+        points[i], axes[i] = position, rotation @ chain.axes[i]
+    flange = rotation @ chain.rotation
+    tip = position + rotation @ (chain.tip - last) + flange @ deviations.tool
+    tool = flange @ exponential(deviations.tool_turn)
+    axes /= np.linalg.norm(axes, axis=1, keepdims=True)
+    return replace(
+        structure, chain=replace(chain, axes=axes, points=points, tip=tip, rotation=tool)
+    )
+
+
+def _drawn(structure: SpatialStructure, z: Array, rng: np.random.Generator) -> SpatialStructure:
+    """Draw a chain: axes of any direction, links as long as the workspace suggests."""
+    chain, dof = structure.chain, structure.dof
+    axes = rng.normal(size=(dof, 3))
+    axes /= np.linalg.norm(axes, axis=1, keepdims=True)
+    link = structure.extent / structure.metre / np.sqrt(dof)
+    steps = rng.normal(0.0, link / np.sqrt(3), size=(dof, 3))
+    middle = z[:, :3].mean(axis=0) / structure.metre
+    points = middle + np.cumsum(np.vstack([np.zeros(3), steps[1:]]), axis=0)
+    points = points - points.mean(axis=0) + middle
+    tip = points[-1] + rng.normal(0.0, link / np.sqrt(3), size=3)
+    rotation = exponential(logarithm(chain.rotation))
+    return replace(
+        structure, chain=replace(chain, axes=axes, points=points, tip=tip, rotation=rotation)
+    )

@@ -1,0 +1,252 @@
+"""Starts of a spatial body: where the sensor stands, by linear fits and a few damped steps."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from ..arm.rotations import exponential, logarithm
+from ..errors import LogError
+from .structure import Array, Indices, Structure
+
+if TYPE_CHECKING:
+    from .spatial import SpatialStructure
+
+#: Rows that a start is fitted to.
+ROWS = 400
+#: A median distance beyond this share of the rows' spread is no calibration error.
+MISFIT = 0.1
+#: Degrees of freedom of the Student noise that keeps outliers from deciding.
+NU = 6.0
+
+
+def starts(structure: SpatialStructure, q: Array, z: Array) -> Sequence[tuple[Structure, Array]]:
+    """Candidate starts of a fit: structures with their parameters (d,), the best one first."""
+    rows = np.unique(np.linspace(0, len(q) - 1, min(len(q), ROWS)).round().astype(int))
+    q, z = q[rows], z[rows]
+    if not structure.informed:
+        from .spatial_random import chains
+
+        return chains(structure, q, z)
+    return [(structure, frame(structure, q, z))]
+
+
+def frame(structure: SpatialStructure, q: Array, z: Array) -> Array:
+    """Parameters (d,) of the nominal arm in the sensor frame that fits rows best."""
+    from .spatial_prior import frame_groups
+
+    groups = [group for group in frame_groups(structure) if group != "lens"]
+    active = np.concatenate([structure.groups[group] for group in groups])
+    sd = structure.prior(groups).sd
+    best: tuple[float, Array] | None = None
+    for beta in _guesses(structure, q, z):
+        fitted, cost = settle(structure, q, z, beta, active, sd, 40)
+        if best is None or cost < best[0]:
+            best = cost, fitted
+    beta = structure.neutral() if best is None else best[1]
+    if structure.view in ("rigid", "pose", "base"):
+        _refuse_misfit(structure, q, z, beta)
+    if structure.view == "pinhole":  # a camera's pose and its focal length help each other
+        free = [*groups, "lens", "offset"] if any(structure.lens_sd) else [*groups, "offset"]
+        prior = structure.prior(free)
+        sd = prior.sd.copy()
+        sd[structure.groups["offset"]] *= 20.0
+        beta, _ = settle(structure, q, z, beta, prior.active, sd, 60)
+    return beta
+
+
+def _refuse_misfit(structure: SpatialStructure, q: Array, z: Array, beta: Array) -> None:
+    """Refuse positions that no rigid motion of the nominal arm explains, and say what would."""
+    misfit = structure.residual(z, structure.predict(q, beta))[:, :3]
+    left = float(np.median(np.linalg.norm(misfit, axis=1)))
+    size = max(float(np.linalg.norm(z[:, :3] - np.median(z[:, :3], axis=0), axis=1).max()), 1e-300)
+    tool = float(np.linalg.norm(beta[structure.groups["tool"]]))
+    if left < MISFIT * size and tool < 2 * structure.chain.reach:
+        return
+    points = structure.metre * structure.pose(q, structure.neutral())[0]
+    left = np.inf
+    for what, sign in (("same", 1.0), ("scale", 1.0), ("mirror", -1.0)):
+        seen = z[:, :3] * (sign, 1.0, 1.0)
+        turn, shift, scale = similarity(points, seen)
+        if what != "scale":
+            scale, shift = 1.0, seen.mean(axis=0) - turn @ points.mean(axis=0)
+        rest = float(np.median(np.linalg.norm(seen - scale * points @ turn.T - shift, axis=1)))
+        if what == "same":
+            left = rest
+        if what == "same" or rest > 0.3 * left:
+            continue
+        if what == "mirror":
+            raise LogError(
+                "the positions are those of a mirrored arm: one of the axes x, y, z has the wrong "
+                "sign, or two are swapped; change one of them (columns of the log)"
+            )
+        raise LogError(
+            f"the positions are about {scale:.4g} times those of the robot: state their unit, or "
+            "use view='similarity'"
+        )
+
+
+def settle(
+    structure: SpatialStructure,
+    q: Array,
+    z: Array,
+    beta: Array,
+    active: Indices,
+    sd: Array,
+    steps: int,
+) -> tuple[Array, float]:
+    """Fit some parameters by robust Levenberg-Marquardt steps from `beta`.
+
+    Returns
+    -------
+    beta : (d,) array
+    cost : float
+        Minus twice the log likelihood of Student noise, of which the scale was fitted.
+    """
+    mean, size, n = beta.copy(), structure.outputs, len(q)
+    scale = structure.extents
+    floor = 1e-7
+
+    def noise(r: Array) -> float:
+        return max(float(np.sqrt(np.median((r**2).sum(axis=1)) / size)), floor)
+
+    def cost(r: Array, b: Array, s: float) -> float:
+        with np.errstate(over="ignore", invalid="ignore"):
+            misfit = (NU + size) * np.log1p((r**2).sum(axis=1) / (NU * s * s)).sum()
+            return float(misfit + (((b - mean)[active] / sd[active]) ** 2).sum())
+
+    residual = structure.residual(z, structure.predict(q, beta)) / scale
+    damping, s = 1e-3, noise(residual)
+    for step in range(steps):
+        s = min(s, noise(residual)) if step else s
+        _, slope = structure.linearise(q, beta, active)
+        slope = slope / scale[:, None]
+        weight = (NU + size) / (NU + (residual**2).sum(axis=1) / s**2) / s**2
+        unit = np.sqrt(np.einsum("nmk,nmk,n->k", slope, slope, weight) + 1 / sd[active] ** 2)
+        scaled = (slope / unit).reshape(n * size, -1)
+        heavy = np.repeat(weight, size)
+        information = (scaled * heavy[:, None]).T @ scaled
+        information += np.diag(1 / (sd[active] * unit) ** 2)
+        pull = scaled.T @ (heavy * residual.ravel())
+        pull -= (beta - mean)[active] / sd[active] ** 2 / unit
+        before = cost(residual, beta, s)
+        for _ in range(8):
+            delta = np.zeros(structure.size)
+            delta[active] = np.linalg.solve(information + damping * np.eye(len(unit)), pull) / unit
+            trial = structure.retract(beta, delta)
+            with np.errstate(all="ignore"):
+                moved = structure.residual(z, structure.predict(q, trial)) / scale
+            if np.isfinite(moved).all() and cost(moved, trial, s) < before:
+                break
+            damping = min(damping * 8, 1e8)
+        else:
+            break
+        done = np.abs(delta[active] * unit).max() < 1e-3
+        beta, residual, damping = trial, moved, max(damping / 10, 1e-12)
+        if done:
+            break
+    s = noise(residual)
+    return beta, cost(residual, beta, s) + 2 * n * size * float(np.log(s))
+
+
+def _guesses(structure: SpatialStructure, q: Array, z: Array) -> list[Array]:
+    """Rough parameters from which the sensor's place is fitted."""
+    beta = structure.neutral()
+    if structure.view == "base":
+        return [beta]
+    points, rotations = structure.pose(q, beta)
+    if structure.view == "pinhole":
+        return _cameras(structure, points, z)
+    guesses = []
+    if structure.view == "pose":
+        return [_from_pose(structure, points, rotations, z)]
+    size = 0.1 * structure.chain.reach
+    tools = np.vstack([np.zeros(3), size * np.eye(3), -size * np.eye(3)])
+    for tool in tools:
+        guess = beta.copy()
+        seen = points + rotations @ tool
+        turn, _, scale = similarity(seen, z)
+        guess[structure.groups["tool"]] = tool
+        guess[structure.groups["view.rotation"]] = logarithm(turn)
+        factor = structure.metre
+        if structure.view == "similarity":
+            factor = scale
+            guess[structure.groups["view.scale"]] = np.log(scale / structure.metre)
+        guess[structure.groups["view.shift"]] = z.mean(axis=0) - factor * turn @ seen.mean(axis=0)
+        guesses.append(guess)
+    return guesses
+
+
+def similarity(a: Array, b: Array) -> tuple[Array, Array, float]:
+    """Rotation (3, 3), shift (3,) and scale with b = scale R a + shift (Umeyama 1991)."""
+    middle, seen = a.mean(axis=0), b.mean(axis=0)
+    u, s, vt = np.linalg.svd((b - seen).T @ (a - middle))
+    sign = np.array([1.0, 1.0, np.sign(np.linalg.det(u @ vt))])
+    turn = u @ np.diag(sign) @ vt
+    spread = float(((a - middle) ** 2).sum())
+    scale = max(float((s * sign).sum()) / max(spread, 1e-300), 1e-12)
+    return turn, seen - scale * turn @ middle, scale
+
+
+def _from_pose(structure: SpatialStructure, points: Array, rotations: Array, z: Array) -> Array:
+    """Sensor and tool of observed poses: Z_k = X A_k Y, linear in X and Y but for scale.
+
+    Relative rotations of any two rows are conjugate, so that X turns the axes of A_k A_l' into
+    those of Z_k Z_l' (Park and Martin 1994); rows are paired with their neighbours.
+    """
+    beta, groups = structure.neutral(), structure.groups
+    seen = exponential(z[:, 3:])
+    nominal = logarithm(rotations[1:] @ np.swapaxes(rotations[:-1], 1, 2))
+    observed = logarithm(seen[1:] @ np.swapaxes(seen[:-1], 1, 2))
+    sane = np.abs(np.linalg.norm(nominal, axis=1) - np.linalg.norm(observed, axis=1)) < 0.2
+    if sane.sum() < 3:
+        sane[:] = True
+    u, _, vt = np.linalg.svd(observed[sane].T @ nominal[sane])
+    turn = u @ np.diag([1.0, 1.0, np.linalg.det(u @ vt)]) @ vt
+    left = np.einsum("nij,jk,nkl->nil", np.swapaxes(rotations, 1, 2), turn.T, seen)
+    u, _, vt = np.linalg.svd(left.sum(axis=0))
+    tool_turn = u @ np.diag([1.0, 1.0, np.linalg.det(u @ vt)]) @ vt
+    # z = shift + turn (p + R tool): linear in shift and tool
+    metre = structure.metre
+    arms = np.concatenate(
+        [metre * (turn @ rotations), np.broadcast_to(np.eye(3), rotations.shape)], axis=2
+    )
+    target = (z[:, :3] - metre * points @ turn.T).reshape(-1)
+    solution = np.linalg.lstsq(arms.reshape(-1, 6), target, rcond=None)[0]
+    beta[groups["view.rotation"]] = logarithm(turn)
+    beta[groups["tool.rotation"]] = logarithm(tool_turn)
+    beta[groups["tool"]], beta[groups["view.shift"]] = solution[:3], solution[3:]
+    return beta
+
+
+def _cameras(structure: SpatialStructure, points: Array, z: Array) -> list[Array]:
+    """Cameras that an affine fit of pixels to points suggests, at a few focal lengths."""
+    beta, groups = structure.neutral(), structure.groups
+    f, u0, v0, _ = structure.lens
+    middle = points.mean(axis=0)
+    centred = points - middle
+    ridge = 1e-6 * np.trace(centred.T @ centred) * np.eye(3)
+    rows = np.linalg.solve(centred.T @ centred + ridge, centred.T @ (z - z.mean(axis=0))).T
+    u, s, vt = np.linalg.svd(rows, full_matrices=False)
+    two = u @ vt
+    turn = np.vstack([two, np.cross(two[0], two[1])])
+    guesses = []
+    for focal in (f,) if not structure.lens_sd[0] else (f, 0.7 * f, 1.4 * f):
+        depth = focal / max(float(s.mean()), 1e-9)
+        centre = np.array([*((z.mean(axis=0) - (u0, v0)) / focal), 1.0]) * depth
+        for flip in (False, True):  # an affine camera does not tell before from behind
+            own = turn if not flip else _tilted(turn)
+            guess = beta.copy()
+            guess[groups["lens"][0]] = focal
+            guess[groups["view.rotation"]] = logarithm(own)
+            guess[groups["view.shift"]] = centre - own @ middle
+            guesses.append(guess)
+    return guesses
+
+
+def _tilted(turn: Array) -> Array:
+    """Turn a camera half-way round its view of the arm, tilted: a start from elsewhere."""
+    tilt = exponential(np.array([0.6, 0.0, 0.0]))
+    return np.asarray(tilt @ turn)

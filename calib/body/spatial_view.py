@@ -1,0 +1,148 @@
+"""Views of a spatial arm: how a sensor sees the tip, and how that changes with its motion.
+
+``base``, ``rigid`` and ``similarity`` see a position, ``pose`` a position and an orientation,
+``pinhole`` pixels. A view is evaluated at rows; `View.push` differentiates it.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from ..arm.rotations import exponential, logarithm
+from ..arm.spatial_chain import cross
+from .structure import Array
+
+#: Rows and columns of each view's outputs.
+OUTPUTS = {"base": 3, "rigid": 3, "similarity": 3, "pose": 6, "pinhole": 2}
+#: A point nearer to the camera's plane than this [m] has no pixel; it is held there.
+_NEAREST = 1e-3
+
+
+@dataclass(frozen=True)
+class Placed:
+    """A sensor: its rotation, shift, scale and, of a camera, its lens (f, u0, v0, k1)."""
+
+    kind: str
+    rotation: Array
+    shift: Array
+    scale: float
+    lens: Array
+
+
+@dataclass(frozen=True)
+class View:
+    """What a sensor sees of the tip at n rows.
+
+    Attributes
+    ----------
+    values : (n, outputs) array
+    sensor : Placed
+    point : (3, n) array
+        The tip in the sensor's frame (camera: [m]), its shift left out for others.
+    slope : (2, 3, n) array or None
+        Derivative of pixels by the point.
+    """
+
+    values: Array
+    sensor: Placed
+    point: Array
+    slope: Array | None
+
+    def push(self, velocity: Array, angular: Array) -> Array:
+        """How outputs (outputs, n) move when the tip moves in the arm's root frame.
+
+        `velocity` (3, n) [m] and `angular` (3, n) [rad] are those of the tip.
+        """
+        moved = self.sensor.scale * (self.sensor.rotation @ velocity)
+        if self.slope is not None:
+            return self.seen(moved)
+        if self.sensor.kind == "pose":
+            turned = np.broadcast_to(self.sensor.rotation @ angular, moved.shape)
+            return np.concatenate([moved, turned])
+        return np.asarray(moved)
+
+    def turned(self, axis: int) -> Array:
+        """How outputs (outputs, n) move when the sensor's frame turns about its own axis."""
+        about = np.zeros((3, 1))
+        about[axis] = 1.0
+        moved = cross(about, self.point if self.slope is None else self._without_shift)
+        if self.slope is not None:
+            return self.seen(moved)
+        if self.sensor.kind == "pose":
+            return np.concatenate([moved, np.repeat(about, moved.shape[1], axis=1)])
+        return moved
+
+    def shifted(self, axis: int) -> Array:
+        """How outputs (outputs, n) move when the sensor's frame is shifted."""
+        n = self.point.shape[1]
+        moved = np.zeros((3, n))
+        moved[axis] = 1.0
+        if self.slope is not None:
+            return self.seen(moved)
+        return np.concatenate([moved, np.zeros((3, n))]) if self.sensor.kind == "pose" else moved
+
+    def scaled(self) -> Array:
+        """How outputs (outputs, n) move when the logarithm of the scale does."""
+        moved = self.point if self.slope is None else self._without_shift
+        if self.slope is not None:
+            return self.seen(moved)
+        return (
+            np.concatenate([moved, np.zeros_like(moved)]) if self.sensor.kind == "pose" else moved
+        )
+
+    def refocused(self) -> Array:
+        """Derivative (2, 4, n) of pixels by focal length, centre and k1."""
+        f, _, _, k1 = self.sensor.lens
+        ideal = self.point[:2] / self.point[2]
+        squared = (ideal**2).sum(axis=0)
+        out = np.zeros((2, 4, len(squared)))
+        out[:, 0] = ideal * (1 + k1 * squared)
+        out[0, 1] = out[1, 2] = 1.0
+        out[:, 3] = f * ideal * squared
+        return out
+
+    def seen(self, moved: Array) -> Array:
+        """How pixels (2, n) move when the point moves (3, n) in the camera's frame."""
+        slope = np.zeros((2, 3, 1)) if self.slope is None else self.slope
+        return np.asarray((slope * moved[None]).sum(axis=1))
+
+    @property
+    def _without_shift(self) -> Array:
+        return self.point - self.sensor.shift[:, None]
+
+
+def look(sensor: Placed, position: Array, rotation: Array) -> View:
+    """See the tip at `position` (3, n) [m] with orientation `rotation` (3, 3, n)."""
+    turned = sensor.scale * (sensor.rotation @ position)
+    if sensor.kind == "pinhole":
+        return _pinhole(sensor, turned + sensor.shift[:, None])
+    values = (turned + sensor.shift[:, None]).T
+    if sensor.kind == "pose":
+        matrices = sensor.rotation @ np.moveaxis(rotation, 2, 0)
+        values = np.concatenate([values, logarithm(matrices)], axis=1)
+    return View(np.ascontiguousarray(values), sensor, turned, None)
+
+
+def _pinhole(sensor: Placed, point: Array) -> View:
+    f, u0, v0, k1 = sensor.lens
+    depth = np.maximum(point[2], _NEAREST)
+    point = np.stack([point[0], point[1], depth])
+    ideal = point[:2] / depth
+    squared = (ideal**2).sum(axis=0)
+    bent = 1 + k1 * squared
+    pixels = f * ideal * bent + np.array([[u0], [v0]])
+    # d pixel / d ideal = f ((1 + k1 r^2) 1 + 2 k1 u u'), d ideal / d point = [1, -u] / depth
+    slope = np.empty((2, 3, len(depth)))
+    for i in range(2):
+        for j in range(2):
+            slope[i, j] = f * 2 * k1 * ideal[i] * ideal[j] / depth
+        slope[i, i] += f * bent / depth
+    slope[:, 2] = -(slope[:, 0] * ideal[0] + slope[:, 1] * ideal[1])
+    return View(np.ascontiguousarray(pixels.T), sensor, point, slope)
+
+
+def compose(first: Array, second: Array) -> Array:
+    """Rotation vectors (..., 3) of exp(first) exp(second)."""
+    return np.asarray(logarithm(exponential(first) @ exponential(second)))

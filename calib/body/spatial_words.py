@@ -1,0 +1,92 @@
+"""A spatial body in words: joint origins, tool, camera, elasticity and joint curves."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from ..arm.rotations import exponential
+from .curves import curve_rms
+from .structure import Array
+
+if TYPE_CHECKING:
+    from .spatial import SpatialStructure
+
+
+def words(structure: SpatialStructure, beta: Array, sd: Array) -> tuple[str, ...]:
+    """Lines that say the parameters; the intervals are 95 %."""
+    lines: list[str] = []
+    groups, layout = structure.groups, structure.layout
+    for i, name in enumerate(structure.chain_names):
+        parts: list[str] = []
+        if name in structure.joint_names:
+            k = structure.joint_names.index(name)
+            at = groups["offset"][k]
+            if sd[at] > 0:
+                factor, unit = (180 / np.pi, "deg") if structure.turning[k] else (1e3, "mm")
+                parts.append(f"{factor * beta[at]:+.3f} ± {factor * 1.96 * sd[at]:.3f} {unit}")
+            elif sd[groups["offset"]].any() and structure.view != "base" and k == 0:
+                parts.append("offset zero by convention: the frame's turn is the same")
+            at = groups["gain"][k]
+            if sd[at] > 0:
+                parts.append(f"gain {beta[at]:.6f}")
+        shifts, turns = layout.shifts[i], layout.turns[i]
+        if sd[shifts].any():
+            parts.append(
+                f"origin moved {1e3 * _length(beta[shifts]):.2f} ± "
+                f"{1e3 * 1.96 * _rms(sd[shifts]):.2f} mm"
+            )
+        if sd[turns].any():
+            parts.append(
+                f"turned {np.degrees(_length(beta[turns])):.3f} ± "
+                f"{np.degrees(1.96 * _rms(sd[turns])):.3f} deg"
+            )
+        if len(groups["elastic"]) and sd[groups["elastic"][i]] > 0:
+            bend = 1e3 * beta[groups["elastic"][i]]
+            parts.append(f"bends {bend:+.2f} mrad when stretched")
+        if parts:
+            lines.append(f"{name}: {', '.join(parts)}")
+    for k, name in enumerate(structure.joint_names):
+        curve = groups[f"curve.{k}"]
+        if len(curve) and sd[curve].any():
+            lines.append(f"joint curve of {name} {1e3 * curve_rms(beta[curve]):.2f} mrad rms")
+    tool = groups["tool"]
+    if sd[tool].any():
+        shown = ", ".join(f"{1e3 * v:.1f}" for v in beta[tool])
+        lines.append(f"tool ({shown}) ± {1e3 * 1.96 * _rms(sd[tool]):.2f} mm from the tip")
+    lines += camera(structure, beta, sd)
+    return tuple(lines)
+
+
+def camera(structure: SpatialStructure, beta: Array, sd: Array) -> list[str]:
+    """Lines on where a camera stands in the arm's root frame, and on its lens."""
+    if structure.view != "pinhole":
+        return []
+    groups = structure.groups
+    place = camera_place(structure, beta)[0]
+    shown = ", ".join(f"{v:.4f}" for v in place)
+    lines = [f"camera at ({shown}) m in the base frame"]
+    lens = groups["lens"]
+    f, u, v, k1 = beta[lens]
+    known = "" if sd[lens[0]] > 0 else " (given)"
+    spread = f" ± {1.96 * sd[lens[0]]:.1f}" if sd[lens[0]] > 0 else ""
+    lines.append(f"lens f {f:.1f}{spread} px, centre ({u:.1f}, {v:.1f}) px, k1 {k1:.4f}{known}")
+    return lines
+
+
+def camera_place(structure: SpatialStructure, beta: Array) -> tuple[Array, Array]:
+    """Camera in the arm's root frame: position (3,) [m] and orientation (3, 3).
+
+    The columns of the orientation are the camera's x (right), y (down) and z (ahead).
+    """
+    turn = exponential(beta[structure.groups["view.rotation"]])
+    return -turn.T @ beta[structure.groups["view.shift"]], turn.T
+
+
+def _length(vector: Array) -> float:
+    return float(np.linalg.norm(vector))
+
+
+def _rms(sd: Array) -> float:
+    return float(np.sqrt((sd**2).mean()))

@@ -1,0 +1,111 @@
+"""Carrying: maps, links and local models that follow an updated body.
+
+Nothing is trained again.  Each sensory node moves as far as the motor nodes it is linked with
+say; what local models add to the body moves with the tip.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import replace
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from ..body.belief import Body
+from ..body.structure import Array
+from ..body.trend import Trend
+from ..common.robust import solve
+from ..common.scale import Scale
+from ..maps import local_models
+from ..maps.association import Association
+from ..maps.local_models import NO_MODELS, LocalModels
+from ..maps.map import Map
+from ..maps.predictor import BodyInBox, Both, Predictor, Smooth
+
+if TYPE_CHECKING:
+    from ..model.model import Model
+
+Value = Callable[[Array], Array]
+"""Positions (n, m) at points (n, dof) of the unit box."""
+
+_PER_NODE = 5
+_DEGREE, _SAMPLES = 2, 20  # of local models where there were none
+_NOTHING = 1e-9  # of the extent: less is nothing to keep
+
+
+def carry(model: Model, body: Body | None, value: Value) -> Model:
+    """The model with another prediction.
+
+    Parameters
+    ----------
+    model : Model
+        The old model.
+    body : Body or None
+        What stands under the maps from now on.
+    value : callable
+        The new prediction, with what maps add to the body.
+
+    Returns
+    -------
+    Model
+        With old bounds and facts; its maps, links and local models follow the prediction.
+    """
+    motor = model.motor
+    rng = np.random.default_rng(0)
+    drawn = rng.random((_PER_NODE * motor.size, motor.units.shape[1]))
+    u = np.concatenate([np.clip(motor.units, 0.0, 1.0), drawn])
+    wanted = value(u)
+    smooth = _smooth(model, body, u, wanted)
+    predictor = Predictor(motor, smooth, _models(model, smooth, u, wanted))
+    sensory = _moved(model, predictor)
+    association = Association(motor, sensory, model.links, model.association.wiring)
+    return replace(
+        model, association=association, predictor=predictor, body=body, rows=None, seconds={}
+    )
+
+
+def _smooth(model: Model, body: Body | None, u: Array, wanted: Array) -> Smooth:
+    """The smooth part: the body, and a trend of the old kind for what it leaves over."""
+    old = model.predictor.smooth
+    trend = old.second if isinstance(old, Both) else old
+    if body is None:
+        assert isinstance(trend, Trend)  # noqa: S101 - without a body there is a trend alone
+        return Trend(trend.basis, solve(trend.basis.values(u), wanted))
+    inside = BodyInBox(body, model.motor.scale)
+    if not isinstance(old, Both) or not isinstance(trend, Trend):
+        return inside
+    return Both(inside, Trend(trend.basis, solve(trend.basis.values(u), wanted - inside.value(u))))
+
+
+def _models(model: Model, smooth: Smooth, u: Array, wanted: Array) -> LocalModels:
+    """Local models of what the smooth part leaves over of the new prediction."""
+    residual = wanted - smooth.value(u)
+    extent = float(np.linalg.norm(np.ptp(wanted, axis=0)))
+    if float(np.abs(residual).max()) < _NOTHING * extent:
+        return NO_MODELS
+    old = model.predictor.models
+    degree = max(old.degree, _DEGREE) if old.degree >= 0 else _DEGREE
+    return local_models.fit(model.motor.units, u, residual, model.motor.scale, degree, _SAMPLES)
+
+
+def _moved(model: Model, predictor: Predictor) -> Map:
+    """The sensory map, each node moved by the mean of the motor nodes that it is linked with."""
+    old, motor = model.sensory, model.motor
+    u = np.clip(motor.units, 0.0, 1.0)
+    before, after = model.predictor.value(u), predictor.value(u)
+    links = model.links
+    total = np.asarray(links.sum(axis=0)).ravel()
+    safe = np.maximum(total, 1e-300)
+    here = np.asarray(links.T @ before) / safe[:, None]
+    there = np.asarray(links.T @ after) / safe[:, None]
+    # an affine map of the means, so that what a node differs from its partners is mapped too
+    known = total > 0
+    design = np.concatenate([before, np.ones((len(before), 1))], axis=1)
+    affine = np.linalg.lstsq(design, after, rcond=None)[0]
+    weights = old.weights
+    moved = np.concatenate([weights, np.ones((len(weights), 1))], axis=1) @ affine
+    mean = np.concatenate([here, np.ones((len(here), 1))], axis=1) @ affine
+    moved[known] += (there - mean)[known]
+    scale = Scale.of_data(np.concatenate([moved, after]))
+    return Map(scale.to_unit(moved), old.lattice, scale, old.history)

@@ -1,0 +1,219 @@
+"""Comparison: a log beside a model, as `check`, `adapt` and their words for it see it.
+
+One comparison holds the rows that count, the belief that they are compared with, the frame that
+they were measured in, and how well each member explains them.  What several uses need is found
+once, when it is first asked for.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from functools import cached_property
+from typing import TYPE_CHECKING
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ..body.belief import Body
+from ..body.structure import Array
+from ..errors import ModelError
+from .explain import Explanation, changed, explain, likely
+from .group_tests import Tested, group_tests
+from .lag import lag_of
+from .members import as_built
+from .reference import Reference, kept_reference, reference_of
+from .rows import Log, weighted
+from .sanity import Comparable, comparable
+from .seen import seen_body
+
+if TYPE_CHECKING:
+    from ..model.model import Model
+    from ..samples.samples import Samples
+
+PROBES = 120
+"""Joints all over the learned range at which predictions are compared."""
+
+UNEXPLAINED = 0.1
+"""Share of the positions' spread: a log that is further off from every member is explained by
+none."""
+
+
+@dataclass(frozen=True, eq=False)
+class Comparison:
+    """A log beside a model.
+
+    Attributes
+    ----------
+    model : Model
+    rows : Comparable
+        Rows of the log that the model can be compared with.
+    q, x : (n, dof), (n, m) array
+        Their joints [rad or m] and positions [unit].
+    offset : (n, m) array
+        What maps add to the body there [unit].
+    body : Body
+        The belief of the model; without a body, that of its sensor's view alone.
+    cause : {"sensor", "joints"} or None
+        What the user knows about the change.
+    unit : str
+        Unit of the log's positions.
+    """
+
+    model: Model
+    rows: Comparable
+    q: Array
+    x: Array
+    offset: Array
+    body: Body
+    cause: str | None
+    unit: str
+
+    @property
+    def z(self) -> Array:
+        """Positions (n, m) without what maps add to the body [unit]."""
+        return self.x - self.offset
+
+    @cached_property
+    def belief(self) -> Body:
+        """The belief that a changed arm starts from."""
+        return as_built(self.body)
+
+    @cached_property
+    def reference(self) -> Reference:
+        """That belief in the frame of the log."""
+        return reference_of(self.belief, self.q, self.z, self.unit)
+
+    @cached_property
+    def _weighted(self) -> tuple[Log, Array, NDArray[np.bool_]]:
+        return weighted(self.reference, self.q, self.x - self.moved_offset, self.cause)
+
+    @cached_property
+    def moved_offset(self) -> Array:
+        """What maps add to the body, in the frame of the log, (n, m)."""
+        if not self.reference.new:
+            return self.offset
+        return carried(self.body, self.reference.body, self.reference.beta, self.q, self.offset)
+
+    @property
+    def log(self) -> Log:
+        """Rows with robust weights."""
+        return self._weighted[0]
+
+    @property
+    def kept(self) -> NDArray[np.bool_]:
+        """Rows (n,) that do not contradict all others."""
+        return self._weighted[2]
+
+    @property
+    def outliers(self) -> int:
+        """Rows that contradict all others."""
+        return int(np.count_nonzero(~self.kept))
+
+    @cached_property
+    def probes(self) -> Array:
+        """Joints (p, dof) all over the learned range."""
+        about = self.model.about
+        u = np.random.default_rng(0).random((PROBES, len(about.joint_names)))
+        return np.asarray(about.lower + u * (about.upper - about.lower))
+
+    @cached_property
+    def tested(self) -> Tested:
+        """Tests of single groups against the belief as the model holds it."""
+        held = self.reference if self.reference.new else kept_reference(self.body)
+        body = self.reference.body if self.reference.new else self.body
+        return group_tests(body, held, self.log, self.probes)
+
+    @cached_property
+    def explanations(self) -> tuple[Explanation, ...]:
+        """Members with their evidence, best first."""
+        return explain(self.reference, self.log, self._weighted[1], self.cause)
+
+    @property
+    def changed(self) -> bool:
+        """Whether a member explains the log better than no change."""
+        return self.reference.new or changed(self.explanations)
+
+    @property
+    def likely(self) -> list[tuple[float, Explanation]]:
+        """The members that count, with their weights."""
+        return likely(self.explanations)
+
+    @cached_property
+    def misfit(self) -> float:
+        """Typical distance of the rows from the best member, over the spread of positions."""
+        left = np.linalg.norm(self.explanations[0].residual, axis=1)
+        spread = np.linalg.norm(self.x - np.median(self.x, axis=0), axis=1)
+        return float(np.median(left) / max(float(np.median(spread)), 1e-300))
+
+    @property
+    def explained(self) -> bool:
+        """Whether any member comes near the rows."""
+        return self.misfit < UNEXPLAINED
+
+    @cached_property
+    def lag(self) -> int:
+        """Rows by which positions follow the joints, 0 where they do not."""
+        return lag_of(self.reference, self.q, self.x - self.moved_offset)
+
+    def why_not(self) -> str:
+        """One line on a log that no member explains."""
+        said = (
+            f"nothing explains the log: its positions are {100 * self.misfit:.0f} % of their "
+            "spread away from any change of the arm or the sensor"
+        )
+        if self.lag:
+            return (
+                f"{said}; they follow the joints by {self.lag} rows: align the clocks of both, or "
+                f"shift the columns by {self.lag} rows"
+            )
+        return f"{said}; are the rows of joints and positions in the same order, of this arm?"
+
+
+def compare(model: Model, log: Samples, cause: str | None = None) -> Comparison:
+    """Put a log beside a model.
+
+    Parameters
+    ----------
+    model : Model
+    log : Samples
+        At least ten different rows of the same arm.
+    cause : {"sensor", "joints"}, optional
+        What is known about a change.
+
+    Raises
+    ------
+    LogError
+        If the log is not of this arm, too short, or looks wrong.
+    ModelError
+        If the model is of an older format and keeps no belief.
+    """
+    if model.baseline is None:
+        raise ModelError("the model has no baseline of its distortions: train it again")
+    rows = comparable(model, log)
+    q = model.motor.scale.from_unit(rows.u)
+    body = seen_body(model) if model.body is None else model.body
+    offset = model.predictor.value(rows.u) - body.predict(q)
+    return Comparison(model, rows, q, rows.x, offset, body, cause, log.unit)
+
+
+def carried(old: Body, new: Body, beta: Array, q: Array, offset: Array) -> Array:
+    """What maps add to a body, after the arm or the sensor has changed.
+
+    A displacement of the tip is taken as that of the joints that causes it (least squares), and
+    these joints' displacement in the new prediction: a moved sensor turns it exactly.
+
+    Parameters
+    ----------
+    old, new : Body
+    beta : (d,) array
+        Parameters of the new prediction.
+    q, offset : (n, dof), (n, m) array
+
+    Returns
+    -------
+    (n, m) array
+    """
+    before = old.structure.slope(q, old.beta)
+    after = new.structure.slope(q, beta)
+    joints = np.einsum("ndm,nm->nd", np.linalg.pinv(before, rcond=1e-3), offset)
+    return np.einsum("nmd,nd->nm", after, joints)

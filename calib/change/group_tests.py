@@ -1,0 +1,204 @@
+"""Group tests: whether freeing a group of parameters explains more of a log than chance does.
+
+Generalised least squares of each group against all that the belief does not know: its posterior,
+a residual of this log alone, and noise.  The statistic is a chi-square variable where nothing
+changed.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from ..body.belief import Body
+from ..body.structure import Array, Indices
+from .members import FRAME, drift
+from .reference import Reference
+from .rows import Log
+from .whitening import scaled, spectrum
+
+FALSE_ALARM = 1e-3
+"""Share of undisturbed logs for which any group fires."""
+
+MOST_ROWS = 300
+_POWER = 0.9  # of the smallest change that is told
+
+
+@dataclass(frozen=True)
+class GroupTest:
+    """One group of parameters, freed alone.
+
+    Attributes
+    ----------
+    name : str
+        ``"sensor"``, ``"sensor scale"``, ``"length:elbow"``, ``"geometry"``, ...
+    indices : (p,) int array
+        Its parameters; the first is the one that the group is about.
+    statistic, threshold : float
+        Chi-square statistic, and what chance stays below in 999 of 1,000 logs.
+    freedom : int
+        Directions that the rows tell apart.
+    estimate, deviation : (p,) array
+        Change of each parameter and its standard deviation.
+    smallest : float [unit]
+        Root mean square displacement, over the learned range, of the smallest change of the
+        first parameter that these rows would show nine times in ten.
+    """
+
+    name: str
+    indices: Indices
+    statistic: float
+    threshold: float
+    freedom: int
+    estimate: Array
+    deviation: Array
+    smallest: float
+
+    @property
+    def score(self) -> float:
+        """Statistic over threshold."""
+        return self.statistic / self.threshold
+
+    @property
+    def penalised(self) -> float:
+        """What ranks groups of different sizes."""
+        return self.statistic - 3.0 * self.freedom
+
+
+@dataclass(frozen=True)
+class Tested:
+    """All groups of one log.
+
+    Attributes
+    ----------
+    groups : tuple of GroupTest
+    noise : float [unit]
+        Standard deviation per axis of what no group explains.
+    usual : float [unit]
+        What the belief expected.
+    """
+
+    groups: tuple[GroupTest, ...]
+    noise: float
+    usual: float
+
+    @property
+    def score(self) -> float:
+        """Largest statistic over its threshold."""
+        return max(g.score for g in self.groups)
+
+    @property
+    def fired(self) -> tuple[GroupTest, ...]:
+        """Groups above their threshold, the most telling first."""
+        return tuple(sorted((g for g in self.groups if g.score > 1.0), key=lambda g: -g.penalised))
+
+    @property
+    def smallest(self) -> float:
+        """Displacement [unit] that any single cause would have shown."""
+        return max(g.smallest for g in self.groups if g.smallest > 0.0)
+
+
+def groups_of(body: Body) -> dict[str, Indices]:
+    """Groups that are tested: the sensor's view, and each joint's own parameters."""
+    structure = body.structure
+    known = {k: np.asarray(ix) for k, ix in structure.groups.items()}
+
+    def joined(*names: str) -> Indices:
+        return np.concatenate([known[n] for n in names if n in known]).astype(np.intp)
+
+    frame = joined(*FRAME)
+    found = {"sensor": frame}
+    if "view.scale" in known:
+        found["sensor scale"] = np.concatenate([known["view.scale"], frame])
+    if "view.tilt" in known:
+        found["sensor tilt"] = joined("view.tilt", "view.shear", "view.scale", *FRAME)
+    if "lens" in known and len(known["lens"]):
+        found["lens"] = np.concatenate([known["lens"][:1], frame])
+    joints: dict[str, dict[str, list[int]]] = {}
+    for group in ("offset", "length", "gain", "placement", "tool"):
+        for index in known.get(group, ()):
+            joint = structure.label(int(index)).joint or ""
+            joints.setdefault(group, {}).setdefault(joint, []).append(int(index))
+    for group, parts in joints.items():
+        for joint, some in parts.items():
+            name = f"{group}:{joint}" if joint else group
+            own = np.array(some, dtype=np.intp)
+            found[name] = own
+            found[f"{name} and sensor"] = np.concatenate([own, frame])
+    geometry = joined("offset", "length", "gain", "elastic", *FRAME)
+    found["geometry"] = geometry
+    return {k: np.asarray(ix, dtype=np.intp) for k, ix in found.items() if len(ix)}
+
+
+def group_tests(body: Body, reference: Reference, log: Log, probes: Array) -> Tested:
+    """Test every group.
+
+    Parameters
+    ----------
+    body : Body
+        The belief as the model knows it.
+    reference : Reference
+        Where it is linearised; its own structure where that is not the log's.
+    log : Log
+        Rows; `z` less what maps add to the body.
+    probes : (p, dof) array
+        Joints all over the learned range.
+    """
+    from scipy.special import chdtri, chndtrinc, fdtri
+
+    log = log.some(MOST_ROWS)
+    structure = reference.structure
+    groups = groups_of(body)
+    every = np.unique(np.concatenate(list(groups.values())))
+    predicted, x = structure.linearise(log.q, reference.beta, every)
+    space = spectrum(
+        body, reference.beta, log.q, log.weight, drift(body), max(body.kappa, 1.0),
+        reference.forgotten,
+    )  # fmt: skip
+    y = space.turn(structure.residual(log.z, predicted))
+    columns = space.turn_columns(x)
+    columns = columns / (np.linalg.norm(columns, axis=0) + 1e-300)
+    left = y.copy()
+    noise = max(body.kappa, 1.0)
+    floor = scaled(body).floor
+    for _ in range(3):
+        precision = 1.0 / (space.values + noise**2)
+        root = np.sqrt(precision)
+        basis = np.linalg.qr(columns * root[:, None])[0]
+        left = (root * y - basis @ (basis.T @ (root * y))) / root
+        noise = max(body.kappa, space.noise(left, floor), 1.0)
+    known = noise <= 1.05 * max(body.kappa, 1.0)
+    precision = 1.0 / (space.values + noise**2 * np.sqrt(max(body.autocorrelation, 1.0)))
+    _, moves = structure.linearise(probes, reference.beta, every)
+    places = structure.blocks[0]
+    moves = np.sqrt((moves[:, :places] ** 2).sum(axis=1).mean(axis=0))
+    derivative = space.turn_columns(x)
+    found = []
+    for name, indices in groups.items():
+        place = np.searchsorted(every, indices)
+        b = derivative[:, place] * np.sqrt(precision)[:, None]
+        size = np.linalg.norm(b, axis=0) + 1e-300
+        u, s, vt = np.linalg.svd(b / size, full_matrices=False)
+        kept = s > 1e-5 * s[0]
+        score = u[:, kept].T @ (y * np.sqrt(precision))
+        p = int(kept.sum())
+        statistic = float((score**2).sum())
+        level = FALSE_ALARM / len(groups)
+        if known:
+            threshold = float(chdtri(p, level))
+        else:
+            threshold = p * float(fdtri(p, max(len(y) - len(every), 1), 1.0 - level))
+        estimate = (vt[kept].T / s[kept]) @ score / size
+        deviation = np.sqrt(((vt[kept].T / s[kept]) ** 2).sum(axis=1)) / size
+        # the noncentrality with which the statistic exceeds its threshold nine times in ten
+        needed = float(chndtrinc(threshold, p, 1.0 - _POWER))
+        smallest = np.sqrt(needed) / size[0] * moves[place[0]]
+        found.append(
+            GroupTest(name, indices, statistic, threshold, p, estimate, deviation, float(smallest))
+        )
+    unit = float(scaled(body).size[0])
+    # what the weights of a Student distribution leave out
+    scale = float(np.median(np.linalg.norm(space.rest(left, noise) / space.root[:, None], axis=1)))
+    spread = scale / np.sqrt(2.0 * np.log(2.0)) if places == 2 else scale / 1.54
+    return Tested(tuple(found), spread * unit, float(body.noise[0]))

@@ -1,0 +1,230 @@
+"""Members: what may have changed between an old belief and a new log, and by how much.
+
+`adapt` and `check` compare the same members.  They know an arm only by the groups of its
+structure's parameters, so that planar and spatial arms share this table.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from ..body.belief import Body
+from ..body.structure import Array, Structure
+from ..errors import OptionError
+
+FRAME = ("view.rotation", "view.shift")
+"""Groups that move when the sensor is put elsewhere; always freed together."""
+
+CAUSES = ("sensor", "joints")
+
+_FREE = {
+    "view.rotation": 0.5,  # [rad]
+    "view.shift": 0.5,  # of the extents
+    "view.scale": 0.3,
+    "view.shear": 0.1,
+    "view.tilt": 0.3,  # of the chain's size
+    "lens": 0.2,
+    "offset": np.radians(5.0),
+    "length": 0.15,  # of the mean length
+    "gain": 0.03,
+    "elastic": 0.02,
+}
+"""Prior sd of a group that is freed; what is not listed is 5 times its prior of a robot."""
+
+_DRIFT = {
+    "offset": np.radians(0.02),
+    "length": 1e-4,
+    "gain": 1e-4,
+    "elastic": 2e-5,
+}
+"""Sd by which everything may creep between two logs; curves creep by 10 urad."""
+
+_CURVE_FREE, _CURVE_DRIFT, _OTHER_FREE, _OTHER_DRIFT = 0.3, 0.01, 5.0, 0.1
+
+
+@dataclass(frozen=True)
+class Member:
+    """A hypothesis of what changed.
+
+    Attributes
+    ----------
+    name : str
+        ``"nothing"``, ``"frame"``, ``"frame, length"``.
+    groups : tuple of str
+        Groups that are freed; ``"curve"`` stands for those of all joints.
+    """
+
+    name: str
+    groups: tuple[str, ...]
+
+    @property
+    def framed(self) -> bool:
+        """Whether the sensor's frame is free."""
+        return "view.shift" in self.groups
+
+
+NOTHING = Member("nothing", ())
+
+_CAMERA = ("view.scale", "view.shear", "view.tilt")
+_GEOMETRY = ("offset", "length", "gain")
+_SENSOR = (
+    (),
+    ("view.scale",),
+    _CAMERA,
+    ("view.scale", "view.shear", "lens"),
+)
+_JOINTS = (
+    ("offset",),
+    ("length",),
+    ("gain",),
+    ("elastic",),
+    ("tool",),
+    _GEOMETRY,
+    ("placement", "offset", "gain"),
+    (*_GEOMETRY, "elastic"),
+    (*_GEOMETRY, "elastic", "placement", "tool", "curve"),
+)
+_BOTH = (
+    (*_GEOMETRY, *_CAMERA),
+    (*_GEOMETRY, "elastic", "placement", "tool", "curve", *_CAMERA, "lens"),
+)
+
+
+def members_of(structure: Structure, cause: str | None = None) -> tuple[Member, ...]:
+    """What may have changed, from simple to rich; the first is nothing.
+
+    Parameters
+    ----------
+    structure : Structure
+        Groups that it does not have are left out.
+    cause : {"sensor", "joints"}, optional
+        What the user knows: only the sensor's view is free, or only the arm.
+    """
+    if cause is not None and cause not in CAUSES:
+        raise OptionError(f"cause {cause!r} is unknown, choose one of {', '.join(CAUSES)}")
+    sets: list[tuple[str, ...]] = []
+    if cause != "joints":
+        sets += [(*FRAME, *more) for more in _SENSOR]
+    if cause != "sensor":
+        sets += list(_JOINTS)
+    if cause is None:
+        sets += [(*FRAME, *more) for more in _JOINTS + _BOTH]
+    found = {(): NOTHING}
+    for groups in sets:
+        known = tuple(g for g in groups if len(_indices(structure, g)))
+        if known and known not in found:
+            found[known] = Member(_named(known), known)
+    return tuple(found.values())
+
+
+def _named(groups: tuple[str, ...]) -> str:
+    words = {"view.scale": "scale", "view.shear": "shear", "view.tilt": "tilt"}
+    names = ["frame"] if "view.shift" in groups else []
+    names += [words.get(g, g) for g in groups if g not in FRAME]
+    return ", ".join(names)
+
+
+def _indices(structure: Structure, group: str) -> Array:
+    if group == "curve":
+        parts = [ix for name, ix in structure.groups.items() if name.startswith("curve.")]
+        return np.concatenate(parts) if parts else np.zeros(0, dtype=int)
+    return np.asarray(structure.groups.get(group, np.zeros(0, dtype=int)))
+
+
+def freedom(body: Body, member: Member, cause: str | None = None) -> Array:
+    """Standard deviation (d,) by which the freed parameters may have changed."""
+    sd = np.zeros(body.structure.size)
+    for group in member.groups:
+        ix = _indices(body.structure, group)
+        sd[ix] = _size(body, group, ix, _FREE, _CURVE_FREE, _OTHER_FREE)
+    _keep_gauge(body, sd, cause)
+    return sd
+
+
+def drift(body: Body) -> Array:
+    """Standard deviation (d,) by which the arm's own parameters may have crept."""
+    sd = np.zeros(body.structure.size)
+    for group, ix in body.structure.groups.items():
+        if not (group.startswith("view.") or group == "lens"):
+            sd[ix] = _size(body, group, ix, _DRIFT, _CURVE_DRIFT, _OTHER_DRIFT)
+    _keep_gauge(body, sd, None)
+    known = np.zeros(len(sd), dtype=bool)
+    known[body.active] = True
+    return np.where(known, sd, 0.0)
+
+
+def _size(
+    body: Body, group: str, ix: Array, table: dict[str, float], curve: float, other: float
+) -> Array:
+    """Sd of the parameters `ix` of one group."""
+    structure = body.structure
+    size = table.get(group)
+    if size is not None:
+        if group == "view.shift":
+            size = size * float(structure.extents[0])
+        elif group == "view.tilt":
+            size = size / _chain_size(body)
+        elif group == "length":
+            size = size * _mean_length(body)
+        return np.full(len(ix), size)
+    share = curve if group.startswith("curve") else other
+    return np.asarray(share * structure.prior((group,)).sd[ix])
+
+
+def _mean_length(body: Body) -> float:
+    return float(np.abs(body.beta[_indices(body.structure, "length")]).mean())
+
+
+def _chain_size(body: Body) -> float:
+    """Sum of the lengths; for a chain without such a group the extents."""
+    ix = _indices(body.structure, "length")
+    return float(np.abs(body.beta[ix]).sum()) if len(ix) else float(body.structure.extents[0])
+
+
+def _keep_gauge(body: Body, sd: Array, cause: str | None) -> None:
+    """Hold what a free frame already says: the first joint's offset, the first length."""
+    structure = body.structure
+    active = np.zeros(len(sd), dtype=bool)
+    active[body.active] = True
+    offset = _indices(structure, "offset")
+    # with the frame held, the first joint's offset is what a turn about its axis is
+    if len(offset) and not active[offset[0]] and cause != "joints":
+        sd[offset[0]] = 0.0
+    length = _indices(structure, "length")
+    if len(length) and active[length[1:]].any() and not active[length[0]]:
+        sd[length[0]] = 0.0
+
+
+_BUILT = {"length": 1e-3, "offset": np.radians(0.1), "gain": 1e-3, "elastic": 1e-4}
+"""How far an arm as built is from its drawing; lengths in m."""
+
+
+def as_built(body: Body) -> Body:
+    """The belief that `check` and `adapt` start from.
+
+    Exact samples of a simulation say exactly what was drawn.  An arm as it was built is some
+    tenths of a millimetre and of a degree away from that.
+    """
+    if not body.simulated:
+        return body
+    structure = body.structure
+    sd = np.zeros(structure.size)
+    metre = float(getattr(structure, "metre", 1.0))
+    if structure.view not in ("rigid", "base", "pose"):
+        metre = _mean_length(body) / 0.3
+    for group, ix in structure.groups.items():
+        if group.startswith("view.") or group == "lens":
+            continue
+        if group in _BUILT:
+            sd[ix] = _BUILT[group] * (metre if group == "length" else 1.0)
+        else:
+            share = _CURVE_FREE if group.startswith("curve") else 1.0
+            sd[ix] = share * structure.prior((group,)).sd[ix]
+    _keep_gauge(body, sd, None)
+    known = np.zeros(len(sd))
+    known[body.active] = body.deviations[body.active]
+    sd = np.maximum(sd, known)
+    active = np.flatnonzero(sd > 0)
+    return replace(body, active=active, covariance=np.diag(sd[active] ** 2), second=None)

@@ -1,0 +1,123 @@
+"""What a log shows beyond every member: a smooth residual that fades to zero away from its rows.
+
+A Gaussian process over the joints.  It is kept only where contiguous blocks of rows that it has
+not seen are predicted better with it than without.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from ..body.structure import Array
+from .rows import thinned
+from .whitening import kernel
+
+MOST_ROWS = 400
+
+_BLOCKS = 10
+_LENGTHS = (0.5, 1.0, 2.0)  # times the given lengths
+_RATIOS = np.geomspace(1e-8, 10.0, 19)  # variance of the noise over that of the process
+_CLEAR = 2.0  # paired standard errors by which blocks must be predicted better
+_GAIN = 0.9  # share of the error that must not be left
+
+
+@dataclass(frozen=True)
+class OwnResidual:
+    """A Gaussian process that was fitted to residuals.
+
+    Attributes
+    ----------
+    q : (n, dof) array
+        Rows [rad or m].
+    lengths : (dof,) array
+        Correlation lengths [rad or m].
+    weights : (n, m) array
+        Of the rows' kernels [unit].
+    inverse : (n, n) array
+        Inverse of the rows' covariance, in units of the process's variance.
+    sd : float [unit]
+        Standard deviation of the process away from rows.
+    held_out : (n,) array [unit]
+        Distances of the rows from what is predicted without their block.
+    rows : (n,) int array
+        Rows of the log that it rests on.
+    """
+
+    q: Array
+    lengths: Array
+    weights: Array
+    inverse: Array
+    sd: float
+    held_out: Array
+    rows: Array
+
+    def value(self, q: Array) -> Array:
+        """Mean (k, m) at joints (k, dof) [unit]."""
+        return np.asarray(kernel(q, self.q, self.lengths) @ self.weights)
+
+    def deviation(self, q: Array) -> Array:
+        """Standard deviation per axis (k,) at joints (k, dof) [unit]."""
+        alike = kernel(q, self.q, self.lengths)
+        known = np.einsum("ki,ij,kj->k", alike, self.inverse, alike)
+        return np.asarray(self.sd * np.sqrt(np.maximum(1.0 - known, 0.0)))
+
+
+def own_residual(
+    q: Array, residual: Array, held: Array, weight: Array, lengths: Array
+) -> OwnResidual | None:
+    """Fit the process; None where held-out blocks do not ask for it.
+
+    Parameters
+    ----------
+    q : (n, dof) array
+        Rows in the order in which they were measured [rad or m].
+    residual, held : (n, m) array [unit]
+        Measured less predicted, by a fit to all rows and to the other blocks.
+    weight : (n,) array
+        Weights of the rows.
+    lengths : (dof,) array
+        Usual correlation lengths [rad or m].
+    """
+    rows = thinned(len(q), MOST_ROWS)
+    q, residual, held, weight = q[rows], residual[rows], held[rows], weight[rows]
+    n = len(q)
+    if n < 2 * _BLOCKS or not np.any(residual):
+        return None
+    best: tuple[float, Array, float, float] | None = None
+    for share in _LENGTHS:
+        alike = kernel(q, q, share * lengths)
+        values, vectors = np.linalg.eigh(alike * np.sqrt(weight)[:, None] * np.sqrt(weight))
+        y2 = ((vectors.T @ (residual * np.sqrt(weight)[:, None])) ** 2).sum(axis=1)
+        m = residual.shape[1]
+        for ratio in _RATIOS:
+            total = np.maximum(values, 0.0) + ratio
+            variance = float((y2 / total).sum()) / (m * n)
+            cost = m * (float(np.log(total).sum()) + n * np.log(variance + 1e-300))
+            if best is None or cost < best[0]:
+                best = (cost, share * lengths, float(ratio), variance)
+    if best is None:
+        return None
+    _, lengths, ratio, variance = best
+    noise = np.diag(ratio / weight + 1e-10)
+    alike = kernel(q, q, lengths)
+    left = np.empty(n)
+    for block in np.array_split(np.arange(n), _BLOCKS):
+        others = np.setdiff1d(np.arange(n), block)
+        inner = alike[np.ix_(others, others)] + noise[np.ix_(others, others)]
+        guess = alike[np.ix_(block, others)] @ np.linalg.solve(inner, residual[others])
+        left[block] = np.linalg.norm(held[block] - guess, axis=1)
+    gain = np.array(
+        [
+            float(np.mean(np.linalg.norm(held[b], axis=1) - left[b]))
+            for b in np.array_split(np.arange(n), _BLOCKS)
+        ]
+    )
+    error = float(gain.std(ddof=1)) / np.sqrt(len(gain))
+    before = float(np.linalg.norm(held, axis=1).mean())
+    if gain.mean() <= _CLEAR * error or left.mean() > _GAIN * before:
+        return None
+    inverse = np.linalg.inv(alike + noise)
+    sd = float(np.sqrt(variance))
+    return OwnResidual(q, lengths, inverse @ residual, inverse, sd, left, rows)

@@ -1,0 +1,272 @@
+"""The reference: an old belief brought into the frame of a new log.
+
+A camera that was hung elsewhere, mirrored or read in other units moves every position by far
+more than anything else; so the frame comes first, in closed form, and small changes after it.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from dataclasses import dataclass, fields, is_dataclass, replace
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ..body.belief import Body
+from ..body.structure import Array, Structure
+from .members import FRAME
+
+_FAR = 0.05  # misfit, of the extents, from which another frame is looked for
+_BETTER = 0.5  # misfit by which a mirror, another sense or a locked joint must be better
+_SCALES = (0.5, 2.0)  # beyond these the positions are in another unit
+_ROWS = 200
+_LOCKED_STEP = 0.1  # between the angles that are tried for a joint that is held [rad]
+
+
+@dataclass(frozen=True)
+class Reference:
+    """The old belief, in the frame of a log.
+
+    Attributes
+    ----------
+    body : Body
+        The old belief with the structure of the log: mirrored, or with a joint turned round.
+    beta : (d,) array
+        Its parameters, the view's moved.
+    new : bool
+        Whether the view is so different that only members with a free frame make sense.
+    mirrored : bool
+        Whether the sensor sees the plane from the other side than before.
+    turned : tuple of int
+        Joints that turn the other way.
+    locked : tuple of int
+        Joints that no longer move the tip.
+    scale : float
+        Size of positions over what it was; 1 where they are in the old unit.
+    forgotten : (g,) int array
+        Parameters of the view whose old posterior does not count any more.
+    """
+
+    body: Body
+    beta: Array
+    new: bool
+    mirrored: bool
+    turned: tuple[int, ...]
+    locked: tuple[int, ...]
+    scale: float
+    forgotten: NDArray[np.intp]
+
+    @property
+    def structure(self) -> Structure:
+        """Structure of the log."""
+        return self.body.structure
+
+
+def kept_reference(body: Body) -> Reference:
+    """A belief where it is."""
+    return Reference(body, body.beta, False, False, (), (), 1.0, np.zeros(0, dtype=np.intp))
+
+
+def reference_of(
+    body: Body, q: Array, z: Array, unit: str | None = None, *, moved_only: bool = False
+) -> Reference:
+    """Bring a belief into the frame of a log.
+
+    Parameters
+    ----------
+    body : Body
+        The old belief.
+    q, z : (n, dof), (n, m) array
+        The log.
+    unit : str, optional
+        Unit of its positions, where it is another.
+    moved_only : bool
+        Whether nothing but a move of the frame is looked for, from where it is.
+    """
+    kept = kept_reference(body)
+    places = body.structure.blocks[0]
+    rows = np.linspace(0, len(q) - 1, min(len(q), _ROWS)).round().astype(int)
+    q, z = q[rows], z[rows]
+    seen = body.structure.predict(q, body.beta)
+    extent = float(np.asarray(body.structure.extents)[0])
+    gap = _typical(np.linalg.norm((z - seen)[:, :places], axis=1))
+    if gap < _FAR * extent:
+        return kept
+    if moved_only:
+        turn, shift = (np.asarray(body.structure.groups[g]) for g in FRAME)
+        free = np.concatenate([turn, shift])
+        _, beta = _aligned(body.structure, body.beta, q, z, free, np.isin(free, turn))
+        return replace(kept, beta=beta)
+    tries: list[tuple[float, dict[str, Any], Array, tuple[int, ...], float]] = []
+    for change, start, locked in _variants(body):
+        structure = _replaced(body.structure, change)
+        p = structure.predict(q, start)[:, :places]
+        for scaled in (False,) if locked else (False, True):
+            error, ratio = _misfit(p, z[:, :places], scaled)
+            # each further freedom must halve what is left
+            free = bool(change) + bool(locked) + (scaled and not 0.5 < ratio < 2.0)
+            tries.append((error / _BETTER**free, change, start, locked, ratio))
+    _, change, start, locked, ratio = min(tries, key=lambda t: t[0])
+    other = not _SCALES[0] < ratio < _SCALES[1]
+    structure = _replaced(body.structure, change)
+    if other:
+        structure = _rescaled(structure, ratio, z, unit)
+    beta = _framed(structure, start, q, z, ratio if other else None)
+    new = bool(change) or bool(locked) or other
+    groups = structure.groups
+    view = [ix for name, ix in groups.items() if name.startswith("view.") or name == "lens"]
+    factor = ratio if other else 1.0
+    moved = replace(
+        body,
+        structure=structure,
+        noise=body.noise * factor,
+        tau=body.tau * factor,
+        residual=body.residual * factor,
+    )
+    signs = change.get("signs")
+    old = getattr(body.structure, "signs", ())
+    turned = tuple(k for k, s in enumerate(signs) if s != old[k]) if signs else ()
+    frame = [ix for name, ix in groups.items() if name in FRAME]
+    return Reference(
+        moved,
+        beta,
+        new,
+        "mirror" in change,
+        turned,
+        locked,
+        factor,
+        np.concatenate(view if new else frame).astype(np.intp),
+    )
+
+
+def _typical(values: Array) -> float:
+    return float(np.median(values))
+
+
+def _variants(body: Body) -> Iterator[tuple[dict[str, Any], Array, tuple[int, ...]]]:
+    """The belief itself, seen from behind, with one joint turned round, with one joint locked.
+
+    Yields fields of the structure that differ, parameters, and the joints that are locked.
+    """
+    structure, beta = body.structure, body.beta
+    yield {}, beta, ()
+    names = {f.name for f in fields(structure)} if is_dataclass(structure) else set()
+    mirrors: list[dict[str, Any]] = [{}]
+    if "mirror" in names:
+        mirrors.append({"mirror": -structure.mirror})  # type: ignore[attr-defined]
+        yield mirrors[1], beta, ()
+    chain = {"offset", "gain"} <= set(structure.groups)
+    for k, turns in enumerate(structure.revolute):
+        if "signs" in names and chain and turns:
+            signs = structure.signs  # type: ignore[attr-defined]
+            other = tuple(-s if j == k else s for j, s in enumerate(signs))
+            for mirror in mirrors:
+                yield {**mirror, "signs": other}, beta, ()
+        if chain and turns and k:
+            held = beta.copy()
+            held[np.asarray(structure.groups["gain"])[k]] = 0.0
+            for angle in np.arange(-np.pi, np.pi, _LOCKED_STEP):
+                held = held.copy()
+                held[np.asarray(structure.groups["offset"])[k]] = (
+                    beta[np.asarray(structure.groups["offset"])[k]] + angle
+                )
+                yield {}, held, (k,)
+
+
+def _replaced(structure: Structure, change: dict[str, Any]) -> Structure:
+    return replace(structure, **change) if change else structure  # type: ignore[type-var]
+
+
+def _rescaled(structure: Structure, ratio: float, z: Array, unit: str | None) -> Structure:
+    """The structure in the log's own unit."""
+    names = {f.name for f in fields(structure)} if is_dataclass(structure) else set()
+    change: dict[str, Any] = {}
+    if "extent" in names:
+        change["extent"] = ratio * structure.extent  # type: ignore[attr-defined]
+    if "centre" in names:
+        change["centre"] = tuple(z.mean(axis=0).tolist())
+    if "unit" in names:
+        change["unit"] = unit if unit not in (None, structure.unit) else "sensor"
+    return _replaced(structure, change)
+
+
+def _misfit(p: Array, z: Array, scaled: bool) -> tuple[float, float]:
+    """Typical distance after the best rotation, shift and scale, and the scale (Umeyama 1991).
+
+    The rotation is a proper one: mirrors are variants of the structure.  Rows that contradict
+    most others are left out of a second fit.
+    """
+    kept = np.ones(len(p), dtype=bool)
+    for _ in range(3):
+        a, b = p[kept] - p[kept].mean(axis=0), z[kept] - z[kept].mean(axis=0)
+        u, s, vt = np.linalg.svd(b.T @ a)
+        sign = np.ones(len(s))
+        sign[-1] = np.sign(np.linalg.det(u @ vt)) or 1.0
+        turn = (u * sign) @ vt
+        ratio = float((s * sign).sum() / max(float((a**2).sum()), 1e-300))
+        size = ratio if scaled else 1.0
+        left = z - z[kept].mean(axis=0) - size * (p - p[kept].mean(axis=0)) @ turn.T
+        error = np.linalg.norm(left, axis=1)
+        kept = error <= max(3.0 * float(np.median(error)), 1e-12)
+    # a scale that is near one is not what is asked for
+    return _typical(error) / (size if scaled and size > 0 else 1.0), max(ratio, 1e-12)
+
+
+def _framed(structure: Structure, beta: Array, q: Array, z: Array, ratio: float | None) -> Array:
+    """Parameters with the frame that fits a log best, from several rotations."""
+    groups = structure.groups
+    turn, shift = np.asarray(groups["view.rotation"]), np.asarray(groups["view.shift"])
+    scale = np.asarray(groups["view.scale"]) if ratio is not None else np.zeros(0, dtype=int)
+    free = np.concatenate([turn, shift, scale]).astype(int)
+    beta = beta.copy()
+    if ratio is not None:
+        beta[scale] += np.log(ratio)
+    tries: list[tuple[float, Array]] = []
+    for start in _rotations(len(turn)):
+        found = beta.copy()
+        full = np.zeros(len(beta))
+        full[turn] = start
+        found = structure.retract(found, full)
+        left = structure.residual(z, structure.predict(q, found))
+        found[shift] += np.median(left, axis=0)[: len(shift)]
+        tries.append(_aligned(structure, found, q, z, free, ~np.isin(free, shift)))
+    return min(tries, key=lambda t: t[0])[1]
+
+
+def _rotations(size: int) -> Iterator[Array]:
+    if size == 1:
+        for k in range(8):
+            yield np.array([k * np.pi / 4 - (2 * np.pi if k > 4 else 0.0)])
+        return
+    yield np.zeros(size)
+    for axis in np.eye(size):
+        for angle in (np.pi / 2, np.pi, -np.pi / 2):
+            yield axis * angle
+    for corner in np.array(np.meshgrid(*[[1.0, -1.0]] * size)).T.reshape(-1, size):
+        yield corner / np.sqrt(size) * 2 * np.pi / 3
+
+
+def _aligned(
+    structure: Structure, beta: Array, q: Array, z: Array, free: Array, careful: Array
+) -> tuple[float, Array]:
+    """Gauss-Newton of the frame alone on absolute residuals, and the median error.
+
+    Steps of the parameters `careful` (bool, of `free`), a rotation and a scale, stay below 0.5.
+    """
+    for _ in range(30):
+        predicted, x = structure.linearise(q, beta, free)
+        r = structure.residual(z, predicted)
+        error = np.linalg.norm(r, axis=1)
+        root = 1.0 / np.sqrt(np.maximum(error, 0.3 * np.median(error) + 1e-12))
+        j = (x * root[:, None, None]).reshape(-1, len(free))
+        size = np.sqrt((j**2).sum(axis=0)) + 1e-300
+        step = np.linalg.lstsq(j / size, (r * root[:, None]).ravel(), rcond=1e-12)[0] / size
+        step *= min(1.0, 0.5 / max(float(np.abs(step[careful]).max()), 1e-12))
+        full = np.zeros(len(beta))
+        full[free] = step
+        beta = structure.retract(beta, full)
+        if float(np.abs(step * size).max()) < 1e-9 * float(size.max()):
+            break
+    left = structure.residual(z, structure.predict(q, beta))
+    return _typical(np.linalg.norm(left, axis=1)), beta

@@ -1,0 +1,106 @@
+"""Rows of a log with their weights: what every comparison with a belief starts from."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ..body.structure import Array
+from .members import drift, freedom, members_of
+from .reference import Reference
+from .whitening import scaled
+
+_STUDENT = 6.0
+_STEPS = 12
+_MOST = 400
+OUTLIER = 5.0
+"""Noises from which a row contradicts all others."""
+
+
+@dataclass(frozen=True)
+class Log:
+    """Rows of a log and how much each counts.
+
+    Attributes
+    ----------
+    q, z : (n, dof), (n, m) array
+        Joints [rad or m] and outputs, without what maps add to the body [unit].
+    weight : (n,) array
+    """
+
+    q: Array
+    z: Array
+    weight: Array
+
+    def some(self, most: int) -> Log:
+        """At most so many rows, evenly spread."""
+        rows = thinned(len(self.q), most)
+        return Log(self.q[rows], self.z[rows], self.weight[rows])
+
+
+def thinned(n: int, most: int) -> NDArray[np.intp]:
+    """At most `most` rows of n, evenly spread, in order."""
+    return np.unique(np.linspace(0, n - 1, min(n, most)).round().astype(np.intp))
+
+
+def weighted(
+    reference: Reference, q: Array, z: Array, cause: str | None = None
+) -> tuple[Log, Array, NDArray[np.bool_]]:
+    """A log with robust weights.
+
+    Parameters
+    ----------
+    reference : Reference
+        The old belief in the frame of the log.
+    q, z : (n, dof), (n, m) array
+        All rows.
+    cause : {"sensor", "joints"}, optional
+        What is known about the change.
+
+    Returns
+    -------
+    log : Log
+        With Student weights about a fit of the richest member.
+    beta : (d,) array
+        The parameters of that fit.
+    kept : (n,) bool array
+        Rows that do not contradict all others.
+    """
+    body, structure = reference.body, reference.structure
+    richest = members_of(structure, cause)[-1]
+    sd = np.hypot(freedom(body, richest, cause), drift(body))
+    free = np.flatnonzero(sd > 0)
+    beta = reference.beta.copy()
+    moved = np.zeros(len(free))
+    size = scaled(body).size
+    rows = thinned(len(q), _MOST)
+    noise = 1.0
+    for _ in range(_STEPS):
+        predicted, x = structure.linearise(q[rows], beta, free)
+        r = structure.residual(z[rows], predicted) / size
+        weight, noise = _student(r)
+        root = np.sqrt(weight) / noise
+        j = (x / size[:, None] * sd[free] * root[:, None, None]).reshape(-1, len(free))
+        a = j.T @ j
+        a[np.diag_indices(len(free))] += 1.0
+        step = np.linalg.solve(a, j.T @ (r * root[:, None]).ravel() - moved)
+        step *= min(1.0, 10.0 / max(float(np.abs(step).max()), 1e-12))
+        full = np.zeros(len(beta))
+        full[free] = step * sd[free]
+        beta, moved = structure.retract(beta, full), moved + step
+        if float(np.abs(step).max()) < 1e-3:
+            break
+    r = structure.residual(z, structure.predict(q, beta)) / size
+    weight, noise = _student(r)
+    kept = np.sqrt((r**2).sum(axis=1)) <= OUTLIER * np.sqrt(r.shape[1]) * noise
+    return Log(q, z, weight), beta, kept
+
+
+def _student(r: Array) -> tuple[Array, float]:
+    """Weights (n,) of residuals (n, m) in sizes, and their noise, at least one size."""
+    m = r.shape[1]
+    e2 = (r**2).sum(axis=1)
+    noise = max(float(np.median(e2)) / (m - 2 / 3), 1.0)
+    return (_STUDENT + m) / (_STUDENT + e2 / noise), float(np.sqrt(noise))

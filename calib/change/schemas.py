@@ -1,0 +1,393 @@
+"""Body schemas: states of one arm that a model keeps, such as a tool on and a tool off.
+
+Use it where an arm changes back and forth: :func:`keep` adds a state under a name,
+:func:`recognise` tells which one a log fits, :func:`recall` makes it the present one.
+A schema holds what distinguishes it: where the nodes stand, how joints lead to positions,
+and how far that can be trusted.  Links are at rest for it, so they are learned again from
+its own map when it is recalled.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from functools import cached_property
+from typing import TYPE_CHECKING
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ..errors import LogError, OptionError
+from ..maps.association import Association
+from ..maps.map import Map
+from ..maps.node_bounds import blend_nodes
+from ..maps.predictor import BodyInBox, Both, Predictor
+from ..model.trust import Trust
+from .baseline import Baseline
+
+if TYPE_CHECKING:
+    from ..body.belief import Body
+    from ..model.model import Model
+    from ..samples.samples import Samples
+
+Array = NDArray[np.float64]
+
+MOST = 4
+"""Schemas that a follower keeps, the present one among them."""
+
+FIRST = "schema 1"
+"""Name of the state that a model was trained in."""
+
+OUTSIDE = 1.5
+"""A sample contradicts a schema beyond so many times its 95 % bound.
+
+For normal errors one in 800; it leaves room for bounds that are too narrow by half."""
+
+_RADIUS = 2.4477  # of 95 % of a normal distribution in the plane, in standard deviations
+_GRAIN = 1e-6  # share of the extent below which nothing counts
+_CHANCE = 0.05  # share of samples that may contradict the schema that is right
+_UNLIKELY = 1e-3  # a schema fits unless so many contradictions are that improbable
+_FREEDOM = 6.0  # of the Student distribution that compares schemas
+_IMAGINED = 20_000  # samples from which links are learned
+
+
+@dataclass(frozen=True, eq=False)
+class Schema:
+    """One state of an arm.
+
+    Attributes
+    ----------
+    name : str
+        Such as "tool on".
+    sensory : Map
+        Where the sensory nodes stand.
+    predictor : Predictor
+        From joints to positions, with the motor map that carries it.
+    bounds, model_bounds : (motor nodes,) array [unit]
+        95 % bounds around each node: on what `bound_of` says, and on the true position.
+    most : float [unit]
+        Largest bound with which a position is still an answer.
+    visited : (motor nodes,) bool array
+        Nodes that samples have visited.
+    baseline : Baseline or None
+        What an undisturbed arm's distortions look like.
+    bound_of : str
+        "true position" or "sensor reading": what `bounds` bound.
+    samples : int
+        Samples that it rests on.
+    """
+
+    name: str
+    sensory: Map
+    predictor: Predictor
+    bounds: Array
+    model_bounds: Array
+    most: float
+    visited: NDArray[np.bool_]
+    baseline: Baseline | None
+    bound_of: str
+    samples: int
+
+    @classmethod
+    def of(cls, model: Model, name: str | None = None) -> Schema:
+        """The present state of a model, under its own name or another one."""
+        return cls(
+            model.schema if name is None else name,
+            model.sensory,
+            model.predictor,
+            model.bounds,
+            model.model_bounds,
+            model.trust.most,
+            model.visited,
+            model.baseline,
+            model.about.bound_of,
+            model.about.samples,
+        )
+
+    @property
+    def noise(self) -> float:
+        """Standard deviation per axis of a reading beyond what is bounded [unit]."""
+        if self.baseline is None or self.bound_of != "true position":
+            return 0.0
+        return self.baseline.noise
+
+    @cached_property
+    def trust(self) -> Trust:
+        """Where answers are given."""
+        return Trust(self.predictor.motor, self.model_bounds, self.most)
+
+    @property
+    def body(self) -> Body | None:
+        """The kinematic model under the maps, if there is one."""
+        smooth = self.predictor.smooth
+        while isinstance(smooth, Both):
+            smooth = smooth.first
+        return smooth.body if isinstance(smooth, BodyInBox) else None
+
+    def contradictions(self, u: Array, x: Array) -> tuple[Array, Array, Array]:
+        """How far positions are from what the schema says of joints.
+
+        Parameters
+        ----------
+        u, x : (n, dof), (n, 2) array
+            Joints in the unit box and measured positions.
+
+        Returns
+        -------
+        ratio : (n,) array
+            Distance over bound; NaN where nothing was learned.
+        distance, bound : (n,) array [unit]
+        """
+        motor = self.predictor.motor
+        known = self.trust.covers(u)
+        ratio, distance, bound = (np.full(len(u), np.nan) for _ in range(3))
+        if known.any():
+            said = self.predictor.value(u[known])
+            distance[known] = np.linalg.norm(x[known] - said, axis=1)
+            square = blend_nodes(motor, self.bounds, u[known]) ** 2
+            square += (_RADIUS * self.noise) ** 2  # of the sensor, on top
+            floor = _GRAIN * float(np.linalg.norm(self.sensory.scale.span))
+            bound[known] = np.sqrt(square + floor**2)
+            ratio[known] = distance[known] / bound[known]
+        return ratio, distance, bound
+
+
+@dataclass(frozen=True)
+class Fit:
+    """How a log fits one schema.
+
+    Attributes
+    ----------
+    name : str
+        The schema.
+    fits : bool
+        Whether the log does not contradict it.
+    outside : float
+        Share of the rows beyond 1.5 times its 95 % bound.
+    distance : float [unit]
+        Median distance from predicted to measured position.
+    likelihood : float
+        Mean log density of a row [1 / unit^2]; the larger one fits better.
+    """
+
+    name: str
+    fits: bool
+    outside: float
+    distance: float
+    likelihood: float
+
+
+@dataclass(frozen=True)
+class Recognition:
+    """Which schema a log fits.
+
+    Attributes
+    ----------
+    name : str or None
+        The schema that fits best, None where each is contradicted.
+    present : bool
+        Whether that is the model's present one.
+    samples : int
+        Rows that were compared.
+    fits : tuple of Fit
+        All schemas, the most likely first.
+    """
+
+    name: str | None
+    present: bool
+    samples: int
+    fits: tuple[Fit, ...]
+
+    @property
+    def words(self) -> str:
+        """One line for people."""
+        if self.name is None:
+            names = ", ".join(repr(f.name) for f in self.fits)
+            return f"none of the kept schemas fits ({names})"
+        return f"schema {self.name!r} fits" + (", the present one" if self.present else "")
+
+
+def schemas_of(model: Model) -> tuple[Schema, ...]:
+    """All schemas of a model, the present one first."""
+    return (Schema.of(model), *model.schemas)
+
+
+def keep(model: Model, other: Model, name: str, *, most: int | None = None) -> Model:
+    """The model with the state of another one of the same arm kept as a schema.
+
+    Parameters
+    ----------
+    model : Model
+        Its present state stays the present one.
+    other : Model
+        Such as the model adapted with a tool mounted.
+    name : str
+        A schema of that name is replaced; the present one's name is refused.
+    most : int, optional
+        Schemas that are kept in all, the present one among them; those that were kept
+        longest are dropped.
+
+    Raises
+    ------
+    OptionError
+        If the models are of different arms, or the name is empty or that of the present.
+
+    Examples
+    --------
+    >>> import calib
+    >>> from calib.change.schemas import keep, recognise
+    >>> arm = calib.load_arm("two_link")
+    >>> plain = calib.train(calib.babble(arm, 2000), size=15)
+    >>> log = calib.babble(arm, 2000, changes=["tip.offset=0.05,0"])
+    >>> both = keep(plain, calib.train(log, size=15), "tool on")
+    >>> recognise(both, log.take(slice(30))).words
+    "schema 'tool on' fits"
+    """
+    if other.about.joint_names != model.about.joint_names:
+        raise OptionError(
+            f"schema {name!r} is of an arm with the joints {', '.join(other.about.joint_names)}, "
+            f"the model's are {', '.join(model.about.joint_names)}: keep states of one arm"
+        )
+    if not np.allclose(other.motor.scale.lower, model.motor.scale.lower) or not np.allclose(
+        other.motor.scale.span, model.motor.scale.span
+    ):
+        raise OptionError(f"schema {name!r} was learned over other joint ranges than the model")
+    if other.about.unit != model.about.unit:
+        raise OptionError(
+            f"schema {name!r} has positions in {other.about.unit}, the model in {model.about.unit}"
+        )
+    for mine, its in ((model.motor, other.motor), (model.sensory, other.sensory)):
+        if mine.lattice.shape != its.lattice.shape or not np.array_equal(mine.edges, its.edges):
+            raise OptionError(
+                f"schema {name!r} has maps of another size or kind than the model: adapt the "
+                "model, or train both alike"
+            )
+    check_name(name)
+    if name == model.schema:
+        raise OptionError(f"schema {name!r} is the model's present one: give another name")
+    others = [s for s in model.schemas if s.name != name]
+    schema = Schema.of(other, name)
+    units = model.sensory.scale.to_unit(other.sensory.weights)
+    sensory = replace(model.sensory, units=units)
+    kept = (replace(schema, sensory=sensory), *others)
+    return replace(model, schemas=kept if most is None else kept[: max(0, most - 1)])
+
+
+def check_name(name: str) -> None:
+    """Refuse a name that could not be printed or stored."""
+    if not isinstance(name, str) or not name.strip() or len(name) > 80 or not name.isprintable():
+        raise OptionError(f"schema name {name!r}: expected 1 to 80 printable characters")
+
+
+def recall(model: Model, name: str) -> Model:
+    """The model with a kept schema as its present state; the former one is kept instead.
+
+    Links are learned from what the schema says of 20,000 joint values in the part of the
+    range that it has visited: where eq. 11 comes to rest.
+
+    Raises
+    ------
+    OptionError
+        If there is no such schema.
+    """
+    if name == model.schema:
+        return model
+    found = next((s for s in model.schemas if s.name == name), None)
+    if found is None:
+        names = ", ".join(repr(s.name) for s in schemas_of(model))
+        raise OptionError(f"schema {name!r} is unknown, choose one of {names}")
+    others = tuple(s for s in model.schemas if s is not found)
+    return replace(in_state(model, found), schemas=(Schema.of(model), *others))
+
+
+def in_state(model: Model, schema: Schema) -> Model:
+    """The model in the state of a schema, with the schemas that it keeps."""
+    return replace(
+        model,
+        about=replace(model.about, bound_of=schema.bound_of, samples=schema.samples),
+        association=_linked(model, schema),
+        predictor=schema.predictor,
+        body=schema.body,
+        bounds=schema.bounds,
+        model_bounds=schema.model_bounds,
+        visited=schema.visited,
+        baseline=schema.baseline,
+        schema=schema.name,
+    )
+
+
+def _linked(model: Model, schema: Schema) -> Association:
+    """Maps of a schema and the links between them, at rest for what it says."""
+    motor, sensory = schema.predictor.motor, schema.sensory
+    rng = np.random.default_rng(model.about.seed)
+    u = rng.random((_IMAGINED, len(motor.scale.span)))
+    u = u[schema.visited[motor.nearest(u)[1][:, 0]]]
+    if not len(u):  # hardly anything was visited
+        u = np.clip(motor.units[schema.visited], 0.0, 1.0)
+    wiring = model.association.wiring
+    v = sensory.scale.to_unit(schema.predictor.value(u))
+    return Association(motor, sensory, wiring.learn(motor, u, sensory, v), wiring)
+
+
+def recognise(model: Model, log: Samples) -> Recognition:
+    """Tell which schema of a model fits a log; ten to thirty rows do.
+
+    A schema is contradicted where more rows lie beyond 1.5 times its 95 % bound than
+    chance allows (binomial, one in 1,000 at a share of 5 %).  Of those that are not the
+    most likely one answers.
+
+    Parameters
+    ----------
+    model : Model
+        With its schemas.
+    log : Samples
+        Rows of the same arm.
+    """
+    if log.joint_names != model.about.joint_names:
+        raise LogError(
+            f"the log's joints are {', '.join(log.joint_names)}, the model's are "
+            f"{', '.join(model.about.joint_names)}: give a log of the same arm"
+        )
+    name, fits = compare(schemas_of(model), model.motor.scale.to_unit(log.q), log.x)
+    return Recognition(name, name == model.schema, len(log), fits)
+
+
+def compare(schemas: Sequence[Schema], u: Array, x: Array) -> tuple[str | None, tuple[Fit, ...]]:
+    """The schema that fits best, None where each is contradicted, and how each fits.
+
+    Parameters
+    ----------
+    schemas : sequence of Schema
+    u, x : (n, dof), (n, 2) array
+        Joints in the unit box and measured positions.
+    """
+    found = []
+    for schema in schemas:
+        ratio, distance, bound = schema.contradictions(u, x)
+        seen = np.isfinite(ratio)
+        if not seen.any():
+            found.append(Fit(schema.name, False, 1.0, float("inf"), float("-inf")))
+            continue
+        outside = ratio[seen] > OUTSIDE
+        square = (_RADIUS * ratio[seen]) ** 2
+        sigma = bound[seen] / _RADIUS
+        density = -2.0 * np.log(sigma) - (_FREEDOM / 2 + 1) * np.log1p(square / _FREEDOM)
+        found.append(
+            Fit(
+                schema.name,
+                _may_be_chance(int(outside.sum()), len(outside)),
+                float(outside.mean()),
+                float(np.median(distance[seen])),
+                float(density.mean()),
+            )
+        )
+    found.sort(key=lambda f: -f.likelihood)
+    best = next((f for f in found if f.fits), None)
+    return None if best is None else best.name, tuple(found)
+
+
+def _may_be_chance(outside: int, n: int) -> bool:
+    """Whether so many of `n` rows may contradict the schema that is right."""
+    from scipy.special import bdtrc
+
+    return outside == 0 or float(bdtrc(outside - 1, n, _CHANCE)) >= _UNLIKELY

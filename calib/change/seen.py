@@ -1,0 +1,107 @@
+"""A model without a body, as a body: its maps' prediction seen through a view that may move.
+
+`check` and `adapt` then compare the same members as for a kinematic model, as far as they are
+the sensor's; everything else is a smooth correction of the readout.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+from types import MappingProxyType
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ..body.belief import Body
+from ..body.planar import PlanarStructure
+from ..body.structure import Array, Indices
+
+if TYPE_CHECKING:
+    from ..model.model import Model
+
+_RADIUS_95 = 2.448  # radius that holds 95 % of a 2-D Gaussian of standard deviation 1
+_VIEW = ("view.", "lens")
+
+
+@dataclass(frozen=True)
+class SeenStructure(PlanarStructure):
+    """A planar structure whose chain is the prediction of a model without a body.
+
+    Attributes
+    ----------
+    model : Model
+        What predicts positions.
+    """
+
+    model: Any = field(default=None, compare=False)
+
+    @property
+    def groups(self) -> Mapping[str, Indices]:
+        """The view's groups; there are no others."""
+        found = {k: ix for k, ix in self.layout.groups.items() if k.startswith(_VIEW)}
+        return MappingProxyType(found)
+
+    def chain(self, q: Array, beta: Array) -> NDArray[np.complexfloating[Any, Any]]:
+        """Predicted positions (n,), as complex numbers."""
+        value = self.model.predictor.value(self.model.motor.scale.to_unit(q))
+        return np.asarray(value[:, 0] + 1j * value[:, 1])
+
+    def linearise(
+        self, q: Array, beta: Array, active: Indices | None = None
+    ) -> tuple[Array, Array]:
+        """Positions (n, 2) and derivatives (n, 2, k) by the view's parameters."""
+        active = np.arange(self.size) if active is None else active
+        place = np.full(self.size, -1)
+        place[active] = np.arange(len(active))
+        z, _, out = self._view_columns(self.chain(q, beta), beta, place, len(active))
+        return z, out
+
+    def slope(self, q: Array, beta: Array) -> Array:
+        """Derivative (n, 2, dof) of the positions by the joint values."""
+        scale = self.model.motor.scale
+        _, tilt = self.model.predictor.value_and_slope(scale.to_unit(q))
+        place = np.full(self.size, -1)
+        _, view, _ = self._view_columns(self.chain(q, beta), beta, place, 0)
+        return np.asarray(view @ (tilt / scale.span))
+
+
+def seen_body(model: Model) -> Body:
+    """The belief over the view of a model that has no body: it is as it was."""
+    about = model.about
+    q = model.motor.weights[model.visited]
+    x = model.predictor.value(model.motor.scale.to_unit(q))
+    centre = x.mean(axis=0)
+    extent = float(np.sqrt(((x - centre) ** 2).sum(axis=1).mean()))
+    structure = SeenStructure(
+        about.joint_names,
+        about.revolute,
+        "rigid",
+        about.unit,
+        1.0,
+        False,
+        (1,) * len(about.joint_names),
+        1,
+        extent,
+        (float(centre[0]), float(centre[1])),
+        None,
+        False,
+        model,
+    )
+    beta = np.zeros(structure.size)
+    noise = model.baseline.noise if model.baseline is not None else 1e-4 * extent
+    bound = float(np.median(model.bounds[model.visited])) / _RADIUS_95
+    own = np.sqrt(max(bound**2 - noise**2, (0.3 * bound) ** 2))
+    return Body(
+        structure,
+        beta,
+        np.zeros(0, dtype=np.intp),
+        np.zeros((0, 0)),
+        np.full(2, max(noise, 1e-6 * extent)),
+        1.0,
+        np.full(2, own),
+        np.zeros(2),
+        6.0,
+        1.0,
+    )

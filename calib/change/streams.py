@@ -1,0 +1,360 @@
+"""A stream followed for life: changes are noticed, learned, kept, and recognised again.
+
+Use :class:`Follower` where samples keep coming from an arm that changes now and then, such
+as one that picks up a tool and puts it down.  A change that was met before is recalled
+from some tens of samples; a new one is learned by the paper's rule (eq. 9 to 12, see
+:mod:`calib.change.follow`) and kept as a schema.
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass, replace
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from ..common.parallel import one_blas_thread
+from ..errors import OptionError
+from .baseline import learn_baseline
+from .follow import BLOCK, HORIZON, OnlineAdapter, Step, check_followable
+from .schemas import MOST, OUTSIDE, Schema, compare, in_state
+
+if TYPE_CHECKING:
+    from ..model.about import About
+    from ..model.model import Model
+
+Array = NDArray[np.float64]
+
+_WINDOW = 20  # latest samples that tell whether the present schema still fits
+_AGAINST = 13  # of them that contradict it: at a share of 10 % once in 10^8 windows
+_STEP = 5  # samples between two looks
+_RECALL = 10  # samples since a change that a schema is recognised from
+_STILL = 60  # a change of many small steps may end in a known schema that much later
+_FIRST = 30  # samples that a first model of a new state rests on
+_GROWTH = 3.0  # it is made anew whenever there are so many times the samples
+_SETTLED = 100  # samples that a state must have lasted to be kept as a schema
+_JUDGED = 2000  # latest samples whose errors are told
+
+
+@dataclass(frozen=True)
+class Followed:
+    """The state of a follower after some samples.
+
+    Attributes
+    ----------
+    samples : int
+        Samples seen so far.
+    schema : str
+        Name of the present schema, the one that is being learned included.
+    learning : bool
+        Whether it is being learned.
+    recalled : bool
+        Whether a kept schema became the present one with these samples.
+    changed : bool
+        Whether a change was noticed with these samples.
+    since : int
+        Samples that count as after the latest change, 0 before the first.
+    error : float [unit]
+        Mean distance from these samples to what the present model said of them before it
+        learned them; NaN where it had no answer.
+    step : Step or None
+        Distortions and schedules while maps and links re-form.
+    """
+
+    samples: int
+    schema: str
+    learning: bool
+    recalled: bool
+    changed: bool
+    since: int
+    error: float
+    step: Step | None
+
+
+class Follower:
+    """A model that follows a stream for life.
+
+    It waits until 13 of the latest 20 samples lie beyond 1.5 times the bound of the
+    present schema.  If a kept one fits the samples since then, that one is recalled.  Else
+    a new one is learned: a first model after 30 samples, a better one whenever their
+    number has tripled, while maps and links re-form.  After `horizon` samples it stays as
+    it is.  Changes smaller than that are :class:`calib.Monitor`'s to tell.
+
+    Parameters
+    ----------
+    model : Model
+        Where to start, with the schemas that it keeps; it is left as it is.
+    most : int
+        Schemas that are kept, the present one among them; the one that was not present
+        for longest is dropped.
+    horizon : int
+        Samples over which a new state settles.
+
+    Examples
+    --------
+    >>> import calib
+    >>> from calib.change.streams import Follower
+    >>> arm = calib.load_arm("two_link")
+    >>> follower = Follower(calib.train(calib.babble(arm, 2000), size=15), horizon=1000)
+    >>> for k, tool in enumerate(("0.05,0", "0,0", "0.05,0")):
+    ...     log = calib.babble(arm, 1200, seed=k + 1, changes=[f"tip.offset={tool}"])
+    ...     state = follower.update(log.q, log.x)
+    >>> state.schema, state.learning, [s.name for s in follower.model.schemas]
+    ('schema 2', False, ['schema 1'])
+    """
+
+    def __init__(self, model: Model, *, most: int = MOST, horizon: int = HORIZON) -> None:
+        if most < 1:
+            raise OptionError(f"most {most}: expected one or more schemas")
+        if horizon < _SETTLED:
+            raise OptionError(f"horizon {horizon}: expected {_SETTLED} or more samples")
+        check_followable(model)
+        self._most, self._horizon = most, horizon
+        self._present = replace(model, schemas=())
+        self._state = Schema.of(model)
+        self._kept: list[Schema] = list(model.schemas)
+        self._models: dict[str, Model] = {}  # of the schemas that were present
+        self._learning: _Learning | None = None
+        self._seen = 0
+        self._since = 0
+        self._u: Array = np.zeros((0, model.motor.scale.span.size))
+        self._x: Array = np.zeros((0, 2))
+        self._against: NDArray[np.bool_] = np.zeros(0, dtype=bool)
+
+    @property
+    def model(self) -> Model:
+        """The model as it stands: the present schema, and the others kept with it."""
+        return replace(self._present, schemas=tuple(self._kept))
+
+    @property
+    def learning(self) -> bool:
+        """Whether a new state is being learned."""
+        return self._learning is not None
+
+    def update(self, q: ArrayLike, x: ArrayLike) -> Followed:
+        """Take the next samples, (n, dof) or (dof,) and (n, 2) or (2,), and learn from them."""
+        rows = np.atleast_2d(np.asarray(q, dtype=float))
+        points = np.atleast_2d(np.asarray(x, dtype=float))
+        names = self._present.about.joint_names
+        if rows.shape[1] != len(names) or points.shape != (len(rows), 2) or not len(rows):
+            raise OptionError(
+                f"samples of shapes {rows.shape} and {points.shape}: expected (n, {len(names)}) "
+                "and (n, 2) with one or more rows"
+            )
+        if not (np.isfinite(rows).all() and np.isfinite(points).all()):
+            raise OptionError("a sample is not finite: leave out rows without a detection")
+        u = self._present.motor.scale.to_unit(rows)
+        errors, changed, recalled = [], False, False
+        with one_blas_thread():
+            for k in range(0, len(u), _STEP):
+                part = slice(k, k + _STEP)
+                distance, new, known = self._look(u[part], points[part])
+                errors.append(distance)
+                changed |= new
+                recalled |= known
+        error = np.concatenate(errors)
+        error = error[np.isfinite(error)]
+        return Followed(
+            self._seen,
+            self._present.schema if self._learning is None else self._learning.name,
+            self.learning,
+            recalled,
+            changed,
+            self._since,
+            float(error.mean()) if len(error) else math.nan,
+            None if self._learning is None else self._learning.step,
+        )
+
+    def _look(self, u: Array, x: Array) -> tuple[Array, bool, bool]:
+        """Take some samples; their errors, whether a change was noticed, and recalled."""
+        ratio, distance, _ = self._state.contradictions(u, x)
+        against = np.nan_to_num(ratio, nan=0.0) > OUTSIDE
+        self._seen += len(u)
+        self._since += len(u) if self._since else 0
+        self._u = np.concatenate([self._u, u])[-2 * _WINDOW :]
+        self._x = np.concatenate([self._x, x])[-2 * _WINDOW :]
+        self._against = np.concatenate([self._against, against])[-2 * _WINDOW :]
+        if self._learning is not None:
+            self._learn(u, x)
+        # while a new state has no model yet, the old one's contradictions are no news
+        waiting = self._learning is not None and not self._learning.known
+        if not waiting and int(self._against[-_WINDOW:].sum()) >= _AGAINST:
+            start = _change_point(self._against)
+            u, x = self._u[start:], self._x[start:]
+            self._since = len(u)
+            return distance, True, self._recalled(u, x) or self._begin(u, x)
+        if self._learning is not None and self._learning.samples <= _STILL:
+            return distance, False, self._recalled(self._u[-_RECALL:], self._x[-_RECALL:])
+        return distance, False, False
+
+    def _recalled(self, u: Array, x: Array) -> bool:
+        """Make the kept schema that fits the samples the present one, if one does."""
+        if not self._kept:
+            return False
+        if len(u) < _RECALL:
+            return False
+        name, _ = compare(self._kept, u[-_WINDOW:], x[-_WINDOW:])
+        if name is None:
+            return False
+        schema = next(s for s in self._kept if s.name == name)
+        self._kept.remove(schema)
+        self._keep_present()
+        if schema.name not in self._models:
+            self._models[schema.name] = in_state(self._present, schema)
+        self._show(self._models[schema.name])
+        return True
+
+    def _begin(self, u: Array, x: Array) -> bool:
+        """Learn a new state from the samples since a change; returns that none was recalled."""
+        self._keep_present()
+        names = {self._present.schema, *(s.name for s in self._kept)}
+        k = len(names) + 1
+        while f"schema {k}" in names:
+            k += 1
+        self._learning = _Learning(self._present, f"schema {k}", self._horizon)
+        self._forget()
+        self._learn(u, x)
+        return False
+
+    def _learn(self, u: Array, x: Array) -> None:
+        assert self._learning is not None  # noqa: S101
+        model = self._learning.take(u, x)
+        if model is not None:
+            self._show(model)
+        if self._learning.samples >= self._horizon:
+            self._learning = None
+
+    def _keep_present(self) -> None:
+        """Keep the present state as a schema, if it was known long enough."""
+        unknown = self._learning is not None and not self._learning.settled
+        self._learning = None
+        name = self._present.schema
+        if unknown or any(s.name == name for s in self._kept):
+            return
+        self._models[name] = self._present
+        self._kept = [self._state, *self._kept][: self._most - 1]
+        self._models = {s.name: self._models[s.name] for s in self._kept if s.name in self._models}
+
+    def _show(self, model: Model) -> None:
+        """Let a model be the present one."""
+        self._present, self._state = model, Schema.of(model)
+        self._forget()
+
+    def _forget(self) -> None:
+        """Samples so far say nothing of the state that is the present one now."""
+        self._u, self._x, self._against = self._u[:0], self._x[:0], self._against[:0]
+
+
+class _Learning:
+    """A state that is being learned: the maps that re-form, and the models on the way."""
+
+    def __init__(self, base: Model, name: str, horizon: int) -> None:
+        self.name = name
+        self.samples = 0
+        self.step: Step | None = None
+        # from now on it rests on what a sensor reads
+        self._about = replace(base.about, bound_of="sensor reading")
+        self._base = replace(base, about=self._about)
+        self._adapter = OnlineAdapter(self._base, horizon, force=True)
+        self._horizon = horizon
+        self._u: list[Array] = []
+        self._x: list[Array] = []
+        self._fed = 0
+        self._next = _FIRST
+        self._made: Model | None = None
+        self._judged: list[Array] = []  # distances to samples before they were learned
+
+    @property
+    def known(self) -> bool:
+        """Whether there is a first model of the state."""
+        return self._made is not None
+
+    @property
+    def settled(self) -> bool:
+        """Whether the state lasted long enough to be kept."""
+        return self.known and self.samples >= _SETTLED
+
+    def take(self, u: Array, x: Array) -> Model | None:
+        """Take samples; a new model where it is time for one."""
+        self._u.append(u)
+        self._x.append(x)
+        self.samples += len(u)
+        if self._made is not None:
+            said = self._made.predictor.value(u)
+            self._judged.append(np.linalg.norm(x - said, axis=1))
+        block = _FIRST if not self._fed else BLOCK
+        last = self.samples >= self._horizon
+        if self.samples - self._fed >= block or last:
+            self._feed()
+        if self.samples >= self._next or last:
+            self._next = math.ceil(_GROWTH * self.samples)
+            self._feed()
+            return self._make(last)
+        return None
+
+    def _feed(self) -> None:
+        if self._fed < self.samples:
+            u, x = np.concatenate(self._u), np.concatenate(self._x)
+            fresh = slice(self._fed - self.samples, None)
+            q = self._base.motor.scale.from_unit(u[fresh])
+            self.step = self._adapter.feed(q, x[fresh])
+            self._fed = self.samples
+
+    def _make(self, last: bool) -> Model:
+        """The model of the samples so far, and the errors that were made on the way."""
+        made = self._adapter.model()
+        u, x = np.concatenate(self._u), np.concatenate(self._x)
+        noise = np.linalg.norm(x - made.predictor.value(u), axis=1)
+        # what it did not know when it met it; the first model has met nothing
+        errors = np.concatenate(self._judged)[-_JUDGED:] if self._judged else noise
+        self._made = replace(
+            made,
+            about=_about(self._about, self.samples, errors),
+            baseline=learn_baseline(made.association, u, x, noise),
+            schema=self.name,
+            history=(*self._base.history, self._event(errors)) if last else self._base.history,
+            seconds={},
+        )
+        return self._made
+
+    def _event(self, errors: Array) -> dict[str, Any]:
+        figures = {"mean": float(errors.mean()), "max": float(errors.max())} if len(errors) else {}
+        return {
+            "event": "followed",
+            "method": "online",
+            "schema": self.name,
+            "samples": self.samples,
+            "after": figures,
+            "frame": None,
+        }
+
+
+def _about(about: About, samples: int, errors: Array) -> About:
+    """Facts of a model that was followed: it rests on what a sensor read."""
+    found = dict(about.errors)
+    if len(errors) and "local" in found:
+        told = {
+            "mean": float(errors.mean()),
+            "max": float(errors.max()),
+            "p99": float(np.quantile(errors, 0.99)),
+        }
+        local = dict(found["local"])
+        local["forward"] = {**local["forward"], "distance": told}
+        found["local"] = local
+    return replace(
+        about,
+        source="log",
+        bound_of="sensor reading",
+        simulation=None,
+        samples=samples,
+        taught=False,
+        errors=found,
+    )
+
+
+def _change_point(against: NDArray[np.bool_]) -> int:
+    """First of the samples that contradict: the sum of +1 and -2 from there on is largest."""
+    score = np.where(against, 1, -2)[::-1].cumsum()[::-1]
+    return int(np.argmax(score))

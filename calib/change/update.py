@@ -1,0 +1,248 @@
+"""Updating: the posterior of a belief after a new log, averaged over what may have changed.
+
+The prior is the old posterior, inflated as its bound is, with the freed parameters loosened.
+The rows' likelihood is tempered, and holds a residual of this log alone: a Gaussian process
+over the joints, marginalised, whose size stays in the new bound because nobody knows it
+elsewhere.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from ..body.belief import Body, Second
+from ..body.normal import Factor
+from ..body.structure import Array, Indices
+from .explain import Explanation
+from .members import drift
+from .reference import Reference
+from .rows import Log, thinned
+from .whitening import kernel, lengths_of, nuisance_sd, scaled
+
+MOST_ROWS = 600
+"""Rows that an update takes, evenly spread over the log."""
+
+_NODES = 60  # places of the log's own residual
+_BLOCKS = 5
+_STEPS = 3
+
+
+@dataclass(frozen=True)
+class Posterior:
+    """Belief over the parameters after a log, under one explanation.
+
+    Attributes
+    ----------
+    beta : (d,) array
+    active : (k,) int array
+    covariance : (k, k) array
+    held_out : (n, m) array [unit]
+        Residuals of contiguous blocks of the rows, predicted from the others.
+    """
+
+    beta: Array
+    active: Indices
+    covariance: Array
+    held_out: Array
+
+
+def updated(
+    reference: Reference, chosen: list[tuple[float, Explanation]], log: Log, probes: Array
+) -> tuple[Body, Array]:
+    """The averaged posterior as a body, and held-out residuals (n, m) of the log's rows.
+
+    Parameters
+    ----------
+    reference : Reference
+        The old belief in the frame of the log.
+    chosen : list of (weight, Explanation)
+        What explains the log, best first.
+    log : Log
+        `z` less what maps add to the body.
+    probes : (p, dof) array
+        Joints all over the learned range, where predictions are averaged.
+    """
+    old = reference.body
+    log = log.some(MOST_ROWS)
+    parts = [(w, _posterior(old, reference, e, log)) for w, e in chosen]
+    active = np.unique(np.concatenate([p.active for _, p in parts]))
+    best = parts[0][1].beta
+    held = np.sum([w * p.held_out for w, p in parts], axis=0)
+    covariance = np.zeros((len(active), len(active)))
+    for weight, part in parts:
+        place = np.searchsorted(active, part.active)
+        covariance[np.ix_(place, place)] += weight * part.covariance
+        away = (part.beta - best)[active]
+        covariance += weight * np.outer(away, away)
+    beta = _averaged(old, [(w, p.beta) for w, p in parts], active, covariance, probes)
+    own = np.sqrt(sum(w * e.factor**2 for w, e in chosen)) * nuisance_sd(old)
+    noise = np.sqrt(sum(w * e.noise**2 for w, e in chosen)) * scaled(old).size
+    second = None
+    if old.second is not None:
+        second = _second(old, old.second, reference, chosen[0][1], log, noise)
+    body = replace(
+        old,
+        beta=beta,
+        active=active,
+        # the bound inflates by kappa what is kept here without it
+        covariance=covariance / old.kappa**2,
+        noise=noise,
+        residual=np.maximum(old.residual, own),
+        second=second,
+    )
+    return body, held
+
+
+def _averaged(
+    old: Body, parts: list[tuple[float, Array]], active: Indices, covariance: Array, probes: Array
+) -> Array:
+    """Parameters whose predictions are the average of those of the parts.
+
+    Predictions are averaged, not parameters: a camera's scale and the length of all links say
+    the same, and half of each would not.
+    """
+    beta = parts[0][1]
+    if len(parts) == 1:
+        return beta
+    structure = old.structure
+    here, x = structure.linearise(probes, beta, active)
+    gap = np.sum(
+        [w * structure.residual(structure.predict(probes, b), here) for w, b in parts], axis=0
+    )
+    size = scaled(old).size
+    flat = (x / size[:, None]).reshape(-1, len(active))
+    total = flat @ covariance @ flat.T
+    total[np.diag_indices(len(total))] += 1e-2
+    full = np.zeros(len(beta))
+    full[active] = covariance @ flat.T @ np.linalg.solve(total, (gap / size).ravel())
+    return np.asarray(structure.retract(beta, full))
+
+
+def _posterior(old: Body, reference: Reference, e: Explanation, log: Log) -> Posterior:
+    """Gauss-Newton steps of all parameters from where the explanation ended."""
+    structure = old.structure
+    creep = drift(old)
+    loose = np.sqrt(e.sd**2 + creep**2)
+    active = np.union1d(old.active, np.flatnonzero(loose > 0)).astype(np.intp)
+    prior = np.diag(loose[active] ** 2)
+    place = np.searchsorted(active, old.active)
+    known = old.covariance * old.kappa**2
+    if e.member.framed and len(reference.forgotten):
+        lost = np.isin(old.active, reference.forgotten)
+        known = np.where(lost[:, None] | lost, 0.0, known)
+    prior[np.ix_(place, place)] += known
+    fixed = np.diag(prior) <= 0.0
+    active, prior = active[~fixed], prior[np.ix_(~fixed, ~fixed)]
+    information = Factor(prior).inverse()
+    rows = _Rows(old, e, log)
+    beta, moved = e.beta.copy(), (e.beta - reference.beta)[active]
+    for step in range(_STEPS + 1):
+        predicted, x = structure.linearise(log.q, beta, active)
+        residual = structure.residual(log.z, predicted)
+        gram, pull = rows.sums(x, residual)
+        pull[: len(active)] -= information @ moved
+        gram[: len(active), : len(active)] += information
+        if step == _STEPS:
+            break
+        delta = Factor(gram).solve(pull)[: len(active)]
+        full = np.zeros(len(beta))
+        full[active] = delta
+        beta, moved = structure.retract(beta, full), moved + delta
+    factor = Factor(gram)
+    covariance = factor.inverse()[: len(active), : len(active)]
+    return Posterior(beta, active, covariance, rows.held_out(gram, x, residual, pull))
+
+
+class _Rows:
+    """Whitened rows: derivatives by the parameters beside those by the log's own residual."""
+
+    def __init__(self, old: Body, e: Explanation, log: Log) -> None:
+        size = scaled(old).size
+        nodes = log.q[thinned(len(log.q), _NODES)]
+        lengths = lengths_of(old, log.q)
+        alike = kernel(nodes, nodes, lengths)
+        alike[np.diag_indices(len(nodes))] += 1e-6
+        factor = np.linalg.cholesky(alike)
+        features = np.linalg.solve(factor, kernel(nodes, log.q, lengths)).T
+        own = e.factor * nuisance_sd(old)
+        left = np.maximum(1.0 - (features**2).sum(axis=1), 0.0)
+        variance = (e.noise * size) ** 2 / log.weight[:, None] + left[:, None] * own**2
+        self.root = 1.0 / np.sqrt(variance * e.temper)  # (n, m)
+        self.features, self.own, self.temper = features, own, e.temper
+
+    def columns(self, x: Array) -> Array:
+        """Whitened derivatives (n, m, k + m nodes)."""
+        n, m, k = x.shape
+        nodes = self.features.shape[1]
+        out = np.zeros((n, m, k + m * nodes))
+        out[:, :, :k] = x * self.root[:, :, None]
+        for j in range(m):
+            part = slice(k + j * nodes, k + (j + 1) * nodes)
+            size = self.own[j] * np.sqrt(self.temper)
+            out[:, j, part] = self.features * (size * self.root[:, j, None])
+        return out
+
+    def sums(self, x: Array, residual: Array) -> tuple[Array, Array]:
+        """Information and moment of parameters and of the log's own residual."""
+        self.full = self.columns(x)
+        self.y = residual * self.root
+        flat = self.full.reshape(-1, self.full.shape[2])
+        gram = flat.T @ flat
+        own = np.arange(x.shape[2], len(gram))
+        gram[own, own] += 1.0
+        return gram, flat.T @ self.y.ravel()
+
+    def held_out(self, gram: Array, x: Array, residual: Array, pull: Array) -> Array:
+        """Residuals (n, m) of contiguous blocks, predicted by the parameters from the others."""
+        out = np.empty_like(residual)
+        k = x.shape[2]
+        for block in np.array_split(np.arange(len(residual)), _BLOCKS):
+            flat = self.full[block].reshape(-1, len(gram))
+            less = Factor(gram - flat.T @ flat)
+            delta = less.solve(pull - flat.T @ self.y[block].ravel())[:k]
+            out[block] = residual[block] - x[block] @ delta
+        return out
+
+
+def _second(
+    old: Body, second: Second, reference: Reference, e: Explanation, log: Log, noise: Array
+) -> Second:
+    """The second belief, after the same log under the best explanation."""
+    apart = second.beta - old.beta
+    other = replace(
+        old,
+        beta=second.beta,
+        active=second.active,
+        covariance=second.covariance,
+        kappa=1.0,
+        second=None,
+    )
+    place = replace(reference, body=other, beta=reference.beta + apart)
+    start = replace(e, beta=e.beta + apart)
+    found = _posterior(other, place, start, log)
+    return replace(
+        second,
+        beta=found.beta,
+        active=found.active,
+        covariance=found.covariance,
+        noise=np.maximum(noise, second.noise),
+    )
+
+
+def settled(before: Array, after: Array, blocks: int = _BLOCKS) -> tuple[float, float]:
+    """How much held-out rows gained: mean ratio of errors, and gain over its standard error.
+
+    Parameters
+    ----------
+    before, after : (n,) array [unit]
+        Distances of the same rows from the old prediction, and from the new one without their
+        block.
+    """
+    gain = [
+        float(np.mean(before[b] - after[b])) for b in np.array_split(np.arange(len(before)), blocks)
+    ]
+    error = float(np.std(gain, ddof=1)) / np.sqrt(len(gain))
+    ratio = float(after.mean() / max(float(before.mean()), 1e-300))
+    return ratio, float(np.mean(gain)) / max(error, 1e-300)

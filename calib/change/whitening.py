@@ -1,0 +1,157 @@
+"""Whitening: what a belief does not know of a log, as a covariance of its residuals.
+
+The covariance of the rows' residuals holds the old posterior, a creep of all parameters, and
+a residual of this log alone: a Gaussian process over the joints whose size is that of the
+body's own held-out errors.  Its eigenvectors are found once; then the evidence of every member
+costs a few small products.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ..body.belief import Body
+from ..body.structure import Array
+
+SMOOTH = 0.5
+"""Length [rad] over which the residual of a log is alike (Matern 5/2)."""
+
+_LEAST = 1e-4  # residual of a log that is always allowed, of the extents
+_FLOOR = 1e-6  # least noise, of the extents
+_PSEUDO = 4.0  # observations that the old noise counts for
+_GRID = 60
+
+
+@dataclass(frozen=True)
+class Scaled:
+    """Units in which residuals are compared.
+
+    Attributes
+    ----------
+    size : (m,) array [unit]
+        What each output is divided by: the noise that the belief expects.
+    floor : float
+        Least noise, in those sizes.
+    """
+
+    size: Array
+    floor: float
+
+
+def scaled(body: Body) -> Scaled:
+    """Sizes of the outputs for a belief."""
+    extents = np.asarray(body.structure.extents, dtype=float)
+    size = np.maximum(body.noise, _LEAST * extents)
+    return Scaled(size, float(np.min(_FLOOR * extents / size)))
+
+
+def nuisance_sd(body: Body) -> Array:
+    """Standard deviation (m,) [unit] of the residual that a log may have of its own."""
+    return np.maximum(body.tau, _LEAST * np.asarray(body.structure.extents))
+
+
+def kernel(q: Array, other: Array, lengths: Array) -> Array:
+    """Matern 5/2 correlation (n, k) of joints (n, dof) and (k, dof)."""
+    a, b = q / lengths, other / lengths
+    square = (a**2).sum(axis=1)[:, None] + (b**2).sum(axis=1) - 2 * a @ b.T
+    d = np.sqrt(5.0 * np.maximum(square, 0.0))
+    return np.asarray((1 + d + d * d / 3) * np.exp(-d))
+
+
+def lengths_of(body: Body, q: Array) -> Array:
+    """Correlation lengths (dof,) [rad or m] of a log's own residual."""
+    turning = np.asarray(body.structure.revolute)
+    span = np.maximum(np.ptp(q, axis=0), 1e-9)
+    return np.where(turning, SMOOTH * np.sqrt(body.structure.dof / 2), 0.3 * span)
+
+
+@dataclass(frozen=True)
+class Spectrum:
+    """Covariance of the residuals of some rows, without the noise.
+
+    Attributes
+    ----------
+    values : (N,) array
+        Eigenvalues, in squared sizes.
+    vectors : (N, N) array
+    root : (n,) array
+        Square roots of the rows' weights.
+    size : (m,) array [unit]
+        Sizes of the outputs.
+    """
+
+    values: Array
+    vectors: Array
+    root: Array
+    size: Array
+
+    def turn(self, residual: Array) -> Array:
+        """Residuals (n, m) in the eigenvectors, (N,)."""
+        return np.asarray((residual / self.size * self.root[:, None]).ravel() @ self.vectors)
+
+    def turn_columns(self, derivative: Array) -> Array:
+        """Derivatives (n, m, k) in the eigenvectors, (N, k)."""
+        k = derivative.shape[2]
+        flat = (derivative / self.size[:, None] * self.root[:, None, None]).reshape(-1, k)
+        return np.asarray(self.vectors.T @ flat)
+
+    def rest(self, turned: Array, noise: float) -> Array:
+        """What the process does not follow of residuals (N,) in the eigenvectors, (n, m)."""
+        flat = self.vectors @ (turned * noise**2 / (self.values + noise**2))
+        return np.asarray(flat.reshape(len(self.root), -1))
+
+    def noise(self, turned: Array, floor: float) -> float:
+        """Noise of the greatest likelihood, in sizes; the old noise counts for two rows."""
+        high = 2.0 * max(float(np.sqrt(np.mean(turned**2))), 1.0)
+        grid = np.geomspace(max(floor, 1e-2), high, _GRID)
+        total = self.values[:, None] + grid**2
+        cost = np.log(total).sum(axis=0) + (turned[:, None] ** 2 / total).sum(axis=0)
+        cost += _PSEUDO * (np.log(grid**2) + 1.0 / grid**2)
+        return float(grid[int(np.argmin(cost))])
+
+
+def spectrum(
+    body: Body,
+    beta: Array,
+    q: Array,
+    weight: Array,
+    creep: Array,
+    factor: float,
+    forget: NDArray[np.intp],
+) -> Spectrum:
+    """Covariance of the rows' residuals under a belief.
+
+    Parameters
+    ----------
+    body : Body
+        The old belief.
+    beta : (d,) array
+        Where it is linearised: the old parameters, in the frame of the log.
+    q : (n, dof) array
+    weight : (n,) array
+    creep : (d,) array
+        Standard deviation by which parameters may have crept.
+    factor : float
+        Times the usual size of the log's own residual.
+    forget : (g,) int array
+        Parameters whose old posterior does not count: a frame that is new.
+    """
+    size = scaled(body).size
+    _, x = body.structure.linearise(q, beta, body.active)
+    n, m, k = x.shape
+    kept = ~np.isin(body.active, forget)
+    root = np.sqrt(weight)
+    flat = (x / size[:, None] * root[:, None, None]).reshape(n * m, k)
+    known = body.covariance[np.ix_(kept, kept)] * body.kappa**2
+    known = known + np.diag(creep[body.active[kept]] ** 2)
+    flat = flat[:, kept]
+    total = flat @ known @ flat.T
+    lengths = lengths_of(body, q)
+    alike = kernel(q, q, lengths) * root[:, None] * root
+    own = (factor * nuisance_sd(body) / size) ** 2
+    total += np.kron(alike, np.diag(own))
+    values, vectors = np.linalg.eigh(total)
+    return Spectrum(np.maximum(values, 0.0), vectors, root, size)

@@ -1,0 +1,115 @@
+"""Rows of numbers from what users pass as arrays: named columns are taken by name.
+
+Use it wherever a function takes joint values or positions: a table whose columns are named in
+another order would otherwise be read in the wrong order without a word.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ..errors import CalibError, QueryError
+from .wording import listed, quoted, suggestion
+
+Array = NDArray[np.float64]
+
+
+def number_rows(
+    values: Any, names: Sequence[str], what: str, error: type[CalibError] = QueryError
+) -> tuple[Array, bool]:
+    """Return rows of numbers, and whether they were given as a single vector.
+
+    Parameters
+    ----------
+    values : (n, len(names)) or (len(names),) array-like, or named columns
+        Polars and pandas tables, mappings and structured arrays are read by name; what they
+        hold besides is left alone.
+    names : sequence of str
+        What each column is.
+    what : str
+        What a message calls the values.
+    error : type
+        Class of the error that is raised.
+
+    Returns
+    -------
+    rows : (n, len(names)) array
+        A copy. It may hold NaN: whether that is wrong is the caller's to say.
+    single : bool
+        Whether it was one vector.
+
+    Raises
+    ------
+    CalibError
+        If a column is missing, or the values are masked, dates or no numbers.
+
+    Examples
+    --------
+    >>> number_rows({"elbow": [1.0], "shoulder": [0.5]}, ("shoulder", "elbow"), "joint values")
+    (array([[0.5, 1. ]]), False)
+    >>> number_rows([0.5, 1.0], ("shoulder", "elbow"), "joint values")
+    (array([[0.5, 1. ]]), True)
+    """
+    there = _columns(values)
+    if there is not None:
+        missing = [name for name in names if name not in there]
+        if missing:
+            raise error(
+                f"{what}: no column {quoted(missing[0])} among {listed(map(repr, there))}",
+                hint=suggestion(missing[0], [str(name) for name in there]),
+                value=missing[0],
+            )
+        parts = [_numbers(values[name], f"{what}, column {quoted(name)}", error) for name in names]
+        if len({part.shape for part in parts}) > 1 or parts[0].ndim > 1:
+            raise error(f"{what}: expected columns of numbers of one length")
+        rows = np.stack(parts, axis=-1)
+    else:
+        rows = _numbers(values, what, error)
+    single = rows.ndim == 1
+    if single:
+        rows = rows[None]
+    if rows.ndim != 2 or rows.shape[1] != len(names):
+        shape = rows.shape[1:] if single else rows.shape
+        raise error(
+            f"{what} of shape {shape}: expected ({len(names)},) or (n, {len(names)}), "
+            f"one column each for {listed(names)}"
+        )
+    return rows, single
+
+
+def _columns(values: Any) -> list[Any] | None:
+    """Names of the columns, None for what has none."""
+    if isinstance(values, np.ndarray):
+        return list(values.dtype.names) if values.dtype.names else None
+    if isinstance(values, Mapping):
+        return list(values)
+    columns = getattr(values, "columns", None)
+    if columns is None or callable(columns):
+        return None
+    names = list(columns)
+    # pandas numbers the columns of a table that was made without names
+    return None if names == list(range(len(names))) else names
+
+
+def _numbers(values: Any, what: str, error: type[CalibError]) -> Array:
+    """Return a float64 copy of what is an array of plain numbers."""
+    if isinstance(values, np.ma.MaskedArray) and np.ma.getmaskarray(values).any():
+        raise error(
+            f"{what}: a masked array, whose masked entries are no measurements",
+            hint="leave out those rows, such as with values[~values.mask.any(axis=1)].data",
+        )
+    try:
+        array = np.asarray(values)
+        if array.dtype.kind in "mM":
+            raise error(f"{what}: dates or times ({array.dtype}), expected numbers")
+        if array.dtype.kind == "c":
+            raise error(f"{what}: complex numbers, expected real ones")
+        if array.dtype.kind == "b":
+            raise error(f"{what}: true and false, expected numbers")
+        return np.array(array, dtype=np.float64, order="C")
+    except (TypeError, ValueError) as problem:
+        raise error(f"{what}: expected numbers, got {values!r:.60}") from problem

@@ -1,0 +1,212 @@
+"""Linear models of maps and links: what the readout ``linear`` regresses.
+
+``activity`` is a mean over the active nodes.  A mean of partners is right where the nodes
+surround the query; at the border, where they stand on one side of it, it is the value at
+their middle.  A regression of the partners on the nodes' mean activity positions continues
+to the query instead.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import TYPE_CHECKING
+
+import numpy as np
+from numpy.typing import NDArray
+
+from .local_models import blend_size
+from .map import Map, search_tree
+
+if TYPE_CHECKING:
+    from scipy.sparse import csr_array
+
+Array = NDArray[np.float64]
+Index = NDArray[np.intp]
+
+RIDGE = 1e-2
+"""Of the regressions, as a share of the mean variance of the active nodes' positions."""
+
+
+class MeanPositions:
+    """Mean of samples weighted by the activity of each node, part after part.
+
+    At the border it lies inside of the node's own weight.  A periodic coordinate is
+    averaged the short way round.
+    """
+
+    def __init__(self, network: Map) -> None:
+        self._network = network
+        self._total = np.zeros(network.size)
+        self._shift = np.zeros(network.units.shape)
+
+    def add(self, activity: csr_array, u: Array) -> None:
+        """Count samples `u` (n, d) with the activity (n, nodes) that they caused."""
+        network, n = self._network, self._network.size
+        rows = np.repeat(np.arange(len(u)), np.diff(activity.indptr))
+        gap = network.scale.difference(u[rows], network.units[activity.indices])
+        self._total += np.bincount(activity.indices, activity.data, n)
+        for k, column in enumerate(gap.T):
+            self._shift[:, k] += np.bincount(activity.indices, activity.data * column, n)
+
+    def result(self) -> Array:
+        """The means, (nodes, d); a node that was never active keeps its weight."""
+        share = np.where(self._total > _SEEN, 1.0 / np.maximum(self._total, _SEEN), 0.0)
+        return from_shifts(self._network, (self._shift * share[:, None]) / self._network.spacing)
+
+
+_SEEN = 1e-9  # activity below which a node was never active
+
+
+def from_shifts(network: Map, shifts: Array) -> Array:
+    """Means (nodes, d) that lie `shifts` (nodes, d) [node spacings] away from the weights.
+
+    The shifts are rounded to half precision, as a model file holds them: to a thousandth of
+    a spacing, far less than what a mean of some samples is uncertain by.
+    """
+    rounded = np.clip(shifts, -_FAR, _FAR).astype(np.float16)
+    return np.asarray(network.units + rounded.astype(float) * network.spacing)
+
+
+def to_shifts(network: Map, means: Array) -> NDArray[np.float16]:
+    """The shifts (nodes, d) [node spacings] of which :func:`from_shifts` makes the means."""
+    shifts = (means - network.units) / network.spacing
+    return np.asarray(np.clip(shifts, -_FAR, _FAR), dtype=np.float16)
+
+
+_FAR = 6e4  # node spacings: the largest number in half precision is a little more
+
+
+def regress(place: Array, value: Array, weight: Array) -> tuple[Array, Array, Array]:
+    """Weighted ridge regressions of values on places, one for each row.
+
+    Parameters
+    ----------
+    place : (n, k, d) array
+        Where the nodes stand, relative to the query.
+    value : (n, k, o) array
+        What they say.
+    weight : (n, k) array
+        How active they are; a row of zeros gives zeros.
+
+    Returns
+    -------
+    middle, mean, slope : (n, d), (n, o), (n, d, o) array
+        Weighted means of the places and of the values, and the slope between them.
+    """
+    total = weight.sum(axis=1, keepdims=True)
+    share = weight / np.where(total > 0.0, total, 1.0)
+    middle = np.einsum("nk,nkd->nd", share, place)
+    mean = np.einsum("nk,nko->no", share, value)
+    gap = place - middle[:, None]
+    weighted = np.swapaxes(gap * share[..., None], 1, 2)
+    power = weighted @ gap
+    diagonal = np.einsum("ndd->nd", power)
+    diagonal += RIDGE * diagonal.mean(axis=1, keepdims=True) + 1e-300
+    return middle, mean, np.linalg.solve(power, weighted @ (value - mean[:, None]))
+
+
+@dataclass(frozen=True, eq=False)
+class LinearModels:
+    """The forward direction of maps and links as a smooth function of the joints.
+
+    It answers what :class:`~calib.maps.predictor.Predictor` answers, so that bounds and the
+    search for branches run on it: there is no kinematic model behind it.
+
+    Attributes
+    ----------
+    motor : Map
+        The map whose nodes carry the models.
+    values : (nodes, o) array [unit]
+        Position at each node.
+    slopes : (nodes, d, o) array [unit]
+        Its derivatives by the unit coordinates.
+    """
+
+    motor: Map
+    values: Array
+    slopes: Array
+
+    @property
+    def terms(self) -> int:
+        """Numbers that one evaluation multiplies."""
+        return 2 * blend_size(self.motor.units.shape[1]) * (1 + self.motor.units.shape[1])
+
+    def value(self, u: Array) -> Array:
+        """Positions (n, o) at the points `u` (n, d) of the unit box."""
+        index, weight, _ = smooth_blend(self.motor, u, slope=False)
+        return self._said(u, index, weight)[0]
+
+    def value_and_slope(self, u: Array) -> tuple[Array, Array]:
+        """Positions (n, o) and their derivatives by the unit coordinates (n, o, d)."""
+        index, weight, tilt = smooth_blend(self.motor, u, slope=True)
+        value, each = self._said(u, index, weight)
+        slope = np.einsum("nm,nmdo->nod", weight, self.slopes[index])
+        return value, slope + np.einsum("nmd,nmo->nod", tilt, each)
+
+    @staticmethod
+    def of(
+        motor: Map, places: Array, partners: Array, strength: Array, activity: csr_array
+    ) -> LinearModels:
+        """Regress the partners' values around each node.
+
+        Parameters
+        ----------
+        motor : Map
+            The map whose nodes carry the models.
+        places : (nodes, d) array
+            Mean activity position of each node, in the unit box.
+        partners, strength : (nodes, o), (nodes,) array
+            Link-weighted mean of each node's partners [unit] and the sum of its links.
+        activity : csr_array of shape (nodes, nodes)
+            Activity of the nodes at each node's own place (eq. 6).
+        """
+        n = motor.size
+        near = activity.indices.reshape(n, -1)
+        weight = activity.data.reshape(n, -1) * strength[near]
+        place = motor.scale.difference(places[near], motor.units[:, None])
+        middle, mean, slope = regress(place, partners[near], weight)
+        value = mean - np.einsum("nd,ndo->no", middle, slope)
+        lost = np.flatnonzero(weight.sum(axis=1) <= 0.0)
+        if len(lost):  # no linked node is near: the nearest model goes on
+            linked = np.flatnonzero(weight.sum(axis=1) > 0.0)
+            tree = search_tree(motor.units[linked], motor.scale)
+            source = linked[tree.query(_inside(motor, motor.units[lost]))[1]]
+            gap = motor.scale.difference(motor.units[lost], motor.units[source])
+            slope[lost] = slope[source]
+            value[lost] = value[source] + np.einsum("nd,ndo->no", gap, slope[source])
+        return LinearModels(motor, value, slope)
+
+    def _said(self, u: Array, index: Index, weight: Array) -> tuple[Array, Array]:
+        """What the nodes say together (n, o), and each of them (n, m, o)."""
+        gap = self.motor.scale.difference(u[:, None], self.motor.units[index])
+        each = self.values[index] + np.einsum("nmd,nmdo->nmo", gap, self.slopes[index])
+        return np.einsum("nm,nmo->no", weight, each), each
+
+
+def smooth_blend(motor: Map, u: Array, *, slope: bool) -> tuple[Index, Array, Array]:
+    """Nodes that speak for each point, their weights (n, m), and the slopes of these (n, m, d).
+
+    A weight falls to zero where its node leaves the nearest ones, so that what is blended
+    is continuous, and so is its derivative inside of each cell.
+    """
+    m = min(2 * blend_size(u.shape[1]), motor.size - 1)
+    distance, index = motor.nearest(u, m + 1)
+    limit = np.maximum(distance[:, -1:] ** 2, 1e-300)
+    ratio = distance[:, :-1] ** 2 / limit
+    raw = (1.0 - ratio) ** 2
+    total = raw.sum(axis=1, keepdims=True)
+    even = total <= 0.0  # all at the same distance
+    total = np.where(even, 1.0, total)
+    weight = np.where(even, 1.0 / m, raw / total)
+    if not slope:
+        return index[:, :-1], weight, np.empty(0)
+    gap = motor.scale.difference(u[:, None], motor.units[index])
+    tilt = 2.0 * (gap[:, :-1] - ratio[..., None] * gap[:, -1:]) / limit[..., None]
+    tilt *= np.where(even, 0.0, -2.0 * (1.0 - ratio))[..., None]
+    tilt = (tilt - weight[..., None] * tilt.sum(axis=1, keepdims=True)) / total[..., None]
+    return index[:, :-1], weight, tilt
+
+
+def _inside(motor: Map, u: Array) -> Array:
+    """Points with their periodic coordinates within one turn, as a search tree wants them."""
+    return np.where(motor.scale.periodic, u % 1.0, u)

@@ -1,0 +1,56 @@
+"""Misfit: where a smooth model of the samples is wrong, by its held-out residuals."""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ..common.scale import Scale
+from .map import search_tree
+
+Array = NDArray[np.float64]
+
+_AROUND = 30  # rows whose residuals are averaged
+_CHANCE = 4.0  # standard errors by which a mean square must exceed the common one
+_FEWEST = 5  # rows that tell a mean
+_ROUNDING = 1e-9  # share of the extent that is no residual
+_MANY = 20_000  # rows that are averaged over; more tell no more
+
+
+def misfit(scale: Scale, u: Array, held: Array, extent: float, at: Array) -> Array | None:
+    """Mean square of held-out residuals around points, None where they are noise.
+
+    The median over the samples is taken for the noise.  A mean square that exceeds it by no
+    more than chance (four standard errors of a chi-square mean) is set to it, so that noise
+    draws no nodes.
+
+    Parameters
+    ----------
+    scale : Scale
+        Knows the periodic joints.
+    u : (n, dof) array
+        Joints in the unit box.
+    held : (n, 2) or (n, 3) array [unit]
+        What a smooth model, which has not seen the row, leaves over of its position.
+    extent : float [unit]
+        Diagonal of the workspace.
+    at : (k, dof) array
+        The points, in the unit box: what a map will learn from.
+
+    Returns
+    -------
+    (k,) array [unit^2] or None
+    """
+    floor = (_ROUNDING * extent) ** 2
+    square = np.maximum(np.einsum("no,no->n", held, held), floor)
+    k = min(_AROUND, len(u) // 4)
+    if k < _FEWEST or square.mean() <= 2.0 * floor:
+        return None
+    some = slice(None, None, -(-len(u) // _MANY))
+    index = np.asarray(search_tree(u[some], scale).query(at, k=k, workers=-1)[1])
+    # without the largest: an outlier is no misfit
+    around = np.sort(square[some][index], axis=1)[:, : k - k // 5].mean(axis=1)
+    noise = float(np.median(around))
+    chance = _CHANCE * np.sqrt(2.0 / (held.shape[1] * k))
+    wrong = around > noise * (1.0 + chance)
+    return np.where(wrong, around, noise) if np.count_nonzero(wrong) > k else None

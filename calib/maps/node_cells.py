@@ -1,0 +1,107 @@
+"""Node cells: the nodes nearest to one point, found in microseconds.
+
+A search tree answers thousands of points at once; for a single one its call costs more than
+the answer.  Here a grid of cells over the unit box lists, for each cell, every node that can be
+among the nearest of one of its points.  Answers are those of `node_bounds.blend_nodes`.
+"""
+
+from __future__ import annotations
+
+import itertools
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass, field
+from typing import Any
+
+import numpy as np
+
+from .local_models import blend_size
+from .map import Map
+
+_PER_NODE = 4.0  # cells for each node
+_MOST_JOINTS = 3  # lists of more dimensions would hold most of the nodes
+
+Near = tuple[list[int], list[float]]
+
+
+@dataclass(frozen=True, eq=False)
+class NodeCells:
+    """The nodes of a map, listed by cells of the unit box.
+
+    Attributes
+    ----------
+    side : int
+        Cells along each axis.
+    count : int
+        Nodes that speak for a point; one more limits their weights.
+    cells : list of tuples
+        For each cell the candidates: coordinates and, last, the number of each.
+    """
+
+    side: int
+    count: int
+    cells: list[tuple[Any, ...]] = field(repr=False)
+
+    @staticmethod
+    def of(motor: Map) -> NodeCells | None:
+        """The cells of a motor map; None where it has too many dimensions, or too few nodes."""
+        units, dof = motor.units, motor.units.shape[1]
+        if dof > _MOST_JOINTS:
+            return None
+        side = max(1, math.ceil((_PER_NODE * motor.size) ** (1 / dof)))
+        axis = (np.arange(side) + 0.5) / side
+        centers = np.stack(np.meshgrid(*[axis] * dof, indexing="ij"), axis=-1).reshape(-1, dof)
+        count = min(blend_size(dof), motor.size - 1)
+        away = motor.nearest(centers, count + 1)[0][:, -1]
+        # whatever is nearest to a point of the cell is no further from its centre than this
+        reach = away + math.sqrt(dof) / side * (1.0 + 1e-9)
+        found = motor.tree.query_ball_point(centers, reach)
+        if motor.scale.periodic.any() and reach.max() + 1.0 / side >= 0.5:
+            return None  # so few nodes that one may be nearest from both sides
+        counts = np.array([len(nodes) for nodes in found])
+        owner = np.repeat(np.arange(len(found)), counts)
+        node = np.concatenate([np.sort(nodes) for nodes in found]).astype(np.intp)
+        # each node the short way round from its cell, so that no query has to ask
+        seen = centers[owner] + motor.scale.difference(units[node], centers[owner])
+        rows = list(zip(*seen.T.tolist(), node.tolist(), strict=True))
+        ends = np.cumsum(counts).tolist()
+        cells = [tuple(rows[a:b]) for a, b in itertools.pairwise([0, *ends])]
+        return NodeCells(side, count, cells)
+
+    def near(self, u: Sequence[float]) -> Near:
+        """Nodes that speak for a point of the unit box, and their weights, which sum to 1."""
+        cell = self.cells[self._place(u)]
+        if len(u) == 2:
+            a, b = u
+            found = [((c - a) * (c - a) + (e - b) * (e - b), n) for c, e, n in cell]
+        else:
+            found = [
+                (sum((a - b) * (a - b) for a, b in zip(u, node, strict=False)), node[-1])
+                for node in cell
+            ]
+        found.sort()
+        furthest = found[self.count][0]
+        nearest = found[: self.count]
+        if not furthest > 0.0:
+            return [n for _, n in nearest], [1.0 / self.count] * self.count
+        weights = [(1.0 - d / furthest) ** 2 for d, _ in nearest]
+        total = sum(weights)
+        if not total > 0.0:
+            return [n for _, n in nearest], [1.0 / self.count] * self.count
+        return [n for _, n in nearest], [w / total for w in weights]
+
+    def _place(self, u: Sequence[float]) -> int:
+        """Number of the cell that holds a point; outside of the box the nearest cell."""
+        side, place = self.side, 0
+        for value in u:
+            k = int(value * side)
+            place = place * side + (0 if k < 0 else side - 1 if k >= side else k)
+        return place
+
+    def blend(self, u: Sequence[float], values: Sequence[float]) -> float:
+        """Values of the nodes, blended at a point of the unit box."""
+        nodes, weights = self.near(u)
+        total = 0.0
+        for n, w in zip(nodes, weights, strict=True):
+            total += w * values[n]
+        return total

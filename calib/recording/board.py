@@ -1,0 +1,122 @@
+"""A ChArUco board: what is printed on it, and where its corners are in a picture."""
+
+from __future__ import annotations
+
+import re
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ..errors import OptionError
+from .corners import refine_corners
+from .lengths import parse_length
+from .opencv import opencv
+from .tags import find_dictionary
+
+Array = NDArray[np.float64]
+
+LEAST_CORNERS = 8
+"""Corners of a board that a picture must show."""
+
+
+@dataclass(frozen=True)
+class Board:
+    """A chessboard with tags in its white squares.
+
+    Its frame: origin at the lower left corner of the print, x to the right, y up, z out of the
+    paper.
+
+    Attributes
+    ----------
+    columns, rows : int
+        Squares.
+    square, marker : float [m]
+        Sides of a square and of a tag within it.
+    dictionary : str
+        The tags' dictionary.
+    """
+
+    columns: int
+    rows: int
+    square: float
+    marker: float
+    dictionary: str = "5x5_100"
+
+    def __post_init__(self) -> None:
+        if not (2 <= self.columns <= 100 and 2 <= self.rows <= 100):
+            raise OptionError(
+                f"board {self.columns}x{self.rows}: expected 2 to 100 squares each way"
+            )
+        inner = (self.columns - 1) * (self.rows - 1)
+        if inner < LEAST_CORNERS:
+            raise OptionError(
+                f"board {self.columns}x{self.rows} has {inner} inner corners, expected "
+                f"{LEAST_CORNERS} or more: such as 5x4"
+            )
+        if not 0.0 < self.marker < self.square:
+            raise OptionError(
+                f"board: tags of {1e3 * self.marker:g} mm do not fit squares of "
+                f"{1e3 * self.square:g} mm; expected COLSxROWS:SQUARE:MARKER:DICT"
+            )
+        need, known = self.columns * self.rows // 2, find_dictionary(self.dictionary)
+        if need > len(known.bytesList):
+            raise OptionError(
+                f"board {self.columns}x{self.rows} needs {need} tags, {self.dictionary} has "
+                f"{len(known.bytesList)}: take a larger dictionary"
+            )
+
+    @classmethod
+    def parse(cls, text: str) -> Board:
+        """Read `COLSxROWS:SQUARE:MARKER:DICT`, such as `7x5:24mm:18mm:5x5_100`."""
+        parts = text.split(":")
+        size = re.fullmatch(r"\s*(\d{1,3})\s*[xX]\s*(\d{1,3})\s*", parts[0])
+        if size is None or len(parts) not in (3, 4):
+            raise OptionError(
+                f"board {text!r}: expected COLSxROWS:SQUARE:MARKER:DICT, such as "
+                "7x5:24mm:18mm:5x5_100"
+            )
+        lengths = [parse_length(part, "board's length") for part in parts[1:3]]
+        return cls(int(size[1]), int(size[2]), *lengths, *parts[3:])
+
+    @property
+    def size(self) -> tuple[float, float]:
+        """Width and height of the print [m]."""
+        return self.columns * self.square, self.rows * self.square
+
+    def opencv(self, *, legacy: bool = False) -> Any:
+        """Return OpenCV's board; its y runs down."""
+        made = opencv().aruco.CharucoBoard(
+            (self.columns, self.rows), self.square, self.marker, find_dictionary(self.dictionary)
+        )
+        made.setLegacyPattern(legacy)
+        return made
+
+    def corners(self) -> Array:
+        """Return the inner corners (n, 3) in the board's frame [m], by their number."""
+        corners = np.asarray(self.opencv().getChessboardCorners(), float)
+        return np.c_[corners[:, 0], self.size[1] - corners[:, 1], np.zeros(len(corners))]
+
+
+class BoardFinder:
+    """Finds the corners of a board in pictures."""
+
+    def __init__(self, board: Board) -> None:
+        self.board = board
+        aruco = opencv().aruco
+        # prints of older programs have their first tag elsewhere if the rows are even
+        patterns = (False, True) if board.rows % 2 == 0 else (False,)
+        self._detectors = [aruco.CharucoDetector(board.opencv(legacy=p)) for p in patterns]
+
+    def find(self, grey: NDArray[np.uint8]) -> dict[int, Array]:
+        """Return the corners that a picture shows: number to place (2,) [px]."""
+        best: dict[int, Array] = {}
+        for detector in self._detectors:
+            corners, numbers = detector.detectBoard(grey)[:2]
+            if numbers is not None and len(numbers) > len(best):
+                places = np.asarray(corners, float).reshape(-1, 2)
+                best = dict(zip(np.ravel(numbers).tolist(), places, strict=True))
+            if len(best) >= LEAST_CORNERS:
+                break
+        return refine_corners(grey, best, self.board)

@@ -1,0 +1,234 @@
+"""A log from pictures: one posture each, joints beside them."""
+
+from __future__ import annotations
+
+import os
+from collections import Counter
+from collections.abc import Mapping, Sequence
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ..common.wording import listed
+from ..errors import LogError
+from .board import BoardFinder
+from .joint_table import JointTable
+from .judge import row_shift
+from .pictures import UnreadableError, list_pictures, match_rows, read_picture
+from .plane import square_pose
+from .recorded import Recorded, told
+from .reference import Marks, PlaneReference
+from .setting import Setting, told_motion
+from .tags import Tag, TagFinder
+from .track import astray, check_motion, stuck
+
+Array = NDArray[np.float64]
+
+
+def log_pictures(
+    source: str | os.PathLike[str],
+    joints: JointTable,
+    setting: Setting,
+    *,
+    since: Mapping[str, Any] | None = None,
+) -> Recorded:
+    """Make a log from pictures of an arm with a printed tag on its tip.
+
+    Parameters
+    ----------
+    source : path-like
+        A folder, or a pattern such as `shots/*.jpg`.
+    joints : JointTable
+        One row for each picture: by its column of names, or in their natural order.
+    setting : Setting
+        Tag, reference and lens.
+    since : mapping, optional
+        What an earlier log tells of its source (`read_about`): how far the camera moved
+        since is told.
+
+    Returns
+    -------
+    Recorded
+        The rows, what was left out, and why.
+
+    Raises
+    ------
+    LogError
+        In one line, if no log can be made: no such tag, twice in a picture, at one place
+        while joints move, rows shifted against the pictures, and the like.
+    """
+    pairs, notes = match_rows(joints, list_pictures(source))
+    boards = BoardFinder(setting.board) if setting.board is not None else None
+    reasons: Counter[str] = Counter()
+    rows: list[int] = []
+    tags: list[Tag] = []
+    marks: list[tuple[int, Marks]] = []
+    twice: list[str] = []
+    damaged: list[str] = []
+    size: tuple[int, int] | None = None
+    for number, (row, path) in enumerate(pairs):
+        try:
+            grey = read_picture(path)
+        except UnreadableError as error:
+            damaged.append(str(error))
+            continue
+        now = (grey.shape[1], grey.shape[0])
+        setting.check_size(path.name, now)
+        if size is not None and now != size:
+            raise LogError(
+                f"{path.name} is {now[0]}x{now[1]}, the pictures before it {size[0]}x{size[1]}: "
+                "expected one camera with one setting"
+            )
+        size = now
+        found = setting.finder.find(grey)
+        if setting.layout is not None:
+            marks.append((number, setting.marks(grey, found, boards)))
+        tip = [t for t in found if t.number == setting.tag]
+        if len(tip) > 1:
+            twice.append(path.name)
+        elif not tip:
+            reasons[f"tag {setting.tag} not seen"] += 1
+        elif not tip[0].sharp:
+            reasons["blurred"] += 1
+        else:
+            rows.append(number)
+            tags.append(tip[0])
+    notes += [f"{text}; left out" for text in damaged[:5]]
+    reasons["cut off or damaged"] = len(damaged)
+    if size is None:
+        raise LogError(f"no picture in {os.fspath(source)!r} can be read: {damaged[0]}")
+    if twice:
+        raise LogError(
+            f"tag {setting.tag} is there twice in {len(twice)} of {len(pairs)} pictures "
+            f"({listed(twice, 3)}): cover one, or print another id for the tip"
+        )
+    if not tags:
+        raise LogError(no_tag(setting, [path for _, path in pairs], len(pairs)))
+    what = f"{len(tags)} pictures"
+    index = np.array([pairs[number][0] for number in rows])
+    q, pixels = joints.q[index], np.array([t.centre for t in tags])
+    if len(tags) > 1:
+        check_motion(q, pixels, setting.tag, what)
+    _check_order(q, pixels)
+    good = ~stuck(q, pixels)
+    reasons["at one place while the joints move: a second tag?"] = int((~good).sum())
+    lost = astray(q[good], pixels[good])
+    reasons["far from where the joints put the tip"] = int(lost.sum())
+    good[np.flatnonzero(good)[lost]] = False
+    numbers = np.array(rows)[good]
+    kept = [tag for tag, ok in zip(tags, good, strict=True) if ok]
+    watched = setting.watch(marks)
+    notes += watched.notes
+    if since is not None:
+        notes.append(told_motion(since, watched))
+    return assemble(
+        setting,
+        watched.positions(pixels[good], numbers),
+        joints.names,
+        q[good],
+        kept,
+        source={"source": "pictures", **setting.about(watched)},
+        poses=watched.parts[-1],
+        pictures=tuple(pairs[number][1].name for number in numbers),
+        dropped={why: count for why, count in reasons.items() if count},
+        notes=[*notes, *told(reasons, "pictures")],
+    )
+
+
+def assemble(
+    setting: Setting,
+    located: tuple[Array, Array, Array],
+    names: tuple[str, ...],
+    q: Array,
+    tags: Sequence[Tag],
+    *,
+    source: Mapping[str, Any],
+    poses: object,
+    pictures: tuple[str, ...] | None = None,
+    time: Array | None = None,
+    dropped: Mapping[str, int],
+    notes: Sequence[str],
+) -> Recorded:
+    """Put a log together from tags and where they are; see `Watch.positions`."""
+    x, scale, common = located
+    unit = setting.layout and "m"
+    noise = np.array([tag.noise for tag in tags]) * scale
+    quaternion = None
+    if setting.pose:
+        x, quaternion, unit = *_poses(setting, tags, poses), "m"
+    shared = float(np.sqrt(np.mean(common**2)))
+    return Recorded(
+        joint_names=names,
+        q=q,
+        x=x,
+        unit=unit or "px",
+        noise=float(np.hypot(np.sqrt(np.mean(noise**2)), shared)),
+        common=shared,
+        pixels=np.array([tag.centre for tag in tags]),
+        source=source,
+        quaternion=quaternion,
+        time=time,
+        pictures=pictures,
+        dropped=dropped,
+        notes=tuple(notes),
+    )
+
+
+def no_tag(setting: Setting, paths: Sequence[Path], count: int) -> str:
+    """Say that a tag is in none of the pictures, and which tags are."""
+    some = paths[:: max(1, len(paths) // 12)]
+    greys = []
+    for path in some:
+        try:
+            greys.append(read_picture(path))
+        except UnreadableError:
+            continue
+    return f"tag {setting.tag} is in none of {count} pictures: {seen_instead(setting, greys)}"
+
+
+def seen_instead(setting: Setting, greys: Sequence[NDArray[np.uint8]]) -> str:
+    """Say which tags some pictures show."""
+    finder, seen = TagFinder(setting.dictionary), Counter[int]()
+    for grey in greys:
+        seen.update({tag.number for tag in finder.find(grey)})
+    if not seen:
+        return (
+            f"no tag of {setting.dictionary} is in {len(greys)} of them; is it sharp, with a white "
+            "border, and of this dictionary?"
+        )
+    shown = listed([f"{number} ({times} times)" for number, times in seen.most_common()], 6)
+    return f"{len(greys)} of them show {shown} of {setting.dictionary}"
+
+
+def _check_order(q: Array, pixels: Array) -> None:
+    shift, own, other = row_shift(q, pixels)
+    if shift:
+        rows = f"{abs(shift)} row{'s' if abs(shift) > 1 else ''} {'further down' if shift > 0 else 'up'}"
+        raise LogError(
+            f"the joints are shifted against the pictures: those {rows} predict the tag to "
+            f"{other:.2g} px, a picture's own to {own:.2g} px; is one missing at the start?"
+        )
+
+
+def _poses(setting: Setting, tags: Sequence[Tag], reference: object) -> tuple[Array, Array]:
+    """Return places (n, 3) [m] and quaternions (n, 4) of tags, in the reference's frame.
+
+    Without a reference the frame is the camera's: x right, y down, z ahead.
+    """
+    from scipy.spatial.transform import Rotation
+
+    assert setting.lens is not None
+    assert setting.tag_size is not None
+    places, turns = [], []
+    for tag in tags:
+        pose = square_pose(setting.lens, tag.corners, setting.tag_size)
+        turn, place = pose.rotation, pose.shift
+        if isinstance(reference, PlaneReference):
+            frame = reference.pose.rotation
+            turn, place = frame.T @ turn, frame.T @ (place - reference.pose.shift)
+        places.append(place)
+        turns.append(turn)
+    quaternion = Rotation.from_matrix(np.array(turns)).as_quat()
+    return np.array(places), quaternion * np.sign(quaternion[:, 3:] + 1e-300)

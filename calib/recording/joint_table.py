@@ -1,0 +1,154 @@
+"""Joint values beside pictures or a video: one row for a picture, or one for a time."""
+
+from __future__ import annotations
+
+import os
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ..samples.columns import Source, open_source, read_columns
+from ..samples.csv_rows import csv_rows
+from ..errors import LogError
+from ..common.wording import listed
+
+Array = NDArray[np.float64]
+
+TIMES = ("time", "timestamp", "stamp", "t", "seconds", "time_s")
+PICTURES = ("picture", "image", "file", "filename", "photo")
+_OTHERS = ("x", "y", "z", "qx", "qy", "qz", "qw", "frame", "index", "episode_index")
+
+_TURNS = 4.0 * np.pi  # [rad]; joints that go beyond two turns are taken for degrees
+
+
+@dataclass(frozen=True, eq=False)
+class JointTable:
+    """Joints as they were recorded.
+
+    Attributes
+    ----------
+    label : str
+        What messages call the file.
+    names : tuple of str
+        The joints.
+    q : (n, joints) array [rad or m]
+        Their values; rows with a missing one are left out.
+    time : (n,) array [s] or None
+        Times of the rows, by the joints' clock.
+    pictures : tuple of str or None
+        Names of the rows' pictures.
+    dropped : int
+        Rows that were left out.
+    """
+
+    label: str
+    names: tuple[str, ...]
+    q: Array
+    time: Array | None
+    pictures: tuple[str, ...] | None
+    dropped: int = 0
+
+
+def read_joints(
+    path: str | os.PathLike[str],
+    joints: Sequence[str] | None = None,
+    *,
+    degrees: bool = False,
+    prismatic: Sequence[str] = (),
+    columns: Mapping[str, str] | None = None,
+) -> JointTable:
+    """Read a table of joints: CSV or Parquet.
+
+    Parameters
+    ----------
+    path : path-like
+        The file. A column `time` [s] or `picture` says what a row belongs to.
+    joints : sequence of str, optional
+        The joints' columns; all columns of numbers but those if not given.
+    degrees : bool
+        Whether joints that turn are in degrees.
+    prismatic : sequence of str
+        Joints that slide [m].
+    columns : mapping of str to str, optional
+        Other names of columns: `{"elbow": "state[1]", "time": "stamp_s"}`.
+
+    Raises
+    ------
+    LogError
+        If there are no joints, or they look like degrees and are not said to be.
+    """
+    source = open_source(path)
+    mapped = dict(columns or {})
+    time_column = mapped.get("time") or _named(source, TIMES)
+    picture_column = mapped.get("picture") or _named(source, PICTURES)
+    if joints is not None:
+        names = tuple(joints)
+    else:
+        taken = {time_column, picture_column, *mapped.values()}
+        others = [n for n in source.header if n not in taken and n.lower() not in _OTHERS]
+        names = tuple(k for k in mapped if k not in ("time", "picture")) + tuple(others)
+    wanted = [mapped.get(name, name) for name in names]
+    if not wanted:
+        raise LogError(f"{source.label} has no joints; columns: {listed(source.header)}")
+    values = read_columns(source, wanted, lenient=joints is None)
+    if joints is None:
+        numbers = np.isfinite(values).any(axis=0)
+        names = tuple(n for n, ok in zip(names, numbers, strict=True) if ok)
+        values = values[:, numbers]
+        if not names:
+            raise LogError(
+                f"{source.label} has no column of numbers that could be a joint; columns: "
+                f"{listed(source.header)}"
+            )
+    time = read_columns(source, [time_column])[:, 0] if time_column else None
+    pictures = _texts(source, picture_column) if picture_column else None
+    good = np.isfinite(values).all(axis=1)
+    if time is not None:
+        good &= np.isfinite(time)
+    turning = [k for k, name in enumerate(names) if name not in prismatic]
+    q = values[good]
+    if not len(q):
+        raise LogError(f"{source.label} has no row with all of {listed(names)}")
+    if degrees:
+        q[:, turning] = np.deg2rad(q[:, turning])
+    elif turning and np.abs(q[:, turning]).max() > _TURNS:
+        k = turning[int(np.argmax(np.abs(q[:, turning]).max(axis=0)))]
+        raise LogError(
+            f"{source.label}: {names[k]} goes to {q[np.abs(q[:, k]).argmax(), k]:.4g} rad, more "
+            "than two turns: are these degrees? expected rad, or degrees=True"
+        )
+    keep = np.flatnonzero(good)
+    return JointTable(
+        label=source.label,
+        names=names,
+        q=q,
+        time=time[good] if time is not None else None,
+        pictures=tuple(pictures[k] for k in keep) if pictures is not None else None,
+        dropped=int((~good).sum()),
+    )
+
+
+def _named(source: Source, names: Sequence[str]) -> str | None:
+    known = {name.lower(): name for name in reversed(source.header)}
+    return next((known[name] for name in names if name in known), None)
+
+
+def _texts(source: Source, column: str) -> list[str]:
+    """Read a column of text."""
+    if column not in source.header:
+        raise LogError(
+            f"{source.label} has no column {column!r}; columns: {listed(source.header)}"
+        )
+    if not source.separator:
+        import polars as pl
+
+        cells = pl.read_parquet(source.path, columns=[column])[column].to_list()
+        return ["" if cell is None else Path(str(cell)).name for cell in cells]
+    k = source.header.index(column)
+    with source.path.open("rb") as file:
+        rows = [row for n, row in csv_rows(source.label, file, source.separator) if n > source.skip]
+    # a picture may be named with a folder, of this system or another
+    return [row[k].strip().replace("\\", "/").rpartition("/")[2] if k < len(row) else "" for row in rows]

@@ -1,0 +1,223 @@
+"""A camera's lens: calibrated once from a few pictures of a board, kept in a JSON file.
+
+Millimetres need it: without it a picture's border is off by several pixels.
+"""
+
+from __future__ import annotations
+
+import json
+import os
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from ..common.atomic import atomic_write
+from ..errors import LogError
+from .board import LEAST_CORNERS, Board
+from .opencv import opencv
+
+Array = NDArray[np.float64]
+
+LEAST_PICTURES = 4
+"""Pictures of a board that a calibration needs."""
+
+_TANGENTIAL = 10  # pictures from which a lens that sits askew can be told
+
+
+@dataclass(frozen=True, eq=False)
+class Lens:
+    """A pinhole with radial and tangential distortion (Brown's model, as in OpenCV).
+
+    Attributes
+    ----------
+    size : (int, int) [px]
+        Width and height of the pictures it holds for.
+    focal : (2,) array [px]
+        Focal length along x and y.
+    centre : (2,) array [px]
+        Principal point.
+    distortion : (5,) array
+        k1, k2, p1, p2, k3.
+    rms : float [px]
+        Rms distance of the calibration's corners from their places.
+    pictures : int
+        Pictures that it was calibrated from.
+    """
+
+    size: tuple[int, int]
+    focal: Array
+    centre: Array
+    distortion: Array
+    rms: float = 0.0
+    pictures: int = 0
+
+    @property
+    def matrix(self) -> Array:
+        """The camera matrix (3, 3)."""
+        (fx, fy), (u, v) = self.focal, self.centre
+        return np.array([[fx, 0.0, u], [0.0, fy, v], [0.0, 0.0, 1.0]])
+
+    def distort(self, points: ArrayLike) -> Array:
+        """Return pixels (n, 2) of points (n, 2) of the plane at distance one."""
+        n = np.asarray(points, float)
+        k1, k2, p1, p2, k3 = self.distortion
+        x, y = n[..., 0], n[..., 1]
+        r2 = x**2 + y**2
+        radial = 1.0 + r2 * (k1 + r2 * (k2 + r2 * k3))
+        bent = np.stack(
+            [
+                x * radial + 2.0 * p1 * x * y + p2 * (r2 + 2.0 * x**2),
+                y * radial + p1 * (r2 + 2.0 * y**2) + 2.0 * p2 * x * y,
+            ],
+            axis=-1,
+        )
+        return np.asarray(self.centre + self.focal * bent)
+
+    def undistort(self, pixels: ArrayLike) -> Array:
+        """Return points (n, 2) of the plane at distance one that appear at pixels (n, 2)."""
+        target = np.asarray(pixels, float)
+        n = (target - self.centre) / self.focal
+        for _ in range(60):
+            step = (target - self.distort(n)) / self.focal
+            n = n + step
+            if np.abs(step).max(initial=0.0) < 1e-13:
+                break
+        return n
+
+    def to_json(self) -> dict[str, Any]:
+        """Return it as plain values."""
+        return {
+            "kind": "calib lens",
+            "size": list(self.size),
+            "focal": self.focal.tolist(),
+            "centre": self.centre.tolist(),
+            "distortion": self.distortion.tolist(),
+            "rms": self.rms,
+            "pictures": self.pictures,
+        }
+
+    def save(self, path: str | os.PathLike[str]) -> None:
+        """Write it as JSON."""
+        atomic_write(path, (json.dumps(self.to_json(), indent=2) + "\n").encode())
+
+
+def read_lens(path: str | os.PathLike[str]) -> Lens:
+    """Read a lens that `Lens.save` wrote.
+
+    Raises
+    ------
+    LogError
+        If the file is none.
+    """
+    try:
+        told = json.loads(Path(path).read_text(encoding="utf-8"))
+        lens = Lens(
+            (int(told["size"][0]), int(told["size"][1])),
+            np.array(told["focal"], float).reshape(2),
+            np.array(told["centre"], float).reshape(2),
+            np.array(told["distortion"], float).reshape(5),
+            float(told.get("rms", 0.0)),
+            int(told.get("pictures", 0)),
+        )
+    except FileNotFoundError:
+        raise LogError(f"there is no file {str(path)!r}: expected a lens or its pictures") from None
+    except OSError as error:
+        raise LogError(f"cannot read {str(path)!r}: {error.strerror}") from None
+    except (ValueError, KeyError, TypeError, IndexError):
+        raise LogError(
+            f"{path} is no lens: expected the lens.json of an earlier run, or a folder of "
+            "pictures of the board"
+        ) from None
+    finite = np.isfinite([*lens.focal, *lens.centre, *lens.distortion]).all()
+    if not finite or (lens.focal <= 0).any() or min(lens.size) <= 0:
+        raise LogError(f"{path}: the lens has impossible values; calibrate it again")
+    return lens
+
+
+def calibrate_lens(
+    corners: Sequence[Mapping[int, Array]], board: Board, size: tuple[int, int]
+) -> tuple[Lens, tuple[str, ...]]:
+    """Fit a lens to pictures of a board held at different angles.
+
+    Parameters
+    ----------
+    corners : sequence of mapping of int to (2,) array [px]
+        Corners that each picture shows, as `BoardFinder.find` returns them.
+    board : Board
+        What was printed.
+    size : (int, int) [px]
+        Width and height of the pictures.
+
+    Returns
+    -------
+    lens : Lens
+        The lens.
+    notes : tuple of str
+        What makes it doubtful.
+
+    Raises
+    ------
+    LogError
+        If too few pictures show the board, or it was never tilted.
+    """
+    cv2 = opencv()
+    usable = [c for c in corners if len(c) >= LEAST_CORNERS]
+    if len(usable) < LEAST_PICTURES:
+        most = max(map(len, corners), default=0)
+        raise LogError(
+            f"the board is in {len(usable)} of {len(corners)} pictures of the lens (at most "
+            f"{most} corners found, {LEAST_CORNERS} expected in each): take {LEAST_PICTURES} or "
+            "more, 10 are better, near and tilted, and check the board's numbers"
+        )
+    world = board.corners().astype(np.float32)
+    objects = [world[sorted(c)] for c in usable]
+    images = [np.array([c[k] for k in sorted(c)], np.float32).reshape(-1, 1, 2) for c in usable]
+    try:
+        rms, matrix, distortion, spread = _fit(objects, images, size)
+    except cv2.error:
+        raise LogError(
+            "the pictures of the board fit no lens: tilt the board this way and that between them"
+        ) from None
+    focal = np.array([matrix[0, 0], matrix[1, 1]])
+    doubt = float(spread[0] / focal[0])
+    if not np.isfinite(focal).all() or doubt > 0.03 or (focal > 50 * max(size)).any():
+        raise LogError(
+            f"the pictures of the board fix the focal length to {100 * doubt:.2g} % only, 3 % "
+            "expected: tilt the board this way and that between them"
+        )
+    notes = []
+    if rms > 1.0:
+        notes.append(
+            f"lens: the corners miss their places by {rms:.2g} px rms; is the board flat and "
+            "printed at its true size, and were the pictures sharp?"
+        )
+    lens = Lens(size, focal, matrix[:2, 2].copy(), distortion, rms, len(usable))
+    return lens, tuple(notes)
+
+
+def _fit(
+    objects: Sequence[Array], images: Sequence[Array], size: tuple[int, int]
+) -> tuple[float, Array, Array, Array]:
+    """Fit lenses of one, two and four terms; a further term must lower Schwarz's criterion.
+
+    Terms that the pictures do not need are free near the border, where no board was.
+    """
+    cv2 = opencv()
+    one = cv2.CALIB_FIX_K3 | cv2.CALIB_ZERO_TANGENT_DIST | cv2.CALIB_FIX_K2
+    choices = [(one, 1), (one & ~cv2.CALIB_FIX_K2, 2), (cv2.CALIB_FIX_K3, 4)]
+    count = 2 * sum(map(len, images))
+    best = None
+    for flags, terms in choices[: 3 if len(images) >= _TANGENTIAL else 2]:
+        fit = cv2.calibrateCameraExtended(objects, images, size, None, None, flags=flags)
+        score = count * np.log(max(fit[0], 1e-3) ** 2) + terms * np.log(count)
+        if best is None or score < best[0]:
+            best = score, fit
+    assert best is not None
+    rms, matrix, distortion, _, _, spread = best[1][:6]
+    terms5 = np.zeros(5)
+    terms5[: min(np.size(distortion), 5)] = np.ravel(distortion)[:5]
+    return float(rms), np.asarray(matrix, float), terms5, np.ravel(spread)

@@ -1,0 +1,34 @@
+"""OpenCV, where it is installed: imported late, silent, old versions refused."""
+
+from __future__ import annotations
+
+import os
+from importlib import import_module
+from typing import Any
+
+from ..errors import LogError
+
+INSTALL = "reading pictures needs OpenCV: pip install 'calib-arm[camera]'"
+
+
+def opencv() -> Any:
+    """Import OpenCV and silence what it and FFmpeg write to standard error.
+
+    Raises
+    ------
+    LogError
+        If it is missing or older than 4.11.
+    """
+    os.environ.setdefault("OPENCV_LOG_LEVEL", "SILENT")
+    os.environ.setdefault("OPENCV_FFMPEG_LOGLEVEL", "-8")  # read when a video is opened
+    try:
+        cv2: Any = import_module("cv2")
+    except ImportError:
+        raise LogError(INSTALL) from None
+    if tuple(int(part) for part in cv2.__version__.split(".")[:2]) < (4, 11):
+        raise LogError(f"OpenCV {cv2.__version__} is too old, expected 4.11 or later: {INSTALL}")
+    if hasattr(cv2, "setLogLevel"):  # 4.x
+        cv2.setLogLevel(0)
+    else:
+        cv2.utils.logging.setLogLevel(cv2.utils.logging.LOG_LEVEL_SILENT)
+    return cv2

@@ -1,0 +1,147 @@
+"""Pictures in a folder: which, in what order, and whether they are whole."""
+
+from __future__ import annotations
+
+import glob
+import io
+import os
+import re
+import warnings
+from collections.abc import Sequence
+from pathlib import Path
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ..errors import LogError
+from ..common.wording import listed
+from .joint_table import JointTable
+
+Array = NDArray[np.float64]
+Picture = NDArray[np.uint8]
+
+SUFFIXES = (".jpg", ".jpeg", ".png", ".bmp", ".tif", ".tiff", ".webp", ".ppm", ".pgm")
+
+
+class UnreadableError(LogError):
+    """A picture that is damaged, cut off or none."""
+
+
+def natural(name: str) -> list[tuple[int, int | str]]:
+    """Return a key that sorts `img_10` after `img_9`."""
+    parts = re.split(r"(\d+)", name)
+    return [(0, int(p)) if p.isdigit() else (1, p.lower()) for p in parts if p]
+
+
+def list_pictures(source: str | os.PathLike[str]) -> list[Path]:
+    """Return the pictures of a folder or a pattern such as `shots/*.jpg`, in natural order.
+
+    Raises
+    ------
+    LogError
+        If there is no such folder, or no picture in it.
+    """
+    text = os.fspath(source)
+    folder = Path(text)
+    if folder.is_dir():
+        found = [p for p in folder.iterdir() if p.suffix.lower() in SUFFIXES and p.is_file()]
+    elif folder.is_file():
+        found = [folder]
+    elif any(mark in text for mark in "*?["):
+        found = [Path(p) for p in glob.glob(text) if Path(p).is_file()]
+    else:
+        raise LogError(f"there is no folder {text!r}: expected a folder of pictures or a pattern")
+    found = [p for p in found if not p.name.startswith(".")]
+    if not found:
+        raise LogError(f"no pictures in {text!r}: expected {', '.join(SUFFIXES)}")
+    return sorted(found, key=lambda p: natural(p.name))
+
+
+def read_picture(path: str | os.PathLike[str], *, colour: bool = False) -> Picture:
+    """Read a picture whole: grey (height, width), or red, green, blue (height, width, 3).
+
+    Raises
+    ------
+    UnreadableError
+        If it is cut off, damaged or no picture.
+
+    Notes
+    -----
+    Pillow is asked rather than OpenCV, which returns half of a cut JPEG without a word.
+    """
+    from PIL import Image, ImageOps, UnidentifiedImageError
+
+    name = Path(path).name
+    try:
+        content = Path(path).read_bytes()
+        with warnings.catch_warnings():
+            warnings.simplefilter("error", Image.DecompressionBombWarning)
+            with Image.open(io.BytesIO(content)) as opened:
+                opened.load()
+                image = ImageOps.exif_transpose(opened)
+                if image.mode.startswith("I") or image.mode == "F":
+                    values = np.asarray(image, float)
+                    scale = 256.0 if values.max(initial=0.0) > 255 else 1.0
+                    image = Image.fromarray(np.clip(values / scale, 0, 255).astype(np.uint8))
+                return np.array(image.convert("RGB" if colour else "L"))
+    except UnidentifiedImageError:
+        raise UnreadableError(f"{name} is no picture") from None
+    except (Image.DecompressionBombWarning, Image.DecompressionBombError):
+        raise UnreadableError(f"{name} is larger than 90 million pixels") from None
+    except OSError as error:
+        cut = "truncated" in str(error) or "Truncated" in str(error)
+        raise UnreadableError(
+            f"{name} is cut off" if cut else f"{name} cannot be read: {error.strerror or error}"
+        ) from None
+    except (ValueError, SyntaxError, EOFError, MemoryError) as error:
+        raise UnreadableError(f"{name} is a damaged picture: {error}") from None
+
+
+def match_rows(
+    table: JointTable, pictures: Sequence[Path]
+) -> tuple[list[tuple[int, Path]], list[str]]:
+    """Say which picture belongs to which row of the joints.
+
+    Returns
+    -------
+    pairs : list of (int, Path)
+        Row and picture, in the rows' order.
+    notes : list of str
+        What was left over.
+
+    Raises
+    ------
+    LogError
+        If their names do not fit, or without names their counts.
+    """
+    if table.pictures is None:
+        rows = len(table.q) + table.dropped
+        if rows != len(pictures) or table.dropped:
+            why = f", {table.dropped} of them with a missing value" if table.dropped else ""
+            raise LogError(
+                f"{len(pictures)} pictures and {rows} rows of joints in {table.label}{why}: expected "
+                "one row for each picture in the order of names, or a column 'picture'"
+            )
+        return list(enumerate(pictures)), []
+    by_name: dict[str, Path] = {}
+    for path in pictures:
+        by_name.setdefault(path.stem, path)
+    by_name |= {path.name: path for path in pictures}
+    pairs = [(row, by_name[n]) for row, n in enumerate(table.pictures) if n in by_name]
+    twice = {path.name for k, (_, path) in enumerate(pairs) if path in [p for _, p in pairs[:k]]}
+    if twice:
+        raise LogError(
+            f"{table.label} names picture {min(twice)!r} in more than one row: expected one row "
+            "for each picture"
+        )
+    if not pairs:
+        raise LogError(
+            f"{table.label} names none of the pictures: it has "
+            f"{listed(table.pictures, 3)}, there are {listed((p.name for p in pictures), 3)}"
+        )
+    notes = []
+    if missing := len(table.pictures) - len(pairs):
+        notes.append(f"{missing} rows of joints left out: their pictures are not there")
+    if more := len(pictures) - len(pairs):
+        notes.append(f"{more} pictures left out: no row of joints names them")
+    return pairs, notes

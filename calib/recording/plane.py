@@ -1,0 +1,183 @@
+"""From pixels to metres: the camera's pose over a plane, and rays cut with it."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from ..errors import LogError
+from .lens import Lens
+from .opencv import opencv
+
+Array = NDArray[np.float64]
+
+_LEAST_NOISE = 0.02  # [px]; corners are credited with no less
+
+
+@dataclass(frozen=True, eq=False)
+class Pose:
+    """Where a frame is in the camera's: `seen = rotation @ point + shift` [m].
+
+    Attributes
+    ----------
+    rotation : (3, 3) array
+        Frame to camera (x right, y down, z ahead).
+    shift : (3,) array [m]
+        The frame's origin in the camera's.
+    covariance : (6, 6) array
+        Of a small turn [rad] in the camera's axes, then of the shift [m].
+    rms : float [px]
+        Rms distance of the points from where the pose puts them.
+    """
+
+    rotation: Array
+    shift: Array
+    covariance: Array
+    rms: float
+
+    @property
+    def camera(self) -> Array:
+        """The camera's place in the frame [m]."""
+        return -self.rotation.T @ self.shift
+
+    def apply(self, points: ArrayLike) -> Array:
+        """Return points (n, 3) of the frame in the camera's [m]."""
+        return np.asarray(np.asarray(points, float) @ self.rotation.T + self.shift)
+
+
+def rotation_of(turn: Array) -> Array:
+    """Return the rotation matrix of a rotation vector [rad] (Rodrigues)."""
+    from scipy.spatial.transform import Rotation
+
+    return np.asarray(Rotation.from_rotvec(turn).as_matrix())
+
+
+def find_pose(lens: Lens, points: Array, pixels: Array) -> Pose:
+    """Fit the pose of a flat frame to points of it and their pixels, outliers weighed down.
+
+    Parameters
+    ----------
+    lens : Lens
+        The camera.
+    points : (n, 3) array [m]
+        Points of the plane z = 0, four or more.
+    pixels : (n, 2) array [px]
+        Where they appear.
+    """
+    from scipy.optimize import least_squares
+
+    cv2 = opencv()
+    flat = lens.undistort(pixels)
+    found, turns, shifts, _ = cv2.solvePnPGeneric(
+        points, flat.reshape(-1, 1, 2), np.eye(3), None, flags=cv2.SOLVEPNP_IPPE
+    )
+    if not found:
+        raise LogError("the reference's points lie on a line or in one place: no pose fits them")
+
+    def miss(p: Array, start: Array) -> Array:
+        seen = points @ (rotation_of(p[:3]) @ start).T + p[3:]
+        return np.asarray((lens.distort(seen[:, :2] / seen[:, 2:]) - pixels).ravel())
+
+    best = None
+    for turn, shift in zip(turns, shifts, strict=True):
+        start = rotation_of(np.ravel(turn))
+        fit = least_squares(
+            miss, np.r_[np.zeros(3), np.ravel(shift)], args=(start,), loss="soft_l1", f_scale=0.5
+        )
+        if best is None or fit.cost < best[0].cost:
+            best = fit, start
+    assert best is not None
+    fit, start = best
+    residual = fit.fun.reshape(-1, 2)
+    rms = float(np.sqrt((residual**2).sum(1).mean()))
+    variance = float((residual**2).sum()) / max(residual.size - 6, 1)
+    covariance = np.linalg.pinv(fit.jac.T @ fit.jac) * max(variance, _LEAST_NOISE**2)
+    return Pose(rotation_of(fit.x[:3]) @ start, fit.x[3:].copy(), covariance, rms)
+
+
+def cut_plane(lens: Lens, pose: Pose, pixels: ArrayLike, height: float = 0.0) -> Array:
+    """Cut the rays of pixels (n, 2) with the plane `z = height` of a frame.
+
+    Returns
+    -------
+    (n, 2) array [m]
+        x and y in the frame; NaN where the ray does not meet the plane ahead.
+    """
+    flat = lens.undistort(pixels)
+    rays = np.c_[flat, np.ones(len(flat))] @ pose.rotation
+    camera = pose.camera
+    with np.errstate(divide="ignore", invalid="ignore"):
+        far = (height - camera[2]) / rays[:, 2]
+        x = camera[:2] + far[:, None] * rays[:, :2]
+    x[~(far > 0.0)] = np.nan
+    return x
+
+
+def cut_noise(lens: Lens, pose: Pose, pixels: Array, height: float = 0.0) -> tuple[Array, Array]:
+    """Tell how far positions are off where pixels are, and where the pose is.
+
+    Returns
+    -------
+    scale : (n,) array [m/px]
+        Standard deviation along each axis that one pixel's makes.
+    common : (n,) array [m]
+        Standard deviation along each axis that the pose's covariance makes: all
+        positions of a recording share it.
+    """
+    base = cut_plane(lens, pose, pixels, height)
+    steps = [cut_plane(lens, pose, pixels + d, height) - base for d in ([0.5, 0.0], [0.0, 0.5])]
+    scale = 2.0 * np.sqrt(sum((s**2).sum(1) for s in steps) / 2.0)
+    variance = np.zeros(len(base))
+    values, vectors = np.linalg.eigh(pose.covariance)
+    for value, vector in zip(values, vectors.T, strict=True):
+        d = vector * np.sqrt(max(float(value), 0.0))
+        moved = Pose(rotation_of(d[:3]) @ pose.rotation, pose.shift + d[3:], pose.covariance, 0.0)
+        variance += ((cut_plane(lens, moved, pixels, height) - base) ** 2).sum(1) / 2.0
+    return np.asarray(scale), np.sqrt(variance)
+
+
+def square_pose(lens: Lens, corners: Array, size: float) -> Pose:
+    """Fit the pose of a printed square of a side [m] to its corners (4, 2) [px].
+
+    Its frame: origin in the middle, x to the right, y up, z out of the paper.
+    """
+    half = size / 2.0
+    points = np.array([[-half, half, 0], [half, half, 0], [half, -half, 0], [-half, -half, 0]])
+    return find_pose(lens, points, corners)
+
+
+def homography(pixels: Array, points: Array) -> Array:
+    """Fit the plane-to-plane map (3, 3) from pixels (n, 2) to points (n, 2), n >= 4.
+
+    Normalised direct linear transform (Hartley and Zisserman, section 4.4).
+    """
+    scaled, maps = [], []
+    for values in (pixels, points):
+        middle, spread = values.mean(0), float(np.sqrt(2.0) / max(values.std(), 1e-12))
+        maps.append(
+            np.array(
+                [[spread, 0, -spread * middle[0]], [0, spread, -spread * middle[1]], [0, 0, 1]]
+            )
+        )
+        scaled.append((values - middle) * spread)
+    (u, v), (x, y) = scaled[0].T, scaled[1].T
+    one, zero = np.ones_like(u), np.zeros_like(u)
+    rows = np.concatenate(
+        [
+            np.stack([u, v, one, zero, zero, zero, -x * u, -x * v, -x], 1),
+            np.stack([zero, zero, zero, u, v, one, -y * u, -y * v, -y], 1),
+        ]
+    )
+    values, vectors = np.linalg.svd(rows)[1:]
+    if values[7] < 1e-9 * values[0]:
+        raise LogError("three of the reference's tags lie on a line: spread them as a rectangle")
+    return np.asarray(np.linalg.inv(maps[1]) @ vectors[8].reshape(3, 3) @ maps[0])
+
+
+def apply_homography(matrix: Array, pixels: ArrayLike) -> Array:
+    """Map pixels (n, 2) by a homography (3, 3)."""
+    p = np.asarray(pixels, float)
+    mapped = np.c_[p, np.ones(len(p))] @ matrix.T
+    return np.asarray(mapped[:, :2] / mapped[:, 2:])

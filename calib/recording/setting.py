@@ -1,0 +1,202 @@
+"""What a recording is made with: the tag, the reference, the lens."""
+
+from __future__ import annotations
+
+import os
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ..errors import LogError, OptionError
+from .board import Board, BoardFinder
+from .lens import Lens, calibrate_lens, read_lens
+from .pictures import UnreadableError, list_pictures, read_picture
+from .reference import (
+    Layout,
+    Marks,
+    PixelReference,
+    Watch,
+    board_layout,
+    motion,
+    read_layout,
+    watch,
+)
+from .tags import DICTIONARY, Tag, TagFinder
+
+Array = NDArray[np.float64]
+Picture = NDArray[np.uint8]
+
+
+@dataclass(frozen=True)
+class Setting:
+    """What is in the pictures, and what is known of the camera.
+
+    Attributes
+    ----------
+    tag : int
+        Id of the tag on the tip.
+    dictionary : str
+        Its dictionary, and that of tags around the arm.
+    board : Board or None
+        A board on the desk: positions are in its frame [m].
+    tags_at : Layout or None
+        Tags at known places on the desk instead.
+    lens : Lens or None
+        The camera.
+    tag_size : float or None [m]
+        Side of the tip's tag: its pose needs it.
+    tag_height : float [m]
+        How far the tip's tag is above the board, or above the tags on the desk.
+    pose : bool
+        Whether z and the orientation of the tag are wanted too.
+    """
+
+    tag: int
+    dictionary: str = DICTIONARY
+    board: Board | None = None
+    tags_at: Layout | None = None
+    lens: Lens | None = None
+    tag_size: float | None = None
+    tag_height: float = 0.0
+    pose: bool = False
+    finder: TagFinder = field(init=False, repr=False, compare=False)
+
+    def __post_init__(self) -> None:
+        if self.board is not None and self.tags_at is not None:
+            raise OptionError("board and tags_at are both given: expected one of them")
+        if self.board is not None and self.lens is None:
+            raise OptionError(
+                "board is given without lens: positions in metres may be off by centimetres away "
+                "from the board; take 10 pictures of the board and give their folder as lens"
+            )
+        if not np.isfinite(self.tag_height) or abs(self.tag_height) > 10.0:
+            raise OptionError(f"tag_height {self.tag_height:g} m: expected less than 10 m")
+        if self.tag_height and self.layout is None:
+            raise OptionError("tag_height is given without board or tags_at: over what?")
+        if self.pose and (self.lens is None or self.tag_size is None):
+            missing = "lens" if self.lens is None else "tag_size"
+            raise OptionError(f"the tag's pose needs {missing}, and tag_size with lens")
+        at = self.tags_at.points if self.tags_at is not None else {}
+        if self.tag in at:
+            raise OptionError(f"tag {self.tag} is on the tip and in tags_at: expected another id")
+        if self.board is not None and self.board.dictionary.lower() == self.dictionary.lower():
+            used = self.board.columns * self.board.rows // 2
+            if self.tag < used:
+                raise OptionError(
+                    f"tag {self.tag} is printed on the board too, which has 0 to {used - 1} of "
+                    f"{self.dictionary}: take another id"
+                )
+        object.__setattr__(self, "finder", TagFinder(self.dictionary, {self.tag, *at}))
+
+    @property
+    def layout(self) -> Layout | None:
+        """What positions are told in, if not pixels."""
+        return board_layout(self.board) if self.board is not None else self.tags_at
+
+    def check_size(self, name: str, size: tuple[int, int]) -> None:
+        """Refuse pictures of another size than the lens."""
+        if self.lens is not None and self.lens.size != size:
+            raise LogError(
+                f"{name} is {size[0]}x{size[1]}, the lens was calibrated with "
+                f"{self.lens.size[0]}x{self.lens.size[1]}: record with the same settings, or "
+                "calibrate again"
+            )
+
+    def marks(self, grey: Picture, tags: Sequence[Tag], boards: BoardFinder | None) -> Marks:
+        """Return what a picture shows of the reference."""
+        if boards is not None:
+            return boards.find(grey)
+        at = self.tags_at.points if self.tags_at is not None else {}
+        counts = [t.number for t in tags]
+        return {t.number: t.centre for t in tags if t.number in at and counts.count(t.number) == 1}
+
+    def watch(self, seen: Sequence[tuple[int, Marks]]) -> Watch:
+        """Find the reference over a recording."""
+        layout = self.layout
+        if layout is None:
+            return Watch((0,), (PixelReference(),), {})
+        found = [(number, marks) for number, marks in seen if len(marks) >= layout.least]
+        if not found:
+            most = max((len(marks) for _, marks in seen), default=0)
+            raise LogError(
+                f"{layout.what} is too small, hidden or not there: at most {most} found in a "
+                f"picture, {layout.least} expected"
+            )
+        return watch(layout, found, self.lens, self.tag_height)
+
+    def about(self, watched: Watch) -> dict[str, Any]:
+        """Return what a log tells of its source, as plain values."""
+        told: dict[str, Any] = {"tag": self.tag, "dictionary": self.dictionary}
+        told["reference"] = watched.parts[-1].told()
+        if self.lens is not None:
+            told["lens"] = self.lens.to_json()
+        return told
+
+
+def load_lens(
+    path: str | os.PathLike[str], board: Board | None, output: str | os.PathLike[str] | None = None
+) -> tuple[Lens, tuple[str, ...]]:
+    """Read a lens, or calibrate it from a folder of pictures of the board.
+
+    Parameters
+    ----------
+    path : path-like
+        `lens.json` of an earlier run, or a folder or pattern of pictures.
+    board : Board or None
+        What the pictures show.
+    output : path-like, optional
+        Where a calibrated lens is written.
+
+    Returns
+    -------
+    lens : Lens
+        The lens.
+    notes : tuple of str
+        What was found.
+    """
+    if Path(path).is_file() and Path(path).suffix.lower() == ".json":
+        return read_lens(path), ()
+    if not Path(path).is_dir() and not any(mark in str(path) for mark in "*?["):
+        return read_lens(path), ()
+    if board is None:
+        raise OptionError("lens is a folder of pictures: expected board too, which they show")
+    finder, corners, notes = BoardFinder(board), [], []
+    size: tuple[int, int] | None = None
+    pictures = list_pictures(path)
+    for picture in pictures:
+        try:
+            grey = read_picture(picture)
+        except UnreadableError as error:
+            notes.append(f"lens: {error}; it was left out")
+            continue
+        now = (grey.shape[1], grey.shape[0])
+        if size is not None and now != size:
+            raise LogError(
+                f"{picture.name} is {now[0]}x{now[1]}, the lens's other pictures are "
+                f"{size[0]}x{size[1]}: expected one camera with one setting"
+            )
+        size = now
+        corners.append(finder.find(grey))
+    if size is None:
+        raise LogError(f"no picture in {os.fspath(path)!r} can be read: {notes[0]}")
+    lens, doubts = calibrate_lens(corners, board, size)
+    notes.append(
+        f"lens of {lens.pictures} of {len(pictures)} pictures: focal length {lens.focal[0]:.1f} px, "
+        f"corners miss their places by {lens.rms:.2f} px rms"
+    )
+    if output is not None:
+        lens.save(output)
+        notes.append(f"lens written to {os.fspath(output)}")
+    return lens, (*notes, *doubts)
+
+
+def told_motion(about: Mapping[str, Any], watched: Watch) -> str:
+    """Say how far the camera moved since the recording of an earlier log."""
+    earlier = about.get("reference")
+    if not isinstance(earlier, Mapping):
+        raise LogError("the earlier log was not made by calib log: it names no reference")
+    return motion(earlier, watched.parts[0])

@@ -1,0 +1,153 @@
+"""Printed tags in a picture: which, and where to a few hundredths of a pixel."""
+
+from __future__ import annotations
+
+from collections.abc import Collection
+from dataclasses import dataclass
+from functools import cache
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ..errors import OptionError
+from ..common.wording import suggestion
+from .edges import crossing, refine_square
+from .opencv import opencv
+
+Array = NDArray[np.float64]
+Picture = NDArray[np.uint8]
+
+DICTIONARY = "apriltag_36h11"
+"""The dictionary of tags that is used if none is named."""
+
+ROUGH = 0.5
+"""Sides whose points lie further from their line are no sides of a sharp tag, rms [px]."""
+
+FLOOR = 0.03
+"""Least standard deviation that a tag's centre is credited with, along each axis [px]."""
+
+
+_MARGINS = (0.13, 0.3)  # of a cell that is not read; OpenCV 4 reads small tags with the second
+
+@dataclass(frozen=True, eq=False)
+class Tag:
+    """A tag in a picture; pixel centres have whole coordinates, y runs down.
+
+    Attributes
+    ----------
+    number : int
+        Its id.
+    corners : (4, 2) array [px]
+        Corners of the black square, clockwise in print from the top left.
+    centre : (2,) array [px]
+        Where the diagonals cross.
+    noise : float [px]
+        Standard deviation of the centre along each axis, from how well lines fit the sides.
+    sharp : bool
+        Whether they fit at all.
+    """
+
+    number: int
+    corners: Array
+    centre: Array
+    noise: float = FLOOR
+    sharp: bool = True
+
+    @property
+    def side(self) -> float:
+        """Mean length of its sides [px]."""
+        return float(np.linalg.norm(np.roll(self.corners, -1, 0) - self.corners, axis=1).mean())
+
+
+def dictionary_names() -> tuple[str, ...]:
+    """Return the names of the dictionaries of tags, such as `apriltag_36h11` and `5x5_100`."""
+    found = [name[5:].lower() for name in dir(opencv().aruco) if name.startswith("DICT_")]
+    return tuple(sorted(name for name in found if not name.startswith("arucomip")))
+
+
+@cache
+def find_dictionary(name: str) -> Any:
+    """Return OpenCV's dictionary of a name; case, `DICT_` and `apriltag_` may be left out.
+
+    Raises
+    ------
+    OptionError
+        If there is none.
+    """
+    aruco = opencv().aruco
+    plain = name.strip().lower().removeprefix("dict_").replace("-", "_")
+    names = dictionary_names()
+    for candidate in (plain, f"apriltag_{plain}", plain.replace("apriltag", "apriltag_")):
+        if candidate in names:
+            key = next(k for k in dir(aruco) if k.lower() == f"dict_{candidate}")
+            return aruco.getPredefinedDictionary(getattr(aruco, key))
+    raise OptionError(f"dictionary {name!r}: {suggestion(plain, names)}")
+
+
+class TagFinder:
+    """Finds tags of one dictionary.
+
+    Parameters
+    ----------
+    dictionary : str
+        Its name.
+    wanted : collection of int, optional
+        Ids to look for; all if not given, which takes ten times as long with OpenCV 5.
+    """
+
+    def __init__(
+        self, dictionary: str = DICTIONARY, wanted: Collection[int] | None = None
+    ) -> None:
+        cv2 = opencv()
+        known = find_dictionary(dictionary)
+        count = len(known.bytesList)
+        self.numbers = tuple(range(count) if wanted is None else sorted(set(wanted)))
+        if bad := [number for number in self.numbers if not 0 <= number < count]:
+            raise OptionError(f"tag {bad[0]}: expected 0 to {count - 1}, the ids of {dictionary}")
+        if wanted is not None:
+            some = np.ascontiguousarray(known.bytesList[list(self.numbers)])
+            known = cv2.aruco.Dictionary(some, known.markerSize, known.maxCorrectionBits)
+        self._cells = int(known.markerSize) + 2
+        self._detectors = []
+        for margin in _MARGINS:
+            settings = cv2.aruco.DetectorParameters()
+            settings.cornerRefinementMethod = cv2.aruco.CORNER_REFINE_CONTOUR
+            settings.perspectiveRemoveIgnoredMarginPerCell = margin
+            self._detectors.append(cv2.aruco.ArucoDetector(known, settings))
+
+    def find(self, grey: Picture, window: tuple[int, int, int, int] | None = None) -> list[Tag]:
+        """Find the tags of a picture, or of its part x0, y0, x1, y1 [px]."""
+        shift = np.zeros(2)
+        if window is not None:
+            x0, y0, x1, y1 = window
+            grey, shift = np.ascontiguousarray(grey[y0:y1, x0:x1]), np.array([x0, y0], float)
+        found: list[tuple[int, Array]] = []
+        for detector in self._detectors:
+            corners, places, _ = detector.detectMarkers(grey)
+            if places is not None:
+                numbers = [self.numbers[k] for k in np.ravel(places).tolist()]
+                squares = [np.asarray(c, float).reshape(4, 2) for c in corners]
+                found += zip(numbers, squares, strict=True)
+            seen = {number for number, _ in found}
+            if seen and (len(self.numbers) > 20 or seen.issuperset(self.numbers)):
+                break
+        return self._tags(grey, found, shift)
+
+    def _tags(self, grey: Picture, found: list[tuple[int, Array]], shift: Array) -> list[Tag]:
+        tags: list[Tag] = []
+        for number, corners in found:
+            tag = self._measured(grey, number, corners, shift)
+            same = [t for t in tags if t.number == number]
+            if not any(np.linalg.norm(t.centre - tag.centre) < 0.3 * t.side for t in same):
+                tags.append(tag)
+        return tags
+
+    def _measured(self, grey: Picture, number: int, corners: Array, shift: Array) -> Tag:
+        refined, rough, _ = refine_square(grey, corners, self._cells)
+        side = np.linalg.norm(np.roll(corners, -1, 0) - corners, axis=1).max()
+        moved = np.linalg.norm(refined - corners, axis=1).max()
+        if rough > ROUGH or moved > 0.1 * side + 2.0:
+            return Tag(number, corners + shift, crossing(corners) + shift, 0.5, sharp=False)
+        noise = max(FLOOR, rough / 3.0)  # about eight independent points on a side
+        return Tag(number, refined + shift, crossing(refined) + shift, noise)

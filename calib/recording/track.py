@@ -1,0 +1,114 @@
+"""The tag's track: what of it cannot be the tip."""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ..errors import LogError
+from .judge import MOST, held_out
+
+Array = NDArray[np.float64]
+Mask = NDArray[np.bool_]
+
+STILL = 2.0
+"""A tag that moves less than this over a recording does not move [px]."""
+
+
+def check_motion(q: Array, pixels: Array, tag: int, what: str) -> None:
+    """Refuse a recording in which the arm, or the tag alone, stands still.
+
+    Raises
+    ------
+    LogError
+        With the place of a tag that stays while joints move.
+    """
+    moved = float(np.linalg.norm(np.ptp(pixels, axis=0)))
+    if np.ptp(q, axis=0).max() < 2e-3:
+        raise LogError(f"the arm never moves in {what}: nothing to learn from")
+    if moved < STILL:
+        u, v = np.median(pixels, axis=0)
+        raise LogError(
+            f"tag {tag} stays at ({u:.0f}, {v:.0f}) px in all of {what} while the joints move: is it "
+            "on the tip, and does no second tag of this id lie about?"
+        )
+
+
+def stuck(q: Array, pixels: Array) -> Mask:
+    """Find rows where the tag is again at one place although the joints are elsewhere.
+
+    A second tag of the same id lies still, and is seen where the first is hidden.
+
+    Parameters
+    ----------
+    q : (n, joints) array [rad or m]
+        Joints.
+    pixels : (n, 2) array [px]
+        What was seen with them.
+
+    Returns
+    -------
+    (n,) array of bool
+        Rows of three or more at one place, to half a pixel, whose joints differ by far
+        more than those of rows that a working arm brings there.
+    """
+    n = len(pixels)
+    result = np.zeros(n, bool)
+    spread = np.maximum(np.ptp(q, axis=0), 1e-9)
+    scale = float(np.linalg.norm(np.ptp(pixels, axis=0)))
+    for k in range(n):
+        near = np.linalg.norm(pixels - pixels[k], axis=1) < 0.5
+        if near.sum() < 3 or result[k]:
+            continue
+        moved = float(np.ptp(q[near], axis=0).max() / spread.max())
+        if moved > 0.1 and scale > 20.0:
+            result |= near
+    return result if result.mean() < 0.5 else np.zeros(n, bool)
+
+
+def astray(q: Array, pixels: Array) -> Mask:
+    """Find single rows far from where the others say that the joints put the tag.
+
+    Rows go one after another, the worst first, at most a tenth of them.
+    """
+    n = len(q)
+    result = np.zeros(n, bool)
+    if not 15 <= n <= MOST:
+        return result
+    for _ in range(n // 10):
+        rows = np.flatnonzero(~result)
+        distance = held_out(q[rows], pixels[rows], blocks=len(rows))
+        worst = int(np.argmax(distance))
+        typical = float(np.median(distance))
+        if distance[worst] < max(12.0 * typical, 10.0) or typical > 5.0:
+            break
+        result[rows[worst]] = True
+    return result
+
+
+def jumps(pixels: Array, half: int = 3) -> Mask:
+    """Find frames away from the median of their neighbours (Hampel's filter).
+
+    Parameters
+    ----------
+    pixels : (n, 2) array [px]
+        A track, NaN where nothing was seen.
+    half : int
+        Neighbours on either side.
+
+    Returns
+    -------
+    (n,) array of bool
+        Frames that are not where the tag can be.
+    """
+    seen = np.flatnonzero(np.isfinite(pixels[:, 0]))
+    result = np.zeros(len(pixels), bool)
+    if len(seen) < 2 * half + 1:
+        return result
+    x = np.pad(pixels[seen], ((half, half), (0, 0)), mode="edge")
+    window = np.stack([x[k : k + len(seen)] for k in range(2 * half + 1)])
+    middle = np.median(window, axis=0)
+    far = np.linalg.norm(pixels[seen] - middle, axis=1)
+    scale = 1.48 * np.median(np.abs(window - middle), axis=0).max(axis=1)
+    result[seen] = far > 6.0 * np.maximum(scale, 1.0)
+    return result

@@ -1,0 +1,112 @@
+"""Joint values in a plausible range and unit: one check for every place where they are read.
+
+Use it on a table of queries, a trajectory to correct or a log for a model that exists.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ..errors import CalibError, LogError
+
+Array = NDArray[np.float64]
+
+TURN = 2.0 * math.pi
+
+_SLACK = 0.05  # share of a range by which values may leave it
+_MOST_TURNS = 4.0  # further from zero a joint value is in degrees, or not reset for long
+
+
+def in_degrees(values: Array, low: float, high: float) -> bool:
+    """Whether values (n,) leave a range [rad] but lie within it once taken as degrees."""
+    return beyond(values, low, high) > _SLACK and beyond(np.deg2rad(values), low, high) <= _SLACK
+
+
+def beyond(values: Array, low: float, high: float) -> float:
+    """Return by how much values (n,) leave a range, as a share of its width."""
+    if not len(values):
+        return 0.0
+    return max(low - float(values.min()), float(values.max()) - high, 0.0) / (high - low)
+
+
+def many_turns(values: Array) -> bool:
+    """Whether angles (n,) [rad] go further round than a joint does: degrees, most likely."""
+    if not len(values):
+        return False
+    low, high = float(values.min()), float(values.max())
+    return high - low > 2.02 * TURN or max(abs(low), abs(high)) > _MOST_TURNS * TURN
+
+
+def check_joint_values(
+    q: Array,
+    names: Sequence[str],
+    lower: Array,
+    upper: Array,
+    revolute: Sequence[bool],
+    *,
+    degrees: bool = False,
+    label: str = "joint values",
+    error: type[CalibError] = LogError,
+) -> None:
+    """Refuse joint values that can only be of another unit than was said.
+
+    Values a little outside of the range pass: whoever uses them says what becomes of them.
+
+    Parameters
+    ----------
+    q : (n, dof) array [rad or m]
+        Joint values; rows that are not finite are passed over.
+    names : sequence of str
+        The joints.
+    lower, upper : (dof,) array [rad or m]
+        Their learned range.
+    revolute : sequence of bool
+        Whether each joint turns.
+    degrees : bool
+        Whether the values were given in degrees, and converted.
+    label : str
+        What a message calls them.
+    error : type
+        Class of the error that is raised.
+
+    Examples
+    --------
+    >>> check_joint_values(np.array([[1.0]]), ["a"], np.zeros(1), np.ones(1) * 2, [True])
+    >>> check_joint_values(np.array([[90.0]]), ["a"], np.zeros(1), np.ones(1) * 2, [True])
+    Traceback (most recent call last):
+    calib.errors.LogError: joint values, row 1: a is 90 rad, outside of the range 0..2 rad; \
+as degrees it fits: give `degrees=True`
+    """
+    there = np.isfinite(q).all(axis=1)
+    rows = np.flatnonzero(there) + 1
+    q = q[there]
+    if not len(q):
+        return
+    for k, name in enumerate(names):
+        if not revolute[k]:
+            continue
+        low, high = float(lower[k]), float(upper[k])
+        excess = np.maximum(low - q[:, k], q[:, k] - high)
+        row = int(np.argmax(excess))
+        fits = in_degrees(q[:, k], low, high)
+        if not (many_turns(q[:, k]) or (fits and float(np.abs(q[:, k]).max()) > TURN)):
+            continue
+        shown = f"{math.degrees(q[row, k]):g} deg" if degrees else f"{q[row, k]:g} rad"
+        unit, factor = ("deg", math.degrees(1.0)) if degrees else ("rad", 1.0)
+        if degrees:
+            hint = "values in rad are given without `degrees`"
+        elif fits:
+            hint = "as degrees it fits: give `degrees=True`"
+        else:
+            hint = "if the values are in degrees, give `degrees=True`"
+        raise error(
+            f"{label}, row {rows[row]}: {name} is {shown}, outside of the range "
+            f"{low * factor:.4g}..{high * factor:.4g} {unit}",
+            hint=hint,
+            parameter="degrees",
+            value=degrees,
+        )

@@ -1,0 +1,76 @@
+"""The nominal arm in the sensor's frame: where a controller that trusts the URDF wants the tip.
+
+The view (the sensor's frame, scale and lens) is the body's; lengths and offsets are the
+URDF's, gains are 1, elasticity and joint curves are zero.  What a correction compensates is
+therefore in the arm and never in the sensor's frame.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+from typing import TYPE_CHECKING
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ..body.nominal import Nominal, nominal_of
+from ..body.planar import PlanarStructure
+from ..errors import OptionError
+
+if TYPE_CHECKING:
+    from ..model.model import Model
+
+Array = NDArray[np.float64]
+
+
+@dataclass(frozen=True)
+class NominalArm:
+    """The URDF's arm as the sensor would see it.
+
+    Attributes
+    ----------
+    structure : PlanarStructure
+        Signs are the URDF's.
+    beta : (d,) array
+        View of the body, geometry of the URDF.
+    """
+
+    structure: PlanarStructure
+    beta: Array
+
+    def predict(self, q: Array) -> Array:
+        """Positions (n, m) [unit] of the nominal arm at joint values (n, dof)."""
+        return self.structure.predict(q, self.beta)
+
+
+def nominal_in_view(model: Model) -> NominalArm:
+    """The nominal arm of a model with a body.
+
+    Raises
+    ------
+    OptionError
+        If the model has no body, or knows no URDF.
+    """
+    body = model.body
+    if body is None or not isinstance(body.structure, PlanarStructure):
+        raise OptionError("the model has no planar body, so its sensor's frame is not known")
+    nominal = body.structure.nominal or _from_urdf(model)
+    structure = replace(body.structure, nominal=nominal, signs=nominal.signs)
+    mean = structure.prior(("length", "offset", "gain")).mean
+    beta, lay = body.beta.copy(), structure.layout
+    for group in (lay.length, lay.offset, lay.gain, lay.elastic, *lay.curve.values()):
+        beta[group] = mean[group]
+    return NominalArm(structure, beta)
+
+
+def _from_urdf(model: Model) -> Nominal:
+    from ..arm.loading import arm_from_urdf
+
+    about = model.about
+    if not about.urdf:
+        raise OptionError(
+            "the model knows no URDF, so there is no nominal arm: train it with a robot, or "
+            "with a robot and a log"
+        )
+    arm = arm_from_urdf(about.urdf, about.joint_names, about.tip, lock=about.locked)
+    return nominal_of(arm.forward, about.lower, about.upper, about.revolute)

@@ -1,0 +1,160 @@
+"""The exported C header answers as the model does, as C99 and as C++17, in double and float."""
+
+from __future__ import annotations
+
+import shutil
+import subprocess
+from functools import cache
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+import calib
+from calib.errors import OptionError
+from calib.use.export_c import c_header
+from calib.use.nominal import nominal_in_view
+
+COMPILER = shutil.which("cc") or shutil.which("gcc")
+needs_compiler = pytest.mark.skipif(COMPILER is None, reason="no C compiler on this machine")
+
+PROGRAM = """
+#include "arm.h"
+#include <stdio.h>
+int main(int count, char **names) {
+  double in[CALIB_DOF], out[3 + 3 * CALIB_DOF];
+  calib_real q[CALIB_DOF], x[2], J[2 * CALIB_DOF], e, fixed[CALIB_DOF];
+  FILE *from, *to;
+  int i;
+  if (count != 3) return 1;
+  from = fopen(names[1], "rb");
+  to = fopen(names[2], "wb");
+  if (!from || !to) return 1;
+  while (fread(in, sizeof(double), CALIB_DOF, from) == CALIB_DOF) {
+    for (i = 0; i < CALIB_DOF; ++i) q[i] = (calib_real)in[i];
+    calib_forward(q, x);
+    calib_jacobian(q, J);
+    calib_expected_error(q, &e);
+    calib_correct(q, fixed);
+    out[0] = x[0];
+    out[1] = x[1];
+    out[2] = e;
+    for (i = 0; i < 2 * CALIB_DOF; ++i) out[3 + i] = J[i];
+    for (i = 0; i < CALIB_DOF; ++i) out[3 + 2 * CALIB_DOF + i] = fixed[i];
+    fwrite(out, sizeof(double), 3 + 3 * CALIB_DOF, to);
+  }
+  fclose(from);
+  return fclose(to);
+}
+"""
+LANGUAGES = {
+    "c99": ["-std=c99"],
+    "c++17": ["-x", "c++", "-std=c++17"],
+}
+
+
+@cache
+def model(kind):
+    """A model with curves and a turned sensor, or with three joints, or with a slide."""
+    if kind != "real":
+        turned = calib.babble(calib.load_arm(kind), 600, seed=0, changes=("sensor.rotate=0.3",))
+        return calib.train(turned, size=8)
+    arm = calib.load_arm("two_link")
+    rng = np.random.default_rng(0)
+    q = rng.uniform(arm.lower, arm.upper, (500, 2))
+    bent = q + 2e-3 * np.sin(9 * q) + [0.0, 0.02]
+    x = arm.forward(bent) @ [[0.0, 1.0], [-1.0, 0.0]] + rng.normal(scale=5e-5, size=(500, 2))
+    samples = calib.Samples(q, x, arm.joint_names, arm.lower, arm.upper, arm.revolute, arm=arm)
+    return calib.train(samples, size=8)
+
+
+def answers(model, q, folder, language="c99", single=False):
+    """What the compiled header says for joint values (n, dof)."""
+    (folder / "arm.h").write_text(c_header(model, single=single).text)
+    (folder / "program.c").write_text(PROGRAM)
+    flags = [*LANGUAGES[language], "-O1", "-Wall", "-Wextra", "-Werror", "-pedantic"]
+    subprocess.run(
+        [COMPILER, *flags, "-o", folder / "program", folder / "program.c", "-lm"], check=True
+    )
+    q.tofile(folder / "in")
+    subprocess.run([folder / "program", folder / "in", folder / "out"], check=True)
+    out = np.fromfile(folder / "out").reshape(len(q), -1)
+    dof = q.shape[1]
+    return out[:, :2], out[:, 2], out[:, 3 : 3 + 2 * dof].reshape(-1, 2, dof), out[:, -dof:]
+
+
+def questions(model, n):
+    """Joint values (n, dof) over the range and somewhat beyond it."""
+    lower, upper = model.about.lower, model.about.upper
+    q = np.random.default_rng(1).uniform(-0.1, 1.1, (n, len(lower)))
+    return (lower + q * (upper - lower)).astype(np.float32).astype(float)
+
+
+@needs_compiler
+@pytest.mark.parametrize("language", LANGUAGES)
+@pytest.mark.parametrize("kind", ["real", "three_link", "polar"])
+def test_the_header_agrees_with_the_model(kind, language, tmp_path):
+    m = model(kind)
+    q = questions(m, 10_000)
+    x, bound, slope, _ = answers(m, q, tmp_path, language)
+    wanted = m.forward(q, "local" if m.predictor.models.degree < 0 else "body")
+    assert (np.isnan(x) == np.isnan(wanted)).all()
+    assert np.isnan(wanted).any()
+    known = ~np.isnan(wanted[:, 0])
+    np.testing.assert_allclose(x[known], wanted[known], rtol=0, atol=1e-12 * m.reach)
+    np.testing.assert_allclose(bound, m.expected_error(q), rtol=1e-9, atol=1e-12 * m.reach)
+    inside = m.body.structure.slope(q[known], m.body.beta)
+    np.testing.assert_allclose(slope[known], inside, rtol=0, atol=1e-11 * m.reach)
+    assert np.isnan(slope[~known]).all()
+
+
+@needs_compiler
+def test_single_precision_is_close(tmp_path):
+    m = model("real")
+    q = questions(m, 10_000)
+    x, bound, _, _ = answers(m, q, tmp_path, single=True)
+    wanted = m.forward(q)
+    assert (np.isnan(x) == np.isnan(wanted)).all()
+    np.testing.assert_allclose(x, wanted, rtol=0, atol=1e-5 * m.reach)
+    np.testing.assert_allclose(bound, m.expected_error(q), rtol=0, atol=1e-5 * m.reach)
+
+
+@needs_compiler
+@pytest.mark.parametrize("single", [False, True])
+def test_a_corrected_command_brings_the_tip_to_the_nominal_place(single, tmp_path):
+    m = model("real")
+    q = questions(m, 2000)
+    fixed = answers(m, q, tmp_path, single=single)[3]
+    known = ~np.isnan(fixed[:, 0])
+    assert known.sum() > 1000
+    assert np.isnan(fixed[np.isnan(m.forward(q)[:, 0])]).all()
+    wanted = nominal_in_view(m).predict(q[known])
+    gap = np.linalg.norm(m.body.predict(fixed[known]) - wanted, axis=1)
+    assert gap.max() < (1e-3 if single else 1e-8) * m.reach
+    # 0.02 rad of offset, 2 mrad of waves: the compensation is of that size
+    assert 0.01 < np.median(np.abs(fixed[known] - q[known])[:, 1]) < 0.03
+
+
+def test_names_start_with_the_prefix_and_the_checksum_is_told(tmp_path):
+    header = c_header(model("polar"), prefix="left_").text
+    assert "calib_" not in header.replace("`calib export`", "")
+    assert "SHA-256" in header
+    assert "slide" in header
+    with pytest.raises(OptionError, match="prefix"):
+        c_header(model("polar"), prefix="1; x")
+
+
+def test_a_model_without_a_body_is_refused():
+    arm = calib.load_arm("two_link")
+    bare = calib.train(calib.babble(arm, 400, seed=0), size=6, body="none")
+    with pytest.raises(OptionError, match="body"):
+        c_header(bare)
+
+
+def test_the_command_writes_the_header(run, tmp_path):
+    model("polar").save(tmp_path / "m.calib")
+    done = run("export", str(tmp_path / "m.calib"), "-o", str(tmp_path / "arm.h"), "--float")
+    assert done.code == 0, done.err
+    assert "float" in done.out
+    text = Path(tmp_path / "arm.h").read_text()
+    assert "typedef float calib_real;" in text
