@@ -17,6 +17,7 @@ from numpy.typing import NDArray
 from ..errors import OptionError
 from .graph import Graph
 from .lattice import Lattice
+from .untrained import KINDS as UNTRAINED
 
 Array = NDArray[np.float64]
 
@@ -223,6 +224,7 @@ GAINS: dict[str, Gain | None] = {
     "dsom": None,
     "gng": None,
     **{f"gng:{name}": READINGS[name] for name in _VARYING_GNG},
+    **dict.fromkeys(UNTRAINED),
 }
 """Networks by their name in ``--map`` and the gain that each trains with."""
 
@@ -235,7 +237,7 @@ def gain_of(name: str) -> Gain | None:
 
 
 def kind_of(network: str | Gain) -> str:
-    """Kind of a network, "som", "dsom" or "gng", by its name or its gain function."""
+    """Kind of a network, "som", "dsom", "gng" or untrained, by its name or its gain function."""
     if not isinstance(network, str):
         return "som"
     gain_of(network)
