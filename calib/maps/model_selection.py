@@ -13,7 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ..body.basis import exponents
-from ..body.fitting import BodyFit
+from ..body.posterior import BodyFit
 from ..body.trend_choice import choose_trends
 from ..common.scale import Scale
 from . import local_models as local
