@@ -130,7 +130,8 @@ class LinearModels:
     @property
     def terms(self) -> int:
         """Functions that one evaluation costs."""
-        return 2 * blend_size(self.slopes.shape[1]) * (1 + self.slopes.shape[1])
+        dof = int(self.slopes.shape[1])
+        return 2 * blend_size(dof) * (1 + dof)
 
     @staticmethod
     def following(motor: Map, value: Callable[[Array], Array]) -> LinearModels:

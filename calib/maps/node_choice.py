@@ -229,7 +229,7 @@ def _settled(
         for new in every:
             after = share * np.linalg.norm(remains[row] + now - new, axis=1)
             gains.append(np.bincount(node, before - after, nodes))
-        score = np.stack(gains)
+        score: Array = np.stack(gains).astype(float)
         # the price keeps a choice that is as good but for chance; none is chosen without
         score[1:] -= _PRICE * np.bincount(node, before, nodes)
         best, gain = score.argmax(axis=0) - 1, score.max(axis=0)
