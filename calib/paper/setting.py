@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterable
 from dataclasses import dataclass, field
+from pathlib import Path
 
 import numpy as np
 from numpy.typing import NDArray
@@ -42,6 +43,8 @@ class Setting:
         Each gives other samples, another start and other test points.
     quick : bool
         Small lattices and few samples, to see that everything runs.
+    data : Path or None
+        Folder of real logs, for the ablation.
     """
 
     side: int = 70
@@ -50,6 +53,7 @@ class Setting:
     seeds: tuple[int, ...] = (0, 1, 2, 3, 4)
     quick: bool = False
     report: Report = field(default=lambda _share, _what: None)
+    data: Path | None = None
 
     @staticmethod
     def of(seed: int = 0, *, quick: bool = False, report: Report | None = None) -> Setting:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import time
 from collections.abc import Callable
+from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
@@ -18,7 +19,16 @@ if TYPE_CHECKING:
     from calib.paper.setting import Setting
     from calib.paper.tables import Result
 
-SUBJECTS = ("table1", "table2", "figures", "adaptation", "networks", "experiments", "all")
+SUBJECTS = (
+    "table1",
+    "table2",
+    "figures",
+    "adaptation",
+    "networks",
+    "experiments",
+    "ablation",
+    "all",
+)
 
 SubjectArgument = Annotated[
     str,
@@ -36,6 +46,10 @@ def reproduce(
     quick: Annotated[
         bool, typer.Option("--quick", help="Small lattices and few samples: does it all run?")
     ] = False,
+    data: Annotated[
+        str | None,
+        typer.Option("--data", metavar="DIR", help="Folder of real logs, for the ablation."),
+    ] = None,
     seed: o.SeedOption = 0,
     as_json: o.JsonOption = False,
 ) -> None:
@@ -52,7 +66,8 @@ def reproduce(
             if bar is not None:
                 bar(share, stage, float("nan"))
 
-        setting = Setting.of(seed, quick=quick, report=report)
+        real = None if data is None else Path(data)
+        setting = replace(Setting.of(seed, quick=quick, report=report), data=real)
         for name in _ALL if what == "all" else (what,):
             for key, result in _RUNS[name](setting, folder):
                 document[key] = result.data
@@ -90,6 +105,12 @@ def _experiments(setting: Setting, _folder: Path) -> list[tuple[str, Result]]:
     return [(run.__name__, run(setting)) for run in runs]
 
 
+def _ablation(setting: Setting, _folder: Path) -> list[tuple[str, Result]]:
+    from calib.paper.ablation import ablation
+
+    return [("ablation", ablation(setting))]
+
+
 def _figures(setting: Setting, folder: Path) -> list[tuple[str, Result]]:
     from calib.paper.figures import lattice_figure
 
@@ -114,9 +135,17 @@ _RUNS: dict[str, Callable[[Setting, Path], list[tuple[str, Result]]]] = {
     "adaptation": _adaptation,
     "networks": _networks,
     "experiments": _experiments,
+    "ablation": _ablation,
 }
-_ALL = ("table1", "table2", "figures", "networks", "experiments")  # figures: adaptation too
-_LONG = ("schedules", "adaptation_curves")  # for the CSV files only
+_ALL = (
+    "table1",
+    "table2",
+    "figures",
+    "networks",
+    "experiments",
+    "ablation",
+)  # figures: adaptation too
+_LONG = ("schedules", "adaptation_curves", "ablation")  # for the CSV files only
 
 
 def _keep(result: Result, folder: Path, *, shown: bool) -> None:
