@@ -41,7 +41,7 @@ from .urdf import parse_urdf, read_urdf
 
 __all__ = ["PlanarArm", "SpatialArm", "arm_from_urdf", "load_arm"]
 
-_A = TypeVar("_A", PlanarArm, SpatialArm)
+_A = TypeVar("_A", bound=PlanarArm | SpatialArm)
 
 
 def load_arm(

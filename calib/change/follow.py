@@ -232,9 +232,7 @@ class OnlineAdapter:
             rows=Rows.of(motor.scale.from_unit(u), x) if model.rows is not None else None,
         )
         has_models = fitted.predictor.models.degree >= 0
-        reading, position = node_bounds(
-            made, u, fitted.rows, fitted.errors, has_models=has_models
-        )
+        reading, position = node_bounds(made, u, fitted.rows, fitted.errors, has_models=has_models)
         true = model.about.bound_of == "true position"
         return replace(made, bounds=position if true else reading, model_bounds=position)
 

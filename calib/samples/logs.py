@@ -15,6 +15,7 @@ from ..errors import LogError, OptionError
 from .columns import Source, open_source, read_batches
 from .log_ranges import ChosenRange, JointColumn, Range
 from .measured_rows import MeasuredRows
+from .orientations import QUATERNION, from_angles, unit_quaternions
 from .places import find_place
 from .reservoir import Reservoir
 from .roles import check_names, find_roles
@@ -23,18 +24,22 @@ from .tables import write_table
 
 if TYPE_CHECKING:
     from ..arm.planar_arm import PlanarArm
+    from ..arm.spatial_arm import SpatialArm
 
 Array = NDArray[np.float64]
 
 MOST_ROWS = 200_000
 """Rows of a log that are held; of a longer one so many are drawn."""
 
+OUT_OF_PLANE = 0.02
+"""Without an arm, positions further from their plane than this share of their spread fill space."""
+
 _STILL = {True: math.radians(0.5), False: 1e-3}  # a locked joint may stir [rad, m]
 
 
 def read_log(
     path: str | os.PathLike[str],
-    arm: PlanarArm | None = None,
+    arm: PlanarArm | SpatialArm | None = None,
     *,
     joints: Sequence[str] | None = None,
     columns: Mapping[str, str] | None = None,
@@ -57,7 +62,7 @@ def read_log(
     ----------
     path : path-like
         CSV or Parquet; `-` reads CSV from standard input.
-    arm : PlanarArm, optional
+    arm : PlanarArm or SpatialArm, optional
         Gives the joints' names and limits, never kinematics.
     joints : sequence of str, optional
         Without an arm: the joints' columns, from base to tip.
@@ -137,13 +142,17 @@ def read_log(
         )
         q[:, k], (lower[k], upper[k]), said = column.settle()
         notes += said
-    x = np.ascontiguousarray(values[:, len(names) :])
+    x = np.ascontiguousarray(values[:, len(names) : len(names) + len(axes)])
+    orientation = _orientation(values[:, len(names) + len(axes) :], roles.turns, degrees, source)
     plane = rms = None
-    if len(axes) == 3:
+    if len(axes) == 3 and (arm is None or arm.outputs == 2):
         from ..arm.plane import fit_plane
 
         plane, rms = fit_plane(x)
-        x = plane.project(x)
+        if arm is None and rms > OUT_OF_PLANE * float(np.sqrt(np.var(x, axis=0).sum())):
+            plane = rms = None  # an arm that moves in space
+    if plane is not None:
+        x, orientation = plane.project(x), None
         notes.append(
             f"plane fitted to x, y, z: x along {_vector(plane.x)}, y along {_vector(plane.y)}, "
             f"origin {_vector(plane.origin)}, out-of-plane rms {rms:.4g} {unit}"
@@ -161,6 +170,7 @@ def read_log(
         notes=tuple(notes),
         plane=plane,
         out_of_plane_rms=rms,
+        orientation=orientation,
     )
 
 
@@ -185,7 +195,10 @@ def write_log(samples: Samples, path: str | os.PathLike[str]) -> None:
     """
     check_names(samples.joint_names)
     joints = {name: samples.q[:, k] for k, name in enumerate(samples.joint_names)}
-    write_table(path, {**joints, "x": samples.x[:, 0], "y": samples.x[:, 1]})
+    places = {axis: samples.x[:, k] for k, axis in enumerate("xyz"[: samples.x.shape[1]])}
+    turns = samples.orientation
+    parts = {} if turns is None else {part: turns[:, k] for k, part in enumerate(QUATERNION)}
+    write_table(path, {**joints, **places, **parts})
 
 
 def locked_from_log(
@@ -250,8 +263,19 @@ def locked_from_log(
     return values, tuple(notes)
 
 
+def _orientation(
+    values: Array, turns: tuple[str, ...], degrees: bool, source: Source
+) -> Array | None:
+    """Unit quaternions (n, 4) of the columns that a log states an orientation in."""
+    if not turns:
+        return None
+    if turns == QUATERNION:
+        return unit_quaternions(values, source.label)
+    return from_angles(np.deg2rad(values) if degrees else values)
+
+
 def _revolute(
-    arm: PlanarArm | None, names: Sequence[str], prismatic: Sequence[str]
+    arm: PlanarArm | SpatialArm | None, names: Sequence[str], prismatic: Sequence[str]
 ) -> tuple[bool, ...]:
     if arm is not None:
         return tuple(arm.revolute)

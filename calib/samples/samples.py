@@ -15,6 +15,7 @@ from ..errors import LogError
 if TYPE_CHECKING:
     from ..arm.planar_arm import PlanarArm
     from ..arm.plane import Plane
+    from ..arm.spatial_arm import SpatialArm
     from .simulation import Simulation
 
 Array = NDArray[np.float64]
@@ -31,8 +32,8 @@ class Samples:
     ----------
     q : (n, dof) array [rad or m]
         Joint values, columns from base to tip.
-    x : (n, 2) array [unit]
-        Tip positions in the sensor's plane.
+    x : (n, 2) or (n, 3) array [unit]
+        Tip positions in the sensor's plane, or in space.
     joint_names : tuple of str
         Names of the columns of `q`.
     lower, upper : (dof,) array [rad or m]
@@ -46,7 +47,7 @@ class Samples:
         For simulated samples what is needed to draw fresh exact ones.
     dropped : int
         Rows of a log that were left out because a value was missing or not finite.
-    arm : PlanarArm or None
+    arm : PlanarArm, SpatialArm or None
         The arm that the names and the ranges come from.
     notes : tuple of str
         What the user should be told, one line each.
@@ -54,6 +55,8 @@ class Samples:
         For a log of x, y, z the plane that was fitted to it.
     out_of_plane_rms : float or None [unit]
         Root mean square distance of those x, y, z from that plane.
+    orientation : (n, 4) array or None
+        Of an arm that moves in space, the tip's orientation as qx, qy, qz, qw.
 
     Raises
     ------
@@ -76,19 +79,23 @@ class Samples:
     unit: str = "m"
     simulation: Simulation | None = field(default=None, repr=False)
     dropped: int = 0
-    arm: PlanarArm | None = field(default=None, repr=False)
+    arm: PlanarArm | SpatialArm | None = field(default=None, repr=False)
     notes: tuple[str, ...] = ()
     plane: Plane | None = field(default=None, repr=False)
     out_of_plane_rms: float | None = None
+    orientation: Array | None = field(default=None, repr=False)
 
     def __post_init__(self) -> None:
-        named = {"q": tuple(self.joint_names), "x": ("x", "y")}
+        axes = ("x", "y", "z") if getattr(self.arm, "outputs", 2) == 3 else ("x", "y")
+        named = {"q": tuple(self.joint_names), "x": axes}
         for name in ("q", "x", "lower", "upper"):
             value = getattr(self, name)
             plain = type(value) is np.ndarray and value.dtype.kind in "fiu"
             if name in named and not plain and not isinstance(value, (list, tuple)):
                 value = number_rows(value, named[name], name, LogError)[0]
             object.__setattr__(self, name, _frozen(name, value))
+        if self.orientation is not None:
+            object.__setattr__(self, "orientation", _frozen("orientation", self.orientation))
         for name in ("joint_names", "revolute", "notes"):
             object.__setattr__(self, name, tuple(getattr(self, name)))
         self._check_shapes()
@@ -118,7 +125,8 @@ class Samples:
         rows = index if isinstance(index, slice) else np.atleast_1d(np.asarray(index))
         if not isinstance(rows, slice) and not rows.size:
             rows = rows.astype(np.intp)  # an empty list has no type that could index
-        return replace(self, q=self.q[rows], x=self.x[rows])
+        turned = None if self.orientation is None else self.orientation[rows]
+        return replace(self, q=self.q[rows], x=self.x[rows], orientation=turned)
 
     def _check_shapes(self) -> None:
         dof = len(self.joint_names)
@@ -127,9 +135,10 @@ class Samples:
                 f"samples need one or more joints of different names, not {self.joint_names}"
             )
         n = self.q.shape[0] if self.q.ndim else 0
+        outputs = 3 if self.arm is None else self.arm.outputs
         for name, shape in {
             "q": (n, dof),
-            "x": (n, 2),
+            "x": (n, 3 if self.x.shape[1:] == (3,) and outputs == 3 else 2),
             "lower": (dof,),
             "upper": (dof,),
         }.items():
@@ -142,6 +151,10 @@ class Samples:
             raise LogError(f"revolute has {len(self.revolute)} entries for {dof} joints")
         if n == 0:
             raise LogError("no rows: samples need at least one")
+        if self.orientation is not None and self.orientation.shape != (n, 4):
+            raise LogError(
+                f"orientation has shape {self.orientation.shape}, expected ({n}, 4): qx, qy, qz, qw"
+            )
 
     def _check_values(self) -> None:
         for name in ("q", "x"):
