@@ -16,6 +16,7 @@ from .simulation import Simulation
 
 if TYPE_CHECKING:
     from ..arm.planar_arm import PlanarArm
+    from ..arm.spatial_arm import SpatialArm
 
 Array = NDArray[np.float64]
 
@@ -25,7 +26,7 @@ _TURN = 0.95  # 1 is a triangle wave with sharp turns, near 0 a sine
 
 
 def babble(
-    arm: PlanarArm,
+    arm: PlanarArm | SpatialArm,
     n: int = 20_000,
     *,
     seed: int = 0,
@@ -38,7 +39,7 @@ def babble(
 
     Parameters
     ----------
-    arm : PlanarArm
+    arm : PlanarArm or SpatialArm
         The arm, from `calib.load_arm`.
     n : int
         Number of samples.

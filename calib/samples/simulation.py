@@ -18,6 +18,7 @@ from .changes import Change, parse_changes
 
 if TYPE_CHECKING:
     from ..arm.planar_arm import PlanarArm
+    from ..arm.spatial_arm import SpatialArm
 
 Array = NDArray[np.float64]
 
@@ -30,11 +31,12 @@ class Simulation:
 
     A joint's encoder reads q. The joint itself stands at `gear * q + offset`, less the
     backlash, or wherever `lock` holds it, and trembles by its `noise`. The sensor sees
-    the tip mirrored, scaled, rotated and shifted, in that order, about the plane's origin.
+    the tip mirrored, scaled, rotated and shifted, in that order, about the plane's origin; of an
+    arm that moves in space about the root's origin, turned about its z axis.
 
     Attributes
     ----------
-    arm : PlanarArm
+    arm : PlanarArm or SpatialArm
         The arm as it is described, without the changes.
     noise : float [m]
         Standard deviation of the sensor along each axis.
@@ -51,7 +53,7 @@ class Simulation:
     (5, 2)
     """
 
-    arm: PlanarArm
+    arm: PlanarArm | SpatialArm
     noise: float = 0.0
     changes: tuple[Change, ...] = ()
 
@@ -68,7 +70,7 @@ class Simulation:
         _ = self.true_arm  # a change of geometry that is impossible is told here
 
     @cached_property
-    def true_arm(self) -> PlanarArm:
+    def true_arm(self) -> PlanarArm | SpatialArm:
         """The arm with its lengths and its tip as changed."""
         arm = self.arm
         for change in self._of("joint", "length"):
@@ -108,7 +110,7 @@ class Simulation:
 
         Returns
         -------
-        (n, 2) or (2,) array [m]
+        (n, 2 or 3) or (2 or 3,) array [m]
             The true position in the sensor's frame.
         """
         return self._see(self._joints(np.asarray(q, dtype=np.float64)))
@@ -129,7 +131,7 @@ class Simulation:
 
         Returns
         -------
-        (n, 2) or (2,) array [m]
+        (n, 2 or 3) or (2 or 3,) array [m]
             Positions in the sensor's frame.
         """
         q = np.asarray(q, dtype=np.float64)
@@ -153,7 +155,7 @@ class Simulation:
         for change in self._of("sensor", "outliers"):
             wrong = outliers.random(len(x)) < change.value
             low, high = self._box
-            x[wrong] = outliers.uniform(low, high, size=(len(x), 2))[wrong]
+            x[wrong] = outliers.uniform(low, high, size=x.shape)[wrong]
         return x if q.ndim == 2 else x[0]
 
     def to_json(self) -> dict[str, Any]:
@@ -169,7 +171,7 @@ class Simulation:
         return {"noise": self.noise, "changes": [change.text for change in self.changes]}
 
     @classmethod
-    def from_json(cls, arm: PlanarArm, data: Mapping[str, Any]) -> Simulation:
+    def from_json(cls, arm: PlanarArm | SpatialArm, data: Mapping[str, Any]) -> Simulation:
         """Rebuild what `to_json` returned, with the arm as it was described."""
         return cls(arm, noise=data["noise"], changes=parse_changes(data["changes"]))
 
@@ -187,15 +189,16 @@ class Simulation:
     def _see(self, theta: Array) -> Array:
         """Tip positions in the sensor's frame for the joints' true values."""
         x = np.array(self.true_arm.forward(theta), dtype=np.float64)
+        planar = x.shape[-1] == 2
         for change in self._of("sensor", "mirror"):
-            x *= change.values
+            x *= change.values if planar else (*change.values, 1.0)
         for change in self._of("sensor", "scale"):
             x *= change.value
         for change in self._of("sensor", "rotate"):
             c, s = math.cos(change.value), math.sin(change.value)
-            x = x @ np.array([[c, s], [-s, c]])
+            x[..., :2] = x[..., :2] @ np.array([[c, s], [-s, c]])  # in space about the root's z
         for change in self._of("sensor", "shift"):
-            x += change.values
+            x += change.values if planar else (*change.values, 0.0)
         return x
 
     @cached_property
