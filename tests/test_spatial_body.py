@@ -213,6 +213,16 @@ def test_without_a_drawing_the_chain_is_found():
     assert np.mean(error <= body.bound(fresh, noise=False)) > 0.9
 
 
+def test_exact_rows_give_the_chain_to_rounding():
+    arm = load_arm("spatial_three")
+    q, fresh = rows(arm, 200, 1), rows(arm, 100, 2)
+    z = arm.forward(q)
+    unknown = unknown_structure(arm.joint_names, arm.revolute, spread(z), simulated=True)
+    body = fit_structure(unknown, q, z).body
+    assert body.member == "chain"
+    assert np.abs(body.predict(fresh) - arm.forward(fresh)).max() < 1e-12
+
+
 def test_a_joint_that_never_moved_keeps_its_drawing_and_a_wide_bound():
     arm, structure, beta = truth()
     q = rows(arm, 100, 1)
