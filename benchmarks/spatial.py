@@ -1,7 +1,7 @@
 """Measure spatial bodies: held-out errors and coverage, new mountings, cameras, poses, speed.
 
-    python benchmarks/spatial.py --data FOLDER [--part rows|mount|unknown|safe|straight|camera|poses|time]
-                                 [--series a,c] [--rows 0,300,100,30] [--draws 5] [--json FILE]
+    python benchmarks/spatial.py --data FOLDER [--part PART]
+        [--series a,c] [--rows 0,300,100,30] [--draws 5] [--json FILE]
 
 FOLDER holds full_a.csv and full_c.csv: six joints of a UR10 and what a laser tracker saw (Landgraf
 et al., CASE 2021; their README names the source). Rows are held out in ten contiguous blocks, of

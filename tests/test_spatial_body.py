@@ -178,6 +178,21 @@ def test_mirrored_axes_are_named():
     assert len(structure.starts(q, z)) == 1
 
 
+def test_rows_that_no_arm_explains_are_refused_in_one_line():
+    arm, structure, beta = truth()
+    q = rows(arm, 60, 1)
+    z = structure.predict(q, beta)
+    for bad, words in (
+        ((q[:3], z[:3]), "3 rows cannot place"),
+        ((q, z * 0.0), "same in every row"),
+        ((q, np.random.default_rng(0).normal(0, 0.3, z.shape)), "does not explain"),
+        ((q[:, ::-1], z), "does not explain"),
+    ):
+        with pytest.raises(LogError, match=words) as caught:
+            structure.starts(*bad)
+        assert "\n" not in str(caught.value)
+
+
 def test_a_camera_finds_itself():
     arm = load_arm("spatial_three")
     structure = structure_of(arm, "pinhole", unit="px")
