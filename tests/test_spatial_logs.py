@@ -106,14 +106,12 @@ def test_a_planar_arms_orientation_columns_are_ignored(tmp_path):
     np.testing.assert_allclose(log.x, x, atol=1e-12)
 
 
-def test_a_spatial_arm_babbles_and_its_sensor_may_stand_elsewhere():
+def test_a_spatial_arm_babbles():
     arm = load_arm("spatial_three")
     plain = calib.babble(arm, 50, seed=1)
     np.testing.assert_allclose(plain.x, arm.forward(plain.q), atol=1e-15)
-    changes = ("sensor.scale=2", "sensor.rotate=0.3", "sensor.shift=0.1,0.2", "elbow.offset=0.05")
-    moved = calib.babble(arm, 50, seed=1, changes=changes)
-    turn = exponential(np.array([0.0, 0.0, 0.3]))
+    moved = calib.babble(arm, 50, seed=1, changes=("sensor.scale=2", "elbow.offset=0.05"))
     true = arm.forward(moved.q + np.array([0.0, 0.0, 0.05]))
-    np.testing.assert_allclose(moved.x, 2 * true @ turn.T + (0.1, 0.2, 0.0), atol=1e-12)
+    np.testing.assert_allclose(moved.x, 2 * true, atol=1e-12)
     noisy = calib.babble(arm, 50, seed=1, noise=1e-3, changes=("sensor.outliers=0.2",))
     assert noisy.x.shape == (50, 3)

@@ -23,23 +23,22 @@ from .samples import Samples
 from .tables import write_table
 
 if TYPE_CHECKING:
-    from ..arm.planar_arm import PlanarArm
-    from ..arm.spatial_arm import SpatialArm
+    from ..arm.arm import Arm
 
 Array = NDArray[np.float64]
 
 MOST_ROWS = 200_000
 """Rows of a log that are held; of a longer one so many are drawn."""
 
-OUT_OF_PLANE = 0.02
-"""Without an arm, positions further from their plane than this share of their spread fill space."""
+_THICK = 0.02
+"""Out-of-plane share of the positions' spread from which on an unknown arm moves in space."""
 
 _STILL = {True: math.radians(0.5), False: 1e-3}  # a locked joint may stir [rad, m]
 
 
 def read_log(
     path: str | os.PathLike[str],
-    arm: PlanarArm | SpatialArm | None = None,
+    arm: Arm | None = None,
     *,
     joints: Sequence[str] | None = None,
     columns: Mapping[str, str] | None = None,
@@ -62,7 +61,7 @@ def read_log(
     ----------
     path : path-like
         CSV or Parquet; `-` reads CSV from standard input.
-    arm : PlanarArm or SpatialArm, optional
+    arm : Arm, optional
         Gives the joints' names and limits, never kinematics.
     joints : sequence of str, optional
         Without an arm: the joints' columns, from base to tip.
@@ -104,6 +103,13 @@ def read_log(
     source = open_source(path)
     roles = find_roles(source, arm, joints, columns)
     names, axes = roles.joints, roles.axes
+    if arm is not None and arm.outputs > len(axes) and unit != "px":  # a camera sees two
+        raise LogError(
+            f"{source.label} has x and y alone; {arm.name} moves in space, so that x, y and z "
+            "have to be measured",
+            hint="for a planar part of the arm name its joints, or give `planar=True`",
+            parameter="planar",
+        )
     revolute = _revolute(arm, names, prismatic)
     chosen = {
         k: ChosenRange(source.label, name, (ranges or {})[name], revolute[k], degrees)
@@ -145,14 +151,12 @@ def read_log(
     x = np.ascontiguousarray(values[:, len(names) : len(names) + len(axes)])
     orientation = _orientation(values[:, len(names) + len(axes) :], roles.turns, degrees, source)
     plane = rms = None
-    if len(axes) == 3 and (arm is None or arm.outputs == 2):
+    in_space = len(axes) == 3 and _in_space(x, arm)
+    if len(axes) == 3 and not in_space:
         from ..arm.plane import fit_plane
 
         plane, rms = fit_plane(x)
-        if arm is None and rms > OUT_OF_PLANE * float(np.sqrt(np.var(x, axis=0).sum())):
-            plane = rms = None  # an arm that moves in space
-    if plane is not None:
-        x, orientation = plane.project(x), None
+        x = plane.project(x)
         notes.append(
             f"plane fitted to x, y, z: x along {_vector(plane.x)}, y along {_vector(plane.y)}, "
             f"origin {_vector(plane.origin)}, out-of-plane rms {rms:.4g} {unit}"
@@ -170,7 +174,7 @@ def read_log(
         notes=tuple(notes),
         plane=plane,
         out_of_plane_rms=rms,
-        orientation=orientation,
+        orientation=None if plane is not None else orientation,
     )
 
 
@@ -195,10 +199,10 @@ def write_log(samples: Samples, path: str | os.PathLike[str]) -> None:
     """
     check_names(samples.joint_names)
     joints = {name: samples.q[:, k] for k, name in enumerate(samples.joint_names)}
-    places = {axis: samples.x[:, k] for k, axis in enumerate("xyz"[: samples.x.shape[1]])}
+    positions = {axis: samples.x[:, k] for k, axis in enumerate(samples.axes)}
     turns = samples.orientation
     parts = {} if turns is None else {part: turns[:, k] for k, part in enumerate(QUATERNION)}
-    write_table(path, {**joints, **places, **parts})
+    write_table(path, {**joints, **positions, **parts})
 
 
 def locked_from_log(
@@ -263,6 +267,14 @@ def locked_from_log(
     return values, tuple(notes)
 
 
+def _in_space(x: Array, arm: Arm | None) -> bool:
+    """Whether positions (n, 3) are those of an arm in space, not of one in a tilted plane."""
+    if arm is not None:
+        return arm.outputs == 3
+    spread = np.linalg.svd(x - x.mean(axis=0), compute_uv=False)
+    return bool(spread[2] > _THICK * spread[0])
+
+
 def _orientation(
     values: Array, turns: tuple[str, ...], degrees: bool, source: Source
 ) -> Array | None:
@@ -274,9 +286,7 @@ def _orientation(
     return from_angles(np.deg2rad(values) if degrees else values)
 
 
-def _revolute(
-    arm: PlanarArm | SpatialArm | None, names: Sequence[str], prismatic: Sequence[str]
-) -> tuple[bool, ...]:
+def _revolute(arm: Arm | None, names: Sequence[str], prismatic: Sequence[str]) -> tuple[bool, ...]:
     if arm is not None:
         return tuple(arm.revolute)
     for name in prismatic:

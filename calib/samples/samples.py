@@ -13,9 +13,8 @@ from ..common.rows import number_rows
 from ..errors import LogError
 
 if TYPE_CHECKING:
-    from ..arm.planar_arm import PlanarArm
+    from ..arm.arm import Arm
     from ..arm.plane import Plane
-    from ..arm.spatial_arm import SpatialArm
     from .simulation import Simulation
 
 Array = NDArray[np.float64]
@@ -47,7 +46,7 @@ class Samples:
         For simulated samples what is needed to draw fresh exact ones.
     dropped : int
         Rows of a log that were left out because a value was missing or not finite.
-    arm : PlanarArm, SpatialArm or None
+    arm : Arm or None
         The arm that the names and the ranges come from.
     notes : tuple of str
         What the user should be told, one line each.
@@ -79,15 +78,14 @@ class Samples:
     unit: str = "m"
     simulation: Simulation | None = field(default=None, repr=False)
     dropped: int = 0
-    arm: PlanarArm | SpatialArm | None = field(default=None, repr=False)
+    arm: Arm | None = field(default=None, repr=False)
     notes: tuple[str, ...] = ()
     plane: Plane | None = field(default=None, repr=False)
     out_of_plane_rms: float | None = None
     orientation: Array | None = field(default=None, repr=False)
 
     def __post_init__(self) -> None:
-        axes = ("x", "y", "z") if getattr(self.arm, "outputs", 2) == 3 else ("x", "y")
-        named = {"q": tuple(self.joint_names), "x": axes}
+        named = {"q": tuple(self.joint_names), "x": ("x", "y")}
         for name in ("q", "x", "lower", "upper"):
             value = getattr(self, name)
             plain = type(value) is np.ndarray and value.dtype.kind in "fiu"
@@ -108,6 +106,11 @@ class Samples:
     def dof(self) -> int:
         """Number of joints."""
         return len(self.joint_names)
+
+    @property
+    def axes(self) -> tuple[str, ...]:
+        """Names of a position's coordinates: x and y, and z in space."""
+        return ("x", "y", "z")[: self.x.shape[1]]
 
     def take(self, index: ArrayLike | slice) -> Samples:
         """Return the rows that `index` picks, as a slice, row numbers or a mask of rows.
@@ -135,10 +138,9 @@ class Samples:
                 f"samples need one or more joints of different names, not {self.joint_names}"
             )
         n = self.q.shape[0] if self.q.ndim else 0
-        outputs = 3 if self.arm is None else self.arm.outputs
         for name, shape in {
             "q": (n, dof),
-            "x": (n, 3 if self.x.shape[1:] == (3,) and outputs == 3 else 2),
+            "x": (n, self.x.shape[1] if self.x.ndim == 2 and self.x.shape[1] == 3 else 2),
             "lower": (dof,),
             "upper": (dof,),
         }.items():
