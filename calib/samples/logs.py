@@ -15,6 +15,7 @@ from ..errors import LogError, OptionError
 from .columns import Source, open_source, read_batches
 from .log_ranges import ChosenRange, JointColumn, Range
 from .measured_rows import MeasuredRows
+from .orientations import QUATERNION, from_angles, unit_quaternions
 from .places import find_place
 from .reservoir import Reservoir
 from .roles import check_names, find_roles
@@ -102,7 +103,7 @@ def read_log(
     source = open_source(path)
     roles = find_roles(source, arm, joints, columns)
     names, axes = roles.joints, roles.axes
-    if arm is not None and arm.outputs > len(axes):
+    if arm is not None and arm.outputs > len(axes) and unit != "px":  # a camera sees two
         raise LogError(
             f"{source.label} has x and y alone; {arm.name} moves in space, so that x, y and z "
             "have to be measured",
@@ -147,7 +148,8 @@ def read_log(
         )
         q[:, k], (lower[k], upper[k]), said = column.settle()
         notes += said
-    x = np.ascontiguousarray(values[:, len(names) :])
+    x = np.ascontiguousarray(values[:, len(names) : len(names) + len(axes)])
+    orientation = _orientation(values[:, len(names) + len(axes) :], roles.turns, degrees, source)
     plane = rms = None
     in_space = len(axes) == 3 and _in_space(x, arm)
     if len(axes) == 3 and not in_space:
@@ -172,6 +174,7 @@ def read_log(
         notes=tuple(notes),
         plane=plane,
         out_of_plane_rms=rms,
+        orientation=None if plane is not None else orientation,
     )
 
 
@@ -197,7 +200,9 @@ def write_log(samples: Samples, path: str | os.PathLike[str]) -> None:
     check_names(samples.joint_names)
     joints = {name: samples.q[:, k] for k, name in enumerate(samples.joint_names)}
     positions = {axis: samples.x[:, k] for k, axis in enumerate(samples.axes)}
-    write_table(path, {**joints, **positions})
+    turns = samples.orientation
+    parts = {} if turns is None else {part: turns[:, k] for k, part in enumerate(QUATERNION)}
+    write_table(path, {**joints, **positions, **parts})
 
 
 def locked_from_log(
@@ -268,6 +273,17 @@ def _in_space(x: Array, arm: Arm | None) -> bool:
         return arm.outputs == 3
     spread = np.linalg.svd(x - x.mean(axis=0), compute_uv=False)
     return bool(spread[2] > _THICK * spread[0])
+
+
+def _orientation(
+    values: Array, turns: tuple[str, ...], degrees: bool, source: Source
+) -> Array | None:
+    """Unit quaternions (n, 4) of the columns that a log states an orientation in."""
+    if not turns:
+        return None
+    if turns == QUATERNION:
+        return unit_quaternions(values, source.label)
+    return from_angles(np.deg2rad(values) if degrees else values)
 
 
 def _revolute(arm: Arm | None, names: Sequence[str], prismatic: Sequence[str]) -> tuple[bool, ...]:
