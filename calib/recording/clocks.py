@@ -7,12 +7,14 @@ pixels, and the best must be clearly better than its rival.
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
 
 from ..errors import LogError
+from .chain_judge import fit_timing
 from .judge import Judge, softness, thinned
 from .track import jumps
 
@@ -20,6 +22,12 @@ Array = NDArray[np.float64]
 
 CANDIDATES = 15
 """Peaks of the correlation of speeds that are judged."""
+
+CHAINS = 4
+"""Candidates to which a chain is fitted."""
+
+CHAIN_FITS = 0.03
+"""A planar chain that leaves more than this share of the track's spread is none."""
 
 SURE = 1.5e-3
 """The standard deviation of the offset that is accepted [s]."""
@@ -36,7 +44,7 @@ FASTEST = 0.012
 _GRID = 50.0  # [1/s]
 _APART = 0.3  # candidates further apart than this are rivals [s]
 _OVERLAP = 0.8  # of the shorter recording must have a counterpart
-_ROWS = (120, 300)  # that judge candidates, and refine the best
+_ROWS = (120, 300, 160)  # that judge candidates, refine the best, and fit a chain
 _STEP = 0.01  # over which the fit's velocity is taken [s]
 _FARTHEST = 0.15  # that a candidate moves from its peak [s]
 
@@ -86,7 +94,13 @@ def joints_at(time: Array, joint_time: Array, q: Array) -> Array:
     return np.stack([np.interp(time, joint_time, column) for column in q.T], axis=1)
 
 
-def align_clocks(time: Array, pixels: Array, joint_time: Array, q: Array) -> Clocks:
+def align_clocks(
+    time: Array,
+    pixels: Array,
+    joint_time: Array,
+    q: Array,
+    revolute: Sequence[bool] | None = None,
+) -> Clocks:
     """Find when the joints were where the camera saw the tag.
 
     Parameters
@@ -99,6 +113,8 @@ def align_clocks(time: Array, pixels: Array, joint_time: Array, q: Array) -> Clo
         Times of the joints, increasing, by their clock.
     q : (m, joints) array [rad or m]
         Joints.
+    revolute : sequence of bool, optional
+        Which joints turn; all if not given.
 
     Raises
     ------
@@ -118,19 +134,29 @@ def align_clocks(time: Array, pixels: Array, joint_time: Array, q: Array) -> Clo
             "the recordings are too short to match the clocks by: expected 5 s of motion or more"
         )
     judged = sorted((_candidate(peak, t, x, joint_time, q) for peak in peaks), key=_by_error)
-    best = judged[0]
-    rival = min((c.error for c in judged[1:] if abs(c.offset - best.offset) > _APART), default=np.inf)
-    if not best.error < FITS * spread:
+    apart = [c for k, c in enumerate(judged) if all(_apart(c, d) for d in judged[:k])]
+    kinds = tuple(revolute) if revolute is not None else (True,) * q.shape[1]
+    chains = [_chain(c, t, x, joint_time, q, kinds) for c in apart[:CHAINS]]
+    fitted = sorted((c for c in chains if c is not None), key=_by_error)
+    if not fitted or not fitted[0].error < CHAIN_FITS * spread:
+        fitted = sorted((_refined(c, t, x, joint_time, q) for c in apart[:CHAINS]), key=_by_error)
+    clocks = fitted[0]
+    rival = min((c.error for c in fitted[1:] if _apart(c, clocks)), default=np.inf)
+    if not clocks.error < FITS * spread:
         raise LogError(
-            f"no offset between the clocks fits: the best leaves {best.error:.3g} px of "
+            f"no offset between the clocks fits: the best leaves {clocks.error:.3g} px of "
             f"{spread:.3g} px; are these the joints of this video? else give time_offset"
         )
-    clocks = _refined(best, t, x, joint_time, q)
-    if not min(best.error, clocks.error) < CLEARLY * rival:
+    if not clocks.error < CLEARLY * rival:
         raise LogError(
-            f"the offset between the clocks is ambiguous: {best.offset:.2f} s leaves "
-            f"{best.error:.3g} px, another leaves {rival:.3g} px; record a motion that does not "
+            f"the offset between the clocks is ambiguous: {clocks.offset:.2f} s leaves "
+            f"{clocks.error:.3g} px, another leaves {rival:.3g} px; record a motion that does not "
             "repeat itself, or give time_offset"
+        )
+    if abs(clocks.rate) > FASTEST:
+        raise LogError(
+            f"the clocks' rates differ by {100 * clocks.rate:.1f} %, at most "
+            f"{100 * FASTEST:.1f} % expected: the video's frame rate is not the true one"
         )
     if not clocks.doubt < SURE:
         raise LogError(
@@ -138,12 +164,32 @@ def align_clocks(time: Array, pixels: Array, joint_time: Array, q: Array) -> Clo
             f"{1e3 * clocks.doubt:.2g} ms only, {1e3 * SURE:.2g} ms expected: record half a minute "
             "or more with varied motion, or give time_offset"
         )
-    if abs(clocks.rate) > FASTEST:
-        raise LogError(
-            f"the clocks' rates differ by {100 * clocks.rate:.1f} %, at most "
-            f"{100 * FASTEST:.1f} % expected: the video's frame rate is not the true one"
-        )
     return replace(clocks, rival=float(rival))
+
+
+def _apart(one: Clocks, other: Clocks) -> bool:
+    return abs(one.offset - other.offset) > _APART
+
+
+def _chain(
+    start: Clocks, t: Array, x: Array, joint_time: Array, q: Array, revolute: tuple[bool, ...]
+) -> Clocks | None:
+    """Fit a planar chain, the offset and, where it shows, the rate; None where none fits."""
+    _, seen, when = _matched(start, t, x, joint_time, q, _ROWS[2])
+    if len(when) < 16:
+        return None
+    timing = fit_timing(when, seen, lambda time: joints_at(time, joint_time, q), revolute)
+    if timing is None:
+        return None
+    # the rate was fitted about the middle of the rows that were used
+    shift = timing.rate * (start.middle + start.offset - 0.5 * (when[0] + when[-1]))
+    return replace(
+        start,
+        offset=start.offset + timing.offset + float(shift),
+        rate=timing.rate,
+        error=timing.error,
+        doubt=float(np.hypot(timing.doubt[0], timing.doubt[1] * 0.5 * np.ptp(t))),
+    )
 
 
 def _by_error(clocks: Clocks) -> float:
