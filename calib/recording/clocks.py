@@ -49,6 +49,10 @@ _STEP = 0.01  # over which the fit's velocity is taken [s]
 _FARTHEST = 0.15  # that a candidate moves from its peak [s]
 
 
+class ClockError(LogError):
+    """Clocks of a video and its joints that no offset, or more than one, brings together."""
+
+
 @dataclass(frozen=True)
 class Clocks:
     """Joints' time of camera time `t`: `t + offset + rate (t - middle)`.
@@ -84,8 +88,8 @@ class Clocks:
         """Say it in a line."""
         rate = f", rates differ by {100 * self.rate:+.3f} %" if abs(self.rate) > 5e-5 else ""
         return (
-            f"clocks: joints are {self.offset:+.4f} s from the camera{rate}; held-out joints predict "
-            f"the tag to {self.error:.2g} px, with the next best offset to {self.rival:.2g} px"
+            f"clocks: joints are {self.offset:+.4f} s from the camera{rate}; they predict the tag "
+            f"to {self.error:.2g} px, with the next best offset to {self.rival:.2g} px"
         )
 
 
@@ -124,13 +128,13 @@ def align_clocks(
     seen = np.isfinite(pixels[:, 0]) & ~jumps(pixels)
     t, x = time[seen], pixels[seen]
     if len(t) < 20:
-        raise LogError(f"the tag is in {len(t)} frames only: too few to match the clocks by")
+        raise ClockError(f"the tag is in {len(t)} frames only: too few to match the clocks by")
     spread = float(np.sqrt(((x - x.mean(0)) ** 2).sum(1).mean()))
     if spread < 5.0 or np.ptp(q, axis=0).max() < 0.02:
-        raise LogError("the arm never moves: nothing to match the clocks by; give time_offset")
+        raise ClockError("the arm never moves: nothing to match the clocks by; give `time_offset`")
     peaks = _peaks(t, x, joint_time, q)
     if not len(peaks):
-        raise LogError(
+        raise ClockError(
             "the recordings are too short to match the clocks by: expected 5 s of motion or more"
         )
     judged = sorted((_candidate(peak, t, x, joint_time, q) for peak in peaks), key=_by_error)
@@ -143,26 +147,26 @@ def align_clocks(
     clocks = fitted[0]
     rival = min((c.error for c in fitted[1:] if _apart(c, clocks)), default=np.inf)
     if not clocks.error < FITS * spread:
-        raise LogError(
+        raise ClockError(
             f"no offset between the clocks fits: the best leaves {clocks.error:.3g} px of "
-            f"{spread:.3g} px; are these the joints of this video? else give time_offset"
+            f"{spread:.3g} px; are these the joints of this video? else give `time_offset`"
         )
     if not clocks.error < CLEARLY * rival:
-        raise LogError(
+        raise ClockError(
             f"the offset between the clocks is ambiguous: {clocks.offset:.2f} s leaves "
             f"{clocks.error:.3g} px, another leaves {rival:.3g} px; record a motion that does not "
-            "repeat itself, or give time_offset"
+            "repeat itself, or give `time_offset`"
         )
     if abs(clocks.rate) > FASTEST:
-        raise LogError(
+        raise ClockError(
             f"the clocks' rates differ by {100 * clocks.rate:.1f} %, at most "
             f"{100 * FASTEST:.1f} % expected: the video's frame rate is not the true one"
         )
     if not clocks.doubt < SURE:
-        raise LogError(
+        raise ClockError(
             f"the offset between the clocks is {clocks.offset:.3f} s but sure to "
             f"{1e3 * clocks.doubt:.2g} ms only, {1e3 * SURE:.2g} ms expected: record half a minute "
-            "or more with varied motion, or give time_offset"
+            "or more with varied motion, or give `time_offset`"
         )
     return replace(clocks, rival=float(rival))
 
@@ -257,7 +261,7 @@ def _candidate(peak: float, t: Array, x: Array, joint_time: Array, q: Array) -> 
         error = float(np.median(np.linalg.norm(judge.miss(seen), axis=1)))
         if np.isnan(best.error) or error < best.error:
             best = replace(clocks, error=error)
-        step = _step(judge, seen, when, clocks, joint_time, q, rate=False)[0][0]
+        step = _step(judge, seen, when, joint_time, q, rate=False)[0][0]
         offset = clocks.offset + float(np.clip(step, -0.06, 0.06))
         clocks = replace(clocks, offset=float(np.clip(offset, peak - _FARTHEST, peak + _FARTHEST)))
     return best if np.isfinite(best.error) else replace(best, error=np.inf)
@@ -274,7 +278,7 @@ def _refined(start: Clocks, t: Array, x: Array, joint_time: Array, q: Array) -> 
             there, seen, when = _matched(clocks, t, x, joint_time, q, _ROWS[1])
             judge = Judge(there, soft=soft)
             error = float(np.median(np.linalg.norm(judge.miss(seen), axis=1)))
-            step, sd = _step(judge, seen, when, clocks, joint_time, q, rate=rate)
+            step, sd = _step(judge, seen, when, joint_time, q, rate=rate)
             doubt = float(np.hypot(sd[0], sd[1] * 0.5 * np.ptp(t)))
             clocks = replace(clocks, error=error, doubt=doubt)
             if abs(step[0]) < 2e-5 and abs(step[1]) * np.ptp(t) < 4e-5:
@@ -295,7 +299,6 @@ def _step(
     judge: Judge,
     seen: Array,
     when: Array,
-    clocks: Clocks,
     joint_time: Array,
     q: Array,
     *,
@@ -313,14 +316,14 @@ def _step(
     if rate:
         terms.append(judge.miss(velocity * (when - when.mean())[:, None]).ravel())
     A = np.stack(terms, 1)
-    weight = np.ones(len(miss))
-    found = np.zeros(A.shape[1])
+    weight: Array = np.ones(len(miss))
+    found: Array = np.zeros(A.shape[1])
     for _ in range(4):
         B = A * weight[:, None]
         found = np.linalg.lstsq(B, miss * weight, rcond=None)[0]
         left = np.abs(miss - A @ found)
         scale = 1.48 * float(np.median(left)) + 1e-9
-        weight = np.sqrt(np.minimum(1.0, 2.0 * scale / np.maximum(left, 1e-12)))
+        weight[:] = np.sqrt(np.minimum(1.0, 2.0 * scale / np.maximum(left, 1e-12)))
     B = A * weight[:, None]
     # neighbouring rows err alike: about three of them say as much as one
     covariance = 3.0 * scale**2 * np.linalg.pinv(B.T @ B)

@@ -57,9 +57,9 @@ class Rows:
 
     def __post_init__(self) -> None:
         if self.still is not None and not self.still > 0:
-            raise OptionError(f"still {self.still:g}: expected a speed above zero [rad/s or m/s]")
+            raise OptionError(f"`still={self.still:g}`: expected a speed above zero [rad/s or m/s]")
         if not self.max_gap > 0:
-            raise OptionError(f"max_gap {self.max_gap:g} s: expected more than zero")
+            raise OptionError(f"`max_gap={self.max_gap:g}`: expected more than zero")
 
 
 def log_video(
@@ -120,7 +120,7 @@ def log_video(
         raise LogError(
             f"the clocks are apart: the video runs from {when[0]:.2f} to {when[-1]:.2f} s of the "
             f"joints' clock, which has {joint_time[0]:.2f} to {joint_time[-1]:.2f} s; give another "
-            "time_offset, or none to have it found"
+            "`time_offset`, or none to have it found"
         )
     there = joints_at(when, joint_time, q)
     speed = _speed(when, joint_time, q)
@@ -129,7 +129,7 @@ def log_video(
         if not groups:
             raise LogError(
                 f"the arm never rests for {LEAST} frames of {name}: record it with stops, or give "
-                "still=SPEED to take frames in motion"
+                "`still`, the speed below which frames in motion are taken"
             )
         moving = int(usable.sum() - sum(map(len, groups)))
         reasons["the arm moves"] = moving
@@ -139,7 +139,7 @@ def log_video(
         reasons[f"a joint moves faster than {rows.still:g}"] = int((usable & ~slow).sum())
         groups = [np.array([k]) for k in np.flatnonzero(slow)]
         if not groups:
-            raise LogError(f"no frame of {name} is slower than still={rows.still:g}")
+            raise LogError(f"no frame of {name} is slower than `still={rows.still:g}`")
     tags = [_middle([tag for k in g if (tag := track.tags[k]) is not None]) for g in groups]
     centres = np.array([tag.centre for tag in tags])
     watched = setting.watch(track.marks)

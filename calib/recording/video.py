@@ -167,8 +167,8 @@ def follow(path: str | os.PathLike[str], setting: Setting) -> Track:
         tags.append(now)
     if len(times) < LEAST_FRAMES:
         raise LogError(
-            f"{video.name} has {len(times)} frames that can be read, {LEAST_FRAMES} expected: is it a "
-            "video?"
+            f"{video.name} has {len(times)} frames that can be read, {LEAST_FRAMES} expected: is "
+            "it a video?"
         )
     if twice:
         raise LogError(
@@ -180,9 +180,7 @@ def follow(path: str | os.PathLike[str], setting: Setting) -> Track:
         notes.append(
             f"{video.name} claims {video.claimed} frames, {len(times)} can be read: it is cut off"
         )
-    return Track(
-        np.array(times), tuple(tags), tuple(marks), reasons, tuple(notes), tuple(sample)
-    )
+    return Track(np.array(times), tuple(tags), tuple(marks), reasons, tuple(notes), tuple(sample))
 
 
 def _window(tag: Tag, speed: Array, shape: tuple[int, ...]) -> tuple[int, int, int, int] | None:
