@@ -93,7 +93,7 @@ def measured(
     path: str,
     *,
     columns: Mapping[str, str] | None,
-    unit: str,
+    unit: str | None,
     prismatic: Sequence[str],
     seed: int,
     notes: Notes,

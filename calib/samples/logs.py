@@ -20,7 +20,7 @@ from .places import find_place
 from .reservoir import Reservoir
 from .roles import check_names, find_roles
 from .samples import Samples
-from .tables import write_table
+from .tables import unit_of, write_table
 
 if TYPE_CHECKING:
     from ..arm.arm import Arm
@@ -43,7 +43,7 @@ def read_log(
     joints: Sequence[str] | None = None,
     columns: Mapping[str, str] | None = None,
     degrees: bool = False,
-    unit: str = "m",
+    unit: str | None = None,
     ranges: Mapping[str, Range] | None = None,
     prismatic: Sequence[str] = (),
     most: int = MOST_ROWS,
@@ -70,8 +70,8 @@ def read_log(
         lists one element, counted from 0: `{"elbow": "observation.state[1]"}`.
     degrees : bool
         Whether joints that turn are logged in degrees, and `ranges` given in rad still.
-    unit : str
-        Unit of the positions.
+    unit : str, optional
+        Unit of the positions; what the log says of itself if not given, else m.
     ranges : mapping of str to (float, float), optional [rad or m]
         The range of a joint; it goes before the arm's limits. Rows outside are left out.
     prismatic : sequence of str
@@ -101,6 +101,7 @@ def read_log(
     if isinstance(most, bool) or not isinstance(most, (int, np.integer)) or most < 2:
         raise OptionError(f"most is {most!r}, expected a whole number of rows, 2 or more")
     source = open_source(path)
+    unit = unit or unit_of(source)
     roles = find_roles(source, arm, joints, columns)
     names, axes = roles.joints, roles.axes
     if arm is not None and arm.outputs > len(axes) and unit != "px":  # a camera sees two
