@@ -23,6 +23,7 @@ if TYPE_CHECKING:
     from .change.adapt import Adaptation as Adaptation
     from .change.adapt import adapt as adapt
     from .change.check import Drift as Drift
+    from .change.check import check as check
     from .change.monitor import Monitor as Monitor
     from .change.schemas import Recognition as Recognition
     from .change.schemas import Schema as Schema
@@ -97,6 +98,7 @@ _HOME = {
     "Visit": "maps.density",
     "adapt": "change.adapt",
     "babble": "samples.babbling",
+    "check": "change.check",
     "correct": "use.correct",
     "evaluate": "training.evaluate",
     "keep": "change.schemas",

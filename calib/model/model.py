@@ -15,13 +15,12 @@ from ..maps.association import MAP_READOUTS, Association, check_readout
 from ..maps.linear_models import LinearModels
 from ..maps.local_models import NO_MODELS
 from ..maps.map import Map
-from ..maps.node_bounds import blend_nodes
 from ..maps.predictor import BodyInBox, Predictor, Smooth
 from . import answers
 from .answers import Answer, checked_rows
 from .rows import Rows
 from .single import Single
-from .trust import MOST_SHARE, Trust
+from .trust import KNOWN_DISTANCES, KNOWN_SPACINGS, MOST_SHARE, Trust
 
 if TYPE_CHECKING:
     import os
@@ -40,6 +39,10 @@ if TYPE_CHECKING:
     from .paths import Path
 
 Array = NDArray[np.float64]
+
+
+MOST_BLENDED = 3
+"""Joints up to which bounds are blended between the motor map's nodes."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -143,8 +146,16 @@ class Model:
 
     @cached_property
     def trust(self) -> Trust:
-        """Where answers are given."""
-        return Trust(self.motor, self.model_bounds, MOST_SHARE * self.reach)
+        """Where answers are given, and how bounds grow away from what was learned."""
+        known = None
+        # a file of format 1 has no option `body`, and its bounds hold as they did
+        if self.body is None and self.baseline is not None and "body" in self.about.options:
+            known = np.maximum(
+                KNOWN_SPACINGS * self.motor.spacing, KNOWN_DISTANCES * np.sqrt(self.baseline.motor)
+            )
+        return Trust(
+            self.motor, self.model_bounds, MOST_SHARE * self.reach, known, self.solver.extent
+        )
 
     @cached_property
     def reach(self) -> float:
@@ -152,6 +163,11 @@ class Model:
         if self.body is not None:
             return float(self.body.structure.extents[: self.body.structure.blocks[0]].max())
         return 0.5 * self.solver.extent
+
+    @property
+    def axes(self) -> tuple[str, ...]:
+        """Names of a position's coordinates: x and y, and z for an arm in space."""
+        return ("x", "y", "z")[: self.sensory.units.shape[1]]
 
     @property
     def default_readout(self) -> str:
@@ -217,7 +233,7 @@ class Model:
         if side is not None and self.approach is not None:
             q = self.approach.effective(q, side)
         u = self.motor.scale.to_unit(q)
-        x = np.full((len(q), 2), np.nan)
+        x = np.full((len(q), len(self.axes)), np.nan)
         if inside.any():
             u = u[inside]
             if readout == "local":
@@ -266,7 +282,7 @@ class Model:
             if joints is not None:
                 return joints
         if readout == "local":
-            rows, single = checked_rows(x, ("x", "y"), "positions")
+            rows, single = checked_rows(x, self.axes, "positions")
             q = answers.joints(self, rows, answers.anchor(self, near, len(rows)), nearest=nearest)
             return q[0] if single else q
         answer = self.solve(x, near, readout if readout != "local" else None)
@@ -278,7 +294,7 @@ class Model:
     ) -> Answer:
         """Answer inverse queries in full; see :meth:`inverse` for the parameters."""
         readout = self._readout(readout)
-        rows, _ = checked_rows(x, ("x", "y"), "positions")
+        rows, _ = checked_rows(x, self.axes, "positions")
         return answers.solve(self, rows, answers.anchor(self, near, len(rows)), readout)
 
     def solve_all(self, x: ArrayLike) -> list[Answer]:
@@ -286,7 +302,7 @@ class Model:
 
         A target out of reach has one answer, the nearest attainable point.
         """
-        rows, _ = checked_rows(x, ("x", "y"), "positions")
+        rows, _ = checked_rows(x, self.axes, "positions")
         return answers.solve_all(self, rows)
 
     def inverse_all(self, x: ArrayLike) -> list[Array]:
@@ -361,7 +377,7 @@ class Model:
             return bound
         known = self.approach.known(side)
         u = self.motor.scale.to_unit(self.approach.effective(rows, side))
-        smaller = blend_nodes(self.motor, self.approach.bounds, u)
+        smaller = self.trust.bound(self.approach.bounds, u)
         both = np.atleast_1d(bound)
         # NaN stays: what is out of range has no bound from any side
         result: Array = np.where(known & np.isfinite(both), smaller, both)
@@ -393,8 +409,26 @@ class Model:
         u = self.motor.scale.to_unit(q)
         known = self.trust.covers(u)
         bound = np.full(len(q), np.nan)
-        bound[known] = blend_nodes(self.motor, getattr(self, which), u[known])
+        bound[known] = self.bound_at(u[known], which)
         return bound[0] if single else bound
+
+    def bound_at(self, u: Array, which: str = "bounds") -> Array:
+        """95 % bound (n,) [unit] at points of the unit box (n, dof).
+
+        Parameters
+        ----------
+        u : (n, dof) array
+        which : {"bounds", "model_bounds"}
+
+        Notes
+        -----
+        The bounds of the nodes, blended.  Of more than three joints a lattice covers too
+        little of the joints' box to blend between: the body's posterior answers itself.
+        """
+        if self.body is not None and u.shape[1] > MOST_BLENDED:
+            noise = which == "bounds" and self.about.bound_of == "sensor reading"
+            return self.body.bound(self.motor.scale.from_unit(u), noise=noise)
+        return self.trust.bound(getattr(self, which), u)
 
     def evaluate(self, samples: Samples | None = None) -> Evaluation:
         """Errors of all readouts on fresh exact samples, or on measured ones."""

@@ -52,7 +52,10 @@ def build(header: Mapping[str, Any], tensors: Mapping[str, NDArray[Any]]) -> Mod
         or (np.abs(about.lower - motor.scale.lower) > 1e-6 * motor.scale.span).any()
     ):
         raise ValueError("the motor map has other limits than the joints")
-    sensory = _map("sensory", header, tensors, 2)
+    width = len(tensors["sensory.lower"])
+    if width not in (2, 3):
+        raise ValueError(f"positions have {width} coordinates")
+    sensory = _map("sensory", header, tensors, width)
     counts = _whole(tensors, "links.counts").astype(np.int64)
     indices = _whole(tensors, "links.indices").astype(np.int32)
     _expect("links.data", tensors["links.data"], indices.shape)
@@ -75,7 +78,7 @@ def build(header: Mapping[str, Any], tensors: Mapping[str, NDArray[Any]]) -> Mod
         _means(tensors, "motor", motor),
         _means(tensors, "sensory", sensory),
     )
-    smooth, body = build_smooth(header, tensors, motor.scale, 2, lambda: association.linear)
+    smooth, body = build_smooth(header, tensors, motor.scale, width, lambda: association.linear)
     degree = _small(header["local"]["degree"], 3, least=-1)
     models = LocalModels(
         degree,
@@ -90,7 +93,7 @@ def build(header: Mapping[str, Any], tensors: Mapping[str, NDArray[Any]]) -> Mod
         if not (models.radius > 0.0).all():
             raise ValueError("local.radius is not above zero")
         terms = len(exponents(dof, degree))
-        _expect("local.coefficients", models.coefficients, (motor.size, terms, 2))
+        _expect("local.coefficients", models.coefficients, (motor.size, terms, width))
     _expect("bounds", tensors["bounds"], (motor.size,))
     model_bounds = tensors.get(
         "model_bounds", tensors["bounds"]
@@ -107,7 +110,7 @@ def build(header: Mapping[str, Any], tensors: Mapping[str, NDArray[Any]]) -> Mod
         model_bounds,
         tensors["visited"].astype(bool),
         body,
-        _rows(tensors, dof),
+        _rows(tensors, dof, width),
         _history(header["history"]),
         _baseline(header.get("baseline"), tensors, motor, sensory),
     )
@@ -119,10 +122,6 @@ def build(header: Mapping[str, Any], tensors: Mapping[str, NDArray[Any]]) -> Mod
 
     model = replace(model, schema=schemas.schema_name(header["schema"]))
     return replace(model, schemas=schemas.unpack(model, header["schemas"], tensors))
-
-
-_SINGLE = ("links.data", "baseline.motor", "baseline.sensory", "motor.means", "sensory.means")
-"""Arrays in single precision."""
 
 
 def _check_types(tensors: Mapping[str, NDArray[Any]]) -> None:
@@ -157,14 +156,14 @@ def _baseline(
     return Baseline.from_json(stated, *parts)
 
 
-def _rows(tensors: Mapping[str, NDArray[Any]], dof: int) -> Rows | None:
+def _rows(tensors: Mapping[str, NDArray[Any]], dof: int, width: int) -> Rows | None:
     if "rows.q" not in tensors:
         return None
     q, x = tensors["rows.q"], tensors["rows.x"]
     if len(q) > MOST:
         raise ValueError("there are too many rows")
     _expect("rows.q", q, (len(q), dof))
-    _expect("rows.x", x, (len(q), 2))
+    _expect("rows.x", x, (len(q), width))
     return Rows(q, x)
 
 

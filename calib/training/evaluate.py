@@ -60,7 +60,7 @@ class Residuals:
         """Forward residuals."""
         known = np.isfinite(model.forward(q, "winner")[:, 0])
         q, x = q[known], x[known]
-        forward = {r: model.forward(q, r) - x if len(q) else np.empty((0, 2)) for r in readouts}
+        forward = {r: model.forward(q, r) - x if len(q) else np.empty_like(x) for r in readouts}
         left_out = int(np.count_nonzero(~known))
         return Residuals(q, x, forward, {}, {}, model.about.joint_names, left_out)
 
@@ -136,8 +136,7 @@ def summarise(residuals: Residuals) -> dict[str, Any]:
     for readout, gap in residuals.forward.items():
         table[readout] = {
             "forward": {
-                "x": figures(gap[:, 0]),
-                "y": figures(gap[:, 1]),
+                **{axis: figures(gap[:, k]) for k, axis in enumerate("xyz"[: gap.shape[1]])},
                 "distance": figures(np.linalg.norm(gap, axis=1)),
             },
             "inverse": {

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 import time
 from collections.abc import Mapping
 from dataclasses import dataclass, replace
@@ -48,6 +49,7 @@ LEAST_ROWS = 10
 """Fewest rows that anything can be learned and checked from."""
 
 _BOUND_SAMPLES = 12_000
+_ROUNDING = 4e-15  # share of the extent: what an answer in double precision is sure of at best
 _TESTED = 20_000  # rows of a log that errors are measured on; more would tell no more
 
 
@@ -145,7 +147,8 @@ def train(
     motor, sensory, notes = lattice_sizes(
         samples, size, motor_size, sensory_size, imagined=body != "none"
     )
-    taught = samples.simulation is None and body != "none"
+    # a log may leave parts of the joints' range out; a simulation only has too few samples
+    taught = body != "none" and (samples.simulation is None or len(samples) < math.prod(motor))
     options = Options(
         motor, sensory, map, rule, epochs, sigma, int(seed), taught, links, body, view
     )
@@ -231,7 +234,8 @@ class _Trainer:
         visited = np.bincount(motor.nearest(u)[1][:, 0], minlength=motor.size) > 0
         body = part.fit.body if part.fit is not None and uses_body(predictor) else None
         empty = np.zeros(motor.size)
-        model = Model(self._about(), association, predictor, empty, empty, visited, body)
+        taught = options.taught and part.fit is not None
+        model = Model(self._about(taught), association, predictor, empty, empty, visited, body)
         self.progress(0.8, "evaluation", float("nan"))
         with self.watch("evaluation"):
             simulation = samples.simulation
@@ -279,6 +283,7 @@ class _Trainer:
         if not len(known):
             raise OptionError("no test sample is near the motor map's nodes", hint=UNFOLD)
         bounds = learn_bounds(model.motor, known, miss)
+        bounds = np.maximum(bounds, _ROUNDING * model.solver.extent)
         return replace(model, bounds=bounds, model_bounds=bounds), self._baseline(model, u, held.x)
 
     def _for_directions(self, model: Model, play: Array) -> Model:
@@ -307,10 +312,10 @@ class _Trainer:
         error = np.linalg.norm(predicted - self.samples.x[some], axis=1)
         return learn_baseline(model.association, u, x, error)
 
-    def _about(self) -> About:
+    def _about(self, taught: bool) -> About:
         samples, options = self.samples, self.options
         arm, simulation = samples.arm, samples.simulation
-        plane = samples.plane or (arm.plane if arm is not None else None)
+        plane = samples.plane or getattr(arm, "plane", None)
         stated: Mapping[str, Any] | None = None
         if plane is not None:
             stated = {k: getattr(plane, k).tolist() for k in ("origin", "x", "y")}
@@ -326,7 +331,7 @@ class _Trainer:
             unit=samples.unit,
             bound_of="true position" if simulation is not None else "sensor reading",
             source="simulation" if simulation is not None else "log",
-            taught=options.taught,
+            taught=taught,
             samples=len(samples),
             seed=options.seed,
             options=options.to_json(),
