@@ -135,7 +135,7 @@ def next_joints(
     error = _own_error(pair, scale, u, x, size, rng)
     by_error = int(round(_GOALS * n))
     # targets beside the positions where errors are largest, more often the larger they are
-    share = error / np.sum(error)
+    share = error**2 / np.sum(error**2)
     chosen = rng.choice(len(u), by_error, p=share)
     sensory, motor = pair.sensory, pair.motor
     v = sensory.scale.to_unit(x[chosen])
