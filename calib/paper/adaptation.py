@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 
 from ..change.follow import Step, follow
 from ..training.train import train
-from .setting import Setting
+from .setting import NETWORKS, Setting
 from .tables import Result, Table
 
 if TYPE_CHECKING:
@@ -23,7 +23,7 @@ CHANGES = {"lengthened": "+20%", "shortened": "-20%"}
 """A tool that is mounted and one that is removed: the paper does not say how long."""
 
 _STREAM = 91  # of the samples that come after the change
-_READOUTS = ("winner", "activity", "local")
+_READOUTS = ("winner", "activity", "linear")
 _RULE = "activity, eq. 11 alone"  # the links as the rule has made them, step by step
 
 
@@ -63,7 +63,7 @@ def episode(setting: Setting, change: str) -> Episode:
     # 20,000 samples, as calib train has them; as many follow the change
     n = min(setting.samples, 20_000)
     samples = setting.babble(seed, n)
-    before = train(samples, size=setting.side, seed=seed)
+    before = train(samples, size=setting.side, map=NETWORKS["vdsom"], body="none", seed=seed)
     stream = setting.babble(seed + _STREAM, n, changes=(change,))
     steps = []
     after = rule = before
