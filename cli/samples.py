@@ -70,12 +70,25 @@ def babbled(
     changes: Iterable[str],
     seed: int,
     notes: Notes,
+    strategy: str | None = None,
 ) -> Samples:
     """Babble in simulation, and say what was assumed."""
     import calib
 
     arm = selection.load()
     notes.say(arm.notes)
+    if strategy == "goal":
+        from calib.training.goal_babbling import goal_babble
+
+        if motion is not None:
+            raise BadOption("--motion says how joints babble, --strategy goal picks positions")
+        return goal_babble(
+            arm,
+            SAMPLES if samples is None else samples,
+            seed=seed,
+            noise=noise or 0.0,
+            changes=changes_in_si(changes, arm, selection.degrees),
+        )
     log = calib.babble(
         arm,
         SAMPLES if samples is None else samples,

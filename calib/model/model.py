@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from ..common.frozen import freeze
 from ..errors import OptionError, QueryError
 from ..inverse.solver import Solver
 from ..maps.association import MAP_READOUTS, Association, check_readout
@@ -95,6 +96,9 @@ class Model:
     schema: str = "schema 1"
     schemas: tuple[Schema, ...] = ()
     approach: Approach | None = None
+
+    def __post_init__(self) -> None:
+        freeze(self, "bounds", "model_bounds", "visited")
 
     @property
     def motor(self) -> Map:
