@@ -62,17 +62,17 @@ def test_small_logs_are_taught_and_predict_the_arm(rows):
     assert mean_error(model, margin=0.1) < (20 * MM if rows == 10 else 0.1 * MM)
 
 
-def test_without_a_size_a_small_log_gets_the_full_lattice_and_a_teacher():
+def test_without_a_size_a_small_log_gets_a_small_lattice():
     motor, sensory, notes = calib.training.train.lattice_sizes(log(300), None, None, None)
-    assert motor == sensory == (70, 70)
-    assert "300 samples are fewer than the 4,900 motor nodes" in notes[0]
+    assert motor == sensory == (20, 20)
+    assert "300 rows: lattices of 20x20 nodes, the smallest that a log is given" in notes[0]
 
 
 def test_without_a_size_a_long_log_gets_about_five_rows_per_node():
     motor, sensory, notes = calib.training.train.lattice_sizes(log(2000), None, None, None)
     assert motor == sensory == (20, 20)
     assert notes == [
-        "2,000 rows fill lattices of 20x20 nodes (5 rows per node), --size chooses others"
+        "2,000 rows: lattices of 20x20 nodes, about 5 rows per node; `size` chooses others"
     ]
 
 

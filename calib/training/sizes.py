@@ -18,6 +18,7 @@ SIDE = 70
 """Nodes along each axis of a plane lattice, as in the paper's best table."""
 
 _ROWS_PER_NODE = 5
+_LEAST_SIDE = 20  # the body fills what rows cannot; larger lattices answered no better
 
 
 def lattice_sizes(
@@ -50,11 +51,14 @@ def lattice_sizes(
     if given is None and motor_size is None and sensory_size is None:
         rows = len(samples)
         side = SIDE
-        if samples.simulation is None and rows >= MOST_ROWS:
-            side = min(SIDE, max(4, round(math.sqrt(rows / _ROWS_PER_NODE))))
+        if samples.simulation is None:
+            filled = round(math.sqrt(rows / _ROWS_PER_NODE))
+            side = min(SIDE, max(_LEAST_SIDE, filled))
+            why = f"about {_ROWS_PER_NODE} rows per node"
+            if filled < _LEAST_SIDE:
+                why = "the smallest that a log is given"
             notes.append(
-                f"{rows:,} rows fill lattices of {side}x{side} nodes ({_ROWS_PER_NODE} rows per "
-                "node), `size` chooses others"
+                f"{rows:,} rows: lattices of {side}x{side} nodes, {why}; `size` chooses others"
             )
         given = (side, side)
     fallback = given or (SIDE, SIDE)
