@@ -64,13 +64,16 @@ def forward_batch(model: Model, joints: JointFormat, streams: Streams, readout: 
     typed = batch.values
     valid = np.isfinite(typed).all(axis=1)
     check_joints(model, typed / joints.typed, joints)
-    x, bound = np.full((len(typed), 2), np.nan), np.full(len(typed), np.nan)
+    x, bounds = np.full((len(typed), 2), np.nan), np.full((2, len(typed)), np.nan)
     if valid.any():
         q = typed[valid] / joints.typed
-        x[valid], bound[valid] = model.forward(q, readout), model.expected_error(q)
-    columns = {"x": x[:, 0], "y": x[:, 1], "expected_error": bound}
+        x[valid] = model.forward(q, readout)
+        bounds[:, valid] = model.expected_error(q), model.model_error(q)
+    columns = {"x": x[:, 0], "y": x[:, 1], "expected_error": bounds[0], "model_error": bounds[1]}
     outside = np.flatnonzero(valid & np.isnan(x[:, 0])) + 1
-    return _finish(model, columns, streams, batch, outside.tolist(), "outside of the learned range")
+    return _finish(
+        model, joints, columns, streams, batch, outside.tolist(), "outside of what was learned"
+    )
 
 
 def inverse_batch(
@@ -100,21 +103,23 @@ def inverse_batch(
     valid = np.isfinite(target).all(axis=1)
     n = len(target)
     q = np.full((n, len(joints.names)), np.nan)
-    distance, bound = np.full(n, np.nan), np.full(n, np.nan)
+    distance, bounds = np.full(n, np.nan), np.full((2, n), np.nan)
     reachable = np.zeros(n, dtype=np.int64)
     if valid.any():
         answer = model.solve(target[valid], near, readout)
         q[valid] = np.where(answer.reachable[:, None], answer.q * joints.typed, np.nan)
-        distance[valid], bound[valid] = answer.distance, answer.expected_error
-        reachable[valid] = answer.reachable
+        distance[valid], reachable[valid] = answer.distance, answer.reachable
+        bounds[:, valid] = answer.expected_error, answer.model_error
     columns: dict[str, NDArray[Any]] = {name: q[:, k] for k, name in enumerate(joints.names)}
-    columns |= {"distance": distance, "expected_error": bound, "reachable": reachable}
+    columns |= {"distance": distance, "expected_error": bounds[0], "model_error": bounds[1]}
+    columns["reachable"] = reachable
     missed = np.flatnonzero(valid & (reachable == 0)) + 1
-    return _finish(model, columns, streams, batch, missed.tolist(), "out of reach")
+    return _finish(model, joints, columns, streams, batch, missed.tolist(), "out of reach")
 
 
 def _finish(
     model: Model,
+    joints: JointFormat,
     added: Mapping[str, NDArray[Any]],
     streams: Streams,
     batch: Batch,
@@ -136,7 +141,7 @@ def _finish(
             "bound_of": model.about.bound_of,
         }
         if streams.target is None:
-            document["answers"] = columns
+            document["answers"] = joints.in_si(columns)
         show_json(document)
     Notes().say(batch.notes(list(added)))
     for rows, what in ((invalid, "not all numbers, left without an answer"), (refused, why)):

@@ -11,7 +11,9 @@ from .parsing import Columns, JointRange, JointValue, Names, Numbers, Sigma, Siz
 
 MAPS = ("vdsom", "som", "dsom", "gng")
 RULES = ("batch", "online")
-READOUTS = ("local", "linear", "activity", "winner")
+READOUTS = ("local", "body", "linear", "activity", "winner")
+BODIES = ("auto", "none")
+SENSOR_VIEWS = ("auto", "base", "rigid", "similarity", "affine", "homography")
 VIEWS, CAUSES = ("auto", "base"), ("sensor", "joints")
 MOTIONS = ("uniform", "halton", "sobol", "smooth")
 
@@ -89,6 +91,25 @@ SensorySizeOption = Annotated[
         parser=parsing.size("--sensory-size"),
         metavar="N|NxN",
         help="Nodes of the sensory map, where they differ.",
+    ),
+]
+BodyOption = Annotated[
+    str,
+    typer.Option(
+        "--body",
+        parser=parsing.one_of("--body", BODIES),
+        metavar="|".join(BODIES),
+        help="auto fits a kinematic model under the maps, none learns from maps and links alone.",
+    ),
+]
+SensorViewOption = Annotated[
+    str,
+    typer.Option(
+        "--view",
+        parser=parsing.one_of("--view", SENSOR_VIEWS),
+        metavar="|".join(SENSOR_VIEWS),
+        help="What the sensor measures: base is the robot's root frame; auto is rigid for "
+        "lengths, homography for pixels.",
     ),
 ]
 RuleOption = Annotated[
@@ -224,7 +245,7 @@ ReadoutOption = Annotated[
         "--readout",
         parser=parsing.one_of("--readout", READOUTS),
         metavar="|".join(READOUTS),
-        help="How the query is read out of the maps.",
+        help="How the query is answered: local is the body and the local models.",
     ),
 ]
 NearOption = Annotated[

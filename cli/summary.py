@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, Any
 
 from .options import READOUTS
 from .output import Table, number
-from .units import for_people
+from .units import for_people, units_of
 
 if TYPE_CHECKING:
     from calib import Model
@@ -40,6 +40,7 @@ def summary(
         "joints": list(about.joint_names),
         "tip": about.tip or None,
         "plane": about.plane,
+        "view": view_of(model),
         "map": about.options["map"],
         "rule": about.options["rule"],
         "size": {
@@ -50,9 +51,31 @@ def summary(
         "seed": about.seed,
         "seconds": dict(seconds),
         "unit": about.unit,
+        "units": units_of(about),
         "bound_of": about.bound_of,
         "errors": errors,
     }
+
+
+def view_of(model: Model) -> dict[str, Any]:
+    """Return what the sensor measures as JSON: the kind of view and its fitted parameters.
+
+    The kind is null where no body stands under the maps.
+    """
+    body = model.body
+    if body is None:
+        return {"kind": None}
+    view: dict[str, Any] = {"kind": body.structure.view}
+    if (mirror := body.structure.header().get("mirror")) is not None:
+        view["mirror"] = mirror < 0
+    for parameter in body.parameters():
+        if parameter.group.startswith(("view.", "lens")):
+            view[parameter.name.partition(".")[2].replace(" ", "_")] = {
+                "value": parameter.value,
+                "interval": [parameter.low, parameter.high],
+                "unit": parameter.unit,
+            }
+    return view
 
 
 def error_table(model: Model, errors: Errors, title: str) -> Table:

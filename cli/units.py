@@ -28,7 +28,10 @@ def for_people(unit: str) -> tuple[float, str]:
 
 
 def units_of(about: About) -> dict[str, Any]:
-    """Return the units of a JSON document: SI, whatever people see."""
+    """Units of the numbers in a JSON document.
+
+    Errors, bounds and distances have the unit of the positions, times are in seconds.
+    """
     joints = dict(zip(about.joint_names, about.units_of_joints, strict=True))
     return {"joints": joints, "positions": about.unit, "seconds": "s"}
 
@@ -54,6 +57,14 @@ class JointFormat:
     def typed(self) -> list[float]:
         """Factors from SI units to what is typed, and written to tables of answers."""
         return [math.degrees(1.0) if self._turned(k) else 1.0 for k in range(len(self.names))]
+
+    def in_si(self, columns: Mapping[str, Any]) -> dict[str, Any]:
+        """Columns of a table of answers in SI units, as a JSON document holds them."""
+        factors = dict(zip(self.names, self.typed, strict=True))
+        return {
+            name: column / factors[name] if name in factors else column
+            for name, column in columns.items()
+        }
 
     @property
     def header(self) -> list[str]:

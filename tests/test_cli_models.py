@@ -10,8 +10,8 @@ import calib
 
 SMALL = ("--size", "10", "-n", "500")
 SUMMARY = {
-    "model", "robot", "joints", "tip", "plane", "map", "rule", "size", "samples", "seed",
-    "seconds", "unit", "bound_of", "errors",
+    "model", "robot", "joints", "tip", "plane", "view", "map", "rule", "size", "samples", "seed",
+    "seconds", "unit", "units", "bound_of", "errors",
 }  # fmt: skip
 
 
@@ -21,7 +21,7 @@ def _in_a_folder_of_its_own(tmp_path, monkeypatch):
 
 
 def check_errors(errors, joints):
-    assert set(errors) == {"local", "activity", "winner"}
+    assert set(errors) - {"body"} == {"local", "activity", "winner"}
     for directions in errors.values():
         assert set(directions) == {"forward", "inverse"}
         assert set(directions["forward"]) == {"x", "y", "distance"}
@@ -46,6 +46,8 @@ def test_train_writes_the_robots_name_and_one_document(run, tmp_path):
     assert (document["samples"], document["seed"], document["unit"]) == (500, 0, "m")
     assert document["seconds"]["total"] > 0.0
     check_errors(document["errors"], ["shoulder", "elbow"])
+    joints = {"shoulder": "rad", "elbow": "rad"}
+    assert document["units"] == {"joints": joints, "positions": "m", "seconds": "s"}
 
 
 def test_train_prints_a_table_a_time_and_a_file(run):
@@ -188,6 +190,44 @@ def test_info_tells_what_and_whence(run, model):
     text = run("info", model, "--degrees").out
     assert "0 to 90 deg" in text
     assert "500 simulated samples, seed 0, no noise" in text
+
+
+def test_the_view_is_what_was_asked_for_and_what_was_found(run, log):
+    train = ("train", "--data", log, "--joints", "shoulder,elbow", "--size", "6", "--json")
+    rigid = run(*train).document["view"]
+    assert (rigid["kind"], rigid["mirror"]) == ("rigid", False)
+    assert set(rigid) == {"kind", "mirror", "rotation", "shift_x", "shift_y"}
+    for name in ("rotation", "shift_x", "shift_y"):  # the log is in the robot's own frame
+        low, high = rigid[name]["interval"]
+        assert low - 1e-3 <= 0.0 <= high + 1e-3
+    assert (rigid["rotation"]["unit"], rigid["shift_x"]["unit"]) == ("rad", "m")
+    asked = run(*train, "--view", "similarity").document["view"]
+    assert asked["kind"] == "similarity"
+    assert "log_scale" in asked
+    base = run("train", "two_link", *train[1:3], "--size", "6", "--json", "--view", "base")
+    assert base.document["view"] == {"kind": "base", "mirror": False}
+    assert run(*train, "--body", "none").document["view"] == {"kind": None}
+    assert run(*train, "--view", "sideways").code == 2
+    assert run(*train, "--body", "some").code == 2
+
+
+def test_info_tells_the_body_in_words_and_numbers(run, log):
+    train = ("train", "--data", log, "--joints", "shoulder,elbow", "--size", "6", "-o", "m.calib")
+    assert run(*train).code == 0
+    lines = run("info", "m.calib").out.splitlines()
+    words = [line.strip() for line in lines[lines.index("body") + 1 :] if line.startswith("  ")]
+    body = calib.load("m.calib").body
+    assert words == list(body.describe())
+    said = run("info", "m.calib", "--json").document["body"]
+    assert said["words"] == words
+    assert said["member"] == body.member
+    length = next(p for p in said["parameters"] if p["name"] == "elbow.length")
+    assert length["low"] <= 0.25 + 1e-4
+    assert length["high"] >= 0.25 - 1e-4
+    assert length["unit"] == "m"
+    assert run(*train, "--body", "none").code == 0
+    assert "body" not in run("info", "m.calib").out.splitlines()
+    assert run("info", "m.calib", "--json").document["body"] is None
 
 
 def test_babble_writes_what_it_says(run, tmp_path):

@@ -9,6 +9,7 @@ import re
 
 import numpy as np
 import pytest
+from models import measured
 
 import calib
 
@@ -20,6 +21,17 @@ def two_link(q: np.ndarray) -> np.ndarray:
     a, b = q[..., 0], q[..., 0] + q[..., 1]
     x = 0.30 * np.cos(a) + 0.25 * np.cos(b)
     return np.stack([x, 0.30 * np.sin(a) + 0.25 * np.sin(b)], axis=-1)
+
+
+UNITS = {"joints": {"shoulder": "rad", "elbow": "rad"}, "positions": "m", "seconds": "s"}
+
+
+@pytest.fixture(scope="module")
+def log_model(tmp_path_factory):
+    """A model of 300 rows at 1 mm noise."""
+    path = tmp_path_factory.mktemp("log") / "log.calib"
+    measured(300, 6).save(path)
+    return path
 
 
 def rows_of(text: str) -> list[dict[str, str]]:
@@ -36,18 +48,23 @@ def test_forward_agrees_with_the_closed_form(run, model):
     assert answer["joints"] == {"shoulder": 0.5, "elbow": 1.0}
     assert answer["position"] == pytest.approx(two_link(np.array([0.5, 1.0])), abs=1e-4)
     assert 0.0 <= answer["expected_error"] < 1e-3
+    assert answer["model_error"] == answer["expected_error"]  # of a simulation
     assert (answer["unit"], answer["bound_of"]) == ("m", "true position")
-    assert set(answer) == {"joints", "position", "expected_error", "unit", "bound_of"}
+    assert answer["units"] == UNITS
+    assert set(answer) == {
+        "joints", "position", "expected_error", "model_error", "unit", "units", "bound_of"
+    }  # fmt: skip
 
 
 @pytest.mark.parametrize("target", TARGETS)
 def test_inverse_leads_to_the_target(run, model, target):
     answer = run("query", "inverse", model, *target, "--json").document
-    assert set(answer) == {"target", "reachable", "solutions", "unit", "bound_of"}
+    assert set(answer) == {"target", "reachable", "solutions", "unit", "units", "bound_of"}
     assert answer["target"] == list(target)
     assert answer["reachable"] is True
     (solution,) = answer["solutions"]
-    assert set(solution) == {"joints", "position", "distance", "expected_error"}
+    assert set(solution) == {"joints", "position", "distance", "expected_error", "model_error"}
+    assert solution["model_error"] == solution["expected_error"]
     q = np.array([solution["joints"]["shoulder"], solution["joints"]["elbow"]])
     assert two_link(q) == pytest.approx(target, abs=1e-4)
 
@@ -69,7 +86,7 @@ def test_forward_beyond_the_learned_range_names_joint_and_range(run, model):
     done = run("query", "forward", model, "30", "200", "--degrees", "--json")
     assert done.code == 3
     assert done.document["position"] == [None, None]
-    assert done.document["expected_error"] is None
+    assert done.document["expected_error"] is done.document["model_error"] is None
     assert "elbow = 200 deg is outside of the learned range 15 to 150 deg" in done.err
 
 
@@ -127,7 +144,7 @@ def test_batch_forward_and_back_returns_the_positions(run, model, tmp_path):
     forward = run("query", "forward", model, "--input", "-", stdin=typed)
     assert forward.code == 0, forward.err
     rows = rows_of(forward.out)
-    assert list(rows[0]) == ["shoulder", "elbow", "x", "y", "expected_error"]
+    assert list(rows[0]) == ["shoulder", "elbow", "x", "y", "expected_error", "model_error"]
     assert [float(row["shoulder"]) for row in rows] == q[:, 0].tolist()
     positions = np.array([[float(row["x"]), float(row["y"])] for row in rows])
     exact = calib.load(model).forward(q)
@@ -139,8 +156,8 @@ def test_batch_forward_and_back_returns_the_positions(run, model, tmp_path):
     )
     assert (inverse.code, inverse.out, inverse.err) == (0, "", "")
     rows = rows_of(answers.read_text())
-    names = ["x", "y", "shoulder", "elbow", "distance", "expected_error", "reachable"]
-    assert list(rows[0]) == names
+    bounds = ["expected_error", "model_error"]
+    assert list(rows[0]) == ["x", "y", "shoulder", "elbow", "distance", *bounds, "reachable"]
     assert {row["reachable"] for row in rows} == {"1"}
     found = np.array([[float(row["shoulder"]), float(row["elbow"])] for row in rows])
     assert np.abs(two_link(found) - positions).max() < 1e-3
@@ -167,8 +184,8 @@ def test_batch_exit_codes(run, model):
     query = ("query", "forward", model, "--input", "-")
     done = run(*query, stdin="shoulder,elbow\n0.5,9\n0.5,1\n")
     assert done.code == 3
-    assert done.out.splitlines()[1] == "0.5,9.0,nan,nan,nan"
-    assert "row 1 of 2: outside of the learned range" in done.err
+    assert done.out.splitlines()[1] == "0.5,9.0,nan,nan,nan,nan"
+    assert "row 1 of 2: outside of what was learned" in done.err
 
 
 def test_batch_in_degrees(run, model):
@@ -183,6 +200,39 @@ def test_batch_in_degrees(run, model):
     (row,) = rows_of(done.out)
     answer = [float(row["shoulder"]), float(row["elbow"])]
     assert answer == pytest.approx([30.0, 60.0], abs=0.2)
+
+
+def test_a_json_document_is_in_si_units_whatever_is_typed_in_degrees(run, model):
+    done = run(
+        *("query", "forward", model, "--input", "-", "--degrees", "--json"),
+        stdin="shoulder,elbow\n30,60\n",
+    )
+    answers = done.document["answers"]
+    typed = [answers["shoulder"][0], answers["elbow"][0]]
+    assert typed == pytest.approx(np.radians([30.0, 60.0]).tolist())
+    assert done.document["units"] == UNITS
+    alone = run("query", "forward", model, "30", "60", "--degrees", "--json").document
+    assert alone["joints"] == pytest.approx({"shoulder": typed[0], "elbow": typed[1]})
+    assert alone["position"] == pytest.approx([answers["x"][0], answers["y"][0]])
+
+
+def test_a_log_has_two_bounds_that_python_says_too(run, log_model):
+    loaded = calib.load(log_model)
+    q = [0.5, 1.0]
+    said = run("query", "forward", log_model, *q, "--json").document
+    assert said["bound_of"] == "sensor reading"
+    assert said["expected_error"] == loaded.expected_error(q)
+    assert said["model_error"] == loaded.model_error(q)
+    assert 0.0 < said["model_error"] < said["expected_error"]  # the noise of a reading is not in
+    (header, row) = run("query", "forward", log_model, *q).out.splitlines()
+    assert header.split("  ")[-1] == "model error [mm]"
+    assert float(row.split()[-1]) == pytest.approx(1e3 * said["model_error"], abs=1e-4)
+    x = said["position"]
+    (solution,) = run("query", "inverse", log_model, *x, "--json").document["solutions"]
+    assert solution["model_error"] == pytest.approx(said["model_error"], rel=1e-3)
+    done = run("query", "inverse", log_model, "--input", "-", stdin=f"x,y\n{x[0]!r},{x[1]!r}\n")
+    (answer,) = rows_of(done.out)
+    assert float(answer["model_error"]) == pytest.approx(said["model_error"], rel=1e-3)
 
 
 def test_batch_as_json(run, model, tmp_path):

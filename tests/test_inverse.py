@@ -1,5 +1,7 @@
 """The inverse against closed forms: branches, limits, reach, turns, redundancy."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 from models import ELBOW, L1, L2, draw, trained, turning, two_link, two_link_inverse
@@ -176,13 +178,23 @@ def test_out_of_reach_is_nan_unless_the_nearest_point_is_asked_for():
     assert [len(a) for a in model.inverse_all(x)] == [0, 1]
 
 
-def test_a_target_a_hair_beyond_reach_counts_as_reached():
+@pytest.mark.parametrize(("bound", "reached"), [(1e-3, 1e-3), (0.2, 1e-2)])
+def test_a_target_counts_as_reached_within_the_expected_error_and_a_hundredth(bound, reached):
+    """Within the smaller of the expected error and 1 % of the workspace's extent."""
     model = trained("two_link")
     q = np.array([[0.7, ELBOW[0]]])
-    edge = two_link(q)
-    extent = float(np.linalg.norm(np.ptp(model.sensory.weights, axis=0)))
-    assert model.solve(edge * (1 + 2e-5 * extent)).reachable.all()
-    assert not model.solve(edge * (1 + 1e-2 * extent)).reachable.any()
+    edge, extent = two_link(q), model.solver.extent
+    unsure = replace(model, bounds=np.full(model.motor.size, bound * extent))
+    outwards = edge / np.linalg.norm(edge)
+    for share in (0.0, 0.5, 0.95):
+        answer = unsure.solve(edge + share * reached * extent * outwards)
+        assert answer.reachable.all()
+        np.testing.assert_allclose(answer.q, q, atol=1e-6)
+    for share in (1.05, 3.0):
+        assert not unsure.solve(edge + share * reached * extent * outwards).reachable.any()
+    # an exact model promises no more than what it knows
+    assert model.expected_error(q).max() < 1e-9 * extent
+    assert not model.solve(edge + 1e-6 * extent * outwards).reachable.any()
 
 
 def test_a_joint_that_turns_round_reaches_every_direction_across_its_seam():

@@ -1,7 +1,5 @@
 """Logs of any length: few rows are held, the same ones whatever the batches, all count."""
 
-from dataclasses import replace
-
 import numpy as np
 import polars as pl
 import pytest
@@ -147,7 +145,6 @@ def test_the_rows_drawn_depend_on_the_seed_alone(files, arm, rows, batches):
         assert (np.diff(place) > 0).all()
         assert (complete[place, 2:] == log.x).all()
         assert log.dropped == N // 100
-        assert log.long_log.rows == len(complete)
         assert any("2,970 rows: 20" in note for note in log.notes)
         assert (log.q.min(axis=0) == complete[:, :2].min(axis=0)).all()
         assert (log.q.max(axis=0) == complete[:, :2].max(axis=0)).all()
@@ -159,25 +156,12 @@ def test_a_log_that_fits_is_held_whole(files, arm, rows):
     complete = rows[np.isfinite(rows).all(axis=1)]
     log = read_log(files[0], arm, most=len(complete))
     assert (log.q == complete[:, :2]).all()
-    assert log.long_log is None
     for bad in (1, 2.5, True):
         with pytest.raises(OptionError, match="most"):
             read_log(files[0], arm, most=bad)
 
 
-def test_all_rows_of_a_long_log_can_be_gone_through_again(files, arm, rows):
-    complete = rows[np.isfinite(rows).all(axis=1)]
-    log = read_log(files[1], arm, most=100)
-    q, x = (np.concatenate(part) for part in zip(*log.long_log.batches(), strict=True))
-    assert (q == complete[:, :2]).all()
-    assert (x == complete[:, 2:]).all()
-    pl.read_parquet(files[1]).head(500).write_parquet(files[1])
-    with pytest.raises(LogError, match="leave it as it is"):
-        list(log.long_log.batches())
-    assert log.take([0, 1]).long_log is None
-
-
-def test_degrees_turns_ranges_and_planes_hold_for_every_row(tmp_path):
+def test_degrees_turns_ranges_and_planes_hold_for_the_rows_drawn(tmp_path):
     rng = np.random.default_rng(0)
     a, b = rng.uniform(170, 200, 1000), 0.5 + rng.integers(0, 90, 1000)
     a[a > 180] -= 360  # across the seam
@@ -193,12 +177,14 @@ def test_degrees_turns_ranges_and_planes_hold_for_every_row(tmp_path):
         most=200,
     )
     few = b <= 45
-    assert log.long_log.rows == np.count_nonzero(few)
+    assert any(f"{np.count_nonzero(few)} rows: {len(log)} of them, drawn" in n for n in log.notes)
     assert any(f"{np.count_nonzero(~few)} rows left out: b outside" in n for n in log.notes)
-    q, x = (np.concatenate(part) for part in zip(*log.long_log.batches(), strict=True))
-    np.testing.assert_allclose(x, flat[few], atol=1e-9)
-    np.testing.assert_allclose(np.exp(1j * q), np.exp(1j * np.deg2rad([a, b]).T[few]), atol=1e-9)
-    assert np.ptp(q[:, 0]) < np.deg2rad(31)
+    place = np.linalg.norm(log.x[:, None] - flat, axis=2).argmin(axis=1)
+    assert few[place].all()
+    np.testing.assert_allclose(log.x, flat[place], atol=1e-9)
+    turned = np.exp(1j * np.deg2rad([a, b]).T[place])
+    np.testing.assert_allclose(np.exp(1j * log.q), turned, atol=1e-9)
+    assert np.ptp(log.q[:, 0]) < np.deg2rad(31)
 
 
 def test_locked_joints_of_a_long_log(tmp_path, monkeypatch):
@@ -213,21 +199,19 @@ def test_locked_joints_of_a_long_log(tmp_path, monkeypatch):
     assert "moved by up to 14.3 deg" in notes[0]
 
 
-# What all rows say
+# Training
 
 
-def test_training_on_some_rows_uses_all(tmp_path, arm):
+def test_a_model_of_a_long_log_rests_on_the_rows_drawn_and_is_as_good(tmp_path, arm):
+    """A body has few parameters: 1,000 rows of noise say what 20,000 do to a part of the noise."""
     log = calib.babble(arm, 20_000, seed=5, noise=5e-3)
     calib.samples.logs.write_log(log, tmp_path / "log.parquet")
     q = calib.babble(arm, 2000, seed=6).q
-
-    def error(model):
-        return np.linalg.norm(model.forward(q) - arm.forward(q), axis=1).mean()
-
     drawn = read_log(tmp_path / "log.parquet", arm, most=1000)
-    few = calib.train(replace(drawn, long_log=None), size=6)
     model = calib.train(drawn, size=6)
-    assert any("rests on all 20,000 rows" in note for note in model.about.notes)
-    assert model.about.samples == len(drawn)
-    # 20 times the rows: the root is 4.5
-    assert error(model) < 0.4 * error(few)
+    assert model.about.samples == len(drawn) == len(model.rows)
+    assert any("20,000 rows: 1,00" in note for note in drawn.notes)
+    error = np.linalg.norm(model.forward(q) - arm.forward(q), axis=1)
+    # seven parameters and their view: sigma sqrt(7 / 2,000) along each axis
+    assert error.mean() < 2.5 * 5e-3 * np.sqrt(7 / 2000)
+    assert np.mean(error <= model.model_error(q)) >= 0.95

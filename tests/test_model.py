@@ -79,21 +79,20 @@ def test_no_rows_give_no_answers(model):
     assert model.inverse_all(np.zeros((0, 2))) == []
 
 
-def test_beyond_one_node_spacing_outside_of_the_range_there_is_no_answer(model):
+def test_outside_of_the_range_of_a_joint_there_is_no_answer(model):
     lower, span = model.about.lower, model.about.upper - model.about.lower
-    step = model.motor.spacing
-    middle = np.array([0.5, 0.5])
     for axis in range(2):
         for end, sign in ((0.0, -1), (1.0, 1)):
-            u = middle.copy()
-            for beyond, known in ((0.5, True), (1.5, False)):
-                u[axis] = end + sign * beyond * step
+            u = np.array([0.5, 0.5])
+            for beyond, known in ((-1e-6, True), (0.0, True), (1e-12, True), (1e-6, False)):
+                u[axis] = end + sign * beyond
                 q = lower + u * span
                 assert np.isfinite(model.forward(q)).all() == known
                 assert np.isfinite(model.expected_error(q)) == known
+                assert np.isfinite(model.model_error(q)) == known
                 assert (model.outside(q) is None) == known
     said = model.outside(lower + [1.5, 0.5] * span)
-    assert said.startswith("shoulder = 2.35619 is outside of the learned range 0 to 1.5708")
+    assert said == "shoulder = 2.35619 is outside of the learned range 0 to 1.5708"
 
 
 def test_rows_outside_leave_the_others_as_they_are(model, q):
@@ -103,17 +102,32 @@ def test_rows_outside_leave_the_others_as_they_are(model, q):
     np.testing.assert_allclose(np.delete(said, 3, axis=0), model.forward(q[:5]), atol=1e-12)
 
 
-def test_within_the_range_but_far_from_every_sample_there_is_no_answer():
+def with_a_hole(body):
+    """A log of two_link with 1 mm noise whose rows leave out a middle of the joints' box."""
     arm = calib.load_arm("two_link")
-    s = calib.babble(arm, 1500, seed=0)
-    hole = np.linalg.norm((s.q - [0.8, 1.4]) / (s.upper - s.lower), axis=1) > 0.3
-    part = s.take(hole)
+    s = calib.babble(arm, 1500, seed=0, noise=1e-3)
+    part = s.take(np.linalg.norm((s.q - [0.8, 1.4]) / (s.upper - s.lower), axis=1) > 0.3)
     kept = calib.Samples(part.q, part.x, s.joint_names, s.lower, s.upper, s.revolute)
-    model = calib.train(kept, size=14)
+    return calib.train(kept, size=14, body=body), kept
+
+
+def test_a_body_answers_where_no_row_was_and_its_bound_holds():
+    model, _ = with_a_hole("auto")
+    q = np.array([0.8, 1.4])
+    miss = np.linalg.norm(model.forward(q) - two_link(q[None])[0])
+    assert miss <= model.model_error(q) < 1e-3
+
+
+def test_without_a_body_there_is_no_answer_far_from_every_row():
+    """The bound grows with the distance; beyond a tenth of the reach there is no answer."""
+    model, kept = with_a_hole("none")
     assert np.isnan(model.forward([0.8, 1.4])).all()
-    assert model.outside([0.8, 1.4]) == "no sample was measured near these joint values"
+    assert np.isnan(model.expected_error([0.8, 1.4]))
+    assert np.isnan(model.model_error([0.8, 1.4]))
+    assert model.outside([0.8, 1.4]).startswith("no row was measured near these joint values")
     known = np.isfinite(model.forward(kept.q[::10])[:, 0])
     assert known.all()
+    assert model.model_error(kept.q[::10]).max() <= 0.1 * model.reach
 
 
 @pytest.mark.parametrize(

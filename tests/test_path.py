@@ -157,7 +157,9 @@ def test_command_writes_what_python_answers(saved, run):
     done = run("query", "path", saved / "full.calib", "--input", saved / "way.csv", "--output", out)
     assert done.code == 0, done.err
     header, *rows = out.read_text().splitlines()
-    assert header == "waypoint,x,y,shoulder,elbow,distance,expected_error,reachable,jump"
+    assert (
+        header == "waypoint,x,y,shoulder,elbow,distance,expected_error,model_error,reachable,jump"
+    )
     path = full().path(SQUARE)
     table = np.array([[float(v) for v in row.split(",")] for row in rows])
     np.testing.assert_allclose(table[:, 3:5], path.q, rtol=1e-12, atol=1e-14)

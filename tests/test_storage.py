@@ -12,17 +12,32 @@ import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
-from models import brief_teacher, draw, log, measured, trained, turning
+from models import draw, log, measured, trained, turning
 from safetensors.numpy import save as pack
 
 import calib
+from calib.body.basis import Basis
+from calib.body.trend import Trend
 from calib.errors import ModelError
+from calib.maps.predictor import Both, Predictor
 from calib.model_file.storage import FORMAT, from_bytes, to_bytes
 
 
 @pytest.fixture(scope="module")
 def data():
     return to_bytes(trained("two_link", 300, 5))
+
+
+@pytest.fixture(scope="module")
+def of_trends():
+    """A model of a log without a body."""
+    return to_bytes(calib.train(log(150, 1e-3), size=5, body="none"))
+
+
+@pytest.fixture(scope="module")
+def of_a_log():
+    """A model of a log: its body has a second fit, and its rows are kept."""
+    return to_bytes(calib.train(log(150, 1e-3), size=5))
 
 
 def split(data):
@@ -70,9 +85,24 @@ def plain(about):
     return json.dumps(about.to_json(), sort_keys=True)
 
 
-def taught():
-    with brief_teacher():
-        return calib.train(log(30, 1e-3), size=6)
+def of_both():
+    """A body, a trend of what it leaves over, and local models."""
+    model = measured(300, 6)
+    basis = Basis((1.5, 0.0), 2, 0)
+    rng = np.random.default_rng(0)
+    trend = Trend(basis, 1e-4 * rng.standard_normal((len(basis.orders), 2)))
+    predictor = model.predictor
+    return replace(
+        model, predictor=Predictor(model.motor, Both(predictor.smooth, trend), predictor.models)
+    )
+
+
+def of_a_camera():
+    """Pixels of a tilted camera: a homography, and a body that is fitted to it."""
+    rows = log(200)
+    x = 400 * rows.x / (1 + 0.3 * rows.x[:, :1]) + [320, 240]
+    x += np.random.default_rng(1).normal(size=x.shape)
+    return calib.train(replace(rows, x=x, unit="px"), size=6)
 
 
 MODELS = {
@@ -81,7 +111,11 @@ MODELS = {
     "of three joints": lambda: trained("three_link"),
     "with a slide": lambda: trained("polar"),
     "with a joint that turns round": turning,
-    "taught": taught,
+    "of few rows": lambda: calib.train(log(30, 1e-3), size=6),
+    "without a body": lambda: calib.train(log(300, 1e-3), size=6, body="none"),
+    "of a body and a trend": of_both,
+    "of a camera": of_a_camera,
+    "of a growing neural gas": lambda: trained("two_link", 300, 5, map="gng"),
     "with a radius": lambda: trained("two_link", 300, 5, sigma=(2.0, 0.5), epochs=3),
 }
 
@@ -94,14 +128,26 @@ def test_a_round_trip_gives_the_same_answers_and_the_same_bytes(kind, tmp_path):
     again = calib.load(path)
     assert to_bytes(again) == path.read_bytes() == to_bytes(model)
     q = draw(model, 200, seed=1)
-    for readout in ("local", "activity", "winner"):
+    assert again.readouts == model.readouts
+    for readout in model.readouts:
         assert again.forward(q, readout).tobytes() == model.forward(q, readout).tobytes()
     x = model.forward(q)
     x = x[np.isfinite(x[:, 0])]
     # the starts are refined in other company, which rounds differently
     np.testing.assert_allclose(again.inverse(x), model.inverse(x), rtol=0, atol=1e-12)
     assert again.expected_error(q).tobytes() == model.expected_error(q).tobytes()
-    assert again.motor.lattice == model.motor.lattice
+    assert again.model_error(q).tobytes() == model.model_error(q).tobytes()
+    assert (again.body is None) == (model.body is None)
+    if model.body is not None:
+        assert again.body.describe() == model.body.describe()
+        assert again.body.parameters() == model.body.parameters()
+        assert again.body.bound(q).tobytes() == model.body.bound(q).tobytes()
+    assert (again.rows is None) == (model.rows is None)
+    if model.rows is not None:
+        assert again.rows.q.tobytes() == model.rows.q.tobytes()
+        assert again.rows.x.tobytes() == model.rows.x.tobytes()
+    assert again.motor.lattice.size == model.motor.lattice.size
+    assert again.motor.edges.tobytes() == model.motor.edges.tobytes()
     assert (again.links != model.links).nnz == 0
     assert plain(again.about) == plain(model.about)
     assert again.history == model.history
@@ -264,9 +310,11 @@ FORGERIES = {
     "with a link to nowhere": _set("links.indices", 0, 60_000),
     "with a weight that is no number": _set("motor.units", 0, np.nan),
     "with an infinite bound": _set("bounds", 0, np.inf),
-    "of a monstrous trend": lambda h, t: h["trend"].update(degree=10**9),
-    "of a negative trend": lambda h, t: h["trend"].update(degree=-1),
-    "with a trend that is text": lambda h, t: h["trend"].update(degree="2"),
+    "without a smooth part": lambda h, t: h.pop("smooth"),
+    "with neither a body nor a trend": lambda h, t: h["smooth"].update(body=None),
+    "with a trend that is not there": lambda h, t: h["smooth"].update(
+        trend={"turns": [1.5, 1.0], "degree": 1, "each": 0}
+    ),
     "with bounds of another map": lambda h, t: t.update(bounds=t["bounds"][:-1]),
     "with a list for its description": lambda h, t: h.update(about=[]),
     "with a name that is a number": lambda h, t: h["about"].update(joint_names=[1, "elbow"]),
@@ -276,15 +324,18 @@ FORGERIES = {
     "with errors of other joints": lambda h, t: h["about"]["errors"]["local"].update(inverse={}),
     "with nodes all in one place": lambda h, t: t.update({"motor.units": 0 * t["motor.units"]}),
     "with a scale without width": _set("motor.span", 0, 0.0),
-    "with a coefficient beyond all sense": _set("trend.coefficients", 0, 1e300),
     "with a history that is text": lambda h, t: h.update(history=["adapted"]),
     "with limits of another type": lambda h, t: t.update(
         {"motor.lower": t["motor.lower"].astype(np.uint8)}
     ),
     "with a map of other limits": _set("motor.lower", 0, -9.0),
-    "with a turn of nearly nothing": lambda h, t: h["trend"].update(turns=[1e-320, 1.0]),
     "with a negative variance": lambda h, t: h["baseline"].update(spread=[0.7, -0.7]),
     "with a negative bound": _set("bounds", 0, -1.0),
+    "with shifts of another map": lambda h, t: t.update({"motor.shifts": t["motor.shifts"][:-1]}),
+    "with a shift that is no number": _set("sensory.shifts", 0, np.nan),
+    "with shifts of another type": lambda h, t: t.update(
+        {"motor.shifts": t["motor.shifts"].astype(float)}
+    ),
     "with a bandwidth of nearly nothing": lambda h, t: h["links"].update(bandwidth=1e-320),
     "with links of no strength": lambda h, t: t.update({"links.data": 0 * t["links.data"]}),
     "with a link of a negative strength": _set("links.data", 0, -1.0),
@@ -295,13 +346,71 @@ FORGERIES = {
 }
 
 
+def _body(**changes):
+    return lambda h, t: h["smooth"]["body"].update(changes)
+
+
+def _chain(**changes):
+    return lambda h, t: h["smooth"]["body"]["structure"].update(changes)
+
+
+def _trend(**changes):
+    return lambda h, t: h["smooth"]["trend"].update(changes)
+
+
+BODY_FORGERIES = {
+    "of an unknown kind": _chain(kind="plastic"),
+    "of an unknown view": _chain(view="sideways"),
+    "of more joints": _chain(joint_names=["a", "b", "c"], revolute=[True] * 3, signs=[1] * 3),
+    "of a sign of 2": _chain(signs=[1, 2]),
+    "of no extent": _chain(extent=0.0),
+    "with a centre that is text": _chain(centre=["0", "0"]),
+    "with a bound that shrinks": _body(kappa=0.5),
+    "with negative rows": _body(rows=-1),
+    "with rows that are text": _body(rows="150"),
+    "with a second fit that is a number": _body(second=1),
+    "with a parameter that is no number": _set("body.beta", 0, np.nan),
+    "with a noise below zero": _set("body.noise", 0, -1.0),
+    "with parameters beyond the last": _set("body.active", -1, 10**6),
+    "with parameters in no order": _set("body.active", 0, 5),
+    "with a root that is no number": _set("body.root", 0, np.nan),
+    "with a root of another size": lambda h, t: t.update({"body.root": t["body.root"][:-1]}),
+    "with an infinite second root": _set("body.second.root", 0, np.inf),
+    "without its second fit": lambda h, t: t.pop("body.second.root"),
+    "with rows of another arm": lambda h, t: t.update({"rows.q": t["rows.q"][:, :1].copy()}),
+    "with a row that is no number": _set("rows.x", 0, np.nan),
+    "with fewer positions than rows": lambda h, t: t.update({"rows.x": t["rows.x"][:-1]}),
+    "with too many rows": lambda h, t: t.update(
+        {name: np.tile(t[name], (40, 1)) for name in ("rows.q", "rows.x")}
+    ),
+}
+TREND_FORGERIES = {
+    "of a monstrous trend": _trend(degree=10**9),
+    "of a negative trend": _trend(degree=-1),
+    "with a trend that is text": _trend(degree="2"),
+    "with a coefficient beyond all sense": _set("trend.coefficients", 0, 1e300),
+    "with a turn of nearly nothing": _trend(turns=[1e-320, 1.0]),
+}
+
+
 @pytest.mark.parametrize("kind", FORGERIES)
 def test_a_file_that_makes_no_sense_is_refused_even_with_the_right_checksum(data, kind):
     refusal(forged(data, FORGERIES[kind]))
 
 
-def test_an_honest_forgery_is_a_model(data):
-    assert to_bytes(from_bytes(forged(data, lambda h, t: None))) == data
+@pytest.mark.parametrize("kind", BODY_FORGERIES)
+def test_a_body_that_makes_no_sense_is_refused(of_a_log, kind):
+    refusal(forged(of_a_log, BODY_FORGERIES[kind]))
+
+
+@pytest.mark.parametrize("kind", TREND_FORGERIES)
+def test_a_trend_that_makes_no_sense_is_refused(of_trends, kind):
+    refusal(forged(of_trends, TREND_FORGERIES[kind]))
+
+
+def test_an_honest_forgery_is_a_model(data, of_a_log, of_trends):
+    for honest in (data, of_a_log, of_trends):
+        assert to_bytes(from_bytes(forged(honest, lambda h, t: None))) == honest
 
 
 def test_missing_files_and_folders_are_told_in_one_line(tmp_path):

@@ -65,15 +65,13 @@ def test_small_logs_are_taught_and_predict_the_arm(rows):
 def test_without_a_size_a_small_log_gets_a_small_lattice():
     motor, sensory, notes = calib.training.train.lattice_sizes(log(300), None, None, None)
     assert motor == sensory == (20, 20)
-    assert "300 rows: lattices of 20x20 nodes, the smallest that a log is given" in notes[0]
+    assert "lattices of 20x20 nodes for 300 rows" in notes[0]
 
 
 def test_without_a_size_a_long_log_gets_about_five_rows_per_node():
     motor, sensory, notes = calib.training.train.lattice_sizes(log(2000), None, None, None)
     assert motor == sensory == (20, 20)
-    assert notes == [
-        "2,000 rows: lattices of 20x20 nodes, about 5 rows per node; `size` chooses others"
-    ]
+    assert notes == ["lattices of 20x20 nodes for 2,000 rows, `size` chooses others"]
 
 
 def test_a_noisy_log_reports_its_error_on_blocks_that_were_held_out():

@@ -17,6 +17,14 @@ from .structure import Array, Indices, Structure
 CHUNK = 2000
 """Rows that a bound is evaluated for at a time."""
 
+SHARED = 1.25
+"""Factor on the parameters' spread within a bound.
+
+An error of a length is shared by the whole workspace: without the factor the bound covers 95 % on
+average over logs, but much less in one log and more in the next.  With it, 95 % of the places are
+covered in 19 of 20 logs.
+"""
+
 
 @dataclass(frozen=True)
 class Parameter:
@@ -163,7 +171,8 @@ class Body:
         part = slice(int(edges[block]), int(edges[block + 1]))
         extra = self.residual[part] ** 2 + (self.noise[part] ** 2 if noise else 0.0)
         z, x = self.structure.linearise(q, self.beta, self.active)
-        out = self.kappa * radius_95(spread_of(x[:, part], self.root) + np.diag(extra))
+        spread = SHARED**2 * spread_of(x[:, part], self.root)
+        out = self.kappa * radius_95(spread + np.diag(extra))
         if self.second is not None:
             other, x = self.structure.linearise(q, self.second.beta, self.second.active)
             apart = np.linalg.norm(self.structure.residual(z, other)[:, part], axis=1)

@@ -32,6 +32,12 @@ LOG_FLOOR, SIMULATED_FLOOR = 1e-4, 1e-7
 
 STUDENT = 6.0
 
+MISFIT = 0.02
+"""Share of the extent beyond which a nominal geometry is doubted."""
+
+NO_CURVES = 8.0
+"""Nats against joint curves from which the bound needs no second fit with large ones."""
+
 WIDE = (200.0, 3e-3)
 """Pseudo-observations of the curves' wider hyperprior, and their rms [rad]."""
 
@@ -110,7 +116,22 @@ def fit_body(
     q, z = np.asarray(q, dtype=float), np.asarray(z, dtype=float)
     template = planar_structure(q, z, joint_names, revolute, nominal, view, lens, unit, simulated)
     notes = warnings_of(q, template.joint_names, template.revolute, z, lower, upper)
-    return fit_structure(template, q, z, seed=seed, notes=notes)
+    fitted = fit_structure(template, q, z, seed=seed, notes=notes)
+    if nominal is None or view == "base":
+        return fitted
+    error = _typical(fitted.held_out)
+    if error < MISFIT * template.extent:
+        return fitted
+    free = fit_structure(replace(template, nominal=None), q, z, seed=seed)
+    if not _typical(free.held_out) < error / 2:
+        return fitted
+    note = "the nominal geometry does not fit the rows, even with its frame free: it is not used"
+    return replace(free, notes=(*notes, note))
+
+
+def _typical(residual: Array) -> float:
+    """Median length of residuals (n, m)."""
+    return float(np.median(np.linalg.norm(residual, axis=1)))
 
 
 def planar_structure(
@@ -220,9 +241,10 @@ def fit_structure(
         whole = _over_all_rows(passed, q, z, floor)
         held = leave_blocks_out(whole)
     body = _body(whole, held, passed.name, simulated)
-    if not simulated:
+    if not simulated and passed.against("curves") < NO_CURVES:
         body = replace(body, second=_second(passed, sub_q, sub_z, floor))
-    residual = np.where(np.isfinite(held.residual), held.residual, whole.residual)
+    # Where the other blocks determine nothing, they predict their mean.
+    residual = np.where(np.isfinite(held.residual), held.residual, z - z.mean(axis=0))
     return BodyFit(body, residual, whole.weight[:, 0].copy(), passed.tried, tuple(notes))
 
 
@@ -309,6 +331,4 @@ def _second(passed: Passed, q: Array, z: Array, floor: Array) -> Second:
 def _wider(hypers: tuple[Hyper, ...], wide: tuple[float, float]) -> tuple[Hyper, ...]:
     """The hyperpriors with many pseudo-observations of a large curve."""
     pseudo, rms = wide
-    return tuple(
-        replace(h, pseudo=pseudo, scale=rms / np.sqrt(len(h.indices))) for h in hypers
-    )
+    return tuple(replace(h, pseudo=pseudo, scale=rms / np.sqrt(len(h.indices))) for h in hypers)

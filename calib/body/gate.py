@@ -26,12 +26,15 @@ class Tried:
     score : float
         Mean negative log predictive density, up to a constant.
     parameters : int
+    evidence : float
+        Log evidence, up to a constant that the members share.
     """
 
     name: str
     error: float
     score: float
     parameters: int
+    evidence: float
 
 
 @dataclass(frozen=True)
@@ -43,6 +46,11 @@ class Passed:
     fit: Fit
     held_out: HeldOut
     tried: tuple[Tried, ...]
+
+    def against(self, name: str) -> float:
+        """Nats of evidence for this member against the member `name`; 0 where it was not tried."""
+        other = [t.evidence for t in self.tried if t.name == name]
+        return (self.fit.evidence - other[0]) / self.fit.autocorrelation if other else 0.0
 
 
 def wins(richer: Passed, simpler: Passed) -> bool:
@@ -92,7 +100,13 @@ def choose_member(
         except np.linalg.LinAlgError:
             continue
         tried.append(
-            Tried(name, float(np.mean(held.error)), float(np.mean(held.score)), len(made.active))
+            Tried(
+                name,
+                float(np.mean(held.error)),
+                float(np.mean(held.score)),
+                len(made.active),
+                made.evidence,
+            )
         )
         candidate = Passed(name, free, made, held, ())
         if best is None or wins(candidate, best):

@@ -6,6 +6,7 @@ from dataclasses import dataclass
 from itertools import pairwise
 
 import numpy as np
+from numpy.typing import NDArray
 
 from .bound import radius_95
 from .fit import Fit
@@ -18,6 +19,9 @@ PARTITIONS = (2, 5, 10)
 
 FEW = 20
 """Rows that a 95 % quantile needs at least."""
+
+OUTLIER = 0.1
+"""A row of less Student weight than this, beyond eight noise sd, is an outlier."""
 
 UNKNOWN_KAPPA = 1.5
 """Inflation where there are too few rows to tell."""
@@ -39,6 +43,8 @@ class HeldOut:
         Limits of the blocks.
     ratios : dict of int to (n,) array
         Error over the 95 % radius, for partitions into 2, 5 and 10 blocks.
+    common : (n,) bool array
+        Rows that are no outliers of the fit itself; the others do not enter `kappa`.
     """
 
     residual: Array
@@ -46,6 +52,7 @@ class HeldOut:
     score: Array
     edges: Array
     ratios: dict[int, Array]
+    common: NDArray[np.bool_]
 
     def blockwise(self, values: Array) -> Array:
         """Mean of `values` (n,) in each block."""
@@ -60,12 +67,13 @@ class HeldOut:
         """
         found = [1.0]
         for ratio in self.ratios.values():
-            known = ratio[np.isfinite(ratio)]
+            known = ratio[np.isfinite(ratio) & self.common]
             if len(known) > FEW:
                 found.append(float(np.quantile(known, 0.95)))
+        finest = np.where(self.common, self.ratios[max(self.ratios)], np.nan)
         single = [
-            np.quantile(part[np.isfinite(part)], 0.95)
-            for part in np.split(self.ratios[max(self.ratios)], self.edges[1:-1])
+            np.nanquantile(part, 0.95)
+            for part in np.split(finest, self.edges[1:-1])
             if np.isfinite(part).sum() > FEW
         ]
         if len(single) > 1:
@@ -121,19 +129,15 @@ def leave_blocks_out(fit: Fit, partitions: tuple[int, ...] = PARTITIONS) -> Held
             p = fit.structure.blocks[0]
             y = softer.whiten(x[:, :p].reshape(-1, k).T).reshape(k, -1, p)
             spread = np.einsum("kni,knj->nij", y, y) + np.diag(fit.noise[:p] ** 2)
-            error = np.linalg.norm(e[:, :p], axis=1)
-            ratio[rows] = error / radius_95(spread)
+            length = np.linalg.norm(e[:, :p], axis=1)
+            ratio[rows] = length / radius_95(spread)
             if parts == count:
                 residual[rows] = e
-                score[rows] = _score(error, spread, p)
+                score[rows] = _score(length, spread, p)
         ratios[parts] = ratio
-    return HeldOut(
-        residual,
-        np.linalg.norm(residual[:, : fit.structure.blocks[0]], axis=1),
-        score,
-        edges,
-        ratios,
-    )
+    p = fit.structure.blocks[0]
+    error = np.linalg.norm(residual[:, :p], axis=1)
+    return HeldOut(residual, error, score, edges, ratios, fit.weight[:, 0] > OUTLIER)
 
 
 def _score(error: Array, spread: Array, p: int) -> Array:

@@ -42,12 +42,16 @@ def members(structure: PlanarStructure) -> tuple[tuple[str, tuple[str, ...]], ..
     if structure.nominal is not None:
         ladder.append(("frame", frame or ("offset",)))
     ladder.append(("chain", chain))
-    bent = ("lens",) if structure.lens else ()
-    if structure.lens:
-        ladder.append(("lens", (*chain, "lens")))
-    ladder.append(("curves", (*chain, *bent, "curve")))
-    ladder.append(("elastic", (*chain, *bent, "elastic")))
-    ladder.append(("curves and elastic", (*chain, *bent, "elastic", "curve")))
+    bent: tuple[str, ...] = ("lens",) if structure.lens else ()
+    if structure.simulated and not structure.scaled:
+        # A simulated sensor may be tilted or bent; the lengths hold the scale.
+        bent = ("view.shear", "view.tilt", "lens")
+    if bent:
+        ladder.append(("view", (*chain, *bent)))
+    if structure.layout.turning:
+        ladder.append(("curves", (*chain, *bent, "curve")))
+        ladder.append(("elastic", (*chain, *bent, "elastic")))
+        ladder.append(("curves and elastic", (*chain, *bent, "elastic", "curve")))
     return tuple(ladder)
 
 

@@ -383,7 +383,6 @@ def structure_of(arm: Any, view: str = "rigid", **options: Any) -> SpatialStruct
     )
 
 
-
 _STILL = np.zeros((3, 1))
 _CHAIN_ARRAYS = (
     "axes",

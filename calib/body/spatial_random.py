@@ -74,9 +74,7 @@ def unknown_structure(
     )
 
 
-def chains(
-    structure: SpatialStructure, q: Array, z: Array
-) -> Sequence[tuple[Structure, Array]]:
+def chains(structure: SpatialStructure, q: Array, z: Array) -> Sequence[tuple[Structure, Array]]:
     """Chains that fit rows, the best first: structures at whose origins the parameters are zero."""
     from .spatial_start import settle
 

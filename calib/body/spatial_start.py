@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from ..arm.rotations import exponential, logarithm
+from ..errors import LogError
 from .structure import Array, Indices, Structure
 
 if TYPE_CHECKING:
@@ -15,6 +16,8 @@ if TYPE_CHECKING:
 
 #: Rows that a start is fitted to.
 ROWS = 400
+#: A median distance beyond this share of the rows' spread is no calibration error.
+MISFIT = 0.1
 #: Degrees of freedom of the Student noise that keeps outliers from deciding.
 NU = 6.0
 
@@ -42,8 +45,9 @@ def frame(structure: SpatialStructure, q: Array, z: Array) -> Array:
         fitted, cost = settle(structure, q, z, beta, active, sd, 40)
         if best is None or cost < best[0]:
             best = cost, fitted
-    assert best is not None
-    beta = best[1]
+    beta = structure.neutral() if best is None else best[1]
+    if structure.view in ("rigid", "pose", "base"):
+        _refuse_misfit(structure, q, z, beta)
     if structure.view == "pinhole":  # a camera's pose and its focal length help each other
         free = [*groups, "lens", "offset"] if any(structure.lens_sd) else [*groups, "offset"]
         prior = structure.prior(free)
@@ -51,6 +55,37 @@ def frame(structure: SpatialStructure, q: Array, z: Array) -> Array:
         sd[structure.groups["offset"]] *= 20.0
         beta, _ = settle(structure, q, z, beta, prior.active, sd, 60)
     return beta
+
+
+def _refuse_misfit(structure: SpatialStructure, q: Array, z: Array, beta: Array) -> None:
+    """Refuse positions that no rigid motion of the nominal arm explains, and say what would."""
+    misfit = structure.residual(z, structure.predict(q, beta))[:, :3]
+    left = float(np.median(np.linalg.norm(misfit, axis=1)))
+    size = max(float(np.linalg.norm(z[:, :3] - np.median(z[:, :3], axis=0), axis=1).max()), 1e-300)
+    tool = float(np.linalg.norm(beta[structure.groups["tool"]]))
+    if left < MISFIT * size and tool < 2 * structure.chain.reach:
+        return
+    points = structure.metre * structure.pose(q, structure.neutral())[0]
+    left = np.inf
+    for what, sign in (("same", 1.0), ("scale", 1.0), ("mirror", -1.0)):
+        seen = z[:, :3] * (sign, 1.0, 1.0)
+        turn, shift, scale = similarity(points, seen)
+        if what != "scale":
+            scale, shift = 1.0, seen.mean(axis=0) - turn @ points.mean(axis=0)
+        rest = float(np.median(np.linalg.norm(seen - scale * points @ turn.T - shift, axis=1)))
+        if what == "same":
+            left = rest
+        if what == "same" or rest > 0.3 * left:
+            continue
+        if what == "mirror":
+            raise LogError(
+                "the positions are those of a mirrored arm: one of the axes x, y, z has the wrong "
+                "sign, or two are swapped; change one of them (columns of the log)"
+            )
+        raise LogError(
+            f"the positions are about {scale:.4g} times those of the robot: state their unit, or "
+            "use view='similarity'"
+        )
 
 
 def settle(
@@ -128,10 +163,11 @@ def _guesses(structure: SpatialStructure, q: Array, z: Array) -> list[Array]:
     if structure.view == "pose":
         return [_from_pose(structure, points, rotations, z)]
     size = 0.1 * structure.chain.reach
-    for tool in np.vstack([np.zeros(3), size * np.eye(3), -size * np.eye(3)]):
+    tools = np.vstack([np.zeros(3), size * np.eye(3), -size * np.eye(3)])
+    for tool in tools:
         guess = beta.copy()
         seen = points + rotations @ tool
-        turn, shift, scale = similarity(seen, z)
+        turn, _, scale = similarity(seen, z)
         guess[structure.groups["tool"]] = tool
         guess[structure.groups["view.rotation"]] = logarithm(turn)
         factor = structure.metre

@@ -10,9 +10,10 @@ from numpy.typing import NDArray
 
 from ..arm.spatial_chain import SpatialChain
 from ..errors import ModelError
+from .given import Given
 from .spatial import SpatialStructure
 from .spatial_view import OUTPUTS
-from .storing import Given, finite_array
+from .storing import finite_array
 
 _MOST_JOINTS = 32
 

@@ -105,8 +105,8 @@ class View:
 
     def seen(self, moved: Array) -> Array:
         """How pixels (2, n) move when the point moves (3, n) in the camera's frame."""
-        assert self.slope is not None
-        return np.asarray((self.slope * moved[None]).sum(axis=1))
+        slope = np.zeros((2, 3, 1)) if self.slope is None else self.slope
+        return np.asarray((slope * moved[None]).sum(axis=1))
 
     @property
     def _without_shift(self) -> Array:

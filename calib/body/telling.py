@@ -16,10 +16,10 @@ STILL = 1e-6
 SHARE = 1e-3
 """Joint directions with less than this share of the largest spread never moved."""
 
-CELLS = 12
+CELLS = 24
 """Cells along each joint's span that tell a path from an area."""
 
-AREA_ROWS = 200
+AREA_ROWS = 300
 """From this many rows on an area fills more cells than a path."""
 
 
@@ -104,4 +104,4 @@ def _is_path(scaled: Array) -> bool:
     for i in range(n):
         for j in range(i):
             fullest = max(fullest, len(np.unique(cells[:, i] * CELLS + cells[:, j])))
-    return fullest < min(3 * CELLS, CELLS * CELLS)
+    return fullest < 7 * CELLS

@@ -111,7 +111,8 @@ class OnlineAdapter:
     horizon : int
         Samples over which sigma decays to half a node.
     force : bool
-        Whether to adapt from the first sample on, without waiting for a signal.
+        Whether to adapt from the first sample on, without waiting for a signal, and to
+        take all samples for those of one arm.
     """
 
     def __init__(self, model: Model, horizon: int = HORIZON, *, force: bool = False) -> None:
@@ -130,6 +131,7 @@ class OnlineAdapter:
         # by sensory node, so that the columns that eq. 11 changes are contiguous
         # half the memory of float64; eq. 11 loses nothing by it
         self._links: Any = np.ascontiguousarray(model.links.T.toarray(), dtype=np.float32)
+        self._idle = np.zeros(model.sensory.size)  # what unvisited nodes should have forgotten
         self._seen = 0
         self._since = -1
         self._changes = 0
@@ -144,7 +146,7 @@ class OnlineAdapter:
     @property
     def adapting(self) -> bool:
         """Whether a change was noticed and the maps have not settled yet."""
-        return 0 <= self._since < self._horizon
+        return self._since >= 0 and (self._force or self._since < self._horizon)
 
     @property
     def changes(self) -> int:
@@ -170,7 +172,7 @@ class OnlineAdapter:
         if self._changed(u, v, expected):
             self._reset()
             # this block may have begun before the change
-            kept = slice(0) if self._changes > int(self._force) else kept
+            kept = slice(None) if self._force else slice(0)
         if self._since < 0:
             return self._step(expected, 0.0, 0.0, 0.0)
         for name, network, points in (("motor", motor, u), ("sensory", sensory, v)):
@@ -185,8 +187,8 @@ class OnlineAdapter:
             oja(self._links.T, a_motor, a_sensory, float(e), float(f))  # eq. 11
         # eq. 11 forgets where a_j > 0 alone; a node that no sample visits forgets at the
         # mean pace of all, or a shortened arm would promise its old reach for ever
-        pace = eta * beta @ (b**2).sum(axis=1) / b.shape[1]
-        self._links[~b.any(axis=0)] *= np.float32(math.exp(-pace))
+        self._idle += float(eta * beta @ (b**2).sum(axis=1)) / b.shape[1]
+        self._idle[b.any(axis=0)] = 0.0
         self._since += len(u)
         scale = self._model.sensory.scale
         self._q.append(self._model.motor.scale.from_unit(u)[kept])
@@ -218,7 +220,7 @@ class OnlineAdapter:
         fitted = refit(model, motor, u, x)
         wiring = model.association.wiring
         if links == "rule":
-            found = sparse_links(self._links.T)
+            found = sparse_links((self._links * np.exp(-self._idle)[:, None]).T)
         else:
             found = wiring.learn(motor, fitted.u, sensory, sensory.scale.to_unit(fitted.v))
         made = replace(
@@ -271,6 +273,7 @@ class OnlineAdapter:
         k = a.nnz // len(u)
         nodes, weight = a.indices.reshape(-1, k), a.data.reshape(-1, k)
         strength = np.einsum("jnk,nk->nj", self._links[:, nodes], weight)
+        strength *= np.exp(-self._idle)
         total = strength.sum(axis=1, keepdims=True)
         return np.asarray(strength @ self._weights["sensory"] / np.maximum(total, 1e-30))
 
@@ -278,6 +281,8 @@ class OnlineAdapter:
         """Whether the arm or the sensor has just changed."""
         if self._since < 0:
             return self._force or self._fired(expected)
+        if self._force:  # all samples are of one arm
+            return False
         if self._since >= self._horizon and not self._usual:
             self._usual = dict(self._mean)
         block = self._contradiction(u, v)

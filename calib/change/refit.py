@@ -25,8 +25,9 @@ if TYPE_CHECKING:
 
 Array = NDArray[np.float64]
 
-_ROWS = 2000  # rows that a body is refitted to: more would tell it hardly more
-_NO_ARM = 1e-3  # share of the extent beyond which trends are compared with the body
+_ROWS = 3000  # rows that a body is refitted to: more would tell it hardly more
+_NO_ARM = 0.02  # share of the extent: a body that is further off is compared with trends
+_NOISE_FLOOR = 1.5  # so is that of a simulation beyond so many times the usual noise
 _IMAGINED = 20_000  # samples from which links are learned
 
 
@@ -110,7 +111,11 @@ def _with_body(model: Model, motor: Map, u: Array, x: Array) -> Refit | None:
         return None
     candidates: list[Candidate] = [of_body(fit, scale, u, x)]
     extent = float(np.linalg.norm(np.ptp(x, axis=0)))
-    if float(np.linalg.norm(fit.held_out, axis=1).mean()) > _NO_ARM * extent and len(u) > 100:
+    usual = _NO_ARM * extent
+    if simulated:  # an exact lens or gear is smooth: a trend follows it
+        noise = model.baseline.noise if model.baseline is not None else 0.0
+        usual = _NOISE_FLOOR * noise + 1e-6 * extent
+    if float(np.linalg.norm(fit.held_out, axis=1).mean()) > usual and len(u) > 100:
         candidates += of_trends(scale, about.revolute, u, x, candidates[0])
     selected = select(motor, u, candidates)
     if len(seen[0]) < MOST_ROWS:  # too few for links of their own

@@ -60,9 +60,7 @@ def learn(
             if gain is not None and stage.progress is not None:
                 first, last = stage.progress
                 t = first + (last - first) * (k + 1) / len(stage.sigma)
-                seen = Visit(
-                    t, winner[back], distance[back], weights, lattice, *known, stage.grown
-                )
+                seen = Visit(t, winner[back], distance[back], weights, lattice, *known, stage.grown)
                 g = np.empty(len(some))
                 g[back] = gain(seen)
             topographic = topographic_error(some, tree, lattice)

@@ -27,7 +27,6 @@ RIDGE = 1e-2
 """Of the regressions, as a share of the mean variance of the active nodes' positions."""
 
 
-
 class MeanPositions:
     """Mean of samples weighted by the activity of each node, part after part.
 
@@ -52,10 +51,29 @@ class MeanPositions:
     def result(self) -> Array:
         """The means, (nodes, d); a node that was never active keeps its weight."""
         share = np.where(self._total > _SEEN, 1.0 / np.maximum(self._total, _SEEN), 0.0)
-        return np.asarray(self._network.units + self._shift * share[:, None])
+        return from_shifts(self._network, (self._shift * share[:, None]) / self._network.spacing)
 
 
 _SEEN = 1e-9  # activity below which a node was never active
+
+
+def from_shifts(network: Map, shifts: Array) -> Array:
+    """Means (nodes, d) that lie `shifts` (nodes, d) [node spacings] away from the weights.
+
+    The shifts are rounded to half precision, as a model file holds them: to a thousandth of
+    a spacing, far less than what a mean of some samples is uncertain by.
+    """
+    rounded = np.clip(shifts, -_FAR, _FAR).astype(np.float16)
+    return np.asarray(network.units + rounded.astype(float) * network.spacing)
+
+
+def to_shifts(network: Map, means: Array) -> NDArray[np.float16]:
+    """The shifts (nodes, d) [node spacings] of which :func:`from_shifts` makes the means."""
+    shifts = (means - network.units) / network.spacing
+    return np.asarray(np.clip(shifts, -_FAR, _FAR), dtype=np.float16)
+
+
+_FAR = 6e4  # node spacings: the largest number in half precision is a little more
 
 
 def regress(place: Array, value: Array, weight: Array) -> tuple[Array, Array, Array]:
@@ -107,6 +125,11 @@ class LinearModels:
     motor: Map
     values: Array
     slopes: Array
+
+    @property
+    def terms(self) -> int:
+        """Numbers that one evaluation multiplies."""
+        return 2 * blend_size(self.motor.units.shape[1]) * (1 + self.motor.units.shape[1])
 
     def value(self, u: Array) -> Array:
         """Positions (n, o) at the points `u` (n, d) of the unit box."""

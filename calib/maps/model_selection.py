@@ -183,9 +183,7 @@ class _Chosen:
     shapes: Sequence[Shape] = ()
 
 
-def _compare(
-    motor: Map, u: Array, folds: list[NDArray[np.intp]], candidate: Candidate
-) -> _Chosen:
+def _compare(motor: Map, u: Array, folds: list[NDArray[np.intp]], candidate: Candidate) -> _Chosen:
     """Best (degree, samples) of the local models, None for no correction at all.
 
     Each fold is held out in turn (a few of them where samples abound); only the nodes that

@@ -178,9 +178,7 @@ def _held_out(
     return target, said
 
 
-def _least(
-    motor: Map, nodes: Index, u: Array, index: Index, square: Array, usual: int
-) -> Index:
+def _least(motor: Map, nodes: Index, u: Array, index: Index, square: Array, usual: int) -> Index:
     """Best choice of `square` (choices, m) for each node by the rows around it, or the usual."""
     from scipy.sparse import csr_array
 

@@ -40,15 +40,19 @@ class Answer(NamedTuple):
     distance : (n,) array [unit]
         From the target to that position.
     expected_error : (n,) array [unit]
-        95 % bound on the distance from that position to the true one.
+        95 % bound on the distance from that position to what the sensor will read (a log) or
+        to the true one (a simulation).
+    model_error : (n,) array [unit]
+        95 % bound on the distance to the true position in the sensor's frame.
     reachable : (n,) bool array
-        Whether the target was reached within that bound.
+        Whether the distance is within the expected error and within 1 % of the extent.
     """
 
     q: Array
     position: Array
     distance: Array
     expected_error: Array
+    model_error: Array
     reachable: NDArray[np.bool_]
 
     def take(self, rows: slice | list[int] | NDArray[np.intp]) -> Answer:
@@ -58,6 +62,7 @@ class Answer(NamedTuple):
             self.position[rows],
             self.distance[rows],
             self.expected_error[rows],
+            self.model_error[rows],
             self.reachable[rows],
         )
 
@@ -118,8 +123,10 @@ def answer(model: Model, u: Array, x: Array, position: Array | None) -> Answer:
     with np.errstate(over="ignore"):  # the distance of a target at 1e308 may be infinite
         distance = np.hypot(*(position - x).T)
     bound = blend_nodes(model.motor, model.bounds, u)
+    same = model.model_bounds is model.bounds
+    error = bound if same else blend_nodes(model.motor, model.model_bounds, u)
     within = distance <= within_reach(model, bound)
-    return Answer(model.motor.scale.from_unit(u), position, distance, bound, within)
+    return Answer(model.motor.scale.from_unit(u), position, distance, bound, error, within)
 
 
 def within_reach(model: Model, bound: Array) -> Array:

@@ -12,6 +12,7 @@ from numpy.typing import ArrayLike, NDArray
 from ..errors import OptionError
 from ..inverse.solver import Solver
 from ..maps.association import MAP_READOUTS, Association, check_readout
+from ..maps.linear_models import LinearModels
 from ..maps.local_models import NO_MODELS
 from ..maps.map import Map
 from ..maps.node_bounds import blend_nodes
@@ -19,6 +20,7 @@ from ..maps.predictor import BodyInBox, Predictor, Smooth
 from . import answers
 from .answers import Answer, checked_rows
 from .rows import Rows
+from .single import Single
 from .trust import MOST_SHARE, Trust
 
 if TYPE_CHECKING:
@@ -108,6 +110,29 @@ class Model:
         return Solver(self.association, self.predictor)
 
     @cached_property
+    def single(self) -> Single | None:
+        """Queries of one row in plain floats; None where only the batch path answers."""
+        return Single.of(self)
+
+    def warm_up(self) -> Model:
+        """Compile and fill everything that queries use, so that none of them is slow.
+
+        Returns the model itself.  Without it the first query of each kind takes up to a
+        second longer than the following ones.
+        """
+        middle = (self.about.lower + self.about.upper) / 2
+        x = self.forward(middle)
+        self.expected_error(middle)
+        self.model_error(middle)
+        if np.isfinite(x).all():
+            self.inverse(x, near=middle)
+        self.forward(middle[None])
+        target = np.where(np.isfinite(x), x, self.sensory.weights[0])
+        self.inverse(target[None], near=middle[None])
+        self.inverse_all(target[None])
+        return self
+
+    @cached_property
     def body_solver(self) -> Solver:
         """Solver of the inverse direction of the body alone."""
         return Solver(self.association, Predictor(self.motor, self.smooth(), NO_MODELS))
@@ -125,18 +150,33 @@ class Model:
         return 0.5 * self.solver.extent
 
     @property
+    def default_readout(self) -> str:
+        """``local``, the body and its local models; ``linear`` where maps and links stand alone."""
+        return "linear" if isinstance(self.predictor.smooth, LinearModels) else "local"
+
+    @property
     def readouts(self) -> tuple[str, ...]:
         """Readouts that differ, the default first."""
+        if self.default_readout == "linear":
+            return MAP_READOUTS
         smooth = self.body is not None and self.predictor.models.degree >= 0
         return ("local", *(("body",) if smooth else ()), *MAP_READOUTS)
 
-    def forward(self, q: ArrayLike, readout: str = "local") -> Array:
+    def _readout(self, name: str | None) -> str:
+        """The readout that answers; ``local`` where the predictor does."""
+        check_readout(name or "local")
+        if name == "local" and self.default_readout == "linear":
+            raise OptionError("readout 'local': the model has no body, choose 'linear'")
+        return "local" if name in (None, self.default_readout) else str(name)
+
+    def forward(self, q: ArrayLike, readout: str | None = None) -> Array:
         """Position of the tip for joint values.
 
         Parameters
         ----------
         q : (n, dof) or (dof,) array [rad or m]
-        readout : {"local", "body", "activity", "winner"}
+        readout : {"local", "body", "linear", "activity", "winner"}, optional
+            The model's default where not given.
 
         Returns
         -------
@@ -157,7 +197,11 @@ class Model:
         >>> model.forward([0.5, 1.0]).round(3)
         array([0.281, 0.393])
         """
-        check_readout(readout)
+        readout = self._readout(readout)
+        if readout == "local" and self.single is not None:
+            position = self.single.forward(q)
+            if position is not None:
+                return position
         q, single = checked_rows(q, self.about.joint_names, "joint values")
         u = self.motor.scale.to_unit(q)
         inside = self.trust.covers(u)
@@ -182,7 +226,7 @@ class Model:
         self,
         x: ArrayLike,
         near: ArrayLike | None = None,
-        readout: str = "local",
+        readout: str | None = None,
         *,
         nearest: bool = False,
     ) -> Array:
@@ -194,7 +238,8 @@ class Model:
         near : (n, dof) or (dof,) array [rad or m], optional
             Of several solutions the one closest to these joints answers, distances in
             units of the joints' ranges; the middle of the ranges where not given.
-        readout : {"local", "activity", "winner"}
+        readout : {"local", "body", "linear", "activity", "winner"}, optional
+            The model's default where not given.
         nearest : bool
             Where a target is out of reach, answer with the nearest reachable point
             instead of NaN.
@@ -203,16 +248,24 @@ class Model:
         -------
         (n, dof) or (dof,) array [rad or m]
         """
+        readout = self._readout(readout)
+        if readout == "local" and near is not None and self.single is not None:
+            joints = self.single.inverse(x, near)
+            if joints is not None:
+                return joints
         if readout == "local":
             rows, single = checked_rows(x, ("x", "y"), "positions")
             q = answers.joints(self, rows, answers.anchor(self, near, len(rows)), nearest=nearest)
             return q[0] if single else q
-        answer = self.solve(x, near, readout)
+        answer = self.solve(x, near, readout if readout != "local" else None)
         q = answer.q if nearest else np.where(answer.reachable[:, None], answer.q, np.nan)
         return q[0] if np.ndim(x) == 1 else q
 
-    def solve(self, x: ArrayLike, near: ArrayLike | None = None, readout: str = "local") -> Answer:
+    def solve(
+        self, x: ArrayLike, near: ArrayLike | None = None, readout: str | None = None
+    ) -> Answer:
         """Answer inverse queries in full; see :meth:`inverse` for the parameters."""
+        readout = self._readout(readout)
         rows, _ = checked_rows(x, ("x", "y"), "positions")
         return answers.solve(self, rows, answers.anchor(self, near, len(rows)), readout)
 
@@ -288,7 +341,7 @@ class Model:
         It bounds the distance to the true position for a simulated arm and to what the
         sensor would read for a log (``about.bound_of``).
         """
-        return self._bound(q, self.bounds)
+        return self._bound(q, "bounds")
 
     def model_error(self, q: ArrayLike) -> Array:
         """95 % bound on the true position in the sensor's frame at (n, dof), (n,) [unit].
@@ -296,14 +349,18 @@ class Model:
         Without the noise of a single reading; the same as :meth:`expected_error` for a
         simulated arm.
         """
-        return self._bound(q, self.model_bounds)
+        return self._bound(q, "model_bounds")
 
-    def _bound(self, q: ArrayLike, nodes: Array) -> Array:
+    def _bound(self, q: ArrayLike, which: str) -> Array:
+        if self.single is not None:
+            answer = self.single.bound(q, which)
+            if answer is not None:
+                return np.float64(answer)  # type: ignore[return-value]
         q, single = checked_rows(q, self.about.joint_names, "joint values")
         u = self.motor.scale.to_unit(q)
         known = self.trust.covers(u)
         bound = np.full(len(q), np.nan)
-        bound[known] = blend_nodes(self.motor, nodes, u[known])
+        bound[known] = blend_nodes(self.motor, getattr(self, which), u[known])
         return bound[0] if single else bound
 
     def evaluate(self, samples: Samples | None = None) -> Evaluation:

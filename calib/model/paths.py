@@ -38,9 +38,12 @@ class Path:
     distance : (k,) array [unit]
         From target to position.
     expected_error : (k,) array [unit]
-        95 % bound on the distance from that position to the true one.
+        95 % bound on the distance from that position to what the sensor will read (a log) or
+        to the true one (a simulation).
+    model_error : (k,) array [unit]
+        95 % bound on the distance to the true position in the sensor's frame.
     reachable : (k,) bool array
-        Whether each target was reached within that bound.
+        Whether the distance is within the expected error and within 1 % of the extent.
     waypoint : (k,) int array
         Index of the waypoint that each row leads to; the last such row stands on it.
     jumps : (j,) int array
@@ -53,6 +56,7 @@ class Path:
     position: Array
     distance: Array
     expected_error: Array
+    model_error: Array
     reachable: NDArray[np.bool_]
     waypoint: NDArray[np.intp]
     jumps: NDArray[np.intp]

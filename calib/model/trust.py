@@ -16,7 +16,8 @@ Array = NDArray[np.float64]
 MOST_SHARE = 0.1
 """Share of the reach: where the bound on the position exceeds it, there is no answer."""
 
-_SLACK = 1e-9  # of a joint's range: values that were rounded on the way through a file
+ROUNDED = 1e-9
+"""Share of a joint's range by which values beyond it count as rounded."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -39,12 +40,12 @@ class Trust:
 
     def in_range(self, u: Array) -> NDArray[np.bool_]:
         """Which coordinates (n, dof) of the unit box are within the joints' range."""
-        inside = (u >= -_SLACK) & (u <= 1.0 + _SLACK)
+        inside = (u >= -ROUNDED) & (u <= 1.0 + ROUNDED)
         return np.asarray(inside | self.motor.scale.periodic)
 
     def covers(self, u: Array) -> NDArray[np.bool_]:
         """Whether points of the unit box (n, dof) are answered, (n,)."""
-        known: NDArray[np.bool_] = np.logical_and.reduce(self.in_range(u), axis=1)
+        known = np.asarray(self.in_range(u).all(axis=1))
         if not self._everywhere and known.any():
             known[known] = blend_nodes(self.motor, self.bounds, u[known]) <= self.most
         return known

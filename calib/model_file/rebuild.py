@@ -15,6 +15,7 @@ from ..common.scale import Scale
 from ..maps.association import Association
 from ..maps.graph import Graph
 from ..maps.lattice import Lattice
+from ..maps.linear_models import from_shifts
 from ..maps.links import Wiring
 from ..maps.local_models import LocalModels
 from ..maps.map import HISTORY, Map
@@ -25,6 +26,8 @@ from .smooth_part import build_smooth
 
 if TYPE_CHECKING:
     from ..model.model import Model
+
+Array = NDArray[np.float64]
 
 
 def build(header: Mapping[str, Any], tensors: Mapping[str, NDArray[Any]]) -> Model:
@@ -63,7 +66,15 @@ def build(header: Mapping[str, Any], tensors: Mapping[str, NDArray[Any]]) -> Mod
     links = csr_array(
         (tensors["links.data"].astype(float), indices, indptr), shape=(motor.size, sensory.size)
     )
-    smooth, body = build_smooth(header, tensors, motor.scale, 2)
+    association = Association(
+        motor,
+        sensory,
+        links,
+        _wiring(header["links"]),
+        _means(tensors, "motor", motor),
+        _means(tensors, "sensory", sensory),
+    )
+    smooth, body = build_smooth(header, tensors, motor.scale, 2, lambda: association.linear)
     degree = _small(header["local"]["degree"], 3, least=-1)
     models = LocalModels(
         degree,
@@ -80,14 +91,16 @@ def build(header: Mapping[str, Any], tensors: Mapping[str, NDArray[Any]]) -> Mod
         terms = len(exponents(dof, degree))
         _expect("local.coefficients", models.coefficients, (motor.size, terms, 2))
     _expect("bounds", tensors["bounds"], (motor.size,))
-    model_bounds = tensors.get("model_bounds", tensors["bounds"])  # format 1 had one bound
+    model_bounds = tensors.get(
+        "model_bounds", tensors["bounds"]
+    )  # of a simulation they are the same
     _expect("model_bounds", model_bounds, (motor.size,))
     _expect("visited", tensors["visited"], (motor.size,))
     if not tensors["visited"].any() or min(tensors["bounds"].min(), model_bounds.min()) < 0:
         raise ValueError("no node was visited, or a bound is negative")
     model = Model(
         about,
-        Association(motor, sensory, links, _wiring(header["links"])),
+        association,
         Predictor(motor, smooth, models),
         tensors["bounds"],
         model_bounds,
@@ -105,6 +118,10 @@ def build(header: Mapping[str, Any], tensors: Mapping[str, NDArray[Any]]) -> Mod
     return replace(model, schemas=schemas.unpack(model, header["schemas"], tensors))
 
 
+_SINGLE = ("links.data", "baseline.motor", "baseline.sensory", "motor.means", "sensory.means")
+"""Arrays in single precision."""
+
+
 def _check_types(tensors: Mapping[str, NDArray[Any]]) -> None:
     """Refuse numbers of another type than the format states; counts are checked as such."""
     for name, array in tensors.items():
@@ -112,6 +129,8 @@ def _check_types(tensors: Mapping[str, NDArray[Any]]) -> None:
             continue  # checked one by one
         if name in ("links.data", "baseline.motor", "baseline.sensory"):
             wanted: type = np.float32
+        elif name.endswith(".shifts"):
+            wanted = np.float16
         elif name == "visited" or name.endswith(".periodic"):
             wanted = np.uint8
         elif name.startswith(("links.", "body.")) or name.endswith(".edges"):
@@ -184,6 +203,15 @@ def _map(
     if not found.spacing > 0.0:
         raise ValueError(f"the nodes of the {name} map are all in one place")
     return found
+
+
+def _means(tensors: Mapping[str, NDArray[Any]], name: str, part: Map) -> Array | None:
+    """Mean positions at which the nodes were active, None in a file of format 1."""
+    shifts = tensors.get(f"{name}.shifts")
+    if shifts is None:
+        return None
+    _expect(f"{name}.shifts", shifts, part.units.shape)
+    return from_shifts(part, shifts)
 
 
 def _wiring(stated: Mapping[str, Any]) -> Wiring:

@@ -13,6 +13,7 @@ from ..change.baseline import Baseline
 from ..change.schemas import Schema, check_name
 from ..common.checks import LARGEST, finite, numbers, of_type
 from ..errors import OptionError
+from ..maps.association import Association
 from ..maps.local_models import LocalModels
 from ..maps.map import Map
 from ..maps.predictor import Predictor
@@ -134,8 +135,11 @@ def _schema(model: Model, state: dict[str, Any], tensors: Tensors, prefix: str) 
     if not (motor.spacing > 0.0 and sensory.spacing > 0.0):
         raise ValueError(f"the nodes of schema {name!r} are all in one place")
     local = state["local"]
-    own = {n[len(prefix + SMOOTH) :]: a for n, a in tensors.items() if n.startswith(prefix + SMOOTH)}
-    smooth, _ = build_smooth(state, own, motor.scale, width)
+    own = {
+        n[len(prefix + SMOOTH) :]: a for n, a in tensors.items() if n.startswith(prefix + SMOOTH)
+    }
+    pair = Association(motor, sensory, model.links, model.association.wiring)
+    smooth, _ = build_smooth(state, own, motor.scale, width, lambda: pair.linear)
     models = LocalModels(-1, 0, np.zeros(0), np.zeros((0, 0, width)))
     order = _small(local["degree"], 3, least=-1)
     if order >= 0:

@@ -1,9 +1,9 @@
-"""The smooth part in a model file: a body, a trend, or a body and a trend of what it leaves over."""
+"""The smooth part in a model file: a body, a trend, or both."""
 
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from typing import Any
 
 import numpy as np
@@ -14,6 +14,7 @@ from ..body.belief import Body
 from ..body.trend import Trend
 from ..common.checks import LARGEST
 from ..common.scale import Scale
+from ..maps.linear_models import LinearModels
 from ..maps.predictor import BodyInBox, Both, Smooth
 
 _SMALL = 1e-9  # radians that are a range
@@ -26,6 +27,7 @@ def smooth_header(smooth: Smooth) -> dict[str, Any]:
     """JSON-ready description of a smooth part."""
     body, trend = _parts(smooth)
     return {
+        "linear": isinstance(smooth, LinearModels),
         "body": None if body is None else body.header(),
         "trend": None
         if trend is None
@@ -57,11 +59,17 @@ def _parts(smooth: Smooth) -> tuple[Body | None, Trend | None]:
         return smooth.body, None
     if isinstance(smooth, Trend):
         return None, smooth
+    if isinstance(smooth, LinearModels):  # made of the maps and the links
+        return None, None
     raise TypeError(f"{type(smooth).__name__} is no smooth part that a file can hold")
 
 
 def build_smooth(
-    header: Mapping[str, Any], tensors: Mapping[str, NDArray[Any]], scale: Scale, outputs: int
+    header: Mapping[str, Any],
+    tensors: Mapping[str, NDArray[Any]],
+    scale: Scale,
+    outputs: int,
+    linear: Callable[[], LinearModels],
 ) -> tuple[Smooth, Body | None]:
     """Rebuild a smooth part from a file's description and arrays; both are checked.
 
@@ -71,6 +79,8 @@ def build_smooth(
         If they make no sense.
     """
     stated = {"body": None, "trend": header["trend"]} if "trend" in header else header["smooth"]
+    if stated.get("linear"):
+        return linear(), None
     body = None
     if stated["body"] is not None:
         arrays = {n[len(_BODY) :]: a for n, a in tensors.items() if n.startswith(_BODY)}

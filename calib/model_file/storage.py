@@ -18,6 +18,7 @@ from ..change.schemas import FIRST
 from ..common.atomic import atomic_write
 from ..errors import CalibError, ModelError
 from ..maps.graph import Graph
+from ..maps.linear_models import to_shifts
 from . import schemas
 from .rebuild import build
 from .smooth_part import smooth_header, smooth_tensors
@@ -99,14 +100,21 @@ def _tensors(model: Model) -> dict[str, NDArray[Any]]:
     tensors: dict[str, NDArray[Any]] = {
         "links.data": links.data.astype(np.float32),
         "links.indices": links.indices.astype(_unsigned(model.sensory.size)),
-        "links.counts": np.diff(links.indptr).astype(np.uint32),
+        "links.counts": np.diff(links.indptr).astype(_unsigned(model.sensory.size + 1)),
         "local.radius": model.predictor.models.radius,
         "local.coefficients": model.predictor.models.coefficients,
         **smooth_tensors(model.predictor.smooth),
         "bounds": model.bounds,
-        "model_bounds": model.model_bounds,
         "visited": model.visited.astype(np.uint8),
     }
+    if not np.array_equal(model.model_bounds, model.bounds):
+        tensors["model_bounds"] = model.model_bounds
+    for name, part, means in (
+        ("motor", model.motor, model.association.motor_means),
+        ("sensory", model.sensory, model.association.sensory_means),
+    ):
+        if means is not None:
+            tensors[f"{name}.shifts"] = to_shifts(part, means)
     if model.rows is not None:
         tensors["rows.q"], tensors["rows.x"] = model.rows.q, model.rows.x
     if model.baseline is not None:
@@ -139,8 +147,15 @@ def _checksum(tensors: Mapping[str, NDArray[Any]], header: Mapping[str, Any]) ->
     return digest.hexdigest()
 
 
-def load(path: str | os.PathLike[str]) -> Model:
+def load(path: str | os.PathLike[str], *, warm: bool = False) -> Model:
     """Read a model from its file; neither Pinocchio nor yourdfpy is needed.
+
+    Parameters
+    ----------
+    path : str or path
+        What `calib train` or :meth:`Model.save` wrote.
+    warm : bool
+        Whether to call :meth:`Model.warm_up`, for a control loop.
 
     Raises
     ------
@@ -157,7 +172,8 @@ def load(path: str | os.PathLike[str]) -> Model:
     except (OSError, ValueError) as error:
         reason = getattr(error, "strerror", None) or error
         raise ModelError(f"{path}: cannot be read ({reason})") from error
-    return from_bytes(data, str(path))
+    model = from_bytes(data, str(path))
+    return model.warm_up() if warm else model
 
 
 def _read(path: Path) -> bytes:

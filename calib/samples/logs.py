@@ -14,7 +14,6 @@ from numpy.typing import NDArray
 from ..errors import LogError, OptionError
 from .columns import Source, open_source, read_batches
 from .log_ranges import ChosenRange, JointColumn, Range
-from .long_log import LongLog
 from .measured_rows import MeasuredRows
 from .places import find_place
 from .reservoir import Reservoir
@@ -81,7 +80,7 @@ def read_log(
     Returns
     -------
     Samples
-        Rows in the order of the file. Those of a long log are in `Samples.long_log`.
+        Rows in the order of the file; of a long log those that were drawn.
 
     Raises
     ------
@@ -115,8 +114,7 @@ def read_log(
         count += len(batch)
     notes = measured.notes()
     values, rows = reservoir.rows()
-    drawn = len(rows) < count
-    if drawn:
+    if len(rows) < count:
         notes.append(
             f"{count:,} rows: {len(rows):,} of them, drawn evenly, are held; other counts of "
             "values are of these"
@@ -163,7 +161,6 @@ def read_log(
         notes=tuple(notes),
         plane=plane,
         out_of_plane_rms=rms,
-        long_log=LongLog(measured, lower, upper, revolute, plane, count) if drawn else None,
     )
 
 

@@ -15,7 +15,6 @@ from ..errors import LogError
 if TYPE_CHECKING:
     from ..arm.planar_arm import PlanarArm
     from ..arm.plane import Plane
-    from .long_log import LongLog
     from .simulation import Simulation
 
 Array = NDArray[np.float64]
@@ -55,8 +54,6 @@ class Samples:
         For a log of x, y, z the plane that was fitted to it.
     out_of_plane_rms : float or None [unit]
         Root mean square distance of those x, y, z from that plane.
-    long_log : LongLog or None
-        For a log that is longer than what is held at once, all of its rows.
 
     Raises
     ------
@@ -83,7 +80,6 @@ class Samples:
     notes: tuple[str, ...] = ()
     plane: Plane | None = field(default=None, repr=False)
     out_of_plane_rms: float | None = None
-    long_log: LongLog | None = field(default=None, repr=False)
 
     def __post_init__(self) -> None:
         named = {"q": tuple(self.joint_names), "x": ("x", "y")}
@@ -122,7 +118,7 @@ class Samples:
         rows = index if isinstance(index, slice) else np.atleast_1d(np.asarray(index))
         if not isinstance(rows, slice) and not rows.size:
             rows = rows.astype(np.intp)  # an empty list has no type that could index
-        return replace(self, q=self.q[rows], x=self.x[rows], long_log=None)
+        return replace(self, q=self.q[rows], x=self.x[rows])
 
     def _check_shapes(self) -> None:
         dof = len(self.joint_names)

@@ -23,7 +23,7 @@ _HALVES = 2  # the maps' readouts are tested on blocks that the other half did n
 
 
 def held_out_residuals(
-    model: Model, samples: Samples, part: SmoothPart, selected: Selected, options: Options
+    model: Model, samples: Samples, part: SmoothPart, selected: Selected | None, options: Options
 ) -> Residuals:
     """Residuals of all readouts on rows that were held out in contiguous blocks.
 
@@ -38,16 +38,20 @@ def held_out_residuals(
         The log.
     part : SmoothPart
         Smooth parts with their held-out residuals.
-    selected : Selected
-        The predictor's held-out residuals.
+    selected : Selected or None
+        The predictor's held-out residuals; None where maps and links stand alone.
     options : Options
         How the maps learn.
     """
-    every = max(1, len(selected.rows) // _TESTED)
-    rows = selected.rows[::every]
+    forward: dict[str, Array] = {}
+    if selected is None:
+        rows = tested_rows(part)
+    else:
+        every = max(1, len(selected.rows) // _TESTED)
+        rows = selected.rows[::every]
+        forward["local"] = -selected.residual[::every]
     q, x = samples.q[part.rows][rows], samples.x[part.rows][rows]
-    forward = {"local": -selected.residual[::every]}
-    if part.fit is not None and model.body is not None:
+    if part.fit is not None and "body" in model.readouts:
         forward["body"] = -part.fit.held_out[rows]
     inverse: dict[str, Array] = {}
     distance: dict[str, Array] = {}
@@ -66,6 +70,11 @@ def held_out_residuals(
         other = _maps_of(model, samples, part, seen, options)
         _add_maps(model, other, q, x, chosen, forward, inverse, distance)
     return Residuals(q, x, forward, inverse, distance, samples.joint_names, 0)
+
+
+def tested_rows(part: SmoothPart) -> NDArray[np.intp]:
+    """Rows of the smooth part that errors are measured on, evenly spread over the log."""
+    return np.arange(0, len(part.rows), max(1, len(part.rows) // _TESTED))
 
 
 def _answered(model: Model, q: Array, error: Array) -> tuple[Array, Array]:

@@ -7,7 +7,6 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from ..body.teacher import MOST_ROWS
 from ..errors import OptionError
 from ..maps.lattice import Lattice
 from ..samples.samples import Samples
@@ -18,11 +17,11 @@ SIDE = 70
 """Nodes along each axis of a plane lattice, as in the paper's best table."""
 
 _ROWS_PER_NODE = 5
-_LEAST_SIDE = 20  # the body fills what rows cannot; larger lattices answered no better
+_LEAST_SIDE = {True: 20, False: 4}  # the links have to propose starts for every branch
 
 
 def lattice_sizes(
-    samples: Samples, size: Size, motor_size: Size, sensory_size: Size
+    samples: Samples, size: Size, motor_size: Size, sensory_size: Size, *, imagined: bool = True
 ) -> tuple[tuple[int, ...], tuple[int, ...], list[str]]:
     """Choose the lattices.
 
@@ -32,6 +31,9 @@ def lattice_sizes(
         What they are to be trained on.
     size, motor_size, sensory_size : int, sequence of int, or None
         What the user gives; see :func:`calib.train`.
+    imagined : bool
+        Whether a body imagines samples where a log has no rows; without them few rows fill
+        few nodes.
 
     Returns
     -------
@@ -46,19 +48,15 @@ def lattice_sizes(
         If a size is no lattice.
     """
     notes: list[str] = []
-    dof = samples.dof
+    dof, least = samples.dof, _LEAST_SIDE[imagined]
     given = _checked(size, "size")
     if given is None and motor_size is None and sensory_size is None:
         rows = len(samples)
         side = SIDE
         if samples.simulation is None:
-            filled = round(math.sqrt(rows / _ROWS_PER_NODE))
-            side = min(SIDE, max(_LEAST_SIDE, filled))
-            why = f"about {_ROWS_PER_NODE} rows per node"
-            if filled < _LEAST_SIDE:
-                why = "the smallest that a log is given"
+            side = min(SIDE, max(least, round(math.sqrt(rows / _ROWS_PER_NODE))))
             notes.append(
-                f"{rows:,} rows: lattices of {side}x{side} nodes, {why}; `size` chooses others"
+                f"lattices of {side}x{side} nodes for {rows:,} rows, `size` chooses others"
             )
         given = (side, side)
     fallback = given or (SIDE, SIDE)
@@ -88,11 +86,6 @@ def lattice_sizes(
         )
     Lattice(motor)
     Lattice(sensory)
-    if len(samples) < min(MOST_ROWS, math.prod(motor)):
-        notes.append(
-            f"{len(samples):,} samples are fewer than the {math.prod(motor):,} motor nodes: the "
-            "maps learn from what a smooth model of them imagines"
-        )
     return motor, sensory, notes
 
 

@@ -39,7 +39,7 @@ class SmoothPart:
     Attributes
     ----------
     candidates : tuple of Candidate
-        Smooth parts, the preferred one first.
+        Smooth parts, the preferred one first; none where maps and links stand alone.
     fit : BodyFit or None
         The body's fit, where there is a body.
     rows : (k,) int array
@@ -75,14 +75,20 @@ def find_smooth_part(
     u = scale.to_unit(q)
     turning = samples.revolute
     if body == "none":
-        return SmoothPart(tuple(of_trends(scale, turning, u, x)), None, rows)
+        return SmoothPart((), None, rows)  # the maps and their links stand alone
     simulation = samples.simulation
+    nominal = None if simulation is not None else nominal_geometry(samples)
+    if view == "base" and nominal is None:
+        raise OptionError(
+            "view 'base' needs a measured log and the planar robot that it is of: give both, or "
+            "another view"
+        )
     fit = fit_body(
         q,
         x,
         joint_names=samples.joint_names,
         revolute=turning,
-        nominal=None if simulation is not None else nominal_geometry(samples),
+        nominal=nominal,
         view=view,
         unit=samples.unit,
         simulated=simulation is not None,
@@ -118,6 +124,8 @@ def wrong_around(part: SmoothPart, scale: Scale, samples: Samples, u: Array) -> 
     -------
     (k,) array [unit^2] or None
     """
+    if not part.candidates:
+        return None
     candidate = part.candidates[0]
     n = len(candidate.residual)
     folds = np.array_split(np.arange(n), len(candidate.unseen))

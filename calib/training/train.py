@@ -17,15 +17,17 @@ from ..common.scale import Scale
 from ..errors import LogError, OptionError
 from ..maps.density import Gain
 from ..maps.links import check_wiring
-from ..maps.model_selection import Selected, select
+from ..maps.local_models import NO_MODELS
+from ..maps.model_selection import select
 from ..maps.node_bounds import learn_bounds, near_border
+from ..maps.predictor import Predictor
 from ..model.about import About
 from ..model.model import Model
 from ..model.rows import Rows
 from ..samples.samples import Samples
 from ..samples.screening import screen
 from .evaluate import Residuals, fresh_residuals, summarise
-from .held_out import held_out_residuals
+from .held_out import held_out_residuals, tested_rows
 from .imagined import with_imagined
 from .learn import UNFOLD, Options, Progress, Stopwatch, both_maps, link
 from .log_bounds import node_bounds
@@ -136,7 +138,9 @@ def train(
         if screening.left_out:
             kept = screening.kept
             samples = replace(samples, q=samples.q[kept], x=samples.x[kept])
-    motor, sensory, notes = lattice_sizes(samples, size, motor_size, sensory_size)
+    motor, sensory, notes = lattice_sizes(
+        samples, size, motor_size, sensory_size, imagined=body != "none"
+    )
     taught = samples.simulation is None and body != "none"
     options = Options(
         motor, sensory, map, rule, epochs, sigma, int(seed), taught, links, body, view
@@ -193,13 +197,17 @@ class _Trainer:
         self.progress(0.7, "links and local models", float("nan"))
         with self.watch("links and local models"):
             selected, association = side_by_side(
-                lambda: select(motor, u[part.rows], part.candidates),
+                lambda: select(motor, u[part.rows], part.candidates) if part.candidates else None,
                 lambda: link(motor, sensory, seen_u, seen_x, options),
             )
+        if selected is None:
+            predictor = Predictor(motor, association.linear, NO_MODELS)
+        else:
+            predictor = selected.predictor
         visited = np.bincount(motor.nearest(u)[1][:, 0], minlength=motor.size) > 0
-        body = part.fit.body if part.fit is not None and uses_body(selected.predictor) else None
+        body = part.fit.body if part.fit is not None and uses_body(predictor) else None
         empty = np.zeros(motor.size)
-        model = Model(self._about(), association, selected.predictor, empty, empty, visited, body)
+        model = Model(self._about(), association, predictor, empty, empty, visited, body)
         self.progress(0.8, "evaluation", float("nan"))
         with self.watch("evaluation"):
             simulation = samples.simulation
@@ -210,7 +218,11 @@ class _Trainer:
                 )
             else:
                 tested = held_out_residuals(model, samples, part, selected, options)
-                model, baseline = self._log_bounds(model, part, selected)
+                if selected is not None:
+                    held = selected.rows, selected.errors
+                else:
+                    held = tested_rows(part), tested.errors[model.default_readout]
+                model, baseline = self._log_bounds(model, part, *held)
         self.watch.seconds["total"] = time.perf_counter() - started
         about = replace(
             model.about,
@@ -228,33 +240,27 @@ class _Trainer:
         scale = model.motor.scale
         rng = np.random.default_rng(self.options.stream("bounds"))
         q = simulation.draw(_BOUND_SAMPLES, rng)
-        held = Residuals.of(model, q, simulation.exact(q), readouts=("local",))
-        u, miss = scale.to_unit(held.q), held.errors["local"]
+        held = Residuals.of(model, q, simulation.exact(q), readouts=(model.default_readout,))
+        u, miss = scale.to_unit(held.q), held.errors[model.default_readout]
         near = np.count_nonzero(near_border(model.motor, u))
         known, q = u, on_limits(self.samples, q[: near // 20], rng)
         if len(q):
-            limits = Residuals.of(model, q, simulation.exact(q), readouts=("local",))
+            limits = Residuals.of(model, q, simulation.exact(q), readouts=(model.default_readout,))
             known = np.concatenate([u, scale.to_unit(limits.q)])
-            miss = np.concatenate([miss, limits.errors["local"]])
+            miss = np.concatenate([miss, limits.errors[model.default_readout]])
         if not len(known):
             raise OptionError("no test sample is near the motor map's nodes", hint=UNFOLD)
         bounds = learn_bounds(model.motor, known, miss)
         return replace(model, bounds=bounds, model_bounds=bounds), self._baseline(model, u, held.x)
 
     def _log_bounds(
-        self, model: Model, part: SmoothPart, selected: Selected
+        self, model: Model, part: SmoothPart, rows: NDArray[np.intp], errors: Array
     ) -> tuple[Model, Baseline]:
         """Bounds of a log's model: the body's, or held-out errors that grow away from rows."""
         u = model.motor.scale.to_unit(self.samples.q[part.rows])
-        bounds, model_bounds = node_bounds(
-            model,
-            u,
-            selected.rows,
-            selected.errors,
-            has_models=selected.predictor.models.degree >= 0,
-        )
-        held = u[selected.rows]
-        baseline = self._baseline(model, held, self.samples.x[part.rows][selected.rows])
+        has_models = model.predictor.models.degree >= 0
+        bounds, model_bounds = node_bounds(model, u, rows, errors, has_models=has_models)
+        baseline = self._baseline(model, u[rows], self.samples.x[part.rows][rows])
         return replace(model, bounds=bounds, model_bounds=model_bounds), baseline
 
     def _baseline(self, model: Model, u: Array, x: Array) -> Baseline:

@@ -27,6 +27,10 @@ def info(
         show_json({**summary(loaded, model, loaded.about.errors, {}), **_provenance(loaded)})
         return
     show_facts(_facts(loaded, model, degrees))
+    if loaded.body is not None:
+        print("\nbody")
+        for line in loaded.body.describe():
+            print(f"  {line}")
     if loaded.about.errors:
         print()
         show(compact_table(loaded, loaded.about.errors, "errors when it was made"))
@@ -46,6 +50,8 @@ def _provenance(model: Model) -> dict[str, Any]:
         "source": about.source,
         "simulation": about.simulation,
         "taught": about.taught,
+        "body": None if model.body is None else model.body.to_json(),
+        "rows": 0 if model.rows is None else len(model.rows),
         "options": about.options,
         "notes": [as_typed(text) for text in about.notes],
         "history": model.history,
@@ -74,6 +80,7 @@ def _facts(model: Model, path: str, degrees: bool) -> dict[str, str]:
     facts["learned from"] = _source(about)
     facts["maps"] = f"{about.options['map']}, {about.options['rule']} rule, {size_in_words(model)}"
     facts["expected error"] = f"95 % bound on the distance to the {about.bound_of}"
+    facts["model error"] = "95 % bound on the distance to the true position in the sensor's frame"
     for k, text in enumerate(about.notes, start=1):
         facts[f"note {k}"] = text
     if model.history:
@@ -82,8 +89,7 @@ def _facts(model: Model, path: str, degrees: bool) -> dict[str, str]:
 
 
 def _source(about: About) -> str:
-    taught = ", through a Gaussian process of them" if about.taught else ""
-    rows = f"{about.samples} {'simulated samples' if about.simulation else 'rows of a log'}{taught}"
+    rows = f"{about.samples} {'simulated samples' if about.simulation else 'rows of a log'}"
     words = [rows, f"seed {about.seed}"]
     if about.simulation:
         noise = about.simulation["noise"]

@@ -10,7 +10,7 @@ import typer
 from .. import options as o
 from ..output import note, show_json
 from ..parsing import BadOption, Numbers, bad_option, finite, numbers
-from ..units import JointFormat, for_people, one_each
+from ..units import JointFormat, for_people, one_each, units_of
 
 if TYPE_CHECKING:
     from calib import Path
@@ -83,6 +83,7 @@ def path(
     columns |= {"x": found.target[:, 0], "y": found.target[:, 1]}
     columns |= {name: found.q[:, k] * joints.typed[k] for k, name in enumerate(joints.names)}
     columns |= {"distance": found.distance, "expected_error": found.expected_error}
+    columns["model_error"] = found.model_error
     columns["reachable"] = found.reachable.astype(np.int64)
     columns["jump"] = np.isin(np.arange(len(found.q)), found.jumps).astype(np.int64)
     if output is not None or not as_json:
@@ -96,9 +97,10 @@ def path(
             "out_of_reach": (np.flatnonzero(~found.reachable) + 1).tolist(),
             "unit": loaded.about.unit,
             "bound_of": loaded.about.bound_of,
+            "units": units_of(loaded.about),
         }
         if output is None:
-            document["path"] = columns
+            document["path"] = joints.in_si(columns)
         show_json(document)
     if invalid:
         note(f"{numbered(invalid)} of {len(typed)}: not all numbers, left out of the path")

@@ -10,7 +10,7 @@ import typer
 from .. import options as o
 from ..output import Table, fixed, note, show, show_json
 from ..parsing import BadOption, bad_option, finite
-from ..units import JointFormat, for_people, one_each
+from ..units import JointFormat, for_people, one_each, units_of
 
 if TYPE_CHECKING:
     import numpy as np
@@ -55,20 +55,22 @@ def forward(
         raise typer.Exit(forward_batch(loaded, joints, streams, readout))
     _check_count(typed, loaded.about.joint_names, "joint value")
     q = [value / factor for value, factor in zip(typed, joints.typed, strict=True)]
-    position, bound = loaded.forward(q, readout), float(loaded.expected_error(q))
+    position = loaded.forward(q, readout)
+    bounds = float(loaded.expected_error(q)), float(loaded.model_error(q))
     outside = loaded.outside(q)
     if as_json:
         document = {
             "joints": dict(zip(joints.names, q, strict=True)),
             "position": position,
-            "expected_error": bound,
+            "expected_error": bounds[0],
+            "model_error": bounds[1],
         }
         show_json({**document, **_kind_of_answer(loaded)})
     if outside is not None:
         note(f"no answer: {_why_outside(joints, loaded, q) or outside}")
         raise typer.Exit(NO)
     if not as_json:
-        _show(loaded, joints, [(q, position, None, bound)], "")
+        _show(loaded, joints, [(q, position, None, *bounds)], "")
 
 
 @query_app.command(context_settings=_NEGATIVE)
@@ -111,8 +113,9 @@ def inverse(
                 "position": position,
                 "distance": distance,
                 "expected_error": bound,
+                "model_error": error,
             }
-            for q, position, distance, bound in _solutions(answer)
+            for q, position, distance, bound, error in _solutions(answer)
         ]
         document = {"target": typed, "reachable": reachable, "solutions": solutions}
         show_json({**document, **_kind_of_answer(loaded)})
@@ -185,33 +188,32 @@ def _branches(model: Model, target: Sequence[float], anchor: Sequence[float] | N
     scale = model.motor.scale
     gaps = scale.difference(scale.to_unit(answer.q), scale.to_unit(np.array([anchor])))
     order = np.argsort(np.linalg.norm(gaps, axis=1), kind="stable")
-    return answer._replace(
-        q=answer.q[order],
-        position=answer.position[order],
-        distance=answer.distance[order],
-        expected_error=answer.expected_error[order],
-        reachable=answer.reachable[order],
-    )
+    return answer.take(order)
 
 
-def _solutions(answer: Answer) -> list[tuple[Any, Any, float, float]]:
-    columns = answer.q, answer.position, answer.distance.tolist(), answer.expected_error.tolist()
-    return list(zip(*columns, strict=True))
+def _solutions(answer: Answer) -> list[tuple[Any, Any, float, float, float]]:
+    numbers = answer.distance, answer.expected_error, answer.model_error
+    return list(zip(answer.q, answer.position, *(n.tolist() for n in numbers), strict=True))
 
 
-def _kind_of_answer(model: Model) -> dict[str, str]:
-    return {"unit": model.about.unit, "bound_of": model.about.bound_of}
+def _kind_of_answer(model: Model) -> dict[str, Any]:
+    about = model.about
+    return {"unit": about.unit, "bound_of": about.bound_of, "units": units_of(about)}
 
 
 def _why_outside(joints: JointFormat, model: Model, q: Sequence[float]) -> str | None:
     """Name the joint that is furthest beyond its learned range, in the units typed."""
+    from calib.model.trust import ROUNDED
+
     about = model.about
     excess = [
-        max(low - value, value - high) / (high - low)
-        for value, low, high in zip(q, about.lower, about.upper, strict=True)
+        0.0 if turns_round else max(low - value, value - high) / (high - low)
+        for value, low, high, turns_round in zip(
+            q, about.lower, about.upper, model.motor.scale.periodic, strict=True
+        )
     ]
     k = max(range(len(q)), key=lambda i: excess[i])
-    if excess[k] <= model.motor.spacing:
+    if excess[k] <= ROUNDED:
         return None
     return f"{joints.value(k, q[k])} is outside of the learned range {joints.learned_range(k)}"
 
@@ -219,18 +221,21 @@ def _why_outside(joints: JointFormat, model: Model, q: Sequence[float]) -> str |
 def _show(
     model: Model,
     joints: JointFormat,
-    answers: Sequence[tuple[Any, Any, float | None, float]],
+    answers: Sequence[tuple[Any, Any, float | None, float, float]],
     title: str,
 ) -> None:
     """Print answers, one line each: joints, position, distance and expected error."""
     factor, unit = for_people(model.about.unit)
     with_distance = answers[0][2] is not None
+    both = model.about.source == "log"  # of a simulation they are the same
     header = [*joints.header, f"x [{unit}]", f"y [{unit}]"]
     header += [f"distance [{unit}]"] if with_distance else []
     rows = []
-    for q, position, distance, bound in answers:
+    for q, position, distance, bound, error in answers:
         row = [joints.cell(k, value) for k, value in enumerate(q)]
         row += [fixed(value * factor, 4) for value in position]
         row += [fixed(distance * factor, 4)] if distance is not None else []
-        rows.append([*row, fixed(bound * factor, 4)])
-    show(Table([*header, f"expected error [{unit}]"], rows, title, left=0))
+        bounds = (bound, error) if both else (bound,)
+        rows.append([*row, *(fixed(value * factor, 4) for value in bounds)])
+    header += [f"expected error [{unit}]", *([f"model error [{unit}]"] if both else [])]
+    show(Table(header, rows, title, left=0))

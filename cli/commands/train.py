@@ -44,6 +44,8 @@ def train(
     size: o.SizeOption = None,
     motor_size: o.MotorSizeOption = None,
     sensory_size: o.SensorySizeOption = None,
+    body: o.BodyOption = "auto",
+    view: o.SensorViewOption = "auto",
     rule: o.RuleOption = "batch",
     epochs: o.EpochsOption = None,
     sigma: o.SigmaOption = None,
@@ -100,6 +102,8 @@ def train(
             rule=rule,
             epochs=epochs,
             sigma=sigma,
+            body=body,
+            view=view,
             seed=seed,
             progress=progress,
         )

@@ -1,0 +1,138 @@
+"""The bound: closed forms, leave-block-out against refits, coverage of a known case."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from scipy.stats import chi2
+
+from calib.body import Body, Nominal, PlanarStructure, Prior
+from calib.body.bound import autocorrelation_time, radius_95, root_of, spread_of
+from calib.body.fit import maximise
+from calib.body.held_out import leave_blocks_out
+from calib.body.packing import pack, packed_of, unpack
+
+
+@pytest.mark.parametrize("p", [1, 2, 3])
+def test_radius_of_a_round_gaussian_is_the_chi_quantile(p):
+    r = radius_95(np.eye(p)[None] * 4.0)[0]
+    assert r == pytest.approx(2 * np.sqrt(chi2.ppf(0.95, p)), rel=0.015)
+
+
+@pytest.mark.parametrize("ratio", [1.0, 0.5, 0.1, 0.0])
+def test_radius_holds_95_percent_of_a_flat_gaussian(ratio):
+    covariance = np.diag([1.0, ratio**2])
+    x = np.random.default_rng(0).normal(size=(200_000, 2)) * [1.0, ratio]
+    inside = np.mean(np.linalg.norm(x, axis=1) <= radius_95(covariance[None])[0])
+    assert inside == pytest.approx(0.95, abs=0.006)
+
+
+def test_root_and_packed_root_give_the_covariance_back():
+    a = np.random.default_rng(1).normal(size=(30, 12)) * np.logspace(-6, 3, 12)
+    covariance = a.T @ a
+    root = root_of(covariance)
+    scale = np.sqrt(np.outer(np.diag(covariance), np.diag(covariance)))
+    assert np.allclose(root @ root.T / scale, covariance / scale, atol=1e-12)
+    packed = pack(covariance)
+    again = unpack(packed, 12)
+    assert np.allclose(again / scale, covariance / scale, atol=1e-6)
+    assert packed_of(again, packed) is packed
+    assert np.linalg.eigvalsh(again / scale).min() > 0
+
+
+def test_autocorrelation_time_of_white_and_of_moving_averages():
+    white = np.random.default_rng(2).normal(size=(4000, 2))
+    assert autocorrelation_time(white) == pytest.approx(1.0, abs=0.15)
+    smooth = np.stack([np.convolve(c, np.ones(10) / 10, "valid") for c in white.T], axis=1)
+    assert autocorrelation_time(smooth) == pytest.approx(10, rel=0.3)
+
+
+def known(n: int, seed: int):
+    """Rows of a two-link arm whose prior and noise are exactly those of the fit."""
+    generator = np.random.default_rng(seed)
+    s = PlanarStructure(
+        ("a", "b"), (True, True), "rigid", "m", 1.0, False, (1, 1), 1, 0.4, (0.0, 0.0),
+        Nominal((0.3, 0.25), (0.0, 0.0)), False,
+    )  # fmt: skip
+    prior = s.prior(("view.rotation", "view.shift", "length", "offset", "gain"))
+    sd = np.where(prior.sd > 0, np.minimum(prior.sd, 5e-3), 0.0)
+    prior = Prior(prior.mean, sd)
+    truth = prior.mean + sd * generator.normal(size=s.size)
+    q = generator.uniform(-1.5, 1.5, (n, 2))
+    z = s.predict(q, truth) + generator.normal(0, 1e-3, (n, 2))
+    return s, prior, truth, q, z
+
+
+def fitted(s, prior, q, z):
+    return maximise(
+        s, q, z, prior.mean, prior, nu=np.inf, floor=np.full(2, 1e-9),
+        noise=np.full(2, 1e-3), learn=False, tolerance=1e-8,
+    )  # fmt: skip
+
+
+def test_posterior_covers_an_exactly_known_case():
+    inside = []
+    for seed in range(60):
+        s, prior, truth, q, z = known(12, seed)
+        f = fitted(s, prior, q, z)
+        ask = np.random.default_rng(seed + 1000).uniform(-1.5, 1.5, (40, 2))
+        radius = radius_95(spread_of(s.linearise(ask, f.beta, f.active)[1], root_of(f.covariance)))
+        error = np.linalg.norm(s.predict(ask, f.beta) - s.predict(ask, truth), axis=1)
+        inside.append(np.mean(error <= radius))
+    assert np.mean(inside) == pytest.approx(0.95, abs=0.03)
+
+
+def test_leave_block_out_equals_the_refit():
+    s, prior, _, q, z = known(40, 3)
+    f = fitted(s, prior, q, z)
+    held = leave_blocks_out(f)
+    for a, b in zip(held.edges[:-1], held.edges[1:], strict=True):
+        others = np.r_[0:a, b:40]
+        again = fitted(s, prior, q[others], z[others])
+        refit = z[a:b] - s.predict(q[a:b], again.beta)
+        assert np.allclose(held.residual[a:b], refit, atol=5e-6)
+        assert not np.allclose(f.residual[a:b], refit, atol=3e-5)
+
+
+def body_of(kappa=1.0, residual=0.0):
+    s, prior, _, q, z = known(30, 4)
+    f = fitted(s, prior, q, z)
+    return q, Body(
+        s, f.beta, f.active, f.covariance, f.noise, kappa, f.noise, np.full(2, residual), f.nu, 1.0
+    )
+
+
+def test_the_bound_grows_with_noise_kappa_and_residual():
+    q, body = body_of()
+    plain = body.bound(q, noise=False)
+    assert (body.bound(q) > plain).all()
+    assert np.allclose(body_of(kappa=2.0)[1].bound(q), 2 * body.bound(q))
+    assert (body_of(residual=1e-3)[1].bound(q, noise=False) > plain).all()
+
+
+def test_the_bound_of_a_batch_is_that_of_its_rows():
+    q, body = body_of()
+    single = np.concatenate([body.bound(row[None]) for row in q])
+    assert np.allclose(body.bound(q), single, rtol=1e-12)
+    assert body.bound(q[:0]).shape == (0,)
+
+
+def test_slopes_and_predictions_agree():
+    q, body = body_of()
+    z, slope = body.predict_and_slope(q)
+    assert np.array_equal(z, body.predict(q))
+    step = np.array([1e-6, 0.0])
+    assert np.allclose(
+        slope[:, :, 0], (body.predict(q + step) - body.predict(q - step)) / 2e-6, atol=1e-8
+    )
+
+
+def test_parameters_hold_their_intervals():
+    _, body = body_of()
+    parameters = {p.name: p for p in body.parameters()}
+    length = parameters["a.length"]
+    assert length.low < length.value < length.high
+    assert (length.unit, length.joint, length.group) == ("m", "a", "length")
+    k = int(body.structure.groups["length"][0])
+    at = list(body.active).index(k)
+    assert length.high - length.low == pytest.approx(2 * 1.96 * np.sqrt(body.covariance[at, at]))

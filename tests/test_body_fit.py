@@ -1,0 +1,239 @@
+"""The fit of a body: exact recovery, signs, mirrors, gate, determinism, odd input."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from calib.body import Nominal, fit_body, warnings_of
+from calib.errors import LogError, OptionError
+
+LENGTHS = np.array([0.3, 0.25, 0.15])
+
+
+def chain(q, lengths, offsets=0.0, signs=1.0):
+    phi = np.cumsum(q * signs + offsets, axis=1)
+    return (lengths * np.exp(1j * phi)).sum(axis=1)
+
+
+def seen(p, rotation=0.4, shift=0.1 - 0.2j, mirror=False):
+    w = np.exp(1j * rotation) * (p.conj() if mirror else p) + shift
+    return np.stack([w.real, w.imag], axis=1)
+
+
+def rows(n, dof, seed=0, reach=1.5):
+    return np.random.default_rng(seed).uniform(-reach, reach, (n, dof))
+
+
+def fit(q, z, **options):
+    n = q.shape[1]
+    return fit_body(q, z, joint_names=[f"j{i}" for i in range(n)], revolute=[True] * n, **options)
+
+
+@pytest.mark.parametrize("dof", [1, 2, 3])
+@pytest.mark.parametrize("mirror", [False, True])
+def test_a_simulated_arm_is_found_to_rounding(dof, mirror):
+    signs = np.array([1.0, -1.0, 1.0])[:dof]
+    lengths, offsets = LENGTHS[:dof], np.array([0.0, 0.5, -1.2])[:dof]
+    q = rows(200, dof)
+    body = fit(q, seen(chain(q, lengths, offsets, signs), mirror=mirror), simulated=True).body
+    ask = rows(100, dof, seed=1, reach=3.0)
+    truth = seen(chain(ask, lengths, offsets, signs), mirror=mirror)
+    assert np.abs(body.predict(ask) - truth).max() < 1e-12
+    assert np.allclose(body.beta[body.structure.groups["length"]], lengths, atol=1e-11)
+    assert (body.bound(ask, noise=False) < 1e-6).all()
+
+
+def test_a_slide_is_found_to_rounding():
+    q = np.c_[rows(200, 1), rows(200, 1, seed=2, reach=0.2), rows(200, 1, seed=3)]
+
+    def arm(q):
+        p = np.exp(1j * q[:, 0]) * (0.2 + q[:, 1] * np.exp(0.3j))
+        return seen(p + 0.15 * np.exp(1j * (q[:, 0] + q[:, 2])))
+
+    fitted = fit_body(q, arm(q), joint_names="abc", revolute=(True, False, True), simulated=True)
+    ask = rows(50, 3, seed=4)
+    assert np.abs(fitted.body.predict(ask) - arm(ask)).max() < 1e-12
+
+
+def homography(p, tilt=0.25):
+    w = 1 + tilt * p.imag
+    return np.stack([640 + 1500 * p.real / w, 360 - 1500 * p.imag / w], axis=1)
+
+
+def test_a_tilted_camera_and_a_reversed_servo_are_found_in_pixels():
+    signs, offsets = np.array([1.0, -1.0]), np.array([0.0, np.radians(7)])
+    q = np.radians(np.round(np.degrees(rows(60, 2))))
+    z = homography(chain(q, LENGTHS[:2], offsets, signs))
+    z += np.random.default_rng(5).normal(0, 0.5, z.shape)
+    body = fit(q, z, unit="px").body
+    ask = rows(200, 2, seed=6)
+    error = np.linalg.norm(
+        body.predict(ask) - homography(chain(ask, LENGTHS[:2], offsets, signs)), axis=1
+    )
+    assert error.mean() < 0.5
+    assert body.structure.signs[0] * body.structure.signs[1] == -1
+    elbow = body.beta[body.structure.groups["offset"][1]] * body.structure.signs[0]
+    assert abs(np.degrees(elbow)) == pytest.approx(7, abs=0.7)
+    assert any("turns against" in line for line in body.describe())
+
+
+def test_the_prior_holds_what_few_rows_cannot_tell():
+    nominal = Nominal((0.3, 0.25), (0.0, 0.0))
+    q = rows(4, 2, seed=7)
+    z = seen(chain(q, LENGTHS[:2])) + np.random.default_rng(8).normal(0, 1e-4, (4, 2))
+    body = fit(q, z, nominal=nominal).body
+    ask = rows(100, 2, seed=9)
+    error = np.linalg.norm(body.predict(ask) - seen(chain(ask, LENGTHS[:2])), axis=1)
+    assert error.max() < 5e-3
+    assert np.mean(error <= body.bound(ask, noise=False)) >= 0.95
+
+
+def curved(q):
+    bent = q + np.stack([2e-3 * np.sin(13 * q[:, 0]), 2e-3 * np.sin(17 * q[:, 1] + 1)], axis=1)
+    return seen(chain(bent, LENGTHS[:2]))
+
+
+def test_curves_pass_the_gate_where_there_are_curves_and_only_there():
+    q = rows(300, 2, seed=10)
+    noise = np.random.default_rng(11).normal(0, 1e-4, (300, 2))
+    with_curves = fit(q, curved(q) + noise)
+    without = fit(q, seen(chain(q, LENGTHS[:2])) + noise)
+    assert "curves" in with_curves.body.member
+    assert "curves" not in without.body.member
+    ask = rows(300, 2, seed=12, reach=1.4)
+    error = np.linalg.norm(with_curves.body.predict(ask) - curved(ask), axis=1)
+    assert error.mean() < 2e-4
+    assert np.mean(error <= with_curves.body.bound(ask, noise=False)) > 0.9
+    found = [line for line in with_curves.body.describe() if line.startswith("joint curve of j0")]
+    assert found
+    assert float(found[0].split()[4]) == pytest.approx(2 / np.sqrt(2), rel=0.5)
+
+
+def test_the_bound_grows_where_nothing_was_measured():
+    q = rows(400, 2, seed=13)
+    q = q[(q[:, 1] < -0.3) | (q[:, 1] > 0.3)]
+    body = fit(q, curved(q) + np.random.default_rng(14).normal(0, 1e-4, q.shape)).body
+    first = rows(200, 1, seed=15, reach=1.3)[:, 0]
+    inside = body.bound(np.c_[first, np.full(200, 1.0)], noise=False)
+    gap = body.bound(np.c_[first, np.zeros(200)], noise=False)
+    assert np.median(gap) > 2 * np.median(inside)
+    error = np.linalg.norm(
+        body.predict(np.c_[first, np.zeros(200)]) - curved(np.c_[first, np.zeros(200)]), axis=1
+    )
+    assert np.mean(error <= gap) >= 0.95
+
+
+def test_an_outlier_weighs_little():
+    q = rows(120, 2, seed=16)
+    z = seen(chain(q, LENGTHS[:2])) + np.random.default_rng(17).normal(0, 1e-4, (120, 2))
+    z[::12] += 0.1
+    fitted = fit(q, z)
+    bad = np.arange(0, 120, 12)
+    assert fitted.row_weight[bad].max() < 0.05
+    assert np.delete(fitted.row_weight, bad).min() > 0.2
+    ask = rows(50, 2, seed=18)
+    assert np.abs(fitted.body.predict(ask) - seen(chain(ask, LENGTHS[:2]))).max() < 3e-4
+
+
+def test_the_same_rows_give_the_same_body():
+    q = rows(80, 2, seed=19)
+    z = curved(q)
+    one, other = fit(q, z).body, fit(q, z).body
+    assert np.array_equal(one.beta, other.beta)
+    assert np.array_equal(one.covariance, other.covariance)
+    assert one.header() == other.header()
+
+
+@pytest.mark.parametrize("unit", ["m", "mm"])
+def test_units_of_length_scale_the_nominal_geometry(unit):
+    factor = {"m": 1.0, "mm": 1e3}[unit]
+    q = rows(60, 2, seed=20)
+    z = seen(chain(q, LENGTHS[:2])) + np.random.default_rng(21).normal(0, 1e-4, (60, 2))
+    body = fit(q, factor * z, unit=unit, nominal=Nominal((0.3, 0.25), (0.0, 0.0))).body
+    lengths = body.beta[body.structure.groups["length"]]
+    assert np.allclose(lengths / factor, LENGTHS[:2], atol=5e-4)
+    assert body.noise[0] / factor < 3e-4
+
+
+@pytest.mark.parametrize("lengths", [(0.6, 0.05), (300.0, 250.0), (3e-4, 2.5e-4)])
+def test_a_wrong_geometry_does_no_harm(lengths):
+    q = rows(100, 2, seed=22)
+    z = seen(chain(q, LENGTHS[:2])) + np.random.default_rng(23).normal(0, 1e-4, (100, 2))
+    fitted = fit(q, z, nominal=Nominal(lengths, (0.0, 0.0)))
+    assert np.linalg.norm(fitted.held_out, axis=1).mean() < 3e-4
+    found = fitted.body.beta[fitted.body.structure.groups["length"]]
+    assert np.allclose(found, LENGTHS[:2], atol=1e-3)
+
+
+def odd_inputs():
+    q = rows(40, 2, seed=24)
+    z = seen(chain(q, LENGTHS[:2]))
+    still = q.copy()
+    still[:, 1] = 0.3
+    return {
+        "one row": (q[:1], z[:1]),
+        "two rows": (q[:2], z[:2]),
+        "a still joint": (still, seen(chain(still, LENGTHS[:2]))),
+        "twins": (q[:, [0, 0]], seen(chain(q[:, [0, 0]], LENGTHS[:2]))),
+        "nothing moves": (q * 0, z * 0),
+        "a constant position": (q, z * 0 + 0.5),
+        "no arm": (q, np.c_[np.exp(q[:, 0]), q[:, 0] ** 2 * q[:, 1]]),
+        "shuffled": (q, z[::-1]),
+        "far away": (q, z + 1e6),
+    }
+
+
+@pytest.mark.parametrize("name", odd_inputs())
+@pytest.mark.parametrize("simulated", [False, True])
+def test_odd_input_gives_a_finite_body_whose_bound_covers_its_rows(name, simulated):
+    q, z = odd_inputs()[name]
+    fitted = fit(q, z, simulated=simulated)
+    error = np.linalg.norm(fitted.body.predict(q) - z, axis=1)
+    bound = fitted.body.bound(q)
+    assert np.isfinite(bound).all()
+    assert np.isfinite(fitted.held_out).all()
+    assert np.mean(error <= bound + 1e-9) >= 0.9
+
+
+@pytest.mark.parametrize(
+    ("change", "error", "match"),
+    [
+        ({"q": np.full((5, 2), np.nan)}, LogError, "not finite"),
+        ({"z": np.zeros((4, 2))}, LogError, "shapes"),
+        ({"z": np.zeros((5, 3))}, LogError, "shapes"),
+        ({"joint_names": ["a"]}, LogError, "names"),
+        ({"view": "fisheye"}, OptionError, "fisheye"),
+        ({"view": "base"}, OptionError, "nominal"),
+        ({"nominal": Nominal((1.0,), (0.0,))}, OptionError, "joints"),
+    ],
+)
+def test_impossible_input_is_refused_in_one_line(change, error, match):
+    given = {
+        "q": np.zeros((5, 2)),
+        "z": np.zeros((5, 2)),
+        "joint_names": ["a", "b"],
+        "revolute": [True, True],
+    } | change
+    with pytest.raises(error, match=match):
+        fit_body(given.pop("q"), given.pop("z"), **given)
+
+
+@pytest.mark.parametrize(
+    ("columns", "match"),
+    [
+        (lambda q: np.c_[q[:, 0], np.full(len(q), 0.2)], "never moves"),
+        (lambda q: np.c_[q[:, 0], q[:, 0]], "same values"),
+        (lambda q: np.c_[q[:, 0], 0.01 * q[:, 1]], "deg only"),
+        (lambda q: np.c_[q[:, 0], 1 - 0.5 * q[:, 0]], "move together"),
+        (lambda q: np.c_[np.cos(10 * q[:, 0]), np.sin(10 * q[:, 0])], "path"),
+    ],
+)
+def test_what_rows_cannot_tell_is_said(columns, match):
+    q = columns(rows(300, 2, seed=25, reach=0.3))
+    notes = warnings_of(q, ("a", "b"), (True, True))
+    assert any(match in note for note in notes)
+
+
+def test_rows_over_an_area_need_no_warning():
+    assert warnings_of(rows(300, 2, seed=26), ("a", "b"), (True, True)) == ()

@@ -1,0 +1,208 @@
+"""The planar structure: closed forms, derivatives by finite differences, invariants."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from calib.body import Nominal, PlanarStructure, nominal_of
+from calib.body.curves import curve_rms, curve_shape, curve_slope, curve_value, powers
+from calib.errors import OptionError
+
+
+def structure(
+    revolute=(True, True), view="rigid", signs=None, mirror=1, nominal=None, lens=False
+) -> PlanarStructure:
+    n = len(revolute)
+    return PlanarStructure(
+        tuple(f"j{i}" for i in range(n)),
+        tuple(revolute),
+        view,
+        "m",
+        1.0,
+        lens,
+        tuple(signs or (1,) * n),
+        mirror,
+        0.4,
+        (0.1, -0.2),
+        nominal,
+        False,
+    )
+
+
+def some_beta(s: PlanarStructure, seed: int = 0) -> np.ndarray:
+    generator = np.random.default_rng(seed)
+    beta = s.prior(s.members()[-1][1]).mean + generator.normal(0, 0.02, s.size)
+    beta[s.groups["length"]] = 0.3
+    beta[4:6] = 0.5, -0.3
+    return beta
+
+
+def test_two_link_closed_form():
+    s = structure()
+    beta = s.prior(("length",)).mean.copy()
+    beta[s.groups["length"]] = 0.5, 0.25
+    q = np.array([[0.3, -0.7], [0.0, np.pi / 2]])
+    expected = [
+        [0.5 * np.cos(a) + 0.25 * np.cos(a + b), 0.5 * np.sin(a) + 0.25 * np.sin(a + b)]
+        for a, b in q
+    ]
+    assert np.allclose(s.predict(q, beta), expected, atol=1e-15)
+
+
+def test_slide_closed_form():
+    s = structure(revolute=(True, False, True))
+    beta = s.prior(("length",)).mean.copy()
+    beta[s.groups["length"]] = 0.2, 0.05, 0.1
+    beta[s.groups["offset"]] = 0.0, 0.4, -0.3
+    q = np.array([[0.6, 0.17, 1.1]])
+    p = (
+        0.2 * np.exp(0.6j)
+        + (0.05 + 0.17) * np.exp(1j * (0.6 + 0.4))
+        + 0.1 * np.exp(1j * (0.6 + 1.1 - 0.3))
+    )
+    assert np.allclose(s.predict(q, beta), [[p.real, p.imag]], atol=1e-15)
+
+
+CASES = [
+    ((True, True), "rigid", (1, 1), 1),
+    ((True, True, True), "homography", (1, -1, 1), -1),
+    ((True, False, True), "affine", (1, 1, -1), 1),
+    ((False, True), "homography", (1, 1), -1),
+]
+
+
+@pytest.mark.parametrize(("revolute", "view", "signs", "mirror"), CASES)
+def test_derivatives_by_finite_differences(revolute, view, signs, mirror):
+    s = structure(revolute, view, signs, mirror)
+    beta = some_beta(s)
+    q = np.random.default_rng(1).uniform(-1, 1, (4, len(revolute)))
+    z, by_beta = s.linearise(q, beta)
+    assert np.allclose(z, s.predict(q, beta), atol=1e-14)
+    h = 1e-6
+    for k in range(s.size):
+        step = np.zeros(s.size)
+        step[k] = h
+        slope = (s.predict(q, beta + step) - s.predict(q, beta - step)) / (2 * h)
+        assert np.allclose(by_beta[:, :, k], slope, atol=1e-7), s.label(k)
+    by_joint = s.slope(q, beta)
+    for k in range(s.dof):
+        step = np.zeros(s.dof)
+        step[k] = h
+        slope = (s.predict(q + step, beta) - s.predict(q - step, beta)) / (2 * h)
+        assert np.allclose(by_joint[:, :, k], slope, atol=1e-7)
+
+
+def test_active_columns_are_those_of_the_whole():
+    s = structure((True, True), "homography")
+    beta = some_beta(s)
+    q = np.random.default_rng(2).uniform(-1, 1, (5, 2))
+    whole = s.linearise(q, beta)[1]
+    active = np.random.default_rng(3).permutation(s.size)[:40]
+    assert np.array_equal(s.linearise(q, beta, active)[1], whole[:, :, active])
+
+
+def test_turning_every_joint_the_other_way_is_a_mirror():
+    one, other = structure(), structure(signs=(-1, -1), mirror=-1)
+    beta = some_beta(one)
+    flipped = beta.copy()
+    for group in ("offset", "elastic", "curve.0", "curve.1"):
+        flipped[one.groups[group]] *= -1
+    # sin of the nominal angles changes sign with them
+    flipped[one.groups["elastic"][1::2]] *= -1
+    for each in (beta, flipped):
+        each[2:4] = each[6:11] = 0.0  # a rigid view
+    q = np.random.default_rng(4).uniform(-1, 1, (6, 2))
+    assert np.allclose(one.predict(q, beta), other.predict(q, flipped), atol=1e-14)
+
+
+def test_a_rotated_sensor_is_an_offset_of_the_first_joint():
+    s = structure()
+    beta = some_beta(s)
+    beta[s.groups["elastic"]] = 0.0
+    moved, turned = beta.copy(), beta.copy()
+    moved[s.groups["offset"][0]] += 0.3
+    turned[0] += 0.3
+    for each in (moved, turned):
+        each[2:4] = each[6:11] = 0.0  # a rigid view
+    q = np.random.default_rng(5).uniform(-1, 1, (6, 2))
+    assert np.allclose(s.predict(q, moved), s.predict(q, turned), atol=1e-14)
+
+
+def test_labels_are_unique_and_name_their_group():
+    s = structure((True, False, True), "homography")
+    labels = [s.label(k) for k in range(s.size)]
+    assert len({what.name for what in labels}) == s.size
+    for group, indices in s.groups.items():
+        assert {labels[k].group for k in indices} == {group}
+    with pytest.raises(IndexError):
+        s.label(s.size)
+
+
+@settings(max_examples=30, deadline=None)
+@given(st.floats(-20, 20), st.integers(0, 1000))
+def test_curves_repeat_every_turn_and_agree_with_their_series(x, seed):
+    c = np.random.default_rng(seed).normal(0, 1e-3, 96)
+    orders = np.arange(1, 49)
+    direct = c[:48] @ np.cos(orders * x) + c[48:] @ np.sin(orders * x)
+    assert curve_value(np.array([x]), c)[0] == pytest.approx(direct, abs=1e-14)
+    assert curve_value(np.array([x + 2 * np.pi]), c)[0] == pytest.approx(direct, abs=1e-13)
+    assert np.allclose(powers(np.array([x]))[0], np.exp(1j * orders * x), atol=1e-12)
+    h = 1e-6
+    slope = (curve_value(np.array([x + h]), c) - curve_value(np.array([x - h]), c)) / (2 * h)
+    assert np.allclose(curve_slope(np.array([x]), c), slope, atol=1e-7)
+
+
+def test_curve_rms_is_that_over_a_turn():
+    c = np.random.default_rng(7).normal(0, 1e-3, 96) * np.sqrt(curve_shape())
+    x = np.linspace(0, 2 * np.pi, 2000, endpoint=False)
+    assert curve_rms(c) == pytest.approx(np.sqrt(np.mean(curve_value(x, c) ** 2)), rel=1e-9)
+
+
+def as_forward(nominal: Nominal, revolute):
+    s = structure(revolute, "base", nominal.signs, nominal.mirror, nominal)
+    beta = s.prior(()).mean
+    return lambda q: s.predict(q, beta)
+
+
+@pytest.mark.parametrize(
+    ("revolute", "nominal"),
+    [
+        ((True, True), Nominal((0.6, 0.5), (0.0, 0.4), 0.3, (0.1, 0.2), -1, (1, -1))),
+        ((True, True, True), Nominal((0.3, 0.2, 0.1), (0.0, -1.0, 2.0), -2.0, (0, 1), 1)),
+        ((True, False, True), Nominal((0.2, 0.0, 0.1), (0.0, 0.7, 0.2), 0.0, (0, 0), -1)),
+        ((False, True), Nominal((0.0, 0.3), (0.0, 0.5), 1.0, (0.5, 0.1), 1)),
+    ],
+)
+def test_nominal_geometry_is_found_from_a_forward_function(revolute, nominal):
+    n = len(revolute)
+    lower, upper = -np.ones(n), np.ones(n)
+    found = nominal_of(as_forward(nominal, revolute), lower, upper, revolute)
+    q = np.random.default_rng(0).uniform(-3, 3, (50, n))
+    again = as_forward(found, revolute)(q)
+    assert np.allclose(again, as_forward(nominal, revolute)(q), atol=1e-9)
+    assert np.allclose(found.lengths, nominal.lengths, atol=1e-9)
+
+
+def test_a_function_that_is_no_planar_chain_has_no_nominal_geometry():
+    with pytest.raises(OptionError, match="no planar chain"):
+        nominal_of(lambda q: q**2, -np.ones(2), np.ones(2), (True, True))
+
+
+def test_groups_cover_every_parameter_once():
+    s = structure((True, False, True), "homography")
+    together = np.concatenate(list(s.groups.values()))
+    assert np.array_equal(np.sort(together), np.arange(s.size))
+
+
+def test_the_neutral_lens_and_tilt_change_nothing():
+    s = structure(view="homography")
+    beta = some_beta(s)
+    beta[6:11] = 0.0
+    flat = replace(s, view="affine")
+    q = np.random.default_rng(8).uniform(-1, 1, (6, 2))
+    assert np.array_equal(s.predict(q, beta), flat.predict(q, beta))

@@ -1,0 +1,164 @@
+"""A body in a model file: the round trip, hostile headers and arrays, scalar queries."""
+
+from __future__ import annotations
+
+import copy
+import json
+
+import numpy as np
+import pytest
+
+from calib.body import Body, Nominal, fit_body
+from calib.body.scalar import ScalarBody
+from calib.errors import ModelError
+
+
+def a_log(n=60):
+    generator = np.random.default_rng(0)
+    q = generator.uniform(-1.5, 1.5, (n, 2))
+    bent = q + np.stack([2e-3 * np.sin(11 * q[:, 0]), 1e-3 * np.sin(9 * q[:, 1])], axis=1)
+    phi = np.cumsum(bent, axis=1)
+    p = (np.array([0.3, 0.25]) * np.exp(1j * phi)).sum(axis=1)
+    return q, np.stack([p.real, p.imag], axis=1) + generator.normal(0, 1e-4, (n, 2))
+
+
+@pytest.fixture(scope="module")
+def body() -> Body:
+    q, z = a_log(150)
+    fitted = fit_body(
+        q, z, joint_names=("a", "b"), revolute=(True, True), nominal=Nominal((0.3, 0.25), (0, 0))
+    )
+    assert fitted.body.second is not None
+    return fitted.body
+
+
+def stored(body: Body):
+    return json.loads(json.dumps(body.header())), dict(body.arrays())
+
+
+def test_round_trip_keeps_every_bit(body):
+    header, arrays = stored(body)
+    again = Body.rebuild(header, arrays)
+    q = a_log()[0]
+    assert np.array_equal(again.predict(q), body.predict(q))
+    assert np.array_equal(again.bound(q), body.bound(q))
+    assert again.header() == body.header()
+    assert all(np.array_equal(v, again.arrays()[k]) for k, v in arrays.items())
+    assert again.describe() == body.describe()
+
+
+def test_a_two_joint_log_model_stays_small(body):
+    assert sum(v.nbytes for v in body.arrays().values()) < 400_000
+
+
+HEADERS = [
+    ("kappa", 0.5),
+    ("kappa", float("nan")),
+    ("kappa", "1"),
+    ("kappa", True),
+    ("nu", 1.0),
+    ("autocorrelation", -1),
+    ("rows", -1),
+    ("rows", 1.5),
+    ("simulated", 0),
+    ("member", 3),
+    ("scales", [1]),
+    ("scales", {"length": -1}),
+    ("structure", None),
+    ("structure", {"kind": "liquid"}),
+    ("structure.joint_names", ["a", "a"]),
+    ("structure.joint_names", []),
+    ("structure.joint_names", ["a", "b", "c"]),
+    ("structure.revolute", [True]),
+    ("structure.view", "fisheye"),
+    ("structure.signs", [1, 2]),
+    ("structure.signs", [1, True]),
+    ("structure.mirror", 0),
+    ("structure.extent", 0.0),
+    ("structure.extent", 1e400),
+    ("structure.centre", [0.0]),
+    ("structure.metre", -1.0),
+    ("structure.nominal", {"lengths": [1, 2]}),
+]
+
+
+@pytest.mark.parametrize(("key", "value"), HEADERS)
+def test_impossible_headers_are_refused(body, key, value):
+    header, arrays = stored(body)
+    header = copy.deepcopy(header)
+    place, *rest = key.split(".")
+    if rest:
+        header[place][rest[0]] = value
+    else:
+        header[place] = value
+    with pytest.raises(ModelError):
+        Body.rebuild(header, arrays)
+
+
+@pytest.mark.parametrize("key", ["structure", "kappa", "nu", "rows", "second", "scales"])
+def test_missing_keys_are_refused(body, key):
+    header, arrays = stored(body)
+    del header[key]
+    with pytest.raises(ModelError, match="missing"):
+        Body.rebuild(header, arrays)
+
+
+def spoiled(name, value):
+    if name == "active":
+        return {
+            "rise": value[::-1].copy(),
+            "range": value + 10_000,
+            "negative": value - 10_000,
+            "kind": value.astype(float),
+            "shape": value[None],
+        }
+    out = {
+        "size": value[:-1],
+        "kind": value.astype(int),
+        "nan": np.where(np.arange(len(value)) == 0, np.nan, value),
+        "infinite": np.where(np.arange(len(value)) == 0, np.inf, value),
+    }
+    if name.endswith("root"):
+        out["zero"] = value * 0
+    if name.endswith("noise"):
+        out["negative"] = -value
+    return out
+
+
+@pytest.mark.parametrize("name", ["beta", "active", "root", "noise", "tau", "second.root"])
+def test_impossible_arrays_are_refused(body, name):
+    header, arrays = stored(body)
+    for bad in spoiled(name, arrays[name]).values():
+        with pytest.raises(ModelError):
+            Body.rebuild(header, {**arrays, name: bad})
+    with pytest.raises(ModelError, match="missing"):
+        Body.rebuild(header, {k: v for k, v in arrays.items() if k != name})
+
+
+def test_scalar_queries_equal_the_batch(body):
+    fast = ScalarBody.compile(body)
+    q = np.random.default_rng(1).uniform(-9, 9, (500, 2))
+    answers = np.array([fast.predict(row) for row in q.tolist()])
+    assert np.abs(answers - body.predict(q)).max() < 1e-12
+
+
+def test_scalar_queries_of_slides_lenses_and_elasticity():
+    from calib.body import PlanarStructure
+
+    s = PlanarStructure(
+        ("a", "b", "c"), (True, False, True), "homography", "px", 1.0, True, (1, 1, -1), -1,
+        300.0, (640.0, 360.0), None, False,
+    )  # fmt: skip
+    generator = np.random.default_rng(2)
+    beta = s.prior(()).mean + generator.normal(0, 0.02, s.size)
+    beta[s.groups["view.scale"]] = 6.0
+    for joint in (0, 2):
+        beta[s.groups[f"curve.{joint}"]] *= 0.01
+    nothing = np.zeros(0, dtype=int)
+    body = Body(
+        s, beta, nothing, np.zeros((0, 0)), np.ones(2), 1.0, np.ones(2), np.zeros(2), 6.0, 1.0
+    )
+    q = generator.uniform(-1, 1, (200, 3))
+    fast = ScalarBody.compile(body)
+    answers = np.array([fast.predict(row) for row in q.tolist()])
+    assert np.abs(answers - body.predict(q)).max() < 1e-9

@@ -1,0 +1,243 @@
+"""Spatial bodies: derivatives, what a fit finds, and what it says that it does not know."""
+
+from __future__ import annotations
+
+import json
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from calib.arm.loading import load_arm
+from calib.arm.rotations import exponential, logarithm
+from calib.body import Body
+from calib.body.fitting import fit_structure
+from calib.body.spatial import structure_of
+from calib.body.spatial_random import unknown_structure
+from calib.body.spatial_words import camera_place
+from calib.errors import LogError, ModelError
+
+VIEWS = ("base", "rigid", "similarity", "pose", "pinhole")
+
+
+def disturbed(structure, seed=0, size=1e-2):
+    """Parameters a little off everywhere, and a sensor that stands somewhere."""
+    rng = np.random.default_rng(seed)
+    groups = structure.groups
+    beta = structure.neutral() + rng.normal(0, size, structure.size)
+    beta[groups["lens"]] = (900.0, 640.0, 360.0, -0.1)
+    beta[groups["view.rotation"]] = rng.normal(0, 1, 3)
+    if structure.view == "pinhole":
+        beta[groups["view.shift"]] = (0.1, 0.2, 3.0)
+    return beta
+
+
+def rows(arm, n, seed=0):
+    return np.random.default_rng(seed).uniform(arm.lower, arm.upper, (n, arm.dof))
+
+
+@pytest.mark.parametrize("view", VIEWS)
+@pytest.mark.parametrize("robot", ["spatial_three", "six_axis"])
+def test_derivatives_are_differences(robot, view):
+    arm = load_arm(robot)
+    structure = structure_of(arm, view)
+    q, beta, step = rows(arm, 5), disturbed(structure), 1e-6
+    seen, slope = structure.linearise(q, beta)
+    np.testing.assert_array_equal(seen, structure.predict(q, beta))
+
+    def difference(up, down):
+        return (structure.residual(up, seen) - structure.residual(down, seen)) / (2 * step)
+
+    curves = np.concatenate([structure.groups[f"curve.{k}"][5:] for k in range(arm.dof)])
+    for k in np.setdiff1d(np.arange(structure.size), curves):
+        unit = np.eye(structure.size)[k]
+        up = structure.predict(q, structure.retract(beta, step * unit))
+        down = structure.predict(q, structure.retract(beta, -step * unit))
+        size = 1 + np.abs(slope[:, :, k]).max()
+        np.testing.assert_allclose(difference(up, down), slope[:, :, k], atol=1e-6 * size)
+    by_joint = structure.slope(q, beta)
+    for k, unit in enumerate(np.eye(arm.dof)):
+        moved = difference(
+            structure.predict(q + step * unit, beta), structure.predict(q - step * unit, beta)
+        )
+        size = 1 + np.abs(by_joint).max()
+        np.testing.assert_allclose(moved, by_joint[:, :, k], atol=1e-6 * size)
+
+
+def test_some_columns_are_those_of_all():
+    arm = load_arm("six_axis")
+    structure = structure_of(arm, "pose")
+    q, beta = rows(arm, 4), disturbed(structure_of(arm, "pose"))
+    _, whole = structure.linearise(q, beta)
+    chosen = np.random.default_rng(1).permutation(structure.size)[:200]
+    for active in (chosen, np.sort(chosen)):
+        np.testing.assert_array_equal(structure.linearise(q, beta, active)[1], whole[:, :, active])
+
+
+def test_every_parameter_has_one_label():
+    structure = structure_of(load_arm("six_axis"), "pinhole")
+    labels = [structure.label(k) for k in range(structure.size)]
+    assert len({label.name for label in labels}) == structure.size
+    for k, label in enumerate(labels):
+        assert k in structure.groups[label.group]
+
+
+def test_the_neutral_body_is_the_arm():
+    arm = load_arm("six_axis")
+    structure = structure_of(arm, "base")
+    q = rows(arm, 20)
+    np.testing.assert_allclose(
+        structure.predict(q, structure.neutral()), arm.forward(q), atol=1e-14
+    )
+
+
+def truth(view="rigid", *, curves=False, seed=0):
+    """A spatial arm as it might be built, seen by a sensor that stands anywhere."""
+    arm = load_arm("spatial_three")
+    structure = structure_of(arm, view)
+    rng, groups, layout = np.random.default_rng(seed), structure.groups, structure.layout
+    beta = structure.neutral()
+    beta[groups["view.rotation"]] = rng.normal(0, 1, 3)
+    beta[groups["view.shift"]] = rng.normal(0, 1, 3)
+    beta[groups["tool"]] = rng.normal(0, 0.02, 3)
+    beta[layout.shifts] = rng.normal(0, 5e-4, (3, 3))
+    beta[layout.turns] = rng.normal(0, 1e-3, (3, 3))
+    beta[groups["elastic"]] = -1e-3
+    if curves:
+        for k in range(3):
+            beta[groups[f"curve.{k}"][[9, 48 + 14]]] = rng.normal(0, 5e-4, 2)
+    return arm, structure, beta
+
+
+def spread(z):
+    return float(np.sqrt(((z - z.mean(axis=0)) ** 2).sum(axis=1).mean()))
+
+
+def test_a_fit_finds_the_arm_and_its_bound_holds_the_errors():
+    arm, structure, beta = truth()
+    q, fresh = rows(arm, 80, 1), rows(arm, 400, 2)
+    rng = np.random.default_rng(3)
+    z = structure.predict(q, beta) + rng.normal(0, 5e-5, (len(q), 3))
+    body = fit_structure(replace(structure, extent=spread(z)), q, z).body
+    error = np.linalg.norm(body.predict(fresh) - structure.predict(fresh, beta), axis=1)
+    assert error.mean() < 1.5e-4
+    assert np.mean(error <= body.bound(fresh, noise=False)) > 0.93
+    again = Body.rebuild(json.loads(json.dumps(body.header())), body.arrays())
+    np.testing.assert_array_equal(again.predict(fresh), body.predict(fresh))
+    np.testing.assert_allclose(again.bound(fresh), body.bound(fresh), rtol=1e-5)
+    words = " ".join(body.describe())
+    assert "offset zero by convention" in words
+    assert "elbow" in words
+
+
+def test_curves_are_found_where_they_are():
+    arm, structure, beta = truth(curves=True)
+    q, fresh = rows(arm, 150, 1), rows(arm, 300, 2)
+    z = structure.predict(q, beta) + np.random.default_rng(3).normal(0, 3e-5, (len(q), 3))
+    fit = fit_structure(replace(structure, extent=spread(z)), q, z)
+    error = np.linalg.norm(fit.body.predict(fresh) - structure.predict(fresh, beta), axis=1)
+    assert fit.body.member == "curves"
+    geometry = next(tried for tried in fit.info if tried.name == "elastic")
+    assert error.mean() < 0.5 * geometry.error
+
+
+def test_a_pose_tells_the_tools_orientation():
+    arm, structure, beta = truth("pose")
+    beta[structure.groups["tool.rotation"]] = (0.3, -1.0, 0.5)
+    q, fresh = rows(arm, 60, 1), rows(arm, 100, 2)
+    rng = np.random.default_rng(3)
+    z = structure.predict(q, beta)
+    z[:, :3] += rng.normal(0, 5e-5, (len(q), 3))
+    z[:, 3:] = logarithm(exponential(rng.normal(0, 1e-4, (len(q), 3))) @ exponential(z[:, 3:]))
+    body = fit_structure(replace(structure, extent=spread(z[:, :3])), q, z).body
+    error = structure.residual(structure.predict(fresh, beta), body.predict(fresh))
+    assert np.linalg.norm(error[:, :3], axis=1).mean() < 2e-4
+    assert np.linalg.norm(error[:, 3:], axis=1).mean() < 5e-4
+
+
+def test_millimetres_and_a_free_scale():
+    arm, structure, beta = truth("similarity")
+    beta[structure.groups["view.scale"]] = np.log(1000.0)
+    q = rows(arm, 60, 1)
+    z = structure.predict(q, beta)
+    body = fit_structure(replace(structure, extent=spread(z), unit="sensor"), q, z).body
+    scale = np.exp(body.beta[structure.groups["view.scale"][0]])
+    assert scale == pytest.approx(1000.0, rel=5e-3)
+    with pytest.raises(LogError, match=r"about 10\d\d times"):
+        replace(structure, view="rigid").starts(q, z)
+    in_mm = structure_of(arm, "rigid", unit="mm", metre=1000.0, extent=spread(z))
+    assert np.abs(fit_structure(in_mm, q, z).held_out).mean() < 1.0
+
+
+def test_mirrored_axes_are_named():
+    arm, structure, beta = truth()
+    q = rows(arm, 60, 1)
+    z = structure.predict(q, beta)
+    with pytest.raises(LogError, match="mirrored"):
+        structure.starts(q, z[:, [1, 0, 2]])
+    assert len(structure.starts(q, z)) == 1
+
+
+def test_a_camera_finds_itself():
+    arm = load_arm("spatial_three")
+    structure = structure_of(arm, "pinhole", unit="px")
+    groups, rng = structure.groups, np.random.default_rng(0)
+    beta = structure.neutral()
+    eye, ahead = np.array([0.2, -1.2, 0.5]), np.array([0.0, 0.1, 0.2])
+    z = (ahead - eye) / np.linalg.norm(ahead - eye)
+    x = np.cross(z, (0.0, 0.0, 1.0))
+    x /= np.linalg.norm(x)
+    turn = np.stack([x, np.cross(z, x), z])
+    beta[groups["view.rotation"]], beta[groups["view.shift"]] = logarithm(turn), -turn @ eye
+    beta[groups["lens"]] = (830.0, 645.0, 352.0, -0.08)
+    beta[groups["offset"]] = (0.0, 0.05, -0.04)
+    q, fresh = rows(arm, 60, 1), rows(arm, 200, 2)
+    pixels = structure.predict(q, beta) + rng.normal(0, 0.3, (60, 2))
+    body = fit_structure(replace(structure, extent=spread(pixels)), q, pixels).body
+    error = np.linalg.norm(body.predict(fresh) - structure.predict(fresh, beta), axis=1)
+    assert error.mean() < 0.5
+    place, frame = camera_place(structure, body.beta)
+    assert np.linalg.norm(place - eye) < 0.01
+    assert np.linalg.norm(logarithm(frame @ turn)) < 0.02
+    np.testing.assert_allclose(body.beta[groups["offset"]], beta[groups["offset"]], atol=5e-3)
+
+
+def test_without_a_drawing_the_chain_is_found():
+    arm = load_arm("spatial_three")
+    q, fresh = rows(arm, 60, 1), rows(arm, 100, 2)
+    z = arm.forward(q) + np.random.default_rng(0).normal(0, 1e-4, (60, 3))
+    unknown = unknown_structure(arm.joint_names, arm.revolute, spread(z))
+    body = fit_structure(unknown, q, z).body
+    error = np.linalg.norm(body.predict(fresh) - arm.forward(fresh), axis=1)
+    assert error.mean() < 3e-4
+    assert np.mean(error <= body.bound(fresh, noise=False)) > 0.9
+
+
+def test_a_joint_that_never_moved_keeps_its_drawing_and_a_wide_bound():
+    arm, structure, beta = truth()
+    q = rows(arm, 100, 1)
+    q[:, 1] = 0.3
+    z = structure.predict(q, beta) + np.random.default_rng(3).normal(0, 5e-5, (len(q), 3))
+    body = fit_structure(replace(structure, extent=spread(z)), q, z).body
+    moved = q.copy()
+    moved[:, 1] += 1.0
+    error = np.linalg.norm(body.predict(moved) - structure.predict(moved, beta), axis=1)
+    assert np.mean(error <= body.bound(moved)) > 0.93
+    assert np.median(body.bound(moved)) > 1.5 * np.median(body.bound(q))
+
+
+def test_damaged_arrays_of_a_model_file_are_refused():
+    arm, structure, beta = truth()
+    q = rows(arm, 40, 1)
+    body = fit_structure(structure, q, structure.predict(q, beta)).body
+    header, arrays = body.header(), body.arrays()
+    for name, value in {
+        "structure.axes": np.zeros((3, 3)),
+        "structure.points": np.full((3, 3), np.nan),
+        "structure.rotation": np.ones((3, 3)),
+        "structure.coupling": np.eye(2),
+    }.items():
+        with pytest.raises(ModelError):
+            Body.rebuild(header, {**arrays, name: value})
+    with pytest.raises(ModelError, match="view"):
+        Body.rebuild({**header, "structure": {**header["structure"], "view": "odd"}}, arrays)
