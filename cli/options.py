@@ -24,6 +24,8 @@ ModelArgument = Annotated[
     str, typer.Argument(metavar="MODEL", help="A model file, as written by calib train.")
 ]
 
+CAUSES = ("sensor", "joints")
+
 JointsOption = Annotated[
     Names | None,
     typer.Option(
@@ -209,6 +211,15 @@ UnitOption = Annotated[
     str | None,
     typer.Option("--unit", metavar="m|mm|px|..", help="Unit of the log's positions (default m)."),
 ]
+CauseOption = Annotated[
+    str | None,
+    typer.Option(
+        "--cause",
+        parser=parsing.one_of("--cause", CAUSES),
+        metavar="|".join(CAUSES),
+        help="What is known of a change: the sensor's, or the arm's joints and links.",
+    ),
+]
 PrismaticOption = Annotated[
     Names | None,
     typer.Option(
@@ -229,7 +240,7 @@ ViewOption = Annotated[
     ),
 ]
 
-CauseOption = Annotated[
+BlameOption = Annotated[
     str,
     typer.Option(
         "--cause",
@@ -240,12 +251,13 @@ CauseOption = Annotated[
 ]
 
 ReadoutOption = Annotated[
-    str,
+    str | None,
     typer.Option(
         "--readout",
         parser=parsing.one_of("--readout", READOUTS),
         metavar="|".join(READOUTS),
-        help="How the query is answered: local is the body and the local models.",
+        help="How the query is answered (default local, the body and its local models; of a "
+        "model without a body linear, maps and links alone).",
     ),
 ]
 NearOption = Annotated[

@@ -49,7 +49,7 @@ class About:
     source : str
         "simulation" or "log".
     taught : bool
-        Whether a Gaussian process of a small log taught the maps.
+        Whether the maps learned from positions that the body predicts, besides the samples.
     samples, seed : int
         Number of training samples, and the seed.
     options : dict

@@ -8,7 +8,6 @@ import typer
 
 from .. import options as o
 from .. import parsing
-from ..batch import numbered
 from ..output import Notes, note, number, show_json, tell
 from ..units import JointFormat, units_of
 
@@ -43,7 +42,7 @@ def correct(
         ),
     ] = None,
     view: o.ViewOption = "auto",
-    cause: o.CauseOption = "sensor",
+    cause: o.BlameOption = "sensor",
     degrees: o.DegreesOption = False,
     as_json: o.JsonOption = False,
 ) -> None:
@@ -58,13 +57,15 @@ def correct(
     from calib.samples.tables import read_batch, write_table
     from calib.use.correct import correct as correction
 
+    from ..batch import numbered
+
     loaded = calib.load(model)
     joints = JointFormat(loaded.about, degrees)
     batch = read_batch(input_, joints.names)
     valid = np.isfinite(batch.values).all(axis=1)
     n = len(valid)
     factors = np.array(joints.typed)
-    names = (*joints.names, "x", "y", "distance", "expected_error", "reachable")
+    names = (*joints.names, *loaded.axes, "distance", "expected_error", "reachable")
     columns: dict[str, Any] = {name: np.full(n, np.nan) for name in names}
     columns["reachable"] = np.zeros(n, dtype=np.int64)
     found = None

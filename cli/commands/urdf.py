@@ -23,7 +23,7 @@ def urdf(
         str, typer.Option("--output", "-o", metavar="URDF", help="The corrected description.")
     ],
     view: o.ViewOption = "auto",
-    cause: o.CauseOption = "sensor",
+    cause: o.BlameOption = "sensor",
     move_base: Annotated[
         bool,
         typer.Option("--move-base", help="Fit the place of the first joint as well."),

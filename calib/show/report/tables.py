@@ -43,7 +43,7 @@ def errors_in_html(evidence: Evidence) -> str:
     paper = TABLE1["vdsom"] if is_papers_arm(about) else {}
     header = ["mean (largest)", *readouts, *(["paper"] if paper else [])]
     units = dict(zip(about.joint_names, about.units_of_joints, strict=True))
-    quantities = [("forward", name, about.unit) for name in ("x", "y", "distance")]
+    quantities = [("forward", name, about.unit) for name in (*"xyz"[: len(errors[readouts[0]]["forward"]) - 1], "distance")]
     quantities += [("inverse", name, unit) for name, unit in units.items()]
     quantities.append(("inverse", "distance", about.unit))
     rows = []
@@ -129,8 +129,7 @@ def fact_list(pairs: Iterable[tuple[str, str]]) -> str:
 def _source(evidence: Evidence) -> str:
     about = evidence.model.about
     if about.simulation is None:
-        taught = ", through a Gaussian process of them" if about.taught else ""
-        return f"{about.samples:,} rows of a log{taught}"
+        return f"{about.samples:,} rows of a log"
     noise = about.simulation.get("noise") or 0.0
     parts = [f"{about.samples:,} simulated samples"]
     parts.append(f"sensor noise {length_in_words(noise, about.unit)}" if noise else "no noise")
