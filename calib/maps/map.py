@@ -45,8 +45,10 @@ class Map:
 
     @property
     def weights(self) -> Array:
-        """Weights of the nodes, (nodes, d) [rad, m or the sensor's unit]."""
-        return self.scale.from_unit(self.units)
+        """Weights of the nodes, (nodes, d) [rad, m or the sensor's unit]; read-only."""
+        weights = self.scale.from_unit(self.units)
+        weights.flags.writeable = False
+        return weights
 
     @property
     def size(self) -> int:

@@ -47,6 +47,7 @@ def read_log(
     prismatic: Sequence[str] = (),
     most: int = MOST_ROWS,
     seed: int = 0,
+    usual: Mapping[str, str] | None = None,
 ) -> Samples:
     """Read a measured log: one column for each joint, and x, y or x, y, z.
 
@@ -79,6 +80,9 @@ def read_log(
         Rows of a long log that are held.
     seed : int
         Of the rows that are drawn: which they are depends on nothing else.
+    usual : mapping of str to str, optional
+        Names that columns have in other logs of this arm; those that this one lacks are
+        passed over.
 
     Returns
     -------
@@ -100,6 +104,7 @@ def read_log(
     if isinstance(most, bool) or not isinstance(most, (int, np.integer)) or most < 2:
         raise OptionError(f"most is {most!r}, expected a whole number of rows, 2 or more")
     source = open_source(path)
+    columns = {**_there(source, usual or {}), **(columns or {})}
     roles = find_roles(source, arm, joints, columns)
     names, axes = roles.joints, roles.axes
     if arm is not None and arm.outputs > len(axes):
@@ -172,6 +177,8 @@ def read_log(
         notes=tuple(notes),
         plane=plane,
         out_of_plane_rms=rms,
+        columns=dict(columns or {}),
+        degrees=degrees and any(revolute),
     )
 
 
@@ -277,6 +284,11 @@ def _revolute(arm: Arm | None, names: Sequence[str], prismatic: Sequence[str]) -
         if name not in names:
             raise OptionError(f"{name!r} is to slide but is no joint; joints: {', '.join(names)}")
     return tuple(name not in prismatic for name in names)
+
+
+def _there(source: Source, usual: Mapping[str, str]) -> dict[str, str]:
+    """Return those of the usual names of columns that a log has."""
+    return {name: column for name, column in usual.items() if find_place(source.header, column)}
 
 
 def _check_values(source: Source, values: Array, names: Sequence[str], axes: Sequence[str]) -> None:

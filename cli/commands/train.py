@@ -18,7 +18,7 @@ from ..sketch import show_sketch
 from ..summary import compact_table, size_in_words, summary
 
 if TYPE_CHECKING:
-    from calib import Model
+    from calib import Model, Samples
 
 
 def train(
@@ -33,9 +33,16 @@ def train(
     output: Annotated[
         str | None,
         typer.Option(
-            "--output", "-o", metavar="MODEL", help="The model's file (default ROBOT.calib)."
+            "--output",
+            "-o",
+            metavar="MODEL",
+            help="The model's file (default ROBOT.calib, without ROBOT LOG.calib).",
         ),
     ] = None,
+    force: Annotated[
+        bool,
+        typer.Option("--force", help="Replace a model of another robot or log by that name."),
+    ] = False,
     joints: o.JointsOption = None,
     tip: o.TipOption = None,
     lock: o.LockOption = None,
@@ -90,8 +97,10 @@ def train(
             seed=seed,
             notes=notes,
         )
-    path = output or f"{_file_name(log.arm.name if log.arm else _stem(data))}.calib"
+    path = output or f"{_file_name(_stem(robot or data))}.calib"
     check_output(path)
+    if output is None and not force:
+        _check_same_origin(path, log)
     with progress_bar(log.unit) as progress:
         model = calib.train(
             log,
@@ -155,8 +164,36 @@ def _report(model: Model, path: str) -> None:
     )
 
 
-def _stem(data: str | None) -> str:
-    return "log" if data in (None, "-") else Path(str(data)).stem
+def _check_same_origin(path: str, log: Samples) -> None:
+    """Refuse a default name that is taken by a model of another robot or log."""
+    import numpy as np
+
+    import calib
+
+    if not Path(path).exists():
+        return
+    try:
+        old = calib.load(path)
+    except calib.CalibError:
+        what = "a file that is no model which this program reads"
+    else:
+        urdf = log.arm.urdf if log.arm else ""
+        simulated = log.simulation is not None
+        same = (old.about.urdf, old.about.joint_names) == (urdf, log.joint_names)
+        if not simulated and old.rows is not None and len(old.rows):
+            same &= bool(np.array_equal(old.rows.q[0], log.q[0]))
+        if same and simulated == (old.about.source == "simulation"):
+            return
+        what = "a model of another robot or log"
+    raise calib.OptionError(
+        f"{path} is {what}",
+        hint="name another file with -o, or replace it with `force=True`",
+        parameter="force",
+    )
+
+
+def _stem(source: str | None) -> str:
+    return "log" if source in (None, "-") else Path(str(source)).stem
 
 
 def _file_name(name: str) -> str:
