@@ -16,6 +16,7 @@ from .columns import Source, open_source, read_batches
 from .log_ranges import ChosenRange, JointColumn, Range
 from .measured_rows import MeasuredRows
 from .places import find_place
+from .plausibility import check_against_robot, check_flat
 from .reservoir import Reservoir
 from .roles import check_names, find_roles
 from .samples import Samples
@@ -32,6 +33,7 @@ MOST_ROWS = 200_000
 _THICK = 0.02
 """Out-of-plane share of the positions' spread from which on an unknown arm moves in space."""
 
+_STANDS = {True: math.radians(5.0), False: 2e-2}  # further it takes part [rad, m]
 _STILL = {True: math.radians(0.5), False: 1e-3}  # a locked joint may stir [rad, m]
 
 
@@ -62,7 +64,8 @@ def read_log(
     path : path-like
         CSV or Parquet; `-` reads CSV from standard input.
     arm : Arm, optional
-        Gives the joints' names and limits, never kinematics.
+        Gives the joints' names and limits; its kinematics tell other units, exchanged columns
+        and a lag, and are never learned from.
     joints : sequence of str, optional
         Without an arm: the joints' columns, from base to tip.
     columns : mapping of str to str, optional
@@ -159,10 +162,16 @@ def read_log(
         from ..arm.plane import fit_plane
 
         plane, rms = fit_plane(x)
+        if arm is not None:
+            check_flat(source.label, x, plane.distances(x), unit, rows)
         x = plane.project(x)
         notes.append(
             f"plane fitted to x, y, z: x along {_vector(plane.x)}, y along {_vector(plane.y)}, "
             f"origin {_vector(plane.origin)}, out-of-plane rms {rms:.4g} {unit}"
+        )
+    if arm is not None:
+        notes += check_against_robot(
+            source.label, arm, q, x, unit, names, fitted_plane=plane is not None
         )
     return Samples(
         q=q,
@@ -260,6 +269,15 @@ def locked_from_log(
             recorded = np.deg2rad(recorded)
         values[name] = float(np.median(recorded))
         moved = float(np.abs(recorded - values[name]).max())
+        if moved > _STANDS[turns]:
+            shown = f"{math.degrees(moved):.3g} deg" if turns else f"{1e3 * moved:.3g} mm"
+            raise LogError(
+                f"{source.label}: {name} is locked but moved by up to {shown} (row "
+                f"{_furthest(reservoir, values[name], turns and degrees)})",
+                hint="name it in `joints` too, or leave out the rows in which it moved",
+                parameter="joints",
+                value=name,
+            )
         if moved > _STILL[turns]:
             shown = f"{math.degrees(moved):.3g} deg" if turns else f"{1e3 * moved:.3g} mm"
             notes.append(
@@ -284,6 +302,13 @@ def _revolute(arm: Arm | None, names: Sequence[str], prismatic: Sequence[str]) -
         if name not in names:
             raise OptionError(f"{name!r} is to slide but is no joint; joints: {', '.join(names)}")
     return tuple(name not in prismatic for name in names)
+
+
+def _furthest(reservoir: Reservoir, middle: float, degrees: bool) -> int:
+    """Number of the row in which a joint is furthest from a value [rad or m]."""
+    values, numbers = reservoir.rows()
+    column = np.deg2rad(values[:, 0]) if degrees else values[:, 0]
+    return int(numbers[int(np.argmax(np.abs(column - middle)))]) + 1
 
 
 def _there(source: Source, usual: Mapping[str, str]) -> dict[str, str]:
