@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import re
 from collections.abc import Mapping
+from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
@@ -64,6 +65,12 @@ def train(
     columns: o.ColumnsOption = None,
     unit: o.UnitOption = None,
     prismatic: o.PrismaticOption = None,
+    no_rows: Annotated[
+        bool,
+        typer.Option(
+            "--no-rows", help="Keep no rows of the log in the model (default up to 5000)."
+        ),
+    ] = False,
     degrees: o.DegreesOption = False,
     as_json: o.JsonOption = False,
 ) -> None:
@@ -117,6 +124,8 @@ def train(
             progress=progress,
         )
     notes.say(model.about.notes)
+    if no_rows:
+        model = replace(model, rows=None)
     model.save(path)
     if as_json:
         show_json(summary(model, path, model.about.errors, model.seconds))
