@@ -120,7 +120,8 @@ def frame_is_free(model: Model, view: str = "auto") -> bool:
     source = model.about.source
     if model.history:
         source = model.history[0].get("from", {}).get("source", source)
-    return bool(source == "log") and view != "base"
+    based = "base" in (view, model.about.options.get("view"))
+    return bool(source == "log") and not based
 
 
 def fit_geometry(
