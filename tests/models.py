@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from contextlib import contextmanager
+from dataclasses import replace
 from functools import cache
 
 import numpy as np
@@ -63,6 +64,14 @@ def log(n: int, noise: float = 0.0, seed: int = 0) -> calib.Samples:
     arm = calib.load_arm("two_link")
     s = calib.babble(arm, n, seed=seed, noise=noise)
     return calib.Samples(s.q, s.x, s.joint_names, s.lower, s.upper, s.revolute, arm=arm)
+
+
+def no_arm(n: int) -> calib.Samples:
+    """Return a log of a smooth map that no chain of links explains."""
+    rows = log(n)
+    a, b = ((rows.q - rows.lower) / (rows.upper - rows.lower)).T
+    x = np.stack([a * np.exp(b), b**2 - a**3], axis=1)
+    return replace(rows, x=x, arm=None)
 
 
 def two_link(q: np.ndarray) -> np.ndarray:
