@@ -39,7 +39,7 @@ def summary(
         "robot": about.robot or None,
         "joints": list(about.joint_names),
         "tip": about.tip or None,
-        "plane": about.plane,
+        **({"plane": about.plane} if len(model.axes) == 2 else {}),
         "view": view_of(model),
         "map": about.options["map"],
         "rule": about.options["rule"],
@@ -82,7 +82,7 @@ def error_table(model: Model, errors: Errors, title: str) -> Table:
     """Return all errors, a line for each readout, direction and quantity."""
     about = model.about
     units = dict(zip(about.joint_names, about.units_of_joints, strict=True))
-    quantities = {"forward": ["x", "y"], "inverse": list(about.joint_names)}
+    quantities = {"forward": list(model.axes), "inverse": list(about.joint_names)}
     rows = []
     for readout in _ordered(errors):
         label = readout

@@ -42,6 +42,7 @@ def correct(
         ),
     ] = None,
     view: o.ViewOption = "auto",
+    cause: o.BlameOption = "sensor",
     degrees: o.DegreesOption = False,
     as_json: o.JsonOption = False,
 ) -> None:
@@ -64,7 +65,7 @@ def correct(
     valid = np.isfinite(batch.values).all(axis=1)
     n = len(valid)
     factors = np.array(joints.typed)
-    names = (*joints.names, "x", "y", "distance", "expected_error", "reachable")
+    names = (*joints.names, *loaded.axes, "distance", "expected_error", "reachable")
     columns: dict[str, Any] = {name: np.full(n, np.nan) for name in names}
     columns["reachable"] = np.zeros(n, dtype=np.int64)
     found = None
@@ -75,6 +76,7 @@ def correct(
             batch.values[valid] / factors,
             limit=None if limit is None else limit / factors,
             view=view,
+            cause=cause,
         )
         notes.say(found.notes)
         parts = [*(found.q * factors).T, *found.target.T, found.distance, found.expected_error]

@@ -78,7 +78,7 @@ def inverse(
     model: o.ModelArgument,
     target: Annotated[
         list[str] | None,
-        typer.Argument(metavar="X Y", help="Position wanted [m, or the sensor's unit]."),
+        typer.Argument(metavar="X Y [Z]", help="Position wanted [m, or the sensor's unit]."),
     ] = None,
     near: o.NearOption = None,
     every: o.AllOption = False,
@@ -103,7 +103,7 @@ def inverse(
 
         streams = Streams(input_, output, as_json)
         raise typer.Exit(inverse_batch(loaded, joints, streams, readout, anchor))
-    _check_count(typed, ("x", "y"), "coordinate")
+    _check_count(typed, loaded.axes, "coordinate")
     answer = _branches(loaded, typed, anchor) if every else loaded.solve(typed, anchor, readout)
     reachable = bool(answer.reachable.any())
     if as_json:
@@ -228,7 +228,7 @@ def _show(
     factor, unit = for_people(model.about.unit)
     with_distance = answers[0][2] is not None
     both = model.about.source == "log"  # of a simulation they are the same
-    header = [*joints.header, f"x [{unit}]", f"y [{unit}]"]
+    header = [*joints.header, *(f"{axis} [{unit}]" for axis in model.axes)]
     header += [f"distance [{unit}]"] if with_distance else []
     rows = []
     for q, position, distance, bound, error in answers:
