@@ -2,15 +2,12 @@
 
 from __future__ import annotations
 
-from contextlib import contextmanager
 from dataclasses import replace
 from functools import cache
 
 import numpy as np
-import pytest
 
 import calib
-from calib.body import teacher
 from calib.common.scale import TURN
 
 L1, L2 = 0.30, 0.25
@@ -49,14 +46,6 @@ def turning():
     samples = calib.Samples(q, two_link(q), ("base", "elbow"), lower, upper, (True, True))
     assert upper[0] - lower[0] == TURN
     return calib.train(samples, size=15)
-
-
-@contextmanager
-def brief_teacher(samples: int = 4000):
-    """Let teachers imagine fewer samples than they do, which is enough for small lattices."""
-    with pytest.MonkeyPatch.context() as patch:
-        patch.setattr(teacher, "IMAGINED", samples)
-        yield
 
 
 def log(n: int, noise: float = 0.0, seed: int = 0) -> calib.Samples:

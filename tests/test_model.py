@@ -1,8 +1,10 @@
 """Queries of a model: shapes, what is outside, and what is no query."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
-from models import draw, measured, trained, two_link
+from models import draw, log, measured, trained, two_link
 
 import calib
 from calib.errors import OptionError, QueryError
@@ -40,6 +42,24 @@ def test_a_single_vector_answers_as_its_row_of_a_batch_does(model, q, readout):
     single = model.inverse(x[3], readout=readout)
     assert single.shape == (2,)
     np.testing.assert_allclose(single, back[3], atol=1e-8)
+
+
+def test_a_single_vector_answers_as_its_row_where_local_models_speak_too():
+    """Rows that are denser in a part of the box: some nodes speak only near themselves."""
+    rows = log(1200)
+    part = rows.take(rows.q[:, 0] ** 2 + 0.1 > np.random.default_rng(0).random(1200))
+    x = part.x + 1e-3 * np.sin(30 * part.q[:, :1])
+    model = calib.train(replace(part, x=x, arm=None), size=14)
+    assert model.predictor.models.degree >= 1
+    q = draw(model, 200, seed=3)
+    single = np.array([model.forward(row) for row in q])
+    np.testing.assert_allclose(single, model.forward(q), atol=1e-12)
+    for bound in (model.expected_error, model.model_error):
+        np.testing.assert_allclose([bound(row) for row in q], bound(q), rtol=1e-9)
+    known = q[np.isfinite(single[:, 0])][:40]
+    targets = model.forward(known)
+    found = np.array([model.inverse(x, near=near) for x, near in zip(targets, known, strict=True)])
+    np.testing.assert_allclose(found, model.inverse(targets, near=known), atol=1e-9)
 
 
 def test_lists_and_arrays_are_the_same_query(model, q):
