@@ -22,7 +22,7 @@ from . import answers
 from .answers import Answer, checked_rows
 from .rows import Rows
 from .single import Single
-from .trust import KNOWN_DISTANCES, KNOWN_SPACINGS, MOST_SHARE, Trust
+from .trust import KNOWN, MOST_SHARE, STEEP, Trust
 
 if TYPE_CHECKING:
     import os
@@ -168,12 +168,9 @@ class Model:
         known = None
         # a file of format 1 has no option `body`, and its bounds hold as they did
         if self.body is None and self.baseline is not None and "body" in self.about.options:
-            known = np.maximum(
-                KNOWN_SPACINGS * self.motor.spacing, KNOWN_DISTANCES * np.sqrt(self.baseline.motor)
-            )
-        return Trust(
-            self.motor, self.model_bounds, MOST_SHARE * self.reach, known, self.solver.extent
-        )
+            known = np.where(self.visited, KNOWN * np.sqrt(self.baseline.motor), -1.0)
+        most, growth = MOST_SHARE * self.reach, STEEP * self.solver.extent
+        return Trust(self.motor, self.model_bounds, most, known, growth)
 
     @cached_property
     def reach(self) -> float:
