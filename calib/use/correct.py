@@ -263,9 +263,7 @@ def _found(model: Model, view: str, cause: str) -> _Nominal:
     return _Nominal(nominal_arm(model).forward, (*own, *frames(model, cause)), free)
 
 
-def _of_body(
-    model: Model, arm: NominalArm, moved: tuple[Alignment, ...], free: bool
-) -> _Nominal:
+def _of_body(model: Model, arm: NominalArm, moved: tuple[Alignment, ...], free: bool) -> _Nominal:
     assert model.body is not None  # noqa: S101
     single = arm.compiled(model.body) if not moved else None
     return _Nominal(arm.predict, moved, free, single)
