@@ -25,7 +25,7 @@ from ..samples.changes import Change
 from ..samples.samples import Samples
 
 if TYPE_CHECKING:
-    from ..arm.planar_arm import PlanarArm
+    from ..arm.arm import Arm
 
 Array = NDArray[np.float64]
 
@@ -42,7 +42,7 @@ _STRAY = 0.5  # how far joints and targets are scattered [node spacings]
 
 
 def goal_babble(
-    arm: PlanarArm,
+    arm: Arm,
     n: int = 2_000,
     *,
     seed: int = 0,
@@ -54,7 +54,7 @@ def goal_babble(
 
     Parameters
     ----------
-    arm : PlanarArm
+    arm : Arm
         The arm, from `calib.load_arm`.
     n : int
         Number of samples, 60 or more.
@@ -111,9 +111,7 @@ def goal_babble(
     )
 
 
-def next_joints(
-    scale: Scale, q: Array, x: Array, n: int, rng: np.random.Generator
-) -> Array:
+def next_joints(scale: Scale, q: Array, x: Array, n: int, rng: np.random.Generator) -> Array:
     """Joints (n, dof) of the unit box to measure next.
 
     Parameters
@@ -133,7 +131,7 @@ def next_joints(
     size = (side, side)
     pair = _maps(scale, u, x, size, rng)
     error = _own_error(pair, scale, u, x, size, rng)
-    by_error = int(round(_GOALS * n))
+    by_error = round(_GOALS * n)
     # targets beside the positions where errors are largest, more often the larger they are
     share = error**2 / np.sum(error**2)
     chosen = rng.choice(len(u), by_error, p=share)

@@ -142,7 +142,8 @@ def _in_space(samples: Samples, q: Array, x: Array, view: str, seed: int) -> Bod
 
     if view not in _SPATIAL_VIEWS:
         raise OptionError(
-            f"view {view!r} is for planar arms, expected one of {', '.join(_SPATIAL_VIEWS)} for x, y, z",
+            f"view {view!r} is for planar arms; for x, y, z expected one of "
+            f"{', '.join(_SPATIAL_VIEWS)}",
             parameter="view",
             value=view,
         )
