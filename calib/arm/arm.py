@@ -86,11 +86,6 @@ class Arm:
         return len(self.joint_names)
 
     @property
-    def outputs(self) -> int:
-        """Number of coordinates of a position: 2 in a plane, 3 in space."""
-        raise NotImplementedError
-
-    @property
     def periodic(self) -> tuple[bool, ...]:
         """Whether each joint's range is a full turn, so that its ends meet."""
         widths = self.upper - self.lower

@@ -87,7 +87,7 @@ def fit_structure(
     sub_q, sub_z = (q, z) if rows is None else (q[rows], z[rows])
     passed = max(
         (
-            _through_gate(start, members, chain, sub_q, sub_z, nu, floor)
+            _through_gate(start, start.structure.members(), chain, sub_q, sub_z, nu, floor)
             for start in best_starts(template, q, z, chain)
         ),
         key=lambda each: each.fit.evidence,
