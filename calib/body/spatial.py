@@ -83,6 +83,11 @@ class SpatialStructure:
         return self.turning
 
     @property
+    def gate_rows(self) -> int:
+        """Rows that the gate uses, each of which has three outputs and hundreds of parameters."""
+        return 1200
+
+    @property
     def wide(self) -> tuple[float, float]:
         """Wider hyperprior of the curves for a second fit: pseudo-observations, rms [rad]."""
         return (200.0, 1e-3)
