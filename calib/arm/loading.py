@@ -215,7 +215,9 @@ def _select(
         common_normal(active, posture)
     elif len(active) > MOST_JOINTS:
         raise OptionError(
-            f"--joints names {len(active)} joints, expected 2 to {MOST_JOINTS}: lock the others"
+            f"`joints` names {len(active)} joints, expected 2 to {MOST_JOINTS}",
+            hint="lock the others",
+            parameter="joints",
         )
     return active, tip, flat
 

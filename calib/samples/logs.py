@@ -17,10 +17,11 @@ from .log_ranges import ChosenRange, JointColumn, Range
 from .measured_rows import MeasuredRows
 from .orientations import QUATERNION, from_angles, unit_quaternions
 from .places import find_place
+from .plausibility import check_against_robot, check_flat
 from .reservoir import Reservoir
 from .roles import check_names, find_roles
 from .samples import Samples
-from .tables import write_table
+from .tables import unit_of, write_table
 
 if TYPE_CHECKING:
     from ..arm.arm import Arm
@@ -33,6 +34,7 @@ MOST_ROWS = 200_000
 _THICK = 0.02
 """Out-of-plane share of the positions' spread from which on an unknown arm moves in space."""
 
+_STANDS = {True: math.radians(5.0), False: 2e-2}  # further it takes part [rad, m]
 _STILL = {True: math.radians(0.5), False: 1e-3}  # a locked joint may stir [rad, m]
 
 
@@ -43,11 +45,12 @@ def read_log(
     joints: Sequence[str] | None = None,
     columns: Mapping[str, str] | None = None,
     degrees: bool = False,
-    unit: str = "m",
+    unit: str | None = None,
     ranges: Mapping[str, Range] | None = None,
     prismatic: Sequence[str] = (),
     most: int = MOST_ROWS,
     seed: int = 0,
+    usual: Mapping[str, str] | None = None,
 ) -> Samples:
     """Read a measured log: one column for each joint, and x, y or x, y, z.
 
@@ -62,7 +65,8 @@ def read_log(
     path : path-like
         CSV or Parquet; `-` reads CSV from standard input.
     arm : Arm, optional
-        Gives the joints' names and limits, never kinematics.
+        Gives the joints' names and limits; its kinematics tell other units, exchanged columns
+        and a lag, and are never learned from.
     joints : sequence of str, optional
         Without an arm: the joints' columns, from base to tip.
     columns : mapping of str to str, optional
@@ -70,8 +74,8 @@ def read_log(
         lists one element, counted from 0: `{"elbow": "observation.state[1]"}`.
     degrees : bool
         Whether joints that turn are logged in degrees, and `ranges` given in rad still.
-    unit : str
-        Unit of the positions.
+    unit : str, optional
+        Unit of the positions; what the log says of itself if not given, else m.
     ranges : mapping of str to (float, float), optional [rad or m]
         The range of a joint; it goes before the arm's limits. Rows outside are left out.
     prismatic : sequence of str
@@ -80,6 +84,9 @@ def read_log(
         Rows of a long log that are held.
     seed : int
         Of the rows that are drawn: which they are depends on nothing else.
+    usual : mapping of str to str, optional
+        Names that columns have in other logs of this arm; those that this one lacks are
+        passed over.
 
     Returns
     -------
@@ -101,6 +108,8 @@ def read_log(
     if isinstance(most, bool) or not isinstance(most, (int, np.integer)) or most < 2:
         raise OptionError(f"most is {most!r}, expected a whole number of rows, 2 or more")
     source = open_source(path)
+    columns = {**_there(source, usual or {}), **(columns or {})}
+    unit = unit or unit_of(source)
     roles = find_roles(source, arm, joints, columns)
     names, axes = roles.joints, roles.axes
     if arm is not None and arm.outputs > len(axes) and unit != "px":  # a camera sees two
@@ -156,10 +165,16 @@ def read_log(
         from ..arm.plane import fit_plane
 
         plane, rms = fit_plane(x)
+        if arm is not None:
+            check_flat(source.label, x, plane.distances(x), unit, rows)
         x = plane.project(x)
         notes.append(
             f"plane fitted to x, y, z: x along {_vector(plane.x)}, y along {_vector(plane.y)}, "
             f"origin {_vector(plane.origin)}, out-of-plane rms {rms:.4g} {unit}"
+        )
+    if arm is not None:
+        notes += check_against_robot(
+            source.label, arm, q, x, unit, names, fitted_plane=plane is not None
         )
     return Samples(
         q=q,
@@ -175,6 +190,8 @@ def read_log(
         plane=plane,
         out_of_plane_rms=rms,
         orientation=None if plane is not None else orientation,
+        columns=dict(columns or {}),
+        degrees=degrees and any(revolute),
     )
 
 
@@ -258,6 +275,15 @@ def locked_from_log(
             recorded = np.deg2rad(recorded)
         values[name] = float(np.median(recorded))
         moved = float(np.abs(recorded - values[name]).max())
+        if moved > _STANDS[turns]:
+            shown = f"{math.degrees(moved):.3g} deg" if turns else f"{1e3 * moved:.3g} mm"
+            raise LogError(
+                f"{source.label}: {name} is locked but moved by up to {shown} (row "
+                f"{_furthest(reservoir, values[name], turns and degrees)})",
+                hint="name it in `joints` too, or leave out the rows in which it moved",
+                parameter="joints",
+                value=name,
+            )
         if moved > _STILL[turns]:
             shown = f"{math.degrees(moved):.3g} deg" if turns else f"{1e3 * moved:.3g} mm"
             notes.append(
@@ -293,6 +319,18 @@ def _revolute(arm: Arm | None, names: Sequence[str], prismatic: Sequence[str]) -
         if name not in names:
             raise OptionError(f"{name!r} is to slide but is no joint; joints: {', '.join(names)}")
     return tuple(name not in prismatic for name in names)
+
+
+def _furthest(reservoir: Reservoir, middle: float, degrees: bool) -> int:
+    """Number of the row in which a joint is furthest from a value [rad or m]."""
+    values, numbers = reservoir.rows()
+    column = np.deg2rad(values[:, 0]) if degrees else values[:, 0]
+    return int(numbers[int(np.argmax(np.abs(column - middle)))]) + 1
+
+
+def _there(source: Source, usual: Mapping[str, str]) -> dict[str, str]:
+    """Return those of the usual names of columns that a log has."""
+    return {name: column for name, column in usual.items() if find_place(source.header, column)}
 
 
 def _check_values(source: Source, values: Array, names: Sequence[str], axes: Sequence[str]) -> None:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
 from typing import TYPE_CHECKING
 
@@ -9,7 +10,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from ..common.checks import LARGEST
-from ..common.rows import number_rows
+from ..common.rows import column_names, number_rows
 from ..errors import LogError
 
 if TYPE_CHECKING:
@@ -56,6 +57,10 @@ class Samples:
         Root mean square distance of those x, y, z from that plane.
     orientation : (n, 4) array or None
         Of an arm that moves in space, the tip's orientation as qx, qy, qz, qw.
+    columns : dict of str to str
+        Columns of the log that have other names than what they hold.
+    degrees : bool
+        Whether the log has its turning joints in degrees; `q` is in rad all the same.
 
     Raises
     ------
@@ -83,9 +88,12 @@ class Samples:
     plane: Plane | None = field(default=None, repr=False)
     out_of_plane_rms: float | None = None
     orientation: Array | None = field(default=None, repr=False)
+    columns: Mapping[str, str] = field(default_factory=dict, repr=False)
+    degrees: bool = False
 
     def __post_init__(self) -> None:
-        named = {"q": tuple(self.joint_names), "x": ("x", "y")}
+        axes = ("x", "y", "z") if "z" in column_names(self.x) else ("x", "y")
+        named = {"q": tuple(self.joint_names), "x": axes}
         for name in ("q", "x", "lower", "upper"):
             value = getattr(self, name)
             plain = type(value) is np.ndarray and value.dtype.kind in "fiu"
