@@ -150,11 +150,11 @@ def _in_space(samples: Samples, q: Array, x: Array, view: str, seed: int) -> Bod
     metre = METRES.get(samples.unit, 1.0)
     simulated = samples.simulation is not None
     arm = samples.arm
+    extent = float(np.sqrt(((x - x.mean(axis=0)) ** 2).sum(axis=1).mean()))  # of the noise's floor
     if isinstance(arm, SpatialArm) and not simulated:
         kind = {"auto": "rigid" if samples.unit in METRES else "similarity"}.get(view, view)
-        template = structure_of(arm, kind, unit=samples.unit, metre=metre)
+        template = structure_of(arm, kind, unit=samples.unit, metre=metre, extent=extent)
     else:
-        extent = float(np.sqrt(((x - x.mean(axis=0)) ** 2).sum(axis=1).mean()))
         template = unknown_structure(
             samples.joint_names, samples.revolute, extent, samples.unit, metre
         )
