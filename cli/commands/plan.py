@@ -56,6 +56,7 @@ def plan(
     ] = 60,
     joints: o.JointsOption = None,
     tip: o.TipOption = None,
+    planar: o.PlanarOption = False,
     lock: o.LockOption = None,
     ranges: o.RangeOption = None,
     margins: Annotated[
@@ -109,7 +110,7 @@ def plan(
     import calib
     from calib.samples.tables import write_table
 
-    known = _load(Selection(source, joints, tip, lock or (), ranges or (), degrees))
+    known = _load(Selection(source, joints, tip, lock or (), ranges or (), degrees, planar))
     notes = Notes()
     notes.say(getattr(known, "notes", ()))  # an arm's
     turning = _turning(known)
