@@ -196,7 +196,9 @@ class Desk:
         far = self.camera.position[2] / np.maximum(-rays[..., 2], 1e-3)
         x, y = (np.array(self.camera.position[k]) + far * rays[..., k] for k in (0, 1))
         rng = np.random.default_rng(self.seed)
-        grain = cv2.resize(rng.normal(0, 1, (h // 6, w // 6)), (w, h), interpolation=cv2.INTER_CUBIC)
+        grain = cv2.resize(
+            rng.normal(0, 1, (h // 6, w // 6)), (w, h), interpolation=cv2.INTER_CUBIC
+        )
         wood = 12 * np.sin(60 * y + 3 * np.sin(7 * x)) + 5 * np.sin(400 * y + 9 * np.sin(11 * x))
         scene = (150 + wood + 6 * grain).astype(np.float32)
         for sticker in self.still:

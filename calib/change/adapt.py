@@ -22,14 +22,14 @@ from .baseline import learn_baseline
 from .carry import carry
 from .causes import Cause, find_causes, frame_between
 from .check import outlier_note
-from .comparison import Comparison, carried, compare
+from .comparison import UNEXPLAINED, Comparison, carried, compare
 from .explain import Explanation
 from .follow import BLOCK, HORIZON, OnlineAdapter
 from .members import NOTHING
 from .own_residual import OwnResidual, own_residual
 from .rows import thinned
 from .update import MOST_ROWS, settled, updated
-from .whitening import lengths_of
+from .whitening import kernel, lengths_of
 
 if TYPE_CHECKING:
     from ..samples.samples import Samples
@@ -40,6 +40,7 @@ _CLEAR = 0.95  # of the held-out error that a change may leave at most
 _REFINED = 0.85  # the same where nothing changed and rows are only added
 _SURE = 2.0  # standard errors by which held-out blocks must gain where nothing changed
 _UNSURE = 0.9  # share of the expected error that added rows may leave at most
+_LOUD = ("mirror", "scale", "sign", "lost")
 _CELLS = 5  # along each joint, for the share of the range that a log measured
 _RADIUS_95 = 2.448  # radius that holds 95 % of a 2-D Gaussian of standard deviation 1
 _BASELINE = 6000  # imagined samples that tell what is usual after an adaptation
@@ -154,7 +155,8 @@ def _few_shot(found: Comparison, log: Samples, report: Progress) -> Adaptation:
     predicted = model.predictor.value(model.motor.scale.to_unit(found.q))
     before = np.linalg.norm(found.x - predicted, axis=1)[some][kept]
     after = after[kept]
-    improved = found.explained and _improves(found, body, own, changed, before, after)
+    explained = found.explained or _followed(found, own)
+    improved = explained and _improves(found, body, own, changed, before, after)
     causes, said = find_causes(found, changed or not found.explained)
     made = Adaptation(
         model,
@@ -167,7 +169,7 @@ def _few_shot(found: Comparison, log: Samples, report: Progress) -> Adaptation:
         tuple(c for c in causes if c.cause != "noise"),
         _left(found, chosen[0][1]) if changed else ("the arm and the sensor",),
         measured_share(model, found.q),
-        tuple(_notes(found, said, improved)),
+        tuple(_notes(found, causes, said, improved)),
     )
     if not improved:
         return made
@@ -178,13 +180,21 @@ def _few_shot(found: Comparison, log: Samples, report: Progress) -> Adaptation:
     return replace(made, model=_finished(found, log, made, fresh, after, "few-shot", frame))
 
 
+def _followed(found: Comparison, own: OwnResidual | None) -> bool:
+    """Whether the log of a model without a body is followed by a smooth residual at least."""
+    if found.model.body is not None or own is None:
+        return False
+    spread = np.linalg.norm(found.x - np.median(found.x, axis=0), axis=1)
+    return float(np.median(own.held_out)) < UNEXPLAINED * float(np.median(spread))
+
+
 def _unchanged(found: Comparison) -> list[tuple[float, Explanation]]:
     """Nothing changed: the rows are added to what was known."""
     some = [e for e in found.explanations if e.member == NOTHING]
-    weight = np.exp(np.array([e.evidence for e in some]) - some[0].evidence) if some else []
     if not some:
         return found.likely
-    return list(zip((weight / np.sum(weight)).tolist(), some, strict=True))
+    weight = np.exp(np.array([e.evidence for e in some]) - some[0].evidence)
+    return list(zip((weight / weight.sum()).tolist(), some, strict=True))
 
 
 def _improves(
@@ -229,13 +239,24 @@ def _carried(found: Comparison, body: Body, own: OwnResidual | None) -> Model:
     nodes = scale.from_unit(np.clip(fresh.motor.units, 0.0, 1.0))
     bounds = [body.bound(nodes, noise=noise) for noise in (True, False)]
     if model.body is None:
-        growth = _RADIUS_95 * (own.deviation(nodes) if own is not None else 0.0)
+        growth = np.zeros(len(nodes)) if own is None else _growth(found, fresh, own, nodes)
         noise = _RADIUS_95 * float(body.noise[0])
         bounds = [np.hypot(model.bounds, growth), np.hypot(model.model_bounds, growth)]
         bounds[0] = np.maximum(bounds[0], noise)
     winners = fresh.motor.nearest(scale.to_unit(found.q))[1][:, 0]
     visited = model.visited | (np.bincount(winners, minlength=fresh.motor.size) > 0)
     return replace(fresh, bounds=bounds[0], model_bounds=bounds[1], visited=visited)
+
+
+def _growth(found: Comparison, fresh: Model, own: OwnResidual, nodes: Array) -> Array:
+    """What a model without a body does not know away from the rows, (nodes,) [unit].
+
+    Where no view explains the log alone, the old prediction may be right there as well.
+    """
+    u = np.clip(fresh.motor.units, 0.0, 1.0)
+    change = np.linalg.norm(fresh.predictor.value(u) - found.model.predictor.value(u), axis=1)
+    near = kernel(nodes, own.q, own.lengths).max(axis=1)
+    return np.hypot(_RADIUS_95 * own.deviation(nodes), (1.0 - near) * change)
 
 
 def _finished(
@@ -370,8 +391,13 @@ def _left(found: Comparison, best: Explanation) -> tuple[str, ...]:
     return tuple(w for g, w in words.items() if g in known and len(known[g]) and g not in freed)
 
 
-def _notes(found: Comparison, said: tuple[str, ...], improved: bool) -> list[str]:
-    notes = [*found.rows.notes, *outlier_note(found.outliers), *said]
+def _notes(
+    found: Comparison, causes: tuple[Cause, ...], said: tuple[str, ...], improved: bool
+) -> list[str]:
+    notes = [*found.rows.notes, *outlier_note(found.outliers)]
+    # what nobody may miss: another unit, a mirror, a joint that turns round or not at all
+    notes += [c.words for c in causes if c.cause.split(":")[0] in _LOUD]
+    notes += said
     if not found.explained:
         notes.append(found.why_not())
     elif improved:

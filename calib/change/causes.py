@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from ..body.structure import Array
+from ..body.structure import Array, Indices
 from .alignment import Alignment
 from .members import FRAME
 
@@ -125,9 +125,9 @@ def _of_frame(comparison: Comparison) -> list[Cause]:
         found.append(Cause(f"lost:{names[k]}", "gain", 0.0, None, "1", words))
     if reference.scale != 1.0:
         ratio = reference.scale
-        words = f"the log's positions are {ratio:.5g} times the model's"
+        words = f"the log's positions are {ratio:.4g} times the model's"
         if abs(ratio / 1e3 - 1.0) < 0.1:
-            words += "; if they are mm, --unit mm converts them"
+            words += "; if they are mm, `unit='mm'` converts them"
         found.append(Cause("scale", "view.scale", ratio, None, "1", words))
     return found
 
@@ -167,9 +167,9 @@ def _of_group(
     comparison: Comparison,
     best: Explanation,
     group: str,
-    ix: Array,
+    ix: Indices,
     old: Array,
-    every: Array,
+    every: Indices,
     size: Array,
 ) -> list[tuple[float, Cause]]:
     """Causes of one group with the displacement that each makes."""
@@ -230,7 +230,7 @@ def _single(label: Any, old: float, change: float, sd: float) -> Cause:
 
 
 def _of_sensor(
-    comparison: Comparison, best: Explanation, old: Array, every: Array, size: Array
+    comparison: Comparison, best: Explanation, old: Array, every: Indices, size: Array
 ) -> list[tuple[float, Cause]]:
     """The sensor's frame as one cause, its rotation as the number."""
     structure = comparison.reference.structure

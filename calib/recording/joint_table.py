@@ -10,10 +10,10 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
+from ..common.wording import listed
+from ..errors import LogError
 from ..samples.columns import Source, open_source, read_columns
 from ..samples.csv_rows import csv_rows
-from ..errors import LogError
-from ..common.wording import listed
 
 Array = NDArray[np.float64]
 
@@ -139,9 +139,7 @@ def _named(source: Source, names: Sequence[str]) -> str | None:
 def _texts(source: Source, column: str) -> list[str]:
     """Read a column of text."""
     if column not in source.header:
-        raise LogError(
-            f"{source.label} has no column {column!r}; columns: {listed(source.header)}"
-        )
+        raise LogError(f"{source.label} has no column {column!r}; columns: {listed(source.header)}")
     if not source.separator:
         import polars as pl
 
@@ -151,4 +149,6 @@ def _texts(source: Source, column: str) -> list[str]:
     with source.path.open("rb") as file:
         rows = [row for n, row in csv_rows(source.label, file, source.separator) if n > source.skip]
     # a picture may be named with a folder, of this system or another
-    return [row[k].strip().replace("\\", "/").rpartition("/")[2] if k < len(row) else "" for row in rows]
+    return [
+        row[k].strip().replace("\\", "/").rpartition("/")[2] if k < len(row) else "" for row in rows
+    ]

@@ -79,7 +79,9 @@ class Recorded:
     def columns(self) -> dict[str, Array]:
         """Return the columns by name."""
         named = {name: self.q[:, k] for k, name in enumerate(self.joint_names)}
-        named |= {axis: self.x[:, k] for k, axis in zip(range(self.x.shape[1]), "xyz", strict=False)}
+        named |= {
+            axis: self.x[:, k] for k, axis in zip(range(self.x.shape[1]), "xyz", strict=False)
+        }
         if self.quaternion is not None:
             names = ("qx", "qy", "qz", "qw")
             named |= {name: self.quaternion[:, k] for k, name in enumerate(names)}

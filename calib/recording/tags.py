@@ -10,8 +10,8 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from ..errors import OptionError
 from ..common.wording import suggestion
+from ..errors import OptionError
 from .edges import crossing, refine_square
 from .opencv import opencv
 
@@ -29,6 +29,7 @@ FLOOR = 0.03
 
 
 _MARGINS = (0.13, 0.3)  # of a cell that is not read; OpenCV 4 reads small tags with the second
+
 
 @dataclass(frozen=True, eq=False)
 class Tag:
@@ -96,9 +97,7 @@ class TagFinder:
         Ids to look for; all if not given, which takes ten times as long with OpenCV 5.
     """
 
-    def __init__(
-        self, dictionary: str = DICTIONARY, wanted: Collection[int] | None = None
-    ) -> None:
+    def __init__(self, dictionary: str = DICTIONARY, wanted: Collection[int] | None = None) -> None:
         cv2 = opencv()
         known = find_dictionary(dictionary)
         count = len(known.bytesList)
