@@ -40,12 +40,15 @@ class LocalModels:
         Distance to the first sample that was left out, in the unit box.
     coefficients : (nodes, terms, 2) array
         Coefficients of the monomials of (u - w) / radius, in the unit of the positions.
+    fades : bool
+        Whether a node's say ends beyond its cell; not in models of file format 1.
     """
 
     degree: int
     samples: int
     radius: Array
     coefficients: Array
+    fades: bool = True
 
     def degrees(self, dof: int) -> NDArray[np.intp]:
         """Degree of each node's own model, (nodes,), -1 for none."""
@@ -218,12 +221,16 @@ def speaking(motor: Map, u: Array) -> tuple[NDArray[np.intp], Array, Array]:
     """
     index, weight = blend(motor, u, blend_size(u.shape[1]))
     gap = motor.scale.difference(u[:, None], motor.units[index])
-    reach = _REACH * np.sqrt(u.shape[1]) * motor.spacings[index]
-    share = _fade(np.sqrt(np.einsum("nmd,nmd->nm", gap, gap)) / reach)
+    share = _fade(np.sqrt(np.einsum("nmd,nmd->nm", gap, gap)) / reach_of(motor)[index])
     weight = weight * share
     total = weight.sum(axis=1, keepdims=True)
     left = share.max(axis=1, keepdims=True)
     return index, np.where(total > 0.0, weight * left / np.where(total > 0.0, total, 1.0), 0.0), gap
+
+
+def reach_of(motor: Map) -> Array:
+    """How far each node speaks in full, (nodes,), in the unit box."""
+    return np.asarray(_REACH * np.sqrt(motor.units.shape[1]) * motor.spacings)
 
 
 def near_rows(motor: Map, u: Array) -> Array:
@@ -256,7 +263,11 @@ def predict(
     models: LocalModels, motor: Map, u: Array, *, slope: bool = False
 ) -> tuple[Array, Array | None]:
     """Blended correction at the points `u` (n, d), (n, 2), and its slope (n, 2, d)."""
-    index, weight, gap = speaking(motor, u)
+    if models.fades:
+        index, weight, gap = speaking(motor, u)
+    else:
+        index, weight = blend(motor, u, blend_size(u.shape[1]))
+        gap = motor.scale.difference(u[:, None], motor.units[index])
     radius = models.radius[index]
     z = gap / radius[..., None]
     c = models.coefficients[index] * weight[..., None, None]
