@@ -14,7 +14,7 @@ RULES = ("batch", "online")
 READOUTS = ("local", "body", "linear", "activity", "winner")
 BODIES = ("auto", "none")
 SENSOR_VIEWS = ("auto", "base", "rigid", "similarity", "affine", "homography")
-VIEWS = ("auto", "base")
+VIEWS, CAUSES = ("auto", "base"), ("sensor", "joints")
 MOTIONS = ("uniform", "halton", "sobol", "smooth")
 
 RobotArgument = Annotated[
@@ -240,13 +240,24 @@ ViewOption = Annotated[
     ),
 ]
 
-ReadoutOption = Annotated[
+BlameOption = Annotated[
     str,
+    typer.Option(
+        "--cause",
+        parser=parsing.one_of("--cause", CAUSES),
+        metavar="|".join(CAUSES),
+        help="What changed, where a turned sensor and the first joint's offset look the same.",
+    ),
+]
+
+ReadoutOption = Annotated[
+    str | None,
     typer.Option(
         "--readout",
         parser=parsing.one_of("--readout", READOUTS),
         metavar="|".join(READOUTS),
-        help="How the query is answered: local is the body and the local models.",
+        help="How the query is answered (default local, the body and its local models; of a "
+        "model without a body linear, maps and links alone).",
     ),
 ]
 NearOption = Annotated[

@@ -102,17 +102,17 @@ def test_rows_outside_leave_the_others_as_they_are(model, q):
     np.testing.assert_allclose(np.delete(said, 3, axis=0), model.forward(q[:5]), atol=1e-12)
 
 
-def with_a_hole(body):
+def with_a_hole(body, size=0.45):
     """A log of two_link with 1 mm noise whose rows leave out a middle of the joints' box."""
     arm = calib.load_arm("two_link")
     s = calib.babble(arm, 1500, seed=0, noise=1e-3)
-    part = s.take(np.linalg.norm((s.q - [0.8, 1.4]) / (s.upper - s.lower), axis=1) > 0.3)
+    part = s.take(np.linalg.norm((s.q - [0.8, 1.4]) / (s.upper - s.lower), axis=1) > size)
     kept = calib.Samples(part.q, part.x, s.joint_names, s.lower, s.upper, s.revolute)
     return calib.train(kept, size=14, body=body), kept
 
 
 def test_a_body_answers_where_no_row_was_and_its_bound_holds():
-    model, _ = with_a_hole("auto")
+    model, _ = with_a_hole("auto", 0.3)
     q = np.array([0.8, 1.4])
     miss = np.linalg.norm(model.forward(q) - two_link(q[None])[0])
     assert miss <= model.model_error(q) < 1e-3
@@ -128,6 +128,10 @@ def test_without_a_body_there_is_no_answer_far_from_every_row():
     known = np.isfinite(model.forward(kept.q[::10])[:, 0])
     assert known.all()
     assert model.model_error(kept.q[::10]).max() <= 0.1 * model.reach
+    smaller, _ = with_a_hole("none", 0.3)
+    beside, within = smaller.model_error([[0.8, 2.2], [0.8, 1.4]])
+    assert 5 * beside < within < 0.1 * smaller.reach
+    assert np.linalg.norm(smaller.forward([0.8, 1.4]) - two_link(np.array([[0.8, 1.4]]))) < within
 
 
 @pytest.mark.parametrize(

@@ -133,9 +133,9 @@ def test_a_damaged_file_is_an_error(tmp_path):
 
 def test_states_of_another_arm_or_another_size_are_refused():
     kept = both()
+    three = calib.train(calib.babble(calib.load_arm("three_link"), 500), size=5)
     with pytest.raises(OptionError, match="joints"):
-        three = calib.load_arm("three_link")
-        keep(kept, calib.train(calib.babble(three, 500), size=5), "other")
+        keep(kept, three, "other")
     with pytest.raises(OptionError, match="another size"):
         keep(kept, calib.train(calib.babble(arm(), 500), size=8), "small")
     with pytest.raises(OptionError, match="present"):

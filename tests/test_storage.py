@@ -439,3 +439,50 @@ def test_a_large_file_of_another_sort_is_not_read_whole(tmp_path, monkeypatch):
     assert len(storage._read(path)) == 1000
     with pytest.raises(ModelError, match="not a model file"):
         calib.load(path)
+
+
+# --- what cannot be read back ----------------------------------------------------------------
+
+
+def test_errors_that_could_not_be_measured_are_stored_as_null(tmp_path):
+    """A log of one circle left NaN in the inverse errors, and a file that nothing could read."""
+    nan = {"mean": float("nan"), "max": float("nan"), "p99": float("nan")}
+    model = trained()
+    errors = {
+        "local": {
+            "forward": dict.fromkeys(("x", "y", "distance"), nan),
+            "inverse": dict.fromkeys((*model.about.joint_names, "distance"), nan),
+        }
+    }
+    path = tmp_path / "m.calib"
+    calib.Model.save(replace(model, about=replace(model.about, errors=errors)), path)
+    read = calib.load(path).about.errors["local"]["inverse"]["distance"]
+    assert read == {"mean": None, "max": None, "p99": None}
+
+
+def test_an_older_file_is_replaced_only_by_one_that_was_read_back(tmp_path):
+    path = tmp_path / "m.calib"
+    model = trained()
+    model.save(path)
+    before = path.read_bytes()
+    upper = model.about.upper.copy()
+    upper[0] = np.nan
+    broken = replace(model, about=replace(model.about, upper=upper))
+    with pytest.raises(calib.ModelError, match="nothing was written"):
+        broken.save(path)
+    assert path.read_bytes() == before
+    assert [p.name for p in tmp_path.iterdir()] == ["m.calib"]
+
+
+def test_a_log_along_one_circle_gives_a_model_that_can_be_read(tmp_path):
+    turn = np.linspace(0.1, 1.4, 120)
+    q = np.stack([turn, np.full_like(turn, 1.2) + 1e-3 * np.sin(9 * turn)], axis=1)
+    arm = calib.load_arm("two_link")
+    s = calib.Samples(q, arm.forward(q), arm.joint_names, q.min(0), q.max(0), arm.revolute)
+    path = tmp_path / "circle.calib"
+    try:
+        calib.train(s, size=8).save(path)
+    except calib.CalibError:
+        assert not path.exists()
+    else:
+        assert calib.load(path).about.samples == 120

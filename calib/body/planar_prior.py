@@ -41,6 +41,9 @@ def members(structure: PlanarStructure) -> tuple[tuple[str, tuple[str, ...]], ..
     ladder: list[tuple[str, tuple[str, ...]]] = []
     if structure.nominal is not None:
         ladder.append(("frame", frame or ("offset",)))
+    if structure.view in ("affine", "homography"):
+        # Few rows of a camera that looks straight down need no more.
+        ladder.append(("similarity", (*view_groups("similarity"), "length", "offset", "gain")))
     ladder.append(("chain", chain))
     bent: tuple[str, ...] = ("lens",) if structure.lens else ()
     if structure.simulated and not structure.scaled:

@@ -33,22 +33,29 @@ def starts(structure: SpatialStructure, q: Array, z: Array) -> Sequence[tuple[St
     return [(structure, frame(structure, q, z))]
 
 
-def frame(structure: SpatialStructure, q: Array, z: Array) -> Array:
-    """Parameters (d,) of the nominal arm in the sensor frame that fits rows best."""
+def frame(structure: SpatialStructure, q: Array, z: Array, arm: Array | None = None) -> Array:
+    """Parameters (d,) of an arm in the sensor frame that fits rows best.
+
+    `arm` (d,) are the parameters of the arm, whose sensor and tool are found anew; by default
+    the nominal ones.
+    """
+    arm = structure.neutral() if arm is None else arm
     from .spatial_prior import frame_groups
 
     groups = [group for group in frame_groups(structure) if group != "lens"]
     active = np.concatenate([structure.groups[group] for group in groups])
     sd = structure.prior(groups).sd
     best: tuple[float, Array] | None = None
-    for beta in _guesses(structure, q, z):
+    for beta in _guesses(structure, q, z, arm):
         fitted, cost = settle(structure, q, z, beta, active, sd, 40)
         if best is None or cost < best[0]:
             best = cost, fitted
-    beta = structure.neutral() if best is None else best[1]
+    beta = arm if best is None else best[1]
     if structure.view in ("rigid", "pose", "base"):
         _refuse_misfit(structure, q, z, beta)
-    if structure.view == "pinhole":  # a camera's pose and its focal length help each other
+    if (
+        structure.view == "pinhole" and not (arm - structure.neutral()).any()
+    ):  # a camera's pose and its focal length help each other
         free = [*groups, "lens", "offset"] if any(structure.lens_sd) else [*groups, "offset"]
         prior = structure.prior(free)
         sd = prior.sd.copy()
@@ -151,17 +158,19 @@ def settle(
     return beta, cost(residual, beta, s) + 2 * n * size * float(np.log(s))
 
 
-def _guesses(structure: SpatialStructure, q: Array, z: Array) -> list[Array]:
+def _guesses(structure: SpatialStructure, q: Array, z: Array, arm: Array) -> list[Array]:
     """Rough parameters from which the sensor's place is fitted."""
-    beta = structure.neutral()
+    beta, neutral = arm.copy(), structure.neutral()
+    for group in ("view.rotation", "view.shift", "view.scale", "tool", "tool.rotation", "lens"):
+        beta[structure.groups[group]] = neutral[structure.groups[group]]
     if structure.view == "base":
         return [beta]
     points, rotations = structure.pose(q, beta)
     if structure.view == "pinhole":
-        return _cameras(structure, points, z)
+        return _cameras(structure, points, z, beta)
     guesses = []
     if structure.view == "pose":
-        return [_from_pose(structure, points, rotations, z)]
+        return [_from_pose(structure, points, rotations, z, beta)]
     size = 0.1 * structure.chain.reach
     tools = np.vstack([np.zeros(3), size * np.eye(3), -size * np.eye(3)])
     for tool in tools:
@@ -190,13 +199,15 @@ def similarity(a: Array, b: Array) -> tuple[Array, Array, float]:
     return turn, seen - scale * turn @ middle, scale
 
 
-def _from_pose(structure: SpatialStructure, points: Array, rotations: Array, z: Array) -> Array:
+def _from_pose(
+    structure: SpatialStructure, points: Array, rotations: Array, z: Array, arm: Array
+) -> Array:
     """Sensor and tool of observed poses: Z_k = X A_k Y, linear in X and Y but for scale.
 
     Relative rotations of any two rows are conjugate, so that X turns the axes of A_k A_l' into
     those of Z_k Z_l' (Park and Martin 1994); rows are paired with their neighbours.
     """
-    beta, groups = structure.neutral(), structure.groups
+    beta, groups = arm.copy(), structure.groups
     seen = exponential(z[:, 3:])
     nominal = logarithm(rotations[1:] @ np.swapaxes(rotations[:-1], 1, 2))
     observed = logarithm(seen[1:] @ np.swapaxes(seen[:-1], 1, 2))
@@ -221,9 +232,9 @@ def _from_pose(structure: SpatialStructure, points: Array, rotations: Array, z: 
     return beta
 
 
-def _cameras(structure: SpatialStructure, points: Array, z: Array) -> list[Array]:
+def _cameras(structure: SpatialStructure, points: Array, z: Array, arm: Array) -> list[Array]:
     """Cameras that an affine fit of pixels to points suggests, at a few focal lengths."""
-    beta, groups = structure.neutral(), structure.groups
+    beta, groups = arm.copy(), structure.groups
     f, u0, v0, _ = structure.lens
     middle = points.mean(axis=0)
     centred = points - middle

@@ -181,9 +181,9 @@ def residual(visit: Visit) -> Array:
     g = border (r / mean r)^(min(1, 3/2 t/T)), r / mean r within 0.05 and 50 and r the mean
     square of the model's held-out residuals around a sample, see
     :func:`calib.maps.misfit.misfit`; "concentration of nodes in regions with large
-    transformation errors".  Without residuals it is the border's gain alone.  At the default schedule
-    its strength follows the lattice, see :func:`border_strength`; at a radius that the user
-    chooses, and online, it is that of :func:`border`.
+    transformation errors".  Without residuals it is the border's gain alone.  At the
+    default schedule its strength follows the lattice, see :func:`border_strength`; at a
+    radius that the user chooses, and online, it is that of :func:`border`.
     """
     gain = border(visit, border_strength(visit.lattice)) if visit.grown else border(visit)
     if visit.residual is None:

@@ -8,6 +8,7 @@ to the query instead.
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
@@ -128,8 +129,24 @@ class LinearModels:
 
     @property
     def terms(self) -> int:
-        """Numbers that one evaluation multiplies."""
-        return 2 * blend_size(self.motor.units.shape[1]) * (1 + self.motor.units.shape[1])
+        """Functions that one evaluation costs."""
+        return 2 * blend_size(self.slopes.shape[1]) * (1 + self.slopes.shape[1])
+
+    @staticmethod
+    def following(motor: Map, value: Callable[[Array], Array]) -> LinearModels:
+        """Linear models of a function of the unit box, by its values and central differences."""
+        nodes, dof = np.clip(motor.units, 0.0, 1.0), motor.units.shape[1]
+        step = 0.5 * motor.spacing
+        slopes = []
+        for k in range(dof):
+            ahead, behind = nodes.copy(), nodes.copy()
+            ahead[:, k] = np.minimum(nodes[:, k] + step, 1.0)
+            behind[:, k] = np.maximum(nodes[:, k] - step, 0.0)
+            rise = value(ahead) - value(behind)
+            slopes.append(rise / (ahead[:, k] - behind[:, k])[:, None])
+        slope = np.stack(slopes, axis=1)
+        beyond = np.einsum("nd,ndo->no", motor.units - nodes, slope)
+        return LinearModels(motor, value(nodes) + beyond, slope)
 
     def value(self, u: Array) -> Array:
         """Positions (n, o) at the points `u` (n, d) of the unit box."""

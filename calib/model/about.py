@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Mapping, Sequence
 from dataclasses import asdict, dataclass, field, fields
 from typing import Any
@@ -48,7 +49,7 @@ class About:
     source : str
         "simulation" or "log".
     taught : bool
-        Whether a Gaussian process of a small log taught the maps.
+        Whether the maps learned from positions that the body predicts, besides the samples.
     samples, seed : int
         Number of training samples, and the seed.
     options : dict
@@ -96,6 +97,7 @@ class About:
         """Plain data, as it is stored in a model file."""
         data = asdict(self)
         data["lower"], data["upper"] = self.lower.tolist(), self.upper.tolist()
+        data["errors"] = known_numbers(data["errors"])
         return data
 
     @classmethod
@@ -115,6 +117,15 @@ class About:
         for name in ("lower", "upper"):
             values[name] = np.array(values[name], dtype=float)
         return cls(**values)
+
+
+def known_numbers(errors: Any) -> Any:
+    """Return errors in which what could not be measured (NaN) is None, as JSON has it."""
+    if isinstance(errors, Mapping):
+        return {key: known_numbers(value) for key, value in errors.items()}
+    if isinstance(errors, float) and not math.isfinite(errors):
+        return None
+    return errors
 
 
 def check_about(data: Mapping[str, Any]) -> None:

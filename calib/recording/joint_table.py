@@ -10,10 +10,10 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
+from ..common.wording import listed
+from ..errors import LogError
 from ..samples.columns import Source, open_source, read_columns
 from ..samples.csv_rows import csv_rows
-from ..errors import LogError
-from ..common.wording import listed
 
 Array = NDArray[np.float64]
 

@@ -31,8 +31,41 @@ def thinned(count: int, most: int = MOST) -> NDArray[np.intp]:
     return np.unique(np.linspace(0, count - 1, min(count, most)).round().astype(np.intp))
 
 
+class Judge:
+    """A fit of what was seen by joints, from which blocks of rows are held out.
+
+    Parameters
+    ----------
+    q : (n, joints) array [rad or m]
+        Joints, in the order of time.
+    blocks : int
+        Neighbouring rows are left out together: so many times.
+    soft : float
+        Ridge, relative to the kernel's one.
+    """
+
+    def __init__(self, q: Array, blocks: int = 8, soft: float = _SOFT[1]) -> None:
+        n = len(q)
+        self.q = q
+        self._inverse = np.linalg.inv(kernel(q, q) + 1.0 + soft * np.eye(n))  # one: a free mean
+        self._parts = [p for p in np.array_split(np.arange(n), min(blocks, n)) if len(p)]
+
+    def miss(self, x: Array) -> Array:
+        """Return what the other blocks' fit leaves of values (n, d): linear in them."""
+        weights = self._inverse @ (x - x.mean(0))
+        miss = np.empty_like(weights)
+        for part in self._parts:
+            miss[part] = np.linalg.solve(self._inverse[np.ix_(part, part)], weights[part])
+        return miss
+
+    def predict(self, q: Array, x: Array) -> Array:
+        """Return what the fit to values (n, d) of all rows says at joints (m, joints)."""
+        middle = x.mean(0)
+        return np.asarray((kernel(q, self.q) + 1.0) @ (self._inverse @ (x - middle)) + middle)
+
+
 def held_out(q: Array, x: Array, blocks: int = 8) -> Array:
-    """Predict each row by the rows of other blocks.
+    """Return how far each row is predicted by the rows of other blocks.
 
     Parameters
     ----------
@@ -46,22 +79,16 @@ def held_out(q: Array, x: Array, blocks: int = 8) -> Array:
     Returns
     -------
     (n,) array [unit of x]
-        Distances of the predictions, with the softness that has the least median.
+        Distances, with the softness that has the least median.
     """
-    n = len(q)
-    K = kernel(q, q)
-    parts = [p for p in np.array_split(np.arange(n), min(blocks, n)) if len(p)]
-    best = np.full(n, np.inf)
-    for soft in _SOFT:
-        inverse = np.linalg.inv(K + 1.0 + soft * np.eye(n))  # the one is a free mean
-        weights = inverse @ (x - x.mean(0))
-        miss = np.empty_like(x)
-        for part in parts:
-            miss[part] = np.linalg.solve(inverse[np.ix_(part, part)], weights[part])
-        distance = np.linalg.norm(miss, axis=1)
-        if np.median(distance) < np.median(best):
-            best = distance
-    return best
+    tried = [np.linalg.norm(Judge(q, blocks, soft).miss(x), axis=1) for soft in _SOFT]
+    return min(tried, key=lambda distance: float(np.median(distance)))
+
+
+def softness(q: Array, x: Array) -> float:
+    """Return the ridge with which held-out blocks are predicted best."""
+    medians = [np.median(np.linalg.norm(Judge(q, 8, s).miss(x), axis=1)) for s in _SOFT]
+    return _SOFT[int(np.argmin(medians))]
 
 
 def row_shift(q: Array, x: Array, most: int = 3) -> tuple[int, float, float]:

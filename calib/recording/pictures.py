@@ -13,8 +13,8 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
-from ..errors import LogError
 from ..common.wording import listed
+from ..errors import LogError
 from .joint_table import JointTable
 
 Array = NDArray[np.float64]

@@ -15,8 +15,8 @@ from typing import Any, Protocol
 import numpy as np
 from numpy.typing import NDArray
 
-from ..samples.columns import open_source, read_columns
 from ..errors import LogError, OptionError
+from ..samples.columns import open_source, read_columns
 from .board import LEAST_CORNERS, Board
 from .lens import Lens
 from .plane import Pose, apply_homography, cut_noise, cut_plane, find_pose, homography

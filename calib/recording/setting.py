@@ -22,7 +22,6 @@ from .reference import (
     Watch,
     board_layout,
     motion,
-    read_layout,
     watch,
 )
 from .tags import DICTIONARY, Tag, TagFinder

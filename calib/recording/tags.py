@@ -10,8 +10,8 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from ..errors import OptionError
 from ..common.wording import suggestion
+from ..errors import OptionError
 from .edges import crossing, refine_square
 from .opencv import opencv
 

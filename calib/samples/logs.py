@@ -22,19 +22,22 @@ from .samples import Samples
 from .tables import write_table
 
 if TYPE_CHECKING:
-    from ..arm.planar_arm import PlanarArm
+    from ..arm.arm import Arm
 
 Array = NDArray[np.float64]
 
 MOST_ROWS = 200_000
 """Rows of a log that are held; of a longer one so many are drawn."""
 
+_THICK = 0.02
+"""Out-of-plane share of the positions' spread from which on an unknown arm moves in space."""
+
 _STILL = {True: math.radians(0.5), False: 1e-3}  # a locked joint may stir [rad, m]
 
 
 def read_log(
     path: str | os.PathLike[str],
-    arm: PlanarArm | None = None,
+    arm: Arm | None = None,
     *,
     joints: Sequence[str] | None = None,
     columns: Mapping[str, str] | None = None,
@@ -57,7 +60,7 @@ def read_log(
     ----------
     path : path-like
         CSV or Parquet; `-` reads CSV from standard input.
-    arm : PlanarArm, optional
+    arm : Arm, optional
         Gives the joints' names and limits, never kinematics.
     joints : sequence of str, optional
         Without an arm: the joints' columns, from base to tip.
@@ -99,6 +102,13 @@ def read_log(
     source = open_source(path)
     roles = find_roles(source, arm, joints, columns)
     names, axes = roles.joints, roles.axes
+    if arm is not None and arm.outputs > len(axes):
+        raise LogError(
+            f"{source.label} has x and y alone; {arm.name} moves in space, so that x, y and z "
+            "have to be measured",
+            hint="for a planar part of the arm name its joints, or give `planar=True`",
+            parameter="planar",
+        )
     revolute = _revolute(arm, names, prismatic)
     chosen = {
         k: ChosenRange(source.label, name, (ranges or {})[name], revolute[k], degrees)
@@ -139,7 +149,8 @@ def read_log(
         notes += said
     x = np.ascontiguousarray(values[:, len(names) :])
     plane = rms = None
-    if len(axes) == 3:
+    in_space = len(axes) == 3 and _in_space(x, arm)
+    if len(axes) == 3 and not in_space:
         from ..arm.plane import fit_plane
 
         plane, rms = fit_plane(x)
@@ -185,7 +196,8 @@ def write_log(samples: Samples, path: str | os.PathLike[str]) -> None:
     """
     check_names(samples.joint_names)
     joints = {name: samples.q[:, k] for k, name in enumerate(samples.joint_names)}
-    write_table(path, {**joints, "x": samples.x[:, 0], "y": samples.x[:, 1]})
+    positions = {axis: samples.x[:, k] for k, axis in enumerate(samples.axes)}
+    write_table(path, {**joints, **positions})
 
 
 def locked_from_log(
@@ -250,9 +262,15 @@ def locked_from_log(
     return values, tuple(notes)
 
 
-def _revolute(
-    arm: PlanarArm | None, names: Sequence[str], prismatic: Sequence[str]
-) -> tuple[bool, ...]:
+def _in_space(x: Array, arm: Arm | None) -> bool:
+    """Whether positions (n, 3) are those of an arm in space, not of one in a tilted plane."""
+    if arm is not None:
+        return arm.outputs == 3
+    spread = np.linalg.svd(x - x.mean(axis=0), compute_uv=False)
+    return bool(spread[2] > _THICK * spread[0])
+
+
+def _revolute(arm: Arm | None, names: Sequence[str], prismatic: Sequence[str]) -> tuple[bool, ...]:
     if arm is not None:
         return tuple(arm.revolute)
     for name in prismatic:

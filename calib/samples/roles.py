@@ -10,7 +10,7 @@ from ..errors import OptionError
 from .columns import Source
 
 if TYPE_CHECKING:
-    from ..arm.planar_arm import PlanarArm
+    from ..arm.arm import Arm
 
 POSITION = ("x", "y", "z")
 
@@ -36,7 +36,7 @@ class Roles:
 
 def find_roles(
     source: Source,
-    arm: PlanarArm | None,
+    arm: Arm | None,
     joints: Sequence[str] | None,
     columns: Mapping[str, str] | None,
 ) -> Roles:
@@ -46,7 +46,7 @@ def find_roles(
     ----------
     source : Source
         The log.
-    arm : PlanarArm or None
+    arm : Arm or None
         Gives the names of the joints.
     joints : sequence of str or None
         Gives them where there is no arm.
@@ -111,9 +111,7 @@ def check_names(names: Sequence[str]) -> None:
             raise OptionError(f"joint {name!r} is given {names.count(name)} times")
 
 
-def _joint_names(
-    source: Source, arm: PlanarArm | None, joints: Sequence[str] | None
-) -> tuple[str, ...]:
+def _joint_names(source: Source, arm: Arm | None, joints: Sequence[str] | None) -> tuple[str, ...]:
     if isinstance(joints, str):
         joints = [name.strip() for name in joints.split(",")]
     if arm is not None:

@@ -13,7 +13,7 @@ from ..common.rows import number_rows
 from ..errors import LogError
 
 if TYPE_CHECKING:
-    from ..arm.planar_arm import PlanarArm
+    from ..arm.arm import Arm
     from ..arm.plane import Plane
     from .simulation import Simulation
 
@@ -31,8 +31,8 @@ class Samples:
     ----------
     q : (n, dof) array [rad or m]
         Joint values, columns from base to tip.
-    x : (n, 2) array [unit]
-        Tip positions in the sensor's plane.
+    x : (n, 2) or (n, 3) array [unit]
+        Tip positions in the sensor's plane, or in space.
     joint_names : tuple of str
         Names of the columns of `q`.
     lower, upper : (dof,) array [rad or m]
@@ -46,7 +46,7 @@ class Samples:
         For simulated samples what is needed to draw fresh exact ones.
     dropped : int
         Rows of a log that were left out because a value was missing or not finite.
-    arm : PlanarArm or None
+    arm : Arm or None
         The arm that the names and the ranges come from.
     notes : tuple of str
         What the user should be told, one line each.
@@ -76,7 +76,7 @@ class Samples:
     unit: str = "m"
     simulation: Simulation | None = field(default=None, repr=False)
     dropped: int = 0
-    arm: PlanarArm | None = field(default=None, repr=False)
+    arm: Arm | None = field(default=None, repr=False)
     notes: tuple[str, ...] = ()
     plane: Plane | None = field(default=None, repr=False)
     out_of_plane_rms: float | None = None
@@ -101,6 +101,11 @@ class Samples:
     def dof(self) -> int:
         """Number of joints."""
         return len(self.joint_names)
+
+    @property
+    def axes(self) -> tuple[str, ...]:
+        """Names of a position's coordinates: x and y, and z in space."""
+        return ("x", "y", "z")[: self.x.shape[1]]
 
     def take(self, index: ArrayLike | slice) -> Samples:
         """Return the rows that `index` picks, as a slice, row numbers or a mask of rows.
@@ -129,7 +134,7 @@ class Samples:
         n = self.q.shape[0] if self.q.ndim else 0
         for name, shape in {
             "q": (n, dof),
-            "x": (n, 2),
+            "x": (n, self.x.shape[1] if self.x.ndim == 2 and self.x.shape[1] == 3 else 2),
             "lower": (dof,),
             "upper": (dof,),
         }.items():

@@ -31,10 +31,16 @@ Array = NDArray[np.float64]
 _USUAL = 3.0  # a correction this many times the 95 % quantile of the model's own is not trusted
 _LEAST = 0.01  # [rad or m]; a limit below would refuse what is harmless
 _NODES = 200
+_TURNED = 1e-4  # a turn of the frame that is worth a word [rad]
 
 FREE_FRAME = (
     "the sensor's frame is fitted to the log, so the first joint's offset is taken as zero; if "
     "the log is in the robot's root frame, give `view='base'`"
+)
+
+TURNED_FRAME = (
+    "an adaptation found that the sensor's frame turned, which is not corrected; an offset of the "
+    "first joint looks the same: if the sensor stayed, give `cause='joints'`"
 )
 
 
@@ -79,7 +85,12 @@ class Corrected:
 
 
 def correct(
-    model: Model, q: ArrayLike, *, limit: ArrayLike | None = None, view: str = "auto"
+    model: Model,
+    q: ArrayLike,
+    *,
+    limit: ArrayLike | None = None,
+    view: str = "auto",
+    cause: str = "sensor",
 ) -> Corrected:
     """Compensate for what the nominal kinematics do not know.
 
@@ -98,6 +109,9 @@ def correct(
         corrects where not given, at least 0.01.  Rows beyond are marked in `exceeded`.
     view : {"auto", "base"}
         "base" says that the log was in the robot's root frame.
+    cause : {"sensor", "joints"}
+        A sensor that turned about the first joint and an offset of that joint look the same.
+        "joints" says that the sensor stayed, so that the offset is compensated.
 
     Notes
     -----
@@ -114,12 +128,16 @@ def correct(
     check_joint_values(
         rows, about.joint_names, about.lower, about.upper, about.revolute, error=QueryError
     )
-    nominal = _nominal(model, view)
-    limits = usual_limit(model, view) if limit is None else _checked_limit(limit, rows.shape[1])
+    nominal = _nominal(model, view, cause)
+    limits = (
+        usual_limit(model, view, cause) if limit is None else _checked_limit(limit, rows.shape[1])
+    )
     target, answer, found = _solved(model, nominal, rows)
     change = found - rows
     exceeded = answer.reachable & (np.abs(change) > limits).any(axis=1)
     notes = (FREE_FRAME,) if nominal.free else ()
+    if any(abs(frame.angle) > _TURNED for frame in frames(model, cause)):
+        notes = (*notes, TURNED_FRAME)
     return Corrected(
         found,
         target,
@@ -134,13 +152,13 @@ def correct(
     )
 
 
-def usual_limit(model: Model, view: str = "auto") -> Array:
+def usual_limit(model: Model, view: str = "auto", cause: str = "sensor") -> Array:
     """Return the largest change of each joint that is trusted, (dof,) [rad or m].
 
     Three times the 95 % quantile of what correcting the motor map's own nodes changes; one
     limit for all joints that turn, another for those that slide.
     """
-    nominal = _nominal(model, view)
+    nominal = _nominal(model, view, cause)
     nodes = np.flatnonzero(model.visited)
     if len(nodes) > _NODES:
         nodes = np.sort(np.random.default_rng(0).choice(nodes, _NODES, replace=False))
@@ -168,14 +186,15 @@ class _Nominal:
 _nominals: WeakKeyDictionary[Model, dict[str, _Nominal]] = WeakKeyDictionary()
 
 
-def _nominal(model: Model, view: str) -> _Nominal:
+def _nominal(model: Model, view: str, cause: str) -> _Nominal:
     """Return it, fitted once for a model: a controller corrects row by row."""
     kept = _nominals.setdefault(model, {})
-    if view not in kept:
+    key = f"{view} {cause}"
+    if key not in kept:
         free = frame_is_free(model, view)
-        own = (fit_geometry(model, view=view).frame,) if free else ()
-        kept[view] = _Nominal(nominal_arm(model), (*own, *frames(model)), free)
-    return kept[view]
+        own = (fit_geometry(model, view=view, cause=cause).frame,) if free else ()
+        kept[key] = _Nominal(nominal_arm(model), (*own, *frames(model, cause)), free)
+    return kept[key]
 
 
 def _solved(model: Model, nominal: _Nominal, q: Array) -> tuple[Array, Answer, Array]:

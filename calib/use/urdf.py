@@ -177,9 +177,7 @@ def _end_of_tag(data: bytes, start: int) -> int:
 
 
 def _rewritten(tag: str, values: dict[str, Array], missing: bool) -> str:
-    written = {
-        key: " ".join(f"{value + 0.0!r}" for value in v.tolist()) for key, v in values.items()
-    }
+    written = {key: " ".join(repr(v + 0.0) for v in new.tolist()) for key, new in values.items()}
     if missing:
         inside = " ".join(f'{key}="{value}"' for key, value in written.items())
         return f"<origin {inside}/>"

@@ -61,7 +61,7 @@ def babble(
             }
         )
         return
-    columns = ", ".join([*log.joint_names, "x", "y"])
+    columns = ", ".join([*log.joint_names, *log.axes])
     line = f"{len(log)} rows of {columns} [rad, m]"
     if output == "-":
         note(line)

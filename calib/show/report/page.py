@@ -13,7 +13,7 @@ from . import curves, maps
 from .changes import adaptation_table, drift_text, history_table
 from .evidence import Evidence, gather
 from .style import settings, to_png, to_svg
-from .tables import error_table, fact_list, facts, is_papers_arm
+from .tables import errors_in_html, fact_list, facts, is_papers_arm
 
 if TYPE_CHECKING:
     from ...model.model import Model
@@ -116,7 +116,7 @@ def report(model: Model, samples: Samples | None = None) -> str:
         *(f'<p class="soft">Note: {html.escape(note)}</p>' for note in about.notes),
         _heading("Errors"),
         _error_text(evidence),
-        error_table(evidence),
+        errors_in_html(evidence),
     ]
     if model.history:
         parts += [

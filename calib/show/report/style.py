@@ -6,6 +6,7 @@ import io
 import re
 from typing import Any
 
+from ...common.wording import printable
 from ..colours import stops
 
 INK, FAINT = "#010203", "#020304"
@@ -50,6 +51,17 @@ def settings(*, paper: bool = False) -> Any:
     if paper:
         chosen |= {k: _PAPER[v] for k, v in chosen.items() if isinstance(v, str) and v in _PAPER}
     return mpl.rc_context(chosen)
+
+
+def plain_text(name: str) -> str:
+    r"""Return a name from a file as a figure shows it: never as a formula, on one line.
+
+    Examples
+    --------
+    >>> plain_text(r"$\foo$")
+    '\\$\\foo\\$'
+    """
+    return printable(name).replace("$", r"\$")
 
 
 def new_figure(width: float, height: float) -> Any:
