@@ -81,8 +81,9 @@ def finished(
     some = thinned(len(found.q), _EVALUATED)
     errors = summarise(evaluate_residuals(fresh, found.q[some], found.x[some], None))
     # rows that were held out tell the error of the default readout
-    errors["local"]["forward"]["distance"] = dict(made.after)
-    usual = old.about.errors.get("local", {}).get("forward", {}).get("distance", {})
+    readout = fresh.default_readout
+    errors[readout]["forward"]["distance"] = dict(made.after)
+    usual = old.about.errors.get(readout, {}).get("forward", {}).get("distance", {})
     event: dict[str, Any] = {
         "event": "adapted",
         "method": method,
