@@ -22,7 +22,6 @@ from scipy.stats import qmc
 import calib
 from calib.body.basis import Basis
 from calib.body.teacher import learn_teacher
-from calib.change.correction import choose_correction
 from calib.common.scale import Scale
 from calib.samples.changes import parse_changes
 from calib.samples.simulation import Simulation
@@ -240,15 +239,8 @@ def adapt(seeds: int) -> None:
             left = []
             for s in range(seeds):
                 log = measure(arm, design(arm, 20, s), s, texts)
-                correction = choose_correction(
-                    model.predictor.value,
-                    model.motor,
-                    arm.revolute,
-                    scale.to_unit(log.q),
-                    log.x,
-                    np.random.default_rng(0),
-                )
-                left.append(1e3 * np.linalg.norm(correction.value(u) - truth, axis=1).mean())
+                adapted = calib.adapt(model, log).model
+                left.append(1e3 * np.linalg.norm(adapted.predictor.value(u) - truth, axis=1).mean())
             row.append(f"{np.mean(left):.2f} ({max(left):.2f})")
         rows.append(row)
         print(row, file=sys.stderr, flush=True)
