@@ -20,16 +20,28 @@ if TYPE_CHECKING:
     from .arm.loading import load_arm as load_arm
     from .arm.planar_arm import PlanarArm as PlanarArm
     from .arm.robots import list_robots as list_robots
-    from .change.adapt import Adaptation as Adaptation
     from .change.adapt import adapt as adapt
+    from .change.adaptation import Adaptation as Adaptation
     from .change.check import Drift as Drift
+    from .change.check import check as check
     from .change.monitor import Monitor as Monitor
+    from .change.schemas import Recognition as Recognition
+    from .change.schemas import Schema as Schema
+    from .change.schemas import keep as keep
+    from .change.schemas import recall as recall
+    from .change.schemas import recognise as recognise
+    from .change.streams import Followed as Followed
+    from .change.streams import Follower as Follower
     from .errors import CalibError as CalibError
     from .errors import LogError as LogError
     from .errors import ModelError as ModelError
     from .errors import OptionError as OptionError
     from .errors import QueryError as QueryError
     from .errors import RobotError as RobotError
+    from .maps.density import Visit as Visit
+    from .maps.fields import Pairs as Pairs
+    from .maps.fields import Surroundings as Surroundings
+    from .maps.pair import Pair as Pair
     from .maps.som import SOM as SOM
     from .model.answers import Answer as Answer
     from .model.model import Model as Model
@@ -55,36 +67,48 @@ __version__ = "0.1.0"
 
 # name -> module: loaded when first used, so that light commands stay light
 _HOME = {
-    "Adaptation": "change.adapt",
+    "Adaptation": "change.adaptation",
     "Answer": "model.answers",
     "CalibError": "errors",
     "Corrected": "use.correct",
     "Drift": "change.check",
     "Evaluation": "training.evaluate",
+    "Followed": "change.streams",
+    "Follower": "change.streams",
     "LogError": "errors",
     "Model": "model.model",
     "ModelError": "errors",
     "Monitor": "change.monitor",
     "OptionError": "errors",
+    "Pair": "maps.pair",
+    "Pairs": "maps.fields",
     "Path": "model.paths",
     "Plan": "use.plan",
     "PlanarArm": "arm.planar_arm",
     "QueryError": "errors",
+    "Recognition": "change.schemas",
     "RobotError": "errors",
     "SOM": "maps.som",
     "Samples": "samples.samples",
+    "Schema": "change.schemas",
     "Simulation": "samples.simulation",
+    "Surroundings": "maps.fields",
     "Sweep": "sweeps.trials",
     "Trial": "sweeps.trials",
+    "Visit": "maps.density",
     "adapt": "change.adapt",
     "babble": "samples.babbling",
+    "check": "change.check",
     "correct": "use.correct",
     "evaluate": "training.evaluate",
+    "keep": "change.schemas",
     "list_robots": "arm.robots",
     "load": "model_file.storage",
     "load_arm": "arm.loading",
     "plan": "use.plan",
     "read_log": "samples.logs",
+    "recall": "change.schemas",
+    "recognise": "change.schemas",
     "sweep": "sweeps.sweep",
     "train": "training.train",
     "write_log": "samples.logs",

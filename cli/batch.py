@@ -47,7 +47,7 @@ class Streams:
     as_json: bool
 
 
-def forward_batch(model: Model, joints: JointFormat, streams: Streams, readout: str) -> int:
+def forward_batch(model: Model, joints: JointFormat, streams: Streams, readout: str | None) -> int:
     """Answer a table of joint values with positions; return the exit code.
 
     Parameters
@@ -57,19 +57,20 @@ def forward_batch(model: Model, joints: JointFormat, streams: Streams, readout: 
         Unit of the joint values in both tables.
     streams : Streams
         The tables.
-    readout : str
+    readout : str or None
         Passed on to `Model.forward`.
     """
     batch = read_batch(streams.source, joints.names)
     typed = batch.values
     valid = np.isfinite(typed).all(axis=1)
     check_joints(model, typed / joints.typed, joints)
-    x, bounds = np.full((len(typed), 2), np.nan), np.full((2, len(typed)), np.nan)
+    x, bounds = np.full((len(typed), len(model.axes)), np.nan), np.full((2, len(typed)), np.nan)
     if valid.any():
         q = typed[valid] / joints.typed
         x[valid] = model.forward(q, readout)
         bounds[:, valid] = model.expected_error(q), model.model_error(q)
-    columns = {"x": x[:, 0], "y": x[:, 1], "expected_error": bounds[0], "model_error": bounds[1]}
+    columns = {axis: x[:, k] for k, axis in enumerate(model.axes)}
+    columns |= {"expected_error": bounds[0], "model_error": bounds[1]}
     outside = np.flatnonzero(valid & np.isnan(x[:, 0])) + 1
     return _finish(
         model, joints, columns, streams, batch, outside.tolist(), "outside of what was learned"
@@ -80,7 +81,7 @@ def inverse_batch(
     model: Model,
     joints: JointFormat,
     streams: Streams,
-    readout: str,
+    readout: str | None,
     near: Sequence[float] | None,
 ) -> int:
     """Answer a table of positions with joint values; return the exit code.
@@ -98,7 +99,7 @@ def inverse_batch(
     readout, near
         Passed on to `Model.solve`.
     """
-    batch = read_batch(streams.source, ("x", "y"))
+    batch = read_batch(streams.source, model.axes)
     target = batch.values
     valid = np.isfinite(target).all(axis=1)
     n = len(target)

@@ -14,7 +14,7 @@ RULES = ("batch", "online")
 READOUTS = ("local", "body", "linear", "activity", "winner")
 BODIES = ("auto", "none")
 SENSOR_VIEWS = ("auto", "base", "rigid", "similarity", "affine", "homography")
-VIEWS = ("auto", "base")
+VIEWS, CAUSES = ("auto", "base"), ("sensor", "joints")
 MOTIONS = ("uniform", "halton", "sobol", "smooth")
 
 RobotArgument = Annotated[
@@ -23,6 +23,8 @@ RobotArgument = Annotated[
 ModelArgument = Annotated[
     str, typer.Argument(metavar="MODEL", help="A model file, as written by calib train.")
 ]
+
+CAUSES = ("sensor", "joints")
 
 JointsOption = Annotated[
     Names | None,
@@ -209,6 +211,15 @@ UnitOption = Annotated[
     str | None,
     typer.Option("--unit", metavar="m|mm|px|..", help="Unit of the log's positions (default m)."),
 ]
+CauseOption = Annotated[
+    str | None,
+    typer.Option(
+        "--cause",
+        parser=parsing.one_of("--cause", CAUSES),
+        metavar="|".join(CAUSES),
+        help="What is known of a change: the sensor's, or the arm's joints and links.",
+    ),
+]
 PrismaticOption = Annotated[
     Names | None,
     typer.Option(
@@ -229,13 +240,24 @@ ViewOption = Annotated[
     ),
 ]
 
-ReadoutOption = Annotated[
+BlameOption = Annotated[
     str,
+    typer.Option(
+        "--cause",
+        parser=parsing.one_of("--cause", CAUSES),
+        metavar="|".join(CAUSES),
+        help="What changed, where a turned sensor and the first joint's offset look the same.",
+    ),
+]
+
+ReadoutOption = Annotated[
+    str | None,
     typer.Option(
         "--readout",
         parser=parsing.one_of("--readout", READOUTS),
         metavar="|".join(READOUTS),
-        help="How the query is answered: local is the body and the local models.",
+        help="How the query is answered (default local, the body and its local models; of a "
+        "model without a body linear, maps and links alone).",
     ),
 ]
 NearOption = Annotated[
@@ -263,6 +285,13 @@ AnswersOption = Annotated[
 DegreesOption = Annotated[
     bool,
     typer.Option("--degrees", help="Joint values are in degrees as typed, read and printed."),
+]
+LogDegreesOption = Annotated[
+    bool | None,
+    typer.Option(
+        "--degrees/--radians",
+        help="Unit of the log's joint values; as in the model's own log if not given.",
+    ),
 ]
 JsonOption = Annotated[
     bool, typer.Option("--json", help="One JSON document on standard output, in SI units.")

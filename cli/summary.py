@@ -39,7 +39,7 @@ def summary(
         "robot": about.robot or None,
         "joints": list(about.joint_names),
         "tip": about.tip or None,
-        "plane": about.plane,
+        **({"plane": about.plane} if len(model.axes) == 2 else {}),
         "view": view_of(model),
         "map": about.options["map"],
         "rule": about.options["rule"],
@@ -82,7 +82,7 @@ def error_table(model: Model, errors: Errors, title: str) -> Table:
     """Return all errors, a line for each readout, direction and quantity."""
     about = model.about
     units = dict(zip(about.joint_names, about.units_of_joints, strict=True))
-    quantities = {"forward": ["x", "y"], "inverse": list(about.joint_names)}
+    quantities = {"forward": list(model.axes), "inverse": list(about.joint_names)}
     rows = []
     for readout in _ordered(errors):
         label = readout
@@ -99,7 +99,7 @@ def error_table(model: Model, errors: Errors, title: str) -> Table:
 
 
 def compact_table(model: Model, errors: Errors, title: str) -> Table:
-    """Return mean and greatest errors, a line for each quantity."""
+    """Return mean errors, a line for each quantity; of the best readout the greatest too."""
     about = model.about
     units = dict(zip(about.joint_names, about.units_of_joints, strict=True))
     quantities = [("forward", "distance", about.unit)]
@@ -110,14 +110,10 @@ def compact_table(model: Model, errors: Errors, title: str) -> Table:
     for direction, name, si in quantities:
         factor, unit = for_people(si)
         row = [f"{direction} {name} [{unit}]"]
-        for readout in readouts:
-            error = errors[readout][direction][name]
-            row += [_scaled(error, key, factor) for key in ("mean", "max")]
+        row += [_scaled(errors[readout][direction][name], "mean", factor) for readout in readouts]
+        row.insert(2, _scaled(errors[readouts[0]][direction][name], "max", factor))
         rows.append(row)
-    header = ["mean and max"]
-    for readout in readouts:
-        header += [readout, "max"]
-    return Table(header, rows, title)
+    return Table(["mean, and max", readouts[0], "max", *readouts[1:]], rows, title)
 
 
 def size_in_words(model: Model) -> str:

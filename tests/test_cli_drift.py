@@ -40,8 +40,9 @@ def test_check_as_json(folder, run):
     assert document["threshold"] == 1
     assert document["score"] > 1
     assert set(document["distortion"]["links"]) == {"value", "threshold"}
-    assert "length:elbow" in document["causes"]
-    assert "links" in document["fired"]
+    assert "length:elbow" in [cause["cause"] for cause in document["causes"]]
+    assert "length:elbow" in document["fired"]
+    assert document["smallest"] > 0
 
 
 def test_adapt_as_json_and_output(folder, run, tmp_path):
@@ -51,6 +52,10 @@ def test_adapt_as_json_and_output(folder, run, tmp_path):
     assert done.document["model"] == str(out)
     assert done.document["improved"] is True
     assert done.document["after"]["mean"] < 0.2 * done.document["before"]["mean"]
+    checked = run("check", folder / "m.calib", "--data", folder / "new.csv", "--json").document
+    assert done.document["changed"] == [c for c in checked["causes"] if c["cause"] != "noise"]
+    assert "the sensor's scale" in done.document["kept"]
+    assert 0.5 < done.document["coverage"] <= 1
     assert calib.load(out).history[0]["samples"] == done.document["samples"]
 
 

@@ -21,7 +21,7 @@ def _in_a_folder_of_its_own(tmp_path, monkeypatch):
 
 
 def check_errors(errors, joints):
-    assert set(errors) - {"body"} == {"local", "activity", "winner"}
+    assert set(errors) - {"body"} == {"local", "linear", "activity", "winner"}
     for directions in errors.values():
         assert set(directions) == {"forward", "inverse"}
         assert set(directions["forward"]) == {"x", "y", "distance"}
@@ -56,7 +56,7 @@ def test_train_prints_a_table_a_time_and_a_file(run):
     assert done.err == ""
     lines = done.out.splitlines()
     assert lines[0] == "errors on fresh exact samples"
-    assert [word for word in ("local", "activity", "winner") if word in lines[1]]
+    assert lines[1].split()[2:] == ["max", "local", "max", "linear", "activity", "winner"]
     assert lines[2].startswith("forward distance [mm]")
     assert lines[3].startswith("inverse shoulder [deg]")
     assert lines[-1].startswith("other.calib: vdsom, motor 10x10, sensory 10x10, 500 samples, ")
@@ -170,7 +170,7 @@ def test_evaluate_repeats_the_errors_of_training(run, model):
 def test_evaluate_prints_every_error_with_its_unit(run, model):
     lines = run("evaluate", model).out.splitlines()
     assert lines[1].split() == ["readout", "direction", "error", "of", "unit", "mean", "p99", "max"]
-    assert len(lines) == 2 + 3 * 6
+    assert len(lines) == 2 + 4 * 6
     assert [line.split()[-4] for line in lines[2:8]] == ["mm", "mm", "mm", "deg", "deg", "mm"]
 
 

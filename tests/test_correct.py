@@ -35,7 +35,17 @@ def test_the_real_arm_goes_where_the_nominal_one_would(changes):
     truth = samples.simulation.exact
     wanted = arm().forward(Q)
     assert np.linalg.norm(truth(Q) - wanted, axis=1).mean() > 2e-3
-    assert np.linalg.norm(truth(adapted.correct(Q)) - wanted, axis=1).max() < 1e-4
+    found = correct(adapted, Q, cause="joints")
+    assert np.linalg.norm(truth(found.q) - wanted, axis=1).max() < 1e-4
+
+
+def test_an_offset_of_the_first_joint_is_a_turned_sensor_unless_the_user_says_otherwise():
+    adapted = model().adapt(log("shoulder.offset=0.02", n=100, noise=0.0))
+    found = correct(adapted, Q)
+    assert "cause='joints'" in found.notes[0]
+    assert np.abs(found.change).max() < 1e-4
+    change = correct(adapted, Q, cause="joints").change
+    np.testing.assert_allclose(change[:, 0], -0.02, atol=1e-4)
 
 
 def test_nothing_to_correct():

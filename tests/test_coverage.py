@@ -26,6 +26,9 @@ def test_forward(robot, noise):
     _, q, x = fresh(model, robot)
     held = np.linalg.norm(model.forward(q) - x, axis=1) <= model.expected_error(q)
     border = near_border(model.motor, model.motor.scale.to_unit(q))
+    if noise == 0.0:  # errors of rounding, which no bound is below
+        assert held.all()
+        return
     assert 0.93 <= held.mean() <= 0.97
     assert 0.91 <= held[border].mean() <= 0.98
 
@@ -40,6 +43,9 @@ def test_inverse(robot, noise):
     assert reached.mean() > 0.99
     away = np.linalg.norm(arm.forward(answer.q) - x, axis=1)[reached]
     held = away <= answer.expected_error[reached]
+    if noise == 0.0:
+        assert held.all()
+        return
     assert 0.93 <= held.mean() <= 0.97
 
 

@@ -121,5 +121,7 @@ def test_an_unlinked_sensory_node_borrows_the_links_of_the_nearest_linked_one():
 
 
 def test_an_unknown_readout_is_refused_with_the_choices():
-    with pytest.raises(OptionError, match="'best' is unknown, choose one of local, body, linear, activity"):
+    with pytest.raises(
+        OptionError, match="'best' is unknown, choose one of local, body, linear, activity"
+    ):
         check_readout("best")

@@ -55,9 +55,7 @@ def test_what_is_recalled_is_what_was_kept():
     assert np.array_equal(back.forward(q), kept.forward(q))
     assert np.array_equal(back.expected_error(q), kept.expected_error(q))
     # the links of a recalled schema lead to all of its branches
-    assert len(on.inverse_all(on.forward(q))[0]) == len(
-        kept.inverse_all(kept.forward(q))[0]
-    )
+    assert len(on.inverse_all(on.forward(q))[0]) == len(kept.inverse_all(kept.forward(q))[0])
 
 
 def test_a_file_keeps_schemas_and_says_so_the_same_way(tmp_path):
@@ -135,9 +133,9 @@ def test_a_damaged_file_is_an_error(tmp_path):
 
 def test_states_of_another_arm_or_another_size_are_refused():
     kept = both()
+    three = calib.train(calib.babble(calib.load_arm("three_link"), 500), size=5)
     with pytest.raises(OptionError, match="joints"):
-        three = calib.load_arm("three_link")
-        keep(kept, calib.train(calib.babble(three, 500), size=5), "other")
+        keep(kept, three, "other")
     with pytest.raises(OptionError, match="another size"):
         keep(kept, calib.train(calib.babble(arm(), 500), size=8), "small")
     with pytest.raises(OptionError, match="present"):

@@ -12,7 +12,7 @@ import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
-from models import draw, log, measured, trained, turning
+from models import draw, log, measured, no_arm, trained, turning
 from safetensors.numpy import save as pack
 
 import calib
@@ -30,7 +30,15 @@ def data():
 
 @pytest.fixture(scope="module")
 def of_trends():
-    """A model of a log without a body."""
+    """A model of a log that no arm explains."""
+    model = calib.train(no_arm(150), size=5)
+    assert isinstance(model.predictor.smooth, Trend)
+    return to_bytes(model)
+
+
+@pytest.fixture(scope="module")
+def of_maps():
+    """A model of maps and links alone."""
     return to_bytes(calib.train(log(150, 1e-3), size=5, body="none"))
 
 
@@ -113,6 +121,7 @@ MODELS = {
     "with a joint that turns round": turning,
     "of few rows": lambda: calib.train(log(30, 1e-3), size=6),
     "without a body": lambda: calib.train(log(300, 1e-3), size=6, body="none"),
+    "of no arm": lambda: calib.train(no_arm(150), size=6),
     "of a body and a trend": of_both,
     "of a camera": of_a_camera,
     "of a growing neural gas": lambda: trained("two_link", 300, 5, map="gng"),
@@ -141,7 +150,7 @@ def test_a_round_trip_gives_the_same_answers_and_the_same_bytes(kind, tmp_path):
     if model.body is not None:
         assert again.body.describe() == model.body.describe()
         assert again.body.parameters() == model.body.parameters()
-        assert again.body.bound(q).tobytes() == model.body.bound(q).tobytes()
+        np.testing.assert_allclose(again.body.bound(q), model.body.bound(q), rtol=1e-12)
     assert (again.rows is None) == (model.rows is None)
     if model.rows is not None:
         assert again.rows.q.tobytes() == model.rows.q.tobytes()
@@ -408,8 +417,8 @@ def test_a_trend_that_makes_no_sense_is_refused(of_trends, kind):
     refusal(forged(of_trends, TREND_FORGERIES[kind]))
 
 
-def test_an_honest_forgery_is_a_model(data, of_a_log, of_trends):
-    for honest in (data, of_a_log, of_trends):
+def test_an_honest_forgery_is_a_model(data, of_a_log, of_trends, of_maps):
+    for honest in (data, of_a_log, of_trends, of_maps):
         assert to_bytes(from_bytes(forged(honest, lambda h, t: None))) == honest
 
 
@@ -439,3 +448,50 @@ def test_a_large_file_of_another_sort_is_not_read_whole(tmp_path, monkeypatch):
     assert len(storage._read(path)) == 1000
     with pytest.raises(ModelError, match="not a model file"):
         calib.load(path)
+
+
+# --- what cannot be read back ----------------------------------------------------------------
+
+
+def test_errors_that_could_not_be_measured_are_stored_as_null(tmp_path):
+    """A log of one circle left NaN in the inverse errors, and a file that nothing could read."""
+    nan = {"mean": float("nan"), "max": float("nan"), "p99": float("nan")}
+    model = trained()
+    errors = {
+        "local": {
+            "forward": dict.fromkeys(("x", "y", "distance"), nan),
+            "inverse": dict.fromkeys((*model.about.joint_names, "distance"), nan),
+        }
+    }
+    path = tmp_path / "m.calib"
+    calib.Model.save(replace(model, about=replace(model.about, errors=errors)), path)
+    read = calib.load(path).about.errors["local"]["inverse"]["distance"]
+    assert read == {"mean": None, "max": None, "p99": None}
+
+
+def test_an_older_file_is_replaced_only_by_one_that_was_read_back(tmp_path):
+    path = tmp_path / "m.calib"
+    model = trained()
+    model.save(path)
+    before = path.read_bytes()
+    upper = model.about.upper.copy()
+    upper[0] = np.nan
+    broken = replace(model, about=replace(model.about, upper=upper))
+    with pytest.raises(calib.ModelError, match="nothing was written"):
+        broken.save(path)
+    assert path.read_bytes() == before
+    assert [p.name for p in tmp_path.iterdir()] == ["m.calib"]
+
+
+def test_a_log_along_one_circle_gives_a_model_that_can_be_read(tmp_path):
+    turn = np.linspace(0.1, 1.4, 120)
+    q = np.stack([turn, np.full_like(turn, 1.2) + 1e-3 * np.sin(9 * turn)], axis=1)
+    arm = calib.load_arm("two_link")
+    s = calib.Samples(q, arm.forward(q), arm.joint_names, q.min(0), q.max(0), arm.revolute)
+    path = tmp_path / "circle.calib"
+    try:
+        calib.train(s, size=8).save(path)
+    except calib.CalibError:
+        assert not path.exists()
+    else:
+        assert calib.load(path).about.samples == 120

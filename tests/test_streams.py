@@ -178,3 +178,16 @@ def test_what_cannot_be():
         Follower(model()).update([[0.1, 0.2]], [[0.1, 0.2, 0.3]])
     with pytest.raises(OptionError, match="finite"):
         Follower(model()).update([0.1, 0.2], [np.nan, 0.2])
+
+
+def test_maps_and_links_alone_follow_as_well():
+    base = calib.train(calib.babble(arm(), 2000, seed=0, noise=NOISE), size=15, body="none")
+    usual = errors(base).mean()
+    follower = Follower(base, horizon=1500)
+    feed(follower, *TOOL, n=1600, seed=95)
+    assert follower.model.body is None
+    assert follower.model.default_readout == "linear"
+    assert errors(follower.model, *TOOL).mean() < 3.0 * usual
+    feed(follower, n=40, seed=96)
+    assert follower.model.schema == "schema 1"
+    assert errors(follower.model).mean() < 1.1 * usual

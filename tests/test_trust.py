@@ -66,6 +66,18 @@ def test_infinitely_far_is_not_answered(far):
     assert not Trust(motor, bounds, 1.0).covers(np.array([[far, 0.5]])).any()
 
 
+def test_a_bound_grows_away_from_where_it_is_known():
+    """Without a body a node's bound holds near it; beyond, the position may change."""
+    motor = motor_map((6, 6), np.zeros(2, dtype=bool))
+    known = np.full(36, 0.05)
+    trust = Trust(motor, np.full(36, 0.1), 0.12, known, growth=2.0)
+    node = motor.units[14]
+    for away, bound in ((0.0, 0.1), (0.04, 0.1), (0.055, 0.11), (0.08, 0.16)):
+        u = node[None] + [away, 0.0]
+        np.testing.assert_allclose(trust.bound(trust.bounds, u), bound, atol=1e-12)
+        assert trust.covers(u).all() == (bound <= 0.12 + 1e-9)
+
+
 @pytest.mark.parametrize("make", [lambda: trained("two_link"), measured])
 def test_a_model_trusts_its_bound_on_the_true_position_up_to_a_tenth_of_its_reach(make):
     model = make()

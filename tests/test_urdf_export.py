@@ -17,7 +17,7 @@ from calib.use.urdf import corrected_urdf, edited
 
 def exported(tmp_path, adapted):
     path = tmp_path / "corrected.urdf"
-    path.write_text(corrected_urdf(fit_geometry(adapted)))
+    path.write_text(corrected_urdf(fit_geometry(adapted, cause="joints")))
     return calib.load_arm(path)
 
 

@@ -63,6 +63,24 @@ class Arm:
             object.__setattr__(self, name, array)
 
     @property
+    def outputs(self) -> int:
+        """Number of coordinates of a position: 2 in a plane, 3 in space."""
+        raise NotImplementedError
+
+    @property
+    def link_lengths(self) -> dict[str, float]:
+        """Length of the link that each joint moves [m]."""
+        raise NotImplementedError
+
+    def forward(self, q: ArrayLike) -> Array:
+        """Positions (n, outputs) or (outputs,) [m] at joint values (n, dof) or (dof,)."""
+        raise NotImplementedError
+
+    def with_link_length(self: _A, joint: str, length: float) -> _A:
+        """Return the arm with the link that a joint moves at a new length [m]."""
+        raise NotImplementedError
+
+    @property
     def dof(self) -> int:
         """Number of active joints."""
         return len(self.joint_names)

@@ -6,9 +6,10 @@
 from __future__ import annotations
 
 from .belief import Body, Parameter, Second
-from .fitting import BodyFit, fit_body, fit_structure
+from .fitting import fit_body
 from .nominal import Nominal, nominal_of
 from .planar import PlanarStructure
+from .posterior import BodyFit, fit_structure
 from .structure import Hyper, Label, Prior, Structure
 from .telling import warnings_of
 

@@ -21,6 +21,9 @@ from .structure import Array, Hyper, Indices, Prior, Structure
 INNER = 8
 """Steps of EM for each linearisation."""
 
+SETTLED = 3e-3
+"""A change of the noise and of every scale by less than this share ends them earlier."""
+
 
 @dataclass(frozen=True)
 class Fit:
@@ -132,7 +135,7 @@ class _Search:
     def step(self, learn: bool) -> tuple[Array, Array]:
         """Gauss-Newton step (k,) and posterior variances (k,); EM of noise and scales."""
         start = self.distance(self.beta)
-        for _ in range(INNER if learn else 1):
+        for _ in range(INNER):
             gram, moment = self.data()
             precision = gram.copy()
             precision[np.diag_indices(len(self.sd))] += self.sd**-2.0
@@ -140,9 +143,19 @@ class _Search:
             inverse = factor.inverse()
             delta = factor.solve(moment - start / self.sd**2)
             variance = np.diag(inverse)
-            if learn:
-                self._learn(start + delta, delta, variance, inverse)
+            if not learn:
+                break
+            before = self._levels()
+            self._learn(start + delta, delta, variance, inverse)
+            if np.abs(self._levels() - before).max() < SETTLED:
+                break
         return delta, variance
+
+    def _levels(self) -> Array:
+        """Logarithms of the noise and of the scales that EM moves."""
+        noise = np.ones(1) if self.noise is None else self.noise
+        moving = [self.scales[h.name] for h in self.hypers if not h.choices]
+        return np.asarray(np.log(np.concatenate([noise, moving])))
 
     def _learn(self, value: Array, delta: Array, variance: Array, inverse: Array) -> None:
         """One step of EM: the scales of the hypers without choices, and the noise."""

@@ -31,6 +31,8 @@ def unpack(packed: Packed, size: int) -> Array:
 
 def packed_of(covariance: Array, packed: Packed | None) -> Packed:
     """The packed root of a covariance: the one at hand where it is the covariance's own."""
-    if packed is not None and np.array_equal(unpack(packed, len(covariance)), covariance):
+    size = len(covariance)
+    fits = packed is not None and len(packed) == size * (size + 1) // 2
+    if packed is not None and fits and np.array_equal(unpack(packed, size), covariance):
         return packed
     return pack(covariance)

@@ -333,8 +333,18 @@ class SpatialStructure:
         return np.stack(pushed)
 
     def _loads(self, q: Array) -> Array:
-        """Torques of gravity (m, n) as shares of the largest one."""
-        return np.asarray(self.chain.torques(q, np.asarray(self.gravity)).T / self.torque)
+        """Torques of gravity (m, n) as shares of the largest one; a fit asks for the same rows."""
+        last = self._memory.get("loads")
+        if last is None or last[0] is not q:
+            loads = self.chain.torques(q, np.asarray(self.gravity)).T / self.torque
+            last = (q, np.ascontiguousarray(loads))
+            self._memory["loads"] = last
+        return last[1]
+
+    @cached_property
+    def _memory(self) -> dict[str, tuple[Array, Array]]:
+        """Rows that were asked for last, and what does not depend on the parameters."""
+        return {}
 
 
 class _Columns:

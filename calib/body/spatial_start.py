@@ -16,6 +16,10 @@ if TYPE_CHECKING:
 
 #: Rows that a start is fitted to.
 ROWS = 400
+#: Fewest rows by view: no fewer could place the sensor.
+LEAST = {"base": 2, "rigid": 4, "similarity": 4, "pose": 3, "pinhole": 6, "unknown": 10}
+#: A median distance beyond this share says that it is not this arm.
+OTHER = 0.3
 #: A median distance beyond this share of the rows' spread is no calibration error.
 MISFIT = 0.1
 #: Degrees of freedom of the Student noise that keeps outliers from deciding.
@@ -24,6 +28,14 @@ NU = 6.0
 
 def starts(structure: SpatialStructure, q: Array, z: Array) -> Sequence[tuple[Structure, Array]]:
     """Candidate starts of a fit: structures with their parameters (d,), the best one first."""
+    least = LEAST["unknown" if not structure.informed else structure.view]
+    if len(q) < least:
+        raise LogError(
+            f"{len(q)} rows cannot place a spatial arm in its sensor's frame: expected {least} or "
+            "more, of poses that differ in every joint"
+        )
+    if float(np.ptp(z, axis=0).max()) <= 1e-9 * max(float(np.abs(z).max()), 1e-12):
+        raise LogError("the positions are the same in every row: the sensor saw no motion")
     rows = np.unique(np.linspace(0, len(q) - 1, min(len(q), ROWS)).round().astype(int))
     q, z = q[rows], z[rows]
     if not structure.informed:
@@ -33,22 +45,29 @@ def starts(structure: SpatialStructure, q: Array, z: Array) -> Sequence[tuple[St
     return [(structure, frame(structure, q, z))]
 
 
-def frame(structure: SpatialStructure, q: Array, z: Array) -> Array:
-    """Parameters (d,) of the nominal arm in the sensor frame that fits rows best."""
+def frame(structure: SpatialStructure, q: Array, z: Array, arm: Array | None = None) -> Array:
+    """Parameters (d,) of an arm in the sensor frame that fits rows best.
+
+    `arm` (d,) are the parameters of the arm, whose sensor and tool are found anew; by default
+    the nominal ones.
+    """
+    arm = structure.neutral() if arm is None else arm
     from .spatial_prior import frame_groups
 
     groups = [group for group in frame_groups(structure) if group != "lens"]
     active = np.concatenate([structure.groups[group] for group in groups])
     sd = structure.prior(groups).sd
     best: tuple[float, Array] | None = None
-    for beta in _guesses(structure, q, z):
+    for beta in _guesses(structure, q, z, arm):
         fitted, cost = settle(structure, q, z, beta, active, sd, 40)
         if best is None or cost < best[0]:
             best = cost, fitted
-    beta = structure.neutral() if best is None else best[1]
+    beta = arm if best is None else best[1]
     if structure.view in ("rigid", "pose", "base"):
         _refuse_misfit(structure, q, z, beta)
-    if structure.view == "pinhole":  # a camera's pose and its focal length help each other
+    if (
+        structure.view == "pinhole" and not (arm - structure.neutral()).any()
+    ):  # a camera's pose and its focal length help each other
         free = [*groups, "lens", "offset"] if any(structure.lens_sd) else [*groups, "offset"]
         prior = structure.prior(free)
         sd = prior.sd.copy()
@@ -66,7 +85,7 @@ def _refuse_misfit(structure: SpatialStructure, q: Array, z: Array, beta: Array)
     if left < MISFIT * size and tool < 2 * structure.chain.reach:
         return
     points = structure.metre * structure.pose(q, structure.neutral())[0]
-    left = np.inf
+    misfitting, left = left, np.inf
     for what, sign in (("same", 1.0), ("scale", 1.0), ("mirror", -1.0)):
         seen = z[:, :3] * (sign, 1.0, 1.0)
         turn, shift, scale = similarity(points, seen)
@@ -85,6 +104,12 @@ def _refuse_misfit(structure: SpatialStructure, q: Array, z: Array, beta: Array)
         raise LogError(
             f"the positions are about {scale:.4g} times those of the robot: state their unit, or "
             "use view='similarity'"
+        )
+    if misfitting > OTHER * size:
+        raise LogError(
+            f"the robot does not explain the positions: in the best frame half of the rows are "
+            f"more than {misfitting:.3g} off, of {size:.3g} that they spread; check the order of "
+            "the joints, degrees, and whether it is this robot"
         )
 
 
@@ -151,17 +176,19 @@ def settle(
     return beta, cost(residual, beta, s) + 2 * n * size * float(np.log(s))
 
 
-def _guesses(structure: SpatialStructure, q: Array, z: Array) -> list[Array]:
+def _guesses(structure: SpatialStructure, q: Array, z: Array, arm: Array) -> list[Array]:
     """Rough parameters from which the sensor's place is fitted."""
-    beta = structure.neutral()
+    beta, neutral = arm.copy(), structure.neutral()
+    for group in ("view.rotation", "view.shift", "view.scale", "tool", "tool.rotation", "lens"):
+        beta[structure.groups[group]] = neutral[structure.groups[group]]
     if structure.view == "base":
         return [beta]
     points, rotations = structure.pose(q, beta)
     if structure.view == "pinhole":
-        return _cameras(structure, points, z)
+        return _cameras(structure, points, z, beta)
     guesses = []
     if structure.view == "pose":
-        return [_from_pose(structure, points, rotations, z)]
+        return [_from_pose(structure, points, rotations, z, beta)]
     size = 0.1 * structure.chain.reach
     tools = np.vstack([np.zeros(3), size * np.eye(3), -size * np.eye(3)])
     for tool in tools:
@@ -190,13 +217,15 @@ def similarity(a: Array, b: Array) -> tuple[Array, Array, float]:
     return turn, seen - scale * turn @ middle, scale
 
 
-def _from_pose(structure: SpatialStructure, points: Array, rotations: Array, z: Array) -> Array:
+def _from_pose(
+    structure: SpatialStructure, points: Array, rotations: Array, z: Array, arm: Array
+) -> Array:
     """Sensor and tool of observed poses: Z_k = X A_k Y, linear in X and Y but for scale.
 
     Relative rotations of any two rows are conjugate, so that X turns the axes of A_k A_l' into
     those of Z_k Z_l' (Park and Martin 1994); rows are paired with their neighbours.
     """
-    beta, groups = structure.neutral(), structure.groups
+    beta, groups = arm.copy(), structure.groups
     seen = exponential(z[:, 3:])
     nominal = logarithm(rotations[1:] @ np.swapaxes(rotations[:-1], 1, 2))
     observed = logarithm(seen[1:] @ np.swapaxes(seen[:-1], 1, 2))
@@ -221,9 +250,9 @@ def _from_pose(structure: SpatialStructure, points: Array, rotations: Array, z: 
     return beta
 
 
-def _cameras(structure: SpatialStructure, points: Array, z: Array) -> list[Array]:
+def _cameras(structure: SpatialStructure, points: Array, z: Array, arm: Array) -> list[Array]:
     """Cameras that an affine fit of pixels to points suggests, at a few focal lengths."""
-    beta, groups = structure.neutral(), structure.groups
+    beta, groups = arm.copy(), structure.groups
     f, u0, v0, _ = structure.lens
     middle = points.mean(axis=0)
     centred = points - middle

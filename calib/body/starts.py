@@ -2,20 +2,59 @@
 
 from __future__ import annotations
 
+from dataclasses import dataclass
+
 import numpy as np
 
 from .normal import Factor, student_weights, sums_of
 from .structure import Array, Prior, Structure
 
 ROWS = 400
+"""Rows that the runs use at most."""
+
 KEPT = 8
+"""Runs that are carried on after the first six steps."""
+
 NU = 6.0
 
+RIVAL = 2.0
+"""A rival's residuals are at most this many times the best start's."""
 
-def best_start(
+APART = 0.05
+"""Two starts are different arms where they differ by this share of the extents."""
+
+ASKED = 100
+"""Places where two starts are compared."""
+
+
+@dataclass(frozen=True)
+class Start:
+    """A start of the fit.
+
+    Attributes
+    ----------
+    structure : Structure
+        With its signs and mirror.
+    beta : (d,) array
+    cost : float
+        Negative log posterior at the start's own noise.
+    noise : float
+        Share of the extents that the residuals have.
+    """
+
+    structure: Structure
+    beta: Array
+    cost: float
+    noise: float
+
+
+def best_starts(
     structure: Structure, q: Array, z: Array, free: tuple[str, ...]
-) -> tuple[Structure, Array, float]:
-    """Structure (signs, mirror), parameters (d,) and cost of the best start.
+) -> tuple[Start, ...]:
+    """The best start, and a rival that explains the rows nearly as well by another arm.
+
+    Rows along a path can be explained by two arms, of which joint curves may prefer the wrong
+    one; the gate then decides with the curves.
 
     Parameters
     ----------
@@ -25,19 +64,30 @@ def best_start(
     free : tuple of str
         Groups that the runs fit; the gate's chain.
     """
+    box = q.min(axis=0), np.ptp(q, axis=0)
     if len(q) > ROWS:
         rows = np.sort(np.random.default_rng(0).permutation(len(q))[:ROWS])
         q, z = q[rows], z[rows]
     runs = []
     for each, beta in structure.starts(q, z):
-        runs.append((*_refine(each, q, z, beta, each.prior(free), 6), each))
-    runs.sort(key=lambda run: run[0])
+        runs.append(_refine(each, q, z, beta, each.prior(free), 6))
+    runs.sort(key=lambda run: run.cost)
+    runs = [
+        _refine(run.structure, q, z, run.beta, run.structure.prior(free), 40) for run in runs[:KEPT]
+    ]
     best = runs[0]
-    for cost, beta, each in runs[:KEPT]:
-        cost, beta = _refine(each, q, z, beta, each.prior(free), 40)
-        if cost < best[0] - 1e-9 * abs(best[0]):
-            best = (cost, beta, each)
-    return best[2], best[1], best[0]
+    for run in runs:
+        if run.cost < best.cost - 1e-9 * abs(best.cost):
+            best = run
+    ask = box[0] + np.random.default_rng(0).random((ASKED, q.shape[1])) * box[1]
+    there = best.structure.predict(ask, best.beta)
+    for run in sorted(runs, key=lambda run: run.cost):
+        if run.noise > RIVAL * best.noise or not np.isfinite(run.cost):
+            break
+        apart = best.structure.residual(there, run.structure.predict(ask, run.beta))
+        if float(np.abs(apart / best.structure.extents).max()) > max(APART, 20 * best.noise):
+            return best, run
+    return (best,)
 
 
 def _robust(r: Array, sigma: Array, blocks: tuple[int, ...]) -> float:
@@ -65,8 +115,8 @@ def _spread(r: Array, extents: Array, blocks: tuple[int, ...]) -> Array:
 
 def _refine(
     structure: Structure, q: Array, z: Array, beta: Array, prior: Prior, steps: int
-) -> tuple[float, Array]:
-    """Cost and parameters after a short robust Levenberg-Marquardt run."""
+) -> Start:
+    """The end of a short robust Levenberg-Marquardt run."""
     active, blocks, extents = prior.active, structure.blocks, structure.extents
     sd = prior.sd[active]
     mean = prior.mean[active]
@@ -81,7 +131,7 @@ def _refine(
             predicted, x = structure.linearise(q, beta, active)
             r = structure.residual(z, predicted)
             if not (np.isfinite(r).all() and np.isfinite(x).all()):
-                return np.inf, beta
+                return Start(structure, beta, np.inf, np.inf)
             sigma = _spread(r, extents, blocks)
             w = student_weights(r, sigma, NU, blocks)
             parts = sums_of(x / sigma[:, None], r / sigma, w, blocks)
@@ -112,7 +162,7 @@ def _refine(
                 break
         r = structure.residual(z, structure.predict(q, beta))
         if not np.isfinite(r).all():
-            return np.inf, beta
+            return Start(structure, beta, np.inf, np.inf)
         sigma = _spread(r, extents, blocks)
     cost = posterior(r, beta, sigma) + len(r) * float(np.log(sigma).sum())
-    return cost, beta
+    return Start(structure, beta, cost, float((sigma / extents).max()))

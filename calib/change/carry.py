@@ -19,6 +19,7 @@ from ..common.robust import solve
 from ..common.scale import Scale
 from ..maps import local_models
 from ..maps.association import Association
+from ..maps.linear_models import LinearModels
 from ..maps.local_models import NO_MODELS, LocalModels
 from ..maps.map import Map
 from ..maps.predictor import BodyInBox, Both, Predictor, Smooth
@@ -56,10 +57,16 @@ def carry(model: Model, body: Body | None, value: Value) -> Model:
     drawn = rng.random((_PER_NODE * motor.size, motor.units.shape[1]))
     u = np.concatenate([np.clip(motor.units, 0.0, 1.0), drawn])
     wanted = value(u)
-    smooth = _smooth(model, body, u, wanted)
-    predictor = Predictor(motor, smooth, _models(model, smooth, u, wanted))
+    linear = body is None and isinstance(model.predictor.smooth, LinearModels)
+    if linear:
+        predictor = Predictor(motor, LinearModels.following(motor, value), NO_MODELS)
+    else:
+        smooth = _smooth(model, body, u, wanted)
+        predictor = Predictor(motor, smooth, _models(model, smooth, u, wanted))
     sensory = _moved(model, predictor)
     association = Association(motor, sensory, model.links, model.association.wiring)
+    if linear:  # the moved nodes and the links say it from now on
+        predictor = Predictor(motor, association.linear, NO_MODELS)
     return replace(
         model, association=association, predictor=predictor, body=body, rows=None, seconds={}
     )

@@ -216,4 +216,4 @@ def carried(old: Body, new: Body, beta: Array, q: Array, offset: Array) -> Array
     before = old.structure.slope(q, old.beta)
     after = new.structure.slope(q, beta)
     joints = np.einsum("ndm,nm->nd", np.linalg.pinv(before, rcond=1e-3), offset)
-    return np.einsum("nmd,nd->nm", after, joints)
+    return np.asarray(np.einsum("nmd,nd->nm", after, joints))

@@ -39,6 +39,8 @@ class Explanation:
     member : Member
     factor : float
         Times the usual size of the log's own residual.
+    origin : (d,) array
+        Parameters that it starts from.
     beta : (d,) array
         Parameters of the greatest evidence.
     deviation : (d,) array
@@ -57,6 +59,7 @@ class Explanation:
 
     member: Member
     factor: float
+    origin: Array
     beta: Array
     deviation: Array
     sd: Array
@@ -116,20 +119,25 @@ class _Search:
             for member in self.members:
                 if reference.new and not member.framed:
                     continue
-                start = starts.get(member.name, reference.beta)
+                start = starts.get(member.name)
                 made = self._fit(member, found_space, factor, start)
                 starts[member.name] = made.beta
                 found.append(made)
         return found
 
-    def _fit(self, member: Member, space: Spectrum, factor: float, start: Array) -> Explanation:
+    def _fit(
+        self, member: Member, space: Spectrum, factor: float, start: Array | None
+    ) -> Explanation:
         """Damped Gauss-Newton steps of one member, its noise by likelihood."""
         structure, z = self.structure, self.z
         sd = freedom(self.reference.body, member, self.cause)
         free = np.flatnonzero(sd > 0)
-        origin = self.reference.beta
+        # without a free frame the sensor is where it was
+        held = member.framed or self.reference.new
+        origin = self.reference.beta if held else self.reference.body.beta
         beta = origin.copy()
-        beta[free] = start[free]
+        if start is not None:
+            beta[free] = start[free]
 
         def turned(at: Array) -> Array:
             return space.turn(structure.residual(z, structure.predict(self.q, at)))
@@ -178,7 +186,7 @@ class _Search:
         evidence = fit - 0.5 * float(away @ away) - 0.5 * determinant
         residual = structure.residual(z, structure.predict(self.q, beta))
         return Explanation(
-            member, factor, beta, deviation, sd, evidence, noise, self.temper, residual
+            member, factor, origin, beta, deviation, sd, evidence, noise, self.temper, residual
         )
 
 

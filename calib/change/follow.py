@@ -21,12 +21,15 @@ from ..maps.association import Association
 from ..maps.density import Visit, gain_of, kind_of
 from ..maps.lattice import Lattice
 from ..maps.links import oja, sparse_links
+from ..maps.local_models import NO_MODELS
 from ..maps.map import Map, search_tree
+from ..maps.model_selection import blocks
 from ..maps.online import present
+from ..maps.predictor import Predictor
 from ..model.rows import Rows
 from ..training.log_bounds import node_bounds
 from .radius import matching_sigma
-from .refit import refit
+from .refit import Refit, refit
 
 if TYPE_CHECKING:
     from ..model.model import Model
@@ -53,6 +56,7 @@ _JUMP = 3.0  # an error that rises by this factor while the maps re-form: anothe
 _CALM = 3  # blocks after a reset before another change can be told from the first
 _NEIGHBOURS = 4  # earlier samples that a sample is compared with
 _LOOSE = 1.5  # what a settled map's own distortion must be exceeded by
+_TRACKING = 0.05  # share by which a settled map's usual means follow, per block
 _LEAST = 10  # samples since a change that a model can rest on
 
 
@@ -122,7 +126,7 @@ class OnlineAdapter:
         if model.motor.size * model.sensory.size > _LARGEST:
             raise OptionError(
                 f"lattices of {model.motor.size:,} and {model.sensory.size:,} nodes are too "
-                "large for online adaptation, which holds every link: use --method few-shot"
+                "large for online adaptation, which holds every link: use `method='few-shot'`"
             )
         self._model = model
         self._horizon = horizon
@@ -221,20 +225,22 @@ class OnlineAdapter:
         wiring = model.association.wiring
         if links == "rule":
             found = sparse_links((self._links * np.exp(-self._idle)[:, None]).T)
+            association = Association(motor, sensory, found, wiring)
         else:
-            found = wiring.learn(motor, fitted.u, sensory, sensory.scale.to_unit(fitted.v))
+            v = sensory.scale.to_unit(fitted.v)
+            association = Association.learn(motor, fitted.u, sensory, v, wiring)
+        if model.default_readout == "linear":  # maps and links, without anything else
+            fitted = _alone(fitted, association, u, x)
         made = replace(
             model,
-            association=Association(motor, sensory, found, wiring),
+            association=association,
             predictor=fitted.predictor,
             body=fitted.body,
             visited=np.bincount(motor.nearest(u)[1][:, 0], minlength=motor.size) > 0,
             rows=Rows.of(motor.scale.from_unit(u), x) if model.rows is not None else None,
         )
         has_models = fitted.predictor.models.degree >= 0
-        reading, position = node_bounds(
-            made, u, fitted.rows, fitted.errors, has_models=has_models
-        )
+        reading, position = node_bounds(made, u, fitted.rows, fitted.errors, has_models=has_models)
         true = model.about.bound_of == "true position"
         return replace(made, bounds=position if true else reading, model_bounds=position)
 
@@ -265,7 +271,7 @@ class OnlineAdapter:
         size *= _SETTLED if self._since >= 0 else 1.0
         expected = float(model.baseline.sensory[winner].mean()) * size * (1.0 + chance)
         # a map that follows is not trained anew: its own distortion is usual to it
-        return max(expected, _LOOSE * self._usual.get("sensory", 0.0))
+        return max(expected, _LOOSE * self._usual.get("sensory", 0.0) * (1.0 + chance))
 
     def _say(self, motor: Map, u: Array) -> Array:
         """Readout ``activity`` of the dense links, (n, 2) in the sensory unit box."""
@@ -283,14 +289,17 @@ class OnlineAdapter:
             return self._force or self._fired(expected)
         if self._force:  # all samples are of one arm
             return False
-        if self._since >= self._horizon and not self._usual:
-            self._usual = dict(self._mean)
+        settled = bool(self._usual)
+        if self._since >= self._horizon:
+            # a settled map goes on at its last rates: what is usual to it follows slowly
+            usual = self._usual or self._mean
+            self._usual = {n: v + _TRACKING * (self._mean[n] - v) for n, v in usual.items()}
         block = self._contradiction(u, v)
         jump = block > _JUMP * self._apart + 2.0 * self._noise  # never where it is unknown
         if not jump and math.isfinite(block):
             known = math.isfinite(self._apart)
             self._apart = 0.5 * (self._apart + block) if known else block
-        return jump or (self._since >= self._horizon and self._fired(expected))
+        return jump or (settled and self._fired(expected))
 
     def _contradiction(self, u: Array, v: Array) -> float:
         """Mean distance of positions to those of the nearest joints since the change [unit].
@@ -371,6 +380,23 @@ class OnlineAdapter:
             self.adapting,
             self._changes,
         )
+
+
+def _alone(fitted: Refit, association: Association, u: Array, x: Array) -> Refit:
+    """The readout ``linear`` in place of what was fitted, and its errors on unseen blocks."""
+    motor, sensory, wiring = association.motor, association.sensory, association.wiring
+    folds = blocks(len(u))
+    errors, rows = [], []
+    for half in (0, 1):
+        held = np.concatenate(folds[half::2])
+        seen = np.concatenate(folds[1 - half :: 2])
+        other = Association.learn(motor, u[seen], sensory, sensory.scale.to_unit(x[seen]), wiring)
+        errors.append(np.linalg.norm(other.linear.value(u[held]) - x[held], axis=1))
+        rows.append(held)
+    predictor = Predictor(motor, association.linear, NO_MODELS)
+    return replace(
+        fitted, predictor=predictor, rows=np.concatenate(rows), errors=np.concatenate(errors)
+    )
 
 
 def check_followable(model: Model) -> None:

@@ -167,7 +167,8 @@ def group_tests(body: Body, reference: Reference, log: Log, probes: Array) -> Te
         root = np.sqrt(precision)
         basis = np.linalg.qr(columns * root[:, None])[0]
         left = (root * y - basis @ (basis.T @ (root * y))) / root
-        noise = max(body.kappa, space.noise(left, floor), 1.0)
+        free = np.sqrt(len(y) / max(len(y) - basis.shape[1], 1))
+        noise = max(body.kappa, free * space.noise(left, floor), 1.0)
     known = noise <= 1.05 * max(body.kappa, 1.0)
     precision = 1.0 / (space.values + noise**2 * np.sqrt(max(body.autocorrelation, 1.0)))
     _, moves = structure.linearise(probes, reference.beta, every)

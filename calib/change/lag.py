@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from ..body.structure import Array
-from .reference import Reference, reference_of
+from .reference import Reference, rigid_misfit
 
 MOST = 30
 """Rows by which positions are moved against the joints, either way."""
@@ -28,13 +28,13 @@ def lag_of(reference: Reference, q: Array, z: Array) -> int:
     most = min(MOST, n // 4)
     if float(np.median(np.abs(np.diff(q, axis=0)))) > _SMOOTH * float(np.median(np.ptp(q, axis=0))):
         return 0
+    places = reference.structure.blocks[0]
     found = {}
     for shift in range(-most, most + 1):
         # positive: the position of a row belongs to joints of some rows before
         a, b = (q[: n - shift], z[shift:]) if shift >= 0 else (q[-shift:], z[: n + shift])
         rows = np.linspace(0, len(a) - 1, min(len(a), 60)).round().astype(int)
-        placed = reference_of(reference.body, a[rows], b[rows], moved_only=True)
-        said = placed.structure.predict(a[rows], placed.beta)
-        found[shift] = float(np.median(np.linalg.norm(said - b[rows], axis=1)))
+        said = reference.structure.predict(a[rows], reference.beta)
+        found[shift] = rigid_misfit(said[:, :places], b[rows, :places], scaled=False)[0]
     best = min(found, key=lambda k: (found[k], abs(k)))
     return best if found[best] < _BETTER * found[0] else 0

@@ -11,7 +11,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from ..body.belief import Body
-from ..body.structure import Array, Structure
+from ..body.structure import Array, Indices, Structure
 from ..errors import OptionError
 
 FRAME = ("view.rotation", "view.shift")
@@ -20,8 +20,8 @@ FRAME = ("view.rotation", "view.shift")
 CAUSES = ("sensor", "joints")
 
 _FREE = {
-    "view.rotation": 0.5,  # [rad]
-    "view.shift": 0.5,  # of the extents
+    "view.rotation": 0.05,  # [rad], about the frame that fits the log best
+    "view.shift": 0.05,  # of the extents
     "view.scale": 0.3,
     "view.shear": 0.1,
     "view.tilt": 0.3,  # of the chain's size
@@ -103,7 +103,12 @@ def members_of(structure: Structure, cause: str | None = None) -> tuple[Member, 
         What the user knows: only the sensor's view is free, or only the arm.
     """
     if cause is not None and cause not in CAUSES:
-        raise OptionError(f"cause {cause!r} is unknown, choose one of {', '.join(CAUSES)}")
+        raise OptionError(
+            f"cause {cause!r} is unknown",
+            hint=f"choose one of {', '.join(CAUSES)}",
+            parameter="cause",
+            value=cause,
+        )
     sets: list[tuple[str, ...]] = []
     if cause != "joints":
         sets += [(*FRAME, *more) for more in _SENSOR]
@@ -111,7 +116,7 @@ def members_of(structure: Structure, cause: str | None = None) -> tuple[Member, 
         sets += list(_JOINTS)
     if cause is None:
         sets += [(*FRAME, *more) for more in _JOINTS + _BOTH]
-    found = {(): NOTHING}
+    found: dict[tuple[str, ...], Member] = {(): NOTHING}
     for groups in sets:
         known = tuple(g for g in groups if len(_indices(structure, g)))
         if known and known not in found:
@@ -126,7 +131,7 @@ def _named(groups: tuple[str, ...]) -> str:
     return ", ".join(names)
 
 
-def _indices(structure: Structure, group: str) -> Array:
+def _indices(structure: Structure, group: str) -> Indices:
     if group == "curve":
         parts = [ix for name, ix in structure.groups.items() if name.startswith("curve.")]
         return np.concatenate(parts) if parts else np.zeros(0, dtype=int)
@@ -156,7 +161,7 @@ def drift(body: Body) -> Array:
 
 
 def _size(
-    body: Body, group: str, ix: Array, table: dict[str, float], curve: float, other: float
+    body: Body, group: str, ix: Indices, table: dict[str, float], curve: float, other: float
 ) -> Array:
     """Sd of the parameters `ix` of one group."""
     structure = body.structure
@@ -227,4 +232,6 @@ def as_built(body: Body) -> Body:
     known[body.active] = body.deviations[body.active]
     sd = np.maximum(sd, known)
     active = np.flatnonzero(sd > 0)
-    return replace(body, active=active, covariance=np.diag(sd[active] ** 2), second=None)
+    return replace(
+        body, active=active, covariance=np.diag(sd[active] ** 2), second=None, packed=None
+    )

@@ -9,6 +9,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
+from numpy.typing import NDArray
 
 from ..body.structure import Array
 from .rows import thinned
@@ -51,7 +52,7 @@ class OwnResidual:
     inverse: Array
     sd: float
     held_out: Array
-    rows: Array
+    rows: NDArray[np.intp]
 
     def value(self, q: Array) -> Array:
         """Mean (k, m) at joints (k, dof) [unit]."""
@@ -120,4 +121,5 @@ def own_residual(
         return None
     inverse = np.linalg.inv(alike + noise)
     sd = float(np.sqrt(variance))
-    return OwnResidual(q, lengths, inverse @ residual, inverse, sd, left, rows)
+    weights = np.asarray(inverse @ residual)
+    return OwnResidual(q, lengths, weights, np.asarray(inverse), sd, left, rows)

@@ -14,13 +14,14 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ..body.belief import Body
-from ..body.structure import Array, Structure
+from ..body.structure import Array, Indices, Structure
 from .members import FRAME
 
 _FAR = 0.05  # misfit, of the extents, from which another frame is looked for
 _BETTER = 0.5  # misfit by which a mirror, another sense or a locked joint must be better
 _SCALES = (0.5, 2.0)  # beyond these the positions are in another unit
 _ROWS = 200
+_EXACT = 1e-6  # misfit, of the extents, that is none
 _LOCKED_STEP = 0.1  # between the angles that are tried for a joint that is held [rad]
 
 
@@ -68,9 +69,7 @@ def kept_reference(body: Body) -> Reference:
     return Reference(body, body.beta, False, False, (), (), 1.0, np.zeros(0, dtype=np.intp))
 
 
-def reference_of(
-    body: Body, q: Array, z: Array, unit: str | None = None, *, moved_only: bool = False
-) -> Reference:
+def reference_of(body: Body, q: Array, z: Array, unit: str | None = None) -> Reference:
     """Bring a belief into the frame of a log.
 
     Parameters
@@ -81,8 +80,6 @@ def reference_of(
         The log.
     unit : str, optional
         Unit of its positions, where it is another.
-    moved_only : bool
-        Whether nothing but a move of the frame is looked for, from where it is.
     """
     kept = kept_reference(body)
     places = body.structure.blocks[0]
@@ -93,20 +90,15 @@ def reference_of(
     gap = _typical(np.linalg.norm((z - seen)[:, :places], axis=1))
     if gap < _FAR * extent:
         return kept
-    if moved_only:
-        turn, shift = (np.asarray(body.structure.groups[g]) for g in FRAME)
-        free = np.concatenate([turn, shift])
-        _, beta = _aligned(body.structure, body.beta, q, z, free, np.isin(free, turn))
-        return replace(kept, beta=beta)
     tries: list[tuple[float, dict[str, Any], Array, tuple[int, ...], float]] = []
-    for change, start, locked in _variants(body):
+    for change, start, held in _variants(body):
         structure = _replaced(body.structure, change)
         p = structure.predict(q, start)[:, :places]
-        for scaled in (False,) if locked else (False, True):
-            error, ratio = _misfit(p, z[:, :places], scaled)
+        for scaled in (False,) if held else (False, True):
+            error, ratio = rigid_misfit(p, z[:, :places], scaled)
             # each further freedom must halve what is left
-            free = bool(change) + bool(locked) + (scaled and not 0.5 < ratio < 2.0)
-            tries.append((error / _BETTER**free, change, start, locked, ratio))
+            free = len(change) + len(held) + (scaled and not 0.5 < ratio < 2.0)
+            tries.append((max(error, _EXACT * extent) / _BETTER**free, change, start, held, ratio))
     _, change, start, locked, ratio = min(tries, key=lambda t: t[0])
     other = not _SCALES[0] < ratio < _SCALES[1]
     structure = _replaced(body.structure, change)
@@ -127,7 +119,7 @@ def reference_of(
     signs = change.get("signs")
     old = getattr(body.structure, "signs", ())
     turned = tuple(k for k, s in enumerate(signs) if s != old[k]) if signs else ()
-    frame = [ix for name, ix in groups.items() if name in FRAME]
+    moving = [ix for name, ix in groups.items() if name in FRAME]
     return Reference(
         moved,
         beta,
@@ -136,7 +128,7 @@ def reference_of(
         turned,
         locked,
         factor,
-        np.concatenate(view if new else frame).astype(np.intp),
+        np.concatenate(view if new else moving).astype(np.intp),
     )
 
 
@@ -151,7 +143,7 @@ def _variants(body: Body) -> Iterator[tuple[dict[str, Any], Array, tuple[int, ..
     """
     structure, beta = body.structure, body.beta
     yield {}, beta, ()
-    names = {f.name for f in fields(structure)} if is_dataclass(structure) else set()
+    names = _fields(structure)
     mirrors: list[dict[str, Any]] = [{}]
     if "mirror" in names:
         mirrors.append({"mirror": -structure.mirror})  # type: ignore[attr-defined]
@@ -174,13 +166,18 @@ def _variants(body: Body) -> Iterator[tuple[dict[str, Any], Array, tuple[int, ..
                 yield {}, held, (k,)
 
 
+def _fields(structure: Structure) -> set[str]:
+    """Names of the fields of a structure."""
+    return {f.name for f in fields(structure)} if is_dataclass(structure) else set()
+
+
 def _replaced(structure: Structure, change: dict[str, Any]) -> Structure:
     return replace(structure, **change) if change else structure  # type: ignore[type-var]
 
 
 def _rescaled(structure: Structure, ratio: float, z: Array, unit: str | None) -> Structure:
     """The structure in the log's own unit."""
-    names = {f.name for f in fields(structure)} if is_dataclass(structure) else set()
+    names = _fields(structure)
     change: dict[str, Any] = {}
     if "extent" in names:
         change["extent"] = ratio * structure.extent  # type: ignore[attr-defined]
@@ -191,7 +188,7 @@ def _rescaled(structure: Structure, ratio: float, z: Array, unit: str | None) ->
     return _replaced(structure, change)
 
 
-def _misfit(p: Array, z: Array, scaled: bool) -> tuple[float, float]:
+def rigid_misfit(p: Array, z: Array, scaled: bool) -> tuple[float, float]:
     """Typical distance after the best rotation, shift and scale, and the scale (Umeyama 1991).
 
     The rotation is a proper one: mirrors are variants of the structure.  Rows that contradict
@@ -218,7 +215,7 @@ def _framed(structure: Structure, beta: Array, q: Array, z: Array, ratio: float 
     groups = structure.groups
     turn, shift = np.asarray(groups["view.rotation"]), np.asarray(groups["view.shift"])
     scale = np.asarray(groups["view.scale"]) if ratio is not None else np.zeros(0, dtype=int)
-    free = np.concatenate([turn, shift, scale]).astype(int)
+    free = np.concatenate([turn, shift, scale]).astype(np.intp)
     beta = beta.copy()
     if ratio is not None:
         beta[scale] += np.log(ratio)
@@ -231,7 +228,10 @@ def _framed(structure: Structure, beta: Array, q: Array, z: Array, ratio: float 
         left = structure.residual(z, structure.predict(q, found))
         found[shift] += np.median(left, axis=0)[: len(shift)]
         tries.append(_aligned(structure, found, q, z, free, ~np.isin(free, shift)))
-    return min(tries, key=lambda t: t[0])[1]
+    best = min(tries, key=lambda t: t[0])[1]
+    if len(turn) == 1:  # the same angle, the short way round
+        best[turn] -= 2 * np.pi * np.round((best[turn] - beta[turn]) / (2 * np.pi))
+    return best
 
 
 def _rotations(size: int) -> Iterator[Array]:
@@ -248,7 +248,7 @@ def _rotations(size: int) -> Iterator[Array]:
 
 
 def _aligned(
-    structure: Structure, beta: Array, q: Array, z: Array, free: Array, careful: Array
+    structure: Structure, beta: Array, q: Array, z: Array, free: Indices, careful: NDArray[np.bool_]
 ) -> tuple[float, Array]:
     """Gauss-Newton of the frame alone on absolute residuals, and the median error.
 

@@ -12,7 +12,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 from numpy.typing import NDArray
 
-from ..body.fitting import fit_body
+from ..body.fitting import fit_structure
 from ..body.teacher import MOST_ROWS, learn_teacher
 from ..errors import CalibError
 from ..maps.map import Map
@@ -94,17 +94,11 @@ def _with_body(model: Model, motor: Map, u: Array, x: Array) -> Refit | None:
     u, x = u[::every], x[::every]
     simulated = model.body.simulated
     try:
-        fit = fit_body(
+        fit = fit_structure(
+            model.body.structure,
             scale.from_unit(u),
             x,
-            joint_names=about.joint_names,
-            revolute=about.revolute,
-            nominal=None if simulated else model.body.structure.nominal,
-            view=str(about.options.get("view", "auto")),
-            unit=about.unit,
             simulated=simulated,
-            lower=about.lower,
-            upper=about.upper,
             seed=about.seed,
         )
     except CalibError:  # too few rows, or too close to each other

@@ -326,7 +326,7 @@ def _linked(model: Model, schema: Schema) -> Association:
         u = np.clip(motor.units[schema.visited], 0.0, 1.0)
     wiring = model.association.wiring
     v = sensory.scale.to_unit(schema.predictor.value(u))
-    return Association(motor, sensory, wiring.learn(motor, u, sensory, v), wiring)
+    return Association.learn(motor, u, sensory, v, wiring)
 
 
 def recognise(model: Model, log: Samples) -> Recognition:

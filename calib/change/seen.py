@@ -43,7 +43,7 @@ class SeenStructure(PlanarStructure):
         found = {k: ix for k, ix in self.layout.groups.items() if k.startswith(_VIEW)}
         return MappingProxyType(found)
 
-    def chain(self, q: Array, beta: Array) -> NDArray[np.complexfloating[Any, Any]]:
+    def chain(self, q: Array, beta: Array) -> NDArray[np.complex128]:  # noqa: ARG002
         """Predicted positions (n,), as complex numbers."""
         value = self.model.predictor.value(self.model.motor.scale.to_unit(q))
         return np.asarray(value[:, 0] + 1j * value[:, 1])

@@ -13,6 +13,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from ..body.belief import Body, Second
+from ..body.bound import radius_95
 from ..body.normal import Factor
 from ..body.structure import Array, Indices
 from .explain import Explanation
@@ -26,6 +27,8 @@ MOST_ROWS = 600
 
 _NODES = 60  # places of the log's own residual
 _BLOCKS = 5
+_ENOUGH = 30  # rows that tell a quantile
+_OUTLIER = 2.5  # 95 % radii from which a row is an outlier
 _STEPS = 3
 
 
@@ -79,6 +82,7 @@ def updated(
     beta = _averaged(old, [(w, p.beta) for w, p in parts], active, covariance, probes)
     own = np.sqrt(sum(w * e.factor**2 for w, e in chosen)) * nuisance_sd(old)
     noise = np.sqrt(sum(w * e.noise**2 for w, e in chosen)) * scaled(old).size
+    noise = _readings(old, noise, held)
     second = None
     if old.second is not None:
         second = _second(old, old.second, reference, chosen[0][1], log, noise)
@@ -91,8 +95,26 @@ def updated(
         noise=noise,
         residual=np.maximum(old.residual, own),
         second=second,
+        packed=None,
     )
     return body, held
+
+
+def _readings(old: Body, noise: Array, held: Array) -> Array:
+    """Noise (m,) that covers 95 % of the held-out rows, outliers apart.
+
+    Student weights find the noise of the calm rows; the bound on a reading needs that of all.
+    """
+    out, at = noise.copy(), 0
+    for size in old.structure.blocks:
+        part = slice(at, at + size)
+        distance = np.linalg.norm(held[:, part], axis=1)
+        radius = float(radius_95(np.diag(noise[part] ** 2)[None])[0])
+        calm = distance[distance < _OUTLIER * radius]
+        if len(calm) >= _ENOUGH:
+            out[part] *= max(1.0, float(np.quantile(calm, 0.95)) / radius)
+        at += size
+    return out
 
 
 def _averaged(
@@ -104,7 +126,7 @@ def _averaged(
     the same, and half of each would not.
     """
     beta = parts[0][1]
-    if len(parts) == 1:
+    if len(parts) == 1 or not len(active):
         return beta
     structure = old.structure
     here, x = structure.linearise(probes, beta, active)
@@ -137,7 +159,7 @@ def _posterior(old: Body, reference: Reference, e: Explanation, log: Log) -> Pos
     active, prior = active[~fixed], prior[np.ix_(~fixed, ~fixed)]
     information = Factor(prior).inverse()
     rows = _Rows(old, e, log)
-    beta, moved = e.beta.copy(), (e.beta - reference.beta)[active]
+    beta, moved = e.beta.copy(), (e.beta - e.origin)[active]
     for step in range(_STEPS + 1):
         predicted, x = structure.linearise(log.q, beta, active)
         residual = structure.residual(log.z, predicted)
@@ -220,7 +242,7 @@ def _second(
         second=None,
     )
     place = replace(reference, body=other, beta=reference.beta + apart)
-    start = replace(e, beta=e.beta + apart)
+    start = replace(e, origin=e.origin + apart, beta=e.beta + apart)
     found = _posterior(other, place, start, log)
     return replace(
         second,
@@ -228,6 +250,7 @@ def _second(
         active=found.active,
         covariance=found.covariance,
         noise=np.maximum(noise, second.noise),
+        packed=None,
     )
 
 

@@ -50,7 +50,7 @@ def scaled(body: Body) -> Scaled:
 
 def nuisance_sd(body: Body) -> Array:
     """Standard deviation (m,) [unit] of the residual that a log may have of its own."""
-    return np.maximum(body.tau, _LEAST * np.asarray(body.structure.extents))
+    return np.asarray(np.maximum(body.tau, _LEAST * np.asarray(body.structure.extents)))
 
 
 def kernel(q: Array, other: Array, lengths: Array) -> Array:
@@ -65,7 +65,8 @@ def lengths_of(body: Body, q: Array) -> Array:
     """Correlation lengths (dof,) [rad or m] of a log's own residual."""
     turning = np.asarray(body.structure.revolute)
     span = np.maximum(np.ptp(q, axis=0), 1e-9)
-    return np.where(turning, SMOOTH * np.sqrt(body.structure.dof / 2), 0.3 * span)
+    smooth = SMOOTH * np.sqrt(body.structure.dof / 2)
+    return np.asarray(np.where(turning, smooth, 0.3 * span))
 
 
 @dataclass(frozen=True)

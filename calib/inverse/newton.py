@@ -54,7 +54,7 @@ class Newton:
 
         Parameters
         ----------
-        u, x : (n, dof), (n, 2) array
+        u, x : (n, dof), (n, m) array
             Starts in the unit box and their targets.
         tolerance : float
             Share of the extent at which a target counts as met.
@@ -79,7 +79,7 @@ class Newton:
         u, x = self._clip(start.T.copy()), target.T
         value, slope = self._evaluate(u)
         gap = x - value
-        left = np.sqrt(gap[0] * gap[0] + gap[1] * gap[1])
+        left = _length(gap)
         met, rounding = tolerance * self.extent, max(tolerance, 1e-12) * self.extent
         rows = np.flatnonzero(left > met)
         best_u, best_left = u, left.copy()
@@ -94,7 +94,7 @@ class Newton:
             trial = self._clip(u + self._step(u, slope, gap, damping))
             value, trial_slope = self._evaluate(trial)
             trial_gap = x - value
-            now = np.sqrt(trial_gap[0] * trial_gap[0] + trial_gap[1] * trial_gap[1])
+            now = _length(trial_gap)
             if now.max() <= met:
                 u, left = trial, now
                 break
@@ -126,6 +126,10 @@ class Newton:
 
     def _step(self, u: Array, slope: Array, gap: Array, damping: Array) -> Array:
         """J' (J J' + damping)^-1 gap, with the joints that may move, (dof, n)."""
+        if len(gap) != 2:
+            push = np.einsum("dmn,mn->dn", slope, gap)
+            slope = self._masked(u, slope, push)
+            return damped_solution(slope, gap, damping)
         push = slope[:, 0] * gap[0] + slope[:, 1] * gap[1]
         slope = self._masked(u, slope, push)
         a, b = slope[:, 0], slope[:, 1]
@@ -147,7 +151,7 @@ class Newton:
 
         Parameters
         ----------
-        u, x, near : (n, dof), (n, 2), (n, dof) array
+        u, x, near : (n, dof), (n, m), (n, dof) array
             Starts, their targets, and the joints that are wished for.
         longest : float
             No slide is longer, in shares of the joints' range.
@@ -159,7 +163,7 @@ class Newton:
         distance : (n,) array
             What is left between their position and the target.
         """
-        if u.shape[1] <= 2:
+        if u.shape[1] <= x.shape[1]:
             return self.refine(u, x)
         u, left = self.refine(u, x, CLOSE)
         u = u.copy()
@@ -193,7 +197,7 @@ class Newton:
         return self.refine(u, x)
 
     def rate(self, u: Array, gap: Array) -> Array:
-        """Small damped moves (n, dof) of the joints `u` that carry the tip along `gap` (n, 2).
+        """Small damped moves (n, dof) of the joints `u` that carry the tip along `gap` (n, m).
 
         Near a stretched or folded pose the damping keeps them short.
         """
@@ -207,14 +211,9 @@ class Newton:
         blocked = np.zeros(place.shape, dtype=bool)
         for _ in range(u.shape[1]):
             free = np.where(blocked[:, None], 0.0, slope)
-            a, b = free[:, 0], free[:, 1]
-            aa, bb, ab = _dot(a, a), _dot(b, b), _dot(a, b)
-            extra = 1e-12 * (aa + bb)
-            aa, bb = aa + extra, bb + extra
             wanted = np.where(blocked, 0.0, wish.T)
-            va, vb = _dot(a, wanted), _dot(b, wanted)
-            det = np.maximum(aa * bb - ab * ab, 1e-300)
-            move = wanted - a * ((bb * va - ab * vb) / det) - b * ((aa * vb - ab * va) / det)
+            along = np.einsum("dmn,dn->mn", free, wanted)
+            move = wanted - damped_solution(free, along, np.full(len(u), 1e-12))
             more = ~blocked & self._outward(place, move, _SLACK)
             if not more.any():
                 break
@@ -233,7 +232,7 @@ class Newton:
         return inside
 
     def _masked(self, u: Array, slope: Array, push: Array) -> Array:
-        """Jacobians (dof, 2, n) without the joints that would be pushed over a limit."""
+        """Jacobians (dof, m, n) without the joints that would be pushed over a limit."""
         stuck = self._outward(u, push)
         return np.where(stuck[:, None], 0.0, slope) if stuck.any() else slope
 
@@ -249,9 +248,41 @@ class Newton:
         return bool(self.scale.periodic.any())
 
     def _evaluate(self, u: Array) -> tuple[Array, Array]:
-        """Position (2, n) and Jacobian (dof, 2, n) at the points `u` (dof, n)."""
+        """Position (m, n) and Jacobian (dof, m, n) at the points `u` (dof, n)."""
         value, slope = self.predictor.value_and_slope(u.T)
         return value.T, slope.transpose(2, 1, 0)
+
+
+def damped_solution(slope: Array, gap: Array, damping: Array) -> Array:
+    """J' (J J' + damping)^-1 gap, (dof, n).
+
+    Parameters
+    ----------
+    slope : (dof, m, n) array
+        Transposed Jacobians.
+    gap : (m, n) array
+    damping : (n,) array
+        As a share of each Jacobian's sum of squares.
+    """
+    power = np.einsum("din,djn->nij", slope, slope)
+    diagonal = np.einsum("nii->ni", power)
+    diagonal += np.maximum(damping * diagonal.sum(axis=1), 1e-300)[:, None]
+    return np.asarray(np.einsum("dmn,nm->dn", slope, solved(power, gap.T)))
+
+
+def solved(power: Array, gap: Array) -> Array:
+    """Solutions (n, m) of positive definite systems (n, m, m); the least squares if singular."""
+    try:
+        return np.asarray(np.linalg.solve(power, gap[..., None])[..., 0])
+    except np.linalg.LinAlgError:
+        return np.asarray(np.einsum("nij,nj->ni", np.linalg.pinv(power, hermitian=True), gap))
+
+
+def _length(gap: Array) -> Array:
+    """Length of each column of `gap` (m, n)."""
+    if len(gap) == 2:
+        return np.asarray(np.sqrt(gap[0] * gap[0] + gap[1] * gap[1]))
+    return np.asarray(np.sqrt((gap * gap).sum(axis=0)))
 
 
 def _dot(a: Array, b: Array) -> Array:

@@ -48,6 +48,12 @@ class Solver:
         """Diagonal of the workspace [unit]."""
         return float(np.linalg.norm(self.association.sensory.scale.span))
 
+    @property
+    def redundant(self) -> bool:
+        """Whether there are more joints than coordinates of a position."""
+        pair = self.association
+        return bool(pair.motor.units.shape[1] > pair.sensory.units.shape[1])
+
     @cached_property
     def newton(self) -> Newton:
         """Damped steps towards a target."""
@@ -68,7 +74,7 @@ class Solver:
 
         Parameters
         ----------
-        x, near : (n, 2), (n, dof) array
+        x, near : (n, m), (n, dof) array
             Targets, and joints in the unit box.
 
         Returns
@@ -79,7 +85,7 @@ class Solver:
         distance : (n,) array
             What is left to the target.
         """
-        if near.shape[1] <= 2:
+        if not self.redundant:
             u, left = self._from_starts(x, near)
         else:
             # redundant joints: from the wished ones on; the links where that leads far away
@@ -94,7 +100,7 @@ class Solver:
     def _from_starts(self, x: Array, near: Array) -> tuple[Array, Array]:
         """Solutions from the starts that are closest to the joints wished for."""
         start, step, folded = self.starts.of(x)
-        n, dof = start.shape[0], start.shape[2]
+        n, dof, outputs = start.shape[0], start.shape[2], x.shape[1]
         gap = self.scale.difference(start, near[:, None])
         away = np.sqrt((gap * gap).sum(axis=2))
         away[np.isnan(away)] = np.inf
@@ -105,7 +111,7 @@ class Solver:
         nearest, doubt = away[rows, first], step[rows, first]
         away[rows, first] = np.inf
         second = away.argmin(axis=1)
-        margin = self._spacing * (1.0 + doubt + step[rows, second] if dof <= 2 else _ALIKE)
+        margin = self._spacing * (1.0 + doubt + step[rows, second] if dof <= outputs else _ALIKE)
         met = left <= CLOSE * self.extent
         again = np.flatnonzero((away[rows, second] < nearest + margin) | ~met)
         again = again[np.isfinite(away[again, second[again]])]
@@ -169,7 +175,7 @@ class Solver:
 
         Parameters
         ----------
-        x : (n, 2) array
+        x : (n, m) array
             Targets.
 
         Returns
@@ -184,7 +190,7 @@ class Solver:
             What is left to the target.
         """
         target, u, left = self.solutions(x)
-        if u.shape[1] > 2 and len(u):
+        if self.redundant and len(u):
             target, u = representatives(self.newton, target, u, x)
             left = np.linalg.norm(self.predictor.value(u) - x[target], axis=1)
         lost = np.setdiff1d(np.arange(len(x)), target)
@@ -204,7 +210,7 @@ class Solver:
             row, more = self.starts.propose(x[folded], _WIDE)
             target, u = np.append(target, np.flatnonzero(folded)[row]), np.concatenate([u, more])
         u, left = self.newton.refine(u, x[target])
-        if u.shape[1] == 2:
+        if u.shape[1] == x.shape[1] == 2:
             row, other = twins(self.newton, u, self._spacing)
             other, other_left = self.newton.refine(other, x[target[row]])
             target = np.concatenate([target, target[row]])

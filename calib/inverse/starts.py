@@ -61,15 +61,16 @@ class Starts:
 
     def __post_init__(self) -> None:
         nodes, dof = self.association.sensory.size, self.association.motor.units.shape[1]
+        outputs = self.association.sensory.units.shape[1]
         width = _WIDTH.get(dof, _WIDEST)
         object.__setattr__(self, "_known", np.zeros(nodes, dtype=bool))
         object.__setattr__(self, "_u", np.full((nodes, width, dof), np.nan))
-        object.__setattr__(self, "_value", np.full((nodes, width, 2), np.nan))
-        object.__setattr__(self, "_inverse", np.zeros((nodes, width, dof, 2)))
+        object.__setattr__(self, "_value", np.full((nodes, width, outputs), np.nan))
+        object.__setattr__(self, "_inverse", np.zeros((nodes, width, dof, outputs)))
         object.__setattr__(self, "_folded", np.zeros(nodes, dtype=bool))
 
     def of(self, x: Array) -> tuple[Array, Array, NDArray[np.bool_]]:
-        """Starts for the targets `x` (n, 2).
+        """Starts for the targets `x` (n, m).
 
         Returns
         -------
@@ -87,6 +88,8 @@ class Starts:
         inverse = self._inverse[node]
         gap = (x[:, None] - self._value[node])[..., None, :]
         move = inverse[..., 0] * gap[..., 0] + inverse[..., 1] * gap[..., 1]
+        if gap.shape[-1] > 2:
+            move += inverse[..., 2] * gap[..., 2]
         length = np.sqrt((move * move).sum(axis=2)) * (1.0 / motor.spacing)
         long = length > _REACH
         if long.any():
@@ -134,7 +137,7 @@ class Starts:
         value, slope = self.newton.predictor.value_and_slope(u)
         self._u[nodes[row], place], self._value[nodes[row], place] = u, value
         self._inverse[nodes[row], place] = damped_inverse(slope, 1e-4)
-        if dof == 2:
+        if slope.shape[1:] == (2, 2):
             self._folded[nodes[row[singular(slope, SINGULAR)]]] = True
 
     def _distinct(self, table: Array, missed: Array) -> NDArray[np.bool_]:
@@ -144,7 +147,7 @@ class Starts:
         kept = missed <= _MISSED * spacing
         kept[:, :3] |= ~kept.any(axis=1, keepdims=True) & np.isfinite(missed[:, :3])
         hit = missed <= CLOSE * self.newton.extent
-        redundant = table.shape[2] > 2
+        redundant = table.shape[2] > sensory.units.shape[1]
         apart = np.where(hit, _CELL if redundant else _APART, 1.0) * motor.spacing
         for k in range(1, table.shape[1]):
             gap = np.abs(motor.scale.difference(table[:, :k], table[:, k, None])).max(axis=2)
@@ -153,7 +156,7 @@ class Starts:
         return kept
 
     def propose(self, x: Array, sensory_nodes: int = _SENSORY) -> tuple[Index, Array]:
-        """What the links say of the targets `x` (n, 2), unrefined.
+        """What the links say of the targets `x` (n, m), unrefined.
 
         Returns
         -------
@@ -214,17 +217,22 @@ class Starts:
 
     @cached_property
     def _nodes(self) -> tuple[Array, Array]:
-        """Position (nodes, 2) and damped inverse Jacobian (nodes, dof, 2) of each node."""
+        """Position (nodes, m) and damped inverse Jacobian (nodes, dof, m) of each node."""
         units = np.clip(self.association.motor.units, 0.0, 1.0)
         value, slope = self.newton.predictor.value_and_slope(units)
         return value, damped_inverse(slope, 1e-4)
 
 
 def damped_inverse(slope: Array, share: float) -> Array:
-    """J' (J J' + damping)^-1 of Jacobians (n, 2, dof), (n, dof, 2).
+    """J' (J J' + damping)^-1 of Jacobians (n, m, dof), (n, dof, m).
 
     The damping is a share of the sum of squares of each Jacobian.
     """
+    if slope.shape[1] != 2:
+        power = np.einsum("nid,njd->nij", slope, slope)
+        diagonal = np.einsum("nii->ni", power)
+        diagonal += np.maximum(share * diagonal.sum(axis=1, keepdims=True), 1e-300)
+        return np.asarray(np.einsum("nid,nij->ndj", slope, np.linalg.inv(power)))
     a, b = slope[:, 0], slope[:, 1]
     aa, bb, ab = ((v * w).sum(axis=1) for v, w in ((a, a), (b, b), (a, b)))
     extra = share * (aa + bb)

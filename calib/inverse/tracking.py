@@ -139,7 +139,7 @@ def _shares(length: float) -> list[float]:
 def _step(solver: Solver, u: Array, x: Array, must_meet: bool) -> tuple[Array, NDArray[np.bool_]]:
     """One small step of the target; whether joints moved by little and met it, (n,)."""
     newton = solver.newton
-    targets = np.broadcast_to(x, (len(u), 2))
+    targets = np.broadcast_to(x, (len(u), len(x)))
     trial, left = newton.refine(u, targets)
     moved = np.linalg.norm(newton.scale.difference(trial, u), axis=1)
     smooth = moved <= _SMOOTH

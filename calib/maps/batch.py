@@ -9,6 +9,7 @@ from numpy.typing import NDArray
 
 from .density import Gain, Visit
 from .epoch import Epoch, nearest, search, topographic_error
+from .fields import Neighbourhood, kernel
 from .neighbourhood import moved
 from .schedule import Stage
 from .start import unfold
@@ -26,12 +27,13 @@ def learn(
     rng: np.random.Generator,
     partners: Array | None = None,
     residual: Array | None = None,
+    neighbourhood: Neighbourhood | None = None,
 ) -> Iterator[Epoch]:
     """Train stage after stage from a random start; yields after each epoch.
 
     The fixed points of a stage without `step` are those of eq. 2: each node is the mean of
-    all samples, weighted by the neighbourhood h (eq. 3) of their winners and, for a VDSOM,
-    by their gain.
+    all samples, weighted by the neighbourhood h (eq. 3, or `neighbourhood`) of their
+    winners and, for a VDSOM, by their gain.
     """
     order = _by_place(u)
     u = u[order]
@@ -52,7 +54,7 @@ def learn(
         drawn = _some(u, stage.samples, rng)
         some, rows = u[drawn], order[drawn]
         back = np.argsort(rows)
-        known = [None if a is None else a[rows[back]] for a in (partners, residual)]
+        known, wrong = (None if a is None else a[rows[back]] for a in (partners, residual))
         for k, sigma in enumerate(stage.sigma):
             tree = search(weights)
             distance, winner = nearest(tree, some)  # eq. 1
@@ -60,12 +62,26 @@ def learn(
             if gain is not None and stage.progress is not None:
                 first, last = stage.progress
                 t = first + (last - first) * (k + 1) / len(stage.sigma)
-                seen = Visit(t, winner[back], distance[back], weights, lattice, *known, stage.grown)
+                share = len(u) / stages[-1].lattice.size
+                seen = Visit(
+                    t,
+                    winner[back],
+                    distance[back],
+                    weights,
+                    lattice,
+                    known,
+                    wrong,
+                    stage.grown,
+                    share,
+                )
                 g = np.empty(len(some))
                 g[back] = gain(seen)
             topographic = topographic_error(some, tree, lattice)
             sums = _sums(some, winner, g, lattice.size)
-            weights = moved(weights, sums, lattice, float(sigma), stage.step)
+            h = None
+            if neighbourhood is not None:
+                h = kernel(neighbourhood, lattice, float(sigma), (k + 1) / len(stage.sigma))
+            weights = moved(weights, sums, lattice, float(sigma), stage.step, h)
             yield Epoch(
                 weights, lattice, float(sigma), float(distance.mean()), topographic, len(some)
             )

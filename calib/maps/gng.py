@@ -12,6 +12,7 @@ at most a tenth of the nodes long, so that few nodes win twice.
 
 from __future__ import annotations
 
+import math
 from collections.abc import Iterator
 from dataclasses import dataclass, field
 
@@ -27,6 +28,7 @@ Index = NDArray[np.intp]
 
 _GROWING = 0.6  # share of the samples during which nodes are inserted
 _BLOCK = 512
+_RECENT = 3  # samples per node over which the error that stops the growth is averaged
 _PER_NODE = 15  # samples per pass and node; more teach a gas little
 
 
@@ -93,7 +95,12 @@ def samples_shown(n: int, nodes: int) -> int:
 
 
 def learn(
-    u: Array, nodes: int, gain: Gain | None, epochs: int, rng: np.random.Generator
+    u: Array,
+    nodes: int,
+    gain: Gain | None,
+    epochs: int,
+    rng: np.random.Generator,
+    error: float | None = None,
 ) -> Iterator[Epoch]:
     """Grow a gas of `nodes` nodes; yields after each pass over the samples.
 
@@ -109,12 +116,15 @@ def learn(
         Passes over the samples, each in another order; a pass ends after 15 per node.
     rng : numpy.random.Generator
         Source of the start and of the orders.
+    error : float, optional
+        Quantization error, in the unit box, at which the gas stops growing; `nodes` are
+        then the most that it may have.
     """
     gas = Gas(u[rng.permutation(len(u))[:2]] + 1e-9 * rng.random((2, u.shape[1])), np.zeros(2))
     pace = Pace(decay=1.0 - 1.0 / (2.0 * max(nodes, 100)))
     shown = samples_shown(len(u), nodes)
     growth = _GROWING * epochs * shown
-    done = 0
+    done, recent, enough = 0, math.inf, False
     for _ in range(epochs):
         order = u[rng.permutation(len(u))[:shown]]
         total, first = 0.0, 0
@@ -123,9 +133,15 @@ def learn(
             first += len(block)
             done += len(block)
             progress = min(1.0, done / growth)
-            total += present(gas, block, pace, gain, progress)
+            distance = present(gas, block, pace, gain, progress)
+            total += distance
+            if error is not None:
+                share = len(block) / (len(block) + _RECENT * len(gas.weights))
+                mean = distance / len(block)
+                recent = mean if math.isinf(recent) else recent + share * (mean - recent)
+                enough = enough or recent <= error
             aim = 2 + int((nodes - 2) * progress)
-            while len(gas.weights) < aim and len(gas.pairs):
+            while not enough and len(gas.weights) < aim and len(gas.pairs):
                 insert(gas, pace)
         graph = gas.graph
         topographic = topographic_error(u, search(gas.weights), graph)

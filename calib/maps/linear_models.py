@@ -8,6 +8,7 @@ to the query instead.
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
@@ -128,8 +129,25 @@ class LinearModels:
 
     @property
     def terms(self) -> int:
-        """Numbers that one evaluation multiplies."""
-        return 2 * blend_size(self.motor.units.shape[1]) * (1 + self.motor.units.shape[1])
+        """Functions that one evaluation costs."""
+        dof = int(self.slopes.shape[1])
+        return 2 * blend_size(dof) * (1 + dof)
+
+    @staticmethod
+    def following(motor: Map, value: Callable[[Array], Array]) -> LinearModels:
+        """Linear models of a function of the unit box, by its values and central differences."""
+        nodes, dof = np.clip(motor.units, 0.0, 1.0), motor.units.shape[1]
+        step = 0.5 * motor.spacing
+        slopes = []
+        for k in range(dof):
+            ahead, behind = nodes.copy(), nodes.copy()
+            ahead[:, k] = np.minimum(nodes[:, k] + step, 1.0)
+            behind[:, k] = np.maximum(nodes[:, k] - step, 0.0)
+            rise = value(ahead) - value(behind)
+            slopes.append(rise / (ahead[:, k] - behind[:, k])[:, None])
+        slope = np.stack(slopes, axis=1)
+        beyond = np.einsum("nd,ndo->no", motor.units - nodes, slope)
+        return LinearModels(motor, value(nodes) + beyond, slope)
 
     def value(self, u: Array) -> Array:
         """Positions (n, o) at the points `u` (n, d) of the unit box."""
@@ -166,9 +184,9 @@ class LinearModels:
         place = motor.scale.difference(places[near], motor.units[:, None])
         middle, mean, slope = regress(place, partners[near], weight)
         value = mean - np.einsum("nd,ndo->no", middle, slope)
-        lost = np.flatnonzero(weight.sum(axis=1) <= 0.0)
-        if len(lost):  # no linked node is near: the nearest model goes on
-            linked = np.flatnonzero(weight.sum(axis=1) > 0.0)
+        known = (strength > 0.0) & (weight.sum(axis=1) > 0.0)
+        lost, linked = np.flatnonzero(~known), np.flatnonzero(known)
+        if len(lost) and len(linked):  # a node without links: the nearest model goes on
             tree = search_tree(motor.units[linked], motor.scale)
             source = linked[tree.query(_inside(motor, motor.units[lost]))[1]]
             gap = motor.scale.difference(motor.units[lost], motor.units[source])

@@ -10,6 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ..errors import OptionError
+from .fields import LinkRule, Pairs, checked_links
 from .map import Map
 
 if TYPE_CHECKING:
@@ -43,11 +44,19 @@ class Wiring:
         alone, which is what eq. 5 says of the direction from motor to sensory nodes.
     bandwidth : float
         Of eq. 6, in units of the spacing.
+    rule : callable, optional
+        What the links are in place of the fixed point of eq. 5, see
+        :data:`calib.maps.fields.LinkRule`; a model file keeps the links, not the rule.
     """
 
     local: bool = True
     mutual: bool = True
     bandwidth: float = BANDWIDTH
+    rule: LinkRule | None = None
+
+    def to_json(self) -> dict[str, bool | float]:
+        """Plain data for a model file."""
+        return {"local": self.local, "mutual": self.mutual, "bandwidth": self.bandwidth}
 
     def activity(self, network: Map, u: Array) -> csr_array:
         """Activity of the nodes nearest to each row of `u`, see :func:`activity`."""
@@ -74,7 +83,7 @@ class Wiring:
 
     def linked(self, parts: Iterable[tuple[csr_array, csr_array]]) -> csr_array:
         """Links from the activities of both maps, part after part, see :func:`link`."""
-        return _linked(parts, 1.0, mutual=self.mutual)
+        return _linked(parts, 1.0, mutual=self.mutual, rule=self.rule)
 
 
 WIRINGS = {
@@ -86,9 +95,17 @@ WIRINGS = {
 """Wirings by name: eq. 5 and 6 with one bandwidth, each refinement alone, and both."""
 
 
-def check_wiring(name: str) -> None:
+def wiring_of(links: str | LinkRule) -> Wiring:
+    """The wiring of a name, or the default's activities with a rule of the user's own."""
+    if isinstance(links, str):
+        check_wiring(links)
+        return WIRINGS[links]
+    return Wiring(rule=links)
+
+
+def check_wiring(name: str | LinkRule) -> None:
     """Refuse an unknown wiring."""
-    if name not in WIRINGS:
+    if isinstance(name, str) and name not in WIRINGS:
         raise OptionError(f"links {name!r} are unknown, choose one of {', '.join(WIRINGS)}")
 
 
@@ -152,20 +169,30 @@ def link(
 
 
 def _linked(
-    parts: Iterable[tuple[csr_array, csr_array]], beta: float, *, mutual: bool
+    parts: Iterable[tuple[csr_array, csr_array]],
+    beta: float,
+    *,
+    mutual: bool,
+    rule: LinkRule | None = None,
 ) -> csr_array:
     """Links from the activities of the samples, part after part; see :func:`link`."""
     together: csr_array | None = None
     square: list[Array | float] = [0.0, 0.0]
+    samples = 0
     for a_motor, a_sensory in parts:
+        samples += a_motor.shape[0]
         product = (a_motor.T @ a_sensory).tocsr()
         together = product if together is None else together + product
         for k, a in enumerate((a_motor, a_sensory)):
             square[k] = square[k] + np.asarray(a.multiply(a).sum(axis=0), dtype=float).ravel()
     assert together is not None  # noqa: S101
+    rows = np.repeat(np.arange(together.shape[0]), np.diff(together.indptr))
+    if rule is not None:
+        motor, sensory = np.asarray(square[0])[rows], np.asarray(square[1])[together.indices]
+        together.data = checked_links(rule, Pairs(together.data, motor, sensory, samples))
+        return _without_weak(together)
     scale = _settled(np.asarray(square[1]), beta)[together.indices]
     if mutual:
-        rows = np.repeat(np.arange(together.shape[0]), np.diff(together.indptr))
         scale = np.sqrt(scale * _settled(np.asarray(square[0]), beta)[rows])
     together.data *= scale
     return _without_weak(together)

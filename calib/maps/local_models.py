@@ -9,11 +9,14 @@ from numpy.typing import NDArray
 
 from ..body.basis import exponents
 from ..common.scale import Scale
-from .map import Map
+from .map import Map, search_tree
 
 Array = NDArray[np.float64]
 
-_REACH = 1.5  # node spacings that a model speaks for, whatever the radius of its samples
+_REACH = 0.55  # of the diagonal of a cell of a node's spacing: so far it speaks in full
+_EVEN = 400  # points of an even spread
+_FIRM = 0.1  # share of an even spread's smallest moment that carries a polynomial
+_CLOSE_ROWS = 5  # rows that have to be near a node
 _CHUNK = 20_000_000  # numbers held at once while fitting
 
 
@@ -37,12 +40,15 @@ class LocalModels:
         Distance to the first sample that was left out, in the unit box.
     coefficients : (nodes, terms, 2) array
         Coefficients of the monomials of (u - w) / radius, in the unit of the positions.
+    fades : bool
+        Whether a node's say ends beyond its cell; not in models of file format 1.
     """
 
     degree: int
     samples: int
     radius: Array
     coefficients: Array
+    fades: bool = True
 
     def degrees(self, dof: int) -> NDArray[np.intp]:
         """Degree of each node's own model, (nodes,), -1 for none."""
@@ -90,8 +96,6 @@ class Neighbourhood:
     @staticmethod
     def of(nodes: Array, samples: Array, scale: Scale, k: int) -> Neighbourhood:
         """The `k` + 1 samples nearest to each node, all in the unit box."""
-        from .map import search_tree
-
         k = min(k + 1, len(samples))
         distance, index = search_tree(samples, scale).query(
             np.where(scale.periodic, nodes % 1.0, nodes), k=np.arange(1, k + 1), workers=-1
@@ -152,6 +156,48 @@ def fit(
     return LocalModels(degree, samples, radius, coefficients)
 
 
+def surrounded(
+    nodes: Array, u: Array, scale: Scale, degree: int, samples: int, around: Neighbourhood
+) -> NDArray[np.bool_]:
+    """Whether the samples around each node carry polynomials of a degree, (nodes,).
+
+    The smallest eigenvalue of their moments is compared with that of samples spread evenly
+    over the ball around the node: where rows are clustered, or on one side, a polynomial that
+    fits them says anything in between and beside.
+
+    Parameters
+    ----------
+    nodes, u : (nodes, d), (n, d) array
+        In the unit box.
+    scale : Scale
+    degree, samples : int
+        Of the models.
+    around : Neighbourhood
+        At least so many samples around each node.
+    """
+    if degree == 0:
+        return np.ones(len(nodes), dtype=bool)
+    samples = min(samples, around.index.shape[1] - 1)
+    radius = np.maximum(around.distance[:, samples], 1e-12)
+    z = scale.difference(u[around.index[:, :samples]], nodes[:, None]) / radius[:, None, None]
+    ball = np.random.default_rng(0).standard_normal((1, _EVEN, nodes.shape[1]))
+    ball /= np.linalg.norm(ball, axis=2, keepdims=True)
+    ball *= (np.arange(_EVEN) + 0.5)[None, :, None] ** (1 / nodes.shape[1]) / _EVEN ** (
+        1 / nodes.shape[1]
+    )
+    least, even = (_least_moment(part, degree) for part in (z, ball))
+    return np.asarray(least > _FIRM * even)
+
+
+def _least_moment(z: Array, degree: int) -> Array:
+    """Smallest eigenvalue of the kernel-weighted mean moments of `z` (n, k, d), (n,)."""
+    kernel = (1.0 - np.minimum(np.einsum("nkd,nkd->nk", z, z), 1.0)) ** 2
+    features = monomials(z, degree)
+    moments = np.swapaxes(features * kernel[..., None], 1, 2) @ features
+    total = np.maximum(kernel.sum(axis=1), 1e-300)
+    return np.asarray(np.linalg.eigvalsh(moments / total[:, None, None])[:, 0])
+
+
 def blend(motor: Map, u: Array, m: int) -> tuple[NDArray[np.intp], Array]:
     """Nodes whose models speak for each point and their weights, both (n, m).
 
@@ -166,38 +212,63 @@ def blend(motor: Map, u: Array, m: int) -> tuple[NDArray[np.intp], Array]:
     return index[:, :-1], weight
 
 
-def contributions(
-    models: LocalModels, spacings: Array, index: NDArray[np.intp], gap: Array
-) -> Array:
-    """What the models of the nodes `index` (n, m) say at the offsets `gap` (n, m, d), (n, m, o).
+def speaking(motor: Map, u: Array) -> tuple[NDArray[np.intp], Array, Array]:
+    """Nodes that speak for each point, their weights (n, m), and the offsets (n, m, d) from them.
 
-    A model fades to zero between once and twice its reach, the radius of its samples or
-    1.5 times its node's spacing (nodes,): nothing is carried on to where nothing was.
+    A node's say ends between once and twice the reach of its lattice cell (half a diagonal,
+    and a tenth more), so that the nodes of a dense region do not speak for the coarse one
+    beside it.  The others share it; where none is left the weights fall to zero.
     """
-    radius = models.radius[index]
-    value = np.einsum(
-        "nmt,nmto->nmo",
-        monomials(gap / radius[..., None], models.degree),
-        models.coefficients[index],
-    )
-    return np.asarray(value * fade(radius, spacings[index], gap)[..., None])
+    index, weight = blend(motor, u, blend_size(u.shape[1]))
+    gap = motor.scale.difference(u[:, None], motor.units[index])
+    share = _fade(np.sqrt(np.einsum("nmd,nmd->nm", gap, gap)) / reach_of(motor)[index])
+    weight = weight * share
+    total = weight.sum(axis=1, keepdims=True)
+    left = share.max(axis=1, keepdims=True)
+    return index, np.where(total > 0.0, weight * left / np.where(total > 0.0, total, 1.0), 0.0), gap
 
 
-def fade(radius: Array, spacing: Array, gap: Array) -> Array:
-    """Share of a model's say at the offsets `gap` (..., d) from its node, (...)."""
-    reach = np.maximum(radius, _REACH * spacing)
-    beyond = np.clip(np.sqrt(np.einsum("...d,...d->...", gap, gap)) / reach - 1.0, 0.0, 1.0)
-    return np.asarray((1.0 - beyond**2) ** 2)
+def reach_of(motor: Map) -> Array:
+    """How far each node speaks in full, (nodes,), in the unit box."""
+    return np.asarray(_REACH * np.sqrt(motor.units.shape[1]) * motor.spacings)
+
+
+def near_rows(motor: Map, u: Array) -> Array:
+    """Share of its correction that each node may give, (nodes,): none far away from all rows.
+
+    It falls to zero between once and twice the node's spacing, or twice the rows' own.
+    """
+    k = min(_CLOSE_ROWS, len(u))
+    tree = search_tree(u, motor.scale)
+    some = u[:: max(1, len(u) // 1000)]
+    own = np.asarray(tree.query(some, k=[k])[0]).ravel()
+    inside = np.where(motor.scale.periodic, motor.units % 1.0, motor.units)
+    distance = np.asarray(tree.query(inside, k=[k])[0]).ravel()
+    return _fade(distance / np.maximum(motor.spacings, 2.0 * float(np.median(own))))
+
+
+def _fade(ratio: Array) -> Array:
+    """1 up to a ratio of 1, then smoothly down to 0 at 2."""
+    return np.asarray((1.0 - np.clip(ratio - 1.0, 0.0, 1.0) ** 2) ** 2)
+
+
+def contributions(models: LocalModels, index: NDArray[np.intp], gap: Array) -> Array:
+    """What the models of the nodes `index` (n, m) say at the offsets `gap` (n, m, d), (n, m, o)."""
+    z = gap / models.radius[index][..., None]
+    coefficients = models.coefficients[index]
+    return np.asarray(np.einsum("nmt,nmto->nmo", monomials(z, models.degree), coefficients))
 
 
 def predict(
     models: LocalModels, motor: Map, u: Array, *, slope: bool = False
 ) -> tuple[Array, Array | None]:
     """Blended correction at the points `u` (n, d), (n, 2), and its slope (n, 2, d)."""
-    index, weight = blend(motor, u, blend_size(u.shape[1]))
+    if models.fades:
+        index, weight, gap = speaking(motor, u)
+    else:
+        index, weight = blend(motor, u, blend_size(u.shape[1]))
+        gap = motor.scale.difference(u[:, None], motor.units[index])
     radius = models.radius[index]
-    gap = motor.scale.difference(u[:, None], motor.units[index])
-    weight = weight * fade(radius, motor.spacings[index], gap)
     z = gap / radius[..., None]
     c = models.coefficients[index] * weight[..., None, None]
     value = np.einsum("nmt,nmto->no", monomials(z, models.degree), c)

@@ -13,16 +13,17 @@ Array = NDArray[np.float64]
 _AROUND = 30  # rows whose residuals are averaged
 _CHANCE = 4.0  # standard errors by which a mean square must exceed the common one
 _FEWEST = 5  # rows that tell a mean
+_SPREADS = 6.0  # standard deviations of the calm mean squares, the same
 _ROUNDING = 1e-9  # share of the extent that is no residual
 _MANY = 20_000  # rows that are averaged over; more tell no more
 
 
 def misfit(scale: Scale, u: Array, held: Array, extent: float, at: Array) -> Array | None:
-    """Mean square of held-out residuals around points, None where they are noise.
+    """Mean square of held-out residuals around points beyond noise, None where all is noise.
 
-    The median over the samples is taken for the noise.  A mean square that exceeds it by no
-    more than chance (four standard errors of a chi-square mean) is set to it, so that noise
-    draws no nodes.
+    The median over the samples is taken for the noise and subtracted.  A mean square that
+    exceeds it by no more than chance (four standard errors of a chi-square mean) counts as
+    zero, so that noise draws no nodes.
 
     Parameters
     ----------
@@ -47,10 +48,20 @@ def misfit(scale: Scale, u: Array, held: Array, extent: float, at: Array) -> Arr
     if k < _FEWEST or square.mean() <= 2.0 * floor:
         return None
     some = slice(None, None, -(-len(u) // _MANY))
-    index = np.asarray(search_tree(u[some], scale).query(at, k=k, workers=-1)[1])
-    # without the largest: an outlier is no misfit
-    around = np.sort(square[some][index], axis=1)[:, : k - k // 5].mean(axis=1)
-    noise = float(np.median(around))
+    tree, square = search_tree(u[some], scale), square[some]
+
+    def around(points: Array) -> Array:
+        index = np.asarray(tree.query(points, k=k, workers=-1)[1])
+        # without the largest: an outlier is no misfit
+        return np.asarray(np.sort(square[index], axis=1)[:, : k - k // 5].mean(axis=1))
+
+    own = around(u[some])
+    noise = float(np.median(own))
     chance = _CHANCE * np.sqrt(2.0 / (held.shape[1] * k))
-    wrong = around > noise * (1.0 + chance)
-    return np.where(wrong, around, noise) if np.count_nonzero(wrong) > k else None
+    # repeated rows tell less than their number: the calm half shows how much
+    spread = noise - float(np.quantile(own, 0.16))
+    least = noise + max(noise * chance, _SPREADS * spread)
+    if np.count_nonzero(own > least) <= k:
+        return None
+    here = own if at is u and len(own) == len(u) else around(at)
+    return np.where(here > least, here - noise, 0.0)

@@ -13,14 +13,14 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ..body.basis import exponents
-from ..body.fitting import BodyFit
+from ..body.posterior import BodyFit
 from ..body.trend_choice import choose_trends
 from ..common.scale import Scale
 from . import local_models as local
 from .local_models import NO_MODELS, Neighbourhood
 from .map import Map
 from .misfit import misfit
-from .node_choice import NodeChoice, Shape
+from .node_choice import NodeChoice, Shape, fit_each
 from .predictor import BodyInBox, Both, Predictor, Smooth
 
 Array = NDArray[np.float64]
@@ -152,7 +152,8 @@ def select(motor: Map, u: Array, candidates: Sequence[Candidate]) -> Selected:
     if chosen.nodes is not None:
         models = chosen.nodes.models(motor, u, candidate.residual, chosen.shapes, chosen.shape)
     elif chosen.shape is not None:
-        models = local.fit(motor.units, u, candidate.residual, motor.scale, *chosen.shape)
+        every = np.zeros(motor.size, dtype=np.intp)
+        models = fit_each(motor, u, candidate.residual, [chosen.shape], every)
     predictor = Predictor(motor, candidate.smooth, models)
     return Selected(predictor, chosen.rows, chosen.residual)
 
@@ -192,7 +193,6 @@ def _compare(motor: Map, u: Array, folds: list[NDArray[np.intp]], candidate: Can
     """
     use = range(len(folds)) if len(u) <= 5 * _HELD_OUT else range(0, len(folds), 3)
     quota = max(1, _HELD_OUT // len(use))
-    size = local.blend_size(u.shape[1])
     shapes = [
         c for c in _CANDIDATES if 1.2 * len(exponents(u.shape[1], c[0])) <= c[1] < len(u) // 4
     ]
@@ -211,10 +211,9 @@ def _compare(motor: Map, u: Array, folds: list[NDArray[np.intp]], candidate: Can
     for fold, part, target in zip(use, held, plain, strict=True):
         others = np.setdiff1d(np.arange(len(u)), folds[fold], assume_unique=True)
         residual = candidate.unseen[fold][others]
-        index, weight = local.blend(motor, u[part], size)
+        index, weight, gap = local.speaking(motor, u[part])
         nodes, place = np.unique(index, return_inverse=True)
         place = place.reshape(index.shape)
-        gap = motor.scale.difference(u[part, None], motor.units[index])
         around = Neighbourhood.of(
             motor.units[nodes], u[others], motor.scale, max(k for _, k in shapes)
         )
@@ -222,7 +221,7 @@ def _compare(motor: Map, u: Array, folds: list[NDArray[np.intp]], candidate: Can
             models = local.fit(
                 motor.units[nodes], u[others], residual, motor.scale, degree, k, around
             )
-            each = local.contributions(models, motor.spacings[nodes], place, gap)
+            each = local.contributions(models, place, gap)
             found[degree, k].append(target - np.einsum("nm,nmo->no", weight, each))
     choice: Shape | None = None
     calm = ~wrong[rows]
@@ -245,4 +244,4 @@ def _wrong(
     """Rows around which the held-out residuals exceed the common ones, (n,)."""
     held = np.concatenate([p[f] for p, f in zip(candidate.unseen, folds, strict=True)])
     around = misfit(scale, u, held, extent, u)
-    return np.zeros(len(u), dtype=bool) if around is None else around > around.min()
+    return np.zeros(len(u), dtype=bool) if around is None else around > 0.0

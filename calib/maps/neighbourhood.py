@@ -46,7 +46,37 @@ def spread(sums: Array, lattice: Lattice, sigma: float) -> Array:
     return grid.reshape(sums.shape)
 
 
-def moved(weights: Array, sums: Array, lattice: Lattice, sigma: float, step: float | None) -> Array:
+def spread_by(sums: Array, lattice: Lattice, h: Array) -> Array:
+    """Sum over all nodes i of h_ji times the rows of `sums`, for any neighbourhood.
+
+    Parameters
+    ----------
+    sums : (size, ...) array
+        A row per node, 0 or more.
+    lattice : Lattice
+        Where the nodes stand.
+    h : (2 n - 1, ...) array
+        The neighbourhood at all steps along each axis, see
+        :func:`calib.maps.fields.kernel`.
+    """
+    grid = sums.reshape(*lattice.shape, -1)
+    axes = tuple(range(lattice.dim))
+    full = [3 * n - 2 for n in lattice.shape]
+    both = np.fft.rfftn(grid, full, axes) * np.fft.rfftn(h, full, axes)[..., None]
+    out = np.fft.irfftn(both, full, axes)
+    for axis, n in enumerate(lattice.shape):
+        out = np.take(out, np.arange(n - 1, 2 * n - 1), axis)
+    return np.asarray(out.reshape(sums.shape))
+
+
+def moved(
+    weights: Array,
+    sums: Array,
+    lattice: Lattice,
+    sigma: float,
+    step: float | None,
+    h: Array | None = None,
+) -> Array:
     """Where the nodes go after an epoch, (size, ..., d).
 
     Kohonen's batch rule puts each node at the mean of all samples, weighted by the
@@ -68,11 +98,13 @@ def moved(weights: Array, sums: Array, lattice: Lattice, sigma: float, step: flo
         Neighbourhood radius.
     step : float or None
         None for the batch rule.
+    h : (2 n - 1, ...) array, optional
+        Another neighbourhood than the Gaussian of eq. 3, see :func:`spread_by`.
     """
     if step is not None:
         own = sums[..., -1:]
         sums = np.concatenate([step * (sums[..., :-1] - own * weights), own], axis=-1)
-    met = spread(sums, lattice, sigma)
+    met = spread(sums, lattice, sigma) if h is None else spread_by(sums, lattice, h)
     count = met[..., -1:]
     reached = count > 1e-12 * count.max(axis=0)
     mean = met[..., :-1] / np.where(reached, count, 1.0)

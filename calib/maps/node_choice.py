@@ -25,6 +25,10 @@ Shape = tuple[int, int]
 
 _GROUPS = 3  # of folds, held out in turn
 _AROUND = 60  # rows by which a node chooses, besides those that it speaks for
+_TURNS = 9  # rounds in which nodes reconsider
+_COLOURS = 3  # of which each node takes part in every third
+_PRICE = 0.05  # share of the distances by which another choice must mend them
+_RUN = 20  # neighbouring rows that may be repeats of each other
 _SURE = 2.0  # standard errors by which a local model must win over none
 
 
@@ -76,14 +80,15 @@ class NodeChoice:
         common : (degree, samples) or None
             What serves the calm rows: nodes that are not sure of a better one have it.
         """
-        index, weight = local.blend(motor, u, local.blend_size(u.shape[1]))
+        index, weight, gap = local.speaking(motor, u)
         nodes = np.unique(index[wrong]) if common is None else np.arange(motor.size)
         place = np.full(motor.size, -1)
         place[nodes] = np.arange(len(nodes))
         rows = np.flatnonzero((place[index] >= 0).any(axis=1))
-        index, weight = place[index[rows]], weight[rows]
+        index, weight, gap = place[index[rows]], weight[rows], gap[rows]
         weight = np.where(index >= 0, weight, 0.0)
-        target, said = _held_out(motor, nodes, u, unseen, folds, rows, index, weight, shapes)
+        target, said = _held_out(motor, nodes, u, unseen, folds, rows, index, gap, shapes)
+        said = [each * weight[..., None] for each in said]
         square = np.empty((len(shapes) + 1, len(rows)))
         square[0] = np.einsum("no,no->n", target, target)
         for k, each in enumerate(said):
@@ -91,10 +96,7 @@ class NodeChoice:
             square[k + 1] = np.einsum("no,no->n", gap, gap)
         usual = 0 if common is None else list(shapes).index(common) + 1
         chosen = _least(motor, nodes, u[rows], index, square, usual) - 1
-        remains = target.copy()
-        for k, each in enumerate(said):
-            speaks = (index >= 0) & (chosen[index] == k)
-            remains -= np.where(speaks[..., None], each, 0.0).sum(axis=1)
+        chosen, remains = _settled(target, said, index, chosen, len(nodes))
         return NodeChoice(nodes, chosen, rows, remains)
 
     def remaining(self, rows: Index, otherwise: Array) -> Array:
@@ -122,6 +124,7 @@ def fit_each(
 ) -> LocalModels:
     """Local models of each node's own shape, (nodes,) indices into `shapes`, -1 for none.
 
+    A node that is far from all rows, or whose rows lie to one side of it, has none.
     Coefficients are those of the largest degree; a node of a lower one has zeros.
     """
     from ..body.basis import exponents
@@ -136,9 +139,13 @@ def fit_each(
     for k, (own, samples) in enumerate(shapes):
         nodes = np.flatnonzero(choice == k)
         if len(nodes):
-            found = local.fit(motor.units[nodes], u, residual, motor.scale, own, samples)
-            coefficients[nodes, : found.coefficients.shape[1]] = found.coefficients
+            around = Neighbourhood.of(motor.units[nodes], u, motor.scale, samples)
+            found = local.fit(motor.units[nodes], u, residual, motor.scale, own, samples, around)
+            firm = local.surrounded(motor.units[nodes], u, motor.scale, own, samples, around)
+            kept = np.where(firm[:, None, None], found.coefficients, 0.0)
+            coefficients[nodes, : kept.shape[1]] = kept
             radius[nodes] = found.radius
+    coefficients *= local.near_rows(motor, u)[:, None, None]
     return LocalModels(degree, max(k for _, k in used), radius, coefficients)
 
 
@@ -150,10 +157,10 @@ def _held_out(
     folds: Sequence[Index],
     rows: Index,
     index: Index,
-    weight: Array,
+    gap: Array,
     shapes: Sequence[Shape],
 ) -> tuple[Array, list[Array]]:
-    """Residuals of the rows (m, o), and each node's weighted say by shape (m, nodes, o)."""
+    """Residuals of the rows (m, o), and what each node says of them by shape (m, nodes, o)."""
     outputs = unseen[0].shape[1]
     target = np.empty((len(rows), outputs))
     said = [np.zeros((*index.shape, outputs)) for _ in shapes]
@@ -168,13 +175,11 @@ def _held_out(
             target[inside] = unseen_fold[rows[inside]]
         left = unseen[group][others]  # one smooth part for the whole group
         around = Neighbourhood.of(motor.units[nodes], u[others], motor.scale, most)
-        gap = motor.scale.difference(u[rows[held], None], motor.units[nodes][index[held]])
         for k, (degree, samples) in enumerate(shapes):
             models = local.fit(
                 motor.units[nodes], u[others], left, motor.scale, degree, samples, around
             )
-            said[k][held] = local.contributions(models, motor.spacings[nodes], index[held], gap)
-            said[k][held] *= weight[held][..., None]
+            said[k][held] = local.contributions(models, index[held], gap[held])
     return target, said
 
 
@@ -197,8 +202,62 @@ def _least(motor: Map, nodes: Index, u: Array, index: Index, square: Array, usua
     count = np.asarray(judge.sum(axis=1), dtype=float).ravel()
     gain = square[usual] - square
     mean = (judge @ gain.T) / count[:, None]
-    spread = np.sqrt(np.maximum((judge @ (gain**2).T) / count[:, None] - mean**2, 0.0))
-    sure = mean > _SURE * spread / np.sqrt(count)[:, None]
+    sure = mean > _SURE * _standard_errors(node, row, gain, mean, count)
     score = np.where(sure, mean, 0.0)
     best = score.argmax(axis=1)
     return np.asarray(np.where(score.max(axis=1) > 0.0, best, usual), dtype=np.intp)
+
+
+def _standard_errors(node: Index, row: Index, gain: Array, mean: Array, count: Array) -> Array:
+    """Standard errors of the mean gains (nodes, choices): runs of rows count as one.
+
+    Neighbouring rows of a log can be near-repeats; sums within a run are compared, which of
+    rows in random order are the rows themselves.
+    """
+    run, place = np.unique(node * (row.max() // _RUN + 1) + row // _RUN, return_inverse=True)
+    owner = run // (row.max() // _RUN + 1)
+    errors = np.empty_like(mean)
+    for k, each in enumerate(gain):
+        away = np.bincount(place, each[row] - mean[node, k], len(run))
+        errors[:, k] = np.sqrt(np.bincount(owner, away**2, len(mean))) / count
+    return errors
+
+
+def _settled(
+    target: Array, said: Sequence[Array], index: Index, chosen: Index, nodes: int
+) -> tuple[Index, Array]:
+    """The choices (nodes,) once no node gains by another, and what remains (m, o).
+
+    Nodes were compared as if all had the same shape; here each is judged beside the others
+        as they are, by the distances that remain at the rows it speaks for, each as a share of
+    what was there: a calm row beside a defect counts as much as one within.  Only some may
+    change at a time, so that two neighbours do not both mend the same rows.
+    """
+    every = np.stack([np.zeros_like(said[0]), *said])  # (1 + shapes, m, nodes of a row, o)
+    row, column = np.nonzero(index >= 0)
+    node = index[row, column]
+    every = every[:, row, column]  # (1 + shapes, pairs, o)
+    chosen = chosen.copy()
+    size = np.linalg.norm(target, axis=1)
+    share = 1.0 / (size + np.median(size))[row]
+    for turn in range(_TURNS):
+        now = every[chosen[node] + 1, np.arange(len(node))]
+        remains = target - _per_row(row, now, len(target))
+        before = share * np.linalg.norm(remains, axis=1)[row]
+        gains = []
+        for new in every:
+            after = share * np.linalg.norm(remains[row] + now - new, axis=1)
+            gains.append(np.bincount(node, before - after, nodes))
+        score: Array = np.stack(gains).astype(float)
+        # the price keeps a choice that is as good but for chance; none is chosen without
+        score[1:] -= _PRICE * np.bincount(node, before, nodes)
+        best, gain = score.argmax(axis=0) - 1, score.max(axis=0)
+        moves = (gain > 0.0) & (best != chosen) & (np.arange(nodes) % _COLOURS == turn % _COLOURS)
+        chosen = np.where(moves, best, chosen)
+    now = every[chosen[node] + 1, np.arange(len(node))]
+    return chosen, target - _per_row(row, now, len(target))
+
+
+def _per_row(row: Index, values: Array, rows: int) -> Array:
+    """Sums of the values (pairs, o) of each row, (rows, o)."""
+    return np.stack([np.bincount(row, column, rows) for column in values.T], axis=1)

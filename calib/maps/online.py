@@ -22,6 +22,7 @@ from numpy.typing import NDArray
 
 from .density import Gain, Visit
 from .epoch import Epoch, nearest, search, topographic_error
+from .fields import Neighbourhood, Surroundings, checked_h, lattice_steps
 from .lattice import Lattice
 from .neighbourhood import REACH, spread
 from .schedule import exponential
@@ -44,6 +45,7 @@ def learn(
     epochs: int,
     sigma: tuple[float, float],
     rng: np.random.Generator,
+    neighbourhood: Neighbourhood | None = None,
 ) -> Iterator[Epoch]:
     """Train a map from a random start; yields after each pass over the samples.
 
@@ -61,6 +63,8 @@ def learn(
         Neighbourhood radius at the start and at the end; the learning rate falls with it.
     rng : numpy.random.Generator
         Source of the start and of the orders.
+    neighbourhood : callable, optional
+        In place of the Gaussian of eq. 3; samples are then shown one by one.
     """
     start, end = sigma
     steps = epochs * len(u)
@@ -79,6 +83,11 @@ def learn(
             if gain is not None:
                 distance, winner = winners(weights, chunk)
                 rates = rates * gain(Visit(done / steps, winner, distance, weights, lattice))
+            if neighbourhood is not None:
+                t = np.arange(now.start, now.stop) / steps
+                around = Around(lattice, neighbourhood)
+                total += sum(around.present(weights, chunk, sigmas, rates, t))
+                continue
             length = block_length(lattice, float(sigmas[0]), float(alpha[now][0]))
             if length <= _EXACT:
                 total += sum(present(weights, lattice, chunk, sigmas, rates))
@@ -152,6 +161,42 @@ def present(
         near = grid[window]
         near += np.minimum(h, 1.0)[..., None] * (x - near)  # eq. 2
     return distances
+
+
+class Around:
+    """Shows samples to a map by a neighbourhood of the user's own (eq. 1 and 2).
+
+    Parameters
+    ----------
+    lattice : Lattice
+        The lattice.
+    neighbourhood : callable
+        See :data:`calib.maps.fields.Neighbourhood`; it is asked for the whole lattice.
+    """
+
+    def __init__(self, lattice: Lattice, neighbourhood: Neighbourhood) -> None:
+        self._lattice, self._neighbourhood = lattice, neighbourhood
+        self._distance, self._steps = lattice_steps(lattice)
+
+    def present(
+        self, weights: Array, samples: Array, sigma: Array, rate: Array, progress: Array
+    ) -> list[float]:
+        """Show samples one after the other, in place; their distances to their winners."""
+        shape = self._lattice.shape
+        distances = []
+        for x, s, a, t in zip(samples, sigma, rate, progress, strict=True):
+            gap = x - weights
+            square = np.einsum("ij,ij->i", gap, gap)
+            winner = int(square.argmin())  # eq. 1
+            distances.append(float(np.sqrt(square[winner])))
+            place = np.unravel_index(winner, shape)
+            window = tuple(
+                slice(n - 1 - int(p), 2 * n - 1 - int(p)) for n, p in zip(shape, place, strict=True)
+            )
+            around = Surroundings(self._distance[window], self._steps[window], float(s), float(t))
+            h = checked_h(self._neighbourhood, around).ravel()
+            weights += np.minimum(a * h, 1.0)[:, None] * gap  # eq. 2
+        return distances
 
 
 def present_block(

@@ -3,7 +3,8 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Iterator
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -11,13 +12,19 @@ from numpy.typing import NDArray
 from ..common.parallel import one_blas_thread
 from ..common.scale import Scale
 from ..errors import LogError, OptionError
-from . import batch, dsom, gng, online
+from . import batch, dsom, gng, online, untrained
+from .association import Association
 from .density import Gain, gain_of, kind_of
 from .epoch import Epoch
+from .fields import LinkRule, Neighbourhood, checked_gain
 from .lattice import Lattice
+from .links import check_wiring, wiring_of
 from .map import Map
 from .online import present as present
 from .schedule import Stage, coarse_to_fine, growing, total_work
+
+if TYPE_CHECKING:
+    from .pair import Pair
 
 Array = NDArray[np.float64]
 Progress = Callable[[float, float], None]
@@ -37,7 +44,8 @@ class SOM:
         Nodes along each lattice axis; a growing neural gas takes their number.
     map : str or gain function
         "som", "vdsom" or a reading of it ("vdsom:error"), "dsom", "gng" or one with a
-        varying density ("gng:error"), or a function of a
+        varying density ("gng:error"), nodes that are not trained ("grid", "random",
+        "rows"), or a function of a
         :class:`~calib.maps.density.Visit` that returns a gain per sample.
     rule : {"batch", "online"}
         Batch map (Kohonen 2013), or eq. 1 to 4 one sample at a time.  A dynamic map and a
@@ -48,6 +56,16 @@ class SOM:
         Neighbourhood radius at the start and at the end [nodes].
     seed : int
         Seed of the start and of the order of the samples.
+    neighbourhood : callable, optional
+        In place of the Gaussian of eq. 3: a function of a
+        :class:`~calib.maps.fields.Surroundings` that returns h of each node.  It trains the
+        full lattice alone, without the coarse ones that come first by default.
+    links : str or link rule
+        For :meth:`fit_pair`: a name of :data:`calib.maps.links.WIRINGS`, or a function of
+        :class:`~calib.maps.fields.Pairs` that returns a strength for each.
+    error : float, optional
+        A growing neural gas stops growing at this quantization error, in the unit box, and
+        `size` is the most nodes that it may have: "the optimal number of nodes".
 
     Examples
     --------
@@ -56,6 +74,13 @@ class SOM:
     >>> som = calib.SOM((10, 10), map="som").fit(x)
     >>> som.weights.shape
     (100, 2)
+
+    A varying density of one's own, four times as dense where x is large:
+
+    >>> def gain(visit: calib.Visit):
+    ...     return 1.0 + 3.0 * visit.progress * visit.weights[visit.winners, 0]
+    >>> calib.SOM((10, 10), map=gain).fit(x).weights[:, 0].mean() > 0.5
+    True
     """
 
     size: tuple[int, ...]
@@ -64,8 +89,21 @@ class SOM:
     epochs: int | None = None
     sigma: tuple[float, float] | None = None
     seed: int | np.random.SeedSequence = field(default=0)
+    neighbourhood: Neighbourhood | None = None
+    links: str | LinkRule = "reciprocal"
+    error: float | None = None
 
     def __post_init__(self) -> None:
+        check_wiring(self.links)
+        kind = kind_of(self.map)
+        if self.neighbourhood is not None and kind != "som":
+            raise OptionError(
+                f"map {self.map!r} has a neighbourhood of its own: give one with 'som' or 'vdsom'"
+            )
+        if self.error is not None and kind != "gng":
+            raise OptionError(f"error {self.error:g}: only a growing neural gas stops by its error")
+        if self.error is not None and not 0.0 < self.error < 1.0:
+            raise OptionError(f"error {self.error:g}: expected a share of the unit box, 0 to 1")
         if self.rule not in RULES:
             raise OptionError(f"rule {self.rule!r} is unknown, choose one of {', '.join(RULES)}")
         if self.epochs is not None and not 1 <= self.epochs <= _MOST_EPOCHS:
@@ -120,7 +158,7 @@ class SOM:
         if not np.isfinite(x).all():
             row = int(np.argmin(np.isfinite(x).all(axis=1)))
             raise LogError(f"sample {row} is {x[row]}: expected finite numbers, drop such rows")
-        gain = gain_of(self.map) if isinstance(self.map, str) else self.map
+        gain = self._gain()
         scale = scale or Scale.of_data(x)
         u = scale.to_unit(x)
         history, done, work = [], 0, self._work(len(u))
@@ -134,7 +172,67 @@ class SOM:
                     progress(min(1.0, done / work), epoch.error)
         return Map(weights, lattice, scale, np.array(history))
 
+    def fit_pair(self, q: Array, x: Array) -> Pair:
+        """Train two maps of this kind on paired samples, and the links between them.
+
+        Parameters
+        ----------
+        q, x : (n, d), (n, k) array
+            Paired samples, such as joint values and positions, in any unit.
+
+        Returns
+        -------
+        Pair
+            Maps, links and readouts.  With the online rule maps and links develop together
+            (eq. 5 is stepped) and ``curve`` tells how.
+
+        Examples
+        --------
+        >>> import numpy as np, calib
+        >>> q = np.random.default_rng(0).uniform(size=(1500, 2))
+        >>> pair = calib.SOM((8, 8), rule="online", epochs=4).fit_pair(q, q**2)
+        >>> pair.curve[-1, 4] < 0.1 < pair.curve[1, 4]
+        True
+        """
+        from . import pair as pairs
+
+        q, x = np.asarray(q, dtype=float), np.asarray(x, dtype=float)
+        pairs.check_pair(q, x)
+        wiring = wiring_of(self.links)
+        if self.rule == "online" and kind_of(self.map) == "som":
+            if wiring.rule is not None:
+                raise OptionError("a rule of the links of your own needs rule='batch'")
+            lattice, around = Lattice(self.size), None
+            if self.neighbourhood is not None:
+                around = online.Around(lattice, self.neighbourhood)
+            rng = np.random.default_rng(self.seed)
+            sigma = self._online_sigma(lattice)
+            return pairs.develop(
+                q, x, lattice, self._gain(), sigma, self._passes(), wiring, rng, around
+            )
+        scales = (Scale.of_data(q), Scale.of_data(x))
+        seeds = np.random.SeedSequence(self._entropy()).spawn(2)
+        u, v = scales[0].to_unit(q), scales[1].to_unit(x)
+        motor, sensory = (
+            replace(self, seed=seed).fit(rows, scale=scale, partners=partners)
+            for seed, rows, scale, partners in zip(seeds, (q, x), scales, (v, u), strict=True)
+        )
+        association = Association.learn(motor, u, sensory, v, wiring)
+        return pairs.Pair(association, np.zeros((0, len(pairs.CURVE))))
+
+    def _entropy(self) -> Any:
+        return self.seed.entropy if isinstance(self.seed, np.random.SeedSequence) else self.seed
+
+    def _gain(self) -> Gain | None:
+        return gain_of(self.map) if isinstance(self.map, str) else checked_gain(self.map)
+
+    def _online_sigma(self, lattice: Lattice) -> tuple[float, float]:
+        return self.sigma or (max(lattice.shape) / 2, 0.5 if self.map == "som" else 1.5)
+
     def _stages(self) -> list[Stage]:
+        if self.neighbourhood is not None:
+            epochs = self.epochs or 20
+            return coarse_to_fine(Lattice(self.size), epochs, self.sigma, varying=self.map != "som")
         if self.map in ("vdsom", "vdsom:residual"):
             return growing(Lattice(self.size), self.epochs, self.sigma)
         varying = self.map != "som"
@@ -147,6 +245,8 @@ class SOM:
     def _work(self, n: int) -> int:
         """Samples that are shown in all."""
         kind = kind_of(self.map)
+        if kind in untrained.KINDS:
+            return n
         if kind == "som" and self.rule == "batch":
             return total_work(self._stages(), n)
         shown = gng.samples_shown(n, Lattice(self.size).size) if kind == "gng" else n
@@ -157,11 +257,13 @@ class SOM:
     ) -> Iterator[Epoch]:
         rng = np.random.default_rng(self.seed)
         kind, lattice = kind_of(self.map), Lattice(self.size)
+        if kind in untrained.KINDS:
+            return untrained.place(kind, u, lattice, rng)
         if kind == "gng":
-            return gng.learn(u, lattice.size, gain, self._passes(), rng)
+            return gng.learn(u, lattice.size, gain, self._passes(), rng, self.error)
         if kind == "dsom":
             return dsom.learn(u, lattice, self._passes(), rng)
         if self.rule == "online":
-            sigma = self.sigma or (max(lattice.shape) / 2, 0.5 if self.map == "som" else 1.5)
-            return online.learn(u, lattice, gain, self._passes(), sigma, rng)
-        return batch.learn(u, self._stages(), gain, rng, partners, residual)
+            sigma = self._online_sigma(lattice)
+            return online.learn(u, lattice, gain, self._passes(), sigma, rng, self.neighbourhood)
+        return batch.learn(u, self._stages(), gain, rng, partners, residual, self.neighbourhood)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Mapping, Sequence
 from dataclasses import asdict, dataclass, field, fields
 from typing import Any
@@ -48,7 +49,7 @@ class About:
     source : str
         "simulation" or "log".
     taught : bool
-        Whether a Gaussian process of a small log taught the maps.
+        Whether the maps learned from positions that the body predicts, besides the samples.
     samples, seed : int
         Number of training samples, and the seed.
     options : dict
@@ -63,6 +64,10 @@ class About:
         Samples behind those errors, and samples outside of what was learned from the others.
     notes : tuple of str
         What was said aloud while the model was made.
+    columns : dict of str to str
+        Columns of its log that have other names than what they hold.
+    degrees : bool
+        Whether its log has turning joints in degrees; later logs are read alike.
     """
 
     robot: str
@@ -86,6 +91,8 @@ class About:
     tested: int = 0
     left_out: int = 0
     notes: tuple[str, ...] = ()
+    columns: Mapping[str, str] = field(default_factory=dict)
+    degrees: bool = False
 
     @property
     def units_of_joints(self) -> tuple[str, ...]:
@@ -96,6 +103,7 @@ class About:
         """Plain data, as it is stored in a model file."""
         data = asdict(self)
         data["lower"], data["upper"] = self.lower.tolist(), self.upper.tolist()
+        data["errors"] = known_numbers(data["errors"])
         return data
 
     @classmethod
@@ -115,6 +123,15 @@ class About:
         for name in ("lower", "upper"):
             values[name] = np.array(values[name], dtype=float)
         return cls(**values)
+
+
+def known_numbers(errors: Any) -> Any:
+    """Return errors in which what could not be measured (NaN) is None, as JSON has it."""
+    if isinstance(errors, Mapping):
+        return {key: known_numbers(value) for key, value in errors.items()}
+    if isinstance(errors, float) and not math.isfinite(errors):
+        return None
+    return errors
 
 
 def check_about(data: Mapping[str, Any]) -> None:
@@ -148,6 +165,9 @@ def check_about(data: Mapping[str, Any]) -> None:
         finite("noise", simulation["noise"])
         texts("changes", simulation["changes"])
     texts("notes", data["notes"])
+    columns = of_type("columns", data.get("columns", {}), dict)
+    texts("columns", [*columns, *columns.values()])
+    of_type("degrees", data.get("degrees", False), bool)
     if min(data["samples"], data["seed"], data["tested"], data["left_out"]) < 0:
         raise ValueError("samples, seed, tested, left_out: expected zero or more")
     for name in _OPTIONS:

@@ -11,7 +11,6 @@ from numpy.typing import ArrayLike, NDArray
 from ..common.rows import number_rows
 from ..errors import QueryError
 from ..maps.association import check_readout
-from ..maps.node_bounds import blend_nodes
 
 if TYPE_CHECKING:
     from .model import Model
@@ -91,7 +90,7 @@ def joints(model: Model, x: Array, near: Array, *, nearest: bool) -> Array:
     far = np.flatnonzero(distance > REACHED * model.solver.extent)
     if len(far) and not nearest:
         # only the expected error can still call these reachable
-        beyond = distance[far] > within_reach(model, blend_nodes(model.motor, model.bounds, u[far]))
+        beyond = distance[far] > within_reach(model, model.bound_at(u[far]))
         q[far[beyond]] = np.nan
     return q
 
@@ -121,12 +120,17 @@ def answer(model: Model, u: Array, x: Array, position: Array | None) -> Answer:
     if position is None:
         position = model.predictor.value(u)
     with np.errstate(over="ignore"):  # the distance of a target at 1e308 may be infinite
-        distance = np.hypot(*(position - x).T)
-    bound = blend_nodes(model.motor, model.bounds, u)
+        distance = np.hypot(*(position - x).T) if x.shape[1] == 2 else _apart(position, x)
+    bound = model.bound_at(u)
     same = model.model_bounds is model.bounds
-    error = bound if same else blend_nodes(model.motor, model.model_bounds, u)
+    error = bound if same else model.bound_at(u, "model_bounds")
     within = distance <= within_reach(model, bound)
     return Answer(model.motor.scale.from_unit(u), position, distance, bound, error, within)
+
+
+def _apart(a: Array, b: Array) -> Array:
+    """Distances (n,) of points (n, m)."""
+    return np.asarray(np.sqrt(((a - b) ** 2).sum(axis=1)))
 
 
 def within_reach(model: Model, bound: Array) -> Array:

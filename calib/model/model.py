@@ -9,25 +9,27 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from ..errors import OptionError
+from ..common.frozen import freeze
+from ..common.wording import one_line
+from ..errors import OptionError, QueryError
 from ..inverse.solver import Solver
 from ..maps.association import MAP_READOUTS, Association, check_readout
 from ..maps.linear_models import LinearModels
 from ..maps.local_models import NO_MODELS
 from ..maps.map import Map
-from ..maps.node_bounds import blend_nodes
 from ..maps.predictor import BodyInBox, Predictor, Smooth
 from . import answers
 from .answers import Answer, checked_rows
 from .rows import Rows
 from .single import Single
-from .trust import MOST_SHARE, Trust
+from .trust import KNOWN, MOST_SHARE, STEEP, Trust
 
 if TYPE_CHECKING:
     import os
 
     from scipy.sparse import csr_array
 
+    from ..body.approach import Approach
     from ..body.belief import Body
     from ..change.baseline import Baseline
     from ..change.check import Drift
@@ -39,6 +41,10 @@ if TYPE_CHECKING:
     from .paths import Path
 
 Array = NDArray[np.float64]
+
+
+MOST_BLENDED = 3
+"""Joints up to which bounds are blended between the motor map's nodes."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -73,6 +79,8 @@ class Model:
         Name of the state that this model is in, see :mod:`calib.change.schemas`.
     schemas : tuple of Schema
         Other states of the same arm that were kept, such as with a tool mounted.
+    approach : Approach or None
+        Backlash, where the order of the samples showed that the direction counts.
     """
 
     about: About
@@ -88,6 +96,23 @@ class Model:
     seconds: dict[str, float] = field(default_factory=dict)
     schema: str = "schema 1"
     schemas: tuple[Schema, ...] = ()
+    approach: Approach | None = None
+
+    def __post_init__(self) -> None:
+        freeze(self, "bounds", "model_bounds", "visited")
+
+    def __repr__(self) -> str:
+        """Say in three lines what it is a model of, what it has learned and how well."""
+        about = self.about
+        robot = about.robot or "a log"
+        maps = self.motor, self.sensory
+        nodes = " and ".join("x".join(map(str, each.lattice.shape)) for each in maps)
+        error = about.errors.get(self.default_readout, {}).get("forward", {}).get("distance", {}).get("mean")
+        known = "unknown" if error is None else f"{error:.3g} {about.unit}"
+        return one_line(f"Model of {robot}: {', '.join(about.joint_names)}") + (
+            f"\n  {about.samples:,} samples ({about.source}), maps of {nodes} nodes"
+            f"\n  mean error {known}, {len(self.history)} earlier states"
+        )
 
     @property
     def motor(self) -> Map:
@@ -139,8 +164,13 @@ class Model:
 
     @cached_property
     def trust(self) -> Trust:
-        """Where answers are given."""
-        return Trust(self.motor, self.model_bounds, MOST_SHARE * self.reach)
+        """Where answers are given, and how bounds grow away from what was learned."""
+        known = None
+        # a file of format 1 has no option `body`, and its bounds hold as they did
+        if self.body is None and self.baseline is not None and "body" in self.about.options:
+            known = np.where(self.visited, KNOWN * np.sqrt(self.baseline.motor), -1.0)
+        most, growth = MOST_SHARE * self.reach, STEEP * self.solver.extent
+        return Trust(self.motor, self.model_bounds, most, known, growth)
 
     @cached_property
     def reach(self) -> float:
@@ -148,6 +178,11 @@ class Model:
         if self.body is not None:
             return float(self.body.structure.extents[: self.body.structure.blocks[0]].max())
         return 0.5 * self.solver.extent
+
+    @property
+    def axes(self) -> tuple[str, ...]:
+        """Names of a position's coordinates: x and y, and z for an arm in space."""
+        return ("x", "y", "z")[: self.sensory.units.shape[1]]
 
     @property
     def default_readout(self) -> str:
@@ -169,7 +204,9 @@ class Model:
             raise OptionError("readout 'local': the model has no body, choose 'linear'")
         return "local" if name in (None, self.default_readout) else str(name)
 
-    def forward(self, q: ArrayLike, readout: str | None = None) -> Array:
+    def forward(
+        self, q: ArrayLike, readout: str | None = None, *, approach: ArrayLike | None = None
+    ) -> Array:
         """Position of the tip for joint values.
 
         Parameters
@@ -177,6 +214,9 @@ class Model:
         q : (n, dof) or (dof,) array [rad or m]
         readout : {"local", "body", "linear", "activity", "winner"}, optional
             The model's default where not given.
+        approach : (n, dof) or (dof,) array, optional
+            Sign of the last motion of each joint, 0 where it is not known.  It counts
+            where training found backlash (``model.approach``), else it changes nothing.
 
         Returns
         -------
@@ -198,14 +238,17 @@ class Model:
         array([0.281, 0.393])
         """
         readout = self._readout(readout)
-        if readout == "local" and self.single is not None:
+        if readout == "local" and self.single is not None and approach is None:
             position = self.single.forward(q)
             if position is not None:
                 return position
         q, single = checked_rows(q, self.about.joint_names, "joint values")
+        inside = self.trust.covers(self.motor.scale.to_unit(q))
+        side = self._sides(approach, len(q))
+        if side is not None and self.approach is not None:
+            q = self.approach.effective(q, side)
         u = self.motor.scale.to_unit(q)
-        inside = self.trust.covers(u)
-        x = np.full((len(q), 2), np.nan)
+        x = np.full((len(q), len(self.axes)), np.nan)
         if inside.any():
             u = u[inside]
             if readout == "local":
@@ -254,7 +297,7 @@ class Model:
             if joints is not None:
                 return joints
         if readout == "local":
-            rows, single = checked_rows(x, ("x", "y"), "positions")
+            rows, single = checked_rows(x, self.axes, "positions")
             q = answers.joints(self, rows, answers.anchor(self, near, len(rows)), nearest=nearest)
             return q[0] if single else q
         answer = self.solve(x, near, readout if readout != "local" else None)
@@ -266,7 +309,7 @@ class Model:
     ) -> Answer:
         """Answer inverse queries in full; see :meth:`inverse` for the parameters."""
         readout = self._readout(readout)
-        rows, _ = checked_rows(x, ("x", "y"), "positions")
+        rows, _ = checked_rows(x, self.axes, "positions")
         return answers.solve(self, rows, answers.anchor(self, near, len(rows)), readout)
 
     def solve_all(self, x: ArrayLike) -> list[Answer]:
@@ -274,7 +317,7 @@ class Model:
 
         A target out of reach has one answer, the nearest attainable point.
         """
-        rows, _ = checked_rows(x, ("x", "y"), "positions")
+        rows, _ = checked_rows(x, self.axes, "positions")
         return answers.solve_all(self, rows)
 
     def inverse_all(self, x: ArrayLike) -> list[Array]:
@@ -335,13 +378,34 @@ class Model:
 
         return servo_step(self, x_measured, target, q, gain)
 
-    def expected_error(self, q: ArrayLike) -> Array:
+    def expected_error(self, q: ArrayLike, *, approach: ArrayLike | None = None) -> Array:
         """95 % bound on the error of :meth:`forward` at joint values (n, dof), (n,) [unit].
 
         It bounds the distance to the true position for a simulated arm and to what the
-        sensor would read for a log (``about.bound_of``).
+        sensor would read for a log (``about.bound_of``).  With `approach`, see
+        :meth:`forward`, it is the smaller bound for a known direction.
         """
-        return self._bound(q, "bounds")
+        bound = self._bound(q, "bounds")
+        rows, _ = checked_rows(q, self.about.joint_names, "joint values")
+        side = self._sides(approach, len(rows))
+        if side is None or self.approach is None:
+            return bound
+        known = self.approach.known(side)
+        u = self.motor.scale.to_unit(self.approach.effective(rows, side))
+        smaller = self.trust.bound(self.approach.bounds, u)
+        both = np.atleast_1d(bound)
+        # NaN stays: what is out of range has no bound from any side
+        result: Array = np.where(known & np.isfinite(both), smaller, both)
+        return result[0] if np.ndim(q) == 1 else result
+
+    def _sides(self, approach: ArrayLike | None, n: int) -> Array | None:
+        """Directions of approach (n, dof), None where none were given."""
+        if approach is None:
+            return None
+        side, _ = checked_rows(approach, self.about.joint_names, "approach")
+        if len(side) not in (1, n):
+            raise QueryError(f"approach has {len(side)} rows for {n} of joints: give one or {n}")
+        return np.broadcast_to(np.sign(side), (n, side.shape[1]))
 
     def model_error(self, q: ArrayLike) -> Array:
         """95 % bound on the true position in the sensor's frame at (n, dof), (n,) [unit].
@@ -360,8 +424,26 @@ class Model:
         u = self.motor.scale.to_unit(q)
         known = self.trust.covers(u)
         bound = np.full(len(q), np.nan)
-        bound[known] = blend_nodes(self.motor, getattr(self, which), u[known])
+        bound[known] = self.bound_at(u[known], which)
         return bound[0] if single else bound
+
+    def bound_at(self, u: Array, which: str = "bounds") -> Array:
+        """95 % bound (n,) [unit] at points of the unit box (n, dof).
+
+        Parameters
+        ----------
+        u : (n, dof) array
+        which : {"bounds", "model_bounds"}
+
+        Notes
+        -----
+        The bounds of the nodes, blended.  Of more than three joints a lattice covers too
+        little of the joints' box to blend between: the body's posterior answers itself.
+        """
+        if self.body is not None and u.shape[1] > MOST_BLENDED:
+            noise = which == "bounds" and self.about.bound_of == "sensor reading"
+            return self.body.bound(self.motor.scale.from_unit(u), noise=noise)
+        return self.trust.bound(getattr(self, which), u)
 
     def evaluate(self, samples: Samples | None = None) -> Evaluation:
         """Errors of all readouts on fresh exact samples, or on measured ones."""
@@ -397,8 +479,11 @@ class Model:
         NaN out of reach, and where a joint would change by far more than this model usually
         corrects; :func:`calib.correct` tells which and takes another limit.
         """
-        from ..use.correct import correct
+        from ..use.correct import correct, correct_one
 
+        quick = correct_one(self, q)
+        if quick is not None:
+            return quick
         found = correct(self, q)
         answer = np.where(found.exceeded[:, None], np.nan, found.q)
         return answer[0] if found.single else answer

@@ -66,7 +66,7 @@ def follow_path(
     model: Model, waypoints: ArrayLike, start: ArrayLike | None, step: float | None
 ) -> Path:
     """Follow waypoints; see :meth:`calib.Model.path`."""
-    corners, single = answers.checked_rows(waypoints, ("x", "y"), "waypoints")
+    corners, single = answers.checked_rows(waypoints, model.axes, "waypoints")
     if single or len(corners) < 2:
         raise QueryError(
             f"a path needs 2 waypoints or more, got {len(corners)}: add rows, or ask for the "
@@ -87,7 +87,7 @@ def follow_path(
 def _lines(corners: Array, step: float) -> tuple[Array, NDArray[np.intp]]:
     """Points at most `step` apart on the lines between corners, and where each leads to."""
     with np.errstate(over="ignore"):
-        length = np.hypot(*np.diff(corners, axis=0).T)
+        length = np.linalg.norm(np.diff(corners, axis=0), axis=1)
         total = float(length.sum())
     if not math.isfinite(total):
         raise QueryError("the waypoints are too far apart to draw lines between them")

@@ -4,17 +4,28 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 from functools import cached_property
+from typing import TYPE_CHECKING
 
 import numpy as np
 from numpy.typing import NDArray
 
-from ..maps.map import Map
+from ..maps.map import Map, search_tree
 from ..maps.node_bounds import blend_nodes
+
+if TYPE_CHECKING:
+    from scipy.spatial import cKDTree
 
 Array = NDArray[np.float64]
 
 MOST_SHARE = 0.1
 """Share of the reach: where the bound on the position exceeds it, there is no answer."""
+
+KNOWN = 2.0
+"""Without a body the bound of a node that samples have visited holds within so many times
+the root mean square distance of its samples."""
+
+STEEP = 2.0
+"""Extents of the workspace that a position may change by over the range of a joint."""
 
 ROUNDED = 1e-9
 """Share of a joint's range by which values beyond it count as rounded."""
@@ -32,11 +43,19 @@ class Trust:
         95 % bound on the position around each node.
     most : float [unit]
         Largest bound with which a position is still an answer.
+    known : (nodes,) array, optional
+        How far from each node its bound holds, in the unit box, negative where it holds
+        nowhere; the bound of a point further away from all of them grows.  Without it a
+        bound holds wherever its node is among the nearest, as that of a body does.
+    growth : float [unit]
+        What the position may change by over the unit box.
     """
 
     motor: Map
     bounds: Array
     most: float
+    known: Array | None = None
+    growth: float = 0.0
 
     def in_range(self, u: Array) -> NDArray[np.bool_]:
         """Which coordinates (n, dof) of the unit box are within the joints' range."""
@@ -47,10 +66,27 @@ class Trust:
         """Whether points of the unit box (n, dof) are answered, (n,)."""
         known = np.asarray(self.in_range(u).all(axis=1))
         if not self._everywhere and known.any():
-            known[known] = blend_nodes(self.motor, self.bounds, u[known]) <= self.most
+            known[known] = self.bound(self.bounds, u[known]) <= self.most
         return known
+
+    def bound(self, bounds: Array, u: Array) -> Array:
+        """Bounds (n,) at points of the unit box (n, dof), from those of the nodes (nodes,)."""
+        blended = blend_nodes(self.motor, bounds, u)
+        if self.known is None:
+            return blended
+        holding = np.flatnonzero(self.known >= 0.0)
+        inside = np.where(self.motor.scale.periodic, u % 1.0, u)
+        distance, nearest = self._tree.query(inside, k=1)
+        away = np.maximum(distance - self.known[holding[nearest]], 0.0)
+        return np.asarray(blended + self.growth * away)
+
+    @cached_property
+    def _tree(self) -> cKDTree:
+        """Nodes whose bound holds somewhere."""
+        assert self.known is not None  # noqa: S101
+        return search_tree(self.motor.units[self.known >= 0.0], self.motor.scale)
 
     @cached_property
     def _everywhere(self) -> bool:
-        """Whether no bound is too large."""
-        return bool((self.bounds <= self.most).all())
+        """Whether no bound is too large, wherever."""
+        return self.known is None and bool((self.bounds <= self.most).all())

@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import NDArray
 
+from ..body.approach import Approach
 from ..change.baseline import Baseline
 from ..common.checks import LARGEST, finite, numbers, of_type
 from ..common.scale import Scale
@@ -51,7 +52,10 @@ def build(header: Mapping[str, Any], tensors: Mapping[str, NDArray[Any]]) -> Mod
         or (np.abs(about.lower - motor.scale.lower) > 1e-6 * motor.scale.span).any()
     ):
         raise ValueError("the motor map has other limits than the joints")
-    sensory = _map("sensory", header, tensors, 2)
+    width = len(tensors["sensory.lower"])
+    if width not in (2, 3):
+        raise ValueError(f"positions have {width} coordinates")
+    sensory = _map("sensory", header, tensors, width)
     counts = _whole(tensors, "links.counts").astype(np.int64)
     indices = _whole(tensors, "links.indices").astype(np.int32)
     _expect("links.data", tensors["links.data"], indices.shape)
@@ -74,13 +78,14 @@ def build(header: Mapping[str, Any], tensors: Mapping[str, NDArray[Any]]) -> Mod
         _means(tensors, "motor", motor),
         _means(tensors, "sensory", sensory),
     )
-    smooth, body = build_smooth(header, tensors, motor.scale, 2, lambda: association.linear)
+    smooth, body = build_smooth(header, tensors, motor.scale, width, lambda: association.linear)
     degree = _small(header["local"]["degree"], 3, least=-1)
     models = LocalModels(
         degree,
         int(header["local"]["samples"]),
         tensors["local.radius"],
         tensors["local.coefficients"],
+        of_type("fades", header["local"].get("fades", False), bool),  # no word of it in format 1
     )
     if degree >= 0:
         from ..body.basis import exponents
@@ -89,11 +94,10 @@ def build(header: Mapping[str, Any], tensors: Mapping[str, NDArray[Any]]) -> Mod
         if not (models.radius > 0.0).all():
             raise ValueError("local.radius is not above zero")
         terms = len(exponents(dof, degree))
-        _expect("local.coefficients", models.coefficients, (motor.size, terms, 2))
+        _expect("local.coefficients", models.coefficients, (motor.size, terms, width))
     _expect("bounds", tensors["bounds"], (motor.size,))
-    model_bounds = tensors.get(
-        "model_bounds", tensors["bounds"]
-    )  # of a simulation they are the same
+    # of a simulation they are the same, and format 1 had one
+    model_bounds = tensors.get("model_bounds", tensors["bounds"])
     _expect("model_bounds", model_bounds, (motor.size,))
     _expect("visited", tensors["visited"], (motor.size,))
     if not tensors["visited"].any() or min(tensors["bounds"].min(), model_bounds.min()) < 0:
@@ -106,20 +110,18 @@ def build(header: Mapping[str, Any], tensors: Mapping[str, NDArray[Any]]) -> Mod
         model_bounds,
         tensors["visited"].astype(bool),
         body,
-        _rows(tensors, dof),
+        _rows(tensors, dof, width),
         _history(header["history"]),
         _baseline(header.get("baseline"), tensors, motor, sensory),
     )
+    if "approach" in header:
+        model = replace(model, approach=_approach(header["approach"], tensors, motor.size, dof))
     if "schemas" not in header:
         return model
     from . import schemas
 
     model = replace(model, schema=schemas.schema_name(header["schema"]))
     return replace(model, schemas=schemas.unpack(model, header["schemas"], tensors))
-
-
-_SINGLE = ("links.data", "baseline.motor", "baseline.sensory", "motor.means", "sensory.means")
-"""Arrays in single precision."""
 
 
 def _check_types(tensors: Mapping[str, NDArray[Any]]) -> None:
@@ -154,15 +156,23 @@ def _baseline(
     return Baseline.from_json(stated, *parts)
 
 
-def _rows(tensors: Mapping[str, NDArray[Any]], dof: int) -> Rows | None:
+def _rows(tensors: Mapping[str, NDArray[Any]], dof: int, width: int) -> Rows | None:
     if "rows.q" not in tensors:
         return None
     q, x = tensors["rows.q"], tensors["rows.x"]
     if len(q) > MOST:
         raise ValueError("there are too many rows")
     _expect("rows.q", q, (len(q), dof))
-    _expect("rows.x", x, (len(q), 2))
+    _expect("rows.x", x, (len(q), width))
     return Rows(q, x)
+
+
+def _approach(stated: Any, tensors: Mapping[str, NDArray[Any]], nodes: int, dof: int) -> Approach:
+    play = np.array(numbers("approach", stated, dof))
+    _expect("approach.bounds", tensors["approach.bounds"], (nodes,))
+    if (play < 0.0).any() or (tensors["approach.bounds"] < 0.0).any():
+        raise ValueError("a play or its bound is negative")
+    return Approach(play, tensors["approach.bounds"])
 
 
 def _history(stated: Any) -> tuple[dict[str, Any], ...]:

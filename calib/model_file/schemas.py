@@ -13,7 +13,7 @@ from ..change.baseline import Baseline
 from ..change.schemas import Schema, check_name
 from ..common.checks import LARGEST, finite, numbers, of_type
 from ..errors import OptionError
-from ..maps.association import Association
+from ..maps.linear_models import LinearModels
 from ..maps.local_models import LocalModels
 from ..maps.map import Map
 from ..maps.predictor import Predictor
@@ -72,6 +72,9 @@ def _tensors(schema: Schema) -> dict[str, NDArray[Any]]:
         "model_bounds": _rounded_up(schema.model_bounds),
         "visited": np.packbits(schema.visited),
     }
+    if isinstance(predictor.smooth, LinearModels):  # what its links would say
+        arrays["linear.values"] = predictor.smooth.values.astype(np.float32)
+        arrays["linear.slopes"] = predictor.smooth.slopes.astype(np.float32)
     if predictor.models.degree >= 0:
         arrays["radius"] = predictor.models.radius.astype(np.float32)
         arrays["local"] = predictor.models.coefficients.astype(np.float32)
@@ -138,8 +141,12 @@ def _schema(model: Model, state: dict[str, Any], tensors: Tensors, prefix: str) 
     own = {
         n[len(prefix + SMOOTH) :]: a for n, a in tensors.items() if n.startswith(prefix + SMOOTH)
     }
-    pair = Association(motor, sensory, model.links, model.association.wiring)
-    smooth, _ = build_smooth(state, own, motor.scale, width, lambda: pair.linear)
+
+    def linear() -> LinearModels:
+        values = take("linear.values", (nodes, width))
+        return LinearModels(motor, values, take("linear.slopes", (nodes, dof, width)))
+
+    smooth, _ = build_smooth(state, own, motor.scale, width, linear)
     models = LocalModels(-1, 0, np.zeros(0), np.zeros((0, 0, width)))
     order = _small(local["degree"], 3, least=-1)
     if order >= 0:

@@ -7,7 +7,6 @@ import json
 import os
 import stat
 from collections.abc import Mapping
-from dataclasses import asdict
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -76,13 +75,17 @@ def to_bytes(model: Model) -> bytes:
         "baseline": None if model.baseline is None else model.baseline.to_json(),
         "motor": {"lattice": list(model.motor.lattice.shape)},
         "sensory": {"lattice": list(model.sensory.lattice.shape)},
-        "links": asdict(model.association.wiring),
+        "links": model.association.wiring.to_json(),
         "smooth": smooth_header(model.predictor.smooth),
         "local": {
             "degree": model.predictor.models.degree,
             "samples": model.predictor.models.samples,
+            "fades": model.predictor.models.fades,
         },
     }
+    if model.approach is not None:
+        header["approach"] = model.approach.play.tolist()
+        tensors["approach.bounds"] = np.ascontiguousarray(model.approach.bounds)
     if model.schemas or model.schema != FIRST:
         header["schema"] = model.schema
         header["schemas"], kept = schemas.pack(model.schemas)

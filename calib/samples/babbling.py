@@ -15,7 +15,7 @@ from .samples import Samples
 from .simulation import Simulation
 
 if TYPE_CHECKING:
-    from ..arm.planar_arm import PlanarArm
+    from ..arm.arm import Arm
 
 Array = NDArray[np.float64]
 
@@ -25,7 +25,7 @@ _TURN = 0.95  # 1 is a triangle wave with sharp turns, near 0 a sine
 
 
 def babble(
-    arm: PlanarArm,
+    arm: Arm,
     n: int = 20_000,
     *,
     seed: int = 0,
@@ -38,7 +38,7 @@ def babble(
 
     Parameters
     ----------
-    arm : PlanarArm
+    arm : Arm
         The arm, from `calib.load_arm`.
     n : int
         Number of samples.

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
 from typing import TYPE_CHECKING
 
@@ -9,11 +10,11 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from ..common.checks import LARGEST
-from ..common.rows import number_rows
+from ..common.rows import column_names, number_rows
 from ..errors import LogError
 
 if TYPE_CHECKING:
-    from ..arm.planar_arm import PlanarArm
+    from ..arm.arm import Arm
     from ..arm.plane import Plane
     from .simulation import Simulation
 
@@ -31,8 +32,8 @@ class Samples:
     ----------
     q : (n, dof) array [rad or m]
         Joint values, columns from base to tip.
-    x : (n, 2) array [unit]
-        Tip positions in the sensor's plane.
+    x : (n, 2) or (n, 3) array [unit]
+        Tip positions in the sensor's plane, or in space.
     joint_names : tuple of str
         Names of the columns of `q`.
     lower, upper : (dof,) array [rad or m]
@@ -46,7 +47,7 @@ class Samples:
         For simulated samples what is needed to draw fresh exact ones.
     dropped : int
         Rows of a log that were left out because a value was missing or not finite.
-    arm : PlanarArm or None
+    arm : Arm or None
         The arm that the names and the ranges come from.
     notes : tuple of str
         What the user should be told, one line each.
@@ -54,6 +55,12 @@ class Samples:
         For a log of x, y, z the plane that was fitted to it.
     out_of_plane_rms : float or None [unit]
         Root mean square distance of those x, y, z from that plane.
+    orientation : (n, 4) array or None
+        Of an arm that moves in space, the tip's orientation as qx, qy, qz, qw.
+    columns : dict of str to str
+        Columns of the log that have other names than what they hold.
+    degrees : bool
+        Whether the log has its turning joints in degrees; `q` is in rad all the same.
 
     Raises
     ------
@@ -76,19 +83,25 @@ class Samples:
     unit: str = "m"
     simulation: Simulation | None = field(default=None, repr=False)
     dropped: int = 0
-    arm: PlanarArm | None = field(default=None, repr=False)
+    arm: Arm | None = field(default=None, repr=False)
     notes: tuple[str, ...] = ()
     plane: Plane | None = field(default=None, repr=False)
     out_of_plane_rms: float | None = None
+    orientation: Array | None = field(default=None, repr=False)
+    columns: Mapping[str, str] = field(default_factory=dict, repr=False)
+    degrees: bool = False
 
     def __post_init__(self) -> None:
-        named = {"q": tuple(self.joint_names), "x": ("x", "y")}
+        axes = ("x", "y", "z") if "z" in column_names(self.x) else ("x", "y")
+        named = {"q": tuple(self.joint_names), "x": axes}
         for name in ("q", "x", "lower", "upper"):
             value = getattr(self, name)
             plain = type(value) is np.ndarray and value.dtype.kind in "fiu"
             if name in named and not plain and not isinstance(value, (list, tuple)):
                 value = number_rows(value, named[name], name, LogError)[0]
             object.__setattr__(self, name, _frozen(name, value))
+        if self.orientation is not None:
+            object.__setattr__(self, "orientation", _frozen("orientation", self.orientation))
         for name in ("joint_names", "revolute", "notes"):
             object.__setattr__(self, name, tuple(getattr(self, name)))
         self._check_shapes()
@@ -101,6 +114,11 @@ class Samples:
     def dof(self) -> int:
         """Number of joints."""
         return len(self.joint_names)
+
+    @property
+    def axes(self) -> tuple[str, ...]:
+        """Names of a position's coordinates: x and y, and z in space."""
+        return ("x", "y", "z")[: self.x.shape[1]]
 
     def take(self, index: ArrayLike | slice) -> Samples:
         """Return the rows that `index` picks, as a slice, row numbers or a mask of rows.
@@ -118,7 +136,8 @@ class Samples:
         rows = index if isinstance(index, slice) else np.atleast_1d(np.asarray(index))
         if not isinstance(rows, slice) and not rows.size:
             rows = rows.astype(np.intp)  # an empty list has no type that could index
-        return replace(self, q=self.q[rows], x=self.x[rows])
+        turned = None if self.orientation is None else self.orientation[rows]
+        return replace(self, q=self.q[rows], x=self.x[rows], orientation=turned)
 
     def _check_shapes(self) -> None:
         dof = len(self.joint_names)
@@ -129,7 +148,7 @@ class Samples:
         n = self.q.shape[0] if self.q.ndim else 0
         for name, shape in {
             "q": (n, dof),
-            "x": (n, 2),
+            "x": (n, self.x.shape[1] if self.x.ndim == 2 and self.x.shape[1] == 3 else 2),
             "lower": (dof,),
             "upper": (dof,),
         }.items():
@@ -142,6 +161,10 @@ class Samples:
             raise LogError(f"revolute has {len(self.revolute)} entries for {dof} joints")
         if n == 0:
             raise LogError("no rows: samples need at least one")
+        if self.orientation is not None and self.orientation.shape != (n, 4):
+            raise LogError(
+                f"orientation has shape {self.orientation.shape}, expected ({n}, 4): qx, qy, qz, qw"
+            )
 
     def _check_values(self) -> None:
         for name in ("q", "x"):

@@ -17,10 +17,11 @@ from ..errors import OptionError
 from .changes import Change, parse_changes
 
 if TYPE_CHECKING:
-    from ..arm.planar_arm import PlanarArm
+    from ..arm.arm import Arm
 
 Array = NDArray[np.float64]
 
+_IN_SPACE = ("scale", "outliers")
 _BOX_SAMPLES = 4096  # enough to know the extent of the workspace to a few percent
 
 
@@ -34,7 +35,7 @@ class Simulation:
 
     Attributes
     ----------
-    arm : PlanarArm
+    arm : Arm
         The arm as it is described, without the changes.
     noise : float [m]
         Standard deviation of the sensor along each axis.
@@ -51,7 +52,7 @@ class Simulation:
     (5, 2)
     """
 
-    arm: PlanarArm
+    arm: Arm
     noise: float = 0.0
     changes: tuple[Change, ...] = ()
 
@@ -68,7 +69,7 @@ class Simulation:
         _ = self.true_arm  # a change of geometry that is impossible is told here
 
     @cached_property
-    def true_arm(self) -> PlanarArm:
+    def true_arm(self) -> Arm:
         """The arm with its lengths and its tip as changed."""
         arm = self.arm
         for change in self._of("joint", "length"):
@@ -77,7 +78,7 @@ class Simulation:
                 length *= self._link_length(change)
             arm = arm.with_link_length(change.joint, length)
         for change in self._of("tip", "offset"):
-            arm = arm.with_tip_offset(*change.values)
+            arm = arm.with_tip_offset(*change.values)  # type: ignore[attr-defined]
         return arm
 
     def draw(self, n: int, rng: Generator) -> Array:
@@ -133,8 +134,47 @@ class Simulation:
             Positions in the sensor's frame.
         """
         q = np.asarray(q, dtype=np.float64)
-        rows = np.atleast_2d(q)
         joint_noise, sensor_noise, outliers = rng.spawn(3)
+        x = self._see(self._moved(np.atleast_2d(q), joint_noise))
+        if self.noise > 0.0:
+            x += self.noise * sensor_noise.standard_normal(x.shape)
+        for change in self._of("sensor", "outliers"):
+            wrong = outliers.random(len(x)) < change.value
+            low, high = self._box
+            x[wrong] = outliers.uniform(low, high, size=x.shape)[wrong]
+        return x if q.ndim == 2 else x[0]
+
+    @property
+    def hidden(self) -> bool:
+        """Whether something that no encoder reads moves the tip: backlash, joint noise."""
+        return bool(self._of("joint", "backlash") or self._of("joint", "noise"))
+
+    def true(self, q: ArrayLike, rng: Generator) -> Array:
+        """Return where the tip truly is while the arm goes through `q`, row by row.
+
+        With backlash and noise of the joints, without the sensor's noise and outliers:
+        what a bound on the true position has to cover.  The same as `exact` where nothing
+        is hidden.
+
+        Parameters
+        ----------
+        q : (n, dof) array [rad or m]
+            What the encoders read.
+        rng : numpy.random.Generator
+            Where the joints' noise comes from.
+
+        Returns
+        -------
+        (n, 2) array [m]
+            Positions in the sensor's frame.
+        """
+        rows = np.atleast_2d(np.asarray(q, dtype=np.float64))
+        if not self.hidden:
+            return self.exact(rows)
+        return self._see(self._moved(rows, rng.spawn(1)[0]))
+
+    def _moved(self, rows: Array, joint_noise: Generator) -> Array:
+        """Where the joints stand one after the other, with backlash and noise."""
         theta = self._joints(rows)
         locked = {change.joint for change in self._of("joint", "lock")}
         for change in self._of("joint", "backlash"):
@@ -147,14 +187,7 @@ class Simulation:
             if change.joint not in locked:
                 column = self._column(change)
                 theta[:, column] += change.value * wobble[:, column]
-        x = self._see(theta)
-        if self.noise > 0.0:
-            x += self.noise * sensor_noise.standard_normal(x.shape)
-        for change in self._of("sensor", "outliers"):
-            wrong = outliers.random(len(x)) < change.value
-            low, high = self._box
-            x[wrong] = outliers.uniform(low, high, size=(len(x), 2))[wrong]
-        return x if q.ndim == 2 else x[0]
+        return theta
 
     def to_json(self) -> dict[str, Any]:
         """Return the noise and the changes as plain data; the arm is stored elsewhere.
@@ -169,7 +202,7 @@ class Simulation:
         return {"noise": self.noise, "changes": [change.text for change in self.changes]}
 
     @classmethod
-    def from_json(cls, arm: PlanarArm, data: Mapping[str, Any]) -> Simulation:
+    def from_json(cls, arm: Arm, data: Mapping[str, Any]) -> Simulation:
         """Rebuild what `to_json` returned, with the arm as it was described."""
         return cls(arm, noise=data["noise"], changes=parse_changes(data["changes"]))
 
@@ -211,6 +244,12 @@ class Simulation:
         return list(self.arm.joint_names).index(change.joint)
 
     def _check(self, change: Change) -> None:
+        if change.part in ("sensor", "tip") and self.arm.outputs == 3:
+            if change.what not in _IN_SPACE:
+                raise OptionError(
+                    f"change {change.text!r} is for planar arms; of an arm in space the joints, "
+                    f"{' and '.join(f'sensor.{what}' for what in _IN_SPACE)} can change"
+                )
         if change.part != "joint":
             return
         names = tuple(self.arm.joint_names)

@@ -15,7 +15,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from ..common.atomic import atomic_write
-from ..common.wording import listed
+from ..common.wording import listed, printable
 from .columns import PARQUET, Source, open_source, read_columns, read_texts
 from .csv_rows import COMMENT
 from .places import find_place
@@ -157,7 +157,10 @@ def write_table(
         }
     )
     if os.fspath(path) == "-":
-        sys.stdout.write(_comment(about) + _csv(frame))
+        text = _comment(about) + _csv(frame)
+        if sys.stdout.isatty():  # a column may have a name that a terminal would obey
+            text = "\n".join(map(printable, text.split("\n")))
+        sys.stdout.write(text)
     elif Path(path).suffix.lower() in PARQUET:
         # by way of memory: what Polars says of a full disk is no OSError
         content = io.BytesIO()

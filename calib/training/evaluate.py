@@ -60,7 +60,7 @@ class Residuals:
         """Forward residuals."""
         known = np.isfinite(model.forward(q, "winner")[:, 0])
         q, x = q[known], x[known]
-        forward = {r: model.forward(q, r) - x if len(q) else np.empty((0, 2)) for r in readouts}
+        forward = {r: model.forward(q, r) - x if len(q) else np.empty_like(x) for r in readouts}
         left_out = int(np.count_nonzero(~known))
         return Residuals(q, x, forward, {}, {}, model.about.joint_names, left_out)
 
@@ -136,8 +136,7 @@ def summarise(residuals: Residuals) -> dict[str, Any]:
     for readout, gap in residuals.forward.items():
         table[readout] = {
             "forward": {
-                "x": figures(gap[:, 0]),
-                "y": figures(gap[:, 1]),
+                **{axis: figures(gap[:, k]) for k, axis in enumerate("xyz"[: gap.shape[1]])},
                 "distance": figures(np.linalg.norm(gap, axis=1)),
             },
             "inverse": {
@@ -228,10 +227,11 @@ def evaluate(model: Model, samples: Samples | None = None) -> Evaluation:
 
 
 def fresh_residuals(model: Model, simulation: Simulation) -> Residuals:
-    """Residuals on 10,000 exact samples of the simulated arm that training never saw."""
+    """Residuals on 10,000 true positions of the simulated arm that training never saw."""
     stream = np.random.SeedSequence(model.about.seed, spawn_key=(_STREAM,))
-    q = simulation.draw(_SAMPLES, np.random.default_rng(stream))
-    return evaluate_residuals(model, q, simulation.exact(q), simulation.exact)
+    rng = np.random.default_rng(stream)
+    q = simulation.draw(_SAMPLES, rng)
+    return evaluate_residuals(model, q, simulation.true(q, rng), simulation.exact)
 
 
 def simulation_of(model: Model) -> Simulation | None:

@@ -16,7 +16,8 @@ from ..common.scale import Scale
 from ..errors import OptionError
 from ..maps.association import Association
 from ..maps.density import Gain, kind_of
-from ..maps.links import WIRINGS
+from ..maps.fields import LinkRule
+from ..maps.links import wiring_of
 from ..maps.som import SOM
 
 if TYPE_CHECKING:
@@ -55,8 +56,9 @@ class Options:
         Seed of everything that is drawn.
     taught : bool
         Whether the maps learn from imagined samples besides the rows.
-    links : str
-        How links are learned and read, a name of :data:`calib.maps.links.WIRINGS`.
+    links : str or link rule
+        How links are learned and read, a name of :data:`calib.maps.links.WIRINGS` or a
+        :data:`calib.maps.fields.LinkRule`.
     body : {"auto", "none"}
         Whether a kinematic model stands under the maps.
     view : str
@@ -71,15 +73,16 @@ class Options:
     sigma: tuple[float, float] | None
     seed: int
     taught: bool
-    links: str = "reciprocal"
+    links: str | LinkRule = "reciprocal"
     body: str = "auto"
     view: str = "auto"
 
     def to_json(self) -> dict[str, Any]:
         """Plain data for a model file."""
         data = asdict(self)
-        if callable(self.map):
-            data["map"] = getattr(self.map, "__name__", "custom")
+        for name in ("map", "links"):
+            if callable(data[name]):
+                data[name] = getattr(data[name], "__name__", "custom")
         return data
 
     def stream(self, name: str) -> SeedSequence:
@@ -181,5 +184,5 @@ def both_maps(
 
 def link(motor: Map, sensory: Map, u: Array, x: Array, options: Options) -> Association:
     """Both maps and the links between them."""
-    wiring, v = WIRINGS[options.links], sensory.scale.to_unit(x)
+    wiring, v = wiring_of(options.links), sensory.scale.to_unit(x)
     return Association.learn(motor, u, sensory, v, wiring)

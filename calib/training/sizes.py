@@ -75,10 +75,12 @@ def lattice_sizes(
             )
     if sensory is None:
         sensory = fallback if len(fallback) == 2 else (SIDE, SIDE)
-    if len(sensory) > 2:
+        if samples.x.shape[1] == 3:  # the same number of nodes in a lattice of the space
+            sensory = (max(2, round(math.prod(sensory) ** (1 / 3))),) * 3
+    if len(sensory) > samples.x.shape[1]:
         raise OptionError(
-            f"sensory size {'x'.join(map(str, sensory))}: positions have 2 coordinates, give "
-            "2 numbers such as 70x70"
+            f"sensory size {'x'.join(map(str, sensory))}: positions have {samples.x.shape[1]} "
+            "coordinates, give as many numbers such as 70x70"
         )
     if len(motor) > dof:
         raise OptionError(

@@ -11,8 +11,10 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from ..body.fitting import BodyFit, fit_body
+from ..body.fitting import METRES, fit_body
 from ..body.nominal import Nominal, nominal_of
+from ..body.posterior import BodyFit, fit_structure
+from ..body.telling import warnings_of
 from ..common.scale import Scale
 from ..errors import OptionError
 from ..maps.misfit import misfit
@@ -25,9 +27,10 @@ Array = NDArray[np.float64]
 MOST_ROWS = 50_000
 """Rows of a log that the smooth part and the local models rest on."""
 
-_RAYLEIGH = 1.2533  # mean distance of a 2-D Gaussian of standard deviation 1
+_RAYLEIGH = {2: 1.2533, 3: 1.5958}  # mean length of a Gaussian vector of standard deviation 1
 _NOISE_FLOOR = 1.2  # a held-out error within this factor of the noise leaves nothing to mend
 _EXACT = 3e-8  # share of the extent that is nothing to mend in a simulation without noise
+_SPATIAL_VIEWS = ("auto", "base", "rigid", "similarity")
 _NO_ARM = 0.02  # share of the extent: a body that is further off is compared with trends
 _FAR_BETTER = 0.5  # of a body's error: what a trend without any kinematics has to reach
 
@@ -77,30 +80,16 @@ def find_smooth_part(
     if body == "none":
         return SmoothPart((), None, rows)  # the maps and their links stand alone
     simulation = samples.simulation
-    nominal = None if simulation is not None else nominal_geometry(samples)
-    if view == "base" and nominal is None:
-        raise OptionError(
-            "view 'base' needs a measured log and the planar robot that it is of: give both, or "
-            "another view"
-        )
-    fit = fit_body(
-        q,
-        x,
-        joint_names=samples.joint_names,
-        revolute=turning,
-        nominal=nominal,
-        view=view,
-        unit=samples.unit,
-        simulated=simulation is not None,
-        lower=samples.lower,
-        upper=samples.upper,
-        seed=seed,
+    fit = (
+        _in_space(samples, q, x, view, seed)
+        if x.shape[1] == 3
+        else _planar(samples, q, x, view, seed)
     )
     under = of_body(fit, scale, u, x)
     error = float(np.linalg.norm(fit.held_out, axis=1).mean())
     extent = float(np.linalg.norm(np.ptp(x, axis=0)))
     if simulation is not None:
-        if error <= _NOISE_FLOOR * _RAYLEIGH * simulation.noise + _EXACT * extent:
+        if error <= _NOISE_FLOOR * _RAYLEIGH[x.shape[1]] * simulation.noise + _EXACT * extent:
             return SmoothPart((under,), fit, rows)
         # an exact lens or gear is smooth: a trend of what the body leaves over follows it
         trends = of_trends(scale, turning, u, x)
@@ -115,6 +104,61 @@ def find_smooth_part(
     if better:
         return SmoothPart(tuple(better), None, rows)
     return SmoothPart((under,), fit, rows)
+
+
+def _planar(samples: Samples, q: Array, x: Array, view: str, seed: int) -> BodyFit:
+    """Fit the body of a planar arm to rows (n, dof) and (n, 2)."""
+    simulated = samples.simulation is not None
+    nominal = None if simulated else nominal_geometry(samples)
+    if view == "base" and nominal is None:
+        raise OptionError(
+            "view 'base' needs a measured log and the planar robot that it is of: give both, or "
+            "another view"
+        )
+    return fit_body(
+        q,
+        x,
+        joint_names=samples.joint_names,
+        revolute=samples.revolute,
+        nominal=nominal,
+        view=view,
+        unit=samples.unit,
+        simulated=simulated,
+        lower=samples.lower,
+        upper=samples.upper,
+        seed=seed,
+    )
+
+
+def _in_space(samples: Samples, q: Array, x: Array, view: str, seed: int) -> BodyFit:
+    """Fit the body of an arm in space to rows (n, dof) and (n, 3).
+
+    A log's URDF is the prior of its geometry; without one, and in simulation, a chain of
+    which only the joints are known is found from the rows.
+    """
+    from ..arm.spatial_arm import SpatialArm
+    from ..body.spatial import structure_of
+    from ..body.spatial_random import unknown_structure
+
+    if view not in _SPATIAL_VIEWS:
+        raise OptionError(
+            f"view {view!r} is for planar arms, expected one of {', '.join(_SPATIAL_VIEWS)} for x, y, z",
+            parameter="view",
+            value=view,
+        )
+    metre = METRES.get(samples.unit, 1.0)
+    simulated = samples.simulation is not None
+    arm = samples.arm
+    if isinstance(arm, SpatialArm) and not simulated:
+        kind = {"auto": "rigid" if samples.unit in METRES else "similarity"}.get(view, view)
+        template = structure_of(arm, kind, unit=samples.unit, metre=metre)
+    else:
+        extent = float(np.sqrt(((x - x.mean(axis=0)) ** 2).sum(axis=1).mean()))
+        template = unknown_structure(
+            samples.joint_names, samples.revolute, extent, samples.unit, metre
+        )
+    notes = warnings_of(q, samples.joint_names, samples.revolute, x, samples.lower, samples.upper)
+    return fit_structure(template, q, x, simulated=simulated, seed=seed, notes=notes)
 
 
 def wrong_around(part: SmoothPart, scale: Scale, samples: Samples, u: Array) -> Array | None:

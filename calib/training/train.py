@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 import time
 from collections.abc import Mapping
 from dataclasses import dataclass, replace
@@ -16,6 +17,7 @@ from ..common.parallel import one_blas_thread, side_by_side
 from ..common.scale import Scale
 from ..errors import LogError, OptionError
 from ..maps.density import Gain
+from ..maps.fields import LinkRule
 from ..maps.links import check_wiring
 from ..maps.local_models import NO_MODELS
 from ..maps.model_selection import select
@@ -26,6 +28,7 @@ from ..model.model import Model
 from ..model.rows import Rows
 from ..samples.samples import Samples
 from ..samples.screening import screen
+from .approach import corrected, play_of, simulated_approach, widened
 from .evaluate import Residuals, fresh_residuals, summarise
 from .held_out import held_out_residuals, tested_rows
 from .imagined import with_imagined
@@ -46,6 +49,7 @@ LEAST_ROWS = 10
 """Fewest rows that anything can be learned and checked from."""
 
 _BOUND_SAMPLES = 12_000
+_ROUNDING = 4e-15  # share of the extent: what an answer in double precision is sure of at best
 _TESTED = 20_000  # rows of a log that errors are measured on; more would tell no more
 
 
@@ -59,7 +63,7 @@ def train(
     rule: str = "batch",
     epochs: int | None = None,
     sigma: tuple[float, float] | None = None,
-    links: str = "reciprocal",
+    links: str | LinkRule = "reciprocal",
     body: str = "auto",
     view: str = "auto",
     seed: int = 0,
@@ -77,8 +81,9 @@ def train(
     motor_size, sensory_size : int or tuple of int, optional
         Where they differ from `size`.
     map : str or gain function
-        Network: "vdsom", "som", "dsom", "gng", "vdgng", or a reading of the varying
-        density (eq. 7 and 8) such as "vdsom:error" or "gng:error".
+        Network: "vdsom", "som", "dsom", "gng", or a reading of the varying density
+        (eq. 7 and 8) such as "vdsom:error" or "gng:error", or a function of a
+        :class:`calib.Visit`.
     rule : {"batch", "online"}
         Kohonen's batch map, or the paper's eq. 1 to 4, sample by sample.
     epochs : int, optional
@@ -86,8 +91,9 @@ def train(
         the coarse lattices that come first by default.
     sigma : (float, float), optional
         Neighbourhood radius at the start and at the end [nodes].
-    links : {"reciprocal", "oja", "local", "mutual"}
-        How the links (eq. 5) are learned and read (eq. 6), see docs/paper.md.
+    links : {"reciprocal", "oja", "local", "mutual"} or link rule
+        How the links (eq. 5) are learned and read (eq. 6), see docs/paper.md, or a
+        function of :class:`calib.Pairs`.
     body : {"auto", "none"}
         ``auto`` fits a kinematic body under the maps; ``none`` learns from maps and links
         alone, as the paper does.
@@ -141,7 +147,8 @@ def train(
     motor, sensory, notes = lattice_sizes(
         samples, size, motor_size, sensory_size, imagined=body != "none"
     )
-    taught = samples.simulation is None and body != "none"
+    # a log may leave parts of the joints' range out; a simulation only has too few samples
+    taught = body != "none" and (samples.simulation is None or len(samples) < math.prod(motor))
     options = Options(
         motor, sensory, map, rule, epochs, sigma, int(seed), taught, links, body, view
     )
@@ -160,6 +167,19 @@ def on_limits(samples: Samples, q: Array, rng: np.random.Generator) -> Array:
     upper = rng.random(len(q)) < 0.5
     moved[rows, joint] = np.where(upper, samples.upper[joint], samples.lower[joint])
     return moved
+
+
+def _play_words(samples: Samples, play: Array) -> str:
+    """One line about the backlash that the order of the rows shows."""
+    said = [
+        f"{name} {np.degrees(2 * h):.3g} deg" if turns else f"{name} {2 * h:.3g} m"
+        for name, h, turns in zip(samples.joint_names, play, samples.revolute, strict=True)
+        if h > 0.0
+    ]
+    return (
+        f"the direction of approach counts, backlash of {', '.join(said)}: give it to forward "
+        "for smaller errors, else the expected error covers both sides"
+    )
 
 
 @dataclass
@@ -181,6 +201,13 @@ class _Trainer:
             part = find_smooth_part(
                 samples, scale, body=options.body, view=options.view, seed=options.seed
             )
+            play = play_of(samples, scale, part)
+            if play is not None:  # where the joints stood, rather than what they read
+                samples = self.samples = corrected(samples, play)
+                part = find_smooth_part(
+                    samples, scale, body=options.body, view=options.view, seed=options.seed
+                )
+                self.notes.append(_play_words(samples, play))
         if part.fit is not None:
             self.notes += part.fit.notes
         u = scale.to_unit(samples.q)
@@ -207,7 +234,8 @@ class _Trainer:
         visited = np.bincount(motor.nearest(u)[1][:, 0], minlength=motor.size) > 0
         body = part.fit.body if part.fit is not None and uses_body(predictor) else None
         empty = np.zeros(motor.size)
-        model = Model(self._about(), association, predictor, empty, empty, visited, body)
+        taught = options.taught and part.fit is not None
+        model = Model(self._about(taught), association, predictor, empty, empty, visited, body)
         self.progress(0.8, "evaluation", float("nan"))
         with self.watch("evaluation"):
             simulation = samples.simulation
@@ -223,6 +251,8 @@ class _Trainer:
                 else:
                     held = tested_rows(part), tested.errors[model.default_readout]
                 model, baseline = self._log_bounds(model, part, *held)
+            if play is not None:
+                model = self._for_directions(model, play)
         self.watch.seconds["total"] = time.perf_counter() - started
         about = replace(
             model.about,
@@ -240,18 +270,30 @@ class _Trainer:
         scale = model.motor.scale
         rng = np.random.default_rng(self.options.stream("bounds"))
         q = simulation.draw(_BOUND_SAMPLES, rng)
-        held = Residuals.of(model, q, simulation.exact(q), readouts=(model.default_readout,))
+        held = Residuals.of(model, q, simulation.true(q, rng), readouts=(model.default_readout,))
         u, miss = scale.to_unit(held.q), held.errors[model.default_readout]
         near = np.count_nonzero(near_border(model.motor, u))
         known, q = u, on_limits(self.samples, q[: near // 20], rng)
         if len(q):
-            limits = Residuals.of(model, q, simulation.exact(q), readouts=(model.default_readout,))
+            limits = Residuals.of(
+                model, q, simulation.true(q, rng), readouts=(model.default_readout,)
+            )
             known = np.concatenate([u, scale.to_unit(limits.q)])
             miss = np.concatenate([miss, limits.errors[model.default_readout]])
         if not len(known):
             raise OptionError("no test sample is near the motor map's nodes", hint=UNFOLD)
         bounds = learn_bounds(model.motor, known, miss)
+        bounds = np.maximum(bounds, _ROUNDING * model.solver.extent)
         return replace(model, bounds=bounds, model_bounds=bounds), self._baseline(model, u, held.x)
+
+    def _for_directions(self, model: Model, play: Array) -> Model:
+        """The model with bounds for a known and an unknown direction of approach."""
+        simulation = self.samples.simulation
+        if simulation is None:
+            return widened(model, play)
+        rng = np.random.default_rng(self.options.stream("bounds"))
+        approach = simulated_approach(model, simulation, play, rng, _BOUND_SAMPLES)
+        return replace(model, approach=approach)
 
     def _log_bounds(
         self, model: Model, part: SmoothPart, rows: NDArray[np.intp], errors: Array
@@ -270,10 +312,10 @@ class _Trainer:
         error = np.linalg.norm(predicted - self.samples.x[some], axis=1)
         return learn_baseline(model.association, u, x, error)
 
-    def _about(self) -> About:
+    def _about(self, taught: bool) -> About:
         samples, options = self.samples, self.options
         arm, simulation = samples.arm, samples.simulation
-        plane = samples.plane or (arm.plane if arm is not None else None)
+        plane = samples.plane or getattr(arm, "plane", None)
         stated: Mapping[str, Any] | None = None
         if plane is not None:
             stated = {k: getattr(plane, k).tolist() for k in ("origin", "x", "y")}
@@ -289,10 +331,12 @@ class _Trainer:
             unit=samples.unit,
             bound_of="true position" if simulation is not None else "sensor reading",
             source="simulation" if simulation is not None else "log",
-            taught=options.taught,
+            taught=taught,
             samples=len(samples),
             seed=options.seed,
             options=options.to_json(),
             simulation=simulation.to_json() if simulation is not None else None,
             urdf=arm.urdf if arm is not None else "",
+            columns=samples.columns,
+            degrees=samples.degrees,
         )

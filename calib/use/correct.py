@@ -6,6 +6,7 @@ Use it on what a controller that trusts its URDF is about to command.
 from __future__ import annotations
 
 import math
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from typing import TYPE_CHECKING
 from weakref import WeakKeyDictionary
@@ -13,6 +14,7 @@ from weakref import WeakKeyDictionary
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from ..body.planar import PlanarStructure
 from ..change.alignment import Alignment
 from ..common.rows import number_rows
 from ..common.scale import TURN
@@ -20,9 +22,9 @@ from ..errors import OptionError, QueryError
 from ..samples.joint_values import check_joint_values
 from ..samples.log_ranges import wrap
 from .geometry import fit_geometry, frame_is_free, frames, nominal_arm
+from .nominal import NominalArm, nominal_in_base, nominal_in_view
 
 if TYPE_CHECKING:
-    from ..arm.planar_arm import PlanarArm
     from ..model.answers import Answer
     from ..model.model import Model
 
@@ -31,10 +33,16 @@ Array = NDArray[np.float64]
 _USUAL = 3.0  # a correction this many times the 95 % quantile of the model's own is not trusted
 _LEAST = 0.01  # [rad or m]; a limit below would refuse what is harmless
 _NODES = 200
+_TURNED = 1e-4  # a turn of the frame that is worth a word [rad]
 
 FREE_FRAME = (
     "the sensor's frame is fitted to the log, so the first joint's offset is taken as zero; if "
     "the log is in the robot's root frame, give `view='base'`"
+)
+
+TURNED_FRAME = (
+    "an adaptation found that the sensor's frame turned, which is not corrected; an offset of the "
+    "first joint looks the same: if the sensor stayed, give `cause='joints'`"
 )
 
 
@@ -79,7 +87,12 @@ class Corrected:
 
 
 def correct(
-    model: Model, q: ArrayLike, *, limit: ArrayLike | None = None, view: str = "auto"
+    model: Model,
+    q: ArrayLike,
+    *,
+    limit: ArrayLike | None = None,
+    view: str = "auto",
+    cause: str = "sensor",
 ) -> Corrected:
     """Compensate for what the nominal kinematics do not know.
 
@@ -98,6 +111,9 @@ def correct(
         corrects where not given, at least 0.01.  Rows beyond are marked in `exceeded`.
     view : {"auto", "base"}
         "base" says that the log was in the robot's root frame.
+    cause : {"sensor", "joints"}
+        A sensor that turned about the first joint and an offset of that joint look the same.
+        "joints" says that the sensor stayed, so that the offset is compensated.
 
     Notes
     -----
@@ -114,12 +130,18 @@ def correct(
     check_joint_values(
         rows, about.joint_names, about.lower, about.upper, about.revolute, error=QueryError
     )
-    nominal = _nominal(model, view)
-    limits = usual_limit(model, view) if limit is None else _checked_limit(limit, rows.shape[1])
+    nominal = _nominal(model, view, cause)
+    limits = (
+        np.array(_usual(model, view, cause))
+        if limit is None
+        else _checked_limit(limit, rows.shape[1])
+    )
     target, answer, found = _solved(model, nominal, rows)
     change = found - rows
     exceeded = answer.reachable & (np.abs(change) > limits).any(axis=1)
     notes = (FREE_FRAME,) if nominal.free else ()
+    if any(abs(frame.angle) > _TURNED for frame in frames(model, cause)):
+        notes = (*notes, TURNED_FRAME)
     return Corrected(
         found,
         target,
@@ -134,13 +156,45 @@ def correct(
     )
 
 
-def usual_limit(model: Model, view: str = "auto") -> Array:
+def correct_one(model: Model, q: ArrayLike) -> Array | None:
+    """Corrected joints (dof,) for one command, as a controller asks; None where `correct` must.
+
+    The answer is that of :func:`correct` with its own limit; NaN beyond it.
+    """
+    if model.single is None:
+        return None
+    nominal = _nominal(model, "auto", "sensor")
+    if nominal.single is None:
+        return None
+    found = model.single.towards(q, nominal.single)
+    if found is None:
+        return None
+    asked: list[float] = np.asarray(q, dtype=float).tolist()
+    for new, old, limit in zip(found, asked, _usual(model), strict=True):
+        if abs(new - old) > limit:
+            return np.full(len(found), np.nan)
+    return np.array(found)
+
+
+_limits: WeakKeyDictionary[Model, dict[str, list[float]]] = WeakKeyDictionary()
+
+
+def _usual(model: Model, view: str = "auto", cause: str = "sensor") -> list[float]:
+    """`usual_limit` of a model, found once."""
+    kept = _limits.setdefault(model, {})
+    key = f"{view} {cause}"
+    if key not in kept:
+        kept[key] = usual_limit(model, view, cause).tolist()
+    return kept[key]
+
+
+def usual_limit(model: Model, view: str = "auto", cause: str = "sensor") -> Array:
     """Return the largest change of each joint that is trusted, (dof,) [rad or m].
 
     Three times the 95 % quantile of what correcting the motor map's own nodes changes; one
     limit for all joints that turn, another for those that slide.
     """
-    nominal = _nominal(model, view)
+    nominal = _nominal(model, view, cause)
     nodes = np.flatnonzero(model.visited)
     if len(nodes) > _NODES:
         nodes = np.sort(np.random.default_rng(0).choice(nodes, _NODES, replace=False))
@@ -158,36 +212,71 @@ def usual_limit(model: Model, view: str = "auto") -> Array:
 
 @dataclass(frozen=True, eq=False)
 class _Nominal:
-    """The nominal arm and how its plane lies in the sensor's frame."""
+    """The nominal arm and how its plane lies in the sensor's frame.
 
-    arm: PlanarArm
+    Attributes
+    ----------
+    forward : callable
+        Joint values (n, dof) to positions (n, m) of the nominal arm.
+    frames : tuple of Alignment
+        What moves these positions into the sensor's frame.
+    free : bool
+        Whether the sensor's frame was fitted.
+    single : callable or None
+        `forward` for one row in plain floats.
+    """
+
+    forward: Callable[[Array], Array]
     frames: tuple[Alignment, ...]
     free: bool
+    single: Callable[[Sequence[float]], tuple[float, float]] | None = None
+
+    def target(self, q: Array) -> Array:
+        """Where the nominal arm would be, in the sensor's frame, (n, m)."""
+        target = self.forward(q)
+        for frame in self.frames:
+            target = frame.apply(target)
+        return target
 
 
 _nominals: WeakKeyDictionary[Model, dict[str, _Nominal]] = WeakKeyDictionary()
 
 
-def _nominal(model: Model, view: str) -> _Nominal:
+def _nominal(model: Model, view: str, cause: str) -> _Nominal:
     """Return it, fitted once for a model: a controller corrects row by row."""
     kept = _nominals.setdefault(model, {})
-    if view not in kept:
-        free = frame_is_free(model, view)
-        own = (fit_geometry(model, view=view).frame,) if free else ()
-        kept[view] = _Nominal(nominal_arm(model), (*own, *frames(model)), free)
-    return kept[view]
+    key = f"{view} {cause}"
+    if key not in kept:
+        kept[key] = _found(model, view, cause)
+    return kept[key]
+
+
+def _found(model: Model, view: str, cause: str) -> _Nominal:
+    free = frame_is_free(model, view)
+    planar = model.body is not None and isinstance(model.body.structure, PlanarStructure)
+    if planar and free and cause == "sensor":
+        # the body knows the sensor's frame, as it is after all adaptations
+        return _of_body(model, nominal_in_view(model), (), free)
+    if planar and not free:
+        return _of_body(model, nominal_in_base(model), tuple(frames(model, cause)), free)
+    own = (fit_geometry(model, view=view, cause=cause).frame,) if free else ()
+    return _Nominal(nominal_arm(model).forward, (*own, *frames(model, cause)), free)
+
+
+def _of_body(model: Model, arm: NominalArm, moved: tuple[Alignment, ...], free: bool) -> _Nominal:
+    assert model.body is not None  # noqa: S101
+    single = arm.compiled(model.body) if not moved else None
+    return _Nominal(arm.predict, moved, free, single)
 
 
 def _solved(model: Model, nominal: _Nominal, q: Array) -> tuple[Array, Answer, Array]:
     """Return targets (n, 2), answers, and the joints (n, dof), on the turn that `q` is on."""
-    target: Array = nominal.arm.forward(q)
-    for frame in nominal.frames:
-        target = frame.apply(target)
     about = model.about
     near = q.copy()
     for k, turns in enumerate(about.revolute):
         if turns:
             near[:, k] = wrap(q[:, k], float(about.lower[k]), float(about.upper[k]))
+    target = nominal.target(near)
     answer = model.solve(target, np.clip(near, about.lower, about.upper))
     found = np.where(answer.reachable[:, None], answer.q, np.nan)
     turning = np.array(about.revolute)

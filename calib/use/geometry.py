@@ -23,6 +23,7 @@ if TYPE_CHECKING:
 Array = NDArray[np.float64]
 
 VIEWS = ("auto", "base")
+CAUSES = ("sensor", "joints")
 
 _POINTS, _ROWS = 500, 2_000
 _STEPS = 60
@@ -103,7 +104,15 @@ def nominal_arm(model: Model) -> PlanarArm:
             hint="train it with a robot, or with a robot and a log",
             parameter="robot",
         )
-    return arm_from_urdf(about.urdf, about.joint_names, about.tip, lock=about.locked)
+    from ..arm.planar_arm import PlanarArm
+
+    arm = arm_from_urdf(about.urdf, about.joint_names, about.tip, lock=about.locked)
+    if not isinstance(arm, PlanarArm):
+        raise OptionError(
+            f"{about.robot} moves in space: this works for planar arms alone so far",
+            hint="name a planar part of the arm with `joints`",
+        )
+    return arm
 
 
 def frame_is_free(model: Model, view: str = "auto") -> bool:
@@ -116,11 +125,16 @@ def frame_is_free(model: Model, view: str = "auto") -> bool:
         raise OptionError(
             f"view {view!r}: expected one of {', '.join(VIEWS)}", parameter="view", value=view
         )
-    first = model.history[0].get("source") if model.history else model.about.source
-    return first == "log" and view != "base"
+    source = model.about.source
+    if model.history:
+        source = model.history[0].get("from", {}).get("source", source)
+    based = "base" in (view, model.about.options.get("view"))
+    return bool(source == "log") and not based
 
 
-def fit_geometry(model: Model, *, view: str = "auto", move_base: bool = False) -> Geometry:
+def fit_geometry(
+    model: Model, *, view: str = "auto", cause: str = "sensor", move_base: bool = False
+) -> Geometry:
     """Fit the nominal chain to what was learned, where rows were, by Gauss-Newton.
 
     Unknown are an offset for each joint and, in the plane, the place of the tip in the last
@@ -134,6 +148,9 @@ def fit_geometry(model: Model, *, view: str = "auto", move_base: bool = False) -
         It must have a URDF.
     view : {"auto", "base"}
         "base" says that a log's positions are in the root link's frame.
+    cause : {"sensor", "joints"}
+        What an adaptation found that turns the sensor's frame and the first joint alike; with
+        "joints" the frame is taken to have stayed.
     move_base : bool
         Whether the first joint's place is fitted too; only in a known frame.
     """
@@ -153,7 +170,7 @@ def fit_geometry(model: Model, *, view: str = "auto", move_base: bool = False) -
         )
     q, x, error = _points(model)
     # undo what adaptations found to be the sensor's
-    for moved in reversed(frames(model)):
+    for moved in reversed(frames(model, cause)):
         x = np.asarray(np.linalg.solve(moved.matrix, (x - moved.shift).T).T, dtype=float)
     problems = [_Problem(arm, q, x, free, move_base, mirrored) for mirrored in (False, True)]
     problems = problems if free else problems[:1]
@@ -179,8 +196,17 @@ def fit_geometry(model: Model, *, view: str = "auto", move_base: bool = False) -
     )
 
 
-def frames(model: Model) -> list[Alignment]:
-    """Return how the sensor's frame moved, adaptation after adaptation."""
+def frames(model: Model, cause: str = "sensor") -> list[Alignment]:
+    """Return how the sensor's frame moved, adaptation after adaptation.
+
+    None with the cause "joints", which says that it stayed.
+    """
+    if cause not in CAUSES:
+        raise OptionError(
+            f"cause {cause!r}: expected one of {', '.join(CAUSES)}", parameter="cause", value=cause
+        )
+    if cause == "joints":
+        return []
     return [Alignment.from_json(e["frame"]) for e in model.history if e.get("frame") is not None]
 
 

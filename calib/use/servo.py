@@ -24,8 +24,8 @@ def servo_step(
     """One step towards the targets; see :meth:`calib.Model.servo`."""
     if not 0.0 < gain <= 1.0:
         raise QueryError(f"gain {gain!r}: expected a share of the way, above 0 and up to 1")
-    seen, _ = answers.checked_rows(measured, ("x", "y"), "measured position")
-    wanted, _ = answers.checked_rows(target, ("x", "y"), "target")
+    seen, _ = answers.checked_rows(measured, model.axes, "measured position")
+    wanted, _ = answers.checked_rows(target, model.axes, "target")
     joints, single = answers.checked_rows(q, model.about.joint_names, "q")
     if not len(seen) == len(wanted) == len(joints):
         raise QueryError(

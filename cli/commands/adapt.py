@@ -13,7 +13,7 @@ from ..measurements import log_for
 from ..output import Notes, Table, note, number, show, show_json, tell
 from ..progress import progress_bar
 from ..translation import as_typed
-from ..units import for_people
+from ..units import for_people, units_of
 from .train import check_output
 
 NO = 3
@@ -42,12 +42,13 @@ def adapt(
             "--method",
             parser=parsing.one_of("--method", METHODS),
             metavar="|".join(METHODS),
-            help="A few samples and a rehearsal, or the paper's rule on thousands of them.",
+            help="An update of the body from a few rows, or the paper's rule on thousands of them.",
         ),
     ] = "few-shot",
+    cause: o.CauseOption = None,
     columns: o.ColumnsOption = None,
     unit: o.UnitOption = None,
-    degrees: o.DegreesOption = False,
+    degrees: o.LogDegreesOption = None,
     as_json: o.JsonOption = False,
 ) -> None:
     """Re-calibrate a model from a few new samples; exit code 3 if it did not help."""
@@ -61,7 +62,7 @@ def adapt(
     notes = Notes()
     log = log_for(loaded, data, columns, degrees, unit, notes)
     with progress_bar(loaded.about.unit) as progress:
-        found = calib.adapt(loaded, log, method=method, progress=progress)
+        found = calib.adapt(loaded, log, method=method, cause=cause, progress=progress)
     notes.say(found.notes)
     if found.improved:
         found.model.save(path)
@@ -74,10 +75,14 @@ def adapt(
                 "outliers": found.outliers,
                 "method": method,
                 "correction": found.correction,
+                "changed": [change.to_json() for change in found.changed],
+                "kept": list(found.kept),
+                "coverage": found.coverage,
                 "before": found.before,
                 "after": found.after,
                 "notes": [as_typed(text) for text in found.notes],
                 "unit": found.model.about.unit,
+                "units": units_of(found.model.about),
             }
         )
     else:
@@ -88,6 +93,11 @@ def adapt(
         ]
         title = f"distance to held-out rows [{name}], corrected: {found.correction}"
         show(Table(["", "mean", "p99", "max"], rows, title))
+        for change in found.changed:
+            tell(f"changed: {change.words}")
+        if found.kept:
+            tell(f"left as it was: {', '.join(found.kept)}")
+        tell(f"the log measured {100 * found.coverage:.0f} % of the learned range")
     if not found.improved:
         note(f"not improved: {model} stays as it is, nothing was written")
         raise typer.Exit(NO)

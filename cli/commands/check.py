@@ -2,16 +2,28 @@
 
 from __future__ import annotations
 
-from typing import Annotated
+from typing import TYPE_CHECKING, Annotated
 
 import typer
 
 from .. import options as o
 from ..measurements import log_for
 from ..output import Notes, Table, number, show, show_json, tell
-from ..units import for_people
+from ..units import for_people, units_of
+
+if TYPE_CHECKING:
+    from calib import Drift
 
 NO = 3
+MOST = 8
+"""Groups that are printed."""
+
+SIGNALS = {
+    "motor": "motor map, zeta",
+    "sensory": "sensory map, zeta",
+    "reverse": "reverse distortion",
+    "links": "distance to the prediction",
+}
 
 
 def check(
@@ -24,9 +36,18 @@ def check(
             help="New samples: CSV or Parquet with the joints' columns and x, y.",
         ),
     ],
+    cause: o.CauseOption = None,
+    tolerance: Annotated[
+        float | None,
+        typer.Option(
+            "--tolerance",
+            metavar="S",
+            help="Exit 3 too where the rows could not have shown a change of this size [m].",
+        ),
+    ] = None,
     columns: o.ColumnsOption = None,
     unit: o.UnitOption = None,
-    degrees: o.DegreesOption = False,
+    degrees: o.LogDegreesOption = None,
     as_json: o.JsonOption = False,
 ) -> None:
     """Is the model still calibrated? Compare it with new samples; exit code 3 if not."""
@@ -35,35 +56,51 @@ def check(
     loaded = calib.load(model)
     notes = Notes()
     log = log_for(loaded, data, columns, degrees, unit, notes)
-    drift = loaded.check(log)
+    drift = calib.check(loaded, log, cause=cause, tolerance=tolerance)
     notes.say(drift.notes)
     if as_json:
-        show_json({"model": model, **drift.to_json(), "unit": loaded.about.unit})
+        show_json(
+            {
+                "model": model,
+                **drift.to_json(),
+                "unit": loaded.about.unit,
+                "units": units_of(loaded.about),
+            }
+        )
     else:
         factor, name = for_people(loaded.about.unit)
-        rows = []
-        for signal, what in (
-            ("motor", "motor map, zeta"),
-            ("sensory", "sensory map, zeta"),
-            ("reverse", "reverse distortion"),
-            ("links", "links' residual"),
-        ):
-            found = drift.distortion[signal]
-            size, of = (factor, name) if signal == "links" else (1e6, "1e-6")
-            rows.append(
-                [
-                    what,
-                    of,
-                    number(size * found.value),
-                    number(size * found.threshold),
-                    "fired" if found.score > 1.0 else "",
-                ]
-            )
-        title = f"{model}: {drift.samples} samples of {data}"
-        show(Table(["signal", "unit", "found", "threshold", ""], rows, title, left=2))
-        for text in drift.explanations:
-            tell(text)
-        verdict = "DRIFTED: calib adapt re-calibrates it" if drift.drifted else "still calibrated"
-        tell(f"{verdict} (score {number(drift.score)}, threshold 1)")
-    if drift.drifted:
+        _show(drift, f"{model}: {drift.samples} samples of {data}", factor, name)
+    if drift.drifted is not False:
         raise typer.Exit(NO)
+
+
+def _show(drift: Drift, title: str, factor: float, name: str) -> None:
+    """Print the most telling groups, how the rows lie on the maps, and the verdict."""
+    groups = sorted(drift.groups, key=lambda g: -g.score)[:MOST]
+    rows = [
+        [
+            group.name,
+            number(group.statistic),
+            number(group.threshold),
+            number(factor * group.smallest),
+            "fired" if group.score > 1.0 else "",
+        ]
+        for group in groups
+    ]
+    header = ["what may have changed", "found", "threshold", f"smallest [{name}]", ""]
+    show(Table(header, rows, title, left=1))
+    rows = [
+        [SIGNALS[key], factor_unit, number(size * found.value), number(size * found.threshold)]
+        for key, found in drift.distortion.items()
+        for size, factor_unit in [(factor, name) if key == "links" else (1e6, "1e-6")]
+    ]
+    show(Table(["on the maps", "unit", "found", "usual"], rows, "", left=2))
+    for text in drift.explanations:
+        tell(text)
+    verdict = "still calibrated"
+    if drift.drifted:
+        verdict = "DRIFTED: calib adapt re-calibrates it"
+    elif drift.drifted is None:
+        verdict = "TOO COARSE: these rows could not have shown a change of the tolerated size"
+    smallest = f"smallest change they show: {number(factor * drift.smallest)} {name}"
+    tell(f"{verdict} (score {number(drift.score)}, threshold 1; {smallest})")

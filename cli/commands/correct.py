@@ -8,7 +8,6 @@ import typer
 
 from .. import options as o
 from .. import parsing
-from ..batch import numbered
 from ..output import Notes, note, number, show_json, tell
 from ..units import JointFormat, units_of
 
@@ -43,6 +42,7 @@ def correct(
         ),
     ] = None,
     view: o.ViewOption = "auto",
+    cause: o.BlameOption = "sensor",
     degrees: o.DegreesOption = False,
     as_json: o.JsonOption = False,
 ) -> None:
@@ -57,13 +57,15 @@ def correct(
     from calib.samples.tables import read_batch, write_table
     from calib.use.correct import correct as correction
 
+    from ..batch import numbered
+
     loaded = calib.load(model)
     joints = JointFormat(loaded.about, degrees)
     batch = read_batch(input_, joints.names)
+    n = len(batch.values)
     valid = np.isfinite(batch.values).all(axis=1)
-    n = len(valid)
     factors = np.array(joints.typed)
-    names = (*joints.names, "x", "y", "distance", "expected_error", "reachable")
+    names = (*joints.names, *loaded.axes, "distance", "expected_error", "reachable")
     columns: dict[str, Any] = {name: np.full(n, np.nan) for name in names}
     columns["reachable"] = np.zeros(n, dtype=np.int64)
     found = None
@@ -74,6 +76,7 @@ def correct(
             batch.values[valid] / factors,
             limit=None if limit is None else limit / factors,
             view=view,
+            cause=cause,
         )
         notes.say(found.notes)
         parts = [*(found.q * factors).T, *found.target.T, found.distance, found.expected_error]
@@ -109,7 +112,7 @@ def correct(
             note(f"{numbered(which)} of {n}: {what}")
     if found is not None and found.reachable.any():
         _tell(found, joints, to_stdout=not as_json and output not in (None, "-"))
-    if beyond:
+    if beyond and found is not None:
         worst = _worst(found)
         row, k = int(rows[worst[0]]), worst[1]
         note(

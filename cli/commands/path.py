@@ -75,12 +75,12 @@ def path(
     loaded = calib.load(model)
     joints = JointFormat(loaded.about, degrees)
     first = None if start is None else one_each("--from", start, joints.names, joints.typed)
-    typed, invalid = read_table(input_, ("x", "y"))
+    typed, invalid = read_table(input_, loaded.axes)
     valid = np.flatnonzero(np.isfinite(typed).all(axis=1))
     found = loaded.path(typed[valid], first, step)
     number = valid[found.waypoint] + 1
     columns: dict[str, Any] = {"waypoint": number}
-    columns |= {"x": found.target[:, 0], "y": found.target[:, 1]}
+    columns |= {axis: found.target[:, k] for k, axis in enumerate(loaded.axes)}
     columns |= {name: found.q[:, k] * joints.typed[k] for k, name in enumerate(joints.names)}
     columns |= {"distance": found.distance, "expected_error": found.expected_error}
     columns["model_error"] = found.model_error
@@ -96,8 +96,8 @@ def path(
             "jumps": (found.jumps + 1).tolist(),
             "out_of_reach": (np.flatnonzero(~found.reachable) + 1).tolist(),
             "unit": loaded.about.unit,
-            "bound_of": loaded.about.bound_of,
             "units": units_of(loaded.about),
+            "bound_of": loaded.about.bound_of,
         }
         if output is None:
             document["path"] = joints.in_si(columns)

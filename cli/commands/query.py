@@ -37,7 +37,7 @@ def forward(
         list[str] | None,
         typer.Argument(metavar="Q1 Q2", help="Joint values, base to tip [rad or m]."),
     ] = None,
-    readout: o.ReadoutOption = "local",
+    readout: o.ReadoutOption = None,
     input_: o.InputOption = None,
     output: o.AnswersOption = None,
     degrees: o.DegreesOption = False,
@@ -78,11 +78,11 @@ def inverse(
     model: o.ModelArgument,
     target: Annotated[
         list[str] | None,
-        typer.Argument(metavar="X Y", help="Position wanted [m, or the sensor's unit]."),
+        typer.Argument(metavar="X Y [Z]", help="Position wanted [m, or the sensor's unit]."),
     ] = None,
     near: o.NearOption = None,
     every: o.AllOption = False,
-    readout: o.ReadoutOption = "local",
+    readout: o.ReadoutOption = None,
     input_: o.InputOption = None,
     output: o.AnswersOption = None,
     degrees: o.DegreesOption = False,
@@ -93,8 +93,8 @@ def inverse(
     _check_streams(typed, input_, output, as_json)
     if every and input_ is not None:
         raise BadOption("--all answers one target: expected X Y in place of --input")
-    if every and readout != "local":
-        raise BadOption(f"--all needs the readout local: expected no --readout {readout}")
+    if every and readout is not None:
+        raise BadOption(f"--all answers by the default readout: expected no --readout {readout}")
     loaded = _load(model)
     joints = JointFormat(loaded.about, degrees)
     anchor = _anchor(loaded, near, joints)
@@ -103,7 +103,7 @@ def inverse(
 
         streams = Streams(input_, output, as_json)
         raise typer.Exit(inverse_batch(loaded, joints, streams, readout, anchor))
-    _check_count(typed, ("x", "y"), "coordinate")
+    _check_count(typed, loaded.axes, "coordinate")
     answer = _branches(loaded, typed, anchor) if every else loaded.solve(typed, anchor, readout)
     reachable = bool(answer.reachable.any())
     if as_json:
@@ -228,7 +228,7 @@ def _show(
     factor, unit = for_people(model.about.unit)
     with_distance = answers[0][2] is not None
     both = model.about.source == "log"  # of a simulation they are the same
-    header = [*joints.header, f"x [{unit}]", f"y [{unit}]"]
+    header = [*joints.header, *(f"{axis} [{unit}]" for axis in model.axes)]
     header += [f"distance [{unit}]"] if with_distance else []
     rows = []
     for q, position, distance, bound, error in answers:

@@ -23,6 +23,7 @@ def urdf(
         str, typer.Option("--output", "-o", metavar="URDF", help="The corrected description.")
     ],
     view: o.ViewOption = "auto",
+    cause: o.BlameOption = "sensor",
     move_base: Annotated[
         bool,
         typer.Option("--move-base", help="Fit the place of the first joint as well."),
@@ -52,7 +53,7 @@ def urdf(
     check_writable(output)
     loaded = calib.load(model)
     check_output(output, loaded.about.urdf)
-    geometry = fit_geometry(loaded, view=view, move_base=move_base)
+    geometry = fit_geometry(loaded, view=view, cause=cause, move_base=move_base)
     explained = geometry.residual <= share * geometry.reach
     if explained:
         atomic_write(output, corrected_urdf(geometry, share).encode())
@@ -89,9 +90,8 @@ def _table(geometry: Geometry) -> Table:
     arm = geometry.arm
     for k, name in enumerate(arm.joint_names):
         factor, unit = for_people("rad" if arm.revolute[k] else "m")
-        rows.append(
-            _row(name, "offset", factor, unit, geometry.offsets[k], geometry.interval_offsets[k])
-        )
+        value, width = geometry.offsets[k], geometry.interval_offsets[k]
+        rows.append(_row(name, "offset", factor, unit, value, width))
         for axis, label in enumerate(("along x", "along y")):
             what = f"far end of its link, {label}"
             value, width = geometry.moved[k, axis], geometry.interval_moved[k, axis]

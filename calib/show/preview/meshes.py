@@ -17,8 +17,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ...errors import RobotError
+from .mesh_bounds import MAX_BYTES, MAX_VERTICES, check_mesh
 
-MAX_BYTES = 50_000_000
 KINDS = (".stl", ".obj", ".ply", ".dae", ".glb")
 
 
@@ -92,8 +92,7 @@ def read_mesh(path: Path) -> Triangles:
             f"{MAX_BYTES // 1_000_000} MB are drawn"
         )
     data = path.read_bytes()
-    if kind == ".dae" and (b"<!DOCTYPE" in data or b"<!ENTITY" in data):
-        raise RobotError(f"mesh {path.name}: holds a document type, which is refused")
+    check_mesh(path.name, kind, data)
     import trimesh
 
     loader: Any = trimesh
@@ -103,6 +102,8 @@ def read_mesh(path: Path) -> Triangles:
         faces = np.asarray(mesh.faces, dtype=np.uint32).reshape(-1, 3)
     except Exception as error:  # whatever the reader of one of the formats throws
         raise RobotError(f"mesh {path.name}: cannot be read ({error})") from error
+    if len(vertices) > MAX_VERTICES or len(faces) > MAX_VERTICES:
+        raise RobotError(f"mesh {path.name}: more than {MAX_VERTICES:,} vertices or triangles")
     if not len(faces) or not np.isfinite(vertices).all() or faces.max() >= len(vertices):
         raise RobotError(f"mesh {path.name}: holds no triangles")
     vertices, where = np.unique(vertices, axis=0, return_inverse=True)

@@ -4,16 +4,19 @@ from __future__ import annotations
 
 import json
 import secrets
+import sys
 from collections.abc import Callable
 from http.server import BaseHTTPRequestHandler, ThreadingHTTPServer
 from typing import Any
 
+from ...common.wording import one_line
 from ...errors import CalibError, OptionError
 
 ADDRESS = "127.0.0.1"
 """The loopback interface: no other computer can reach it."""
 
 _LONGEST = 10_000  # bytes of a question
+_NONSENSE = (ValueError, TypeError, KeyError, AttributeError, CalibError)
 
 Answer = Callable[[dict[str, Any]], dict[str, Any]]
 
@@ -56,9 +59,26 @@ class PreviewServer(ThreadingHTTPServer):
         self.secret = secrets.token_urlsafe(12)
         self.url = f"http://{ADDRESS}:{self.server_address[1]}/{self.secret}/"
 
+    def handle_error(self, request: Any, client_address: Any) -> None:  # noqa: ARG002
+        """Say in one line why a connection ended: browsers drop them as they like."""
+        error = sys.exc_info()[1]
+        self.tell(f"connection dropped ({type(error).__name__})")
+
+    def tell(self, text: str) -> None:
+        """Print a line on standard error."""
+        if sys.stderr is not None:
+            print(f"preview: {one_line(' '.join(text.split()))}", file=sys.stderr)
+
+
+def _is_length(text: str) -> bool:
+    """Whether a Content-Length is one, of a question that is short enough."""
+    digits = text.isascii() and text.isdigit() and len(text) < 10
+    return digits and int(text) <= _LONGEST
+
 
 class _Handler(BaseHTTPRequestHandler):
     server: PreviewServer
+    timeout = 5.0  # a connection that says nothing for so long is closed [s]
 
     def do_GET(self) -> None:
         """Send the page."""
@@ -74,16 +94,22 @@ class _Handler(BaseHTTPRequestHandler):
         answer = self.server.answer
         known = self.path == f"/{self.server.secret}/ask" and answer is not None
         length = self.headers.get("Content-Length", "")
-        if not known or answer is None or not length.isdigit() or int(length) > _LONGEST:
+        if not known or answer is None or not _is_length(length):
             self._send(404, "text/plain", b"not here")
             return
         try:
             question = json.loads(self.rfile.read(int(length)))
             reply = json.dumps(answer(question), allow_nan=False).encode()
-        except (ValueError, TypeError, KeyError, CalibError) as error:
+        except TimeoutError:
+            raise
+        except (ArithmeticError, RecursionError, *_NONSENSE) as error:
             self._send(400, "text/plain", str(error).encode())
             return
         self._send(200, "application/json", reply)
+
+    def log_error(self, format: str, *args: Any) -> None:  # noqa: A002
+        """Say in one line what went wrong with a connection."""
+        self.server.tell(format % args)
 
     def log_message(self, format: str, *args: Any) -> None:  # noqa: A002
         """Stay quiet."""

@@ -11,7 +11,7 @@ from ...maps.node_bounds import COVERAGE
 from ..error_scale import ROUNDING, length_in_words
 from .maps import WIDE
 from .style import DASHES, INK, SERIES, new_figure
-from .tables import for_people
+from .tables import figure_unit
 
 if TYPE_CHECKING:
     from .evidence import Evidence
@@ -33,7 +33,7 @@ def histogram(evidence: Evidence) -> Any:
         return None
     figure = new_figure(WIDE, 3.1)
     axes = figure.subplots(1, 2, sharey=True)
-    factor, unit = for_people(evidence.unit)
+    factor, unit = figure_unit(evidence.unit)
     floor = least(evidence)
     for ax, found, title in (
         (axes[0], residuals.errors, "forward"),
@@ -104,7 +104,7 @@ def calibration(evidence: Evidence) -> Any:
     if pairs is None:
         return None
     bound, error = pairs
-    factor, unit = for_people(evidence.unit)
+    factor, unit = figure_unit(evidence.unit)
     figure = new_figure(WIDE, 3.0)
     left, right = figure.subplots(1, 2)
     groups = np.array_split(np.argsort(bound, kind="stable"), min(_GROUPS, len(bound)))
@@ -143,7 +143,7 @@ def bound_pairs(evidence: Evidence) -> tuple[Array, Array] | None:
     if residuals is None or not len(residuals.q):
         return None
     bound = evidence.model.expected_error(residuals.q)
-    error = residuals.errors["local"]
+    error = residuals.errors[evidence.model.default_readout]
     known = np.isfinite(bound) & (bound > 0)
     if not known.any() or bound[known].max() < least(evidence):
         return None

@@ -10,9 +10,9 @@ from numpy.typing import NDArray
 
 from ..colours import UNKNOWN
 from ..error_scale import ErrorScale
-from ..workspace import drawn_edges, motor_errors, sensory_errors
-from .style import colour_map, new_figure
-from .tables import for_people
+from ..workspace import downwards, drawn_edges, motor_errors, sensory_errors
+from .style import colour_map, new_figure, plain_text
+from .tables import figure_unit
 
 if TYPE_CHECKING:
     from ...maps.map import Map
@@ -28,7 +28,7 @@ WIDE = 7.4  # inches, the page's column
 
 def joint_axis(about: About, k: int) -> tuple[float, str]:
     """Factor from a joint's SI unit to the one that figures show, and the axis' label."""
-    name = about.joint_names[k]
+    name = plain_text(about.joint_names[k])
     return (math.degrees(1.0), f"{name} [deg]") if about.revolute[k] else (1e3, f"{name} [mm]")
 
 
@@ -44,7 +44,7 @@ def heat_maps(evidence: Evidence, direction: str) -> Any:
     for row, readout in zip(grid, readouts, strict=True):
         errors = found[readout]
         scale = ErrorScale.of(errors, evidence.unit, evidence.extent)
-        factor, unit = for_people(evidence.unit)
+        factor, unit = figure_unit(evidence.unit)
         image = _heat(row[0], residuals.x * factor, errors, scale)
         row[0].set(
             xlabel=f"x [{unit}]",
@@ -52,6 +52,8 @@ def heat_maps(evidence: Evidence, direction: str) -> Any:
             aspect="equal",
             title=f"{readout}: workspace",
         )
+        if downwards(about.unit):
+            row[0].invert_yaxis()
         factors, names = zip(*(joint_axis(about, k) for k in (0, 1)), strict=True)
         _heat(row[1], residuals.q[:, :2] * np.array(factors), errors, scale)
         row[1].set(xlabel=names[0], ylabel=names[1], title=f"{readout}: joint space")
@@ -69,7 +71,7 @@ def lattices(evidence: Evidence) -> Any:
     errors = [motor_errors(model), sensory_errors(model)]
     scale = ErrorScale.of(np.concatenate(errors), evidence.unit, evidence.extent)
     factors, names = zip(*(joint_axis(model.about, k) for k in (0, 1)), strict=True)
-    factor, unit = for_people(evidence.unit)
+    factor, unit = figure_unit(evidence.unit)
     parts = (
         (axes[0], model.motor, np.array(factors), names, errors[0]),
         (axes[1], model.sensory, np.full(2, factor), (f"x [{unit}]", f"y [{unit}]"), errors[1]),
@@ -92,6 +94,8 @@ def lattices(evidence: Evidence) -> Any:
     axes[0].set_title(f"motor map, {_shape(model.motor)} nodes")
     axes[1].set_title(f"sensory map, {_shape(model.sensory)} nodes")
     axes[1].set_aspect("equal")
+    if downwards(evidence.unit):
+        axes[1].invert_yaxis()
     colour_bar(figure, lines, axes, scale, "expected error")
     return figure
 

@@ -6,14 +6,21 @@ import io
 import re
 from typing import Any
 
+from ...common.wording import printable
 from ..colours import stops
 
 INK, FAINT = "#010203", "#020304"
 """Stand for the page's own colours until a figure is written."""
 
-SERIES = {"local": "#1c7ed6", "activity": "#e8590c", "winner": "#7b8794"}
+SERIES = {
+    "local": "#1c7ed6",
+    "body": "#2f9e44",
+    "linear": "#9c36b5",
+    "activity": "#e8590c",
+    "winner": "#7b8794",
+}
 """Colours of the readouts; in figures their marks and dashes differ too."""
-DASHES = {"local": "-", "activity": "--", "winner": ":"}
+DASHES = {"local": "-", "body": "-.", "linear": (0, (5, 1)), "activity": "--", "winner": ":"}
 
 _PAPER = {INK: "#1d2730", FAINT: "#cfd6dc"}
 _SETTINGS: dict[str, Any] = {
@@ -50,6 +57,17 @@ def settings(*, paper: bool = False) -> Any:
     if paper:
         chosen |= {k: _PAPER[v] for k, v in chosen.items() if isinstance(v, str) and v in _PAPER}
     return mpl.rc_context(chosen)
+
+
+def plain_text(name: str) -> str:
+    r"""Return a name from a file as a figure shows it: never as a formula, on one line.
+
+    Examples
+    --------
+    >>> plain_text(r"$\foo$")
+    '\\$\\foo\\$'
+    """
+    return printable(name).replace("$", r"\$")
 
 
 def new_figure(width: float, height: float) -> Any:

@@ -10,6 +10,7 @@ from typing import TYPE_CHECKING
 from ...maps.association import READOUTS
 from ...paper.published import TABLE1
 from ..error_scale import length_in_words
+from .style import plain_text
 
 if TYPE_CHECKING:
     from ...model.about import About
@@ -35,19 +36,22 @@ def table(header: Sequence[str], rows: Iterable[Sequence[str]], words: int = 1) 
     )
 
 
-def error_table(evidence: Evidence) -> str:
+def errors_in_html(evidence: Evidence) -> str:
     """Return mean and largest errors of each readout, with the paper's where they compare."""
     about, errors = evidence.model.about, evidence.errors
     readouts = [r for r in READOUTS if r in errors]
     paper = TABLE1["vdsom"] if is_papers_arm(about) else {}
     header = ["mean (largest)", *readouts, *(["paper"] if paper else [])]
     units = dict(zip(about.joint_names, about.units_of_joints, strict=True))
-    quantities = [("forward", name, about.unit) for name in ("x", "y", "distance")]
+    quantities = [
+        ("forward", name, about.unit)
+        for name in (*"xyz"[: len(errors[readouts[0]]["forward"]) - 1], "distance")
+    ]
     quantities += [("inverse", name, unit) for name, unit in units.items()]
     quantities.append(("inverse", "distance", about.unit))
     rows = []
     for direction, name, unit in quantities:
-        factor, shown = for_people(unit)
+        factor, shown = page_unit(unit)
         row = [f"{direction}, {name} [{shown}]"]
         for readout in readouts:
             entry = errors[readout][direction][name]
@@ -59,10 +63,16 @@ def error_table(evidence: Evidence) -> str:
     return table(header, rows)
 
 
-def for_people(unit: str) -> tuple[float, str]:
+def page_unit(unit: str) -> tuple[float, str]:
     """Factor from a unit to the one that people read, and its name."""
     named = {"m": (1e3, "mm"), "rad": (math.degrees(1.0), "deg")}
     return named.get(unit, (1.0, unit))
+
+
+def figure_unit(unit: str) -> tuple[float, str]:
+    """Return the same for a figure, in which a name is no formula."""
+    factor, name = page_unit(unit)
+    return factor, plain_text(name)
 
 
 def is_papers_arm(about: About) -> bool:
@@ -122,8 +132,7 @@ def fact_list(pairs: Iterable[tuple[str, str]]) -> str:
 def _source(evidence: Evidence) -> str:
     about = evidence.model.about
     if about.simulation is None:
-        taught = ", through a Gaussian process of them" if about.taught else ""
-        return f"{about.samples:,} rows of a log{taught}"
+        return f"{about.samples:,} rows of a log"
     noise = about.simulation.get("noise") or 0.0
     parts = [f"{about.samples:,} simulated samples"]
     parts.append(f"sensor noise {length_in_words(noise, about.unit)}" if noise else "no noise")

@@ -1,0 +1,96 @@
+"""Backlash: half the play of each joint, learned from the side from which it came.
+
+A joint that comes from below stands lower than its encoder reads, one that comes from above
+higher: theta = q - h s, with h half the play and s the sign of the last motion.  Used in
+training where the order of a log shows that it pays.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+Array = NDArray[np.float64]
+
+_FOLDS = 10
+_SURE = 4.0  # standard errors by which a play is no chance
+_PAYS = 0.03  # share of the held-out error that it must mend
+
+
+@dataclass(frozen=True, eq=False)
+class Approach:
+    """What the direction of approach tells.
+
+    Attributes
+    ----------
+    play : (dof,) array [rad or m]
+        Half the play of each joint, 0 where the log shows none.
+    bounds : (motor nodes,) array [unit]
+        95 % bound on the error where the direction is known.
+    """
+
+    play: Array
+    bounds: Array
+
+    def effective(self, q: Array, direction: ArrayLike) -> Array:
+        """Where joints (n, dof) stand that came from a direction, 1, -1 or 0 (unknown)."""
+        return np.asarray(q - self.play * np.asarray(direction, dtype=float))
+
+    def known(self, direction: Array) -> NDArray[np.bool_]:
+        """Whether the direction (n, dof) is known of all joints with play, (n,)."""
+        return np.asarray(((direction != 0.0) | (self.play == 0.0)).all(axis=1))
+
+
+def learn_play(residual: Array, slope: Array, direction: Array) -> Array | None:
+    """Half the play of each joint, None where the direction of approach does not pay.
+
+    Parameters
+    ----------
+    residual : (n, m) array [unit]
+        Measured less predicted position, in the order of motion.
+    slope : (n, m, dof) array [unit / rad or m]
+        Derivative of the position by the joint values.
+    direction : (n, dof) array
+        Sign of the last motion of each joint.
+
+    Returns
+    -------
+    (dof,) array [rad or m] or None
+        Zero for joints whose play is not four standard errors above zero.
+    """
+    features = -slope * direction[:, None, :]
+    use = np.ones(slope.shape[2], dtype=bool)
+    play, deviation = _fitted(features, residual, use)
+    use = play > _SURE * deviation
+    if not use.any():
+        return None
+    play, _ = _fitted(features, residual, use)
+    held = residual.copy()
+    for rows in np.array_split(np.arange(len(residual)), min(_FOLDS, len(residual))):
+        others = np.delete(np.arange(len(residual)), rows)
+        own, _ = _fitted(features[others], residual[others], use)
+        held[rows] -= features[rows] @ own
+    gain = np.linalg.norm(residual, axis=1) - np.linalg.norm(held, axis=1)
+    chance = 2.0 * gain.std() / np.sqrt(len(gain))
+    pays = gain.mean() > max(chance, _PAYS * np.linalg.norm(residual, axis=1).mean())
+    return play if pays and (play >= 0.0).all() else None
+
+
+def _fitted(features: Array, residual: Array, use: NDArray[np.bool_]) -> tuple[Array, Array]:
+    """Least squares over the joints in `use`, and the standard errors, (dof,) each."""
+    a = features[:, :, use].reshape(-1, int(use.sum()))
+    b = residual.ravel()
+    play, deviation = np.zeros(len(use)), np.full(len(use), np.inf)
+    gram = a.T @ a
+    if not len(a) or np.linalg.cond(gram) > 1e12:
+        return play, deviation
+    found = np.linalg.solve(gram, a.T @ b)
+    # one row's coordinates are one measurement: robust to what they share
+    score = a * (b - a @ found)[:, None]
+    per_row = score.reshape(len(features), -1, a.shape[1]).sum(axis=1)
+    inverse = np.linalg.inv(gram)
+    play[use] = found
+    deviation[use] = np.sqrt(np.diag(inverse @ (per_row.T @ per_row) @ inverse))
+    return play, deviation

@@ -1,0 +1,259 @@
+"""The posterior of any structure: start, gate, final step over all rows, second fit, bound."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from .belief import Body, Second
+from .fit import Fit, maximise
+from .gate import Passed, Tried, choose_member
+from .held_out import HeldOut, leave_blocks_out
+from .packing import pack, unpack
+from .starts import Start, best_starts
+from .structure import Array, Hyper, Indices, Prior, Structure
+
+ROWS = 3000
+"""Rows that the gate and the evidence use; the rest enters the final step."""
+
+LOG_FLOOR, SIMULATED_FLOOR = 1e-4, 1e-7
+"""Least noise, as a share of the extents."""
+
+NO_CURVES = 8.0
+"""Nats against joint curves from which the bound needs no second fit with large ones."""
+
+WIDE = (200.0, 3e-3)
+"""Pseudo-observations of the curves' wider hyperprior, and their rms [rad]."""
+
+STUDENT = 6.0
+"""Degrees of freedom of the noise of a log."""
+
+
+@dataclass(frozen=True)
+class BodyFit:
+    """A fitted body and how it was found.
+
+    Attributes
+    ----------
+    body : Body
+    held_out : (n, m) array
+        Residuals of contiguous blocks predicted from the others.
+    row_weight : (n,) array
+        Weight of each row, 1 or more for a common row, near 0 for an outlier.
+    info : tuple of Tried
+        The gate's members with their held-out errors.
+    notes : tuple of str
+        What the rows cannot tell.
+    """
+
+    body: Body
+    held_out: Array
+    row_weight: Array
+    info: tuple[Tried, ...]
+    notes: tuple[str, ...]
+
+
+def fit_structure(
+    template: Structure,
+    q: Array,
+    z: Array,
+    *,
+    simulated: bool | None = None,
+    seed: int = 0,
+    notes: Sequence[str] = (),
+) -> BodyFit:
+    """Fit any structure: start, gate, final step over all rows, second fit, bound.
+
+    Parameters
+    ----------
+    template : Structure
+        Signs and mirror are found by its starts.
+    q : (n, dof) array
+    z : (n, m) array
+    simulated : bool, optional
+        As in `fit_body`; by default what the template says, else False.
+    seed : int
+    notes : sequence of str
+        Passed on.
+    """
+    simulated = bool(getattr(template, "simulated", False)) if simulated is None else simulated
+    floor = (SIMULATED_FLOOR if simulated else LOG_FLOOR) * template.extents
+    nu = np.inf if simulated else STUDENT
+    members = template.members()
+    chain = next((free for name, free in members if name == "chain"), members[0][1])
+    rows = _subset(len(q), seed)
+    sub_q, sub_z = (q, z) if rows is None else (q[rows], z[rows])
+    passed = max(
+        (
+            _through_gate(start, members, chain, sub_q, sub_z, nu, floor)
+            for start in best_starts(template, q, z, chain)
+        ),
+        key=lambda each: each.fit.evidence,
+    )
+    whole, held = passed.fit, passed.held_out
+    if rows is not None:
+        whole = _over_all_rows(passed, q, z, floor)
+        held = leave_blocks_out(whole)
+    body = _body(whole, held, passed.name, simulated)
+    if not simulated:
+        body = replace(body, second=_second(passed, chain, sub_q, sub_z, floor))
+    # Where the other blocks determine nothing, they predict their mean.
+    residual = np.where(np.isfinite(held.residual), held.residual, z - z.mean(axis=0))
+    return BodyFit(body, residual, whole.weight[:, 0].copy(), passed.tried, tuple(notes))
+
+
+@dataclass(frozen=True, eq=False)
+class Known:
+    """A member that was fitted: a start for richer ones."""
+
+    groups: set[str]
+    evidence: float
+    beta: Array
+
+
+def _through_gate(
+    start: Start,
+    members: tuple[tuple[str, tuple[str, ...]], ...],
+    chain: tuple[str, ...],
+    q: Array,
+    z: Array,
+    nu: float,
+    floor: Array,
+) -> Passed:
+    """The member that passes the gate from this start."""
+    gaussian = not np.isfinite(nu)
+    first = Known(set(), -np.inf, start.beta)
+    known: list[Known] = []
+
+    def fit(free: tuple[str, ...]) -> Fit:
+        within = [each for each in known if each.groups <= set(free)]
+        starts = [max(within, key=lambda each: each.evidence)] if within else [first]
+        if gaussian and len(within) > 1:
+            starts.append(within[0])  # what passed may have bent the arm to mend the sensor
+        tries = [
+            maximise(
+                start.structure,
+                q,
+                z,
+                each.beta,
+                start.structure.prior(free),
+                nu=nu,
+                floor=floor,
+                tolerance=1e-3 if gaussian else 1e-2,
+                steps=20 if gaussian else 10,
+            )
+            for each in dict.fromkeys(starts)
+        ]
+        made = max(tries, key=lambda each: each.evidence)
+        if set(chain) <= set(free):  # a start for what is richer
+            known.append(Known(set(free), made.evidence, made.beta))
+        return made
+
+    def enough(made: Fit) -> bool:
+        return gaussian and bool((made.noise <= 1.5 * floor).all())
+
+    return choose_member(members, fit, enough)
+
+
+def _subset(n: int, seed: int) -> Array | None:
+    """Rows of the gate where there are too many: a draw in the order of the log."""
+    if n <= ROWS:
+        return None
+    return np.sort(np.random.default_rng(seed).permutation(n)[:ROWS])
+
+
+def _fixed(prior: Prior, fit: Fit) -> Prior:
+    """The prior with the scales that the evidence chose, no longer moving."""
+    sd = np.zeros(len(prior.sd))
+    sd[fit.active] = fit.sd
+    return Prior(prior.mean, sd)
+
+
+def _over_all_rows(passed: Passed, q: Array, z: Array, floor: Array) -> Fit:
+    """The member's fit carried on over all rows, with its prior scales kept."""
+    fit = passed.fit
+    prior = _fixed(fit.structure.prior(passed.free), fit)
+    return maximise(
+        fit.structure,
+        q,
+        z,
+        fit.beta,
+        prior,
+        nu=fit.nu,
+        floor=floor,
+        noise=fit.noise,
+        steps=2 if len(fit.active) > 60 else 10,
+        tolerance=1e-2,
+    )
+
+
+def _body(fit: Fit, held: HeldOut, member: str, simulated: bool) -> Body:
+    """The belief of a fit."""
+    structure = fit.structure
+    packed = pack(fit.covariance)
+    return Body(
+        structure,
+        fit.beta,
+        fit.active,
+        unpack(packed, len(fit.active)),
+        fit.noise,
+        held.kappa(),
+        held.tau(fit.noise, structure.blocks),
+        np.zeros(structure.outputs),
+        fit.nu,
+        fit.autocorrelation,
+        {k: float(v) for k, v in fit.scales.items()},
+        len(fit.residual),
+        simulated,
+        member,
+        packed=packed,
+    )
+
+
+def _second(
+    passed: Passed, chain: tuple[str, ...], q: Array, z: Array, floor: Array
+) -> Second | None:
+    """What the member left out, for the bound: the whole chain, curves under a wider hyperprior.
+
+    None where the member has the chain and the rows speak against curves.
+    """
+    fit = passed.fit
+    bends = "curve" in passed.free or passed.against("curves") < NO_CURVES
+    if not bends and set(chain) <= set(passed.free):
+        return None
+    free = tuple(dict.fromkeys((*passed.free, *chain, *(("curve",) if bends else ()))))
+    prior = fit.structure.prior(free)
+    sd = prior.sd.copy()
+    sd[fit.active] = fit.sd
+    wide = getattr(fit.structure, "wide", WIDE)
+    hypers = tuple(_wider(h, wide) for h in prior.hypers if _left_out(h, fit.active))
+    for h in hypers:
+        sd[h.indices] = h.scale * np.sqrt(h.shape)
+    made = maximise(
+        fit.structure,
+        q,
+        z,
+        fit.beta,
+        Prior(prior.mean, sd, hypers),
+        nu=fit.nu,
+        floor=floor,
+        noise=fit.noise,
+        steps=4,
+    )
+    packed = pack(made.covariance)
+    return Second(made.beta, made.active, unpack(packed, len(made.active)), made.noise, packed)
+
+
+def _left_out(h: Hyper, active: Indices) -> bool:
+    """Whether a scale is learned by the second fit: a curve's, or that of a group left out."""
+    return h.name.startswith("curve") or not np.isin(h.indices, active).any()
+
+
+def _wider(h: Hyper, wide: tuple[float, float]) -> Hyper:
+    """The hyperprior of a curve with many pseudo-observations of a large one."""
+    if not h.name.startswith("curve"):
+        return h
+    pseudo, rms = wide
+    return replace(h, pseudo=pseudo, scale=rms / np.sqrt(len(h.indices)))

@@ -1,0 +1,114 @@
+"""Remounting: an arm that was calibrated, seen by a sensor or with a tool in a new place.
+
+The old posterior is the prior of the arm itself, a little loosened because arms drift between
+two series; the sensor's frame and the tool start from nothing. Ten rows and more place them.
+"""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from .belief import Body
+from .normal import Factor, information_factor, student_weights, sums_of
+from .packing import pack, unpack
+from .spatial import SpatialStructure
+from .spatial_prior import frame_groups
+from .spatial_start import frame
+from .structure import Array
+
+if TYPE_CHECKING:
+    from .structure import Indices
+
+#: How far an arm drifts between two series: origins [m], their turns and offsets [rad],
+#: elasticity [rad], curves [rad].
+DRIFT = {"shift": 5e-5, "turn": 5e-5, "elastic": 2e-4, "curve": 3e-6}
+STEPS = 10
+#: A frame that is free may move by so many extents, or turn by so many radians.
+FREE = 1e3
+
+
+def remount(body: Body, q: Array, z: Array, structure: SpatialStructure | None = None) -> Body:
+    """Return the body of a calibrated arm in a new frame, from a few rows.
+
+    Parameters
+    ----------
+    body : Body
+        Of a spatial arm.
+    q : (n, dof) array [rad or m]
+    z : (n, m) array
+        What the sensor sees now.
+    structure : SpatialStructure, optional
+        The structure with another view; by default the body's own.
+
+    Returns
+    -------
+    Body
+        With sensor and tool from the rows, and what they say of the arm added to what was known.
+    """
+    old = body.structure
+    if not isinstance(old, SpatialStructure):
+        raise TypeError("remount needs the body of a spatial arm")
+    new = old if structure is None else structure
+    free = frame_groups(new)
+    frames = np.concatenate([new.groups[group] for group in free])
+    kept = np.setdiff1d(body.active, np.concatenate([new.groups[g] for g in frame_groups(old)]))
+    active = np.union1d(kept, frames)
+    beta = frame(new, q, z, body.beta)
+    mean, precision = beta.copy(), np.zeros((len(active), len(active)))
+    mean[kept] = body.beta[kept]
+    place = np.searchsorted(active, kept)
+    rows = np.searchsorted(body.active, kept)
+    covariance = body.covariance[np.ix_(rows, rows)].copy()
+    covariance[np.diag_indices(len(kept))] += _drift(new, kept) ** 2
+    precision[np.ix_(place, place)] = Factor(covariance).inverse()
+    flat = np.searchsorted(active, frames)
+    precision[flat, flat] += _flat(new, frames) ** -2.0
+    noise = np.maximum(body.noise, 1e-12)
+    for _ in range(STEPS):
+        predicted, x = new.linearise(q, beta, active)
+        r = new.residual(z, predicted)
+        w = student_weights(r, noise, body.nu, new.blocks)
+        parts = sums_of(x / noise[:, None], r / noise, w, new.blocks)
+        gram = np.sum([part.gram for part in parts], axis=0)
+        moment = np.sum([part.moment for part in parts], axis=0)
+        pull = moment - precision @ (beta - mean)[active]
+        delta = np.zeros(new.size)
+        delta[active] = Factor(gram + precision).solve(pull)
+        beta = new.retract(beta, delta)
+        if np.abs(delta[active]).max() < 1e-9:
+            break
+    softer = gram * information_factor(new, body.nu) + precision
+    packed = pack(Factor(softer).inverse())
+    return replace(
+        body,
+        structure=new,
+        beta=beta,
+        active=active,
+        covariance=unpack(packed, len(active)),
+        packed=packed,
+        noise=noise,
+        rows=body.rows + len(q),
+        second=None,
+    )
+
+
+def _drift(structure: SpatialStructure, indices: Indices) -> Array:
+    """Sd (k,) by which each parameter of an arm drifts between two series."""
+    sd = np.zeros(structure.size)
+    layout, groups = structure.layout, structure.groups
+    sd[layout.shifts], sd[layout.turns] = DRIFT["shift"], DRIFT["turn"]
+    sd[groups["offset"]], sd[groups["gain"]] = DRIFT["turn"], DRIFT["turn"]
+    sd[groups["elastic"]] = DRIFT["elastic"]
+    for k in range(structure.dof):
+        sd[groups[f"curve.{k}"]] = DRIFT["curve"]
+    return np.asarray(sd[indices])
+
+
+def _flat(structure: SpatialStructure, indices: Indices) -> Array:
+    """Sd (k,) of the parameters of a frame of which nothing is known."""
+    prior = structure.prior(frame_groups(structure))
+    sd = prior.sd[indices]
+    return np.asarray(np.where(sd > 0, sd, FREE))

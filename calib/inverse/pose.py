@@ -1,0 +1,203 @@
+"""Poses: joint values for a position and an orientation, with every branch of the arm.
+
+Works on any arm through one function that evaluates it. A general six-joint arm reaches a pose in
+up to 16 ways; from many starts, damped Newton steps find them, and each branch that is found
+suggests where others may be: a joint half a turn on, or bent the other way.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ..arm.rotations import logarithm
+
+Array = NDArray[np.float64]
+
+#: Position (n, 3) [m], orientation (n, 3, 3) and geometric Jacobian (n, 6, dof) at joints (n, dof).
+Evaluate = Callable[[Array], tuple[Array, Array, Array]]
+
+STEPS = 40
+#: Random starts of a round, and rounds in a row that must find nothing new.
+ROUND, QUIET = 96, 2
+#: A pose is reached within this share of the arm's length, and solutions this far apart [rad or m]
+#: are different branches.
+TOLERANCE, APART = 1e-9, 1e-3
+
+
+@dataclass(frozen=True)
+class Joints:
+    """Ranges of joints: `lower`, `upper` (dof,) [rad or m] and which of them turn (dof,)."""
+
+    lower: Array
+    upper: Array
+    revolute: tuple[bool, ...]
+
+    def within(self, q: Array) -> tuple[Array, NDArray[np.bool_]]:
+        """Joint values (n, dof) by whole turns into the ranges, and whether all are inside (n,)."""
+        turns = np.asarray(self.revolute)
+        middle = 0.5 * (self.lower + self.upper)
+        away = np.where(turns, np.round((q - middle) / (2 * np.pi)), 0.0)
+        out = q - 2 * np.pi * away
+        slack = 1e-9
+        near = (out >= self.lower - slack) & (out <= self.upper + slack)
+        inside = np.asarray(near.all(axis=1))
+        return np.clip(out, self.lower, self.upper), inside
+
+    def draw(self, n: int, rng: np.random.Generator) -> Array:
+        """Joint values (n, dof) drawn from the ranges."""
+        return rng.uniform(self.lower, self.upper, (n, len(self.lower)))
+
+    def apart(self, a: Array, b: Array) -> Array:
+        """Largest distance (n,) of any joint between rows (n, dof) and b (dof,); turns wrap."""
+        away = a - b
+        whole = 2 * np.pi * np.round(away / (2 * np.pi))
+        return np.asarray(np.abs(away - np.where(self.revolute, whole, 0.0)).max(axis=1))
+
+
+def reach_poses(
+    evaluate: Evaluate,
+    q: Array,
+    position: Array,
+    rotation: Array,
+    length: float,
+    steps: int = STEPS,
+) -> tuple[Array, Array]:
+    """Move joints towards poses by damped Newton steps, each row on its own.
+
+    Parameters
+    ----------
+    evaluate : callable
+    q : (n, dof) array
+        Starts.
+    position, rotation : (n, 3) and (n, 3, 3) arrays
+        Wanted poses.
+    length : float [m]
+        What a radian of orientation is worth: the arm's length.
+
+    Returns
+    -------
+    q : (n, dof) array
+    left : (n,) array [m]
+        What is left of the position and, times `length`, of the orientation.
+    """
+    scale = np.r_[np.ones(3), np.full(3, length)][:, None]
+
+    def misfit(q: Array) -> tuple[Array, Array, Array]:
+        p, r, jacobian = evaluate(q)
+        turn = logarithm(rotation[rows] @ np.swapaxes(r, 1, 2))
+        e = np.concatenate([position[rows] - p, length * turn], axis=1)
+        return e, jacobian * scale, np.linalg.norm(e, axis=1)
+
+    rows = np.arange(len(q))
+    out, left = q.copy(), np.full(len(q), np.inf)
+    damping = np.full(len(q), 1e-5)
+    e, jacobian, size = misfit(q)
+    for _ in range(steps):
+        transposed = np.swapaxes(jacobian, 1, 2)
+        square = jacobian @ transposed
+        power = np.einsum("nii->n", square)
+        square[:, range(6), range(6)] += (damping * power)[:, None] + 1e-300
+        step = (transposed @ np.linalg.solve(square, e[:, :, None]))[:, :, 0]
+        step *= np.minimum(1.0, 1.0 / np.maximum(np.abs(step).max(axis=1), 1e-300))[:, None]
+        trial = q + step
+        e_new, jacobian_new, size_new = misfit(trial)
+        better = size_new < size
+        q = np.where(better[:, None], trial, q)
+        e = np.where(better[:, None], e_new, e)
+        jacobian = np.where(better[:, None, None], jacobian_new, jacobian)
+        size = np.where(better, size_new, size)
+        damping = np.where(better, np.maximum(damping / 10, 1e-15), np.minimum(damping * 10, 1e3))
+        out[rows], left[rows] = q, size
+        going = (size > 1e-3 * TOLERANCE * length) & (damping < 1e3)
+        if not going.any():
+            break
+        rows, q, e, size, damping = rows[going], q[going], e[going], size[going], damping[going]
+        jacobian = jacobian[going]
+    return out, left
+
+
+def pose_branches(
+    evaluate: Evaluate,
+    position: Array,
+    rotation: Array,
+    joints: Joints,
+    length: float,
+    *,
+    starts: Array | None = None,
+    seed: int = 0,
+    rounds: int = 12,
+) -> Array:
+    """Every way in which an arm reaches a pose.
+
+    Parameters
+    ----------
+    evaluate : callable
+    position, rotation : (3,) and (3, 3) arrays
+        The pose, in the arm's own frame [m].
+    joints : Joints
+    length : float [m]
+        The arm's length.
+    starts : (k, dof) array, optional
+        Joints that were active near this pose, tried first.
+    seed : int
+        Of the starts that are drawn.
+    rounds : int
+        Most rounds of starts; the search ends when two in a row find nothing new.
+
+    Returns
+    -------
+    (b, dof) array
+        Joint values within the ranges, each of which reaches the pose to 1e-9 of the arm's length;
+        sorted; empty where nothing does. Of a redundant arm, some of its infinitely many.
+    """
+    rng = np.random.default_rng(seed)
+    dof = len(joints.lower)
+    known = np.empty((0, dof))
+    inside_known = np.empty(0, dtype=bool)
+    drawn = joints.draw(ROUND, rng)
+    tried = drawn if starts is None else np.vstack([np.atleast_2d(starts), drawn])
+    quiet = 0
+    for _ in range(rounds):
+        n = len(tried)
+        q, left = reach_poses(
+            evaluate, tried, np.tile(position, (n, 1)), np.tile(rotation, (n, 1, 1)), length
+        )
+        q, inside = joints.within(q) if n else (q, np.empty(0, dtype=bool))
+        fresh = []
+        for row, ok in zip(
+            q[left < TOLERANCE * length], inside[left < TOLERANCE * length], strict=True
+        ):
+            if not len(known) or joints.apart(known, row).min() > APART:
+                known = np.vstack([known, row])
+                inside_known = np.append(inside_known, ok)
+                fresh.append(row)
+        quiet = 0 if fresh else quiet + 1
+        if quiet >= QUIET or (len(known) > 64):
+            break
+        tried = np.vstack([*(_flipped(row, joints) for row in fresh), joints.draw(ROUND, rng)])
+    found = known[inside_known]
+    return found[np.lexsort(found.T[::-1])]
+
+
+def _flipped(q: Array, joints: Joints) -> Array:
+    """Starts that a branch suggests: turns half round, or bent the other way, and pairs of them."""
+    dof = len(q)
+    turns = [k for k in range(dof) if joints.revolute[k]]
+    single = []
+    for k in turns:
+        for value in (q[k] + np.pi, -q[k]):
+            row = q.copy()
+            row[k] = value
+            single.append(row)
+    pairs = []
+    for i in turns:
+        for j in turns:
+            if i != j:
+                row = q.copy()
+                row[i], row[j] = row[i] + np.pi, -row[j]
+                pairs.append(row)
+    return np.array([*single, *pairs]).reshape(-1, dof)

@@ -1,0 +1,188 @@
+"""Two maps and their links from any paired samples: the paper's network as a building block.
+
+``calib.SOM(...).fit_pair(q, x)``.  With the batch rule the links are those at which eq. 5
+comes to rest.  With the online rule maps and links develop together: eq. 1 to 4 move the
+nodes while eq. 5 is stepped sample by sample, and a curve tells how far they are.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ..common.parallel import one_blas_thread
+from ..common.scale import Scale
+from ..errors import LogError, OptionError
+from . import online
+from .association import Association
+from .density import Gain, Visit
+from .epoch import Epoch, search, topographic_error
+from .lattice import Lattice
+from .links import Wiring, oja, sparse_links
+from .map import Map
+from .schedule import exponential
+
+Array = NDArray[np.float64]
+
+CURVE = ("samples", "sigma", "zeta_motor", "zeta_sensory", "error")
+"""Columns of a curve: samples shown, radius [nodes], distortions (eq. 9, unit box), and the
+mean distance from new samples to what the readout ``activity`` says of them [unit]."""
+
+ETA = 0.13
+"""Learning rate of the links (eq. 5)."""
+
+_CHUNK = 250  # samples between two points of the curve
+_LARGEST = 60_000_000  # links that are held densely
+
+
+@dataclass(frozen=True, eq=False)
+class Pair:
+    """Two maps that were learned from the same samples.
+
+    Attributes
+    ----------
+    association : Association
+        The maps, their links and the readouts of these, in the unit boxes of both spaces.
+    curve : (m, 5) array
+        How they developed, columns as :data:`CURVE`; empty with the batch rule.
+    """
+
+    association: Association
+    curve: Array
+
+    def forward(self, q: Array, readout: str = "activity") -> Array:
+        """What the links say of rows (n, d) of the first space, (n, k) in the second's unit."""
+        pair = self.association
+        u = pair.motor.scale.to_unit(np.atleast_2d(np.asarray(q, dtype=float)))
+        return pair.sensory.scale.from_unit(pair.forward(u, readout))
+
+
+def check_pair(q: Array, x: Array) -> None:
+    """Refuse samples that are no pairs."""
+    if q.ndim != 2 or x.ndim != 2 or len(q) != len(x) or len(q) < 2:
+        raise LogError(f"samples of shapes {q.shape} and {x.shape}: expected (n, d) and (n, k)")
+
+
+def develop(
+    q: Array,
+    x: Array,
+    lattice: Lattice,
+    gain: Gain | None,
+    sigma: tuple[float, float],
+    epochs: int,
+    wiring: Wiring,
+    rng: np.random.Generator,
+    around: online.Around | None = None,
+) -> Pair:
+    """Let two maps and their links develop together, one sample at a time (eq. 1 to 6).
+
+    Parameters
+    ----------
+    q, x : (n, d), (n, k) array
+        Paired samples.
+    lattice : Lattice
+        Of both maps.
+    gain : callable or None
+        Varying density.
+    sigma : (float, float) [nodes]
+        Radius at the start and at the end.
+    epochs : int
+        Passes over the samples, each in another order.
+    wiring : Wiring
+        How nodes are active (eq. 6).
+    rng : numpy.random.Generator
+        Source of the starts and of the orders.
+    around : Around, optional
+        A neighbourhood of the user's own.
+    """
+    if lattice.size**2 > _LARGEST:
+        raise OptionError(
+            f"two maps of {lattice.size:,} nodes: stepping eq. 5 holds every link, give maps of "
+            f"at most {int(_LARGEST**0.5):,} nodes, or rule='batch'"
+        )
+    scales = (Scale.of_data(q), Scale.of_data(x))
+    points = [scale.to_unit(rows) for scale, rows in zip(scales, (q, x), strict=True)]
+    weights = [rng.random((lattice.size, p.shape[1])) for p in points]
+    links: Any = np.zeros((lattice.size, lattice.size), dtype=np.float32)
+    steps = epochs * len(q)
+    radius = exponential(*sigma, steps)
+    alpha = online.ALPHA * radius / sigma[0]  # eq. 4
+    history: tuple[list[Epoch], list[Epoch]] = ([], [])
+    curve, done = [], 0
+
+    def maps() -> tuple[Map, Map]:
+        motor, sensory = (
+            Map(w, lattice, s, _history(h))
+            for w, s, h in zip(weights, scales, history, strict=True)
+        )
+        return motor, sensory
+
+    with one_blas_thread():
+        for _ in range(epochs):
+            order = rng.permutation(len(q))
+            zeta = np.zeros(2)
+            for first in range(0, len(order), _CHUNK):
+                rows = order[first : first + _CHUNK]
+                now = np.arange(done, done + len(rows))
+                done += len(rows)
+                motor, sensory = maps()
+                error = _error(motor, sensory, links, wiring, points, rows, x)
+                found = []
+                for k in (0, 1):
+                    distance, winner = online.winners(weights[k], points[k][rows])
+                    found.append(float(np.mean(distance**2)))
+                    zeta[k] += distance.sum()
+                    rate = alpha[now]
+                    if gain is not None:
+                        visit = Visit(done / steps, winner, distance, weights[k], lattice)
+                        rate = rate * gain(visit)
+                    weights[k] = weights[k].copy()
+                    part = points[k][rows]
+                    if around is None:
+                        online.present(weights[k], lattice, part, radius[now], rate)
+                    else:
+                        around.present(weights[k], part, radius[now], rate, now / steps)
+                curve.append((done, radius[now[-1]], *found, error))
+                motor, sensory = maps()
+                a, b = (
+                    wiring.activity(net, p[rows]).toarray()
+                    for net, p in zip((motor, sensory), points, strict=True)
+                )
+                for a_motor, a_sensory in zip(a, b, strict=True):
+                    oja(links, a_motor, a_sensory, ETA)  # eq. 5
+            for k in (0, 1):
+                topographic = topographic_error(points[k], search(weights[k]), lattice)
+                history[k].append(
+                    Epoch(
+                        weights[k], lattice, radius[done - 1], zeta[k] / len(q), topographic, len(q)
+                    )
+                )
+        motor, sensory = maps()
+        return Pair(Association(motor, sensory, sparse_links(links), wiring), np.array(curve))
+
+
+def _history(epochs: list[Epoch]) -> Array:
+    rows = [(len(e.weights), e.sigma, e.error, e.topographic) for e in epochs]
+    return np.array(rows).reshape(-1, 4)
+
+
+def _error(
+    motor: Map,
+    sensory: Map,
+    links: Any,
+    wiring: Wiring,
+    points: list[Array],
+    rows: NDArray[np.intp],
+    x: Array,
+) -> float:
+    """Mean distance of samples to what the dense links say of them, before they are learned."""
+    a = wiring.activity(motor, points[0][rows])
+    strength = np.asarray(a @ links)
+    total = strength.sum(axis=1, keepdims=True)
+    if not (total > 0.0).any():
+        return float("nan")
+    said = sensory.scale.from_unit(strength @ sensory.units / np.maximum(total, 1e-30))
+    return float(np.linalg.norm(said - x[rows], axis=1).mean())

@@ -1,0 +1,99 @@
+"""The direction of approach in training: joints corrected by their backlash where it pays."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from typing import TYPE_CHECKING
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ..body.approach import Approach, learn_play
+from ..common.scale import Scale
+from ..maps.node_bounds import learn_bounds
+from ..samples.approach import directions
+from ..samples.samples import Samples
+from .smooth import SmoothPart
+
+if TYPE_CHECKING:
+    from ..model.model import Model
+    from ..samples.simulation import Simulation
+
+Array = NDArray[np.float64]
+
+_ROWS = 5_000  # rows that play is learned from
+_TREND = 7  # degree of what a joint's value tells of its direction
+
+
+def play_of(samples: Samples, scale: Scale, part: SmoothPart) -> Array | None:
+    """Half the play of each joint (dof,) [rad or m], None where the rows' order shows none.
+
+    Parameters
+    ----------
+    samples : Samples
+        In the order of motion.
+    scale : Scale
+        Range of the joints.
+    part : SmoothPart
+        What predicts without the direction.
+    """
+    if not part.candidates:
+        return None  # nothing predicts before the maps have learned
+    if samples.simulation is not None and not samples.simulation.hidden:
+        return None  # nothing that rows could show
+    if not part.candidates:  # maps and links alone
+        return None
+    few = max(1, -(-len(part.rows) // _ROWS))
+    rows = part.rows[::few]
+    smooth, u = part.candidates[0].smooth, scale.to_unit(samples.q[rows])
+    value, slope = smooth.value_and_slope(u)
+    residual = samples.x[rows] - value
+    size = np.linalg.norm(residual, axis=1)
+    sound = size <= 10.0 * np.median(size) + 1e-300  # a few wrong detections do not count
+    if np.count_nonzero(sound) < 20:
+        return None
+    side = directions(samples.q)[rows]
+    # a joint near its upper limit mostly came from below: a curve of the joint has taken
+    # that part of the play already
+    surprise = np.stack([_without_trend(s, v) for s, v in zip(side.T, u.T, strict=True)], axis=1)
+    return learn_play(residual[sound], (slope / scale.span)[sound], surprise[sound])
+
+
+def _without_trend(side: Array, u: Array) -> Array:
+    """Directions (n,) less what the joint's own value (n,) in the unit box tells of them."""
+    powers = np.polynomial.chebyshev.chebvander(2.0 * np.clip(u, 0.0, 1.0) - 1.0, _TREND)
+    return np.asarray(side - powers @ np.linalg.lstsq(powers, side, rcond=None)[0])
+
+
+def corrected(samples: Samples, play: Array) -> Samples:
+    """The samples with joints where they truly stood, as far as their order tells."""
+    q = samples.q - play * directions(samples.q)
+    return replace(samples, q=q)
+
+
+def simulated_approach(
+    model: Model, simulation: Simulation, play: Array, rng: np.random.Generator, n: int
+) -> Approach:
+    """What is bounded where the direction is known, from true positions of a simulation."""
+    q = simulation.draw(n, rng)
+    x, side = simulation.true(q, rng), directions(q)
+    approach = Approach(play, model.bounds)
+    rows = approach.known(side)
+    u = model.motor.scale.to_unit(approach.effective(q, side)[rows])
+    errors = np.linalg.norm(model.predictor.value(u) - x[rows], axis=1)
+    inside = model.trust.in_range(u).all(axis=1)
+    return Approach(play, learn_bounds(model.motor, u[inside], errors[inside]))
+
+
+def widened(model: Model, play: Array) -> Model:
+    """The model of a log with bounds for an unknown direction of approach."""
+    scale = model.motor.scale
+    nodes = np.clip(model.motor.units, 0.0, 1.0)
+    slope = model.predictor.value_and_slope(nodes)[1] / scale.span
+    most = np.linalg.norm(slope * play, axis=1).sum(axis=1)  # all joints to their worst side
+    return replace(
+        model,
+        bounds=model.bounds + most,
+        model_bounds=model.model_bounds + most,
+        approach=Approach(play, model.bounds),
+    )

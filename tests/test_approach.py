@@ -1,0 +1,126 @@
+"""The direction of approach, and bounds that cover what no encoder reads."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from functools import cache
+
+import numpy as np
+import pytest
+from drifting import arm
+
+import calib
+from calib.body.approach import learn_play
+from calib.errors import QueryError
+from calib.samples.approach import directions
+
+PLAY = 0.01
+
+
+@cache
+def trained(*changes, as_log=False, method="uniform", noise=1e-4):
+    samples = calib.babble(arm(), 2000, noise=noise, changes=list(changes), method=method)
+    if as_log:
+        samples = replace(samples, simulation=None)
+    return calib.train(samples, size=15)
+
+
+def true_rows(*changes, n=2000):
+    simulation = calib.Simulation(arm(), changes=changes)
+    rng = np.random.default_rng(4)
+    q = simulation.draw(n, rng)
+    return q, simulation.true(q, rng)
+
+
+def test_a_joint_keeps_the_side_that_it_came_from():
+    q = np.array([[0.0, 0.0], [1.0, 0.0], [1.0, -1.0], [0.5, -1.0], [0.5, -1.0]])
+    expected = [[0, 0], [1, 0], [1, -1], [-1, -1], [-1, -1]]
+    assert directions(q).tolist() == expected
+
+
+@pytest.mark.parametrize("change", ["elbow.backlash=0.01", "elbow.noise=0.005"])
+def test_the_bound_covers_the_true_tip(change):
+    q, x = true_rows(change)
+    model = trained(change)
+    error = np.linalg.norm(model.forward(q) - x, axis=1)
+    covered = np.mean(error <= model.expected_error(q))
+    assert 0.92 < covered < 0.98
+
+
+def test_true_is_what_is_measured_without_the_sensor():
+    changes = ("elbow.backlash=0.02", "shoulder.noise=0.003")
+    noisy = calib.Simulation(arm(), noise=1e-3, changes=changes)
+    q = noisy.draw(50, np.random.default_rng(0))
+    quiet = calib.Simulation(arm(), changes=changes)
+    # the same stream of joint noise
+    assert np.array_equal(
+        quiet.measure(q, np.random.default_rng(1)), noisy.true(q, np.random.default_rng(1))
+    )
+    plain = calib.Simulation(arm(), noise=1e-3, changes=("elbow.offset=0.01",))
+    assert not plain.hidden
+    assert np.array_equal(plain.true(q, np.random.default_rng(1)), plain.exact(q))
+
+
+def test_the_direction_pays_where_there_is_backlash():
+    model = trained("elbow.backlash=0.01")
+    assert model.approach is not None
+    assert model.approach.play[0] == 0.0
+    assert model.approach.play[1] == pytest.approx(PLAY / 2, rel=0.03)
+    q, x = true_rows("elbow.backlash=0.01")
+    side = directions(q)
+    blind = np.linalg.norm(model.forward(q) - x, axis=1)
+    told = np.linalg.norm(model.forward(q, approach=side) - x, axis=1)
+    assert np.nanmean(told) < 0.1 * np.nanmean(blind)
+    bound = model.expected_error(q, approach=side)
+    assert np.nanmean(told <= bound) > 0.92
+    assert np.nanmean(bound) < 0.2 * np.nanmean(model.expected_error(q))
+    # nothing is known of a joint that has not moved yet
+    unknown = model.expected_error(q, approach=np.zeros_like(side))
+    assert np.array_equal(unknown, model.expected_error(q), equal_nan=True)
+
+
+def test_a_log_along_a_path_shows_it_and_a_shuffled_one_does_not():
+    whole = trained("elbow.backlash=0.01", as_log=True, method="smooth")
+    assert whole.approach.play[1] == pytest.approx(PLAY / 2, rel=0.05)
+    assert any("backlash of elbow 0.5" in note for note in whole.about.notes)
+    samples = calib.babble(arm(), 1000, noise=1e-4, changes=["elbow.backlash=0.01"])
+    order = np.random.default_rng(0).permutation(1000)
+    shuffled = replace(samples, simulation=None, q=samples.q[order], x=samples.x[order])
+    assert calib.train(shuffled, size=10).approach is None
+
+
+def test_no_play_is_found_where_there_is_none():
+    assert trained("elbow.noise=0.005").approach is None
+    assert trained(as_log=True).approach is None
+    rng = np.random.default_rng(3)
+    found = [
+        learn_play(
+            rng.normal(size=(200, 2)),
+            rng.normal(size=(200, 2, 2)),
+            np.sign(rng.normal(size=(200, 2))),
+        )
+        for _ in range(200)
+    ]
+    assert sum(play is not None for play in found) <= 1
+
+
+def test_a_file_keeps_it(tmp_path):
+    model = trained("elbow.backlash=0.01")
+    model.save(tmp_path / "m.calib")
+    loaded = calib.load(tmp_path / "m.calib")
+    q = np.array([0.5, 1.2])
+    for side in ([1, 1], [1, -1], None):
+        assert np.allclose(
+            loaded.forward(q, approach=side), model.forward(q, approach=side), atol=1e-9
+        )
+        assert loaded.expected_error(q, approach=side) == pytest.approx(
+            model.expected_error(q, approach=side)
+        )
+
+
+def test_as_many_directions_as_joints():
+    model = trained("elbow.backlash=0.01")
+    with pytest.raises(QueryError, match="approach has 3 rows for 2"):
+        model.forward(np.ones((2, 2)), approach=np.ones((3, 2)))
+    with pytest.raises(QueryError, match="approach"):
+        model.forward([0.5, 1.0], approach=[1.0])

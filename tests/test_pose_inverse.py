@@ -1,0 +1,146 @@
+"""The inverse in space: branches against the closed form, positions near joints, pixels."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from closed_form import closed_form
+
+from calib.arm.loading import load_arm
+from calib.arm.rotations import exponential, logarithm
+from calib.body.spatial import structure_of
+from calib.errors import QueryError
+from calib.inverse.compensate import compensate
+from calib.inverse.near import position_near
+from calib.inverse.pixel import on_plane, undistorted
+from calib.inverse.pose import Joints, pose_branches
+
+
+def evaluate_of(arm):
+    def evaluate(q):
+        return (*arm.chain.poses(q), arm.chain.jacobian(q))
+
+    return evaluate
+
+
+def joints_of(arm):
+    return Joints(arm.lower, arm.upper, arm.revolute)
+
+
+def rows(arm, n, seed=0):
+    return np.random.default_rng(seed).uniform(arm.lower, arm.upper, (n, arm.dof))
+
+
+def test_every_branch_of_the_closed_form_is_found_and_none_is_invented():
+    arm = load_arm("six_axis")
+    joints, evaluate = joints_of(arm), evaluate_of(arm)
+    missed = known = 0
+    for q in rows(arm, 12, 5):
+        (p,), (r,) = arm.chain.poses(q[None])
+        expected, inside = joints.within(closed_form(p, r, arm.chain.rotation))
+        expected = expected[inside]
+        assert joints.apart(expected, q).min() < 1e-6  # the closed form itself is right
+        found = pose_branches(evaluate, p, r, joints, arm.chain.reach)
+        reached, turned = arm.chain.poses(found)
+        assert np.abs(reached - p).max() < 1e-8
+        assert np.abs(turned - r).max() < 1e-7
+        assert (found >= arm.lower).all()
+        assert (found <= arm.upper).all()
+        known += len(expected)
+        missed += sum(joints.apart(found, each).min() > 1e-4 for each in expected)
+        assert all(joints.apart(expected, each).min() < 1e-4 for each in found)
+    assert known > 40
+    assert missed == 0
+
+
+def test_a_pose_out_of_reach_has_no_branch():
+    arm = load_arm("six_axis")
+    far = np.array([2.0, 0.0, 0.0])
+    assert len(pose_branches(evaluate_of(arm), far, np.eye(3), joints_of(arm), 1.0)) == 0
+
+
+def test_branches_are_the_same_from_the_same_seed():
+    arm = load_arm("six_axis")
+    (p,), (r,) = arm.chain.poses(rows(arm, 1, 8))
+    both = [pose_branches(evaluate_of(arm), p, r, joints_of(arm), 1.0, seed=3) for _ in "ab"]
+    np.testing.assert_array_equal(*both)
+
+
+def test_a_position_is_reached_near_given_joints_and_no_nearer_one_exists():
+    arm = load_arm("six_axis")
+    near = rows(arm, 30, 2) * 0.8
+    rng = np.random.default_rng(3)
+    target = arm.forward(near + rng.normal(0, 0.1, near.shape))
+    q, left = position_near(evaluate_of(arm), target, near, joints_of(arm), arm.chain.reach)
+    assert left.max() < 1e-8
+    np.testing.assert_allclose(arm.forward(q), target, atol=1e-8)
+    # the motion is across the null space: no direction that keeps the position brings it nearer
+    slopes = arm.jacobian(q)[:, :3]
+    for row, way, home in zip(q, slopes, near, strict=True):
+        if (row <= arm.lower).any() or (row >= arm.upper).any():
+            continue
+        _, _, vt = np.linalg.svd(way)
+        assert np.abs(vt[3:] @ (home - row)).max() < 1e-5
+
+
+def test_orientation_is_kept_softly():
+    arm = load_arm("six_axis")
+    near = rows(arm, 20, 4) * 0.7
+    target = arm.forward(near) + np.random.default_rng(5).normal(0, 0.02, (20, 3))
+    before = arm.chain.poses(near)[1]
+    turns = []
+    for keep in (0.0, 20.0):
+        q, left = position_near(
+            evaluate_of(arm), target, near, joints_of(arm), arm.chain.reach, keep=keep
+        )
+        assert np.median(left) < 1e-8
+        after = arm.chain.poses(q)[1]
+        turns.append(np.median(np.linalg.norm(logarithm(after @ before.swapaxes(1, 2)), axis=1)))
+    assert turns[1] < 0.2 * turns[0]
+
+
+def test_a_pixel_on_a_plane_is_the_point_that_is_seen_there():
+    arm = load_arm("spatial_three")
+    structure = structure_of(arm, "pinhole", unit="px")
+    groups, beta = structure.groups, structure.neutral()
+    turn = exponential(np.array([2.2, 0.3, -0.2]))
+    beta[groups["view.rotation"]], beta[groups["view.shift"]] = logarithm(turn), (0.1, 0.05, 1.5)
+    beta[groups["lens"]] = (800.0, 640.0, 360.0, -0.1)
+    sensor = structure.sensor(beta)
+    rng = np.random.default_rng(0)
+    points = np.column_stack([rng.uniform(-0.3, 0.3, (20, 2)), np.full(20, 0.02)])
+    seen = points @ sensor.rotation.T + sensor.shift
+    ideal = seen[:, :2] / seen[:, 2:]
+    squared = (ideal**2).sum(axis=1, keepdims=True)
+    pixels = 800 * ideal * (1 - 0.1 * squared) + (640, 360)
+    up = np.array([0.0, 0.0, 1.0])
+    found = on_plane(pixels, sensor.rotation, sensor.shift, sensor.lens, up, 0.02)
+    np.testing.assert_allclose(found, points, atol=1e-9)
+    behind = on_plane(pixels, sensor.rotation, sensor.shift, sensor.lens, up, 50.0)
+    assert np.isnan(behind).all()
+    with pytest.raises(QueryError, match="beyond what a lens"):
+        undistorted(np.array([[9000.0, 0.0]]), np.asarray(sensor.lens))
+
+
+def test_two_steps_bring_the_real_tool_to_the_nominal_pose():
+    arm = load_arm("six_axis")
+    structure = structure_of(arm, "base")
+    rng, beta = np.random.default_rng(0), structure.neutral()
+    beta[structure.layout.shifts] = rng.normal(0, 1e-3, (6, 3))
+    beta[structure.layout.turns] = rng.normal(0, 2e-3, (6, 3))
+    beta[structure.groups["curve.1"][20]] = 3e-4
+    q = rows(arm, 200, 1)
+    least = np.linalg.svd(arm.jacobian(q), compute_uv=False)[:, -1]
+    q = q[least > 0.05]  # away from singular poses
+    assert len(q) > 80
+    corrected, distance, turn = compensate(
+        evaluate_of(arm), lambda q: structure.pose(q, beta), q, arm.chain.reach
+    )
+    nominal, frames = arm.chain.poses(q)
+    reached, turned = structure.pose(corrected, beta)
+    assert np.linalg.norm(structure.pose(q, beta)[0] - nominal, axis=1).mean() > 1e-3
+    np.testing.assert_allclose(np.linalg.norm(reached - nominal, axis=1), distance, atol=1e-12)
+    assert distance.mean() < 1e-6
+    assert np.percentile(distance, 95) < 1e-5
+    assert turn.mean() < 1e-5
+    assert np.abs(turned - frames).max() < 1e-2
