@@ -98,7 +98,7 @@ def perturbation(setting: Setting) -> Result:
         rows[f"{degrees:g} deg"] = joined(found)
     title = f"commands perturbed while learning (standard deviation), {n:,} samples, "
     title += f"{len(seeds)} seeds, tested on the arm at rest"
-    table = _table("perturbation", title, rows, readouts=("winner", "activity", "local"))
+    table = _table("perturbation", title, rows, readouts=("winner", "activity", "linear"))
     return Result(dict(rows), (table,))
 
 

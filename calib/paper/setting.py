@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable, Iterable, Mapping
 from dataclasses import dataclass, field, replace
 from functools import cached_property
+from pathlib import Path
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -48,6 +49,8 @@ class Setting:
         Each gives other samples, another start and other test points.
     quick : bool
         Small lattices and few samples, to see that everything runs.
+    data : Path or None
+        Folder of real logs, for the ablation.
     robot : str
         A bundled robot or a URDF with two joints that turn.
     ranges : tuple of (joint, (low, high))
@@ -62,6 +65,7 @@ class Setting:
     seeds: tuple[int, ...] = (0, 1, 2, 3, 4)
     quick: bool = False
     report: Report = field(default=lambda _share, _what: None)
+    data: Path | None = None
     robot: str = ROBOT
     ranges: tuple[tuple[str, tuple[float, float]], ...] = ()
     lengths: tuple[tuple[str, float], ...] = ()

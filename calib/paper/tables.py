@@ -11,12 +11,12 @@ from typing import Any
 from .published import TABLE1, TABLE2, UNITS, Printed
 from .search import SAME, Found, best_trial
 from .setting import NETWORKS, Setting
-from .trial import Row, Trial
+from .trial import Row, Schedule, Trial
 
 FACTORS = {"mm": 1000.0, "deg": 180.0 / math.pi}
 """From SI units to those of the tables."""
 
-READOUTS = ("winner", "activity", "linear", "local")
+READOUTS = ("winner", "activity", "linear")
 
 
 @dataclass(frozen=True)
@@ -75,15 +75,20 @@ def table1(setting: Setting) -> Result:
         trial, searched[network] = best_trial(setting, NETWORKS[network])
         best[network] = trial.row(setting)
     same = {n: Trial(m, SAME, setting.side).row(setting) for n, m in NETWORKS.items()}
+    setting.report(1.0, "the default varying density")
+    default = Trial("vdsom", Schedule(), setting.side).row(setting)
     schedules = {n: str(found[0].schedule) for n, found in searched.items()}
     data = {
         **best,
         "paper": printed(TABLE1),
         "same_schedule": {**same, "schedule": str(SAME)},
+        "default": default,
         "schedules": schedules,
         "ratios": {
             "best": ratios(best["som"], best["vdsom"]),
             "same_schedule": ratios(same["som"], same["vdsom"]),
+            "linear": ratios(best["som"], best["vdsom"], "linear"),
+            "default_linear": ratios(best["som"], default, "linear"),
             "paper": {
                 c: {k: getattr(v, k) / getattr(TABLE1["som"][c], k) for k in ("mean", "max")}
                 for c, v in TABLE1["vdsom"].items()
@@ -97,6 +102,7 @@ def table1(setting: Setting) -> Result:
         lines[f"{n.upper()}, best: {schedules[n]}"] = (best[n], None if own else TABLE1[n])
     for n in ("som", "vdsom"):
         lines[f"{n.upper()}, same: {SAME}"] = (same[n], None if own else TABLE1[n])
+    lines["VDSOM, default gain"] = (default, None if own else TABLE1["vdsom"])
     tables = [
         comparison("table1", f"Table 1, {size} nodes, {conditions(setting)}", lines),
         _ratio_table(data["ratios"]),
@@ -178,10 +184,13 @@ def _ratio_table(found: Mapping[str, Mapping[str, Mapping[str, float]]]) -> Tabl
     words = {
         "best": "best against best",
         "same_schedule": f"same schedule, {SAME}",
+        "linear": "best against best, readout linear",
+        "default_linear": "default gain against the best SOM, readout linear",
         "paper": "the paper",
     }
     names = list(found["best"])
-    header = ["VDSOM over SOM, activity", *(f"{c} {k}" for c in names for k in ("mean", "max"))]
+    header = ["VDSOM over SOM, readout activity"]
+    header += [f"{c} {k}" for c in names for k in ("mean", "max")]
     rows: list[list[str | float | None]] = []
     for name, columns in found.items():
         cells = [cell[k] for cell in columns.values() for k in ("mean", "max")]

@@ -37,6 +37,8 @@ def play_of(samples: Samples, scale: Scale, part: SmoothPart) -> Array | None:
     part : SmoothPart
         What predicts without the direction.
     """
+    if not part.candidates:
+        return None  # nothing predicts before the maps have learned
     if samples.simulation is not None and not samples.simulation.hidden:
         return None  # nothing that rows could show
     if not part.candidates:  # maps and links alone

@@ -60,6 +60,8 @@ def babble(
     )
     calib.write_log(log, output)
     if as_json:
+        turning = zip(log.joint_names, log.revolute, strict=True)
+        kinds = {name: "rad" if turns else "m" for name, turns in turning}
         show_json(
             {
                 "log": output,
@@ -70,6 +72,7 @@ def babble(
                 "noise": noise or 0.0,
                 "changes": change or [],
                 "unit": log.unit,
+                "units": {"joints": kinds, "positions": log.unit},
             }
         )
         return

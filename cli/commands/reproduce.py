@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import time
 from collections.abc import Callable, Sequence
+from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
@@ -22,7 +23,16 @@ if TYPE_CHECKING:
 
 Formats = tuple[str, ...]
 FORMATS = ("png", "svg", "pdf")
-SUBJECTS = ("table1", "table2", "figures", "adaptation", "networks", "experiments", "all")
+SUBJECTS = (
+    "table1",
+    "table2",
+    "figures",
+    "adaptation",
+    "networks",
+    "experiments",
+    "ablation",
+    "all",
+)
 
 SubjectArgument = Annotated[
     str,
@@ -40,6 +50,10 @@ def reproduce(
     quick: Annotated[
         bool, typer.Option("--quick", help="Small lattices and few samples: does it all run?")
     ] = False,
+    data: Annotated[
+        str | None,
+        typer.Option("--data", metavar="DIR", help="Folder of real logs, for the ablation."),
+    ] = None,
     robot: Annotated[
         str | None,
         typer.Option("--robot", metavar="ROBOT", help="Another arm of two joints that turn."),
@@ -87,6 +101,7 @@ def reproduce(
             ranges=typed,
             lengths=_lengths(lengths or ()),
         )
+        setting = replace(setting, data=None if data is None else Path(data))
         drawn = tuple(dict.fromkeys(formats or ("png",)))
         for name in _ALL if what == "all" else (what,):
             for key, result in _RUNS[name](setting, folder, drawn):
@@ -140,6 +155,12 @@ def _experiments(setting: Setting, _folder: Path, _: Formats) -> list[tuple[str,
     return [(run.__name__, run(setting)) for run in runs]
 
 
+def _ablation(setting: Setting, _folder: Path, _formats: Formats) -> list[tuple[str, Result]]:
+    from calib.paper.ablation import ablation
+
+    return [("ablation", ablation(setting))]
+
+
 def _figures(setting: Setting, folder: Path, formats: Formats) -> list[tuple[str, Result]]:
     from calib.paper.figures import lattice_figure
 
@@ -164,10 +185,18 @@ _RUNS: dict[str, Callable[[Setting, Path, Formats], list[tuple[str, Result]]]] =
     "adaptation": _adaptation,
     "networks": _networks,
     "experiments": _experiments,
+    "ablation": _ablation,
 }
 _LONGEST = 1e3  # of a link [m]
-_ALL = ("table1", "table2", "figures", "networks", "experiments")  # figures: adaptation too
-_LONG = ("schedules", "adaptation_curves")  # for the CSV files only
+_ALL = (
+    "table1",
+    "table2",
+    "figures",
+    "networks",
+    "experiments",
+    "ablation",
+)  # figures: adaptation too
+_LONG = ("schedules", "adaptation_curves", "ablation")  # for the CSV files only
 
 
 def _keep(result: Result, folder: Path, *, shown: bool) -> None:
