@@ -7,8 +7,9 @@ __all__ = ["main"]
 
 def main() -> None:
     """Run the command line and end the process with its exit code."""
-    from . import interrupts
+    from . import interrupts, streams
 
+    streams.prepare()
     interrupts.install()
     try:
         from .app import app

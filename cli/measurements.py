@@ -18,7 +18,7 @@ def log_for(
     model: Model,
     path: str,
     columns: Mapping[str, str] | None,
-    degrees: bool,
+    degrees: bool | None,
     unit: str | None,
     notes: Notes,
 ) -> Samples:
@@ -29,20 +29,31 @@ def log_for(
     model : Model
         Names the joints.
     path, columns, degrees, unit
-        As typed.
+        As typed; what is None is as in the log that the model was made from.
     notes : Notes
         Says what was assumed.
     """
     from dataclasses import replace
 
     import calib
+    from calib.errors import LogError
     from calib.samples.joint_values import check_joint_values
+    from calib.samples.tables import read_about
 
     about = model.about
+    said = read_about(path).get("unit")
+    unit = unit or (said if isinstance(said, str) else None)
+    if unit is not None and (unit == "px") != (about.unit == "px"):
+        raise LogError(
+            f"{path} is in {unit}, the model in {about.unit}",
+            hint="record it with the same reference as the model's log",
+        )
+    degrees = about.degrees if degrees is None else degrees
     log = calib.read_log(
         path,
         joints=list(about.joint_names),
         columns=columns,
+        usual=about.columns,
         degrees=degrees,
         unit=unit or about.unit,
         prismatic=[n for n, t in zip(about.joint_names, about.revolute, strict=True) if not t],

@@ -286,6 +286,13 @@ DegreesOption = Annotated[
     bool,
     typer.Option("--degrees", help="Joint values are in degrees as typed, read and printed."),
 ]
+LogDegreesOption = Annotated[
+    bool | None,
+    typer.Option(
+        "--degrees/--radians",
+        help="Unit of the log's joint values; as in the model's own log if not given.",
+    ),
+]
 JsonOption = Annotated[
     bool, typer.Option("--json", help="One JSON document on standard output, in SI units.")
 ]

@@ -62,14 +62,29 @@ class Table:
             lines.append("  ".join(padded).rstrip())
         return lines
 
+    def records(self) -> list[str]:
+        """Return the table for a narrow terminal: a line for each cell, a blank line for a row."""
+        lines = [self.title] if self.title else []
+        for row in self.rows:
+            lines += [
+                f"{name}: {cell}".strip(": ") for name, cell in zip(self.header, row, strict=True)
+            ]
+            lines.append("")
+        return lines[:-1]
+
 
 def show(table: Table) -> None:
-    """Print a table: drawn by Rich on a terminal, else as plain text."""
+    """Print a table: drawn by Rich on a terminal that is wide enough, else as plain text."""
     if not sys.stdout.isatty():
         print("\n".join(table.lines()))
         return
     from rich import box
     from rich.console import Console
+
+    console = Console()
+    if max(map(len, table.lines())) > console.width:
+        print("\n".join(table.records()))
+        return
     from rich.table import Table as RichTable
     from rich.text import Text
 
@@ -89,7 +104,7 @@ def show(table: Table) -> None:
         )
     for row in table.rows:
         drawn.add_row(*map(Text, row))
-    Console().print(drawn)
+    console.print(drawn)
 
 
 def show_facts(facts: Mapping[str, str]) -> None:

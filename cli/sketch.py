@@ -38,7 +38,7 @@ def sketch(model: Model, shades: str = SHADES, width: int = _WIDTH) -> list[str]
     import numpy as np
 
     from calib.show.error_scale import ErrorScale
-    from calib.show.workspace import extent, sensory_errors
+    from calib.show.workspace import downwards, extent, sensory_errors
 
     x, errors = model.sensory.weights, sensory_errors(model)
     known = np.isfinite(errors)
@@ -61,4 +61,5 @@ def sketch(model: Model, shades: str = SHADES, width: int = _WIDTH) -> list[str]
     text = f"expected error (95 %): {scale.words()}"
     if not scale.rounding:
         text = f"{text}  {shades[0]} low  {shades[-1]} high"
-    return [*reversed(lines), text]
+    upwards = lines if downwards(model.about.unit) else lines[::-1]
+    return [*upwards, text]

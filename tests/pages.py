@@ -16,6 +16,11 @@ ROOT = Path(__file__).parents[1]
 PAGES = [ROOT / "README.md", *sorted((ROOT / "docs").rglob("*.md"))]
 _FENCE = re.compile(r"^```(\w*)\n(.*?)^```$", re.DOTALL | re.MULTILINE)
 _NUMBER = re.compile(r"<?[-+]?\d[\d,]*(\.\d+)?(e[-+]?\d+)?")
+_TIME = re.compile(r"\s?(s|ms|us|min)\b")
+TOLERANCE = 0.05
+"""Share by which a figure on a page may differ: other processors round differently."""
+ROUNDING = 1e-3
+"""What is below differs from one processor to the next."""
 _EXIT = re.compile(r"\s+# exit code (\d+)$")
 
 
@@ -109,6 +114,8 @@ def run_page(
     folder: Path,
     names: dict[str, object],
     before: Callable[[Block], None] = lambda _block: None,
+    *,
+    figures: bool = False,
 ) -> dict[str, object]:
     """Run the blocks of a page in order, in one folder and with one set of Python names."""
     for block in blocks(page.read_text(encoding="utf-8")):
@@ -119,18 +126,56 @@ def run_page(
             exec(compile(block.text, page.name, "exec"), names)
         elif block.language == "console":
             for command in commands(block):
-                check(command, folder)
+                check(command, folder, figures=figures)
     return names
 
 
-def check(command: Command, folder: Path) -> None:
-    """Run a command of a page and compare its exit code and what it printed."""
+def check(command: Command, folder: Path, *, figures: bool = False) -> None:
+    """Run a command of a page and compare its exit code and what it printed.
+
+    With `figures` the numbers are compared too, but for timings.
+    """
     assert command.words[0] == "calib", f"only calib is run here: {command.words}"
     outcome = SHARED.run(command.words[1:], folder)
     said = f"$ {shlex.join(command.words)}\n{outcome.out}{outcome.err}"
     assert outcome.code == command.code, said
-    wrong = missing(command.shown, [*outcome.out.splitlines(), *outcome.err.splitlines()])
+    printed = [*outcome.out.splitlines(), *outcome.err.splitlines()]
+    wrong = missing(command.shown, printed)
     assert not wrong, f"{said}\ndiffers from the page: {wrong}"
+    if figures:
+        invented = differing(command.shown, printed)
+        assert not invented, f"{said}\nother figures than on the page: {invented}"
+
+
+def differing(shown: list[str], printed: list[str]) -> list[str]:
+    """Return the lines of a page whose numbers no printed line has, to within `TOLERANCE`.
+
+    Timings do not count: numbers with a unit of time, and the last column below "seconds".
+    """
+    timed = any(line.split()[-1:] == ["seconds"] for line in printed)
+    wrong = []
+    for line in shown:
+        if line.strip() in ("", "...") or "..." in line:
+            continue
+        pattern, mine = _masked(line), _figures(line, timed=timed)
+        alike = [_figures(o, timed=timed) for o in printed if _fits(pattern, _masked(o))]
+        if not any(_close(mine, other) for other in alike):
+            wrong.append(line)
+    return wrong
+
+
+def _figures(line: str, *, timed: bool) -> list[float]:
+    """Return the numbers of a line that are no timings."""
+    found = [m for m in _NUMBER.finditer(line) if not _TIME.match(line, m.end())]
+    values = [float(m[0].lstrip("<").replace(",", "")) for m in found]
+    return values[:-1] if timed and len(line.split()) > 3 else values
+
+
+def _close(a: list[float], b: list[float]) -> bool:
+    return len(a) == len(b) and all(
+        abs(x - y) <= max(TOLERANCE * max(abs(x), abs(y)), ROUNDING)
+        for x, y in zip(a, b, strict=True)
+    )
 
 
 def anchors(text: str) -> set[str]:

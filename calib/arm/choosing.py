@@ -40,7 +40,7 @@ class Reaching:
     reach: float
 
     def __str__(self) -> str:
-        return f"--joints {','.join(joint.name for joint in self.joints)} --tip {self.tip}"
+        return f"`joints={[joint.name for joint in self.joints]}` `tip={self.tip!r}`"
 
 
 def find_chains(

@@ -126,7 +126,7 @@ class OnlineAdapter:
         if model.motor.size * model.sensory.size > _LARGEST:
             raise OptionError(
                 f"lattices of {model.motor.size:,} and {model.sensory.size:,} nodes are too "
-                "large for online adaptation, which holds every link: use --method few-shot"
+                "large for online adaptation, which holds every link: use `method='few-shot'`"
             )
         self._model = model
         self._horizon = horizon

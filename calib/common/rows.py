@@ -81,6 +81,11 @@ def number_rows(
     return rows, single
 
 
+def column_names(values: Any) -> list[Any]:
+    """Return the names of the columns, none for an array without."""
+    return _columns(values) or []
+
+
 def _columns(values: Any) -> list[Any] | None:
     """Names of the columns, None for what has none."""
     if isinstance(values, np.ndarray):

@@ -64,6 +64,10 @@ class About:
         Samples behind those errors, and samples outside of what was learned from the others.
     notes : tuple of str
         What was said aloud while the model was made.
+    columns : dict of str to str
+        Columns of its log that have other names than what they hold.
+    degrees : bool
+        Whether its log has turning joints in degrees; later logs are read alike.
     """
 
     robot: str
@@ -87,6 +91,8 @@ class About:
     tested: int = 0
     left_out: int = 0
     notes: tuple[str, ...] = ()
+    columns: Mapping[str, str] = field(default_factory=dict)
+    degrees: bool = False
 
     @property
     def units_of_joints(self) -> tuple[str, ...]:
@@ -159,6 +165,9 @@ def check_about(data: Mapping[str, Any]) -> None:
         finite("noise", simulation["noise"])
         texts("changes", simulation["changes"])
     texts("notes", data["notes"])
+    columns = of_type("columns", data.get("columns", {}), dict)
+    texts("columns", [*columns, *columns.values()])
+    of_type("degrees", data.get("degrees", False), bool)
     if min(data["samples"], data["seed"], data["tested"], data["left_out"]) < 0:
         raise ValueError("samples, seed, tested, left_out: expected zero or more")
     for name in _OPTIONS:

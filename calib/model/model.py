@@ -9,6 +9,8 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from ..common.frozen import freeze
+from ..common.wording import one_line
 from ..errors import OptionError, QueryError
 from ..inverse.solver import Solver
 from ..maps.association import MAP_READOUTS, Association, check_readout
@@ -95,6 +97,22 @@ class Model:
     schema: str = "schema 1"
     schemas: tuple[Schema, ...] = ()
     approach: Approach | None = None
+
+    def __post_init__(self) -> None:
+        freeze(self, "bounds", "model_bounds", "visited")
+
+    def __repr__(self) -> str:
+        """Say in three lines what it is a model of, what it has learned and how well."""
+        about = self.about
+        robot = about.robot or "a log"
+        maps = self.motor, self.sensory
+        nodes = " and ".join("x".join(map(str, each.lattice.shape)) for each in maps)
+        error = about.errors.get(self.default_readout, {}).get("forward", {}).get("distance", {}).get("mean")
+        known = "unknown" if error is None else f"{error:.3g} {about.unit}"
+        return one_line(f"Model of {robot}: {', '.join(about.joint_names)}") + (
+            f"\n  {about.samples:,} samples ({about.source}), maps of {nodes} nodes"
+            f"\n  mean error {known}, {len(self.history)} earlier states"
+        )
 
     @property
     def motor(self) -> Map:
@@ -368,7 +386,7 @@ class Model:
         :meth:`forward`, it is the smaller bound for a known direction.
         """
         bound = self._bound(q, "bounds")
-        rows = np.atleast_2d(np.asarray(q, dtype=float))
+        rows, _ = checked_rows(q, self.about.joint_names, "joint values")
         side = self._sides(approach, len(rows))
         if side is None or self.approach is None:
             return bound
@@ -461,8 +479,11 @@ class Model:
         NaN out of reach, and where a joint would change by far more than this model usually
         corrects; :func:`calib.correct` tells which and takes another limit.
         """
-        from ..use.correct import correct
+        from ..use.correct import correct, correct_one
 
+        quick = correct_one(self, q)
+        if quick is not None:
+            return quick
         found = correct(self, q)
         answer = np.where(found.exceeded[:, None], np.nan, found.q)
         return answer[0] if found.single else answer

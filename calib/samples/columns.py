@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import os
 import shutil
+import stat
 import sys
 import tempfile
 from collections.abc import Iterator, Sequence
@@ -28,6 +29,7 @@ Array = NDArray[np.float64]
 
 PARQUET = (".parquet", ".pq")
 
+_ENDLESS = tuple(map(Path, ("/dev/zero", "/dev/random", "/dev/urandom", "/dev/full")))
 _LONGEST_HEADER = 1 << 20  # [bytes]; a file without line ends must not fill the memory
 
 
@@ -87,6 +89,8 @@ def open_source(path: str | os.PathLike[str]) -> Source:
             file, keep = _standard_input()
         else:
             file = Path(path)
+            if _is_stream(file):
+                file, keep = _spooled(file)
         with file.open("rb") as opened:
             start, comments = opened.readline(_LONGEST_HEADER), []
             while start.startswith(COMMENT):
@@ -211,6 +215,23 @@ def _standard_input() -> tuple[Path, object]:
         else:
             file.write(sys.stdin.read().encode())
     return path, folder
+
+
+def _is_stream(path: Path) -> bool:
+    """Whether a file can be read only once: a pipe, a socket, a terminal, /dev/stdin."""
+    mode = path.stat().st_mode
+    return not (stat.S_ISREG(mode) or stat.S_ISDIR(mode))
+
+
+def _spooled(path: Path) -> tuple[Path, object]:
+    """Copy what can be read only once; see `_standard_input`."""
+    if stat.S_ISBLK(path.stat().st_mode) or path.resolve() in _ENDLESS:
+        raise LogError(f"{path} is a device that never ends, expected a CSV or Parquet file")
+    folder = tempfile.TemporaryDirectory(prefix="calib-")
+    copy = Path(folder.name) / f"stream{path.suffix}"
+    with path.open("rb") as source, copy.open("wb") as file:
+        shutil.copyfileobj(source, file)
+    return copy, folder
 
 
 def _printable(text: str) -> str:

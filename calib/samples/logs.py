@@ -15,11 +15,13 @@ from ..errors import LogError, OptionError
 from .columns import Source, open_source, read_batches
 from .log_ranges import ChosenRange, JointColumn, Range
 from .measured_rows import MeasuredRows
+from .orientations import QUATERNION, from_angles, unit_quaternions
 from .places import find_place
+from .plausibility import check_against_robot, check_flat
 from .reservoir import Reservoir
 from .roles import check_names, find_roles
 from .samples import Samples
-from .tables import write_table
+from .tables import unit_of, write_table
 
 if TYPE_CHECKING:
     from ..arm.arm import Arm
@@ -32,6 +34,7 @@ MOST_ROWS = 200_000
 _THICK = 0.02
 """Out-of-plane share of the positions' spread from which on an unknown arm moves in space."""
 
+_STANDS = {True: math.radians(5.0), False: 2e-2}  # further it takes part [rad, m]
 _STILL = {True: math.radians(0.5), False: 1e-3}  # a locked joint may stir [rad, m]
 
 
@@ -42,11 +45,12 @@ def read_log(
     joints: Sequence[str] | None = None,
     columns: Mapping[str, str] | None = None,
     degrees: bool = False,
-    unit: str = "m",
+    unit: str | None = None,
     ranges: Mapping[str, Range] | None = None,
     prismatic: Sequence[str] = (),
     most: int = MOST_ROWS,
     seed: int = 0,
+    usual: Mapping[str, str] | None = None,
 ) -> Samples:
     """Read a measured log: one column for each joint, and x, y or x, y, z.
 
@@ -61,7 +65,8 @@ def read_log(
     path : path-like
         CSV or Parquet; `-` reads CSV from standard input.
     arm : Arm, optional
-        Gives the joints' names and limits, never kinematics.
+        Gives the joints' names and limits; its kinematics tell other units, exchanged columns
+        and a lag, and are never learned from.
     joints : sequence of str, optional
         Without an arm: the joints' columns, from base to tip.
     columns : mapping of str to str, optional
@@ -69,8 +74,8 @@ def read_log(
         lists one element, counted from 0: `{"elbow": "observation.state[1]"}`.
     degrees : bool
         Whether joints that turn are logged in degrees, and `ranges` given in rad still.
-    unit : str
-        Unit of the positions.
+    unit : str, optional
+        Unit of the positions; what the log says of itself if not given, else m.
     ranges : mapping of str to (float, float), optional [rad or m]
         The range of a joint; it goes before the arm's limits. Rows outside are left out.
     prismatic : sequence of str
@@ -79,6 +84,9 @@ def read_log(
         Rows of a long log that are held.
     seed : int
         Of the rows that are drawn: which they are depends on nothing else.
+    usual : mapping of str to str, optional
+        Names that columns have in other logs of this arm; those that this one lacks are
+        passed over.
 
     Returns
     -------
@@ -100,9 +108,11 @@ def read_log(
     if isinstance(most, bool) or not isinstance(most, (int, np.integer)) or most < 2:
         raise OptionError(f"most is {most!r}, expected a whole number of rows, 2 or more")
     source = open_source(path)
+    columns = {**_there(source, usual or {}), **(columns or {})}
+    unit = unit or unit_of(source)
     roles = find_roles(source, arm, joints, columns)
     names, axes = roles.joints, roles.axes
-    if arm is not None and arm.outputs > len(axes):
+    if arm is not None and arm.outputs > len(axes) and unit != "px":  # a camera sees two
         raise LogError(
             f"{source.label} has x and y alone; {arm.name} moves in space, so that x, y and z "
             "have to be measured",
@@ -147,17 +157,24 @@ def read_log(
         )
         q[:, k], (lower[k], upper[k]), said = column.settle()
         notes += said
-    x = np.ascontiguousarray(values[:, len(names) :])
+    x = np.ascontiguousarray(values[:, len(names) : len(names) + len(axes)])
+    orientation = _orientation(values[:, len(names) + len(axes) :], roles.turns, degrees, source)
     plane = rms = None
     in_space = len(axes) == 3 and _in_space(x, arm)
     if len(axes) == 3 and not in_space:
         from ..arm.plane import fit_plane
 
         plane, rms = fit_plane(x)
+        if arm is not None:
+            check_flat(source.label, x, plane.distances(x), unit, rows)
         x = plane.project(x)
         notes.append(
             f"plane fitted to x, y, z: x along {_vector(plane.x)}, y along {_vector(plane.y)}, "
             f"origin {_vector(plane.origin)}, out-of-plane rms {rms:.4g} {unit}"
+        )
+    if arm is not None:
+        notes += check_against_robot(
+            source.label, arm, q, x, unit, names, fitted_plane=plane is not None
         )
     return Samples(
         q=q,
@@ -172,6 +189,9 @@ def read_log(
         notes=tuple(notes),
         plane=plane,
         out_of_plane_rms=rms,
+        orientation=None if plane is not None else orientation,
+        columns=dict(columns or {}),
+        degrees=degrees and any(revolute),
     )
 
 
@@ -197,7 +217,9 @@ def write_log(samples: Samples, path: str | os.PathLike[str]) -> None:
     check_names(samples.joint_names)
     joints = {name: samples.q[:, k] for k, name in enumerate(samples.joint_names)}
     positions = {axis: samples.x[:, k] for k, axis in enumerate(samples.axes)}
-    write_table(path, {**joints, **positions})
+    turns = samples.orientation
+    parts = {} if turns is None else {part: turns[:, k] for k, part in enumerate(QUATERNION)}
+    write_table(path, {**joints, **positions, **parts})
 
 
 def locked_from_log(
@@ -253,6 +275,15 @@ def locked_from_log(
             recorded = np.deg2rad(recorded)
         values[name] = float(np.median(recorded))
         moved = float(np.abs(recorded - values[name]).max())
+        if moved > _STANDS[turns]:
+            shown = f"{math.degrees(moved):.3g} deg" if turns else f"{1e3 * moved:.3g} mm"
+            raise LogError(
+                f"{source.label}: {name} is locked but moved by up to {shown} (row "
+                f"{_furthest(reservoir, values[name], turns and degrees)})",
+                hint="name it in `joints` too, or leave out the rows in which it moved",
+                parameter="joints",
+                value=name,
+            )
         if moved > _STILL[turns]:
             shown = f"{math.degrees(moved):.3g} deg" if turns else f"{1e3 * moved:.3g} mm"
             notes.append(
@@ -270,6 +301,17 @@ def _in_space(x: Array, arm: Arm | None) -> bool:
     return bool(spread[2] > _THICK * spread[0])
 
 
+def _orientation(
+    values: Array, turns: tuple[str, ...], degrees: bool, source: Source
+) -> Array | None:
+    """Unit quaternions (n, 4) of the columns that a log states an orientation in."""
+    if not turns:
+        return None
+    if turns == QUATERNION:
+        return unit_quaternions(values, source.label)
+    return from_angles(np.deg2rad(values) if degrees else values)
+
+
 def _revolute(arm: Arm | None, names: Sequence[str], prismatic: Sequence[str]) -> tuple[bool, ...]:
     if arm is not None:
         return tuple(arm.revolute)
@@ -277,6 +319,18 @@ def _revolute(arm: Arm | None, names: Sequence[str], prismatic: Sequence[str]) -
         if name not in names:
             raise OptionError(f"{name!r} is to slide but is no joint; joints: {', '.join(names)}")
     return tuple(name not in prismatic for name in names)
+
+
+def _furthest(reservoir: Reservoir, middle: float, degrees: bool) -> int:
+    """Number of the row in which a joint is furthest from a value [rad or m]."""
+    values, numbers = reservoir.rows()
+    column = np.deg2rad(values[:, 0]) if degrees else values[:, 0]
+    return int(numbers[int(np.argmax(np.abs(column - middle)))]) + 1
+
+
+def _there(source: Source, usual: Mapping[str, str]) -> dict[str, str]:
+    """Return those of the usual names of columns that a log has."""
+    return {name: column for name, column in usual.items() if find_place(source.header, column)}
 
 
 def _check_values(source: Source, values: Array, names: Sequence[str], axes: Sequence[str]) -> None:

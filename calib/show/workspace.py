@@ -20,6 +20,11 @@ _CELLS = 120  # cells of the grid along the workspace's longer side
 _GAP = 1.6  # cells; farther from every reached position is outside
 
 
+def downwards(unit: str) -> bool:
+    """Whether a unit's y points down: pixels are counted from the top of the picture."""
+    return unit == "px"
+
+
 def extent(model: Model) -> float:
     """Longer side of the box that holds the sensory nodes [unit]."""
     return float(np.ptp(model.sensory.weights, axis=0).max())

@@ -337,4 +337,6 @@ class _Trainer:
             options=options.to_json(),
             simulation=simulation.to_json() if simulation is not None else None,
             urdf=arm.urdf if arm is not None else "",
+            columns=samples.columns,
+            degrees=samples.degrees,
         )

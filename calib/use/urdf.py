@@ -182,9 +182,9 @@ def _rewritten(tag: str, values: dict[str, Array], missing: bool) -> str:
         inside = " ".join(f'{key}="{value}"' for key, value in written.items())
         return f"<origin {inside}/>"
     for key, value in written.items():
-        pattern = re.compile(rf"(\s{key}\s*=\s*)(\"[^\"]*\"|'[^']*')")
+        pattern = re.compile(rf"(\s{key}\s*=\s*)(?P<quote>[\"'])[^\"']*(?P=quote)")
         if pattern.search(tag):
-            tag = pattern.sub(lambda m, v=value: f"{m[1]}{m[2][0]}{v}{m[2][0]}", tag, count=1)
+            tag = pattern.sub(rf"\g<1>\g<quote>{value}\g<quote>", tag, count=1)
         else:
             tag = re.sub(r"^<(\S+?)(?=[\s/>])", rf'<\1 {key}="{value}"', tag, count=1)
     return tag

@@ -13,7 +13,7 @@ from ..measurements import log_for
 from ..output import Notes, Table, note, number, show, show_json, tell
 from ..progress import progress_bar
 from ..translation import as_typed
-from ..units import for_people
+from ..units import for_people, units_of
 from .train import check_output
 
 NO = 3
@@ -48,7 +48,7 @@ def adapt(
     cause: o.CauseOption = None,
     columns: o.ColumnsOption = None,
     unit: o.UnitOption = None,
-    degrees: o.DegreesOption = False,
+    degrees: o.LogDegreesOption = None,
     as_json: o.JsonOption = False,
 ) -> None:
     """Re-calibrate a model from a few new samples; exit code 3 if it did not help."""
@@ -82,6 +82,7 @@ def adapt(
                 "after": found.after,
                 "notes": [as_typed(text) for text in found.notes],
                 "unit": found.model.about.unit,
+                "units": units_of(found.model.about),
             }
         )
     else:

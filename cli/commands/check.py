@@ -9,7 +9,7 @@ import typer
 from .. import options as o
 from ..measurements import log_for
 from ..output import Notes, Table, number, show, show_json, tell
-from ..units import for_people
+from ..units import for_people, units_of
 
 if TYPE_CHECKING:
     from calib import Drift
@@ -47,7 +47,7 @@ def check(
     ] = None,
     columns: o.ColumnsOption = None,
     unit: o.UnitOption = None,
-    degrees: o.DegreesOption = False,
+    degrees: o.LogDegreesOption = None,
     as_json: o.JsonOption = False,
 ) -> None:
     """Is the model still calibrated? Compare it with new samples; exit code 3 if not."""
@@ -59,7 +59,14 @@ def check(
     drift = calib.check(loaded, log, cause=cause, tolerance=tolerance)
     notes.say(drift.notes)
     if as_json:
-        show_json({"model": model, **drift.to_json(), "unit": loaded.about.unit})
+        show_json(
+            {
+                "model": model,
+                **drift.to_json(),
+                "unit": loaded.about.unit,
+                "units": units_of(loaded.about),
+            }
+        )
     else:
         factor, name = for_people(loaded.about.unit)
         _show(drift, f"{model}: {drift.samples} samples of {data}", factor, name)

@@ -62,8 +62,8 @@ def correct(
     loaded = calib.load(model)
     joints = JointFormat(loaded.about, degrees)
     batch = read_batch(input_, joints.names)
+    n = len(batch.values)
     valid = np.isfinite(batch.values).all(axis=1)
-    n = len(valid)
     factors = np.array(joints.typed)
     names = (*joints.names, *loaded.axes, "distance", "expected_error", "reachable")
     columns: dict[str, Any] = {name: np.full(n, np.nan) for name in names}
@@ -112,7 +112,7 @@ def correct(
             note(f"{numbered(which)} of {n}: {what}")
     if found is not None and found.reachable.any():
         _tell(found, joints, to_stdout=not as_json and output not in (None, "-"))
-    if beyond:
+    if beyond and found is not None:
         worst = _worst(found)
         row, k = int(rows[worst[0]]), worst[1]
         note(

@@ -5,6 +5,7 @@ from __future__ import annotations
 import time
 
 from .. import options as o
+from ..measurements import log_for
 from ..output import Notes, show, show_json
 from ..parsing import BadOption
 from ..sketch import show_sketch
@@ -15,7 +16,7 @@ def evaluate(
     model: o.ModelArgument,
     data: o.DataOption = None,
     columns: o.ColumnsOption = None,
-    degrees: o.DegreesOption = False,
+    degrees: o.LogDegreesOption = None,
     as_json: o.JsonOption = False,
 ) -> None:
     """Print the errors of a model, on fresh samples or on a log."""
@@ -24,22 +25,9 @@ def evaluate(
     if columns is not None and data is None:
         raise BadOption("--columns is for a log: expected --data LOG too")
     loaded = calib.load(model)
-    about = loaded.about
     log = None
     if data is not None:
-        log = calib.read_log(
-            data,
-            joints=list(about.joint_names),
-            columns=columns,
-            degrees=degrees,
-            unit=about.unit,
-            prismatic=[
-                name
-                for name, turns in zip(about.joint_names, about.revolute, strict=True)
-                if not turns
-            ],
-        )
-        Notes().say(log.notes)
+        log = log_for(loaded, data, columns, degrees, None, Notes())
     started = time.perf_counter()
     result = loaded.evaluate(log)
     seconds = {"total": time.perf_counter() - started}

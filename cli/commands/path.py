@@ -96,8 +96,8 @@ def path(
             "jumps": (found.jumps + 1).tolist(),
             "out_of_reach": (np.flatnonzero(~found.reachable) + 1).tolist(),
             "unit": loaded.about.unit,
-            "bound_of": loaded.about.bound_of,
             "units": units_of(loaded.about),
+            "bound_of": loaded.about.bound_of,
         }
         if output is None:
             document["path"] = joints.in_si(columns)

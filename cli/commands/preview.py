@@ -10,6 +10,7 @@ import typer
 
 from .. import options as o
 from .. import parsing
+from ..measurements import log_for
 from ..output import Notes, note, tell
 from ..parsing import BadOption
 
@@ -41,6 +42,7 @@ def preview(
     ] = None,
     data: o.DataOption = None,
     columns: o.ColumnsOption = None,
+    degrees: o.LogDegreesOption = None,
     meshes: MeshesOption = None,
     port: PortOption = 0,
     no_open: Annotated[
@@ -67,7 +69,7 @@ def preview(
         check_output(html)
     loaded = calib.load(model)
     notes = Notes()
-    scene = draw(loaded, samples=log_of(loaded, data, columns, notes), meshes=folder)
+    scene = draw(loaded, samples=log_of(loaded, data, columns, degrees, notes), meshes=folder)
     notes.say(scene.notes)
     page = page_of(scene, loaded, live=live)
     if html is not None:
@@ -110,23 +112,16 @@ def checked_folder(meshes: str | None) -> Path | None:
 
 
 def log_of(
-    model: Model, data: str | None, columns: parsing.Columns | None, notes: Notes
+    model: Model,
+    data: str | None,
+    columns: parsing.Columns | None,
+    degrees: bool | None,
+    notes: Notes,
 ) -> Samples | None:
     """Read a log of a model's own arm, None where none is given."""
-    import calib
-
     if data is None:
-        if columns is not None:
-            raise BadOption("--columns is for a log: expected --data LOG too")
+        for option, value in (("--columns", columns), ("--degrees", degrees)):
+            if value is not None:
+                raise BadOption(f"{option} is for a log: expected --data LOG too")
         return None
-    about = model.about
-    sliding = [n for n, turns in zip(about.joint_names, about.revolute, strict=True) if not turns]
-    log = calib.read_log(
-        data,
-        joints=list(about.joint_names),
-        columns=columns,
-        unit=about.unit,
-        prismatic=sliding,
-    )
-    notes.say(log.notes)
-    return log
+    return log_for(model, data, columns, degrees, None, notes)

@@ -25,6 +25,7 @@ def report(
     ] = None,
     data: o.DataOption = None,
     columns: o.ColumnsOption = None,
+    degrees: o.LogDegreesOption = None,
 ) -> None:
     """Write figures and tables that explain a calibration."""
     import calib
@@ -36,7 +37,7 @@ def report(
     if output is not None:
         check_output(output)
     loaded = calib.load(model)
-    log = log_of(loaded, data, columns, Notes())
+    log = log_of(loaded, data, columns, degrees, Notes())
     from calib.common.atomic import atomic_write
     from calib.show.report.page import pictures
     from calib.show.report.page import report as report_of

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import re
 from collections.abc import Mapping
+from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
@@ -18,7 +19,7 @@ from ..sketch import show_sketch
 from ..summary import compact_table, size_in_words, summary
 
 if TYPE_CHECKING:
-    from calib import Model
+    from calib import Model, Samples
 
 
 def train(
@@ -33,9 +34,16 @@ def train(
     output: Annotated[
         str | None,
         typer.Option(
-            "--output", "-o", metavar="MODEL", help="The model's file (default ROBOT.calib)."
+            "--output",
+            "-o",
+            metavar="MODEL",
+            help="The model's file (default ROBOT.calib, without ROBOT LOG.calib).",
         ),
     ] = None,
+    force: Annotated[
+        bool,
+        typer.Option("--force", help="Replace a model of another robot or log by that name."),
+    ] = False,
     joints: o.JointsOption = None,
     tip: o.TipOption = None,
     lock: o.LockOption = None,
@@ -57,6 +65,12 @@ def train(
     columns: o.ColumnsOption = None,
     unit: o.UnitOption = None,
     prismatic: o.PrismaticOption = None,
+    no_rows: Annotated[
+        bool,
+        typer.Option(
+            "--no-rows", help="Keep no rows of the log in the model (default up to 5000)."
+        ),
+    ] = False,
     degrees: o.DegreesOption = False,
     as_json: o.JsonOption = False,
 ) -> None:
@@ -85,13 +99,15 @@ def train(
             selection,
             data,
             columns=columns,
-            unit=unit or "m",
+            unit=unit,
             prismatic=prismatic or (),
             seed=seed,
             notes=notes,
         )
-    path = output or f"{_file_name(log.arm.name if log.arm else _stem(data))}.calib"
+    path = output or f"{_file_name(_stem(robot or data))}.calib"
     check_output(path)
+    if output is None and not force:
+        _check_same_origin(path, log)
     with progress_bar(log.unit) as progress:
         model = calib.train(
             log,
@@ -108,6 +124,8 @@ def train(
             progress=progress,
         )
     notes.say(model.about.notes)
+    if no_rows:
+        model = replace(model, rows=None)
     model.save(path)
     if as_json:
         show_json(summary(model, path, model.about.errors, model.seconds))
@@ -155,8 +173,36 @@ def _report(model: Model, path: str) -> None:
     )
 
 
-def _stem(data: str | None) -> str:
-    return "log" if data in (None, "-") else Path(str(data)).stem
+def _check_same_origin(path: str, log: Samples) -> None:
+    """Refuse a default name that is taken by a model of another robot or log."""
+    import numpy as np
+
+    import calib
+
+    if not Path(path).exists():
+        return
+    try:
+        old = calib.load(path)
+    except calib.CalibError:
+        what = "a file that is no model which this program reads"
+    else:
+        urdf = log.arm.urdf if log.arm else ""
+        simulated = log.simulation is not None
+        same = (old.about.urdf, old.about.joint_names) == (urdf, log.joint_names)
+        if not simulated and old.rows is not None and len(old.rows):
+            same &= bool(np.array_equal(old.rows.q[0], log.q[0]))
+        if same and simulated == (old.about.source == "simulation"):
+            return
+        what = "a model of another robot or log"
+    raise calib.OptionError(
+        f"{path} is {what}",
+        hint="name another file with -o, or replace it with `force=True`",
+        parameter="force",
+    )
+
+
+def _stem(source: str | None) -> str:
+    return "log" if source in (None, "-") else Path(str(source)).stem
 
 
 def _file_name(name: str) -> str:

@@ -10,7 +10,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from ...arm.plane import Plane, fit_plane
 from ...errors import CalibError
-from ..workspace import extent
+from ..workspace import downwards, extent
 
 if TYPE_CHECKING:
     from ...model.model import Model
@@ -69,7 +69,8 @@ def place(model: Model, body: Body | None) -> Placement:
     if body is None:
         scale = 1.0 if _SIZES[0] <= size <= _SIZES[1] else _DRAWN / size
         plane = _stated(about.plane)
-        return Placement(scale * plane.origin, scale * np.stack([plane.x, plane.y]), scale)
+        y = -plane.y if downwards(about.unit) else plane.y  # as the camera sees it
+        return Placement(scale * plane.origin, scale * np.stack([plane.x, y]), scale)
     scale = 1.0
     nodes = model.motor.scale.from_unit(np.clip(model.motor.units[model.visited], 0.0, 1.0))
     nodes = nodes[:: max(1, len(nodes) // 2000)]

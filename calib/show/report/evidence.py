@@ -92,6 +92,10 @@ def gather(model: Model, samples: Samples | None = None) -> Evidence:
             changes=simulation.changes,
         )
         q, x = drawn.q, drawn.x
+    elif model.rows is not None and len(model.rows):
+        # heat maps of the rows that are kept; the errors stay those of held-out rows
+        q, x = model.rows.q, model.rows.x
+        residuals = Residuals.join([evaluate_residuals(model, q, x, None)])
     else:
         q, x = np.empty((0, len(about.joint_names))), np.empty((0, 2))
     noise = None if simulation is None else simulation.noise

@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 
 from ..colours import UNKNOWN
 from ..error_scale import ErrorScale
-from ..workspace import drawn_edges, motor_errors, sensory_errors
+from ..workspace import downwards, drawn_edges, motor_errors, sensory_errors
 from .style import colour_map, new_figure, plain_text
 from .tables import figure_unit
 
@@ -52,6 +52,8 @@ def heat_maps(evidence: Evidence, direction: str) -> Any:
             aspect="equal",
             title=f"{readout}: workspace",
         )
+        if downwards(about.unit):
+            row[0].invert_yaxis()
         factors, names = zip(*(joint_axis(about, k) for k in (0, 1)), strict=True)
         _heat(row[1], residuals.q[:, :2] * np.array(factors), errors, scale)
         row[1].set(xlabel=names[0], ylabel=names[1], title=f"{readout}: joint space")
@@ -92,6 +94,8 @@ def lattices(evidence: Evidence) -> Any:
     axes[0].set_title(f"motor map, {_shape(model.motor)} nodes")
     axes[1].set_title(f"sensory map, {_shape(model.sensory)} nodes")
     axes[1].set_aspect("equal")
+    if downwards(evidence.unit):
+        axes[1].invert_yaxis()
     colour_bar(figure, lines, axes, scale, "expected error")
     return figure
 

@@ -8,6 +8,8 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
+import numpy as np
+
 from ..error_scale import length_in_words
 from . import curves, maps
 from .changes import adaptation_table, drift_text, history_table
@@ -19,6 +21,8 @@ if TYPE_CHECKING:
     from ...model.model import Model
     from ...samples.samples import Samples
 
+_RAYLEIGH = 1.2533  # mean distance over the standard deviation along an axis
+_ROUNDING = "All errors are rounding (below 1 nm): there is nothing to draw."
 _POLICY = "default-src 'none'; style-src 'unsafe-inline'; img-src data:"
 
 
@@ -130,9 +134,11 @@ def report(model: Model, samples: Samples | None = None) -> str:
     with settings():
         for section in SECTIONS:
             figure = section.draw(evidence)
+            if figure is None and evidence.residuals is None:
+                continue  # a section that could only say what it lacks
             parts.append(_heading(section.title))
             if figure is None:
-                parts.append(f'<p class="soft">{_missing(evidence)}</p>')
+                parts.append(f'<p class="soft">{_ROUNDING}</p>')
                 continue
             svg = to_svg(figure, section.name, section.title)
             parts.append(
@@ -177,9 +183,26 @@ def _verdict(evidence: Evidence) -> str:
     if evidence.noise:
         text += (
             "; a single reading of its sensor is off by "
-            f"{html.escape(length_in_words(evidence.noise * 1.2533, unit))} on average"
+            f"{html.escape(length_in_words(evidence.noise * _RAYLEIGH, unit))} on average"
         )
-    return text + "."
+    return f"{text}.{_own_error(evidence)}"
+
+
+def _own_error(evidence: Evidence) -> str:
+    """Of a log, what is the readings' noise and what the model's own error."""
+    model, unit = evidence.model, evidence.unit
+    if model.about.bound_of != "sensor reading" or model.body is None:
+        return ""
+    noise = float(np.sqrt(np.mean(model.body.noise[:2] ** 2))) * _RAYLEIGH
+    own = float(np.nanmedian(model.model_bounds[model.visited]))
+    if not (np.isfinite(noise) and np.isfinite(own)):
+        return ""
+    return (
+        " That is the distance to noisy readings: a reading is off by about "
+        f"{html.escape(length_in_words(noise, unit))} on average (estimated), and the model's own "
+        f"error is below <strong>{html.escape(length_in_words(own, unit))}</strong> (95 % bound, "
+        "median over the learned range)."
+    )
 
 
 def _error_text(evidence: Evidence) -> str:
@@ -198,9 +221,3 @@ def _error_text(evidence: Evidence) -> str:
             "data."
         )
     return f'<p class="soft">{html.escape(text)}</p>'
-
-
-def _missing(evidence: Evidence) -> str:
-    if evidence.residuals is None:
-        return "The model does not hold the log that it was learned from: give the log as well."
-    return "All errors are rounding (below 1 nm): there is nothing to draw."

@@ -14,19 +14,13 @@ INK, FAINT = "#010203", "#020304"
 
 SERIES = {
     "local": "#1c7ed6",
-    "body": "#0ca678",
+    "body": "#2f9e44",
     "linear": "#9c36b5",
     "activity": "#e8590c",
     "winner": "#7b8794",
 }
 """Colours of the readouts; in figures their marks and dashes differ too."""
-DASHES = {
-    "local": "-",
-    "body": (0, (1, 1)),
-    "linear": (0, (5, 1, 1, 1)),
-    "activity": "--",
-    "winner": ":",
-}
+DASHES = {"local": "-", "body": "-.", "linear": (0, (5, 1)), "activity": "--", "winner": ":"}
 
 _PAPER = {INK: "#1d2730", FAINT: "#cfd6dc"}
 _SETTINGS: dict[str, Any] = {

@@ -43,7 +43,10 @@ def errors_in_html(evidence: Evidence) -> str:
     paper = TABLE1["vdsom"] if is_papers_arm(about) else {}
     header = ["mean (largest)", *readouts, *(["paper"] if paper else [])]
     units = dict(zip(about.joint_names, about.units_of_joints, strict=True))
-    quantities = [("forward", name, about.unit) for name in (*"xyz"[: len(errors[readouts[0]]["forward"]) - 1], "distance")]
+    quantities = [
+        ("forward", name, about.unit)
+        for name in (*"xyz"[: len(errors[readouts[0]]["forward"]) - 1], "distance")
+    ]
     quantities += [("inverse", name, unit) for name, unit in units.items()]
     quantities.append(("inverse", "distance", about.unit))
     rows = []

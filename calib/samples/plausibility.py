@@ -1,0 +1,205 @@
+"""Plausibility: units, columns and times of a log that its robot's kinematics contradict.
+
+Use it once a log has been read for a robot with a URDF.  What can only be a mistake is an error
+with the option that mends it; what may be intended is a note.
+"""
+
+from __future__ import annotations
+
+import itertools
+from collections.abc import Sequence
+from typing import TYPE_CHECKING
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ..errors import LogError
+
+if TYPE_CHECKING:
+    from ..arm.arm import Arm
+
+Array = NDArray[np.float64]
+
+LENGTHS = {"mm": 1e3, "cm": 1e2, "in": 39.3700787, "um": 1e6}
+"""Units of length, as how many of them are a metre."""
+
+OUT_OF_PLANE = 0.02
+"""Share of the extent by which positions of a planar arm may leave their plane (rms)."""
+
+_ROWS = 400  # rows that are compared
+_SIZE = (0.5, 2.0)  # an extent this many times the nominal one needs no word
+_UNIT = 0.1  # by how much a ratio may differ from that of two units
+_CLEAR = 0.2  # a misfit this many times another one's is a mistake
+_GOOD = 0.1  # of the extent: a misfit that shows that the kinematics are right
+_LAGS = 20  # rows
+_PATH = 0.1  # median step of the joints over their spread, above which rows are no path
+
+
+def check_against_robot(
+    label: str,
+    arm: Arm,
+    q: Array,
+    x: Array,
+    unit: str,
+    names: Sequence[str],
+    *,
+    fitted_plane: bool = False,
+) -> list[str]:
+    """Compare a log with the nominal kinematics, whatever the sensor's frame.
+
+    Parameters
+    ----------
+    label : str
+        What messages call the log.
+    arm : Arm
+        Its kinematics are nominal: errors of some percent are none.
+    q : (n, dof) array [rad or m]
+        Joint values in the order of the log.
+    x : (n, m) array [unit]
+        Positions.
+    unit : str
+        Unit that was said of the positions.
+    names : sequence of str
+        The joints.
+    fitted_plane : bool
+        Whether the axes of the positions are those of a plane that was fitted to x, y, z.
+
+    Returns
+    -------
+    list of str
+        What the user should be told.
+
+    Raises
+    ------
+    LogError
+        For another unit of length than was said, and for exchanged columns of joints.
+    """
+    if len(q) < 8:
+        return []
+    rows = np.linspace(0, len(q) - 1, min(len(q), _ROWS)).round().astype(np.intp)
+    some, seen = q[rows], x[rows]
+    nominal = arm.forward(some)
+    if nominal.shape != seen.shape or not np.isfinite(nominal).all():
+        return []
+    _check_size(label, nominal, seen, unit)
+    extent = _size(seen)
+    own = misfit(nominal, seen)
+    notes = []
+    if own > _GOOD * extent:
+        _check_order(label, arm, some, seen, own, names)
+    own = max(own, 1e-12 * extent)
+    flipped = nominal * np.where(np.arange(nominal.shape[1]) == 0, -1.0, 1.0)
+    if unit == "m" and not fitted_plane and misfit(flipped, seen) < _CLEAR * own:
+        notes.append(
+            f"{label}: the positions are mirrored, compared with the robot: the sensor's axes are "
+            "left-handed, or one of them is reversed"
+        )
+    lag = lag_of(arm, q, x)
+    if lag:
+        side = "follow" if lag > 0 else "precede"
+        notes.append(
+            f"{label}: the positions {side} the joints by {abs(lag)} rows: align the two in time "
+            "before the log is written"
+        )
+    return notes
+
+
+def misfit(a: Array, b: Array) -> float:
+    """Root mean square distance of `b` (n, m) from `a` (n, m), turned, shifted and scaled."""
+    a, b = a - a.mean(axis=0), b - b.mean(axis=0)
+    u, size, v = np.linalg.svd(b.T @ a)
+    sign = np.ones(len(size))
+    sign[-1] = np.sign(np.linalg.det(u @ v))
+    total = max(float(np.sum(a**2)), 1e-300)
+    scale = float(np.sum(size * sign)) / total
+    return float(np.sqrt(np.mean(np.sum((b - scale * a @ (u * sign @ v).T) ** 2, axis=1))))
+
+
+def lag_of(arm: Arm, q: Array, x: Array) -> int:
+    """Return by how many rows positions follow the joints, 0 where no shift fits far better."""
+    n = len(q)
+    most = min(_LAGS, n // 5)
+    step = np.median(np.abs(np.diff(q, axis=0)), axis=0)
+    if most < 1 or float(np.max(step / np.maximum(np.ptp(q, axis=0), 1e-12))) > _PATH:
+        return 0
+    nominal = arm.forward(q)
+    rows = np.linspace(most, n - 1 - most, min(n - 2 * most, _ROWS)).round().astype(np.intp)
+    found = {shift: misfit(nominal[rows - shift], x[rows]) for shift in range(-most, most + 1)}
+    best = min(found, key=lambda shift: (found[shift], abs(shift)))
+    return best if found[best] < 0.5 * found[0] else 0
+
+
+def check_flat(label: str, x: Array, distance: Array, unit: str, rows: NDArray[np.intp]) -> None:
+    """Refuse positions (n, 3) of a planar arm whose distances (n,) from their plane are large.
+
+    Raises
+    ------
+    LogError
+        If their root mean square is above `OUT_OF_PLANE` of the extent.
+    """
+    rms = float(np.sqrt(np.mean(distance**2)))
+    share = rms / max(_size(x), 1e-300)
+    if share <= OUT_OF_PLANE:
+        return
+    worst = int(np.argmax(np.abs(distance)))
+    raise LogError(
+        f"{label}: x, y, z leave their plane by {rms:.4g} {unit} rms, {100 * share:.2g} % of the "
+        f"extent (at most {100 * OUT_OF_PLANE:g} %); row {rows[worst]} by "
+        f"{abs(float(distance[worst])):.4g} {unit}",
+        hint="other joints moved the tip: name all that moved in `joints`, or leave out the rows "
+        "in which they did",
+        parameter="joints",
+        value=share,
+    )
+
+
+def _size(x: Array) -> float:
+    """Root mean square distance of rows (n, m) from their middle."""
+    return float(np.sqrt(np.mean(np.sum((x - x.mean(axis=0)) ** 2, axis=1))))
+
+
+def _check_size(label: str, nominal: Array, seen: Array, unit: str) -> None:
+    if unit != "m":
+        return
+    ratio = _size(seen) / max(_size(nominal), 1e-300)
+    if _SIZE[0] < ratio < _SIZE[1]:
+        return
+    shown = (
+        f"{label}: the positions extend over {ratio:.4g} times what the robot's links allow for "
+        "these joint values, if they are in m"
+    )
+    for name, factor in LENGTHS.items():
+        if abs(ratio / factor - 1.0) < _UNIT:
+            raise LogError(
+                shown,
+                hint=f"if they are in {name}, give `unit={name!r}`",
+                parameter="unit",
+                value="m",
+            )
+    if ratio > 5.0:
+        raise LogError(
+            shown,
+            hint="for pixels give `unit='px'`, for another unit its name",
+            parameter="unit",
+            value="m",
+        )
+
+
+def _check_order(
+    label: str, arm: Arm, q: Array, x: Array, own: float, names: Sequence[str]
+) -> None:
+    """Refuse columns of joints that fit in another order alone."""
+    if q.shape[1] > 6:
+        return
+    best = min(
+        itertools.permutations(range(q.shape[1])),
+        key=lambda order: misfit(arm.forward(q[:, list(order)]), x),
+    )
+    if misfit(arm.forward(q[:, list(best)]), x) < _CLEAR * own:
+        pairs = {names[k]: names[j] for k, j in enumerate(best) if k != j}
+        raise LogError(
+            f"{label}: the log fits the robot only if columns of joints are exchanged",
+            hint=f"give `columns={pairs}`, or correct the header",
+            parameter="columns",
+            value=list(pairs),
+        )

@@ -1,0 +1,116 @@
+"""What a log of a known robot shows to be wrong: units, columns, mirrors, lags, planes."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+import calib
+from calib.samples.plausibility import check_against_robot, lag_of, misfit
+from calib.samples.tables import write_table
+
+ARM = calib.load_arm("two_link")
+SPACE = np.array([[0.8, 0.6, 0.0], [-0.36, 0.48, 0.8]])
+
+
+def samples(n=120, seed=0):
+    rng = np.random.default_rng(seed)
+    q = rng.uniform(ARM.lower, ARM.upper, (n, 2))
+    return q, ARM.forward(q)
+
+
+def path(n=300):
+    t = np.linspace(0.0, 6.0, n)
+    q = np.stack([0.8 + 0.6 * np.sin(t), 1.4 + 0.9 * np.sin(1.7 * t + 1)], axis=1)
+    return q, ARM.forward(q)
+
+
+def write(tmp_path, q, x, **others):
+    file = tmp_path / "log.csv"
+    write_table(file, {"shoulder": q[:, 0], "elbow": q[:, 1], **dict(zip("xyz", x.T)), **others})  # noqa: B905
+    return file
+
+
+@pytest.mark.parametrize(("unit", "factor"), [("mm", 1e3), ("cm", 1e2), ("in", 39.37)])
+def test_other_units_of_length_are_recognised(tmp_path, unit, factor):
+    q, x = samples()
+    file = write(tmp_path, q, factor * x)
+    with pytest.raises(calib.LogError, match=f"unit='{unit}'") as caught:
+        calib.read_log(file, ARM)
+    assert caught.value.parameter == "unit"
+    assert calib.read_log(file, ARM, unit=unit).unit == unit
+
+
+def test_pixels_are_recognised(tmp_path):
+    q, x = samples()
+    with pytest.raises(calib.LogError, match="unit='px'"):
+        calib.read_log(write(tmp_path, q, 640 + 450 * x), ARM)
+
+
+def test_exchanged_columns_are_recognised(tmp_path):
+    q, x = path()
+    q[:, 0] = np.clip(q[:, 0], 0.3, 1.5)
+    x = ARM.forward(q)
+    with pytest.raises(calib.LogError, match="exchanged") as caught:
+        check_against_robot("log", ARM, q[:, ::-1], x, "m", ARM.joint_names)
+    assert caught.value.hint.count("shoulder") == 2
+
+
+def test_a_mirrored_axis_is_said(tmp_path):
+    q, x = samples()
+    log = calib.read_log(write(tmp_path, q, x * [1.0, -1.0]), ARM)
+    assert any("mirrored" in note for note in log.notes)
+    assert not any("mirrored" in n for n in calib.read_log(write(tmp_path, q, x), ARM).notes)
+
+
+@pytest.mark.parametrize("lag", [-7, -1, 0, 2, 11])
+def test_a_lag_is_counted(lag):
+    q, x = path()
+    x = x @ np.array([[0.6, -0.8], [0.8, 0.6]]) + np.random.default_rng(0).normal(0, 1e-4, x.shape)
+    assert lag_of(ARM, q, np.roll(x, lag, axis=0)) == lag
+
+
+def test_rows_that_are_no_path_have_no_lag():
+    q, x = samples()
+    assert lag_of(ARM, q, x) == 0
+
+
+@settings(max_examples=40)
+@given(
+    turn=st.floats(-3.1, 3.1),
+    shift=st.floats(-5, 5),
+    stretch=st.floats(0.8, 1.25),
+    offset=st.floats(-0.15, 0.15),
+    length=st.floats(0.9, 1.1),
+)
+def test_a_sound_log_in_any_frame_is_not_doubted(turn, shift, stretch, offset, length):
+    """Whatever the sensor's frame; links and offsets may differ by a tenth."""
+    q, _ = samples(80)
+    changed = ARM.with_link_length("elbow", 0.25 * length)
+    x = stretch * changed.forward(q + np.array([0.0, offset]))
+    c, s = np.cos(turn), np.sin(turn)
+    seen = x @ np.array([[c, -s], [s, c]]).T + shift
+    assert check_against_robot("log", ARM, q, seen, "m", ARM.joint_names) == []
+
+
+def test_misfit_forgets_the_frame_and_nothing_else():
+    rng = np.random.default_rng(1)
+    for m in (2, 3):
+        a = rng.normal(size=(50, m))
+        turned = np.linalg.qr(rng.normal(size=(m, m)))[0]
+        turned[:, 0] *= np.sign(np.linalg.det(turned))
+        assert misfit(a, 3.0 * a @ turned.T + 7.0) < 1e-12
+        assert misfit(a, a * ([-1.0] + [1.0] * (m - 1))) > 0.1
+
+
+def test_positions_that_leave_the_plane_are_refused(tmp_path):
+    q, x = samples()
+    space = x @ SPACE + 1.0
+    assert calib.read_log(write(tmp_path, q, space), ARM).out_of_plane_rms < 1e-12
+    normal = np.cross(*SPACE)
+    space[17] += 0.2 * normal
+    space[40:80] += 0.03 * normal
+    with pytest.raises(calib.LogError, match=r"row 18 by 0\.1.*joints"):
+        calib.read_log(write(tmp_path, q, space), ARM)

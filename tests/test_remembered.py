@@ -1,0 +1,152 @@
+"""What a model remembers of its log, how its file is named, and how it is shown."""
+
+from __future__ import annotations
+
+import json
+
+import numpy as np
+import pytest
+from models import trained
+
+import calib
+
+
+@pytest.fixture
+def camera(tmp_path, monkeypatch):
+    """A log in degrees whose columns have other names, and the model that it gave."""
+    monkeypatch.chdir(tmp_path)
+    s = calib.babble(calib.load_arm("two_link"), 200, seed=3, noise=1e-4)
+    degrees = np.degrees(s.q)
+    rows = np.column_stack([degrees, s.x])
+    header = "j1,j2,cam_u,cam_v"
+    np.savetxt("camera.csv", rows, delimiter=",", header=header, comments="")
+    return tmp_path
+
+
+COLUMNS = "shoulder=j1,elbow=j2,x=cam_u,y=cam_v"
+
+
+def test_later_commands_need_no_option(camera, run):
+    line = ["train", "--data", "camera.csv", "--joints", "shoulder,elbow", "--columns", COLUMNS]
+    done = run(*line, "--degrees", "--size", "6")
+    assert done.code == 0, done.err
+    model = calib.load("camera.calib")
+    assert model.about.degrees
+    assert model.about.columns["x"] == "cam_u"
+    for words in (
+        ["check", "camera.calib", "--data", "camera.csv"],
+        ["evaluate", "camera.calib", "--data", "camera.csv"],
+        ["report", "camera.calib", "--data", "camera.csv", "-o", "r.html"],
+        ["preview", "camera.calib", "--data", "camera.csv", "--html", "p.html"],
+    ):
+        done = run(*words)
+        assert done.code == 0, (words, done.err)
+    assert run("evaluate", "camera.calib", "--data", "camera.csv", "--radians").code == 1
+    plain = calib.babble(calib.load_arm("two_link"), 60, seed=4, noise=1e-4)
+    calib.write_log(plain, "plain.csv")  # other names, and rad: what the log has goes first
+    assert run("evaluate", "camera.calib", "--data", "plain.csv", "--radians").code == 0
+
+
+def test_json_stays_in_si_units_and_says_so(camera, run, model):
+    done = run("query", "forward", model, "30", "60", "--degrees", "--json")
+    assert done.document["joints"]["shoulder"] == pytest.approx(np.radians(30))
+    units = {"joints": {"shoulder": "rad", "elbow": "rad"}, "positions": "m", "seconds": "s"}
+    assert done.document["units"] == units
+    for words in (
+        ["query", "inverse", model, "0.2", "0.3", "--json"],
+        ["evaluate", model, "--json"],
+        ["info", model, "--json"],
+    ):
+        assert run(*words).document["units"] == units, words
+
+
+def test_a_file_is_named_after_robot_else_the_log(tmp_path, monkeypatch, run):
+    monkeypatch.chdir(tmp_path)
+    urdf = calib.load_arm("two_link").urdf
+    (tmp_path / "my arm.urdf").write_text(urdf)  # inside it is called two_link
+    done = run("train", "my arm.urdf", "-n", "300", "--size", "5", "--json")
+    assert done.document["model"] == "my_arm.calib"
+    again = run("train", "my arm.urdf", "-n", "300", "--size", "5", "--seed", "1")
+    assert again.code == 0, again.err
+
+
+def test_a_default_name_of_another_robot_or_log_needs_force(tmp_path, monkeypatch, run):
+    monkeypatch.chdir(tmp_path)
+    small = ["-n", "300", "--size", "5"]
+    run("train", "polar", *small, "-o", "two_link.calib")
+    before = (tmp_path / "two_link.calib").read_bytes()
+    done = run("train", "two_link", *small, "--json")
+    assert done.code == 1
+    assert "--force" in done.err
+    assert json.loads(done.out)["error"]["parameter"] == "--force"
+    assert (tmp_path / "two_link.calib").read_bytes() == before
+    assert run("train", "two_link", *small, "--force").code == 0
+    assert run("train", "two_link", *small).code == 0
+    (tmp_path / "polar.calib").write_text("notes of mine")
+    assert run("train", "polar", *small).code == 1
+    assert run("train", "polar", *small, "-o", "polar.calib").code == 0
+
+
+def test_a_default_name_of_another_log_needs_force(tmp_path, monkeypatch, run):
+    monkeypatch.chdir(tmp_path)
+    for seed in (1, 2):
+        s = calib.babble(calib.load_arm("two_link"), 60, seed=seed)
+        calib.write_log(s, f"{seed}.csv")
+    (tmp_path / "log.csv").write_bytes((tmp_path / "1.csv").read_bytes())
+    line = ["train", "--data", "log.csv", "--joints", "shoulder,elbow", "--size", "5"]
+    assert run(*line).code == 0
+    assert run(*line).code == 0
+    (tmp_path / "log.csv").write_bytes((tmp_path / "2.csv").read_bytes())
+    assert run(*line).code == 1
+    assert run(*line, "--force").code == 0
+
+
+def test_a_model_is_shown_in_three_lines():
+    text = repr(trained("two_link", 600, 8))
+    assert len(text.splitlines()) == 3
+    assert len(text) < 300
+    assert "two_link" in text
+    assert "8x8" in text
+
+
+def test_the_arrays_of_a_model_are_read_only():
+    model = trained("two_link", 600, 8)
+    for array in (model.motor.weights, model.sensory.weights, model.bounds, model.visited):
+        with pytest.raises(ValueError, match="read-only"):
+            array[0] = 0.0
+
+
+def test_a_report_of_a_log_says_both_errors_and_shows_its_heat_maps(tmp_path, run):
+    """The headline was the distance to noisy readings, 1.23 mm; the true error 0.28."""
+    s = calib.babble(calib.load_arm("two_link"), 300, seed=3, noise=1e-3)
+    calib.write_log(s, tmp_path / "log.csv")
+    line = ["train", "two_link", "--data", tmp_path / "log.csv", "--size", "8", "-o"]
+    assert run(*line, tmp_path / "m.calib").code == 0
+    assert run(*line, tmp_path / "bare.calib", "--no-rows").code == 0
+    assert calib.load(tmp_path / "bare.calib").rows is None
+    page = {}
+    for name in ("m", "bare"):
+        assert run("report", tmp_path / f"{name}.calib", "-o", tmp_path / "r.html").code == 0
+        page[name] = (tmp_path / "r.html").read_text()
+    for text in page.values():
+        assert "That is the distance to noisy readings" in text
+        assert "model's own error is below" in text.replace("&#x27;", "'")
+        assert "give the log" not in text
+    assert 'id="forward"' in page["m"]
+    assert 'id="forward"' not in page["bare"]
+
+
+def test_pixels_are_drawn_as_the_camera_sees_them():
+    from dataclasses import replace
+
+    from calib_cli.sketch import sketch
+    from models import log
+
+    from calib.show.preview.placement import place
+
+    s = log(200)
+    s = calib.Samples(s.q, 640 + 500 * s.x, s.joint_names, s.lower, s.upper, s.revolute, unit="px")
+    pixels = calib.train(s, size=8)
+    other = replace(pixels, about=replace(pixels.about, unit="sensor"))
+    assert sketch(pixels)[:-1] == sketch(other)[:-1][::-1]
+    np.testing.assert_allclose(place(pixels, None).axes[1], -place(other, None).axes[1])

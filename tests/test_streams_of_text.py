@@ -1,0 +1,125 @@
+"""Streams: pipes as logs, closed standard streams, small alphabets and narrow terminals."""
+
+from __future__ import annotations
+
+import os
+import subprocess
+import sys
+import threading
+
+import numpy as np
+import pytest
+from calib_cli.output import Table
+
+import calib
+
+CALIB = [sys.executable, "-m", "calib_cli"]
+
+pytestmark = pytest.mark.skipif(os.name == "nt", reason="pipes with a name are POSIX")
+
+
+def shell(command, **env):
+    return subprocess.run(
+        ["sh", "-c", command, "sh", *CALIB],
+        capture_output=True,
+        timeout=60,
+        check=False,
+        env={**os.environ, **env},
+    )
+
+
+def test_a_named_pipe_is_read_like_a_file(tmp_path, log):
+    pipe = tmp_path / "pipe"
+    os.mkfifo(pipe)
+    content = log.read_bytes()
+    thread = threading.Thread(target=lambda: pipe.write_bytes(content))
+    thread.start()
+    read = calib.read_log(pipe, joints=["shoulder", "elbow"])
+    thread.join(5.0)
+    direct = calib.read_log(log, joints=["shoulder", "elbow"])
+    np.testing.assert_array_equal(read.q, direct.q)
+    np.testing.assert_array_equal(read.x, direct.x)
+
+
+@pytest.mark.parametrize("command", ['cat "{log}" | "$@" evaluate "{model}" --data /dev/stdin'])
+def test_dev_stdin_is_read_like_a_file(model, log, command):
+    done = shell(command.format(log=log, model=model))
+    assert done.returncode == 0, done.stderr
+    direct = shell(f'"$@" evaluate "{model}" --data "{log}"')
+    assert done.stdout == direct.stdout
+
+
+def test_a_device_without_end_is_refused():
+    with pytest.raises(calib.LogError, match="never ends"):
+        calib.read_log("/dev/zero", joints=["a", "b"])
+
+
+@pytest.mark.parametrize("closed", [">&-", "2>&-", "<&-", "<&- >&- 2>&-"])
+def test_closed_standard_streams_are_no_internal_error(model, closed):
+    done = shell(f'"$@" query inverse "{model}" 0.1 0.4 {closed}')
+    assert done.returncode == 0, done.stderr
+    assert b"internal" not in done.stderr
+    assert b"Traceback" not in done.stderr
+
+
+def test_a_closed_input_is_an_empty_table(model):
+    done = shell(f'"$@" query forward "{model}" --input - <&-')
+    assert done.returncode == 1
+    assert b"standard input is empty" in done.stderr
+
+
+@pytest.mark.parametrize("encoding", ["ascii", "latin-1", "utf-8"])
+def test_names_beyond_the_alphabet_of_a_terminal(tmp_path, encoding):
+    rng = np.random.default_rng(0)
+    path = tmp_path / "log.csv"
+    q = rng.uniform(0.2, 1.4, (60, 2))
+    x = np.stack([np.cos(q[:, 0]) + np.cos(q.sum(1)), np.sin(q[:, 0]) + np.sin(q.sum(1))], axis=1)
+    calib.write_log(
+        calib.Samples(q, x, ("Schulter", "肘é"), q.min(0), q.max(0), (True, True)), path
+    )
+    done = shell(
+        f'"$@" train --data "{path}" --joints "Schulter,肘é" --size 5 -o "{tmp_path}/m.calib"',
+        PYTHONIOENCODING=encoding,
+        PYTHONUTF8="0" if encoding != "utf-8" else "1",
+    )
+    assert done.returncode == 0, done.stderr
+    text = done.stdout.decode(encoding)
+    assert ("肘é" if encoding == "utf-8" else "\\u8098") in text
+
+
+@pytest.mark.parametrize("columns", ["20", "1"])
+def test_narrow_terminals(model, columns):
+    for words in (f'info "{model}"', "train --help"):
+        done = shell(f'"$@" {words}', COLUMNS=columns)
+        assert done.returncode == 0, done.stderr
+        assert done.stdout.strip()
+
+
+def test_a_table_as_records_names_every_cell():
+    table = Table(["joint", "value"], [["a", "1.5"], ["b", "2"]], "title")
+    assert table.records() == ["title", "joint: a", "value: 1.5", "", "joint: b", "value: 2"]
+
+
+def test_a_table_that_is_too_wide_for_its_terminal_becomes_records(model):
+    import pty
+
+    reader, writer = pty.openpty()
+    done = subprocess.Popen(
+        [*CALIB, "query", "inverse", str(model), "0.1", "0.4"],
+        stdout=writer,
+        stderr=subprocess.DEVNULL,
+        env={**os.environ, "COLUMNS": "20", "TERM": "xterm"},
+    )
+    os.close(writer)
+    text = b""
+    while True:
+        try:
+            part = os.read(reader, 4096)
+        except OSError:
+            break
+        if not part:
+            break
+        text += part
+    assert done.wait(30) == 0
+    assert b"expected error [mm]: " in text
+    assert b"shoulder [rad]: " in text
