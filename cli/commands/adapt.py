@@ -51,7 +51,7 @@ def adapt(
     degrees: o.LogDegreesOption = None,
     as_json: o.JsonOption = False,
 ) -> None:
-    """Re-calibrate a model from a few new samples; exit code 3 if it did not help."""
+    """Re-calibrate a model from a few new samples. Exit code 3 if it does not improve."""
     import calib
 
     if output is not None:
@@ -99,7 +99,7 @@ def adapt(
             tell(f"left as it was: {', '.join(found.kept)}")
         tell(f"the log measured {100 * found.coverage:.0f} % of the learned range")
     if not found.improved:
-        note(f"not improved: {model} stays as it is, nothing was written")
+        note(f"no improvement: {model} was left unchanged and nothing was written")
         raise typer.Exit(NO)
     if not as_json:
         tell(f"{path}: adapted with {found.samples} samples")

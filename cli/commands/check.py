@@ -50,7 +50,7 @@ def check(
     degrees: o.LogDegreesOption = None,
     as_json: o.JsonOption = False,
 ) -> None:
-    """Is the model still calibrated? Compare it with new samples; exit code 3 if not."""
+    """Compare a model with new samples: is it still calibrated? Exit code 3 if not."""
     import calib
 
     loaded = calib.load(model)

@@ -106,7 +106,7 @@ def plan(
     if as_json and output == "-":
         raise BadOption("--json and --output '-' both want standard output: expected one of them")
     if columns is not None and data is None:
-        raise BadOption("--columns is for a log: expected --data LOG too")
+        raise BadOption("--columns applies to a log: expected --data LOG too")
     import calib
     from calib.samples.tables import write_table
 

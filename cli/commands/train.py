@@ -139,7 +139,7 @@ def check_output(path: str) -> None:
     from calib.common.atomic import check_writable
 
     if path == "-":
-        raise BadOption("--output '-': expected a file, a model is no text to print")
+        raise BadOption("--output '-': expected a file name, a model cannot be printed as text")
     check_writable(path)
 
 
@@ -151,16 +151,16 @@ def _check_source(
 ) -> None:
     """Refuse options that would be without effect."""
     if robot is None and data is None:
-        raise BadOption("nothing to learn from: expected ROBOT, or --data LOG, or both")
+        raise BadOption("no source to learn from: expected ROBOT, --data LOG, or both")
     for options, wrong, remedy in (
-        (simulated, data is not None, "is for simulated babbling, which --data replaces"),
-        (of_logs, data is None, "is for a log: expected --data LOG too"),
+        (simulated, data is not None, "applies to simulated babbling, which --data replaces"),
+        (of_logs, data is None, "applies to a log: expected --data LOG too"),
     ):
         for name, value in options.items():
             if wrong and value is not None:
                 raise BadOption(f"{name} {remedy}")
     if robot is not None and of_logs["--prismatic"] is not None:
-        raise BadOption("--prismatic is for a log without ROBOT, which knows its joints")
+        raise BadOption("--prismatic applies to a log without ROBOT; ROBOT defines its joints")
 
 
 def _report(model: Model, path: str) -> None:
