@@ -217,7 +217,7 @@ def check(seeds: int) -> None:
         for design in PAIR.values():
             some = range(seeds if true else calm)
             drifts = [model.check(measure(arm, design(arm, 20, s), s, texts)) for s in some]
-            named = [set(d.causes) - {"noise", "workspace"} for d in drifts]
+            named = [{c.cause for c in d.causes} - {"noise", "workspace"} for d in drifts]
             right = sum(bool(names) and names <= true for names in named)
             found = sum(d.drifted for d in drifts)
             row.append(f"{found}, {right}" if true else f"{found} of {calm}")
