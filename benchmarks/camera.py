@@ -27,10 +27,12 @@ BOARD = Board.parse("7x5:24mm:18mm:5x5_100")
 
 
 def rms(miss: np.ndarray) -> float:
+    """Root mean square distance."""
     return float(np.sqrt(np.square(miss).sum(-1).mean()))
 
 
 def shoot(desk: Desk, count: int, rng: np.random.Generator):
+    """Yield postures, where their tag is, and their pictures."""
     while count:
         q = rng.uniform([-0.2, 0.0, -1.2], [1.3, 1.4, 1.2])
         p = desk.tip_pixels(q)[0]
@@ -40,6 +42,7 @@ def shoot(desk: Desk, count: int, rng: np.random.Generator):
 
 
 def pixels(name: str, desk: Desk, count: int) -> None:
+    """Print how well tips are found."""
     finder, rng = TagFinder(wanted=[desk.tip_tag]), np.random.default_rng(1)
     miss, found, wrong, spent = [], 0, 0, 0.0
     for _, p, picture in shoot(desk, count, rng):
@@ -56,6 +59,7 @@ def pixels(name: str, desk: Desk, count: int) -> None:
 
 
 def metres(height: float, place: tuple[float, ...], count: int, seed: int) -> None:
+    """Print how well they are placed on a board."""
     rng = np.random.default_rng(seed)
     lying = board(7, 5, 0.024, 0.018, place)
     desk = Desk(still=(lying,), height=height, seed=seed)
@@ -75,12 +79,13 @@ def metres(height: float, place: tuple[float, ...], count: int, seed: int) -> No
     world = np.c_[tips, np.full(len(tips), height)]
     truth = ((world - at) @ turn)[:, :2] + np.array(BOARD.size) / 2
     print(
-        f"metres, tag {1e3 * height:2.0f} mm up, seed {seed}     rms {1e3 * rms(x - truth):.3f} mm, "
-        f"lens rms {lens.rms:.3f} px of 10 shots, pose rms {pose.rms:.3f} px"
+        f"metres, tag {1e3 * height:2.0f} mm up, seed {seed}     rms {1e3 * rms(x - truth):.3f} mm, lens "
+        f"rms {lens.rms:.3f} px of 10 shots, pose rms {pose.rms:.3f} px"
     )
 
 
 def main() -> None:
+    """Run all."""
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument("--pictures", type=int, default=40)
     count = parser.parse_args().pictures

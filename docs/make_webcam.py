@@ -1,6 +1,6 @@
 """Draw the picture of docs/howto/webcam.md: what `calib log --picture` shows of rendered pictures.
 
-    python docs/make_webcam.py [FOLDER]
+python docs/make_webcam.py [FOLDER]
 """
 
 from __future__ import annotations
@@ -14,15 +14,15 @@ import numpy as np
 
 ROOT = Path(__file__).parents[1]
 sys.path.insert(0, str(ROOT / "tests"))
-from rendering import Desk, board, tag
+from rendering import Desk, board, tag  # noqa: E402
 
-from calib.recording.board import Board
-from calib.recording.from_pictures import log_pictures
-from calib.recording.joint_table import read_joints
-from calib.recording.lens import Lens
-from calib.recording.pictures import list_pictures, read_picture
-from calib.recording.seen import write_seen
-from calib.recording.setting import Setting
+from calib.recording.board import Board  # noqa: E402
+from calib.recording.from_pictures import log_pictures  # noqa: E402
+from calib.recording.joint_table import read_joints  # noqa: E402
+from calib.recording.lens import Lens  # noqa: E402
+from calib.recording.pictures import list_pictures, read_picture  # noqa: E402
+from calib.recording.seen import write_seen  # noqa: E402
+from calib.recording.setting import Setting  # noqa: E402
 
 
 def render(folder: Path, count: int = 30) -> Desk:
