@@ -79,9 +79,10 @@ class Follower:
 
     It waits until 13 of the latest 20 samples lie beyond 1.5 times the bound of the
     present schema, or a kept one explains them better by 15 nats.  If a kept one fits the
-    samples since then, that one is recalled.  Else a new one is learned: a first model after 30 samples, a better one whenever their
-    number has tripled, while maps and links re-form.  After `horizon` samples it stays as
-    it is.  A change to a new state that stays within 1.5 times the bound is :class:`calib.Monitor`'s to tell.
+    samples since then, that one is recalled.  Else a new one is learned: a first model after
+    30 samples, a better one whenever their number has tripled, while maps and links re-form.
+    After `horizon` samples it stays as it is.  A change to a new state that stays within 1.5
+    times the bound is :class:`calib.Monitor`'s to tell.
 
     Parameters
     ----------
@@ -121,7 +122,7 @@ class Follower:
         self._seen = 0
         self._since = 0
         self._u: Array = np.zeros((0, model.motor.scale.span.size))
-        self._x: Array = np.zeros((0, 2))
+        self._x: Array = np.zeros((0, model.sensory.units.shape[1]))
         self._against: NDArray[np.bool_] = np.zeros(0, dtype=bool)
 
     @property
@@ -139,10 +140,11 @@ class Follower:
         rows = np.atleast_2d(np.asarray(q, dtype=float))
         points = np.atleast_2d(np.asarray(x, dtype=float))
         names = self._present.about.joint_names
-        if rows.shape[1] != len(names) or points.shape != (len(rows), 2) or not len(rows):
+        width = self._present.sensory.units.shape[1]
+        if rows.shape[1] != len(names) or points.shape != (len(rows), width) or not len(rows):
             raise OptionError(
                 f"samples of shapes {rows.shape} and {points.shape}: expected (n, {len(names)}) "
-                "and (n, 2) with one or more rows"
+                f"and (n, {width}) with one or more rows"
             )
         if not (np.isfinite(rows).all() and np.isfinite(points).all()):
             raise OptionError("a sample is not finite: leave out rows without a detection")

@@ -19,6 +19,7 @@ from ..common.scale import Scale
 from ..errors import OptionError
 from ..maps.association import Association
 from ..maps.links import WIRINGS
+from ..maps.map import search_tree
 from ..maps.som import SOM
 from ..samples.babbling import babble
 from ..samples.changes import Change
@@ -130,7 +131,7 @@ def next_joints(scale: Scale, q: Array, x: Array, n: int, rng: np.random.Generat
     side = int(np.clip((len(u) / _PER_NODE) ** (1 / 2), 4, _LARGEST))
     size = (side, side)
     pair = _maps(scale, u, x, size, rng)
-    error = _own_error(pair, scale, u, x, size, rng)
+    error = _own_error(pair, scale, u, x, rng)
     by_error = round(_GOALS * n)
     # targets beside the positions where errors are largest, more often the larger they are
     share = error**2 / np.sum(error**2)
@@ -161,13 +162,9 @@ def _own_error(
     scale: Scale,
     u: Array,
     x: Array,
-    size: tuple[int, ...],
     rng: np.random.Generator,
 ) -> Array:
     """How wrong the maps are around each sample (m,), by links that have not seen it."""
-    from ..maps.map import search_tree
-
-    del size
     wiring, v = pair.wiring, pair.sensory.scale.to_unit(x)
     error = np.empty(len(u))
     half = rng.permutation(len(u)) % 2
