@@ -1,7 +1,7 @@
 """Measure spatial bodies: held-out errors and coverage, new mountings, cameras, poses, speed.
 
-    python benchmarks/spatial.py --data FOLDER [--part rows|mount|unknown|camera|safe|poses|time]
-                                 [--series a,c] [--rows 0,300,100,30] [--draws 5] [--json FILE]
+    python benchmarks/spatial.py --data FOLDER [--part PART]
+        [--series a,c] [--rows 0,300,100,30] [--draws 5] [--json FILE]
 
 FOLDER holds full_a.csv and full_c.csv: six joints of a UR10 and what a laser tracker saw (Landgraf
 et al., CASE 2021; their README names the source). Rows are held out in ten contiguous blocks, of
@@ -170,6 +170,43 @@ def _nominal(
     return lambda q: structure.predict(q, beta)
 
 
+def measure_straight(args: argparse.Namespace) -> Iterator[Row]:
+    """A simulated arm without joint curves: what the gate takes, against geometry alone."""
+    arm = calib.load_arm(UR10)
+    structure = structure_of(arm)
+    for noise in (5e-5, 1e-3):
+        for rows in (30, 100):
+            ratios = []
+            for draw in range(args.draws):
+                rng = np.random.default_rng(draw)
+                beta = structure.neutral()
+                beta[structure.layout.shifts[1:]] = rng.normal(0, 1e-3, (5, 3))
+                beta[structure.layout.turns[1:]] = rng.normal(0, 2e-3, (5, 3))
+                q, fresh = (rng.uniform(arm.lower, arm.upper, (n, 6)) for n in (rows, 500))
+                z = structure.predict(q, beta) + rng.normal(0, noise, (rows, 3))
+                true = structure.predict(fresh, beta)
+                both = [
+                    structure,
+                    _Geometry(**{f: getattr(structure, f) for f in structure.__dataclass_fields__}),
+                ]
+                errors = [distance(fit(each, q, z).body, fresh, true).mean() for each in both]
+                ratios.append(float(errors[0] / errors[1]))
+            yield {
+                "noise_mm": MM * noise,
+                "rows": rows,
+                "ratio": round(float(np.mean(ratios)), 3),
+                "worst": round(max(ratios), 3),
+            }
+
+
+class _Geometry(SpatialStructure):
+    """The same structure, of which the gate knows frames and placements only."""
+
+    def members(self) -> tuple[tuple[str, tuple[str, ...]], ...]:
+        """Frames, then placements."""
+        return tuple(each for each in super().members() if each[0] in ("frame", "chain"))
+
+
 def measure_camera(args: argparse.Namespace) -> Iterator[Row]:
     """A simulated SO-101 in 60 pictures of an unknown camera, 0.3 px."""
     for exact in (True, False):
@@ -275,6 +312,7 @@ PARTS: dict[str, Callable[[argparse.Namespace], Iterator[Row]]] = {
     "mount": measure_mount,
     "unknown": measure_unknown,
     "safe": measure_safe,
+    "straight": measure_straight,
     "camera": measure_camera,
     "poses": measure_poses,
     "time": measure_time,

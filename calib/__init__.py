@@ -20,8 +20,8 @@ if TYPE_CHECKING:
     from .arm.loading import load_arm as load_arm
     from .arm.planar_arm import PlanarArm as PlanarArm
     from .arm.robots import list_robots as list_robots
-    from .change.adapt import Adaptation as Adaptation
     from .change.adapt import adapt as adapt
+    from .change.adaptation import Adaptation as Adaptation
     from .change.check import Drift as Drift
     from .change.check import check as check
     from .change.monitor import Monitor as Monitor
@@ -67,7 +67,7 @@ __version__ = "0.1.0"
 
 # name -> module: loaded when first used, so that light commands stay light
 _HOME = {
-    "Adaptation": "change.adapt",
+    "Adaptation": "change.adaptation",
     "Answer": "model.answers",
     "CalibError": "errors",
     "Corrected": "use.correct",

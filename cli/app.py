@@ -34,6 +34,7 @@ from .commands.report import report
 from .commands.reproduce import reproduce
 from .commands.robots import robots
 from .commands.sweep import sweep
+from .commands.tag import tag
 from .commands.train import train
 from .commands.urdf import urdf
 from .interrupts import received
@@ -54,6 +55,7 @@ COMMANDS = (
     "export",
     "babble",
     "log",
+    "tag",
     "preview",
     "report",
     "reproduce",
@@ -254,6 +256,7 @@ app.command()(urdf)
 app.command()(export)
 app.command()(babble)
 app.command()(log)
+app.command()(tag)
 app.command()(preview)
 app.command()(report)
 app.command()(reproduce)

@@ -36,9 +36,18 @@ def log_for(
     from dataclasses import replace
 
     import calib
+    from calib.errors import LogError
     from calib.samples.joint_values import check_joint_values
+    from calib.samples.tables import read_about
 
     about = model.about
+    said = read_about(path).get("unit")
+    unit = unit or (said if isinstance(said, str) else None)
+    if unit is not None and (unit == "px") != (about.unit == "px"):
+        raise LogError(
+            f"{path} is in {unit}, the model in {about.unit}",
+            hint="record it with the same reference as the model's log",
+        )
     degrees = about.degrees if degrees is None else degrees
     log = calib.read_log(
         path,

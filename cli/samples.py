@@ -11,7 +11,8 @@ from .parsing import BadOption, JointRange, JointValue
 from .units import changes_in_si, kinds_of_joints, locks_in_si, ranges_in_si
 
 if TYPE_CHECKING:
-    from calib import PlanarArm, Samples
+    from calib import Samples
+    from calib.arm.arm import Arm
 
 SAMPLES = 20_000
 
@@ -41,7 +42,7 @@ class Selection:
     ranges: Sequence[JointRange] = ()
     degrees: bool = False
 
-    def load(self, held: Mapping[str, float] | None = None) -> PlanarArm:
+    def load(self, held: Mapping[str, float] | None = None) -> Arm:
         """Load the arm; `held` are further locked joints [rad or m]."""
         import calib
 
@@ -70,12 +71,25 @@ def babbled(
     changes: Iterable[str],
     seed: int,
     notes: Notes,
+    strategy: str | None = None,
 ) -> Samples:
     """Babble in simulation, and say what was assumed."""
     import calib
 
     arm = selection.load()
     notes.say(arm.notes)
+    if strategy == "goal":
+        from calib.training.goal_babbling import goal_babble
+
+        if motion is not None:
+            raise BadOption("--motion says how joints babble, --strategy goal picks positions")
+        return goal_babble(
+            arm,
+            SAMPLES if samples is None else samples,
+            seed=seed,
+            noise=noise or 0.0,
+            changes=changes_in_si(changes, arm, selection.degrees),
+        )
     log = calib.babble(
         arm,
         SAMPLES if samples is None else samples,
@@ -93,7 +107,7 @@ def measured(
     path: str,
     *,
     columns: Mapping[str, str] | None,
-    unit: str,
+    unit: str | None,
     prismatic: Sequence[str],
     seed: int,
     notes: Notes,
@@ -124,7 +138,7 @@ def measured(
 
 def _arm_of_log(
     selection: Selection, path: str, columns: Mapping[str, str] | None, notes: Notes
-) -> PlanarArm:
+) -> Arm:
     """Load the arm with its other joints where the log says that they stood."""
     from calib.samples.logs import locked_from_log
 

@@ -2,14 +2,12 @@
 
 from __future__ import annotations
 
-from contextlib import contextmanager
+from dataclasses import replace
 from functools import cache
 
 import numpy as np
-import pytest
 
 import calib
-from calib.body import teacher
 from calib.common.scale import TURN
 
 L1, L2 = 0.30, 0.25
@@ -50,19 +48,19 @@ def turning():
     return calib.train(samples, size=15)
 
 
-@contextmanager
-def brief_teacher(samples: int = 4000):
-    """Let teachers imagine fewer samples than they do, which is enough for small lattices."""
-    with pytest.MonkeyPatch.context() as patch:
-        patch.setattr(teacher, "IMAGINED", samples)
-        yield
-
-
 def log(n: int, noise: float = 0.0, seed: int = 0) -> calib.Samples:
     """Return a log of two_link, without what only a simulation knows."""
     arm = calib.load_arm("two_link")
     s = calib.babble(arm, n, seed=seed, noise=noise)
     return calib.Samples(s.q, s.x, s.joint_names, s.lower, s.upper, s.revolute, arm=arm)
+
+
+def no_arm(n: int) -> calib.Samples:
+    """Return a log of a smooth map that no chain of links explains."""
+    rows = log(n)
+    a, b = ((rows.q - rows.lower) / (rows.upper - rows.lower)).T
+    x = np.stack([a * np.exp(b), b**2 - a**3], axis=1)
+    return replace(rows, x=x, arm=None)
 
 
 def two_link(q: np.ndarray) -> np.ndarray:

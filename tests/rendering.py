@@ -10,6 +10,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass, field
 from functools import cached_property
+from itertools import pairwise
 
 import cv2
 import numpy as np
@@ -235,11 +236,11 @@ class Desk:
     def _paint_arm(self, scene: NDArray[np.float32], q: Array) -> None:
         places = self.joints(q)
         if self.shadow:
-            dark = np.zeros(scene.shape, np.uint8)
-            for a, b in zip(places, places[1:], strict=False):
-                self._capsule(dark, a + [0.012, -0.018], b + [0.012, -0.018], self.width, 0.0, 255)
+            dark, shift = np.zeros(scene.shape, np.uint8), np.array([0.012, -0.018])
+            for a, b in pairwise(places):
+                self._capsule(dark, a + shift, b + shift, self.width, 0.0, 255)
             scene *= 1.0 - self.shadow * cv2.blur(dark, (15, 15)).astype(np.float32) / 255.0
-        for k, (a, b) in enumerate(zip(places, places[1:], strict=False)):
+        for k, (a, b) in enumerate(pairwise(places)):
             self._capsule(scene, a, b, self.width * (1.0 - 0.12 * k), self.height, 60 + 30 * k)
             self._capsule(scene, a, a, 0.4 * self.width, self.height, 200)
         angle = float(np.sum(q)) + float(np.sum(self.offsets[: len(self.lengths)]))
@@ -267,7 +268,7 @@ def board_shots(
     for _ in range(count):
         pixel = [width, height] * rng.uniform([0.32, 0.35], [0.68, 0.65])
         place = camera.position + rng.uniform(0.35, 0.6) * camera.rays(pixel)
-        tilt = tuple(rng.uniform(-0.55, 0.55, 2)) + (0.0,)
+        tilt = (*rng.uniform(-0.55, 0.55, 2), 0.0)
         at = (*place, rng.uniform(-0.6, 0.6))
         held.append(Sticker(made.cells, made.cell, at, tilt, made.border))
         seen = Desk(camera, still=(held[-1],), blur=desk.blur, noise=desk.noise, seed=desk.seed)

@@ -11,7 +11,7 @@ import pytest
 from threadpoolctl import threadpool_limits
 
 import calib
-from calib.change import adapt as adapting
+from calib.change import adapt_online
 from calib.change import follow as online
 from calib.change.follow import BLOCK, OnlineAdapter, follow
 from calib.change.radius import matching_sigma
@@ -24,7 +24,7 @@ from calib.maps.online import present
 
 @pytest.fixture(autouse=True)
 def _brief(monkeypatch):
-    monkeypatch.setattr(adapting, "HORIZON", 1500)
+    monkeypatch.setattr(adapt_online, "HORIZON", 1500)
     with threadpool_limits(1, user_api="blas"):
         yield
 

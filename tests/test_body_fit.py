@@ -237,3 +237,36 @@ def test_what_rows_cannot_tell_is_said(columns, match):
 
 def test_rows_over_an_area_need_no_warning():
     assert warnings_of(rows(300, 2, seed=26), ("a", "b"), (True, True)) == ()
+
+
+def lens_about(z, k=0.8, centre=(0.2, 0.25)):
+    away = z - centre
+    return z + k * (away**2).sum(axis=1, keepdims=True) * away
+
+
+def camera_on_metres(z):
+    return z / (1 + z @ np.array([0.2, -0.1]))[:, None]
+
+
+def giving_way(q):
+    sums = np.cumsum(q, axis=1)
+    bend = 0.02 * np.cos(sums)
+    return q + np.stack([bend.sum(axis=1), bend[:, 1]], axis=1)
+
+
+EXACT_WORLDS = {
+    "a lens": (lambda q: lens_about(seen(chain(q, LENGTHS[:2]))), "view"),
+    "a tilted sensor": (lambda q: camera_on_metres(seen(chain(q, LENGTHS[:2]))), "view"),
+    "flexion": (lambda q: seen(chain(giving_way(q), LENGTHS[:2])), "elastic"),
+    "a gear": (lambda q: seen(chain(q * [1.0, 1.03], LENGTHS[:2])), "chain"),
+}
+
+
+@pytest.mark.parametrize("name", EXACT_WORLDS)
+def test_exact_simulated_worlds_are_found_by_the_member_that_holds_them(name):
+    world, member = EXACT_WORLDS[name]
+    q = rows(300, 2, seed=27, reach=1.0)
+    body = fit(q, world(q), simulated=True).body
+    ask = rows(100, 2, seed=28, reach=1.0)
+    assert np.abs(body.predict(ask) - world(ask)).max() < 1e-9
+    assert body.member == member

@@ -1,5 +1,7 @@
 """Readings of equations 7 and 8: what each gain says of hand-made maps."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
@@ -8,6 +10,7 @@ from calib.maps.density import (
     READINGS,
     Visit,
     border,
+    border_strength,
     density,
     error,
     gain_of,
@@ -15,6 +18,7 @@ from calib.maps.density import (
     lattice,
     mixed,
     residual,
+    rho,
     transformation,
 )
 from calib.maps.graph import Graph
@@ -195,3 +199,36 @@ def test_an_unknown_name_is_refused_with_the_choices():
     with pytest.raises(OptionError, match=r"'sum' is unknown, choose one of som, vdsom") as caught:
         gain_of("sum")
     assert "\n" not in str(caught.value)
+
+
+def test_rho_is_equations_7_and_8_with_a_factor():
+    """1 + (t mean(rho) / (rho T))^4 over the whole lattice, by hand."""
+    rng = np.random.default_rng(3)
+    v = visit(0.7, rng.random((9, 2)))
+    total = ((v.weights[:, None] - v.weights) ** 2).sum(axis=(1, 2))
+    sparse = np.exp(-total / total.mean())
+    np.testing.assert_allclose(rho(v), 1 + (0.7 * sparse.mean() / sparse) ** 4)
+
+
+def test_rho_favours_remote_nodes():
+    g = rho(visit(1.0)).reshape(3, 3)
+    assert g[0, 0] > g[0, 1] > g[1, 1] > 1.0
+
+
+def test_the_default_is_the_border_times_where_a_smooth_model_is_wrong():
+    plain = visit(1.0)
+    wrong = np.array([0.0, 0, 0, 0, 4.0, 0, 0, 0, 5.0])
+    told = replace(plain, residual=wrong)
+    np.testing.assert_array_equal(residual(plain), border(plain))
+    share = np.clip(wrong / wrong.mean(), 0.05, 50)
+    np.testing.assert_allclose(residual(told), border(plain) * share)
+    np.testing.assert_allclose(residual(replace(told, progress=0.0)), 1.0)
+
+
+def test_at_the_default_schedule_the_border_weighs_less_on_a_small_lattice():
+    strengths = [border_strength(Lattice((n, n))) for n in (2, 6, 10, 20, 70, 200)]
+    assert strengths == sorted(strengths)
+    assert strengths[0] == 1.0
+    assert strengths[-1] == 5.0
+    small = replace(visit(1.0), grown=True)
+    np.testing.assert_allclose(residual(small), border(small, border_strength(small.lattice)))

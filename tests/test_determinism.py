@@ -18,7 +18,8 @@ RECIPES = {
     "two links, growing neural gas": {"map": "gng", "n": 300, "size": 5},
     "three links": {"robot": "three_link", "size": 5, "n": 500},
     "a log": {"log": 60, "size": 4},
-    "a short log, taught": {"log": 30, "size": 6},
+    "a short log, imagined": {"log": 30, "size": 6},
+    "maps and links alone": {"log": 60, "size": 4, "body": "none"},
     "few-shot adaptation": {"adapt": "few-shot"},
     "online adaptation": {"adapt": "online"},
 }
@@ -27,9 +28,7 @@ RECIPES = {
 WORK = """
 import hashlib, json, sys
 import calib
-from calib.body import teacher
 from calib.model_file.storage import to_bytes
-teacher.IMAGINED = 800  # brief
 
 def made(robot="two_link", log=0, adapt="", size=6, n=400, **options):
     arm = calib.load_arm(robot)

@@ -5,6 +5,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
+import calib
 from calib.common.scale import TURN, Scale
 from calib.maps.lattice import Lattice
 from calib.maps.map import Map, search_tree
@@ -165,3 +166,19 @@ def test_a_coordinate_that_does_not_go_round_is_left_as_it_is():
     distance, index = tree.query(np.array([[0.5, -0.3], [1.5, 1.6]]))
     assert index.tolist() == [0, 1]
     np.testing.assert_allclose(distance, [0.05, 0.1], atol=1e-12)
+
+
+def test_what_a_model_holds_is_read_only():
+    model = calib.train(calib.babble(calib.load_arm("two_link"), 400), size=8)
+    held = {
+        "weights": model.motor.weights,
+        "units": model.sensory.units,
+        "history": model.motor.history,
+        "links": model.links.data,
+        "bounds": model.bounds,
+        "visited": model.visited,
+    }
+    for name, array in held.items():
+        with pytest.raises(ValueError, match="read-only"):
+            array[0] = 0
+        assert not array.flags.writeable, name

@@ -4,7 +4,6 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from models import brief_teacher
 
 import calib
 from calib.samples.screening import screen
@@ -39,10 +38,9 @@ def test_no_row_of_the_real_arm_contradicts_its_neighbours(series):
 
 
 def test_a_hundred_rows_of_series_c_come_close_even_in_a_corner_of_one_row():
-    """A row far from all others is predicted by its teacher's trend, which does not run away."""
+    """A row far from all others is predicted by the body, which does not run away."""
     samples = calib.read_log(FOLDER / "series_c.csv", joints=JOINTS)
-    with brief_teacher():
-        model = calib.train(samples.take(slice(None, None, len(samples) // 100)), size=12)
+    model = calib.train(samples.take(slice(None, None, len(samples) // 100)), size=12)
     assert model.about.taught
     distance = model.about.errors["local"]["forward"]["distance"]
     assert distance["mean"] <= 0.5e-3

@@ -178,6 +178,21 @@ def test_mirrored_axes_are_named():
     assert len(structure.starts(q, z)) == 1
 
 
+def test_rows_that_no_arm_explains_are_refused_in_one_line():
+    arm, structure, beta = truth()
+    q = rows(arm, 60, 1)
+    z = structure.predict(q, beta)
+    for bad, words in (
+        ((q[:3], z[:3]), "3 rows cannot place"),
+        ((q, z * 0.0), "same in every row"),
+        ((q, np.random.default_rng(0).normal(0, 0.3, z.shape)), "does not explain"),
+        ((q[:, ::-1], z), "does not explain"),
+    ):
+        with pytest.raises(LogError, match=words) as caught:
+            structure.starts(*bad)
+        assert "\n" not in str(caught.value)
+
+
 def test_a_camera_finds_itself():
     arm = load_arm("spatial_three")
     structure = structure_of(arm, "pinhole", unit="px")
@@ -211,6 +226,16 @@ def test_without_a_drawing_the_chain_is_found():
     error = np.linalg.norm(body.predict(fresh) - arm.forward(fresh), axis=1)
     assert error.mean() < 3e-4
     assert np.mean(error <= body.bound(fresh, noise=False)) > 0.9
+
+
+def test_exact_rows_give_the_chain_to_rounding():
+    arm = load_arm("spatial_three")
+    q, fresh = rows(arm, 200, 1), rows(arm, 100, 2)
+    z = arm.forward(q)
+    unknown = unknown_structure(arm.joint_names, arm.revolute, spread(z), simulated=True)
+    body = fit_structure(unknown, q, z).body
+    assert body.member == "chain"
+    assert np.abs(body.predict(fresh) - arm.forward(fresh)).max() < 1e-12
 
 
 def test_a_joint_that_never_moved_keeps_its_drawing_and_a_wide_bound():

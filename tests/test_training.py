@@ -4,7 +4,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from models import draw, log, measured, papers, trained, two_link
+from models import draw, log, measured, no_arm, papers, trained, two_link
 from planar import chain_urdf
 from threadpoolctl import threadpool_limits
 
@@ -263,10 +263,7 @@ def test_both_bounds_hold_where_no_row_was():
 
 def test_what_no_arm_is_keeps_trends_or_local_models():
     """A smooth map that no chain explains: the body is left where a trend is far better."""
-    rows = log(600)
-    u = (rows.q - rows.lower) / (rows.upper - rows.lower)
-    x = np.stack([u[:, 0] * np.exp(u[:, 1]), u[:, 1] ** 2 - u[:, 0] ** 3], axis=1)
-    model = calib.train(replace(rows, x=x, arm=None), size=8)
+    model = calib.train(no_arm(600), size=8)
     assert model.about.errors["local"]["forward"]["distance"]["mean"] < 1e-3
 
 

@@ -10,7 +10,7 @@ from __future__ import annotations
 from collections.abc import Collection, Mapping, Sequence
 from dataclasses import replace
 from pathlib import Path
-from typing import Any, TypeVar
+from typing import Any
 
 import numpy as np
 
@@ -40,8 +40,6 @@ from .tree import Joint, Urdf
 from .urdf import parse_urdf, read_urdf
 
 __all__ = ["PlanarArm", "SpatialArm", "arm_from_urdf", "load_arm"]
-
-_A = TypeVar("_A", PlanarArm, SpatialArm)
 
 
 def load_arm(
@@ -172,7 +170,9 @@ def arm_from_urdf(
     return _with_ranges(arm, active, ranges)
 
 
-def _with_ranges(arm: _A, active: Sequence[Joint], ranges: Mapping[str, Range]) -> _A:
+def _with_ranges(
+    arm: PlanarArm | SpatialArm, active: Sequence[Joint], ranges: Mapping[str, Range]
+) -> PlanarArm | SpatialArm:
     """Return the arm with the ranges that were chosen, or else its joints' limits."""
     arm = arm.with_range(ranges)
     check_limits([joint for joint in active if joint.name not in ranges])

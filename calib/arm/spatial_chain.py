@@ -235,7 +235,8 @@ def cross(a: Array, b: Array) -> Array:
 
 def turned(rotation: Array, vector: Array) -> Array:
     """Turn one vector (3,) by many rotations (3, 3, n): (3, n)."""
-    return rotation[:, 0] * vector[0] + rotation[:, 1] * vector[1] + rotation[:, 2] * vector[2]
+    x, y, z = vector
+    return np.asarray(rotation[:, 0] * x + rotation[:, 1] * y + rotation[:, 2] * z)
 
 
 def times(rotation: Array, matrix: Array) -> Array:

@@ -155,7 +155,7 @@ class _Search:
         """Logarithms of the noise and of the scales that EM moves."""
         noise = np.ones(1) if self.noise is None else self.noise
         moving = [self.scales[h.name] for h in self.hypers if not h.choices]
-        return np.log(np.concatenate([noise, moving]))
+        return np.asarray(np.log(np.concatenate([noise, moving])))
 
     def _learn(self, value: Array, delta: Array, variance: Array, inverse: Array) -> None:
         """One step of EM: the scales of the hypers without choices, and the noise."""

@@ -14,6 +14,8 @@ from .posterior import BodyFit, fit_structure
 from .structure import Array
 from .telling import warnings_of
 
+__all__ = ["METRES", "VIEWS", "BodyFit", "fit_body", "fit_structure", "planar_structure"]
+
 VIEWS = ("auto", "base", "rigid", "similarity", "affine", "homography")
 
 METRES = {"m": 1.0, "cm": 100.0, "mm": 1000.0, "um": 1e6, "in": 1 / 0.0254}

@@ -48,9 +48,9 @@ class Passed:
     tried: tuple[Tried, ...]
 
     def against(self, name: str) -> float:
-        """Nats of evidence for this member against the member `name`; 0 where it was not tried."""
-        other = [t.evidence for t in self.tried if t.name == name]
-        return (self.fit.evidence - other[0]) / self.fit.autocorrelation if other else 0.0
+        """Nats of evidence against the best tried member with `name`; 0 where there is none."""
+        other = [t.evidence for t in self.tried if name in t.name]
+        return (self.fit.evidence - max(other)) / self.fit.autocorrelation if other else 0.0
 
 
 def wins(richer: Passed, simpler: Passed) -> bool:
@@ -81,7 +81,7 @@ def choose_member(
     fit: Callable[[tuple[str, ...]], Fit],
     enough: Callable[[Fit], bool],
 ) -> Passed:
-    """Fit members from simple to rich; a richer one must win.
+    """Fit members from simple to rich, each with what has passed; a richer one must win.
 
     Parameters
     ----------
@@ -93,9 +93,21 @@ def choose_member(
     """
     best: Passed | None = None
     tried: list[Tried] = []
-    for name, free in members:
+    names = {frozenset(groups): name for name, groups in members}
+    seen: list[set[str]] = []
+    for own, groups in members:
+        # What has passed stays: a lens stays beneath the curves.
+        free = groups if best is None else tuple(dict.fromkeys((*best.free, *groups)))
+        if set(free) in seen:
+            continue
+        seen.append(set(free))
+        name = names.get(frozenset(free), own if best is None else f"{best.name} and {own}")
         try:
             made = fit(free)
+            if enough(made) and set(free) != set(groups):
+                alone = fit(groups)  # what passed before may have been a makeshift
+                if enough(alone):
+                    name, free, made = own, groups, alone
             held = leave_blocks_out(made)
         except np.linalg.LinAlgError:
             continue

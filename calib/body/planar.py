@@ -17,7 +17,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from . import planar_prior, planar_start, planar_words
+from . import planar_prior, planar_start, planar_view, planar_words
 from .curves import curve_slope, curve_value, powers
 from .nominal import Nominal
 from .planar_layout import Layout, layout_of
@@ -157,47 +157,18 @@ class PlanarStructure:
 
     # ------------------------------------------------------------------- view
 
+    @property
+    def size_of_lens(self) -> float:
+        """Radius [unit] at which the lens bends by its radial parameter."""
+        return 1.5 * self.extent
+
     def matrix(self, beta: Array) -> Array:
         """Linear part A (2, 2) of the view, with the mirror."""
-        c, s = np.cos(beta[0]), np.sin(beta[0])
-        a, b = beta[2], beta[3]
-        turn = np.array([[c, -s], [s, c]])
-        shear = np.array([[1 + a, b], [b, 1 - a]])
-        out: Array = np.exp(beta[1]) * turn @ shear @ np.diag([1.0, float(self.mirror)])
-        return out
+        return planar_view.matrix(beta, self.mirror)
 
     def seen(self, p: Complex, beta: Array) -> Array:
         """Sensor positions (n, 2) of tips (n,) given as complex numbers."""
-        x = np.stack([p.real, p.imag], axis=1)
-        y = x @ self.matrix(beta).T
-        if beta[6] or beta[7]:
-            y /= (1 + x @ beta[6:8])[:, None]
-        return self.through_lens(y + beta[4:6], beta)
-
-    def through_lens(self, z: Array, beta: Array) -> Array:
-        """Positions (n, 2) as the lens shows them: radial, with a first-order centre."""
-        k, centre = beta[8], beta[9:11]
-        if not (k or centre.any()):
-            return z
-        size = 1.5 * self.extent
-        u = (z - self.centre) / size
-        r2 = (u**2).sum(axis=1, keepdims=True)
-        return np.asarray(
-            self.centre + size * (u * (1 + k * r2 - 2 * (u @ centre)[:, None]) - centre * r2)
-        )
-
-    def lens_derivative(self, z: Array, beta: Array) -> Array:
-        """Derivative (n, 2, 2) of the lens by the position (n, 2) before it."""
-        k, centre = beta[8], beta[9:11]
-        u = (z - self.centre) / (1.5 * self.extent)
-        r2 = (u**2).sum(axis=1)
-        outer = u[:, :, None] * centre
-        return np.asarray(
-            np.eye(2) * (1 + k * r2 - 2 * u @ centre)[:, None, None]
-            + 2 * k * u[:, :, None] * u[:, None, :]
-            - 2 * outer
-            - 2 * np.swapaxes(outer, 1, 2)
-        )
+        return planar_view.seen(self, p, beta)
 
     # ----------------------------------------------------------- the protocol
 
@@ -215,7 +186,7 @@ class PlanarStructure:
         place[active] = np.arange(len(active))
         signed, sums, theta = self.angles(q, beta)
         direction, terms = self.terms(signed, theta, beta)
-        z, view, out = self._view_columns(terms.sum(axis=1), beta, place, len(active))
+        z, view, out = planar_view.columns(self, terms.sum(axis=1), beta, place, len(active))
 
         def put(ix: Indices, columns: Complex) -> None:
             where = place[ix]
@@ -246,53 +217,6 @@ class PlanarStructure:
                 put(ix, turned[:, i, None] * np.concatenate([waves.real, waves.imag], axis=1))
         return z, out
 
-    def _view_columns(
-        self, p: Complex, beta: Array, place: Indices, k: int
-    ) -> tuple[Array, Array, Array]:
-        """Positions, derivative (n, 2, 2) by the tip, and (n, 2, k) with the view's columns."""
-        n = len(p)
-        out = np.zeros((n, 2, k))
-        x = np.stack([p.real, p.imag], axis=1)
-        matrix = self.matrix(beta)
-        depth = 1 + x @ beta[6:8]
-        y = (x @ matrix.T) / depth[:, None]
-        view = (matrix - y[:, :, None] * beta[6:8]) / depth[:, None, None]
-        mirrored = x * [1.0, float(self.mirror)]
-        c, s = np.exp(beta[1]) * np.cos(beta[0]), np.exp(beta[1]) * np.sin(beta[0])
-        turn = np.array([[c, -s], [s, c]])
-        zero = np.zeros(n)
-        columns = {
-            0: np.stack([-y[:, 1], y[:, 0]], axis=1),
-            1: y,
-            2: mirrored @ (turn @ np.diag([1.0, -1.0])).T / depth[:, None],
-            3: mirrored[:, ::-1] @ turn.T / depth[:, None],
-            4: np.stack([zero + 1, zero], axis=1),
-            5: np.stack([zero, zero + 1], axis=1),
-            6: -y * (x[:, :1] / depth[:, None]),
-            7: -y * (x[:, 1:] / depth[:, None]),
-        }
-        z = y + beta[4:6]
-        lens: Array | None = None
-        if beta[8:11].any():
-            lens = self.lens_derivative(z, beta)
-            view = lens @ view
-        for index, column in columns.items():
-            if place[index] >= 0:
-                out[:, :, place[index]] = (
-                    column if lens is None else np.einsum("nij,nj->ni", lens, column)
-                )
-        size = 1.5 * self.extent
-        u = (z - self.centre) / size
-        r2 = (u**2).sum(axis=1)
-        if place[8] >= 0:
-            out[:, :, place[8]] = size * u * r2[:, None]
-        for axis in range(2):
-            if place[9 + axis] >= 0:
-                column = -2 * u * u[:, axis, None]
-                column[:, axis] -= r2
-                out[:, :, place[9 + axis]] = size * column
-        return self.through_lens(z, beta), view, out
-
     def slope(self, q: Array, beta: Array) -> Array:
         """Derivative (n, 2, dof) of the positions by the joint values."""
         lay = self.layout
@@ -313,7 +237,7 @@ class PlanarStructure:
         for i in lay.sliding:
             by_joint[:, i] = direction[:, i] * beta[lay.gain[i]] * self.signs[i] * self.slide
         place = np.full(lay.size, -1)
-        _, view, _ = self._view_columns(terms.sum(axis=1), beta, place, 0)
+        _, view, _ = planar_view.columns(self, terms.sum(axis=1), beta, place, 0)
         return np.asarray(view @ np.stack([by_joint.real, by_joint.imag], axis=1))
 
     def retract(self, beta: Array, delta: Array) -> Array:

@@ -45,16 +45,18 @@ def members(structure: PlanarStructure) -> tuple[tuple[str, tuple[str, ...]], ..
         # Few rows of a camera that looks straight down need no more.
         ladder.append(("similarity", (*view_groups("similarity"), "length", "offset", "gain")))
     ladder.append(("chain", chain))
-    bent: tuple[str, ...] = ("lens",) if structure.lens else ()
-    if structure.simulated and not structure.scaled:
+    turning = bool(structure.layout.turning)
+    if structure.simulated:
+        if turning:
+            ladder.append(("elastic", (*chain, "elastic")))
         # A simulated sensor may be tilted or bent; the lengths hold the scale.
-        bent = ("view.shear", "view.tilt", "lens")
-    if bent:
-        ladder.append(("view", (*chain, *bent)))
-    if structure.layout.turning:
-        ladder.append(("curves", (*chain, *bent, "curve")))
-        ladder.append(("elastic", (*chain, *bent, "elastic")))
-        ladder.append(("curves and elastic", (*chain, *bent, "elastic", "curve")))
+        ladder.append(("view", (*chain, "view.shear", "view.tilt", "lens")))
+    elif structure.lens:
+        ladder.append(("lens", (*chain, "lens")))
+    if turning:
+        ladder.append(("curves", (*chain, "curve")))
+        ladder.append(("elastic", (*chain, "elastic")))
+        ladder.append(("curves and elastic", (*chain, "elastic", "curve")))
     return tuple(ladder)
 
 
@@ -72,7 +74,7 @@ def prior(structure: PlanarStructure, free: Sequence[str]) -> Prior:
         "view.shift": FREE * extent,
         "view.shear": 1.0,
         "view.tilt": 1.0 / chain_reach(structure),
-        "lens": 0.3,
+        "lens": 0.5,
     }
     for group, scale in simple.items():
         if group in free:

@@ -104,6 +104,15 @@ def fit_structure(
     return BodyFit(body, residual, whole.weight[:, 0].copy(), passed.tried, tuple(notes))
 
 
+@dataclass(frozen=True, eq=False)
+class Known:
+    """A member that was fitted: a start for richer ones."""
+
+    groups: set[str]
+    evidence: float
+    beta: Array
+
+
 def _through_gate(
     start: Start,
     members: tuple[tuple[str, tuple[str, ...]], ...],
@@ -114,23 +123,32 @@ def _through_gate(
     floor: Array,
 ) -> Passed:
     """The member that passes the gate from this start."""
-    known: list[tuple[set[str], Array]] = [(set(), start.beta)]
     gaussian = not np.isfinite(nu)
+    first = Known(set(), -np.inf, start.beta)
+    known: list[Known] = []
 
     def fit(free: tuple[str, ...]) -> Fit:
-        made = maximise(
-            start.structure,
-            q,
-            z,
-            [beta for groups, beta in known if groups <= set(free)][-1],
-            start.structure.prior(free),
-            nu=nu,
-            floor=floor,
-            tolerance=1e-3 if gaussian else 1e-2,
-            steps=20 if gaussian else 10,
-        )
+        within = [each for each in known if each.groups <= set(free)]
+        starts = [max(within, key=lambda each: each.evidence)] if within else [first]
+        if gaussian and len(within) > 1:
+            starts.append(within[0])  # what passed may have bent the arm to mend the sensor
+        tries = [
+            maximise(
+                start.structure,
+                q,
+                z,
+                each.beta,
+                start.structure.prior(free),
+                nu=nu,
+                floor=floor,
+                tolerance=1e-3 if gaussian else 1e-2,
+                steps=20 if gaussian else 10,
+            )
+            for each in dict.fromkeys(starts)
+        ]
+        made = max(tries, key=lambda each: each.evidence)
         if set(chain) <= set(free):  # a start for what is richer
-            known.append((set(free), made.beta))
+            known.append(Known(set(free), made.evidence, made.beta))
         return made
 
     def enough(made: Fit) -> bool:

@@ -153,14 +153,13 @@ def _view(structure: PlanarStructure, beta: Array) -> Callable[[float, float], t
         w = 1.0 + x * hx + y * hy
         return (a * x + b * y) / w + tx, (c * x + d * y) / w + ty
 
-    if not (k or px or py):
+    if not k:
         return see
 
     def bent(x: float, y: float) -> tuple[float, float]:
         x, y = see(x, y)
-        u, v = (x - mx) / size, (y - my) / size
-        r2 = u * u + v * v
-        grow = 1.0 + k * r2 - 2.0 * (u * px + v * py)
-        return mx + size * (u * grow - px * r2), my + size * (v * grow - py * r2)
+        u, v = (x - mx) / size - px, (y - my) / size - py
+        grow = size * k * (u * u + v * v)
+        return x + grow * u, y + grow * v
 
     return bent

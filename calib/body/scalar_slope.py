@@ -39,7 +39,7 @@ def compile_slope(structure: PlanarStructure, beta: Array) -> Callable[[Sequence
     tx, ty, hx, hy, k, cx, cy = beta[4:11].tolist()
     mx, my = structure.centre
     size = 1.5 * structure.extent
-    tilted, bent = bool(hx or hy), bool(k or cx or cy)
+    tilted, bent = bool(hx or hy), bool(k)
 
     def evaluate(q: Sequence[float]) -> Sloped:
         more = [0.0] * dof  # elastic part of each angle
@@ -108,13 +108,12 @@ def compile_slope(structure: PlanarStructure, beta: Array) -> Callable[[Sequence
         px += tx
         py += ty
         if bent:
-            u, v = (px - mx) / size, (py - my) / size
+            u, v = (px - mx) / size - cx, (py - my) / size - cy
             r2 = u * u + v * v
-            grow = 1.0 + k * r2 - 2.0 * (u * cx + v * cy)
-            l00 = grow + 2.0 * k * u * u - 4.0 * u * cx
-            l01 = 2.0 * k * u * v - 2.0 * (u * cy + v * cx)
-            l11 = grow + 2.0 * k * v * v - 4.0 * v * cy
-            px, py = mx + size * (u * grow - cx * r2), my + size * (v * grow - cy * r2)
+            l00 = 1.0 + k * (r2 + 2.0 * u * u)
+            l01 = 2.0 * k * u * v
+            l11 = 1.0 + k * (r2 + 2.0 * v * v)
+            px, py = px + size * k * r2 * u, py + size * k * r2 * v
             v00, v01, v10, v11 = (
                 l00 * v00 + l01 * v10,
                 l00 * v01 + l01 * v11,

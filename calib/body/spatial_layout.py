@@ -92,8 +92,8 @@ class SpatialLayout:
             return Label(group, joint, f"{joint}.{group}", kind)
         if group.startswith("curve."):
             joint = self.joint_names[int(group.removeprefix("curve."))]
-            part, order = ("sin", k - HARMONICS) if k >= HARMONICS else ("cos", k)
-            return Label(group, joint, f"{joint}.curve.{part}.{order + 1}", "rad")
+            wave, order = ("sin", k - HARMONICS) if k >= HARMONICS else ("cos", k)
+            return Label(group, joint, f"{joint}.curve.{wave}.{order + 1}", "rad")
         if group == "lens":
             return Label(group, None, f"lens.{LENS[k]}", "1" if k == 3 else unit)
         if group == "view.scale":

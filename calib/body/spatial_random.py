@@ -22,6 +22,8 @@ if TYPE_CHECKING:
 STARTS = 24
 #: Damped steps of every start, and of the few that are best by then.
 FIRST, LAST, KEPT = 40, 80, 4
+#: So many starts that end alike, to this cost, need no others.
+AGREE, SAME = 4, 1.0
 #: Rows that they are fitted to.
 ROWS = 150
 
@@ -32,6 +34,7 @@ def unknown_structure(
     extent: float,
     unit: str = "m",
     metre: float = 1.0,
+    simulated: bool = False,
 ) -> SpatialStructure:
     """Return the structure of a serial arm of which only its joints' names are known.
 
@@ -45,6 +48,8 @@ def unknown_structure(
         Unit of positions.
     metre : float
         Units of positions in one metre.
+    simulated : bool
+        Whether the rows are samples of a simulation.
     """
     from .spatial import SpatialStructure
 
@@ -71,6 +76,7 @@ def unknown_structure(
         metre=metre,
         extent=extent,
         informed=False,
+        simulated=simulated,
     )
 
 
@@ -87,6 +93,9 @@ def chains(structure: SpatialStructure, q: Array, z: Array) -> Sequence[tuple[St
         drawn = _drawn(structure, z, rng)
         beta, cost = settle(drawn, q, z, drawn.neutral(), free.active, free.sd, FIRST)
         tried.append((cost, absorbed(drawn, beta)))
+        best = min(other for other, _ in tried)
+        if sum(other < best + SAME for other, _ in tried) >= AGREE:
+            break
     tried.sort(key=lambda pair: pair[0])
     found: list[tuple[float, SpatialStructure]] = []
     for _, each in tried[:KEPT]:

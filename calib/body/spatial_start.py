@@ -16,6 +16,10 @@ if TYPE_CHECKING:
 
 #: Rows that a start is fitted to.
 ROWS = 400
+#: Fewest rows by view: no fewer could place the sensor.
+LEAST = {"base": 2, "rigid": 4, "similarity": 4, "pose": 3, "pinhole": 6, "unknown": 10}
+#: A median distance beyond this share says that it is not this arm.
+OTHER = 0.3
 #: A median distance beyond this share of the rows' spread is no calibration error.
 MISFIT = 0.1
 #: Degrees of freedom of the Student noise that keeps outliers from deciding.
@@ -24,6 +28,14 @@ NU = 6.0
 
 def starts(structure: SpatialStructure, q: Array, z: Array) -> Sequence[tuple[Structure, Array]]:
     """Candidate starts of a fit: structures with their parameters (d,), the best one first."""
+    least = LEAST["unknown" if not structure.informed else structure.view]
+    if len(q) < least:
+        raise LogError(
+            f"{len(q)} rows cannot place a spatial arm in its sensor's frame: expected {least} or "
+            "more, of poses that differ in every joint"
+        )
+    if float(np.ptp(z, axis=0).max()) <= 1e-9 * max(float(np.abs(z).max()), 1e-12):
+        raise LogError("the positions are the same in every row: the sensor saw no motion")
     rows = np.unique(np.linspace(0, len(q) - 1, min(len(q), ROWS)).round().astype(int))
     q, z = q[rows], z[rows]
     if not structure.informed:
@@ -73,7 +85,7 @@ def _refuse_misfit(structure: SpatialStructure, q: Array, z: Array, beta: Array)
     if left < MISFIT * size and tool < 2 * structure.chain.reach:
         return
     points = structure.metre * structure.pose(q, structure.neutral())[0]
-    left = np.inf
+    misfitting, left = left, np.inf
     for what, sign in (("same", 1.0), ("scale", 1.0), ("mirror", -1.0)):
         seen = z[:, :3] * (sign, 1.0, 1.0)
         turn, shift, scale = similarity(points, seen)
@@ -92,6 +104,12 @@ def _refuse_misfit(structure: SpatialStructure, q: Array, z: Array, beta: Array)
         raise LogError(
             f"the positions are about {scale:.4g} times those of the robot: state their unit, or "
             "use view='similarity'"
+        )
+    if misfitting > OTHER * size:
+        raise LogError(
+            f"the robot does not explain the positions: in the best frame half of the rows are "
+            f"more than {misfitting:.3g} off, of {size:.3g} that they spread; check the order of "
+            "the joints, degrees, and whether it is this robot"
         )
 
 

@@ -2,8 +2,8 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field, replace
-from typing import TYPE_CHECKING, Any
+from dataclasses import replace
+from typing import TYPE_CHECKING
 
 import numpy as np
 
@@ -11,22 +11,20 @@ from ..body.belief import Body
 from ..body.structure import Array
 from ..common.parallel import one_blas_thread
 from ..errors import OptionError
-from ..maps.model_selection import better, blocks
-from ..maps.node_bounds import learn_bounds
 from ..model.model import Model
-from ..model.rows import Rows
-from ..training.evaluate import evaluate_residuals, figures, summarise
+from ..training.evaluate import figures
 from ..training.learn import Progress
-from .alignment import Alignment
-from .baseline import learn_baseline
+from .adapt_online import adapt_online
+from .adaptation import Adaptation, finished, measured_share
 from .carry import carry
-from .causes import Cause, find_causes, frame_between
+from .cause import Cause
+from .causes import find_causes
 from .check import outlier_note
 from .comparison import UNEXPLAINED, Comparison, carried, compare
 from .explain import Explanation
-from .follow import BLOCK, HORIZON, OnlineAdapter
 from .members import NOTHING
 from .own_residual import OwnResidual, own_residual
+from .parameter_causes import frame_between
 from .rows import thinned
 from .update import MOST_ROWS, settled, updated
 from .whitening import kernel, lengths_of
@@ -39,53 +37,11 @@ METHODS = ("few-shot", "online")
 _CLEAR = 0.95  # of the held-out error that a change may leave at most
 _REFINED = 0.85  # the same where nothing changed and rows are only added
 _SURE = 2.0  # standard errors by which held-out blocks must gain where nothing changed
+_SURER = 4.0  # the same where rows lie beyond the old bound
+_SURPRISE = 2.0  # bounds beyond which they lie then, on average
 _UNSURE = 0.9  # share of the expected error that added rows may leave at most
 _LOUD = ("mirror", "scale", "sign", "lost")
-_CELLS = 5  # along each joint, for the share of the range that a log measured
 _RADIUS_95 = 2.448  # radius that holds 95 % of a 2-D Gaussian of standard deviation 1
-_BASELINE = 6000  # imagined samples that tell what is usual after an adaptation
-
-
-@dataclass(frozen=True, eq=False)
-class Adaptation:
-    """The result of adapting a model to a log.
-
-    Attributes
-    ----------
-    model : Model
-        The adapted model; where nothing improved, the old one.
-    improved : bool
-        Whether held-out rows are predicted better than before.
-    samples : int
-        Rows that it rests on.
-    outliers : int
-        Rows that were left out as wrong detections.
-    before, after : dict
-        "mean", "max" and "p99" of the distance from measured to predicted position, on
-        the same rows, which neither prediction has seen [unit].
-    correction : str
-        What was corrected, in words.
-    changed : tuple of Cause
-        What changed, as `check` says of the same log.
-    kept : tuple of str
-        What was left as it was.
-    coverage : float
-        Share of the learned range that the log measured.
-    notes : tuple of str
-        What the user should be told.
-    """
-
-    model: Model
-    improved: bool
-    samples: int
-    outliers: int
-    before: dict[str, float]
-    after: dict[str, float]
-    correction: str
-    changed: tuple[Cause, ...]
-    kept: tuple[str, ...]
-    coverage: float
-    notes: tuple[str, ...] = field(default=())
 
 
 def adapt(
@@ -132,7 +88,7 @@ def adapt(
     with one_blas_thread():
         found = compare(model, log, cause)
         if method == "online":
-            return _online(found, log, progress or (lambda *_: None))
+            return adapt_online(found, log, progress or (lambda *_: None))
         return _few_shot(found, log, progress or (lambda *_: None))
 
 
@@ -177,7 +133,7 @@ def _few_shot(found: Comparison, log: Samples, report: Progress) -> Adaptation:
     fresh = _carried(found, body, own)
     frame = frame_between(found, body.beta) if chosen[0][1].member.framed else None
     report(1.0, "done", float(after.mean()))
-    return replace(made, model=_finished(found, log, made, fresh, after, "few-shot", frame))
+    return replace(made, model=finished(found, log, made, fresh, after, "few-shot", frame))
 
 
 def _followed(found: Comparison, own: OwnResidual | None) -> bool:
@@ -213,6 +169,11 @@ def _improves(
         return False
     if own is not None and found.model.body is None:
         return True
+    bound = float(np.nanmean(found.model.expected_error(found.q)))
+    if (
+        float(before.mean()) > _SURPRISE * bound
+    ):  # rows that the old belief had not thought possible
+        return sure > _SURER
     return _expected(found, body) < _UNSURE * _expected(found, found.belief)
 
 
@@ -256,115 +217,7 @@ def _growth(found: Comparison, fresh: Model, own: OwnResidual, nodes: Array) -> 
     u = np.clip(fresh.motor.units, 0.0, 1.0)
     change = np.linalg.norm(fresh.predictor.value(u) - found.model.predictor.value(u), axis=1)
     near = kernel(nodes, own.q, own.lengths).max(axis=1)
-    return np.hypot(_RADIUS_95 * own.deviation(nodes), (1.0 - near) * change)
-
-
-def _finished(
-    found: Comparison,
-    log: Samples,
-    made: Adaptation,
-    fresh: Model,
-    after: Array,
-    method: str,
-    frame: Alignment | None,
-) -> Model:
-    """The new model with its facts, its baseline and the history of the old one."""
-    old = found.model
-    some = thinned(len(found.q), 500)
-    errors = summarise(evaluate_residuals(fresh, found.q[some], found.x[some], None))
-    # rows that were held out tell the error of the default readout
-    errors["local"]["forward"]["distance"] = dict(made.after)
-    usual = old.about.errors.get("local", {}).get("forward", {}).get("distance", {})
-    event: dict[str, Any] = {
-        "event": "adapted",
-        "method": method,
-        "samples": made.samples,
-        "outliers": made.outliers,
-        "before": made.before,
-        "after": made.after,
-        "correction": made.correction,
-        "changed": [c.to_json() for c in made.changed],
-        "kept": list(made.kept),
-        "coverage": made.coverage,
-        "frame": None if frame is None else frame.to_json(),
-        "from": {
-            "source": old.about.source,
-            "samples": old.about.samples,
-            "simulation": old.about.simulation,
-            "mean": usual.get("mean"),
-        },
-    }
-    unit = log.unit
-    if log.unit == old.about.unit and found.reference.scale != 1.0:
-        unit = "sensor"
-    about = replace(
-        old.about,
-        source="log",
-        bound_of="sensor reading",
-        simulation=None,
-        samples=made.samples,
-        taught=False,
-        unit=unit,
-        errors=errors,
-        notes=made.notes,
-    )
-    points = np.random.default_rng(0).random((_BASELINE, found.q.shape[1]))
-    baseline = learn_baseline(fresh.association, points, fresh.predictor.value(points), after)
-    return replace(
-        fresh,
-        about=about,
-        baseline=baseline,
-        rows=Rows.of(found.q[found.kept], found.x[found.kept]),
-        history=(*old.history, event),
-    )
-
-
-def _online(found: Comparison, log: Samples, report: Progress) -> Adaptation:
-    model, kept = found.model, found.kept
-    u, q, x = found.rows.u[kept], found.q[kept], found.x[kept]
-    # every tenth block is kept apart to judge by
-    held = np.concatenate(blocks(len(u), max(10, len(u) // BLOCK))[4::10])
-    learned = np.setdiff1d(np.arange(len(u)), held)
-    adapter = OnlineAdapter(model, max(HORIZON, len(learned)), force=True)
-    shown = 0
-    while shown < HORIZON:  # a short stream is shown again
-        step = adapter.feed(q[learned], x[learned])
-        shown += len(learned)
-        report(0.9 * min(1.0, shown / HORIZON), "online", step.error)
-    fresh = adapter.model()
-    before = np.linalg.norm(x[held] - model.predictor.value(u[held]), axis=1)
-    after = np.linalg.norm(x[held] - fresh.predictor.value(u[held]), axis=1)
-    known = np.isfinite(fresh.expected_error(q[held]))
-    notes = [*found.rows.notes, *outlier_note(found.outliers)]
-    if shown > len(learned):
-        notes.append(f"{len(learned)} samples were shown {shown // len(learned)} times")
-    causes, said = find_causes(found, found.changed or not found.explained)
-    made = Adaptation(
-        model,
-        better(after, before) and bool(known.mean() > 0.5),
-        len(u),
-        found.outliers,
-        figures(before),
-        figures(after),
-        "maps and links re-formed online",
-        tuple(c for c in causes if c.cause != "noise"),
-        (),
-        measured_share(model, found.q),
-        (*notes, *said),
-    )
-    if not made.improved:
-        return made
-    bounds = learn_bounds(fresh.motor, u[held], after)
-    fresh = replace(fresh, bounds=bounds, model_bounds=bounds)
-    return replace(made, model=_finished(found, log, made, fresh, after, "online", None))
-
-
-def measured_share(model: Model, q: Array) -> float:
-    """Share of the learned range, in cells of a fifth of each joint's range, that rows visit."""
-    u = np.clip(model.motor.scale.to_unit(q), 0.0, 1.0 - 1e-12)
-    dof = u.shape[1]
-    cells = np.unique((u * _CELLS).astype(int), axis=0)
-    return float(min(1.0, len(cells) / _CELLS**dof))
+    return np.asarray(np.hypot(_RADIUS_95 * own.deviation(nodes), (1.0 - near) * change))
 
 
 def _named(best: Explanation, own: OwnResidual | None, changed: bool) -> str:

@@ -11,7 +11,8 @@ from numpy.typing import NDArray
 
 from ..common.parallel import one_blas_thread
 from ..maps.map import Map, search_tree
-from .causes import Cause, find_causes
+from .cause import Cause
+from .causes import find_causes
 from .comparison import Comparison, compare
 from .group_tests import FALSE_ALARM, GroupTest
 

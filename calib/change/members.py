@@ -20,8 +20,8 @@ FRAME = ("view.rotation", "view.shift")
 CAUSES = ("sensor", "joints")
 
 _FREE = {
-    "view.rotation": 0.5,  # [rad]
-    "view.shift": 0.5,  # of the extents
+    "view.rotation": 0.05,  # [rad], about the frame that fits the log best
+    "view.shift": 0.05,  # of the extents
     "view.scale": 0.3,
     "view.shear": 0.1,
     "view.tilt": 0.3,  # of the chain's size

@@ -67,7 +67,8 @@ def compensate(
         return position - p, logarithm(rotation @ np.swapaxes(r, 1, 2))
 
     def size(away: Array, turn: Array) -> Array:
-        return np.hypot(np.linalg.norm(away, axis=1), length * np.linalg.norm(turn, axis=1))
+        turned = length * np.linalg.norm(turn, axis=1)
+        return np.asarray(np.hypot(np.linalg.norm(away, axis=1), turned))
 
     away, turn = lacking(out)
     for _ in range(steps):

@@ -36,14 +36,15 @@ class Joints:
     upper: Array
     revolute: tuple[bool, ...]
 
-    def within(self, q: Array) -> tuple[Array, Array]:
+    def within(self, q: Array) -> tuple[Array, NDArray[np.bool_]]:
         """Joint values (n, dof) by whole turns into the ranges, and whether all are inside (n,)."""
         turns = np.asarray(self.revolute)
         middle = 0.5 * (self.lower + self.upper)
         away = np.where(turns, np.round((q - middle) / (2 * np.pi)), 0.0)
         out = q - 2 * np.pi * away
         slack = 1e-9
-        inside = ((out >= self.lower - slack) & (out <= self.upper + slack)).all(axis=1)
+        near = (out >= self.lower - slack) & (out <= self.upper + slack)
+        inside = np.asarray(near.all(axis=1))
         return np.clip(out, self.lower, self.upper), inside
 
     def draw(self, n: int, rng: np.random.Generator) -> Array:

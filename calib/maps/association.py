@@ -10,6 +10,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 from numpy.typing import NDArray
 
+from ..common.frozen import freeze, frozen
 from ..errors import OptionError
 from .linear_models import LinearModels, MeanPositions, regress
 from .links import WIRINGS, Wiring
@@ -80,6 +81,11 @@ class Association:
     wiring: Wiring = WIRINGS["reciprocal"]
     motor_means: Array | None = None
     sensory_means: Array | None = None
+
+    def __post_init__(self) -> None:
+        freeze(self, "motor_means", "sensory_means")
+        for name in ("data", "indices", "indptr"):
+            setattr(self.links, name, frozen(getattr(self.links, name)))
 
     @staticmethod
     def learn(motor: Map, u: Array, sensory: Map, v: Array, wiring: Wiring) -> Association:

@@ -54,7 +54,7 @@ def learn(
         drawn = _some(u, stage.samples, rng)
         some, rows = u[drawn], order[drawn]
         back = np.argsort(rows)
-        known = [None if a is None else a[rows[back]] for a in (partners, residual)]
+        known, wrong = (None if a is None else a[rows[back]] for a in (partners, residual))
         for k, sigma in enumerate(stage.sigma):
             tree = search(weights)
             distance, winner = nearest(tree, some)  # eq. 1
@@ -62,7 +62,18 @@ def learn(
             if gain is not None and stage.progress is not None:
                 first, last = stage.progress
                 t = first + (last - first) * (k + 1) / len(stage.sigma)
-                seen = Visit(t, winner[back], distance[back], weights, lattice, *known, stage.grown)
+                share = len(u) / stages[-1].lattice.size
+                seen = Visit(
+                    t,
+                    winner[back],
+                    distance[back],
+                    weights,
+                    lattice,
+                    known,
+                    wrong,
+                    stage.grown,
+                    share,
+                )
                 g = np.empty(len(some))
                 g[back] = gain(seen)
             topographic = topographic_error(some, tree, lattice)

@@ -17,6 +17,7 @@ from numpy.typing import NDArray
 from ..errors import OptionError
 from .graph import Graph
 from .lattice import Lattice
+from .untrained import KINDS as UNTRAINED
 
 Array = NDArray[np.float64]
 
@@ -44,6 +45,8 @@ class Visit:
     grown : bool
         Whether the map trains at the default schedule, coarse to fine down to a small
         radius, at which a lattice hardly shrinks from its border.
+    per_node : float
+        Training samples per node.
     """
 
     progress: float
@@ -54,6 +57,7 @@ class Visit:
     partners: Array | None = None
     residual: Array | None = None
     grown: bool = False
+    per_node: float = np.inf
 
 
 Gain = Callable[[Visit], Array]
@@ -61,6 +65,7 @@ Gain = Callable[[Visit], Array]
 
 _FULL = 2 / 3  # share of the training after which the gain at the border is full
 _LEAST, _MOST = 0.05, 50.0  # of the residual's share in the gain
+_PER_NODE = 7.0  # samples of a node that leave nothing to concentrate
 
 
 def border(visit: Visit, strength: float = 9.0) -> Array:
@@ -178,8 +183,9 @@ def rho(visit: Visit) -> Array:
 def residual(visit: Visit) -> Array:
     """Gain of samples where a smooth model is wrong, times that of the border: the default.
 
-    g = border (r / mean r)^(min(1, 3/2 t/T)), r / mean r within 0.05 and 50 and r the mean
-    square of the model's held-out residuals around a sample, see
+    g = border (r / mean r)^(min(1, 3/2 t/T)), r / mean r within 1/20 and 50, less where
+    samples are few for the nodes, see :func:`residual_limits`, and r the mean square of
+    the model's held-out residuals around a sample, see
     :func:`calib.maps.misfit.misfit`; "concentration of nodes in regions with large
     transformation errors".  Without residuals it is the border's gain alone.  At the
     default schedule its strength follows the lattice, see :func:`border_strength`; at a
@@ -190,7 +196,19 @@ def residual(visit: Visit) -> Array:
         return gain
     share = visit.residual / max(float(visit.residual.mean()), 1e-300)
     ramp = min(1.0, visit.progress / _FULL)
-    return np.asarray(gain * np.clip(share, _LEAST, _MOST) ** ramp)
+    least, most = residual_limits(visit.per_node)
+    return np.asarray(gain * np.clip(share, least, most) ** ramp)
+
+
+def residual_limits(per_node: float) -> tuple[float, float]:
+    """Limits of the residual's share in the gain, by the samples per node.
+
+    A node needs some samples of its own: to draw more nodes to a defect than it has samples
+    only takes them from elsewhere.  With 50 samples per node the limits are 1/20 and 50,
+    with 7 and fewer both are 1.
+    """
+    most = float(np.clip((per_node / _PER_NODE) ** 2, 1.0, _MOST))
+    return max(_LEAST, 1.0 / most), most
 
 
 def border_strength(lattice: Lattice | Graph) -> float:
@@ -223,6 +241,7 @@ GAINS: dict[str, Gain | None] = {
     "dsom": None,
     "gng": None,
     **{f"gng:{name}": READINGS[name] for name in _VARYING_GNG},
+    **dict.fromkeys(UNTRAINED),
 }
 """Networks by their name in ``--map`` and the gain that each trains with."""
 
@@ -235,7 +254,7 @@ def gain_of(name: str) -> Gain | None:
 
 
 def kind_of(network: str | Gain) -> str:
-    """Kind of a network, "som", "dsom" or "gng", by its name or its gain function."""
+    """Kind of a network, "som", "dsom", "gng" or untrained, by its name or its gain function."""
     if not isinstance(network, str):
         return "som"
     gain_of(network)

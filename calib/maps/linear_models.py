@@ -130,7 +130,8 @@ class LinearModels:
     @property
     def terms(self) -> int:
         """Functions that one evaluation costs."""
-        return 2 * blend_size(self.slopes.shape[1]) * (1 + self.slopes.shape[1])
+        dof = int(self.slopes.shape[1])
+        return 2 * blend_size(dof) * (1 + dof)
 
     @staticmethod
     def following(motor: Map, value: Callable[[Array], Array]) -> LinearModels:
@@ -183,9 +184,9 @@ class LinearModels:
         place = motor.scale.difference(places[near], motor.units[:, None])
         middle, mean, slope = regress(place, partners[near], weight)
         value = mean - np.einsum("nd,ndo->no", middle, slope)
-        lost = np.flatnonzero(weight.sum(axis=1) <= 0.0)
-        if len(lost):  # no linked node is near: the nearest model goes on
-            linked = np.flatnonzero(weight.sum(axis=1) > 0.0)
+        known = (strength > 0.0) & (weight.sum(axis=1) > 0.0)
+        lost, linked = np.flatnonzero(~known), np.flatnonzero(known)
+        if len(lost) and len(linked):  # a node without links: the nearest model goes on
             tree = search_tree(motor.units[linked], motor.scale)
             source = linked[tree.query(_inside(motor, motor.units[lost]))[1]]
             gap = motor.scale.difference(motor.units[lost], motor.units[source])

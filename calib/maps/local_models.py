@@ -14,6 +14,8 @@ from .map import Map, search_tree
 Array = NDArray[np.float64]
 
 _REACH = 0.55  # of the diagonal of a cell of a node's spacing: so far it speaks in full
+_EVEN = 400  # points of an even spread
+_FIRM = 0.1  # share of an even spread's smallest moment that carries a polynomial
 _CLOSE_ROWS = 5  # rows that have to be near a node
 _CHUNK = 20_000_000  # numbers held at once while fitting
 
@@ -38,12 +40,15 @@ class LocalModels:
         Distance to the first sample that was left out, in the unit box.
     coefficients : (nodes, terms, 2) array
         Coefficients of the monomials of (u - w) / radius, in the unit of the positions.
+    fades : bool
+        Whether a node's say ends beyond its cell; not in models of file format 1.
     """
 
     degree: int
     samples: int
     radius: Array
     coefficients: Array
+    fades: bool = True
 
     def degrees(self, dof: int) -> NDArray[np.intp]:
         """Degree of each node's own model, (nodes,), -1 for none."""
@@ -151,6 +156,48 @@ def fit(
     return LocalModels(degree, samples, radius, coefficients)
 
 
+def surrounded(
+    nodes: Array, u: Array, scale: Scale, degree: int, samples: int, around: Neighbourhood
+) -> NDArray[np.bool_]:
+    """Whether the samples around each node carry polynomials of a degree, (nodes,).
+
+    The smallest eigenvalue of their moments is compared with that of samples spread evenly
+    over the ball around the node: where rows are clustered, or on one side, a polynomial that
+    fits them says anything in between and beside.
+
+    Parameters
+    ----------
+    nodes, u : (nodes, d), (n, d) array
+        In the unit box.
+    scale : Scale
+    degree, samples : int
+        Of the models.
+    around : Neighbourhood
+        At least so many samples around each node.
+    """
+    if degree == 0:
+        return np.ones(len(nodes), dtype=bool)
+    samples = min(samples, around.index.shape[1] - 1)
+    radius = np.maximum(around.distance[:, samples], 1e-12)
+    z = scale.difference(u[around.index[:, :samples]], nodes[:, None]) / radius[:, None, None]
+    ball = np.random.default_rng(0).standard_normal((1, _EVEN, nodes.shape[1]))
+    ball /= np.linalg.norm(ball, axis=2, keepdims=True)
+    ball *= (np.arange(_EVEN) + 0.5)[None, :, None] ** (1 / nodes.shape[1]) / _EVEN ** (
+        1 / nodes.shape[1]
+    )
+    least, even = (_least_moment(part, degree) for part in (z, ball))
+    return np.asarray(least > _FIRM * even)
+
+
+def _least_moment(z: Array, degree: int) -> Array:
+    """Smallest eigenvalue of the kernel-weighted mean moments of `z` (n, k, d), (n,)."""
+    kernel = (1.0 - np.minimum(np.einsum("nkd,nkd->nk", z, z), 1.0)) ** 2
+    features = monomials(z, degree)
+    moments = np.swapaxes(features * kernel[..., None], 1, 2) @ features
+    total = np.maximum(kernel.sum(axis=1), 1e-300)
+    return np.asarray(np.linalg.eigvalsh(moments / total[:, None, None])[:, 0])
+
+
 def blend(motor: Map, u: Array, m: int) -> tuple[NDArray[np.intp], Array]:
     """Nodes whose models speak for each point and their weights, both (n, m).
 
@@ -174,12 +221,16 @@ def speaking(motor: Map, u: Array) -> tuple[NDArray[np.intp], Array, Array]:
     """
     index, weight = blend(motor, u, blend_size(u.shape[1]))
     gap = motor.scale.difference(u[:, None], motor.units[index])
-    reach = _REACH * np.sqrt(u.shape[1]) * motor.spacings[index]
-    share = _fade(np.sqrt(np.einsum("nmd,nmd->nm", gap, gap)) / reach)
+    share = _fade(np.sqrt(np.einsum("nmd,nmd->nm", gap, gap)) / reach_of(motor)[index])
     weight = weight * share
     total = weight.sum(axis=1, keepdims=True)
     left = share.max(axis=1, keepdims=True)
     return index, np.where(total > 0.0, weight * left / np.where(total > 0.0, total, 1.0), 0.0), gap
+
+
+def reach_of(motor: Map) -> Array:
+    """How far each node speaks in full, (nodes,), in the unit box."""
+    return np.asarray(_REACH * np.sqrt(motor.units.shape[1]) * motor.spacings)
 
 
 def near_rows(motor: Map, u: Array) -> Array:
@@ -212,7 +263,11 @@ def predict(
     models: LocalModels, motor: Map, u: Array, *, slope: bool = False
 ) -> tuple[Array, Array | None]:
     """Blended correction at the points `u` (n, d), (n, 2), and its slope (n, 2, d)."""
-    index, weight, gap = speaking(motor, u)
+    if models.fades:
+        index, weight, gap = speaking(motor, u)
+    else:
+        index, weight = blend(motor, u, blend_size(u.shape[1]))
+        gap = motor.scale.difference(u[:, None], motor.units[index])
     radius = models.radius[index]
     z = gap / radius[..., None]
     c = models.coefficients[index] * weight[..., None, None]

@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 from numpy.typing import NDArray
 
+from ..common.frozen import freeze, frozen
 from ..common.scale import Scale
 from .graph import Graph
 from .lattice import Lattice
@@ -43,12 +44,13 @@ class Map:
     scale: Scale
     history: Array
 
+    def __post_init__(self) -> None:
+        freeze(self, "units", "history")
+
     @property
     def weights(self) -> Array:
         """Weights of the nodes, (nodes, d) [rad, m or the sensor's unit]; read-only."""
-        weights = self.scale.from_unit(self.units)
-        weights.flags.writeable = False
-        return weights
+        return frozen(self.scale.from_unit(self.units))
 
     @property
     def size(self) -> int:

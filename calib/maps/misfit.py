@@ -48,12 +48,20 @@ def misfit(scale: Scale, u: Array, held: Array, extent: float, at: Array) -> Arr
     if k < _FEWEST or square.mean() <= 2.0 * floor:
         return None
     some = slice(None, None, -(-len(u) // _MANY))
-    index = np.asarray(search_tree(u[some], scale).query(at, k=k, workers=-1)[1])
-    # without the largest: an outlier is no misfit
-    around = np.sort(square[some][index], axis=1)[:, : k - k // 5].mean(axis=1)
-    noise = float(np.median(around))
+    tree, square = search_tree(u[some], scale), square[some]
+
+    def around(points: Array) -> Array:
+        index = np.asarray(tree.query(points, k=k, workers=-1)[1])
+        # without the largest: an outlier is no misfit
+        return np.asarray(np.sort(square[index], axis=1)[:, : k - k // 5].mean(axis=1))
+
+    own = around(u[some])
+    noise = float(np.median(own))
     chance = _CHANCE * np.sqrt(2.0 / (held.shape[1] * k))
     # repeated rows tell less than their number: the calm half shows how much
-    spread = noise - float(np.quantile(around, 0.16))
-    wrong = around > noise + max(noise * chance, _SPREADS * spread)
-    return np.where(wrong, around - noise, 0.0) if np.count_nonzero(wrong) > k else None
+    spread = noise - float(np.quantile(own, 0.16))
+    least = noise + max(noise * chance, _SPREADS * spread)
+    if np.count_nonzero(own > least) <= k:
+        return None
+    here = own if at is u and len(own) == len(u) else around(at)
+    return np.where(here > least, here - noise, 0.0)

@@ -28,6 +28,7 @@ _AROUND = 60  # rows by which a node chooses, besides those that it speaks for
 _TURNS = 9  # rounds in which nodes reconsider
 _COLOURS = 3  # of which each node takes part in every third
 _PRICE = 0.05  # share of the distances by which another choice must mend them
+_RUN = 20  # neighbouring rows that may be repeats of each other
 _SURE = 2.0  # standard errors by which a local model must win over none
 
 
@@ -123,6 +124,7 @@ def fit_each(
 ) -> LocalModels:
     """Local models of each node's own shape, (nodes,) indices into `shapes`, -1 for none.
 
+    A node that is far from all rows, or whose rows lie to one side of it, has none.
     Coefficients are those of the largest degree; a node of a lower one has zeros.
     """
     from ..body.basis import exponents
@@ -137,8 +139,11 @@ def fit_each(
     for k, (own, samples) in enumerate(shapes):
         nodes = np.flatnonzero(choice == k)
         if len(nodes):
-            found = local.fit(motor.units[nodes], u, residual, motor.scale, own, samples)
-            coefficients[nodes, : found.coefficients.shape[1]] = found.coefficients
+            around = Neighbourhood.of(motor.units[nodes], u, motor.scale, samples)
+            found = local.fit(motor.units[nodes], u, residual, motor.scale, own, samples, around)
+            firm = local.surrounded(motor.units[nodes], u, motor.scale, own, samples, around)
+            kept = np.where(firm[:, None, None], found.coefficients, 0.0)
+            coefficients[nodes, : kept.shape[1]] = kept
             radius[nodes] = found.radius
     coefficients *= local.near_rows(motor, u)[:, None, None]
     return LocalModels(degree, max(k for _, k in used), radius, coefficients)
@@ -197,11 +202,25 @@ def _least(motor: Map, nodes: Index, u: Array, index: Index, square: Array, usua
     count = np.asarray(judge.sum(axis=1), dtype=float).ravel()
     gain = square[usual] - square
     mean = (judge @ gain.T) / count[:, None]
-    spread = np.sqrt(np.maximum((judge @ (gain**2).T) / count[:, None] - mean**2, 0.0))
-    sure = mean > _SURE * spread / np.sqrt(count)[:, None]
+    sure = mean > _SURE * _standard_errors(node, row, gain, mean, count)
     score = np.where(sure, mean, 0.0)
     best = score.argmax(axis=1)
     return np.asarray(np.where(score.max(axis=1) > 0.0, best, usual), dtype=np.intp)
+
+
+def _standard_errors(node: Index, row: Index, gain: Array, mean: Array, count: Array) -> Array:
+    """Standard errors of the mean gains (nodes, choices): runs of rows count as one.
+
+    Neighbouring rows of a log can be near-repeats; sums within a run are compared, which of
+    rows in random order are the rows themselves.
+    """
+    run, place = np.unique(node * (row.max() // _RUN + 1) + row // _RUN, return_inverse=True)
+    owner = run // (row.max() // _RUN + 1)
+    errors = np.empty_like(mean)
+    for k, each in enumerate(gain):
+        away = np.bincount(place, each[row] - mean[node, k], len(run))
+        errors[:, k] = np.sqrt(np.bincount(owner, away**2, len(mean))) / count
+    return errors
 
 
 def _settled(
@@ -229,7 +248,7 @@ def _settled(
         for new in every:
             after = share * np.linalg.norm(remains[row] + now - new, axis=1)
             gains.append(np.bincount(node, before - after, nodes))
-        score = np.stack(gains)
+        score: Array = np.stack(gains).astype(float)
         # the price keeps a choice that is as good but for chance; none is chosen without
         score[1:] -= _PRICE * np.bincount(node, before, nodes)
         best, gain = score.argmax(axis=0) - 1, score.max(axis=0)

@@ -5,11 +5,12 @@ The counterpart of `local_models.predict` for a control loop.
 
 from __future__ import annotations
 
+import math
 from collections.abc import Sequence
 from dataclasses import dataclass, field
 
 from ..body.basis import exponents
-from .local_models import LocalModels
+from .local_models import LocalModels, reach_of
 from .map import Map
 from .node_cells import NodeCells
 
@@ -28,11 +29,14 @@ class NodeModels:
         For each node its coordinates, radius and terms (exponents, x, y); only what is not zero.
     periodic : tuple of bool
         Axes whose ends meet.
+    reach : list of float or None
+        How far each node speaks in full, in the unit box; None where it always does.
     """
 
     cells: NodeCells
     nodes: list[tuple[list[float], float, list[Term]]] = field(repr=False)
     periodic: tuple[bool, ...]
+    reach: list[float] | None = field(default=None, repr=False)
 
     @staticmethod
     def of(models: LocalModels, motor: Map, cells: NodeCells) -> NodeModels:
@@ -44,13 +48,14 @@ class NodeModels:
         ):
             terms = [(e, x, y) for e, (x, y) in zip(powers, rows, strict=True) if x or y]
             nodes.append((w, radius, terms))
-        return NodeModels(cells, nodes, tuple(bool(p) for p in motor.scale.periodic))
+        reach = reach_of(motor).tolist() if models.fades else None
+        return NodeModels(cells, nodes, tuple(bool(p) for p in motor.scale.periodic), reach)
 
     def value(self, u: Sequence[float]) -> tuple[float, float]:
         """Blended correction at a point of the unit box."""
         x = y = 0.0
-        for n, weight in zip(*self.cells.near(u), strict=True):
-            z, terms = self._at(n, u)
+        for n, weight, z in self._speaking(u):
+            terms = self.nodes[n][2]
             for powers, cx, cy in terms:
                 factor = weight
                 for value, power in zip(z, powers, strict=True):
@@ -64,8 +69,8 @@ class NodeModels:
         """Blended correction and its derivatives by the unit coordinates."""
         x = y = 0.0
         gx, gy = [0.0] * len(u), [0.0] * len(u)
-        for n, weight in zip(*self.cells.near(u), strict=True):
-            z, terms = self._at(n, u)
+        for n, weight, z in self._speaking(u):
+            terms = self.nodes[n][2]
             per_unit = weight / self.nodes[n][1]
             for powers, cx, cy in terms:
                 factor = weight
@@ -83,13 +88,28 @@ class NodeModels:
                     gy[k] += tilt * cy
         return x, y, gx, gy
 
-    def _at(self, n: int, u: Sequence[float]) -> tuple[list[float], list[Term]]:
-        """Coordinates of a point about a node, in its radius, and the node's terms."""
-        w, radius, terms = self.nodes[n]
+    def _speaking(self, u: Sequence[float]) -> list[tuple[int, float, list[float]]]:
+        """Nodes that speak for a point, their weights, and the point about each of them."""
+        nodes, weights = self.cells.near(u)
+        places = [self._at(n, u) for n in nodes]
+        if self.reach is None:
+            return list(zip(nodes, weights, places, strict=True))
+        shares = []
+        for n, z in zip(nodes, places, strict=True):
+            beyond = self.nodes[n][1] * math.sqrt(sum(v * v for v in z)) / self.reach[n] - 1.0
+            shares.append(1.0 if beyond <= 0.0 else 0.0 if beyond >= 1.0 else (1 - beyond**2) ** 2)
+        spoken = [w * share for w, share in zip(weights, shares, strict=True)]
+        total = sum(spoken)
+        left = max(shares) / total if total > 0.0 else 0.0
+        return [(n, w * left, z) for n, w, z in zip(nodes, spoken, places, strict=True)]
+
+    def _at(self, n: int, u: Sequence[float]) -> list[float]:
+        """Coordinates of a point about a node, in its radius."""
+        w, radius, _ = self.nodes[n]
         z = []
         for a, b, turns in zip(u, w, self.periodic, strict=True):
             gap = a - b
             if turns:
                 gap -= round(gap)
             z.append(gap / radius)
-        return z, terms
+        return z

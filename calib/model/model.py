@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from ..common.frozen import freeze
 from ..common.wording import one_line
 from ..errors import OptionError, QueryError
 from ..inverse.solver import Solver
@@ -21,7 +22,7 @@ from . import answers
 from .answers import Answer, checked_rows
 from .rows import Rows
 from .single import Single
-from .trust import KNOWN_DISTANCES, KNOWN_SPACINGS, MOST_SHARE, Trust
+from .trust import KNOWN, MOST_SHARE, STEEP, Trust
 
 if TYPE_CHECKING:
     import os
@@ -98,11 +99,7 @@ class Model:
     approach: Approach | None = None
 
     def __post_init__(self) -> None:
-        """Make the arrays read-only: whoever wants another model replaces them."""
-        for name in ("bounds", "model_bounds", "visited"):
-            view = getattr(self, name).view()
-            view.flags.writeable = False
-            object.__setattr__(self, name, view)
+        freeze(self, "bounds", "model_bounds", "visited")
 
     def __repr__(self) -> str:
         """Say in three lines what it is a model of, what it has learned and how well."""
@@ -110,7 +107,7 @@ class Model:
         robot = about.robot or "a log"
         maps = self.motor, self.sensory
         nodes = " and ".join("x".join(map(str, each.lattice.shape)) for each in maps)
-        error = about.errors.get("local", {}).get("forward", {}).get("distance", {}).get("mean")
+        error = about.errors.get(self.default_readout, {}).get("forward", {}).get("distance", {}).get("mean")
         known = "unknown" if error is None else f"{error:.3g} {about.unit}"
         return one_line(f"Model of {robot}: {', '.join(about.joint_names)}") + (
             f"\n  {about.samples:,} samples ({about.source}), maps of {nodes} nodes"
@@ -171,12 +168,9 @@ class Model:
         known = None
         # a file of format 1 has no option `body`, and its bounds hold as they did
         if self.body is None and self.baseline is not None and "body" in self.about.options:
-            known = np.maximum(
-                KNOWN_SPACINGS * self.motor.spacing, KNOWN_DISTANCES * np.sqrt(self.baseline.motor)
-            )
-        return Trust(
-            self.motor, self.model_bounds, MOST_SHARE * self.reach, known, self.solver.extent
-        )
+            known = np.where(self.visited, KNOWN * np.sqrt(self.baseline.motor), -1.0)
+        most, growth = MOST_SHARE * self.reach, STEEP * self.solver.extent
+        return Trust(self.motor, self.model_bounds, most, known, growth)
 
     @cached_property
     def reach(self) -> float:
@@ -485,8 +479,11 @@ class Model:
         NaN out of reach, and where a joint would change by far more than this model usually
         corrects; :func:`calib.correct` tells which and takes another limit.
         """
-        from ..use.correct import correct
+        from ..use.correct import correct, correct_one
 
+        quick = correct_one(self, q)
+        if quick is not None:
+            return quick
         found = correct(self, q)
         answer = np.where(found.exceeded[:, None], np.nan, found.q)
         return answer[0] if found.single else answer

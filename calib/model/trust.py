@@ -4,21 +4,28 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 from functools import cached_property
+from typing import TYPE_CHECKING
 
 import numpy as np
 from numpy.typing import NDArray
 
-from ..maps.map import Map
+from ..maps.map import Map, search_tree
 from ..maps.node_bounds import blend_nodes
+
+if TYPE_CHECKING:
+    from scipy.spatial import cKDTree
 
 Array = NDArray[np.float64]
 
 MOST_SHARE = 0.1
 """Share of the reach: where the bound on the position exceeds it, there is no answer."""
 
-KNOWN_SPACINGS, KNOWN_DISTANCES = 2.0, 3.0
-"""Without a body the bound of a node holds within so many node spacings, or within so many
-times the root mean square distance of its samples."""
+KNOWN = 2.0
+"""Without a body the bound of a node that samples have visited holds within so many times
+the root mean square distance of its samples."""
+
+STEEP = 2.0
+"""Extents of the workspace that a position may change by over the range of a joint."""
 
 ROUNDED = 1e-9
 """Share of a joint's range by which values beyond it count as rounded."""
@@ -37,9 +44,9 @@ class Trust:
     most : float [unit]
         Largest bound with which a position is still an answer.
     known : (nodes,) array, optional
-        How far each node's own bound holds, in the unit box; the bound of a point further
-        away grows.  Without it a bound holds wherever its node is the nearest, as that of a
-        body does.
+        How far from each node its bound holds, in the unit box, negative where it holds
+        nowhere; the bound of a point further away from all of them grows.  Without it a
+        bound holds wherever its node is among the nearest, as that of a body does.
     growth : float [unit]
         What the position may change by over the unit box.
     """
@@ -67,9 +74,17 @@ class Trust:
         blended = blend_nodes(self.motor, bounds, u)
         if self.known is None:
             return blended
-        distance, nearest = (part[:, 0] for part in self.motor.nearest(u))
-        away = np.maximum(distance - self.known[nearest], 0.0)
+        holding = np.flatnonzero(self.known >= 0.0)
+        inside = np.where(self.motor.scale.periodic, u % 1.0, u)
+        distance, nearest = self._tree.query(inside, k=1)
+        away = np.maximum(distance - self.known[holding[nearest]], 0.0)
         return np.asarray(blended + self.growth * away)
+
+    @cached_property
+    def _tree(self) -> cKDTree:
+        """Nodes whose bound holds somewhere."""
+        assert self.known is not None  # noqa: S101
+        return search_tree(self.motor.units[self.known >= 0.0], self.motor.scale)
 
     @cached_property
     def _everywhere(self) -> bool:

@@ -85,6 +85,7 @@ def build(header: Mapping[str, Any], tensors: Mapping[str, NDArray[Any]]) -> Mod
         int(header["local"]["samples"]),
         tensors["local.radius"],
         tensors["local.coefficients"],
+        of_type("fades", header["local"].get("fades", False), bool),  # no word of it in format 1
     )
     if degree >= 0:
         from ..body.basis import exponents
@@ -95,9 +96,8 @@ def build(header: Mapping[str, Any], tensors: Mapping[str, NDArray[Any]]) -> Mod
         terms = len(exponents(dof, degree))
         _expect("local.coefficients", models.coefficients, (motor.size, terms, width))
     _expect("bounds", tensors["bounds"], (motor.size,))
-    model_bounds = tensors.get(
-        "model_bounds", tensors["bounds"]
-    )  # of a simulation they are the same
+    # of a simulation they are the same, and format 1 had one
+    model_bounds = tensors.get("model_bounds", tensors["bounds"])
     _expect("model_bounds", model_bounds, (motor.size,))
     _expect("visited", tensors["visited"], (motor.size,))
     if not tensors["visited"].any() or min(tensors["bounds"].min(), model_bounds.min()) < 0:

@@ -80,6 +80,7 @@ def to_bytes(model: Model) -> bytes:
         "local": {
             "degree": model.predictor.models.degree,
             "samples": model.predictor.models.samples,
+            "fades": model.predictor.models.fades,
         },
     }
     if model.approach is not None:

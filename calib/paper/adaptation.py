@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 
 from ..change.follow import Step, follow
 from ..training.train import train
-from .setting import Setting
+from .setting import NETWORKS, Setting
 from .tables import Result, Table
 
 if TYPE_CHECKING:
@@ -19,11 +19,11 @@ if TYPE_CHECKING:
 
 Array = NDArray[np.float64]
 
-CHANGES = {"lengthened": "elbow.length=+20%", "shortened": "elbow.length=-20%"}
+CHANGES = {"lengthened": "+20%", "shortened": "-20%"}
 """A tool that is mounted and one that is removed: the paper does not say how long."""
 
 _STREAM = 91  # of the samples that come after the change
-_READOUTS = ("winner", "activity", "local")
+_READOUTS = ("winner", "activity", "linear")
 _RULE = "activity, eq. 11 alone"  # the links as the rule has made them, step by step
 
 
@@ -63,7 +63,7 @@ def episode(setting: Setting, change: str) -> Episode:
     # 20,000 samples, as calib train has them; as many follow the change
     n = min(setting.samples, 20_000)
     samples = setting.babble(seed, n)
-    before = train(samples, size=setting.side, seed=seed)
+    before = train(samples, size=setting.side, map=NETWORKS["vdsom"], body="none", seed=seed)
     stream = setting.babble(seed + _STREAM, n, changes=(change,))
     steps = []
     after = rule = before
@@ -107,14 +107,15 @@ def _error(model: Model, q: Array, x: Array, readout: str) -> dict[str, float]:
 @lru_cache(maxsize=2)
 def adaptation(setting: Setting) -> tuple[Result, dict[str, Episode]]:
     """Both changes: figures, and the curves along the stream."""
-    episodes = {name: episode(setting, change) for name, change in CHANGES.items()}
+    changes = {name: f"{setting.joints[1]}.length={by}" for name, by in CHANGES.items()}
+    episodes = {name: episode(setting, change) for name, change in changes.items()}
     data: dict[str, Any] = {}
     summary: list[list[str | float | None]] = []
     curves: list[list[str | float | None]] = []
     for name, e in episodes.items():
         noticed = [s.samples for s in e.steps if s.adapting]
         data[name] = {
-            "change": CHANGES[name],
+            "change": changes[name],
             "errors": e.errors,
             "distortion": e.distortion,
             "samples_to_notice": noticed[0] if noticed else None,
@@ -144,7 +145,7 @@ def adaptation(setting: Setting) -> tuple[Result, dict[str, Episode]]:
     header += [f"{r} {k} [mm]" for r in (*_READOUTS, _RULE) for k in ("mean", "max")]
     columns = ["change", "samples", "zeta motor", "zeta sensory", "threshold", "error [mm]"]
     columns += ["sigma [nodes]", "eta", "beta", "adapting"]
-    words = " and ".join(f"{k}: {v}" for k, v in CHANGES.items())
+    words = " and ".join(f"{k}: {v}" for k, v in changes.items())
     tables = (
         Table("adaptation", f"distortion and forward error, {words}", header, summary),
         Table("adaptation_curves", "along the stream of samples", columns, curves),

@@ -12,10 +12,9 @@ from ..maps.association import Association
 from ..maps.density import READINGS
 from ..maps.links import WIRINGS
 from ..samples.samples import Samples
-from .published import COLUMNS, UNITS
 from .search import SAME
 from .setting import NETWORKS, Setting
-from .tables import FACTORS, Result, Table
+from .tables import FACTORS, Result, Table, columns_of, unit_of
 from .trial import Row, Schedule, Trial, activity_errors, association, joined
 
 Array = NDArray[np.float64]
@@ -91,7 +90,7 @@ def perturbation(setting: Setting) -> Result:
     for degrees in _TREMBLE[:: 4 if setting.quick else 1]:
         setting.report(degrees / max(_TREMBLE), f"commands off by {degrees:g} deg")
         tremble = np.radians(degrees)
-        changes = [f"{joint}.noise={tremble:.9g}" for joint in ("shoulder", "elbow")]
+        changes = [f"{joint}.noise={tremble:.9g}" for joint in setting.joints]
         found = []
         for seed in seeds:
             samples = setting.babble(seed, n, changes=changes if degrees else ())
@@ -99,7 +98,7 @@ def perturbation(setting: Setting) -> Result:
         rows[f"{degrees:g} deg"] = joined(found)
     title = f"commands perturbed while learning (standard deviation), {n:,} samples, "
     title += f"{len(seeds)} seeds, tested on the arm at rest"
-    table = _table("perturbation", title, rows, readouts=("winner", "activity", "local"))
+    table = _table("perturbation", title, rows, readouts=("winner", "activity", "linear"))
     return Result(dict(rows), (table,))
 
 
@@ -121,6 +120,7 @@ def directions(setting: Setting) -> Result:
         "a set for each direction": (there, back),
     }
     rows: list[list[str | float | None]] = []
+    columns = ("x", "y", *setting.joints)
     spans = np.concatenate([one.sensory.scale.span, one.motor.scale.span])
     for name, (forward, inverse) in found.items():
         errors = np.concatenate(
@@ -129,11 +129,11 @@ def directions(setting: Setting) -> Result:
         errors = errors * spans
         data[name] = {
             c: {"mean": float(e.mean()), "max": float(e.max())}
-            for c, e in zip(COLUMNS, errors.T, strict=True)
+            for c, e in zip(columns, errors.T, strict=True)
         }
-        cells = [data[name][c][k] * FACTORS[UNITS[c]] for c in COLUMNS for k in ("mean", "max")]
+        cells = [data[name][c][k] * FACTORS[unit_of(c)] for c in columns for k in ("mean", "max")]
         rows.append([name, *cells])
-    header = ["links", *(f"{c} {k} [{UNITS[c]}]" for c in COLUMNS for k in ("mean", "max"))]
+    header = ["links", *(f"{c} {k} [{unit_of(c)}]" for c in columns for k in ("mean", "max"))]
     title = "both directions from one set of links, readout activity, one seed"
     return Result(data, (Table("directions", title, header, rows),))
 
@@ -156,12 +156,13 @@ def _table(
     name: str, title: str, rows: dict[str, Row], readouts: tuple[str, ...] = ("activity",)
 ) -> Table:
     """Mean and largest error of each column, a line for each row and readout."""
-    header = ["", "readout", *(f"{c} {k} [{UNITS[c]}]" for c in COLUMNS for k in ("mean", "max"))]
+    names = columns_of(next(iter(rows.values())))
+    header = ["", "readout", *(f"{c} {k} [{unit_of(c)}]" for c in names for k in ("mean", "max"))]
     lines: list[list[str | float | None]] = []
     for label, row in rows.items():
         for readout in readouts:
             cells = [
-                row[readout][c][k] * FACTORS[UNITS[c]] for c in COLUMNS for k in ("mean", "max")
+                row[readout][c][k] * FACTORS[unit_of(c)] for c in names for k in ("mean", "max")
             ]
             lines.append([label, readout, *cells])
     return Table(name, title, header, lines)

@@ -5,7 +5,8 @@ Matplotlib is imported when a figure is drawn.
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
+from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -28,7 +29,7 @@ _COLOURS = "plasma"
 _DPI = 160
 
 
-def lattice_figure(setting: Setting, path: Path) -> None:
+def lattice_figure(setting: Setting, path: Path, formats: Sequence[str] = ("png",)) -> None:
     """Motor and sensory lattice of SOM and VDSOM, coloured by the error of each winner.
 
     Both at the same schedule, the one at which the paper's ratio appears.
@@ -58,7 +59,7 @@ def lattice_figure(setting: Setting, path: Path) -> None:
         for ax, (net, points, error, factor, unit, label, most) in zip(row, parts, strict=True):
             heat = node_means(net, points, error)
             lines = draw_lattice(ax, net, heat, factor, (0.0, most))
-            names = ("shoulder", "elbow") if unit == "deg" else ("x", "y")
+            names = setting.joints if unit == "deg" else ("x", "y")
             which = "motor" if unit == "deg" else "sensory"
             ax.set(
                 title=f"{network.upper()}, {which} map",
@@ -73,10 +74,12 @@ def lattice_figure(setting: Setting, path: Path) -> None:
         "readout activity",
         fontsize=9,
     )
-    _save(figure, path)
+    _save(figure, path, formats)
 
 
-def changed_figure(episodes: Mapping[str, Episode], path: Path) -> None:
+def changed_figure(
+    episodes: Mapping[str, Episode], path: Path, formats: Sequence[str] = ("png",)
+) -> None:
     """Sensory map before a change, with its distortion there, and after it has followed."""
     figure = _figure(12.4, 3.0 * len(episodes))
     axes = np.atleast_2d(figure.subplots(len(episodes), 3))
@@ -99,10 +102,12 @@ def changed_figure(episodes: Mapping[str, Episode], path: Path) -> None:
             ax.set(title=title, xlabel="x [mm]", ylabel="y [mm]", aspect="equal")
             _bar(figure, lines, ax, label)
         _share_limits(row)
-    _save(figure, path)
+    _save(figure, path, formats)
 
 
-def curves_figure(episodes: Mapping[str, Episode], path: Path) -> None:
+def curves_figure(
+    episodes: Mapping[str, Episode], path: Path, formats: Sequence[str] = ("png",)
+) -> None:
     """Distortion, error, radius and learning rate along the stream after a change."""
     figure = _figure(9.6, 6.2)
     axes = figure.subplots(2, 2, sharex=True)
@@ -137,11 +142,20 @@ def curves_figure(episodes: Mapping[str, Episode], path: Path) -> None:
     for ax in axes[1]:
         ax.set_xlabel("samples after the change")
         ax.locator_params(axis="x", nbins=5)
-    _save(figure, path)
+    _save(figure, path, formats)
 
 
-def _save(figure: Any, path: Path) -> None:
-    atomic_write(path, lambda file: figure.savefig(file, format="png", dpi=_DPI))
+def _save(figure: Any, path: Path, formats: Sequence[str] = ("png",)) -> None:
+    """Write a figure, as bitmap or as vectors; the same figure gives the same bytes."""
+    from matplotlib import rc_context
+
+    for kind in formats:
+        dated: dict[str, Any] = {"png": {}, "svg": {"Date": None}, "pdf": {"CreationDate": None}}
+        with rc_context({"svg.hashsalt": path.stem}):
+            atomic_write(
+                path.with_suffix(f".{kind}"),
+                partial(figure.savefig, format=kind, dpi=_DPI, metadata=dated[kind]),
+            )
 
 
 def node_means(net: Map, points: Array, values: Array) -> Array:

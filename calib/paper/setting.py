@@ -2,14 +2,21 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable
-from dataclasses import dataclass, field
+from collections.abc import Callable, Iterable, Mapping
+from dataclasses import dataclass, field, replace
+from functools import cached_property
+from pathlib import Path
+from typing import TYPE_CHECKING
 
 import numpy as np
 from numpy.typing import NDArray
 
+from ..errors import OptionError
 from ..samples.babbling import babble
 from ..samples.samples import Samples
+
+if TYPE_CHECKING:
+    from ..arm.planar_arm import PlanarArm
 
 Array = NDArray[np.float64]
 
@@ -42,6 +49,14 @@ class Setting:
         Each gives other samples, another start and other test points.
     quick : bool
         Small lattices and few samples, to see that everything runs.
+    data : Path or None
+        Folder of real logs, for the ablation.
+    robot : str
+        A bundled robot or a URDF with two joints that turn.
+    ranges : tuple of (joint, (low, high))
+        Parts of the joints' ranges that are babbled [rad].
+    lengths : tuple of (joint, length)
+        Lengths of the links that the joints move, where not those of the robot [m].
     """
 
     side: int = 70
@@ -50,23 +65,79 @@ class Setting:
     seeds: tuple[int, ...] = (0, 1, 2, 3, 4)
     quick: bool = False
     report: Report = field(default=lambda _share, _what: None)
+    data: Path | None = None
+    robot: str = ROBOT
+    ranges: tuple[tuple[str, tuple[float, float]], ...] = ()
+    lengths: tuple[tuple[str, float], ...] = ()
 
     @staticmethod
-    def of(seed: int = 0, *, quick: bool = False, report: Report | None = None) -> Setting:
-        """The paper's setting, or a small one; the seeds start at `seed`."""
+    def of(
+        seed: int = 0,
+        *,
+        quick: bool = False,
+        report: Report | None = None,
+        robot: str = ROBOT,
+        ranges: Mapping[str, tuple[float, float]] | None = None,
+        lengths: Mapping[str, float] | None = None,
+    ) -> Setting:
+        """The paper's setting, or a small one; the seeds start at `seed`.
+
+        Raises
+        ------
+        OptionError
+            If the robot has not two joints that turn in a plane, or a joint is unknown.
+        """
         say = report or (lambda _share, _what: None)
+        setting = Setting(seeds=tuple(range(seed, seed + 5)), report=say)
         if quick:
-            return Setting(12, (8, 12), 1500, (seed, seed + 1), quick=True, report=say)
-        return Setting(seeds=tuple(range(seed, seed + 5)), report=say)
+            setting = Setting(12, (8, 12), 1500, (seed, seed + 1), quick=True, report=say)
+        setting = replace(
+            setting,
+            robot=robot,
+            ranges=tuple((ranges or {}).items()),
+            lengths=tuple((lengths or {}).items()),
+        )
+        _ = setting.joints  # an arm that does not fit is told here
+        return setting
+
+    @property
+    def printed(self) -> bool:
+        """Whether the paper's figures stand beside these: for its arm and its lattices."""
+        own = self.robot != ROBOT or self.ranges or self.lengths
+        return not (self.quick or own)
+
+    @cached_property
+    def arm(self) -> PlanarArm:
+        """The arm, with its ranges and lengths."""
+        from ..arm.loading import load_arm
+        from ..arm.planar_arm import PlanarArm
+
+        arm = load_arm(self.robot, ranges=dict(self.ranges) or None)
+        if not isinstance(arm, PlanarArm) or len(arm.joint_names) != 2 or not all(arm.revolute):
+            raise OptionError(
+                f"robot {self.robot!r} has the joints {', '.join(arm.joint_names)}: the paper's "
+                "experiments need two that turn in a plane"
+            )
+        for joint, length in self.lengths:
+            if joint not in arm.joint_names:
+                raise OptionError(
+                    f"length of {joint!r}: no such joint, choose one of "
+                    f"{', '.join(arm.joint_names)}"
+                )
+            arm = arm.with_link_length(joint, length)
+        return arm
+
+    @property
+    def joints(self) -> tuple[str, str]:
+        """Names of theta_1 and theta_2."""
+        first, second = self.arm.joint_names
+        return first, second
 
     def babble(
         self, seed: int, n: int | None = None, *, noise: float = 0.0, changes: Iterable[str] = ()
     ) -> Samples:
         """Babbled samples of one seed."""
-        from ..arm.loading import load_arm
-
-        arm = load_arm(ROBOT)
-        return babble(arm, n or self.samples, seed=seed, noise=noise, changes=tuple(changes))
+        return babble(self.arm, n or self.samples, seed=seed, noise=noise, changes=tuple(changes))
 
     def validation(self, samples: Samples, seed: int, n: int | None = None) -> tuple[Array, Array]:
         """Joints and exact positions that neither training nor the tables see."""

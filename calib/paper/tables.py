@@ -8,15 +8,15 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any
 
-from .published import COLUMNS, TABLE1, TABLE2, UNITS, Printed
+from .published import TABLE1, TABLE2, UNITS, Printed
 from .search import SAME, Found, best_trial
 from .setting import NETWORKS, Setting
-from .trial import Row, Trial
+from .trial import Row, Schedule, Trial
 
 FACTORS = {"mm": 1000.0, "deg": 180.0 / math.pi}
 """From SI units to those of the tables."""
 
-READOUTS = ("winner", "activity", "linear", "local")
+READOUTS = ("winner", "activity", "linear")
 
 
 @dataclass(frozen=True)
@@ -75,15 +75,20 @@ def table1(setting: Setting) -> Result:
         trial, searched[network] = best_trial(setting, NETWORKS[network])
         best[network] = trial.row(setting)
     same = {n: Trial(m, SAME, setting.side).row(setting) for n, m in NETWORKS.items()}
+    setting.report(1.0, "the default varying density")
+    default = Trial("vdsom", Schedule(), setting.side).row(setting)
     schedules = {n: str(found[0].schedule) for n, found in searched.items()}
     data = {
         **best,
         "paper": printed(TABLE1),
         "same_schedule": {**same, "schedule": str(SAME)},
+        "default": default,
         "schedules": schedules,
         "ratios": {
             "best": ratios(best["som"], best["vdsom"]),
             "same_schedule": ratios(same["som"], same["vdsom"]),
+            "linear": ratios(best["som"], best["vdsom"], "linear"),
+            "default_linear": ratios(best["som"], default, "linear"),
             "paper": {
                 c: {k: getattr(v, k) / getattr(TABLE1["som"][c], k) for k in ("mean", "max")}
                 for c, v in TABLE1["vdsom"].items()
@@ -92,11 +97,12 @@ def table1(setting: Setting) -> Result:
         **_conditions(setting),
     }
     size = f"{setting.side}x{setting.side}"
-    lines, quick = {}, setting.quick  # small lattices are not the paper's
+    lines, own = {}, not setting.printed  # another arm, small lattices: not the paper's
     for n in ("som", "vdsom"):
-        lines[f"{n.upper()}, best: {schedules[n]}"] = (best[n], None if quick else TABLE1[n])
+        lines[f"{n.upper()}, best: {schedules[n]}"] = (best[n], None if own else TABLE1[n])
     for n in ("som", "vdsom"):
-        lines[f"{n.upper()}, same: {SAME}"] = (same[n], None if quick else TABLE1[n])
+        lines[f"{n.upper()}, same: {SAME}"] = (same[n], None if own else TABLE1[n])
+    lines["VDSOM, default gain"] = (default, None if own else TABLE1["vdsom"])
     tables = [
         comparison("table1", f"Table 1, {size} nodes, {conditions(setting)}", lines),
         _ratio_table(data["ratios"]),
@@ -119,7 +125,7 @@ def table2(setting: Setting) -> Result:
         setting.report(k / len(setting.sides), f"{side}x{side}")
         row = Trial(NETWORKS["vdsom"], trial.schedule, side).row(setting)
         data[f"{side}x{side}"] = row
-        paper = TABLE2.get(side)
+        paper = TABLE2.get(side) if setting.printed else None
         lines[f"VDSOM {side}x{side}"] = (row, paper)
     data |= {"paper": {f"{n}x{n}": _columns(c) for n, c in TABLE2.items()}}
     data |= {"schedule": str(trial.schedule), **_conditions(setting)}
@@ -145,8 +151,8 @@ def comparison(
     rows: list[list[str | float | None]] = []
     for label, (row, paper) in lines.items():
         for readout in READOUTS:
-            for column in COLUMNS:
-                cell, unit = row[readout][column], UNITS[column]
+            for column in columns_of(row):
+                cell, unit = row[readout][column], unit_of(column)
                 factor = FACTORS[unit]
                 keys = ("mean", "mean_spread", "max", "max_spread")
                 values: list[str | float | None] = [cell[k] * factor for k in keys]
@@ -159,20 +165,35 @@ def comparison(
 def ratios(row: Row, other: Row, readout: str = "activity") -> dict[str, dict[str, float]]:
     """Errors of `other` over those of `row`, per column."""
     return {
-        c: {k: other[readout][c][k] / row[readout][c][k] for k in ("mean", "max")} for c in COLUMNS
+        c: {k: other[readout][c][k] / row[readout][c][k] for k in ("mean", "max")}
+        for c in columns_of(row)
     }
+
+
+def columns_of(row: Row) -> tuple[str, ...]:
+    """Columns of a row: x, y and the joints by their names."""
+    return tuple(c for c in next(iter(row.values())) if not c.endswith("_distance"))
+
+
+def unit_of(column: str) -> str:
+    """Unit in which a column is printed."""
+    return UNITS.get(column, "deg")
 
 
 def _ratio_table(found: Mapping[str, Mapping[str, Mapping[str, float]]]) -> Table:
     words = {
         "best": "best against best",
         "same_schedule": f"same schedule, {SAME}",
+        "linear": "best against best, readout linear",
+        "default_linear": "default gain against the best SOM, readout linear",
         "paper": "the paper",
     }
-    header = ["VDSOM over SOM, activity", *(f"{c} {k}" for c in COLUMNS for k in ("mean", "max"))]
+    names = list(found["best"])
+    header = ["VDSOM over SOM, readout activity"]
+    header += [f"{c} {k}" for c in names for k in ("mean", "max")]
     rows: list[list[str | float | None]] = []
     for name, columns in found.items():
-        cells = [columns[c][k] for c in COLUMNS for k in ("mean", "max")]
+        cells = [cell[k] for cell in columns.values() for k in ("mean", "max")]
         rows.append([words[name], *cells])
     return Table("ratios", "errors of the VDSOM over those of the SOM", header, rows)
 

@@ -94,6 +94,7 @@ class Trial:
             epochs=schedule.epochs,
             sigma=schedule.radii(self.side),
             links=schedule.links,
+            body="none",  # the paper has maps and links alone
             seed=seed,
         )
         return {"errors": model.about.errors, "ranges": ranges(samples)}

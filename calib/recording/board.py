@@ -77,8 +77,8 @@ class Board:
                 f"board {text!r}: expected COLSxROWS:SQUARE:MARKER:DICT, such as "
                 "7x5:24mm:18mm:5x5_100"
             )
-        lengths = [parse_length(part, "board's length") for part in parts[1:3]]
-        return cls(int(size[1]), int(size[2]), *lengths, *parts[3:])
+        square, marker = (parse_length(part, "board's length") for part in parts[1:3])
+        return cls(int(size[1]), int(size[2]), square, marker, *parts[3:])
 
     @property
     def size(self) -> tuple[float, float]:
@@ -96,7 +96,8 @@ class Board:
     def corners(self) -> Array:
         """Return the inner corners (n, 3) in the board's frame [m], by their number."""
         corners = np.asarray(self.opencv().getChessboardCorners(), float)
-        return np.c_[corners[:, 0], self.size[1] - corners[:, 1], np.zeros(len(corners))]
+        up = self.size[1] - corners[:, 1]
+        return np.stack([corners[:, 0], up, np.zeros_like(up)], axis=1)
 
 
 class BoardFinder:

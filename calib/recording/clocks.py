@@ -7,12 +7,14 @@ pixels, and the best must be clearly better than its rival.
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
 
 from ..errors import LogError
+from .chain_judge import fit_timing
 from .judge import Judge, softness, thinned
 from .track import jumps
 
@@ -20,6 +22,12 @@ Array = NDArray[np.float64]
 
 CANDIDATES = 15
 """Peaks of the correlation of speeds that are judged."""
+
+CHAINS = 4
+"""Candidates to which a chain is fitted."""
+
+CHAIN_FITS = 0.03
+"""A planar chain that leaves more than this share of the track's spread is none."""
 
 SURE = 1.5e-3
 """The standard deviation of the offset that is accepted [s]."""
@@ -36,9 +44,13 @@ FASTEST = 0.012
 _GRID = 50.0  # [1/s]
 _APART = 0.3  # candidates further apart than this are rivals [s]
 _OVERLAP = 0.8  # of the shorter recording must have a counterpart
-_ROWS = (120, 300)  # that judge candidates, and refine the best
+_ROWS = (120, 300, 160)  # that judge candidates, refine the best, and fit a chain
 _STEP = 0.01  # over which the fit's velocity is taken [s]
 _FARTHEST = 0.15  # that a candidate moves from its peak [s]
+
+
+class ClockError(LogError):
+    """Clocks of a video and its joints that no offset, or more than one, brings together."""
 
 
 @dataclass(frozen=True)
@@ -76,8 +88,8 @@ class Clocks:
         """Say it in a line."""
         rate = f", rates differ by {100 * self.rate:+.3f} %" if abs(self.rate) > 5e-5 else ""
         return (
-            f"clocks: joints are {self.offset:+.4f} s from the camera{rate}; held-out joints predict "
-            f"the tag to {self.error:.2g} px, with the next best offset to {self.rival:.2g} px"
+            f"clocks: joints are {self.offset:+.4f} s from the camera{rate}; they predict the tag "
+            f"to {self.error:.2g} px, with the next best offset to {self.rival:.2g} px"
         )
 
 
@@ -86,7 +98,13 @@ def joints_at(time: Array, joint_time: Array, q: Array) -> Array:
     return np.stack([np.interp(time, joint_time, column) for column in q.T], axis=1)
 
 
-def align_clocks(time: Array, pixels: Array, joint_time: Array, q: Array) -> Clocks:
+def align_clocks(
+    time: Array,
+    pixels: Array,
+    joint_time: Array,
+    q: Array,
+    revolute: Sequence[bool] | None = None,
+) -> Clocks:
     """Find when the joints were where the camera saw the tag.
 
     Parameters
@@ -99,6 +117,8 @@ def align_clocks(time: Array, pixels: Array, joint_time: Array, q: Array) -> Clo
         Times of the joints, increasing, by their clock.
     q : (m, joints) array [rad or m]
         Joints.
+    revolute : sequence of bool, optional
+        Which joints turn; all if not given.
 
     Raises
     ------
@@ -108,42 +128,72 @@ def align_clocks(time: Array, pixels: Array, joint_time: Array, q: Array) -> Clo
     seen = np.isfinite(pixels[:, 0]) & ~jumps(pixels)
     t, x = time[seen], pixels[seen]
     if len(t) < 20:
-        raise LogError(f"the tag is in {len(t)} frames only: too few to match the clocks by")
+        raise ClockError(f"the tag is in {len(t)} frames only: too few to match the clocks by")
     spread = float(np.sqrt(((x - x.mean(0)) ** 2).sum(1).mean()))
     if spread < 5.0 or np.ptp(q, axis=0).max() < 0.02:
-        raise LogError("the arm never moves: nothing to match the clocks by; give time_offset")
+        raise ClockError("the arm never moves: nothing to match the clocks by; give `time_offset`")
     peaks = _peaks(t, x, joint_time, q)
     if not len(peaks):
-        raise LogError(
+        raise ClockError(
             "the recordings are too short to match the clocks by: expected 5 s of motion or more"
         )
     judged = sorted((_candidate(peak, t, x, joint_time, q) for peak in peaks), key=_by_error)
-    best = judged[0]
-    rival = min((c.error for c in judged[1:] if abs(c.offset - best.offset) > _APART), default=np.inf)
-    if not best.error < FITS * spread:
-        raise LogError(
-            f"no offset between the clocks fits: the best leaves {best.error:.3g} px of "
-            f"{spread:.3g} px; are these the joints of this video? else give time_offset"
+    apart = [c for k, c in enumerate(judged) if all(_apart(c, d) for d in judged[:k])]
+    kinds = tuple(revolute) if revolute is not None else (True,) * q.shape[1]
+    chains = [_chain(c, t, x, joint_time, q, kinds) for c in apart[:CHAINS]]
+    fitted = sorted((c for c in chains if c is not None), key=_by_error)
+    if not fitted or not fitted[0].error < CHAIN_FITS * spread:
+        fitted = sorted((_refined(c, t, x, joint_time, q) for c in apart[:CHAINS]), key=_by_error)
+    clocks = fitted[0]
+    rival = min((c.error for c in fitted[1:] if _apart(c, clocks)), default=np.inf)
+    if not clocks.error < FITS * spread:
+        raise ClockError(
+            f"no offset between the clocks fits: the best leaves {clocks.error:.3g} px of "
+            f"{spread:.3g} px; are these the joints of this video? else give `time_offset`"
         )
-    clocks = _refined(best, t, x, joint_time, q)
-    if not min(best.error, clocks.error) < CLEARLY * rival:
-        raise LogError(
-            f"the offset between the clocks is ambiguous: {best.offset:.2f} s leaves "
-            f"{best.error:.3g} px, another leaves {rival:.3g} px; record a motion that does not "
-            "repeat itself, or give time_offset"
-        )
-    if not clocks.doubt < SURE:
-        raise LogError(
-            f"the offset between the clocks is {clocks.offset:.3f} s but sure to "
-            f"{1e3 * clocks.doubt:.2g} ms only, {1e3 * SURE:.2g} ms expected: record half a minute "
-            "or more with varied motion, or give time_offset"
+    if not clocks.error < CLEARLY * rival:
+        raise ClockError(
+            f"the offset between the clocks is ambiguous: {clocks.offset:.2f} s leaves "
+            f"{clocks.error:.3g} px, another leaves {rival:.3g} px; record a motion that does not "
+            "repeat itself, or give `time_offset`"
         )
     if abs(clocks.rate) > FASTEST:
-        raise LogError(
+        raise ClockError(
             f"the clocks' rates differ by {100 * clocks.rate:.1f} %, at most "
             f"{100 * FASTEST:.1f} % expected: the video's frame rate is not the true one"
         )
+    if not clocks.doubt < SURE:
+        raise ClockError(
+            f"the offset between the clocks is {clocks.offset:.3f} s but sure to "
+            f"{1e3 * clocks.doubt:.2g} ms only, {1e3 * SURE:.2g} ms expected: record half a minute "
+            "or more with varied motion, or give `time_offset`"
+        )
     return replace(clocks, rival=float(rival))
+
+
+def _apart(one: Clocks, other: Clocks) -> bool:
+    return abs(one.offset - other.offset) > _APART
+
+
+def _chain(
+    start: Clocks, t: Array, x: Array, joint_time: Array, q: Array, revolute: tuple[bool, ...]
+) -> Clocks | None:
+    """Fit a planar chain, the offset and, where it shows, the rate; None where none fits."""
+    _, seen, when = _matched(start, t, x, joint_time, q, _ROWS[2])
+    if len(when) < 16:
+        return None
+    timing = fit_timing(when, seen, lambda time: joints_at(time, joint_time, q), revolute)
+    if timing is None:
+        return None
+    # the rate was fitted about the middle of the rows that were used
+    shift = timing.rate * (start.middle + start.offset - 0.5 * (when[0] + when[-1]))
+    return replace(
+        start,
+        offset=start.offset + timing.offset + float(shift),
+        rate=timing.rate,
+        error=timing.error,
+        doubt=float(np.hypot(timing.doubt[0], timing.doubt[1] * 0.5 * np.ptp(t))),
+    )
 
 
 def _by_error(clocks: Clocks) -> float:
@@ -211,7 +261,7 @@ def _candidate(peak: float, t: Array, x: Array, joint_time: Array, q: Array) -> 
         error = float(np.median(np.linalg.norm(judge.miss(seen), axis=1)))
         if np.isnan(best.error) or error < best.error:
             best = replace(clocks, error=error)
-        step = _step(judge, seen, when, clocks, joint_time, q, rate=False)[0][0]
+        step = _step(judge, seen, when, joint_time, q, rate=False)[0][0]
         offset = clocks.offset + float(np.clip(step, -0.06, 0.06))
         clocks = replace(clocks, offset=float(np.clip(offset, peak - _FARTHEST, peak + _FARTHEST)))
     return best if np.isfinite(best.error) else replace(best, error=np.inf)
@@ -228,7 +278,7 @@ def _refined(start: Clocks, t: Array, x: Array, joint_time: Array, q: Array) -> 
             there, seen, when = _matched(clocks, t, x, joint_time, q, _ROWS[1])
             judge = Judge(there, soft=soft)
             error = float(np.median(np.linalg.norm(judge.miss(seen), axis=1)))
-            step, sd = _step(judge, seen, when, clocks, joint_time, q, rate=rate)
+            step, sd = _step(judge, seen, when, joint_time, q, rate=rate)
             doubt = float(np.hypot(sd[0], sd[1] * 0.5 * np.ptp(t)))
             clocks = replace(clocks, error=error, doubt=doubt)
             if abs(step[0]) < 2e-5 and abs(step[1]) * np.ptp(t) < 4e-5:
@@ -249,7 +299,6 @@ def _step(
     judge: Judge,
     seen: Array,
     when: Array,
-    clocks: Clocks,
     joint_time: Array,
     q: Array,
     *,
@@ -267,14 +316,14 @@ def _step(
     if rate:
         terms.append(judge.miss(velocity * (when - when.mean())[:, None]).ravel())
     A = np.stack(terms, 1)
-    weight = np.ones(len(miss))
-    found = np.zeros(A.shape[1])
+    weight: Array = np.ones(len(miss))
+    found: Array = np.zeros(A.shape[1])
     for _ in range(4):
         B = A * weight[:, None]
         found = np.linalg.lstsq(B, miss * weight, rcond=None)[0]
         left = np.abs(miss - A @ found)
         scale = 1.48 * float(np.median(left)) + 1e-9
-        weight = np.sqrt(np.minimum(1.0, 2.0 * scale / np.maximum(left, 1e-12)))
+        weight[:] = np.sqrt(np.minimum(1.0, 2.0 * scale / np.maximum(left, 1e-12)))
     B = A * weight[:, None]
     # neighbouring rows err alike: about three of them say as much as one
     covariance = 3.0 * scale**2 * np.linalg.pinv(B.T @ B)

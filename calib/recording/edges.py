@@ -117,7 +117,7 @@ def crossing(corners: Array) -> Array:
     """Return where the diagonals of a square cross: its middle under any perspective [px]."""
     a, b, c, d = np.c_[corners - corners[0], np.ones(4)]
     p = np.cross(np.cross(a, c), np.cross(b, d))
-    return corners[0] + p[:2] / p[2]
+    return np.asarray(corners[0] + p[:2] / p[2])
 
 
 def _line(points: Array) -> tuple[Array, float]:

@@ -12,7 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ..common.wording import listed
-from ..errors import LogError
+from ..errors import LogError, OptionError
 from .board import BoardFinder
 from .joint_table import JointTable
 from .judge import row_shift
@@ -68,7 +68,7 @@ def log_pictures(
     twice: list[str] = []
     damaged: list[str] = []
     size: tuple[int, int] | None = None
-    for number, (row, path) in enumerate(pairs):
+    for number, (_, path) in enumerate(pairs):
         try:
             grey = read_picture(path)
         except UnreadableError as error:
@@ -205,7 +205,8 @@ def seen_instead(setting: Setting, greys: Sequence[NDArray[np.uint8]]) -> str:
 def _check_order(q: Array, pixels: Array) -> None:
     shift, own, other = row_shift(q, pixels)
     if shift:
-        rows = f"{abs(shift)} row{'s' if abs(shift) > 1 else ''} {'further down' if shift > 0 else 'up'}"
+        where = "further down" if shift > 0 else "further up"
+        rows = f"{abs(shift)} row{'s' if abs(shift) > 1 else ''} {where}"
         raise LogError(
             f"the joints are shifted against the pictures: those {rows} predict the tag to "
             f"{other:.2g} px, a picture's own to {own:.2g} px; is one missing at the start?"
@@ -219,11 +220,12 @@ def _poses(setting: Setting, tags: Sequence[Tag], reference: object) -> tuple[Ar
     """
     from scipy.spatial.transform import Rotation
 
-    assert setting.lens is not None
-    assert setting.tag_size is not None
+    lens, size = setting.lens, setting.tag_size
+    if lens is None or size is None:
+        raise OptionError("the tag's pose needs `lens` and `tag_size`")
     places, turns = [], []
     for tag in tags:
-        pose = square_pose(setting.lens, tag.corners, setting.tag_size)
+        pose = square_pose(lens, tag.corners, size)
         turn, place = pose.rotation, pose.shift
         if isinstance(reference, PlaneReference):
             frame = reference.pose.rotation

@@ -95,7 +95,7 @@ def read_joints(
         raise LogError(f"{source.label} has no joints; columns: {listed(source.header)}")
     values = read_columns(source, wanted, lenient=joints is None)
     if joints is None:
-        numbers = np.isfinite(values).any(axis=0)
+        numbers = np.atleast_1d(np.isfinite(values).any(axis=0))
         names = tuple(n for n, ok in zip(names, numbers, strict=True) if ok)
         values = values[:, numbers]
         if not names:
@@ -118,7 +118,7 @@ def read_joints(
         k = turning[int(np.argmax(np.abs(q[:, turning]).max(axis=0)))]
         raise LogError(
             f"{source.label}: {names[k]} goes to {q[np.abs(q[:, k]).argmax(), k]:.4g} rad, more "
-            "than two turns: are these degrees? expected rad, or degrees=True"
+            "than two turns: are these degrees? expected rad, or `degrees=True`"
         )
     keep = np.flatnonzero(good)
     return JointTable(

@@ -53,7 +53,7 @@ class Judge:
     def miss(self, x: Array) -> Array:
         """Return what the other blocks' fit leaves of values (n, d): linear in them."""
         weights = self._inverse @ (x - x.mean(0))
-        miss = np.empty_like(weights)
+        miss: Array = np.empty_like(weights)
         for part in self._parts:
             miss[part] = np.linalg.solve(self._inverse[np.ix_(part, part)], weights[part])
         return miss

@@ -200,7 +200,7 @@ def calibrate_lens(
 
 
 def _fit(
-    objects: Sequence[Array], images: Sequence[Array], size: tuple[int, int]
+    objects: Sequence[Any], images: Sequence[Any], size: tuple[int, int]
 ) -> tuple[float, Array, Array, Array]:
     """Fit lenses of one, two and four terms; a further term must lower Schwarz's criterion.
 
@@ -210,14 +210,12 @@ def _fit(
     one = cv2.CALIB_FIX_K3 | cv2.CALIB_ZERO_TANGENT_DIST | cv2.CALIB_FIX_K2
     choices = [(one, 1), (one & ~cv2.CALIB_FIX_K2, 2), (cv2.CALIB_FIX_K3, 4)]
     count = 2 * sum(map(len, images))
-    best = None
+    fits = []
     for flags, terms in choices[: 3 if len(images) >= _TANGENTIAL else 2]:
         fit = cv2.calibrateCameraExtended(objects, images, size, None, None, flags=flags)
         score = count * np.log(max(fit[0], 1e-3) ** 2) + terms * np.log(count)
-        if best is None or score < best[0]:
-            best = score, fit
-    assert best is not None
-    rms, matrix, distortion, _, _, spread = best[1][:6]
+        fits.append((float(score), fit))
+    rms, matrix, distortion, _, _, spread = min(fits, key=lambda each: each[0])[1][:6]
     terms5 = np.zeros(5)
     terms5[: min(np.size(distortion), 5)] = np.ravel(distortion)[:5]
     return float(rms), np.asarray(matrix, float), terms5, np.ravel(spread)

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import glob
 import io
 import os
 import re
@@ -21,6 +20,15 @@ Array = NDArray[np.float64]
 Picture = NDArray[np.uint8]
 
 SUFFIXES = (".jpg", ".jpeg", ".png", ".bmp", ".tif", ".tiff", ".webp", ".ppm", ".pgm")
+
+
+def _globbed(pattern: Path) -> list[Path]:
+    """Return what fits a pattern, relative or from a root."""
+    root = Path(pattern.anchor)
+    try:
+        return list(root.glob(str(pattern.relative_to(root))))
+    except (ValueError, NotImplementedError):
+        return []
 
 
 class UnreadableError(LogError):
@@ -48,7 +56,7 @@ def list_pictures(source: str | os.PathLike[str]) -> list[Path]:
     elif folder.is_file():
         found = [folder]
     elif any(mark in text for mark in "*?["):
-        found = [Path(p) for p in glob.glob(text) if Path(p).is_file()]
+        found = [p for p in _globbed(folder) if p.is_file()]
     else:
         raise LogError(f"there is no folder {text!r}: expected a folder of pictures or a pattern")
     found = [p for p in found if not p.name.startswith(".")]
@@ -119,8 +127,8 @@ def match_rows(
         if rows != len(pictures) or table.dropped:
             why = f", {table.dropped} of them with a missing value" if table.dropped else ""
             raise LogError(
-                f"{len(pictures)} pictures and {rows} rows of joints in {table.label}{why}: expected "
-                "one row for each picture in the order of names, or a column 'picture'"
+                f"{len(pictures)} pictures and {rows} rows of joints in {table.label}{why}: "
+                "expected one row for each picture in the order of names, or a column 'picture'"
             )
         return list(enumerate(pictures)), []
     by_name: dict[str, Path] = {}

@@ -80,20 +80,19 @@ def find_pose(lens: Lens, points: Array, pixels: Array) -> Pose:
         seen = points @ (rotation_of(p[:3]) @ start).T + p[3:]
         return np.asarray((lens.distort(seen[:, :2] / seen[:, 2:]) - pixels).ravel())
 
-    best = None
+    fits = []
     for turn, shift in zip(turns, shifts, strict=True):
         start = rotation_of(np.ravel(turn))
         fit = least_squares(
             miss, np.r_[np.zeros(3), np.ravel(shift)], args=(start,), loss="soft_l1", f_scale=0.5
         )
-        if best is None or fit.cost < best[0].cost:
-            best = fit, start
-    assert best is not None
-    fit, start = best
+        fits.append((fit, start))
+    fit, start = min(fits, key=lambda each: float(each[0].cost))
     residual = fit.fun.reshape(-1, 2)
     rms = float(np.sqrt((residual**2).sum(1).mean()))
     variance = float((residual**2).sum()) / max(residual.size - 6, 1)
-    covariance = np.linalg.pinv(fit.jac.T @ fit.jac) * max(variance, _LEAST_NOISE**2)
+    slopes = np.asarray(fit.jac)
+    covariance = np.linalg.pinv(slopes.T @ slopes) * max(variance, _LEAST_NOISE**2)
     return Pose(rotation_of(fit.x[:3]) @ start, fit.x[3:].copy(), covariance, rms)
 
 
@@ -112,7 +111,7 @@ def cut_plane(lens: Lens, pose: Pose, pixels: ArrayLike, height: float = 0.0) ->
         far = (height - camera[2]) / rays[:, 2]
         x = camera[:2] + far[:, None] * rays[:, :2]
     x[~(far > 0.0)] = np.nan
-    return x
+    return np.asarray(x)
 
 
 def cut_noise(lens: Lens, pose: Pose, pixels: Array, height: float = 0.0) -> tuple[Array, Array]:

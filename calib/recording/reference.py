@@ -30,7 +30,9 @@ _MOVED = 0.7  # [px]; marks further off than this show that the camera was bumpe
 class Reference(Protocol):
     """Turns pixels into positions."""
 
-    unit: str
+    @property
+    def unit(self) -> str:
+        """Unit of the positions."""
 
     def positions(self, pixels: Array) -> Array:
         """Return positions (n, 2) [unit] of pixels (n, 2)."""
@@ -237,7 +239,7 @@ def watch(
     """
     if lens is None and height:
         raise OptionError(
-            f"tag_height {1e3 * height:g} mm needs the lens: rays are cut with the tag's plane"
+            f"`tag_height={height:g}` needs `lens`: rays are cut with the tag's plane"
         )
     groups: list[list[tuple[int, Marks]]] = [[]]
     doubtful: list[tuple[int, Marks]] = []

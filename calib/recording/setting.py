@@ -66,22 +66,22 @@ class Setting:
 
     def __post_init__(self) -> None:
         if self.board is not None and self.tags_at is not None:
-            raise OptionError("board and tags_at are both given: expected one of them")
+            raise OptionError("`board` and `tags_at` are both given: expected one of them")
         if self.board is not None and self.lens is None:
             raise OptionError(
-                "board is given without lens: positions in metres may be off by centimetres away "
-                "from the board; take 10 pictures of the board and give their folder as lens"
+                "`board` is given without `lens`: positions in metres may be off by centimetres "
+                "away from the board; take 10 pictures of the board and give their folder as `lens`"
             )
         if not np.isfinite(self.tag_height) or abs(self.tag_height) > 10.0:
-            raise OptionError(f"tag_height {self.tag_height:g} m: expected less than 10 m")
+            raise OptionError(f"`tag_height={self.tag_height:g}`: expected less than 10 m")
         if self.tag_height and self.layout is None:
-            raise OptionError("tag_height is given without board or tags_at: over what?")
+            raise OptionError("`tag_height` is given without `board` or `tags_at`: over what?")
         if self.pose and (self.lens is None or self.tag_size is None):
             missing = "lens" if self.lens is None else "tag_size"
-            raise OptionError(f"the tag's pose needs {missing}, and tag_size with lens")
+            raise OptionError(f"the tag's pose needs `{missing}`")
         at = self.tags_at.points if self.tags_at is not None else {}
         if self.tag in at:
-            raise OptionError(f"tag {self.tag} is on the tip and in tags_at: expected another id")
+            raise OptionError(f"tag {self.tag} is on the tip and in `tags_at`: expected another id")
         if self.board is not None and self.board.dictionary.lower() == self.dictionary.lower():
             used = self.board.columns * self.board.rows // 2
             if self.tag < used:
@@ -162,7 +162,7 @@ def load_lens(
     if not Path(path).is_dir() and not any(mark in str(path) for mark in "*?["):
         return read_lens(path), ()
     if board is None:
-        raise OptionError("lens is a folder of pictures: expected board too, which they show")
+        raise OptionError("`lens` is a folder of pictures: expected `board` too, which they show")
     finder, corners, notes = BoardFinder(board), [], []
     size: tuple[int, int] | None = None
     pictures = list_pictures(path)
@@ -184,8 +184,8 @@ def load_lens(
         raise LogError(f"no picture in {os.fspath(path)!r} can be read: {notes[0]}")
     lens, doubts = calibrate_lens(corners, board, size)
     notes.append(
-        f"lens of {lens.pictures} of {len(pictures)} pictures: focal length {lens.focal[0]:.1f} px, "
-        f"corners miss their places by {lens.rms:.2f} px rms"
+        f"lens of {lens.pictures} of {len(pictures)} pictures: focal length "
+        f"{lens.focal[0]:.1f} px, corners miss their places by {lens.rms:.2f} px rms"
     )
     if output is not None:
         lens.save(output)

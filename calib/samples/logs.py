@@ -15,12 +15,13 @@ from ..errors import LogError, OptionError
 from .columns import Source, open_source, read_batches
 from .log_ranges import ChosenRange, JointColumn, Range
 from .measured_rows import MeasuredRows
+from .orientations import QUATERNION, from_angles, unit_quaternions
 from .places import find_place
 from .plausibility import check_against_robot, check_flat
 from .reservoir import Reservoir
 from .roles import check_names, find_roles
 from .samples import Samples
-from .tables import write_table
+from .tables import unit_of, write_table
 
 if TYPE_CHECKING:
     from ..arm.arm import Arm
@@ -34,6 +35,7 @@ _THICK = 0.02
 """Out-of-plane share of the positions' spread from which on an unknown arm moves in space."""
 
 _STANDS = {True: math.radians(5.0), False: 2e-2}  # further it takes part [rad, m]
+_SOME = 0.02  # share of rows in which it may do so: wrong readings
 _STILL = {True: math.radians(0.5), False: 1e-3}  # a locked joint may move [rad, m]
 
 
@@ -44,7 +46,7 @@ def read_log(
     joints: Sequence[str] | None = None,
     columns: Mapping[str, str] | None = None,
     degrees: bool = False,
-    unit: str = "m",
+    unit: str | None = None,
     ranges: Mapping[str, Range] | None = None,
     prismatic: Sequence[str] = (),
     most: int = MOST_ROWS,
@@ -73,8 +75,8 @@ def read_log(
         lists one element, counted from 0: `{"elbow": "observation.state[1]"}`.
     degrees : bool
         Whether joints that turn are logged in degrees, and `ranges` given in rad still.
-    unit : str
-        Unit of the positions.
+    unit : str, optional
+        Unit of the positions; what the log says of itself if not given, else m.
     ranges : mapping of str to (float, float), optional [rad or m]
         The range of a joint; it goes before the arm's limits. Rows outside are left out.
     prismatic : sequence of str
@@ -108,9 +110,10 @@ def read_log(
         raise OptionError(f"most is {most!r}, expected a whole number of rows, 2 or more")
     source = open_source(path)
     columns = {**_there(source, usual or {}), **(columns or {})}
+    unit = unit or unit_of(source)
     roles = find_roles(source, arm, joints, columns)
     names, axes = roles.joints, roles.axes
-    if arm is not None and arm.outputs > len(axes):
+    if arm is not None and arm.outputs > len(axes) and unit != "px":  # a camera sees two
         raise LogError(
             f"{source.label} has x and y alone; {arm.name} moves in space, so that x, y and z "
             "have to be measured",
@@ -155,7 +158,8 @@ def read_log(
         )
         q[:, k], (lower[k], upper[k]), said = column.settle()
         notes += said
-    x = np.ascontiguousarray(values[:, len(names) :])
+    x = np.ascontiguousarray(values[:, len(names) : len(names) + len(axes)])
+    orientation = _orientation(values[:, len(names) + len(axes) :], roles.turns, degrees, source)
     plane = rms = None
     in_space = len(axes) == 3 and _in_space(x, arm)
     if len(axes) == 3 and not in_space:
@@ -186,6 +190,7 @@ def read_log(
         notes=tuple(notes),
         plane=plane,
         out_of_plane_rms=rms,
+        orientation=None if plane is not None else orientation,
         columns=dict(columns or {}),
         degrees=degrees and any(revolute),
     )
@@ -213,7 +218,9 @@ def write_log(samples: Samples, path: str | os.PathLike[str]) -> None:
     check_names(samples.joint_names)
     joints = {name: samples.q[:, k] for k, name in enumerate(samples.joint_names)}
     positions = {axis: samples.x[:, k] for k, axis in enumerate(samples.axes)}
-    write_table(path, {**joints, **positions})
+    turns = samples.orientation
+    parts = {} if turns is None else {part: turns[:, k] for k, part in enumerate(QUATERNION)}
+    write_table(path, {**joints, **positions, **parts})
 
 
 def locked_from_log(
@@ -269,7 +276,8 @@ def locked_from_log(
             recorded = np.deg2rad(recorded)
         values[name] = float(np.median(recorded))
         moved = float(np.abs(recorded - values[name]).max())
-        if moved > _STANDS[turns]:
+        away = float(np.mean(np.abs(recorded - values[name]) > _STANDS[turns]))
+        if away > _SOME:
             shown = f"{math.degrees(moved):.3g} deg" if turns else f"{1e3 * moved:.3g} mm"
             raise LogError(
                 f"{source.label}: {name} is locked but moved by up to {shown} (row "
@@ -293,6 +301,17 @@ def _in_space(x: Array, arm: Arm | None) -> bool:
         return arm.outputs == 3
     spread = np.linalg.svd(x - x.mean(axis=0), compute_uv=False)
     return bool(spread[2] > _THICK * spread[0])
+
+
+def _orientation(
+    values: Array, turns: tuple[str, ...], degrees: bool, source: Source
+) -> Array | None:
+    """Unit quaternions (n, 4) of the columns that a log states an orientation in."""
+    if not turns:
+        return None
+    if turns == QUATERNION:
+        return unit_quaternions(values, source.label)
+    return from_angles(np.deg2rad(values) if degrees else values)
 
 
 def _revolute(arm: Arm | None, names: Sequence[str], prismatic: Sequence[str]) -> tuple[bool, ...]:

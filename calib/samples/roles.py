@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING
 
 from ..errors import OptionError
 from .columns import Source
+from .orientations import ANGLES, QUATERNION
 
 if TYPE_CHECKING:
     from ..arm.arm import Arm
@@ -26,12 +27,15 @@ class Roles:
     axes : tuple of str
         `("x", "y")` or `("x", "y", "z")`.
     columns : tuple of str
-        The column of each joint, then of each axis.
+        The column of each joint, then of each axis and of each part of the orientation.
+    turns : tuple of str
+        `("qx", "qy", "qz", "qw")`, `("roll", "pitch", "yaw")`, or nothing.
     """
 
     joints: tuple[str, ...]
     axes: tuple[str, ...]
     columns: tuple[str, ...]
+    turns: tuple[str, ...] = ()
 
 
 def find_roles(
@@ -62,7 +66,7 @@ def find_roles(
     mapping = dict(columns or {})
     locked = tuple(arm.locked) if arm is not None else ()  # mapped for `locked_from_log`
     for name in mapping:
-        if name not in (*names, *POSITION, *locked):
+        if name not in (*names, *POSITION, *QUATERNION, *ANGLES, *locked):
             raise OptionError(
                 f"columns {name}={mapping[name]}: {name!r} is neither a position nor a joint; "
                 f"choices: {', '.join((*POSITION, *names, *locked))}",
@@ -71,7 +75,8 @@ def find_roles(
             )
     has_z = "z" not in names and ("z" in mapping or "z" in source.header)
     axes = POSITION if has_z else POSITION[:2]
-    used = tuple(mapping.get(name, name) for name in (*names, *axes))
+    turns = _orientation(source, arm, names, mapping) if has_z else ()
+    used = tuple(mapping.get(name, name) for name in (*names, *axes, *turns))
     for column in used:
         if used.count(column) > 1:
             raise OptionError(
@@ -80,7 +85,31 @@ def find_roles(
                 parameter="columns",
                 value=column,
             )
-    return Roles(names, axes, used)
+    return Roles(names, axes, used, turns)
+
+
+def _orientation(
+    source: Source, arm: Arm | None, names: Sequence[str], mapping: Mapping[str, str]
+) -> tuple[str, ...]:
+    """The columns of an orientation, of an arm that moves in space or where there is no arm."""
+    if arm is not None and arm.outputs < 3:
+        return ()
+    for parts in (QUATERNION, ANGLES):
+        there = [part for part in parts if part in mapping or part in source.header]
+        if set(parts) & set(names):
+            continue
+        if len(there) == len(parts):
+            return parts
+        asked = [part for part in parts if part in mapping]
+        if asked:
+            lacking = ", ".join(part for part in parts if part not in there)
+            raise OptionError(
+                f"columns name {', '.join(asked)} of an orientation, and {lacking} is missing",
+                hint="name all of them with `columns`",
+                parameter="columns",
+                value=asked[0],
+            )
+    return ()
 
 
 def parse_columns(text: str) -> dict[str, str]:

@@ -55,6 +55,8 @@ class Samples:
         For a log of x, y, z the plane that was fitted to it.
     out_of_plane_rms : float or None [unit]
         Root mean square distance of those x, y, z from that plane.
+    orientation : (n, 4) array or None
+        Of an arm that moves in space, the tip's orientation as qx, qy, qz, qw.
     columns : dict of str to str
         Columns of the log that have other names than what they hold.
     degrees : bool
@@ -85,6 +87,7 @@ class Samples:
     notes: tuple[str, ...] = ()
     plane: Plane | None = field(default=None, repr=False)
     out_of_plane_rms: float | None = None
+    orientation: Array | None = field(default=None, repr=False)
     columns: Mapping[str, str] = field(default_factory=dict, repr=False)
     degrees: bool = False
 
@@ -97,6 +100,8 @@ class Samples:
             if name in named and not plain and not isinstance(value, (list, tuple)):
                 value = number_rows(value, named[name], name, LogError)[0]
             object.__setattr__(self, name, _frozen(name, value))
+        if self.orientation is not None:
+            object.__setattr__(self, "orientation", _frozen("orientation", self.orientation))
         for name in ("joint_names", "revolute", "notes"):
             object.__setattr__(self, name, tuple(getattr(self, name)))
         self._check_shapes()
@@ -131,7 +136,8 @@ class Samples:
         rows = index if isinstance(index, slice) else np.atleast_1d(np.asarray(index))
         if not isinstance(rows, slice) and not rows.size:
             rows = rows.astype(np.intp)  # an empty list has no type that could index
-        return replace(self, q=self.q[rows], x=self.x[rows])
+        turned = None if self.orientation is None else self.orientation[rows]
+        return replace(self, q=self.q[rows], x=self.x[rows], orientation=turned)
 
     def _check_shapes(self) -> None:
         dof = len(self.joint_names)
@@ -155,6 +161,10 @@ class Samples:
             raise LogError(f"revolute has {len(self.revolute)} entries for {dof} joints")
         if n == 0:
             raise LogError("no rows: samples need at least one")
+        if self.orientation is not None and self.orientation.shape != (n, 4):
+            raise LogError(
+                f"orientation has shape {self.orientation.shape}, expected ({n}, 4): qx, qy, qz, qw"
+            )
 
     def _check_values(self) -> None:
         for name in ("q", "x"):

@@ -16,7 +16,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from ..common.atomic import atomic_write
 from ..common.wording import listed, printable
-from .columns import PARQUET, open_source, read_columns, read_texts
+from .columns import PARQUET, Source, open_source, read_columns, read_texts
 from .csv_rows import COMMENT
 from .places import find_place
 
@@ -165,7 +165,10 @@ def write_table(
         # by way of memory: what Polars says of a full disk is no OSError
         content = io.BytesIO()
         metadata = {_KEY: json.dumps(about, sort_keys=True)} if about else None
-        frame.write_parquet(content, metadata=metadata)
+        try:
+            frame.write_parquet(content, metadata=metadata)
+        except TypeError:  # an older Polars keeps none
+            frame.write_parquet(content)
         atomic_write(path, content.getvalue())
     else:
         atomic_write(path, (_comment(about) + _csv(frame)).encode())
@@ -179,16 +182,25 @@ def read_about(path: str | os.PathLike[str]) -> dict[str, Any]:
     path : path-like
         CSV or Parquet, a file; standard input has none.
     """
-    source = open_source(path) if os.fspath(path) != "-" else None
-    if source is None:
-        return {}
+    return {} if os.fspath(path) == "-" else about_source(open_source(path))
+
+
+def unit_of(source: Source) -> str:
+    """Return the unit that a table states for its positions, else "m"."""
+    unit = about_source(source).get("unit")
+    return unit if isinstance(unit, str) and unit else "m"
+
+
+def about_source(source: Source) -> dict[str, Any]:
+    """Return what holds for all rows of a table that is open; see `read_about`."""
     if source.separator:
         line = next((c for c in source.comments if c.startswith(_MARK)), _MARK + "{}")
         text = line[len(_MARK) :]
     else:
         import polars as pl
 
-        text = pl.read_parquet_metadata(source.path).get(_KEY, "{}")
+        read = getattr(pl, "read_parquet_metadata", None)  # of newer versions
+        text = read(source.path).get(_KEY, "{}") if read else "{}"
     try:
         about = json.loads(text)
     except ValueError:

@@ -11,7 +11,7 @@ from typing import Any, cast
 import numpy as np
 
 from ..arm.loading import load_arm
-from ..arm.planar_arm import PlanarArm
+from ..arm.arm import Arm
 from ..common.parallel import keep_one_blas_thread, one_blas_thread
 from ..common.wording import clipped, one_line, suggestion
 from ..errors import CalibError, OptionError
@@ -22,7 +22,7 @@ from ..training.train import train
 from .backends import choose_backend
 from .trials import Sweep, Trial
 
-Source = str | PlanarArm | Samples | Callable[[], PlanarArm | Samples]
+Source = str | Arm | Samples | Callable[[], Arm | Samples]
 Grid = Mapping[str, Sequence[Any]]
 
 BABBLED = ("samples", "noise", "motion")
@@ -128,7 +128,7 @@ def sweep(
     return Sweep(tuple(rows), where.name, where.jobs, (where.note,) if where.note else ())
 
 
-def _trained(task: tuple[int, Trial, PlanarArm | Samples]) -> Trial:
+def _trained(task: tuple[int, Trial, Arm | Samples]) -> Trial:
     """Train one model, or tell why that failed; this is what a worker runs."""
     _, row, source = task
     keep_one_blas_thread()  # for good: the first of a worker's threads to end would lift it
@@ -136,7 +136,7 @@ def _trained(task: tuple[int, Trial, PlanarArm | Samples]) -> Trial:
     try:
         options = dict(row.options)
         babbled = {name: options.pop(name) for name in BABBLED if name in options}
-        if isinstance(source, PlanarArm):
+        if isinstance(source, Arm):
             samples = babble(
                 source,
                 babbled.get("samples", 20_000),
@@ -176,7 +176,7 @@ def _named(sources: Source | Iterable[Source] | Mapping[str, Source]) -> dict[st
     if isinstance(sources, Mapping):
         named = {str(name): source for name, source in sources.items()}
     else:
-        several = not (isinstance(sources, str | PlanarArm | Samples) or callable(sources))
+        several = not (isinstance(sources, str | Arm | Samples) or callable(sources))
         each = sources if several else [sources]
         named = {}
         for source in cast("Iterable[Source]", each):
@@ -194,17 +194,17 @@ def _named(sources: Source | Iterable[Source] | Mapping[str, Source]) -> dict[st
 def _name(source: Source) -> str:
     if isinstance(source, str):
         return source
-    if isinstance(source, PlanarArm):
+    if isinstance(source, Arm):
         return source.name
     return "log" if isinstance(source, Samples) else getattr(source, "__name__", "source")
 
 
-def _loaded(source: Source) -> PlanarArm | Samples | str:
+def _loaded(source: Source) -> Arm | Samples | str:
     """Return an arm or samples, or in words why there are none."""
     try:
         if isinstance(source, str):
             return load_arm(source)
-        return source if isinstance(source, PlanarArm | Samples) else source()
+        return source if isinstance(source, Arm | Samples) else source()
     except Exception as error:
         return _told(error)
 

@@ -37,8 +37,12 @@ def play_of(samples: Samples, scale: Scale, part: SmoothPart) -> Array | None:
     part : SmoothPart
         What predicts without the direction.
     """
+    if not part.candidates:
+        return None  # nothing predicts before the maps have learned
     if samples.simulation is not None and not samples.simulation.hidden:
         return None  # nothing that rows could show
+    if not part.candidates:  # maps and links alone
+        return None
     few = max(1, -(-len(part.rows) // _ROWS))
     rows = part.rows[::few]
     smooth, u = part.candidates[0].smooth, scale.to_unit(samples.q[rows])

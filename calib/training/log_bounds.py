@@ -42,17 +42,14 @@ def node_bounds(
     """
     motor = model.motor
     nodes = np.clip(motor.units, 0.0, 1.0)
-    beside = _beside(nodes, u, motor.scale, motor.spacing)
     if model.body is None:
         learned = learn_bounds(motor, u[rows], errors)
-        # nothing but the rows is known: the position may change by the extent over the box
-        growth = _gap(nodes, u, motor.scale) * model.solver.extent
-        bound = learned + np.where(beside < 1.0, growth, 0.0)
-        return bound, bound
+        return learned, learned  # they hold beside the rows, see `calib.model.trust`
     q = motor.scale.from_unit(nodes)
     reading = model.body.bound(q, noise=True)
     position = model.body.bound(q, noise=False)
     if has_models:
+        beside = _beside(nodes, u, motor.scale, motor.spacing)
         learned = learn_bounds(motor, u[rows], errors)
         noise = _RADIUS_95 * float(np.sqrt(np.mean(model.body.noise[:2] ** 2)))
         reading = beside * np.minimum(learned, reading) + (1.0 - beside) * reading
@@ -66,10 +63,14 @@ def _gap(nodes: Array, u: Array, scale: Scale) -> Array:
     return np.asarray(search_tree(u, scale).query(np.where(scale.periodic, nodes % 1.0, nodes))[0])
 
 
+def _gaps(u: Array, scale: Scale) -> float:
+    """Distance in the unit box from a row to the next one, which nine of ten rows are within."""
+    gaps = np.asarray(search_tree(u, scale).query(u, k=[min(2, len(u))])[0])[:, 0]
+    return float(np.quantile(gaps, 0.9))
+
+
 def _beside(nodes: Array, u: Array, scale: Scale, spacing: float) -> Array:
     """Share (nodes,) to which what rows showed speaks for a node: 1 beside rows, 0 away."""
-    tree = search_tree(u, scale)
-    gaps = np.asarray(tree.query(u, k=[min(2, len(u))])[0])[:, 0]
-    unit = max(float(np.quantile(gaps, 0.9)), spacing)
+    unit = max(_gaps(u, scale), spacing)
     away = _gap(nodes, u, scale) / unit
     return np.clip((_AWAY - away) / (_AWAY - _BESIDE), 0.0, 1.0)

@@ -134,22 +134,20 @@ static inline void {p}body(const {p}real *beta, int curves, const {p}real q[{P}D
   x[0] = yx + {p}view[4];
   x[1] = yy + {p}view[5];
   k = {p}lens[0]; cx = {p}lens[1]; cy = {p}lens[2];
-  lx = (x[0] - {p}lens[3]) / {p}lens[5];
-  ly = (x[1] - {p}lens[4]) / {p}lens[5];
+  lx = (x[0] - {p}lens[3]) / {p}lens[5] - cx;
+  ly = (x[1] - {p}lens[4]) / {p}lens[5] - cy;
   r2 = lx * lx + ly * ly;
-  if (k != 0 || cx != 0 || cy != 0) {{
-    const {p}real f = 1 + k * r2 - 2 * (lx * cx + ly * cy);
-    x[0] = {p}lens[3] + {p}lens[5] * (lx * f - cx * r2);
-    x[1] = {p}lens[4] + {p}lens[5] * (ly * f - cy * r2);
+  if (k != 0) {{
+    x[0] += {p}lens[5] * k * r2 * lx;
+    x[1] += {p}lens[5] * k * r2 * ly;
   }}
   if (!J) return;
   {{
     const {p}real v00 = (m00 - yx * {p}view[6]) / w, v01 = (m01 - yx * {p}view[7]) / w;
     const {p}real v10 = (m10 - yy * {p}view[6]) / w, v11 = (m11 - yy * {p}view[7]) / w;
-    const {p}real f = 1 + k * r2 - 2 * (lx * cx + ly * cy);
-    const {p}real l00 = f + 2 * k * lx * lx - 4 * lx * cx;
-    const {p}real l01 = 2 * k * lx * ly - 2 * lx * cy - 2 * cx * ly;
-    const {p}real l11 = f + 2 * k * ly * ly - 4 * ly * cy;
+    const {p}real l00 = 1 + k * (r2 + 2 * lx * lx);
+    const {p}real l01 = 2 * k * lx * ly;
+    const {p}real l11 = 1 + k * (r2 + 2 * ly * ly);
     {p}real after_x = 0, after_y = 0, dx, dy, gx, gy;
     for (i = {P}DOF - 1; i >= 0; --i) {{
       after_x += px[i];

@@ -6,6 +6,7 @@ Use it on what a controller that trusts its URDF is about to command.
 from __future__ import annotations
 
 import math
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from typing import TYPE_CHECKING
 from weakref import WeakKeyDictionary
@@ -13,6 +14,7 @@ from weakref import WeakKeyDictionary
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from ..body.planar import PlanarStructure
 from ..change.alignment import Alignment
 from ..common.rows import number_rows
 from ..common.scale import TURN
@@ -20,9 +22,9 @@ from ..errors import OptionError, QueryError
 from ..samples.joint_values import check_joint_values
 from ..samples.log_ranges import wrap
 from .geometry import fit_geometry, frame_is_free, frames, nominal_arm
+from .nominal import NominalArm, nominal_in_base, nominal_in_view
 
 if TYPE_CHECKING:
-    from ..arm.planar_arm import PlanarArm
     from ..model.answers import Answer
     from ..model.model import Model
 
@@ -130,7 +132,9 @@ def correct(
     )
     nominal = _nominal(model, view, cause)
     limits = (
-        usual_limit(model, view, cause) if limit is None else _checked_limit(limit, rows.shape[1])
+        np.array(_usual(model, view, cause))
+        if limit is None
+        else _checked_limit(limit, rows.shape[1])
     )
     target, answer, found = _solved(model, nominal, rows)
     change = found - rows
@@ -150,6 +154,38 @@ def correct(
         notes,
         single,
     )
+
+
+def correct_one(model: Model, q: ArrayLike) -> Array | None:
+    """Corrected joints (dof,) for one command, as a controller asks; None where `correct` must.
+
+    The answer is that of :func:`correct` with its own limit; NaN beyond it.
+    """
+    if model.single is None:
+        return None
+    nominal = _nominal(model, "auto", "sensor")
+    if nominal.single is None:
+        return None
+    found = model.single.towards(q, nominal.single)
+    if found is None:
+        return None
+    asked: list[float] = np.asarray(q, dtype=float).tolist()
+    for new, old, limit in zip(found, asked, _usual(model), strict=True):
+        if abs(new - old) > limit:
+            return np.full(len(found), np.nan)
+    return np.array(found)
+
+
+_limits: WeakKeyDictionary[Model, dict[str, list[float]]] = WeakKeyDictionary()
+
+
+def _usual(model: Model, view: str = "auto", cause: str = "sensor") -> list[float]:
+    """`usual_limit` of a model, found once."""
+    kept = _limits.setdefault(model, {})
+    key = f"{view} {cause}"
+    if key not in kept:
+        kept[key] = usual_limit(model, view, cause).tolist()
+    return kept[key]
 
 
 def usual_limit(model: Model, view: str = "auto", cause: str = "sensor") -> Array:
@@ -176,11 +212,31 @@ def usual_limit(model: Model, view: str = "auto", cause: str = "sensor") -> Arra
 
 @dataclass(frozen=True, eq=False)
 class _Nominal:
-    """The nominal arm and how its plane lies in the sensor's frame."""
+    """The nominal arm and how its plane lies in the sensor's frame.
 
-    arm: PlanarArm
+    Attributes
+    ----------
+    forward : callable
+        Joint values (n, dof) to positions (n, m) of the nominal arm.
+    frames : tuple of Alignment
+        What moves these positions into the sensor's frame.
+    free : bool
+        Whether the sensor's frame was fitted.
+    single : callable or None
+        `forward` for one row in plain floats.
+    """
+
+    forward: Callable[[Array], Array]
     frames: tuple[Alignment, ...]
     free: bool
+    single: Callable[[Sequence[float]], tuple[float, float]] | None = None
+
+    def target(self, q: Array) -> Array:
+        """Where the nominal arm would be, in the sensor's frame, (n, m)."""
+        target = self.forward(q)
+        for frame in self.frames:
+            target = frame.apply(target)
+        return target
 
 
 _nominals: WeakKeyDictionary[Model, dict[str, _Nominal]] = WeakKeyDictionary()
@@ -191,22 +247,36 @@ def _nominal(model: Model, view: str, cause: str) -> _Nominal:
     kept = _nominals.setdefault(model, {})
     key = f"{view} {cause}"
     if key not in kept:
-        free = frame_is_free(model, view)
-        own = (fit_geometry(model, view=view, cause=cause).frame,) if free else ()
-        kept[key] = _Nominal(nominal_arm(model), (*own, *frames(model, cause)), free)
+        kept[key] = _found(model, view, cause)
     return kept[key]
+
+
+def _found(model: Model, view: str, cause: str) -> _Nominal:
+    free = frame_is_free(model, view)
+    planar = model.body is not None and isinstance(model.body.structure, PlanarStructure)
+    if planar and free and cause == "sensor":
+        # the body knows the sensor's frame, as it is after all adaptations
+        return _of_body(model, nominal_in_view(model), (), free)
+    if planar and not free:
+        return _of_body(model, nominal_in_base(model), tuple(frames(model, cause)), free)
+    own = (fit_geometry(model, view=view, cause=cause).frame,) if free else ()
+    return _Nominal(nominal_arm(model).forward, (*own, *frames(model, cause)), free)
+
+
+def _of_body(model: Model, arm: NominalArm, moved: tuple[Alignment, ...], free: bool) -> _Nominal:
+    assert model.body is not None  # noqa: S101
+    single = arm.compiled(model.body) if not moved else None
+    return _Nominal(arm.predict, moved, free, single)
 
 
 def _solved(model: Model, nominal: _Nominal, q: Array) -> tuple[Array, Answer, Array]:
     """Return targets (n, 2), answers, and the joints (n, dof), on the turn that `q` is on."""
-    target: Array = nominal.arm.forward(q)
-    for frame in nominal.frames:
-        target = frame.apply(target)
     about = model.about
     near = q.copy()
     for k, turns in enumerate(about.revolute):
         if turns:
             near[:, k] = wrap(q[:, k], float(about.lower[k]), float(about.upper[k]))
+    target = nominal.target(near)
     answer = model.solve(target, np.clip(near, about.lower, about.upper))
     found = np.where(answer.reachable[:, None], answer.q, np.nan)
     turning = np.array(about.revolute)

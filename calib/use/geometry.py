@@ -104,7 +104,15 @@ def nominal_arm(model: Model) -> PlanarArm:
             hint="train it with a robot, or with a robot and a log",
             parameter="robot",
         )
-    return arm_from_urdf(about.urdf, about.joint_names, about.tip, lock=about.locked)
+    from ..arm.planar_arm import PlanarArm
+
+    arm = arm_from_urdf(about.urdf, about.joint_names, about.tip, lock=about.locked)
+    if not isinstance(arm, PlanarArm):
+        raise OptionError(
+            f"{about.robot} moves in space: this works for planar arms alone so far",
+            hint="name a planar part of the arm with `joints`",
+        )
+    return arm
 
 
 def frame_is_free(model: Model, view: str = "auto") -> bool:

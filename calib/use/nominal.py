@@ -7,6 +7,7 @@ therefore in the arm and never in the sensor's frame.
 
 from __future__ import annotations
 
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING
 
@@ -15,9 +16,11 @@ from numpy.typing import NDArray
 
 from ..body.nominal import Nominal, nominal_of
 from ..body.planar import PlanarStructure
+from ..body.scalar import ScalarBody
 from ..errors import OptionError
 
 if TYPE_CHECKING:
+    from ..body.belief import Body
     from ..model.model import Model
 
 Array = NDArray[np.float64]
@@ -42,6 +45,24 @@ class NominalArm:
         """Positions (n, m) [unit] of the nominal arm at joint values (n, dof)."""
         return self.structure.predict(q, self.beta)
 
+    def compiled(self, body: Body) -> Callable[[Sequence[float]], tuple[float, float]]:
+        """The same for one row in plain floats; `body` lends what else a body has."""
+        return ScalarBody.compile(replace(body, structure=self.structure, beta=self.beta)).predict
+
+
+def nominal_in_base(model: Model) -> NominalArm:
+    """The nominal arm of a model whose positions are in the robot's root frame.
+
+    Raises
+    ------
+    OptionError
+        As `nominal_in_view`.
+    """
+    structure, nominal = _planar(model)
+    own = replace(structure, view="base", nominal=nominal, signs=nominal.signs)
+    neutral = own.prior(("length", "offset", "gain")).mean
+    return NominalArm(replace(own, mirror=nominal.mirror), neutral)
+
 
 def nominal_in_view(model: Model) -> NominalArm:
     """The nominal arm of a model with a body.
@@ -51,16 +72,23 @@ def nominal_in_view(model: Model) -> NominalArm:
     OptionError
         If the model has no body, or knows no URDF.
     """
+    structure, nominal = _planar(model)
     body = model.body
-    if body is None or not isinstance(body.structure, PlanarStructure):
-        raise OptionError("the model has no planar body, so its sensor's frame is not known")
-    nominal = body.structure.nominal or _from_urdf(model)
-    structure = replace(body.structure, nominal=nominal, signs=nominal.signs)
+    assert body is not None  # noqa: S101
+    structure = replace(structure, nominal=nominal, signs=nominal.signs)
     mean = structure.prior(("length", "offset", "gain")).mean
     beta, lay = body.beta.copy(), structure.layout
     for group in (lay.length, lay.offset, lay.gain, lay.elastic, *lay.curve.values()):
         beta[group] = mean[group]
     return NominalArm(structure, beta)
+
+
+def _planar(model: Model) -> tuple[PlanarStructure, Nominal]:
+    """Structure of the planar body, and the URDF's geometry."""
+    body = model.body
+    if body is None or not isinstance(body.structure, PlanarStructure):
+        raise OptionError("the model has no planar body, so its sensor's frame is not known")
+    return body.structure, body.structure.nominal or _from_urdf(model)
 
 
 def _from_urdf(model: Model) -> Nominal:

@@ -8,8 +8,10 @@ import typer
 
 from .. import options as o
 from ..output import Notes, note, show_json, tell
-from ..parsing import BadOption
+from ..parsing import BadOption, one_of
 from ..samples import Selection, babbled
+
+STRATEGIES = ("uniform", "goal")
 
 
 def babble(
@@ -29,6 +31,15 @@ def babble(
     seed: o.SeedOption = 0,
     motion: o.MotionOption = None,
     change: o.ChangeOption = None,
+    strategy: Annotated[
+        str,
+        typer.Option(
+            "--strategy",
+            parser=one_of("--strategy", STRATEGIES),
+            metavar="|".join(STRATEGIES),
+            help="Next joints at random, or next targets where the map's own error is largest.",
+        ),
+    ] = "uniform",
     degrees: o.DegreesOption = False,
     as_json: o.JsonOption = False,
 ) -> None:
@@ -45,11 +56,12 @@ def babble(
         changes=change or (),
         seed=seed,
         notes=Notes(),
+        strategy=strategy,
     )
     calib.write_log(log, output)
     if as_json:
         turning = zip(log.joint_names, log.revolute, strict=True)
-        joints = {name: "rad" if turns else "m" for name, turns in turning}
+        kinds = {name: "rad" if turns else "m" for name, turns in turning}
         show_json(
             {
                 "log": output,
@@ -60,7 +72,7 @@ def babble(
                 "noise": noise or 0.0,
                 "changes": change or [],
                 "unit": log.unit,
-                "units": {"joints": joints, "positions": log.unit},
+                "units": {"joints": kinds, "positions": log.unit},
             }
         )
         return

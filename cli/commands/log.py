@@ -2,13 +2,18 @@
 
 from __future__ import annotations
 
-from typing import Annotated
+from collections.abc import Sequence
+from typing import Annotated, Any
 
 import typer
 
+from .. import camera as c
 from .. import options as o
 from .. import parsing
-from ..output import Notes, show_json, tell
+from ..output import Notes, note, show_json, tell
+from ..units import for_people
+
+NO = 3
 
 
 def _above_zero(option: str) -> object:
@@ -21,18 +26,13 @@ def _above_zero(option: str) -> object:
     return parse
 
 
-def _seconds(typed: object) -> float:
-    try:
-        return parsing.finite(str(typed).strip())
-    except ValueError:
-        raise parsing.bad_option("--time-offset", str(typed), "a number of seconds") from None
-
-
 def log(
     bag: Annotated[
         str,
         typer.Argument(
-            metavar="BAG", help="A ROS 1 .bag, the folder of a ROS 2 bag, or an .mcap file."
+            metavar="BAG|PICTURES|VIDEO",
+            help="A ROS 1 .bag, the folder of a ROS 2 bag or an .mcap file; a folder or pattern of "
+            "pictures; a video.",
         ),
     ],
     output: Annotated[
@@ -70,17 +70,157 @@ def log(
         ),
     ] = None,
     time_offset: Annotated[
-        float,
+        str,
         typer.Option(
             "--time-offset",
-            parser=_seconds,
-            metavar="S",
-            help="Added to the times of the positions: clock difference or latency [s].",
+            parser=c.offset_or_auto,
+            metavar="auto|S",
+            help="Added to the times of the positions [s]; of a video found if not given, of a "
+            "bag 0.",
         ),
-    ] = 0.0,
+    ] = "auto",
+    rests: Annotated[
+        bool,
+        typer.Option("--rests", help="Of a video take the median of each rest: the default."),
+    ] = False,
+    joints_file: Annotated[
+        str | None,
+        typer.Option(
+            "--joints-file",
+            metavar="FILE",
+            help="Joints of pictures (column picture, or in order) or of a video (column time).",
+        ),
+    ] = None,
+    tag: Annotated[
+        int | None,
+        typer.Option(
+            "--tag", parser=parsing.whole("--tag", 0), metavar="ID", help="The tag on the tip."
+        ),
+    ] = None,
+    dictionary: c.DictionaryOption = c.DICTIONARY,
+    board: c.BoardOption = None,
+    tags_at: Annotated[
+        str | None,
+        typer.Option(
+            "--tags-at", metavar="FILE", help="Tags on the desk: a table of tag, x, y [m]."
+        ),
+    ] = None,
+    lens: Annotated[
+        str | None,
+        typer.Option(
+            "--lens",
+            metavar="SHOTS|lens.json",
+            help="Pictures of the board to calibrate the camera from, or what that wrote.",
+        ),
+    ] = None,
+    tag_size: Annotated[
+        str | None,
+        typer.Option("--tag-size", metavar="40mm", help="Side of the tip's tag, for --pose."),
+    ] = None,
+    tag_height: Annotated[
+        str | None,
+        typer.Option(
+            "--tag-height", metavar="25mm", help="The tip's tag above the board or the tags."
+        ),
+    ] = None,
+    pose: Annotated[
+        bool,
+        typer.Option("--pose", help="Write z and qx, qy, qz, qw of the tag too, for spatial arms."),
+    ] = False,
+    since: Annotated[
+        str | None,
+        typer.Option(
+            "--since", metavar="LOG", help="An earlier log: tell how far the camera moved."
+        ),
+    ] = None,
+    picture: Annotated[
+        str | None,
+        typer.Option("--picture", metavar="seen.png", help="Draw what was seen over a photo."),
+    ] = None,
+    degrees: o.DegreesOption = False,
+    prismatic: o.PrismaticOption = None,
     as_json: o.JsonOption = False,
 ) -> None:
-    """Turn a ROS bag or an MCAP file into a log of joints and positions."""
+    """Turn a ROS bag, pictures or a video into a log of joints and positions."""
+    notes = Notes()
+    shooting = c.Shooting(
+        joints_file,
+        tag,
+        dictionary,
+        board,
+        tags_at,
+        tag_size,
+        tag_height,
+        lens,
+        pose,
+        since,
+        picture,
+    )
+    if shooting or c.is_camera(bag):
+        for option, value in {"--joints-topic": joints_topic, "--tip-topic": tip_topic}.items():
+            if value is not None:
+                raise parsing.BadOption(f"{option} is for bags, not for pictures and videos")
+        if rests and still is not None:
+            raise parsing.BadOption("--rests and --still are given: expected one of them")
+        _from_camera(
+            bag,
+            output,
+            shooting,
+            as_json,
+            joints=joints,
+            degrees=degrees,
+            prismatic=prismatic or (),
+            time_offset=time_offset,
+            still=still,
+            max_gap=max_gap,
+            notes=notes,
+        )
+    else:
+        _from_bag(
+            bag, output, joints_topic, tip_topic, joints, max_gap, still, time_offset, as_json
+        )
+
+
+def _from_camera(
+    source: str, output: str, shooting: c.Shooting, as_json: bool, **options: Any
+) -> None:
+    from calib.common.atomic import check_writable
+    from calib.recording.clocks import ClockError
+
+    if output != "-":
+        check_writable(output)
+    try:
+        made = c.record(source, output, shooting, **options)
+    except ClockError as error:
+        from ..app import describe_error
+
+        told = describe_error(error)
+        if as_json:
+            show_json({"error": told.to_json()})
+        note(told.line)
+        raise typer.Exit(NO) from None
+    made.write(output)
+    if as_json:
+        show_json({"log": output, "joints": made.joint_names, "samples": len(made), **made.about()})
+    elif output != "-":
+        factor, unit = for_people(made.unit)
+        tell(
+            f"{output}: {len(made)} rows of {', '.join(made.columns())} [rad, {made.unit}], noise "
+            f"{factor * made.noise:.2g} {unit}"
+        )
+
+
+def _from_bag(
+    bag: str,
+    output: str,
+    joints_topic: str | None,
+    tip_topic: str | None,
+    joints: Sequence[str] | None,
+    max_gap: float,
+    still: float | None,
+    time_offset: str,
+    as_json: bool,
+) -> None:
     from calib.samples.bags import read_bag
     from calib.samples.tables import write_table
 
@@ -91,7 +231,7 @@ def log(
         joints=list(joints) if joints else None,
         max_gap=max_gap,
         still=still,
-        time_offset=time_offset,
+        time_offset=0.0 if time_offset == "auto" else float(time_offset),
     )
     Notes().say(recording.notes)
     columns = {name: recording.q[:, k] for k, name in enumerate(recording.joint_names)}

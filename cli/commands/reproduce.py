@@ -3,7 +3,8 @@
 from __future__ import annotations
 
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
+from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
@@ -12,13 +13,26 @@ import typer
 from .. import options as o
 from .. import parsing
 from ..output import Table, note, number, show, show_json
+from ..parsing import BadOption
 from ..progress import progress_bar
+from ..units import kinds_of_joints, ranges_in_si
 
 if TYPE_CHECKING:
     from calib.paper.setting import Setting
     from calib.paper.tables import Result
 
-SUBJECTS = ("table1", "table2", "figures", "adaptation", "networks", "experiments", "all")
+Formats = tuple[str, ...]
+FORMATS = ("png", "svg", "pdf")
+SUBJECTS = (
+    "table1",
+    "table2",
+    "figures",
+    "adaptation",
+    "networks",
+    "experiments",
+    "ablation",
+    "all",
+)
 
 SubjectArgument = Annotated[
     str,
@@ -36,11 +50,36 @@ def reproduce(
     quick: Annotated[
         bool, typer.Option("--quick", help="Small lattices and few samples: does it all run?")
     ] = False,
+    data: Annotated[
+        str | None,
+        typer.Option("--data", metavar="DIR", help="Folder of real logs, for the ablation."),
+    ] = None,
+    robot: Annotated[
+        str | None,
+        typer.Option("--robot", metavar="ROBOT", help="Another arm of two joints that turn."),
+    ] = None,
+    ranges: o.RangeOption = None,
+    lengths: Annotated[
+        list[str] | None,
+        typer.Option(
+            "--length", metavar="JOINT=M", help="Length of the link that a joint moves; repeatable."
+        ),
+    ] = None,
+    formats: Annotated[
+        list[str] | None,
+        typer.Option(
+            "--format",
+            parser=parsing.one_of("FORMAT", FORMATS),
+            metavar="|".join(FORMATS),
+            help="Of the figures; repeatable (default png).",
+        ),
+    ] = None,
+    degrees: o.DegreesOption = False,
     seed: o.SeedOption = 0,
     as_json: o.JsonOption = False,
 ) -> None:
     """Redo the paper's tables, figures and experiments, its figures beside ours."""
-    from calib.paper.setting import Setting
+    from calib.paper.setting import ROBOT, Setting
 
     folder = Path(output)
     folder.mkdir(parents=True, exist_ok=True)
@@ -52,9 +91,20 @@ def reproduce(
             if bar is not None:
                 bar(share, stage, float("nan"))
 
-        setting = Setting.of(seed, quick=quick, report=report)
+        arm = robot or ROBOT
+        typed = ranges_in_si(ranges or (), kinds_of_joints(arm), degrees) if ranges else None
+        setting = Setting.of(
+            seed,
+            quick=quick,
+            report=report,
+            robot=arm,
+            ranges=typed,
+            lengths=_lengths(lengths or ()),
+        )
+        setting = replace(setting, data=None if data is None else Path(data))
+        drawn = tuple(dict.fromkeys(formats or ("png",)))
         for name in _ALL if what == "all" else (what,):
-            for key, result in _RUNS[name](setting, folder):
+            for key, result in _RUNS[name](setting, folder, drawn):
                 document[key] = result.data
                 _keep(result, folder, shown=not as_json)
     document["seconds"] = time.perf_counter() - started
@@ -65,58 +115,88 @@ def reproduce(
         note(f"{output}: {len(document['files'])} files, {document['seconds']:.0f} s")
 
 
-def _table1(setting: Setting, _folder: Path) -> list[tuple[str, Result]]:
+def _lengths(typed: Sequence[str]) -> dict[str, float]:
+    """Lengths of links by their joints."""
+    found = {}
+    for text in typed:
+        joint, equals, value = text.partition("=")
+        try:
+            length = float(value)
+        except ValueError:
+            length = -1.0
+        if not (joint and equals and 0.0 < length < _LONGEST):
+            raise BadOption(f"--length {text!r}: expected JOINT=METRES such as elbow=0.3")
+        found[joint] = length
+    return found
+
+
+def _table1(setting: Setting, _folder: Path, _: Formats) -> list[tuple[str, Result]]:
     from calib.paper.tables import table1
 
     return [("table1", table1(setting))]
 
 
-def _table2(setting: Setting, _folder: Path) -> list[tuple[str, Result]]:
+def _table2(setting: Setting, _folder: Path, _: Formats) -> list[tuple[str, Result]]:
     from calib.paper.tables import table2
 
     return [("table2", table2(setting))]
 
 
-def _networks(setting: Setting, _folder: Path) -> list[tuple[str, Result]]:
+def _networks(setting: Setting, _folder: Path, _: Formats) -> list[tuple[str, Result]]:
     from calib.paper.experiments import networks
 
     return [("networks", networks(setting))]
 
 
-def _experiments(setting: Setting, _folder: Path) -> list[tuple[str, Result]]:
+def _experiments(setting: Setting, _folder: Path, _: Formats) -> list[tuple[str, Result]]:
     from calib.paper import experiments as e
 
     runs = (e.resampling, e.perturbation, e.directions)
     return [(run.__name__, run(setting)) for run in runs]
 
 
-def _figures(setting: Setting, folder: Path) -> list[tuple[str, Result]]:
+def _ablation(setting: Setting, _folder: Path, _formats: Formats) -> list[tuple[str, Result]]:
+    from calib.paper.ablation import ablation
+
+    return [("ablation", ablation(setting))]
+
+
+def _figures(setting: Setting, folder: Path, formats: Formats) -> list[tuple[str, Result]]:
     from calib.paper.figures import lattice_figure
 
-    lattice_figure(setting, folder / "lattices.png")
-    return _adaptation(setting, folder)
+    lattice_figure(setting, folder / "lattices.png", formats)
+    return _adaptation(setting, folder, formats)
 
 
-def _adaptation(setting: Setting, folder: Path) -> list[tuple[str, Result]]:
+def _adaptation(setting: Setting, folder: Path, formats: Formats) -> list[tuple[str, Result]]:
     from calib.paper.adaptation import adaptation
     from calib.paper.figures import changed_figure, curves_figure
 
     result, episodes = adaptation(setting)
-    changed_figure(episodes, folder / "changed.png")
-    curves_figure(episodes, folder / "adaptation.png")
+    changed_figure(episodes, folder / "changed.png", formats)
+    curves_figure(episodes, folder / "adaptation.png", formats)
     return [("adaptation", result)]
 
 
-_RUNS: dict[str, Callable[[Setting, Path], list[tuple[str, Result]]]] = {
+_RUNS: dict[str, Callable[[Setting, Path, Formats], list[tuple[str, Result]]]] = {
     "table1": _table1,
     "table2": _table2,
     "figures": _figures,
     "adaptation": _adaptation,
     "networks": _networks,
     "experiments": _experiments,
+    "ablation": _ablation,
 }
-_ALL = ("table1", "table2", "figures", "networks", "experiments")  # figures: adaptation too
-_LONG = ("schedules", "adaptation_curves")  # for the CSV files only
+_LONGEST = 1e3  # of a link [m]
+_ALL = (
+    "table1",
+    "table2",
+    "figures",
+    "networks",
+    "experiments",
+    "ablation",
+)  # figures: adaptation too
+_LONG = ("schedules", "adaptation_curves", "ablation")  # for the CSV files only
 
 
 def _keep(result: Result, folder: Path, *, shown: bool) -> None:

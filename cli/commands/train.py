@@ -99,7 +99,7 @@ def train(
             selection,
             data,
             columns=columns,
-            unit=unit or "m",
+            unit=unit,
             prismatic=prismatic or (),
             seed=seed,
             notes=notes,

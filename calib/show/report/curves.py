@@ -143,7 +143,7 @@ def bound_pairs(evidence: Evidence) -> tuple[Array, Array] | None:
     if residuals is None or not len(residuals.q):
         return None
     bound = evidence.model.expected_error(residuals.q)
-    error = residuals.errors["local"]
+    error = residuals.errors[evidence.model.default_readout]
     known = np.isfinite(bound) & (bound > 0)
     if not known.any() or bound[known].max() < least(evidence):
         return None

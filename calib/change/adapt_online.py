@@ -1,0 +1,62 @@
+"""Adapting by the paper's rule (eq. 10 to 12): maps and links re-formed sample by sample."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from ..maps.model_selection import better, blocks
+from ..maps.node_bounds import learn_bounds
+from ..training.evaluate import figures
+from ..training.learn import Progress
+from .adaptation import Adaptation, finished, measured_share
+from .causes import find_causes
+from .check import outlier_note
+from .comparison import Comparison
+from .follow import BLOCK, HORIZON, OnlineAdapter
+
+if TYPE_CHECKING:
+    from ..samples.samples import Samples
+
+
+def adapt_online(found: Comparison, log: Samples, report: Progress) -> Adaptation:
+    """Show a log to the online rule, again and again where it is short."""
+    model, kept = found.model, found.kept
+    u, q, x = found.rows.u[kept], found.q[kept], found.x[kept]
+    # every tenth block is kept apart to judge by
+    held = np.concatenate(blocks(len(u), max(10, len(u) // BLOCK))[4::10])
+    learned = np.setdiff1d(np.arange(len(u)), held)
+    adapter = OnlineAdapter(model, max(HORIZON, len(learned)), force=True)
+    shown = 0
+    while shown < HORIZON:  # a short stream is shown again
+        step = adapter.feed(q[learned], x[learned])
+        shown += len(learned)
+        report(0.9 * min(1.0, shown / HORIZON), "online", step.error)
+    fresh = adapter.model()
+    before = np.linalg.norm(x[held] - model.predictor.value(u[held]), axis=1)
+    after = np.linalg.norm(x[held] - fresh.predictor.value(u[held]), axis=1)
+    known = np.isfinite(fresh.expected_error(q[held]))
+    notes = [*found.rows.notes, *outlier_note(found.outliers)]
+    if shown > len(learned):
+        notes.append(f"{len(learned)} samples were shown {shown // len(learned)} times")
+    causes, said = find_causes(found, found.changed or not found.explained)
+    made = Adaptation(
+        model,
+        better(after, before) and bool(known.mean() > 0.5),
+        len(u),
+        found.outliers,
+        figures(before),
+        figures(after),
+        "maps and links re-formed online",
+        tuple(c for c in causes if c.cause != "noise"),
+        (),
+        measured_share(model, found.q),
+        (*notes, *said),
+    )
+    if not made.improved:
+        return made
+    bounds = learn_bounds(fresh.motor, u[held], after)
+    fresh = replace(fresh, bounds=bounds, model_bounds=bounds)
+    return replace(made, model=finished(found, log, made, fresh, after, "online", None))

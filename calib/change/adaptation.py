@@ -1,0 +1,136 @@
+"""An adaptation: what came of a model and a log, and the facts that the new model keeps."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field, replace
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from ..body.structure import Array
+from ..model.model import Model
+from ..model.rows import Rows
+from ..training.evaluate import evaluate_residuals, summarise
+from .alignment import Alignment
+from .baseline import learn_baseline
+from .cause import Cause
+from .comparison import Comparison
+from .rows import thinned
+
+if TYPE_CHECKING:
+    from ..samples.samples import Samples
+
+_CELLS = 5  # along each joint, for the share of the range that a log measured
+_BASELINE = 6000  # imagined samples that tell what is usual after an adaptation
+_EVALUATED = 500  # rows that the readouts are evaluated on
+
+
+@dataclass(frozen=True, eq=False)
+class Adaptation:
+    """The result of adapting a model to a log.
+
+    Attributes
+    ----------
+    model : Model
+        The adapted model; where nothing improved, the old one.
+    improved : bool
+        Whether held-out rows are predicted better than before.
+    samples : int
+        Rows that it rests on.
+    outliers : int
+        Rows that were left out as wrong detections.
+    before, after : dict
+        "mean", "max" and "p99" of the distance from measured to predicted position, on
+        the same rows, which neither prediction has seen [unit].
+    correction : str
+        What was corrected, in words.
+    changed : tuple of Cause
+        What changed, as `check` says of the same log.
+    kept : tuple of str
+        What was left as it was.
+    coverage : float
+        Share of the learned range that the log measured.
+    notes : tuple of str
+        What the user should be told.
+    """
+
+    model: Model
+    improved: bool
+    samples: int
+    outliers: int
+    before: dict[str, float]
+    after: dict[str, float]
+    correction: str
+    changed: tuple[Cause, ...]
+    kept: tuple[str, ...]
+    coverage: float
+    notes: tuple[str, ...] = field(default=())
+
+
+def finished(
+    found: Comparison,
+    log: Samples,
+    made: Adaptation,
+    fresh: Model,
+    after: Array,
+    method: str,
+    frame: Alignment | None,
+) -> Model:
+    """The new model with its facts, its baseline and the history of the old one."""
+    old = found.model
+    some = thinned(len(found.q), _EVALUATED)
+    errors = summarise(evaluate_residuals(fresh, found.q[some], found.x[some], None))
+    # rows that were held out tell the error of the default readout
+    readout = fresh.default_readout
+    errors[readout]["forward"]["distance"] = dict(made.after)
+    usual = old.about.errors.get(readout, {}).get("forward", {}).get("distance", {})
+    event: dict[str, Any] = {
+        "event": "adapted",
+        "method": method,
+        "samples": made.samples,
+        "outliers": made.outliers,
+        "before": made.before,
+        "after": made.after,
+        "correction": made.correction,
+        "changed": [c.to_json() for c in made.changed],
+        "kept": list(made.kept),
+        "coverage": made.coverage,
+        "frame": None if frame is None else frame.to_json(),
+        "from": {
+            "source": old.about.source,
+            "samples": old.about.samples,
+            "simulation": old.about.simulation,
+            "mean": usual.get("mean"),
+        },
+    }
+    unit = log.unit
+    if log.unit == old.about.unit and found.reference.scale != 1.0:
+        unit = "sensor"
+    about = replace(
+        old.about,
+        source="log",
+        bound_of="sensor reading",
+        simulation=None,
+        samples=made.samples,
+        taught=False,
+        unit=unit,
+        errors=errors,
+        notes=made.notes,
+    )
+    points = np.random.default_rng(0).random((_BASELINE, found.q.shape[1]))
+    baseline = learn_baseline(fresh.association, points, fresh.predictor.value(points), after)
+    return replace(
+        fresh,
+        about=about,
+        baseline=baseline,
+        rows=Rows.of(found.q[found.kept], found.x[found.kept]),
+        history=(*old.history, event),
+    )
+
+
+def measured_share(model: Model, q: Array) -> float:
+    """Share of the learned range, in cells of a fifth of each joint's range, that rows visit."""
+    u = np.clip(model.motor.scale.to_unit(q), 0.0, 1.0 - 1e-12)
+    dof = u.shape[1]
+    cells = np.unique((u * _CELLS).astype(int), axis=0)
+    return float(min(1.0, len(cells) / _CELLS**dof))

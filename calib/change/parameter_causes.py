@@ -1,0 +1,170 @@
+"""Causes from an explanation: each freed parameter that is clearly away from where it was."""
+
+from __future__ import annotations
+
+import math
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from ..body.structure import Array, Indices, Label, Structure
+from .alignment import Alignment
+from .cause import Cause
+from .members import FRAME
+
+if TYPE_CHECKING:
+    from .comparison import Comparison
+    from .explain import Explanation
+
+SIGNIFICANT = 2.6
+"""Standard deviations from which a parameter is said to have changed."""
+
+_MATTERS = 0.05  # share of the largest displacement from which a cause is named
+_WORDS = {
+    "view.scale": "the sensor's scale changed",
+    "view.shear": "the sensor's axes are stretched or sheared",
+    "view.tilt": "the camera is tilted",
+    "lens": "the sensor's frame is bent, as by a lens",
+}
+
+
+def of_parameters(comparison: Comparison, best: Explanation) -> list[Cause]:
+    """Each freed parameter that is significantly away from where it was."""
+    structure, old = comparison.reference.structure, comparison.belief.beta
+    found: list[tuple[float, Cause]] = []
+    every = np.flatnonzero(best.sd > 0)
+    _, moves = structure.linearise(comparison.probes, best.beta, every)
+    size = np.sqrt((moves**2).sum(axis=1).mean(axis=0))
+    for group in best.member.groups:
+        if group in FRAME or (group == "view.scale" and comparison.reference.scale != 1.0):
+            continue
+        for name, ix in structure.groups.items():
+            if name != group and not (group == "curve" and name.startswith("curve.")):
+                continue
+            found += _of_group(comparison, best, name, np.asarray(ix), old, every, size)
+    if best.member.framed:
+        found += _of_sensor(comparison, best, old, every, size)
+    if not comparison.reference.locked:
+        found += _lost(comparison, best, old)
+    found.sort(key=lambda pair: -pair[0])
+    finite = [moved for moved, _ in found if math.isfinite(moved)]
+    least = _MATTERS * max(finite, default=0.0)
+    return [cause for moved, cause in found if moved >= least]
+
+
+def _of_group(
+    comparison: Comparison,
+    best: Explanation,
+    group: str,
+    ix: Indices,
+    old: Array,
+    every: Indices,
+    size: Array,
+) -> list[tuple[float, Cause]]:
+    """Causes of one group with the displacement that each makes."""
+    structure = comparison.reference.structure
+    change, deviation = (best.beta - old)[ix], best.deviation[ix]
+    clear = (deviation > 0) & (np.abs(change) > SIGNIFICANT * deviation)
+    if group.startswith("curve") or group in _WORDS or group == "elastic":
+        if not clear.any():
+            return []
+        moved = float(np.linalg.norm(change * size[np.searchsorted(every, ix)]))
+        largest = int(np.argmax(np.abs(change) * clear))
+        return [(moved, _summed(structure, group, int(ix[largest]), change, deviation, largest))]
+    found = []
+    for k in np.flatnonzero(clear):
+        label = structure.label(int(ix[k]))
+        moved = abs(float(change[k])) * float(size[np.searchsorted(every, ix[k])])
+        found.append((moved, single(label, old[ix[k]], change[k], deviation[k])))
+    return found
+
+
+def _summed(
+    structure: Structure, group: str, index: int, change: Array, deviation: Array, largest: int
+) -> Cause:
+    label = structure.label(index)
+    value, half = float(change[largest]), 1.96 * float(deviation[largest])
+    if group in _WORDS:
+        name = group.removeprefix("view.")
+        words = _WORDS[group]
+        if group == "view.scale":
+            words += f" by {100 * math.expm1(value):+.3g} %"
+        return Cause(name, group, value, (value - half, value + half), label.unit, words)
+    name = f"{'curve' if group.startswith('curve') else group}:{label.joint}"
+    what = "gives way under load" if group == "elastic" else "follows another curve"
+    size = math.degrees(float(np.abs(change).max()))
+    words = f"{label.joint} {what}, by up to {size:.3g} deg"
+    return Cause(name, group, value, (value - half, value + half), label.unit, words)
+
+
+def single(label: Label, old: float, change: float, sd: float) -> Cause:
+    """A cause that one number tells."""
+    value, half = float(change), 1.96 * float(sd)
+    joint = label.joint or ""
+    name = f"{label.group}:{joint}" if joint else label.group
+    unit = label.unit
+    if label.unit == "rad":
+        words = f"{joint} is off by {math.degrees(value):+.3g} ± {math.degrees(half):.2g} deg"
+    elif label.group == "length":
+        share = 100 * abs(value / old) if old else float("nan")
+        size = f"{share:.3g} %"
+        if unit == "m":
+            size += f" ({1e3 * abs(value):.3g} ± {1e3 * half:.2g} mm)"
+        words = f"the link of {joint} is {size} {'longer' if value > 0 else 'shorter'}"
+    elif label.group == "gain":
+        words = f"{joint} moves {100 * value:+.3g} ± {100 * half:.2g} % further than it says"
+    else:
+        words = f"{label.name} changed by {value:.4g} ± {half:.2g} {unit}"
+    return Cause(name, label.group, value, (value - half, value + half), unit, words)
+
+
+def _of_sensor(
+    comparison: Comparison, best: Explanation, old: Array, every: Indices, size: Array
+) -> list[tuple[float, Cause]]:
+    """The sensor's frame as one cause, its rotation as the number."""
+    structure = comparison.reference.structure
+    turn, shift = (np.asarray(structure.groups[g]) for g in FRAME)
+    both = np.concatenate([turn, shift])
+    change, deviation = (best.beta - old)[both], best.deviation[both]
+    mirrored = comparison.reference.mirrored
+    new = mirrored or comparison.reference.scale != 1.0
+    if not new and not (np.abs(change) > SIGNIFICANT * deviation).any():
+        return []
+    frame = frame_between(comparison, best.beta)
+    value, half = float(change[0]), 1.96 * float(deviation[0])
+    value = (value + math.pi) % (2 * math.pi) - math.pi
+    said = f"turned {math.degrees(value):.3g} ± {math.degrees(half):.2g} deg"
+    if frame is not None:
+        said = frame.words(comparison.unit)
+    words = f"the sensor's frame moved: {said}"
+    where = np.searchsorted(every, both)
+    moved = math.inf if new else float(np.linalg.norm(change * size[where]))
+    cause = Cause("sensor", "view.rotation", value, (value - half, value + half), "rad", words)
+    return [(moved, cause)]
+
+
+def frame_between(comparison: Comparison, beta: Array) -> Alignment | None:
+    """The sensor's new frame as an affine map of the old one; None in space."""
+    structure, old = comparison.reference.structure, comparison.body
+    seen = old.structure.predict(comparison.probes, old.beta)
+    if seen.shape[1] != 2:
+        return None
+    mixed = comparison.belief.beta.copy()
+    for name, ix in structure.groups.items():
+        if name.startswith("view.") or name == "lens":
+            mixed[np.asarray(ix)] = beta[np.asarray(ix)]
+    return Alignment.between(seen, structure.predict(comparison.probes, mixed))
+
+
+def _lost(comparison: Comparison, best: Explanation, old: Array) -> list[tuple[float, Cause]]:
+    """Joints that moved the tip and no longer do."""
+    structure, names = comparison.reference.structure, comparison.model.about.joint_names
+    before = np.sqrt((structure.slope(comparison.probes, old) ** 2).sum(axis=1).mean(axis=0))
+    after = np.sqrt((structure.slope(comparison.probes, best.beta) ** 2).sum(axis=1).mean(axis=0))
+    scale = float(np.sum(after) / max(float(np.sum(before)), 1e-300))
+    found = []
+    for k, name in enumerate(names):
+        if after[k] < 0.02 * before[k] * min(scale, 1.0):
+            words = f"{name} no longer moves the tip"
+            found.append((math.inf, Cause(f"lost:{name}", "gain", 0.0, None, "1", words)))
+    return found

@@ -1,0 +1,32 @@
+"""Read-only views: what a model holds can be looked at, not changed behind its back."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+
+def frozen(array: NDArray[Any]) -> NDArray[Any]:
+    """A view of an array that refuses to be written through.
+
+    Examples
+    --------
+    >>> view = frozen(np.zeros(2))
+    >>> view[0] = 1.0
+    Traceback (most recent call last):
+        ...
+    ValueError: assignment destination is read-only
+    """
+    view = np.asarray(array).view()
+    view.flags.writeable = False
+    return view
+
+
+def freeze(holder: object, *names: str) -> None:
+    """Let arrays of a frozen dataclass be read-only views, in its `__post_init__`."""
+    for name in names:
+        value = getattr(holder, name)
+        if isinstance(value, np.ndarray):
+            object.__setattr__(holder, name, frozen(value))

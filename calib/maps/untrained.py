@@ -1,0 +1,65 @@
+"""Nodes that no rule has moved: what a trained map has to beat.
+
+An even grid, random nodes and training rows as nodes.  The first is a lattice; the others are
+joined to their nearest neighbours.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+
+import numpy as np
+from numpy.typing import NDArray
+
+from .epoch import Epoch, nearest, search, topographic_error
+from .graph import Graph
+from .lattice import Lattice
+
+Array = NDArray[np.float64]
+
+KINDS = ("grid", "random", "rows")
+"""Names in ``map=``."""
+
+_JOINED = 4  # nearest neighbours of a node without a lattice
+_JITTER = 1e-7  # of the unit box: repeated rows make no two nodes in one place
+
+
+def place(kind: str, u: Array, lattice: Lattice, rng: np.random.Generator) -> Iterator[Epoch]:
+    """Nodes of one kind, as a single epoch.
+
+    Parameters
+    ----------
+    kind : {"grid", "random", "rows"}
+        The middles of even cells of the unit box, where the lattice has as many axes as the
+        space, else of its first axes, the others in the middle; places drawn from the box;
+        or samples drawn from `u`.
+    u : (n, d) array
+        Samples in the unit box.
+    lattice : Lattice
+        How many nodes, and their arrangement in a grid.
+    rng : numpy.random.Generator
+        Source of what is drawn.
+    """
+    joined: Lattice | Graph = lattice
+    if kind == "grid":
+        weights = np.full((lattice.size, u.shape[1]), 0.5)
+        weights[:, : lattice.dim] = (lattice.positions() + 0.5) / np.array(lattice.shape)
+    else:
+        if kind == "random":
+            weights = rng.random((lattice.size, u.shape[1]))
+        else:
+            drawn = rng.choice(len(u), lattice.size, replace=len(u) < lattice.size)
+            weights = u[drawn] + _JITTER * rng.standard_normal((lattice.size, u.shape[1]))
+        joined = neighbours(weights)
+    tree = search(weights)
+    error = float(nearest(tree, u)[0].mean())
+    yield Epoch(weights, joined, 0.0, error, topographic_error(u, tree, joined), len(u))
+
+
+def neighbours(weights: Array, k: int = _JOINED) -> Graph:
+    """The graph that joins each node (nodes, d) to its `k` nearest."""
+    n = len(weights)
+    k = min(k, n - 1)
+    near = nearest(search(weights), weights, list(range(2, k + 2)))[1]
+    pairs = np.stack([np.repeat(np.arange(n), k), near.ravel()], axis=1)
+    return Graph(n, np.unique(np.sort(pairs, axis=1), axis=0))

@@ -1,0 +1,139 @@
+"""Cases of the ablation: what an arm may be that its smooth model is not.
+
+Each is a log of two joints with an independent truth, or a real log whose blocks are held
+out in turn.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass, replace
+from pathlib import Path
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ..arm.planar_arm import PlanarArm
+from ..samples.samples import Samples
+
+Array = NDArray[np.float64]
+Truth = Callable[[Array], Array]
+
+ROBOT = "two_link_full"
+"""Its elbow bends both ways, so that most targets have two branches."""
+
+NOISE = 2e-4
+"""Standard deviation per axis of the cases with a defect [m]."""
+
+_BUMP = np.radians([45.0, 80.0])  # middle of the bump in both joints
+_WIDTH = np.radians(1.5)  # its standard deviation
+_HEIGHT = 3e-3  # [m]
+_WINDOW = np.radians([60.0, 75.0])  # of the elbow, where its gear ripples
+_RIPPLE = np.radians(1.0)
+_CYCLES = 72  # a turn
+_DWELL = 0.7  # share of the rows of an uneven log that lie in a corner
+_CORNER = 0.15  # of each joint's range
+_STREAM = 91  # of the points on which errors are measured
+
+
+@dataclass(frozen=True, eq=False)
+class Case:
+    """A log and what is true of it.
+
+    Attributes
+    ----------
+    name : str
+    samples : Samples
+        What is learned from.
+    q, x : (n, dof), (n, 2) array
+        Joints and positions that were not learned.
+    defect : (n,) bool array
+        Which of them lie in a defect.
+    arm : PlanarArm or None
+        The arm whose branches are counted, None where the truth is not known.
+    """
+
+    name: str
+    samples: Samples
+    q: Array
+    x: Array
+    defect: NDArray[np.bool_]
+    arm: PlanarArm | None
+
+
+def bump(arm: PlanarArm) -> tuple[Truth, Callable[[Array], NDArray[np.bool_]]]:
+    """The arm with a bump of 3 mm that depends on both joints, and where it is."""
+
+    def away(q: Array) -> Array:
+        return np.asarray(np.linalg.norm((q - _BUMP) / _WIDTH, axis=1))
+
+    def truth(q: Array) -> Array:
+        height = _HEIGHT * np.exp(-0.5 * away(q) ** 2)
+        return np.asarray(arm.forward(q) + height[:, None] * np.array([0.8, -0.6]))
+
+    return truth, lambda q: away(q) < 2.0
+
+
+def ripple(arm: PlanarArm) -> tuple[Truth, Callable[[Array], NDArray[np.bool_]]]:
+    """The arm whose elbow is off by 1 deg, 72 cycles a turn, within a window; and where."""
+    low, high = _WINDOW
+
+    def inside(q: Array) -> NDArray[np.bool_]:
+        return np.asarray((q[:, 1] > low) & (q[:, 1] < high))
+
+    def truth(q: Array) -> Array:
+        moved = q.copy()
+        moved[:, 1] += np.where(inside(q), _RIPPLE * np.sin(_CYCLES * (q[:, 1] - low)), 0.0)
+        return arm.forward(moved)
+
+    return truth, inside
+
+
+def simulated(name: str, n: int, tested: int, seed: int) -> Case:
+    """One of the simulated cases.
+
+    Parameters
+    ----------
+    name : {"exact", "noise", "bump", "ripple", "uneven"}
+        An exact sensor, one with a noise of 1 mm, the two defects with 0.2 mm, and a log
+        that dwells in a corner of the joints' range.
+    n, tested : int
+        Rows to learn from and to test on.
+    seed : int
+    """
+    from ..arm.loading import load_arm
+
+    loaded = load_arm("two_link" if name in ("bump", "ripple") else ROBOT)
+    assert isinstance(loaded, PlanarArm)  # noqa: S101
+    arm = loaded
+    rng = np.random.default_rng(np.random.SeedSequence(seed, spawn_key=(_STREAM,)))
+    span = arm.upper - arm.lower
+    q = arm.lower + span * rng.random((n, 2))
+    if name == "uneven":
+        stays = rng.random(n) < _DWELL
+        q[stays] = arm.lower + span * (0.1 + _CORNER * rng.random((np.count_nonzero(stays), 2)))
+    fresh = arm.lower + span * rng.random((tested, 2))
+    truth: Truth = arm.forward
+    defect = np.zeros(tested, dtype=bool)
+    if name in ("bump", "ripple"):
+        truth, inside = (bump if name == "bump" else ripple)(arm)
+        defect = inside(fresh)
+    noise = {"exact": 0.0, "noise": 1e-3}.get(name, NOISE)
+    x = truth(q) + noise * rng.standard_normal((n, 2))
+    samples = Samples(
+        q, x, arm.joint_names, arm.lower, arm.upper, arm.revolute, arm=arm, plane=arm.plane
+    )
+    known = arm if name not in ("bump", "ripple") else None
+    return Case(name, samples, fresh, truth(fresh), defect, known)
+
+
+def measured(path: Path, name: str, joints: tuple[str, ...], block: int, blocks: int) -> Case:
+    """A real log without one contiguous block of its rows, which is tested on."""
+    from ..samples.logs import read_log
+
+    samples = read_log(path, joints=list(joints))
+    held = np.array_split(np.arange(len(samples)), blocks)[block]
+    kept = np.setdiff1d(np.arange(len(samples)), held)
+    some = replace(samples, q=samples.q[kept], x=samples.x[kept])
+    q, x = samples.q[held], samples.x[held]
+    return Case(name, some, q, x, np.zeros(len(q), dtype=bool), None)

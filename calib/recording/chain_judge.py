@@ -1,0 +1,153 @@
+"""The judge of clocks for planar arms: a chain under a tilted camera, clocks fitted with it.
+
+A chain has a dozen parameters, so ten postures say what three hundred must say to a fit
+without one, and few milliseconds show.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ..errors import CalibError
+
+Array = NDArray[np.float64]
+
+_STEPS = 12
+_NU = 4.0  # degrees of freedom of the noise: a track has outliers
+_RATE_SD = 4e-3  # how much rates of clocks differ
+
+
+@dataclass(frozen=True)
+class Timing:
+    """Clocks as a chain would have them.
+
+    Attributes
+    ----------
+    offset, rate : float [s], none
+        Added to the offset and the rate that the rows were matched with.
+    doubt : (float, float) [s], none
+        Their standard deviations.
+    error : float [px]
+        Median distance of the rows from the chain.
+    """
+
+    offset: float
+    rate: float
+    doubt: tuple[float, float]
+    error: float
+
+
+def fit_timing(
+    time: Array, x: Array, joints: Callable[[Array], Array], revolute: tuple[bool, ...]
+) -> Timing | None:
+    """Fit a chain, a view, an offset of clocks and, where the track shows one, their rate.
+
+    Parameters
+    ----------
+    time : (n,) array [s]
+        Joints' times of the rows, as far as known.
+    x : (n, 2) array [px]
+        The track.
+    joints : callable
+        Returns joints (n, dof) at joints' times (n,).
+    revolute : tuple of bool
+        Which joints turn.
+
+    Returns
+    -------
+    Timing or None
+        None where no chain can be fitted.
+    """
+    from ..body.fitting import planar_structure
+    from ..body.starts import best_start
+
+    q = joints(time)
+    names = tuple(f"q{k}" for k in range(q.shape[1]))
+    try:
+        template = planar_structure(q, x, names, revolute, None, "homography", None, "px", False)
+        members = dict(template.members())
+        structure, beta, _ = best_start(template, q, x, members["chain"])
+        prior = structure.prior(members["view"])
+    except (CalibError, np.linalg.LinAlgError, KeyError):
+        return None
+    search = _Search(structure, prior, time, x, joints)
+    with np.errstate(over="ignore", invalid="ignore", divide="ignore"):
+        plain, beta = search.run(beta, rate=False)
+        if plain is None:
+            return None
+        free, _ = search.run(beta, rate=True, offset=plain.offset)
+    # a rate that is nothing but noise would spoil both ends
+    if free is None or abs(free.rate) < 4.0 * free.doubt[1] or free.error > 0.97 * plain.error:
+        return plain
+    return free
+
+
+class _Search:
+    """Gauss and Newton's method over a chain and the clocks together."""
+
+    def __init__(
+        self,
+        structure: Any,
+        prior: Any,
+        time: Array,
+        x: Array,
+        joints: Callable[[Array], Array],
+    ) -> None:
+        self.structure, self.prior = structure, prior
+        self.time, self.x, self.joints = time, x, joints
+        self.active = np.flatnonzero(prior.sd > 0)
+        self.since = time - 0.5 * (time[0] + time[-1])
+
+    def run(self, beta: Array, *, rate: bool, offset: float = 0.0) -> tuple[Timing | None, Array]:
+        """Fit from parameters and an offset; return the clocks and the parameters."""
+        structure, time, x, joints, since = (
+            self.structure,
+            self.time,
+            self.x,
+            self.joints,
+            self.since,
+        )
+        active, mean = self.active, self.prior.mean[self.active]
+        beta, clock, h, k = beta.copy(), np.array([offset, 0.0]), 5e-3, len(self.active)
+        sd = np.r_[self.prior.sd[active], 0.2, _RATE_SD if rate else 1e-12]
+        for _ in range(_STEPS):
+            when = time + clock[0] + clock[1] * since
+            q = joints(when)
+            seen, slopes = structure.linearise(q, beta, active)
+            speed = (joints(when + h) - joints(when - h)) / (2.0 * h)
+            velocity = np.einsum("nmd,nd->nm", structure.slope(q, beta), speed)
+            J = np.concatenate(
+                [slopes, velocity[..., None], (velocity * since[:, None])[..., None]], axis=2
+            )
+            miss = x - seen
+            distance = np.linalg.norm(miss, axis=1)
+            if not np.isfinite(distance).all():
+                return None, beta
+            scale = max(float(np.median(distance)) / 1.18, 0.01)
+            weight = (_NU + 2.0) / (_NU + (distance / scale) ** 2) / scale**2
+            JW = (J * weight[:, None, None]).reshape(-1, len(sd))
+            precision = JW.T @ J.reshape(-1, len(sd)) + np.diag(1.0 / sd**2)
+            gradient = JW.T @ miss.ravel()
+            gradient[:k] -= (beta[active] - mean) / sd[:k] ** 2
+            gradient[k:] -= clock / sd[k:] ** 2
+            step = np.linalg.solve(precision, gradient)
+            # far from the solution the velocity is a poor guide
+            step *= min(1.0, 0.08 / max(abs(float(step[-2])), 1e-12))
+            beta[active] += step[:k]
+            clock += step[k:]
+            if np.abs(step[-2:] * [1.0, np.ptp(time)]).max() < 1e-5:
+                break
+        # neighbouring rows err alike: about three of them say as much as one
+        spread = np.sqrt(3.0 * np.diag(np.linalg.inv(precision))[-2:])
+        timing = Timing(
+            float(clock[0]),
+            float(clock[1]),
+            (float(spread[0]), float(spread[1])),
+            float(np.median(distance)),
+        )
+        return timing, beta

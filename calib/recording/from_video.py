@@ -1,0 +1,239 @@
+"""A log from a video: clocks aligned, rows where the arm rests, or where it moves slowly."""
+
+from __future__ import annotations
+
+import os
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, replace
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ..errors import LogError, OptionError
+from .clocks import Clocks, align_clocks, joints_at
+from .from_pictures import assemble, seen_instead
+from .joint_table import JointTable
+from .recorded import Recorded, told
+from .setting import Setting, told_motion
+from .tags import FLOOR, Tag
+from .track import check_motion, jumps
+from .video import follow
+
+Array = NDArray[np.float64]
+Mask = NDArray[np.bool_]
+
+REST = 0.01
+"""A joint that moves slower rests [rad/s or m/s]."""
+
+MAX_GAP = 0.1
+"""Joints further apart than this are not interpolated between [s]."""
+
+LEAST = 3
+"""Frames that a rest must have."""
+
+_SETTLE = 0.04  # left out at either end of a rest [s]
+_SHAKE = 0.5  # a tag that moves more has not come to rest [px]
+
+
+@dataclass(frozen=True)
+class Rows:
+    """Which frames become rows of a log.
+
+    Attributes
+    ----------
+    time_offset : float or None [s]
+        Added to the video's times; found if not given.
+    still : float or None [rad/s or m/s]
+        Every frame in which no joint moves faster is a row; else the median of each rest is.
+    max_gap : float [s]
+        Frames between joints further apart are left out.
+    """
+
+    time_offset: float | None = None
+    still: float | None = None
+    max_gap: float = MAX_GAP
+
+    def __post_init__(self) -> None:
+        if self.still is not None and not self.still > 0:
+            raise OptionError(f"`still={self.still:g}`: expected a speed above zero [rad/s or m/s]")
+        if not self.max_gap > 0:
+            raise OptionError(f"`max_gap={self.max_gap:g}`: expected more than zero")
+
+
+def log_video(
+    path: str | os.PathLike[str],
+    joints: JointTable,
+    setting: Setting,
+    rows: Rows | None = None,
+    *,
+    revolute: Sequence[bool] | None = None,
+    since: Mapping[str, Any] | None = None,
+) -> Recorded:
+    """Make a log from a video of an arm with a printed tag on its tip.
+
+    Parameters
+    ----------
+    path : path-like
+        Whatever OpenCV opens.
+    joints : JointTable
+        Joints with times, by a clock of their own.
+    setting : Setting
+        Tag, reference and lens.
+    rows : Rows, optional
+        Which frames become rows.
+    revolute : sequence of bool, optional
+        Which joints turn; all if not given.
+    since : mapping, optional
+        What an earlier log tells of its source (`read_about`).
+
+    Raises
+    ------
+    LogError
+        In one line, if no log can be made: no such tag, clocks that cannot be aligned, an
+        arm that never rests, and the like.
+    """
+    rows = rows or Rows()
+    if joints.time is None:
+        raise LogError(f"{joints.label} has no times: a video needs a column 'time' [s]")
+    joint_time, first = np.unique(joints.time, return_index=True)
+    q = joints.q[first]
+    if len(q) < 2:
+        raise LogError(f"{joints.label} has one time only: expected the joints' motion")
+    name = Path(path).name
+    track = follow(path, setting)
+    pixels = track.pixels
+    seen = np.isfinite(pixels[:, 0])
+    if not seen.any():
+        instead = seen_instead(setting, track.sample)
+        raise LogError(f"tag {setting.tag} is in none of {len(pixels)} frames: {instead}")
+    check_motion(q, pixels[seen], setting.tag, name)
+    notes = list(track.notes)
+    clocks = _clocks(rows, track.time, pixels, joint_time, q, revolute)
+    if rows.time_offset is None:
+        notes.append(clocks.words())
+    when = clocks.joints_time(track.time)
+    usable, reasons = _usable(when, pixels, joint_time, rows.max_gap)
+    reasons = {**track.reasons, **reasons}
+    if not usable.any():
+        raise LogError(
+            f"the clocks are apart: the video runs from {when[0]:.2f} to {when[-1]:.2f} s of the "
+            f"joints' clock, which has {joint_time[0]:.2f} to {joint_time[-1]:.2f} s; give another "
+            "`time_offset`, or none to have it found"
+        )
+    there = joints_at(when, joint_time, q)
+    speed = _speed(when, joint_time, q)
+    if rows.still is None:
+        groups = _rests(when, pixels, usable & (speed < REST))
+        if not groups:
+            raise LogError(
+                f"the arm never rests for {LEAST} frames of {name}: record it with stops, or give "
+                "`still`, the speed below which frames in motion are taken"
+            )
+        moving = int(usable.sum() - sum(map(len, groups)))
+        reasons["the arm moves"] = moving
+        notes.append(f"{len(groups)} rests of {np.mean([len(g) for g in groups]):.0f} frames")
+    else:
+        slow = usable & (speed < rows.still)
+        reasons[f"a joint moves faster than {rows.still:g}"] = int((usable & ~slow).sum())
+        groups = [np.array([k]) for k in np.flatnonzero(slow)]
+        if not groups:
+            raise LogError(f"no frame of {name} is slower than `still={rows.still:g}`")
+    tags = [_middle([tag for k in g if (tag := track.tags[k]) is not None]) for g in groups]
+    centres = np.array([tag.centre for tag in tags])
+    watched = setting.watch(track.marks)
+    notes += watched.notes
+    if since is not None:
+        notes.append(told_motion(since, watched))
+    time = np.array([np.median(when[g]) for g in groups])
+    return assemble(
+        setting,
+        watched.positions(centres, np.array([g[0] for g in groups])),
+        joints.names,
+        np.array([there[g].mean(axis=0) for g in groups]),
+        tags,
+        source={
+            "source": "video",
+            "time_offset": clocks.offset,
+            "rate": clocks.rate,
+            **setting.about(watched),
+        },
+        poses=watched.parts[-1],
+        time=time - time[0],
+        dropped={why: count for why, count in reasons.items() if count},
+        notes=[*notes, *told(reasons, "frames")],
+    )
+
+
+def _clocks(
+    rows: Rows,
+    time: Array,
+    pixels: Array,
+    joint_time: Array,
+    q: Array,
+    revolute: Sequence[bool] | None,
+) -> Clocks:
+    if rows.time_offset is not None:
+        return Clocks(rows.time_offset)
+    return align_clocks(time, pixels, joint_time, q, revolute)
+
+
+def _usable(
+    when: Array, pixels: Array, joint_time: Array, max_gap: float
+) -> tuple[Mask, dict[str, int]]:
+    seen = np.isfinite(pixels[:, 0])
+    jump = jumps(pixels)
+    inside = (when >= joint_time[0]) & (when <= joint_time[-1])
+    after = np.clip(np.searchsorted(joint_time, when), 1, len(joint_time) - 1)
+    close = joint_time[after] - joint_time[after - 1] <= max_gap
+    return seen & ~jump & inside & close, {
+        "a jump of the track": int(jump.sum()),
+        "outside of the joints' times": int((seen & ~jump & ~inside).sum()),
+        f"joints more than {max_gap:g} s apart": int((seen & ~jump & inside & ~close).sum()),
+    }
+
+
+def _speed(when: Array, joint_time: Array, q: Array) -> Array:
+    """Return the fastest joint's speed about each time [rad/s or m/s]."""
+    h = _SETTLE
+    low, high = (joints_at(when + d, joint_time, q) for d in (-h, h))
+    return np.asarray(np.abs(high - low).max(axis=1) / (2.0 * h))
+
+
+def _rests(when: Array, pixels: Array, still: Mask) -> list[NDArray[np.intp]]:
+    """Return the frames of each rest: joints and tag stand still for `LEAST` frames or more."""
+    groups: list[NDArray[np.intp]] = []
+    run: list[int] = []
+    for k in [*np.flatnonzero(still).tolist(), -1]:
+        apart = not run or k < 0 or when[k] - when[run[-1]] > 0.25
+        if run and (apart or np.linalg.norm(pixels[k] - np.median(pixels[run], axis=0)) > _SHAKE):
+            groups += _trimmed(when, pixels, run)
+            run = []
+        if k >= 0:
+            run.append(k)
+    return groups
+
+
+def _trimmed(when: Array, pixels: Array, run: list[int]) -> list[NDArray[np.intp]]:
+    frames = np.array(run)
+    inner = (when[frames] >= when[run[0]] + _SETTLE) & (when[frames] <= when[run[-1]] - _SETTLE)
+    frames = frames[inner]
+    if len(frames) < LEAST:
+        return []
+    near = np.linalg.norm(pixels[frames] - np.median(pixels[frames], axis=0), axis=1) < _SHAKE
+    return [frames[near]] if near.sum() >= LEAST else []
+
+
+def _middle(tags: Sequence[Tag]) -> Tag:
+    """Return the median of a tag at rest."""
+    if len(tags) == 1:
+        return tags[0]
+    centres = np.array([tag.centre for tag in tags])
+    scatter = float(np.sqrt(np.mean(np.var(centres, axis=0, ddof=1))))
+    return replace(
+        tags[0],
+        corners=np.median([tag.corners for tag in tags], axis=0),
+        centre=np.median(centres, axis=0),
+        noise=max(FLOOR, 1.25 * scatter / float(np.sqrt(len(tags)))),
+    )

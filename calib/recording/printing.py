@@ -1,0 +1,110 @@
+"""Tags and boards to print at their true size: SVG, text alone.
+
+`print_tag` and `print_board` return a page; nothing of it is scaled by a program that prints
+at 100 %. A line of ten centimetres under the pattern tells whether it was.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ..errors import OptionError
+from .board import Board
+from .opencv import opencv
+from .tags import DICTIONARY, find_dictionary
+
+Cells = NDArray[np.bool_]
+
+_MARGIN = 8.0  # [mm] of white around a pattern, beyond its own
+_FOOT = 12.0  # [mm] for the line and the words
+
+
+def tag_cells(number: int, dictionary: str = DICTIONARY) -> Cells:
+    """Return which cells of a tag are white, its black border included: (cells, cells).
+
+    Raises
+    ------
+    OptionError
+        If the dictionary has no such id.
+    """
+    known = find_dictionary(dictionary)
+    count = len(known.bytesList)
+    if not 0 <= number < count:
+        raise OptionError(f"tag {number}: expected 0 to {count - 1}, the ids of {dictionary}")
+    size = int(known.markerSize) + 2
+    picture = opencv().aruco.generateImageMarker(known, int(number), size)
+    return np.asarray(picture) > 127
+
+
+def print_tag(number: int, size: float, dictionary: str = DICTIONARY) -> str:
+    """Return a tag as SVG whose black square has the side `size` [m]."""
+    cells = tag_cells(number, dictionary)
+    side = 1e3 * size
+    cell = side / len(cells)
+    border = max(_MARGIN, cell)  # a tag needs a cell of white around it
+    words = f"{dictionary} {number}, black square {side:g} mm"
+    body = [f'<rect x="{border:g}" y="{border:g}" width="{side:g}" height="{side:g}"/>']
+    body += _white(cells, border, border, cell)
+    return _page(side + 2 * border, side + 2 * border, body, words)
+
+
+def print_board(board: Board) -> str:
+    """Return a board as SVG at its true size."""
+    square, marker = 1e3 * board.square, 1e3 * board.marker
+    width, height = board.columns * square, board.rows * square
+    made = board.opencv()
+    # the tags' corners from OpenCV's board, which is what will be looked for
+    lows = [1e3 * np.asarray(points)[:, :2].min(axis=0) for points in made.getObjPoints()]
+    taken = {(int(low[0] // square), int(low[1] // square)) for low in lows}
+    body = []
+    for row in range(board.rows):
+        for column in range(board.columns):
+            if (column, row) not in taken:
+                x, y = _MARGIN + column * square, _MARGIN + row * square
+                body.append(f'<rect x="{x:g}" y="{y:g}" width="{square:g}" height="{square:g}"/>')
+    for number, low in zip(np.ravel(made.getIds()).tolist(), lows, strict=True):
+        cells = tag_cells(number, board.dictionary)
+        x, y = low + _MARGIN
+        body.append(f'<rect x="{x:g}" y="{y:g}" width="{marker:g}" height="{marker:g}"/>')
+        body += _white(cells, x, y, marker / len(cells))
+    words = (
+        f"{board.columns}x{board.rows}:{square:g}mm:{marker:g}mm:{board.dictionary}, squares "
+        f"{square:g} mm"
+    )
+    return _page(width + 2 * _MARGIN, height + 2 * _MARGIN, body, words)
+
+
+def _white(cells: Cells, x: float, y: float, cell: float) -> list[str]:
+    """Return white rectangles, one for each run of white cells in a row."""
+    parts = []
+    for row, line in enumerate(cells):
+        edges = np.flatnonzero(np.diff(np.r_[False, line, False].astype(int)))
+        for start, stop in zip(edges[::2], edges[1::2], strict=True):
+            parts.append(
+                f'<rect x="{x + start * cell:.6g}" y="{y + row * cell:.6g}" '
+                f'width="{(stop - start) * cell:.6g}" height="{cell:.6g}" fill="#fff"/>'
+            )
+    return parts
+
+
+def _page(width: float, height: float, body: list[str], words: str) -> str:
+    total = height + _FOOT
+    wide = max(width, 116.0)
+    line = f'<path d="M8 {height + 2:g}h100m-100 -1.5v3m100 -3v3" stroke="#000" stroke-width=".2"/>'
+    text = (
+        f'<text x="8" y="{height + 7.5:g}" font-family="sans-serif" font-size="3">{words}; '
+        "this line is 100 mm</text>"
+    )
+    return "\n".join(
+        [
+            f'<svg xmlns="http://www.w3.org/2000/svg" width="{wide:g}mm" height="{total:g}mm" '
+            f'viewBox="0 0 {wide:g} {total:g}" shape-rendering="crispEdges">',
+            f'<rect width="{wide:g}" height="{total:g}" fill="#fff"/>',
+            *body,
+            line,
+            text,
+            "</svg>",
+            "",
+        ]
+    )

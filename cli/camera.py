@@ -1,0 +1,162 @@
+"""Options for pictures and videos, and the log that is made of them."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated
+
+import typer
+
+from .output import Notes
+from .parsing import BadOption, bad_option, finite
+
+if TYPE_CHECKING:
+    from calib.recording.recorded import Recorded
+    from calib.recording.setting import Setting
+
+DICTIONARY = "apriltag_36h11"
+VIDEOS = (".mp4", ".mov", ".avi", ".mkv", ".webm", ".m4v", ".mpg", ".mpeg", ".wmv")
+PICTURES = (".jpg", ".jpeg", ".png", ".bmp", ".tif", ".tiff", ".webp", ".ppm", ".pgm")
+
+DictionaryOption = Annotated[
+    str, typer.Option("--dictionary", metavar="NAME", help="Dictionary of the tags.")
+]
+BoardOption = Annotated[
+    str | None,
+    typer.Option(
+        "--board",
+        metavar="COLSxROWS:SQUARE:MARKER:DICT",
+        help="A ChArUco board, such as 7x5:24mm:18mm:5x5_100.",
+    ),
+]
+
+
+@dataclass(frozen=True)
+class Shooting:
+    """What was typed about pictures or a video; see the options of `calib log`."""
+
+    joints_file: str | None
+    tag: int | None
+    dictionary: str
+    board: str | None
+    tags_at: str | None
+    tag_size: str | None
+    tag_height: str | None
+    lens: str | None
+    pose: bool
+    since: str | None
+    picture: str | None
+
+    def __bool__(self) -> bool:
+        typed = (self.joints_file, self.tag, self.board, self.tags_at, self.lens, self.picture)
+        return any(value is not None for value in typed)
+
+    def setting(self, output: str, notes: Notes) -> Setting:
+        """Make the setting; a lens that is calibrated is written beside the log."""
+        from calib.recording.board import Board
+        from calib.recording.lengths import parse_length
+        from calib.recording.reference import read_layout
+        from calib.recording.setting import Setting, load_lens
+
+        if self.tag is None or self.joints_file is None:
+            missing = "--tag ID" if self.tag is None else "--joints-file FILE"
+            raise BadOption(f"{missing} is missing: pictures and videos need both")
+        board = Board.parse(self.board) if self.board is not None else None
+        lens = None
+        if self.lens is not None:
+            folder = Path() if output == "-" else Path(output).parent
+            lens, said = load_lens(self.lens, board, folder / "lens.json")
+            notes.say(said)
+        if board is not None and lens is not None and self.tags_at is not None:
+            board = None  # it served the lens alone
+        layout = read_layout(self.tags_at) if self.tags_at is not None else None
+        height = self.tag_height or ""
+        sign = -1.0 if height.strip().startswith("-") else 1.0
+        none = not height.strip("-0.m ")
+        return Setting(
+            tag=self.tag,
+            dictionary=self.dictionary,
+            board=board,
+            tags_at=layout,
+            lens=lens,
+            tag_size=parse_length(self.tag_size, "`tag_size`") if self.tag_size else None,
+            tag_height=0.0 if none else sign * parse_length(height.strip("- "), "`tag_height`"),
+            pose=self.pose,
+        )
+
+
+def is_video(path: str) -> bool:
+    """Whether a name is that of a video."""
+    return Path(path).suffix.lower() in VIDEOS
+
+
+def is_camera(path: str) -> bool:
+    """Whether a name is that of pictures or a video, not of a recording of ROS."""
+    suffix = Path(path).suffix.lower()
+    return suffix in VIDEOS + PICTURES or any(mark in path for mark in "*?[")
+
+
+def offset_or_auto(typed: object) -> str:
+    """Read a number of seconds, or `auto`."""
+    text = str(typed).strip()
+    try:
+        return text if text == "auto" else repr(finite(text))
+    except ValueError:
+        raise bad_option("--time-offset", text, "a number of seconds, or auto") from None
+
+
+def record(
+    source: str,
+    output: str,
+    shooting: Shooting,
+    *,
+    joints: Sequence[str] | None,
+    degrees: bool,
+    prismatic: Sequence[str],
+    time_offset: str,
+    still: float | None,
+    max_gap: float,
+    notes: Notes,
+) -> Recorded:
+    """Make a log of pictures or a video, and draw what was seen if that is wanted."""
+    from calib.recording.from_pictures import log_pictures
+    from calib.recording.from_video import Rows, log_video
+    from calib.recording.joint_table import read_joints
+    from calib.samples.tables import read_about
+
+    setting = shooting.setting(output, notes)
+    table = read_joints(
+        str(shooting.joints_file),
+        list(joints) if joints else None,
+        degrees=degrees,
+        prismatic=prismatic,
+    )
+    since = read_about(shooting.since) if shooting.since is not None else None
+    if Path(source).is_file() and Path(source).suffix.lower() not in PICTURES:
+        turns = tuple(name not in prismatic for name in table.names)
+        offset = None if time_offset == "auto" else float(time_offset)
+        rows = Rows(offset, still, max_gap)
+        made = log_video(source, table, setting, rows, revolute=turns, since=since)
+    else:
+        if still is not None or time_offset != "auto":
+            raise BadOption("--still and --time-offset are for videos and bags, not for pictures")
+        made = log_pictures(source, table, setting, since=since)
+    notes.say(made.notes)
+    if shooting.picture is not None:
+        _draw(source, shooting.picture, setting, made)
+    return made
+
+
+def _draw(source: str, picture: str, setting: Setting, made: Recorded) -> None:
+    from calib.recording.pictures import list_pictures, read_picture
+    from calib.recording.seen import write_seen
+    from calib.recording.video import Video
+
+    if made.pictures is not None:
+        named = {path.name: path for path in list_pictures(source)}
+        photo = read_picture(named[made.pictures[len(made) // 2]], colour=True)
+    else:
+        photo = next(frame for _, frame in Video(source).frames())
+    write_seen(picture, photo, setting, made.pixels)

@@ -1,0 +1,50 @@
+"""The command `calib tag`."""
+
+from __future__ import annotations
+
+from typing import Annotated
+
+import typer
+
+from .. import camera as c
+from .. import parsing
+from ..output import tell
+
+
+def tag(
+    output: Annotated[
+        str, typer.Option("--output", "-o", metavar="FILE.svg", help="The page to print.")
+    ],
+    number: Annotated[
+        int | None,
+        typer.Argument(metavar="ID", parser=parsing.whole("ID", 0), help="Which tag."),
+    ] = None,
+    size: Annotated[
+        str,
+        typer.Option("--size", metavar="40mm", help="Side of the black square."),
+    ] = "40mm",
+    dictionary: c.DictionaryOption = c.DICTIONARY,
+    board: c.BoardOption = None,
+) -> None:
+    """Write a tag for the arm's tip, or a board for the desk, to print at its true size (SVG)."""
+    from calib.common.atomic import atomic_write
+    from calib.recording.board import Board
+    from calib.recording.lengths import parse_length
+    from calib.recording.printing import print_board, print_tag
+
+    if (number is None) == (board is None):
+        raise parsing.BadOption("expected the ID of a tag, or --board, and not both")
+    if board is not None:
+        made = Board.parse(board)
+        page = print_board(made)
+        width, height = (1e3 * side for side in made.size)
+        what = f"a board of {width:g} x {height:g} mm"
+    else:
+        side = parse_length(size, "`size`")
+        page = print_tag(int(number or 0), side, dictionary)
+        what = f"tag {number} of {dictionary}, {1e3 * side:g} mm"
+    if output == "-":
+        print(page, end="")
+        return
+    atomic_write(output, page.encode())
+    tell(f"{output}: {what}; print it at 100 % and check the line of 100 mm")

@@ -1,0 +1,139 @@
+"""The readout of maps and links that regresses: what it reproduces, its slopes, its inverse."""
+
+import numpy as np
+import pytest
+
+from calib.common.scale import TURN, Scale
+from calib.maps.association import MAP_READOUTS, Association
+from calib.maps.lattice import Lattice
+from calib.maps.linear_models import LinearModels, MeanPositions, regress, smooth_blend
+from calib.maps.links import WIRINGS
+from calib.maps.map import Map
+from calib.maps.som import SOM
+
+
+def box(*periodic):
+    return Scale(np.zeros(len(periodic)), np.ones(len(periodic)), np.array(periodic))
+
+
+def grid(n=9, scale=None):
+    scale = scale or box(False, False)
+    lattice = Lattice((n,) * len(scale.span))
+    return Map((lattice.positions() + 0.5) / n, lattice, scale, np.zeros((0, 4)))
+
+
+def points(n, seed=0):
+    return np.random.default_rng(seed).random((n, 2))
+
+
+def plane(u):
+    """An affine map of the unit box onto a tilted parallelogram."""
+    return u @ np.array([[0.3, 0.1], [-0.2, 0.4]]) + np.array([0.5, 0.2])
+
+
+def associated(truth, n=9, rows=20_000):
+    u = points(rows)
+    x = truth(u)
+    scale = Scale.of_data(x)
+    sensory = SOM((n, n), "som").fit(x, scale=scale)
+    return Association.learn(grid(n), u, sensory, scale.to_unit(x), WIRINGS["reciprocal"])
+
+
+@pytest.fixture(scope="module")
+def affine():
+    return associated(plane)
+
+
+def test_an_affine_map_is_reproduced_up_to_the_border(affine):
+    """A mean of partners is half a node off at the border; the regression is not."""
+    u = np.concatenate([points(2000, seed=1), np.array([[0.0, 0.0], [1.0, 1.0], [0.0, 1.0]])])
+    error = {
+        r: np.linalg.norm(affine.sensory.scale.from_unit(affine.forward(u, r)) - plane(u), axis=1)
+        for r in MAP_READOUTS
+    }
+    assert error["linear"].mean() < 0.5 * error["activity"].mean() < 0.5 * error["winner"].mean()
+    assert error["linear"].max() < 0.5 * error["activity"].max()
+
+
+def test_the_inverse_of_an_affine_map_is_reproduced_too(affine):
+    u = points(2000, seed=2)
+    v = affine.sensory.scale.to_unit(plane(u))
+    gap = {r: np.abs(affine.inverse(v, u, r) - u) for r in ("linear", "activity")}
+    assert gap["linear"].mean() < 0.5 * gap["activity"].mean()
+    assert gap["linear"].max() < 0.5 * gap["activity"].max()
+
+
+def test_slopes_are_finite_differences_of_the_blended_value():
+    affine = associated(lambda u: np.stack([np.sin(2 * u[:, 0]), u[:, 0] * u[:, 1]], axis=1))
+    u, h = 0.05 + 0.9 * points(300, seed=3), 1e-6
+    value, slope = affine.linear.value_and_slope(u)
+    np.testing.assert_allclose(value, affine.linear.value(u), rtol=0, atol=1e-15)
+    for k in range(2):
+        step = h * np.eye(2)[k]
+        found = (affine.linear.value(u + step) - affine.linear.value(u - step)) / (2 * h)
+        # but for a point or two whose nearest nodes change within the step
+        assert np.quantile(np.abs(found - slope[:, :, k]), 0.99) < 1e-6
+
+
+def test_a_function_is_followed_by_its_values_and_differences():
+    motor = grid(12)
+    models = LinearModels.following(motor, plane)
+    fresh = points(200, seed=4)
+    np.testing.assert_allclose(models.value(fresh), plane(fresh), atol=1e-12)
+    slope = models.value_and_slope(fresh)[1]
+    np.testing.assert_allclose(slope, np.broadcast_to([[0.3, -0.2], [0.1, 0.4]], slope.shape))
+
+
+def test_weights_add_up_to_one_and_are_continuous():
+    motor = grid(7)
+    path = np.linspace([0.1, 0.2], [0.9, 0.7], 20_001)
+    index, weight, _ = smooth_blend(motor, path, slope=False)
+    np.testing.assert_allclose(weight.sum(axis=1), 1.0)
+    dense = np.zeros((len(path), motor.size))
+    np.put_along_axis(dense, index, weight, axis=1)
+    assert np.abs(np.diff(dense, axis=0)).max() < 100 / len(path)
+
+
+def test_the_regression_is_that_of_the_normal_equations():
+    rng = np.random.default_rng(5)
+    place, value, weight = (
+        rng.normal(size=(1, 12, 2)),
+        rng.normal(size=(1, 12, 3)),
+        rng.random((1, 12)),
+    )
+    middle, mean, slope = regress(place, value, weight)
+    w = weight[0] / weight.sum()
+    np.testing.assert_allclose(middle[0], w @ place[0])
+    np.testing.assert_allclose(mean[0], w @ value[0])
+    z = place[0] - middle[0]
+    power = z.T @ (w[:, None] * z)
+    power += 1e-2 * np.trace(power) / 2 * np.eye(2)
+    np.testing.assert_allclose(slope[0], np.linalg.solve(power, z.T @ (w[:, None] * value[0])))
+
+
+def test_mean_positions_lie_inside_of_the_border_and_go_round_where_a_joint_does():
+    flat, ring = (
+        grid(5),
+        grid(5, Scale(np.zeros(2), np.array([TURN, 1.0]), np.array([True, False]))),
+    )
+    u = points(5000, seed=6)
+    for network in (flat, ring):
+        mean = MeanPositions(network)
+        for part in np.array_split(u, 3):
+            mean.add(WIRINGS["reciprocal"].activity(network, part), part)
+        shift = mean.result() - network.units
+        edge = np.isclose(network.units[:, 0], 0.1)
+        if network is flat:
+            assert shift[edge, 0].mean() > 0.01
+        else:
+            assert abs(shift[edge, 0].mean()) < 0.005
+
+
+def test_a_node_without_links_goes_on_from_its_neighbour():
+    motor = grid(5)
+    strength = np.ones(25)
+    strength[:10] = 0.0
+    activity = WIRINGS["reciprocal"].activity(motor, motor.units)
+    models = LinearModels.of(motor, motor.units, plane(motor.units), strength, activity)
+    assert np.isfinite(models.values).all()
+    np.testing.assert_allclose(models.values, plane(motor.units), atol=0.02)

@@ -1,0 +1,117 @@
+"""Logs of arms that move in space: x, y, z and an orientation."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+import calib
+from calib.arm.loading import load_arm
+from calib.arm.rotations import exponential, matrix_of
+from calib.errors import LogError, OptionError
+from calib.samples.logs import read_log, write_log
+
+NAMES = ("shoulder_pan", "shoulder_lift", "elbow")
+
+
+def poses(n=40, seed=0):
+    arm = load_arm("spatial_three")
+    q = np.random.default_rng(seed).uniform(arm.lower, arm.upper, (n, 3))
+    return arm, q, *arm.pose(q)
+
+
+def written(path, columns):
+    names = list(columns)
+    rows = np.column_stack([columns[name] for name in names])
+    np.savetxt(path, rows, delimiter=",", header=",".join(names), comments="", fmt="%.17g")
+    return path
+
+
+def columns_of(q, x, **more):
+    return {**dict(zip(NAMES, q.T, strict=True)), **dict(zip("xyz", x.T, strict=True)), **more}
+
+
+def test_positions_and_quaternions_are_read_and_written(tmp_path):
+    arm, q, x, turns = poses()
+    more = dict(zip(("qx", "qy", "qz", "qw"), -turns.T, strict=True))  # the same orientations
+    log = read_log(written(tmp_path / "a.csv", columns_of(q, x, **more)), arm)
+    np.testing.assert_array_equal(log.x, x)
+    np.testing.assert_allclose(log.orientation, turns, atol=1e-15)
+    assert log.plane is None
+    write_log(log, tmp_path / "b.csv")
+    again = read_log(tmp_path / "b.csv", arm)
+    np.testing.assert_array_equal(again.x, log.x)
+    np.testing.assert_allclose(again.orientation, log.orientation, atol=1e-15)
+    assert again.take([3, 5]).orientation.shape == (2, 4)
+
+
+def test_roll_pitch_and_yaw_turn_as_in_a_urdf(tmp_path):
+    arm, q, x, _ = poses()
+    angles = np.random.default_rng(1).uniform(-1, 1, (len(q), 3))
+    more = dict(zip(("roll", "pitch", "yaw"), angles.T, strict=True))
+    log = read_log(written(tmp_path / "a.csv", columns_of(q, x, **more)), arm)
+    roll, pitch, yaw = (exponential(angles[0, k] * np.eye(3)[k]) for k in range(3))
+    np.testing.assert_allclose(matrix_of(log.orientation[0]), yaw @ pitch @ roll, atol=1e-12)
+
+
+def test_other_names_of_an_orientation_are_given(tmp_path):
+    arm, q, x, turns = poses()
+    more = dict(zip(("a", "b", "c", "d"), turns.T, strict=True))
+    path = written(tmp_path / "a.csv", columns_of(q, x, **more))
+    assert read_log(path, arm).orientation is None
+    named = {"qx": "a", "qy": "b", "qz": "c", "qw": "d"}
+    assert read_log(path, arm, columns=named).orientation.shape == (40, 4)
+    with pytest.raises(OptionError, match="qw is missing"):
+        read_log(path, arm, columns={"qx": "a", "qy": "b", "qz": "c"})
+
+
+def test_quaternions_that_are_none_are_told_in_one_line(tmp_path):
+    arm, q, x, turns = poses()
+    turns[7] = (0.5, 0.5, 0.0, 0.0)
+    more = dict(zip(("qx", "qy", "qz", "qw"), turns.T, strict=True))
+    path = written(tmp_path / "a.csv", columns_of(q, x, **more))
+    with pytest.raises(LogError, match=r"usable row 8.*length 0\.7071, expected 1") as caught:
+        read_log(path, arm)
+    assert "\n" not in str(caught.value)
+
+
+def test_pixels_of_a_spatial_arm_are_two_columns(tmp_path):
+    arm, q, x, _ = poses()
+    columns = columns_of(q, x)
+    del columns["z"]
+    assert read_log(written(tmp_path / "a.csv", columns), arm, unit="px").x.shape == (40, 2)
+
+
+def test_without_an_arm_positions_off_any_plane_stay_in_space(tmp_path):
+    _, q, x, _ = poses()
+    log = read_log(written(tmp_path / "a.csv", columns_of(q, x)), joints=NAMES)
+    assert log.x.shape == (40, 3)
+    flat = x * (1, 1, 1e-4)
+    log = read_log(written(tmp_path / "b.csv", columns_of(q, flat)), joints=NAMES)
+    assert log.x.shape == (40, 2)
+    assert log.plane is not None
+
+
+def test_a_planar_arms_orientation_columns_are_ignored(tmp_path):
+    arm = calib.load_arm("two_link")
+    q = np.random.default_rng(0).uniform(arm.lower, arm.upper, (30, 2))
+    x = arm.forward(q)
+    columns = {
+        **dict(zip(arm.joint_names, q.T, strict=True)),
+        **dict(zip("xyz", (*x.T, np.zeros(30)), strict=True)),
+        **{name: np.zeros(30) for name in ("qx", "qy", "qz", "qw")},
+    }
+    log = read_log(written(tmp_path / "a.csv", columns), arm)
+    assert log.orientation is None
+    np.testing.assert_allclose(log.x, x, atol=1e-12)
+
+
+def test_a_spatial_arm_babbles():
+    arm = load_arm("spatial_three")
+    plain = calib.babble(arm, 50, seed=1)
+    np.testing.assert_allclose(plain.x, arm.forward(plain.q), atol=1e-15)
+    moved = calib.babble(arm, 50, seed=1, changes=("sensor.scale=2", "elbow.offset=0.05"))
+    true = arm.forward(moved.q + np.array([0.0, 0.0, 0.05]))
+    np.testing.assert_allclose(moved.x, 2 * true, atol=1e-12)
+    noisy = calib.babble(arm, 50, seed=1, noise=1e-3, changes=("sensor.outliers=0.2",))
+    assert noisy.x.shape == (50, 3)
