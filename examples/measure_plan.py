@@ -51,7 +51,7 @@ def main() -> None:
     few = calib.plan(model, 20)
     seen = measured(arm, few.q, 2, knock)
     drift = model.check(seen)
-    print(f"drifted: {drift.drifted}, causes: {', '.join(drift.causes)}")
+    print(f"drifted: {drift.drifted}, causes: {', '.join(cause.words for cause in drift.causes)}")
     adapted = model.adapt(seen)
     now = replace(truth, x=calib.babble(arm, 2000, seed=5, changes=knock).x)
     print(f"after the knock: {error(model, now):.2f} -> {error(adapted, now):.2f} mm")

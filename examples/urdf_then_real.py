@@ -30,7 +30,7 @@ def main() -> None:
 
     measured = calib.babble(arm, 60, seed=1, noise=5e-4, changes=REAL)
     drift = nominal.check(measured)
-    print(f"drifted: {drift.drifted}, causes: {', '.join(drift.causes)}")
+    print(f"drifted: {drift.drifted}, causes: {', '.join(cause.words for cause in drift.causes)}")
 
     found = calib.adapt(nominal, measured)
     print(f"corrected: {found.correction}; {found.samples} poses, {found.outliers} left out")

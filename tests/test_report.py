@@ -113,7 +113,7 @@ def test_without_noise_nothing_is_made_of_rounding():
     model = trained("two_link", n=3000, size=20)
     text = report(model)
     assert "below 1 nm" in text
-    assert "Without noise the local readout" in text
+    assert "Without noise the body of an ideal arm" in text
 
 
 def test_a_log_is_judged_by_its_own_table_or_by_rows_that_are_given():

@@ -19,7 +19,8 @@ from ..progress import progress_bar
 from ..samples import Selection, measured
 
 if TYPE_CHECKING:
-    from calib import PlanarArm, Samples
+    from calib import Samples
+    from calib.arm.arm import Arm
 
 BACKENDS = ("loky", "threading", "dask", "ray")
 _MOST_SEEDS = 1000
@@ -181,7 +182,7 @@ def sweep(
     def selection(robot: str | None) -> Selection:
         return Selection(robot, joints, tip, lock or (), ranges or (), degrees)
 
-    sources: dict[str, Callable[[], PlanarArm | Samples]] = {}
+    sources: dict[str, Callable[[], Arm | Samples]] = {}
     if data is None:
         sources = {name: partial(_arm, selection(name), notes) for name in robots or ()}
     else:
@@ -226,7 +227,7 @@ def sweep(
         raise typer.Exit(1)
 
 
-def _arm(selection: Selection, notes: Notes) -> PlanarArm:
+def _arm(selection: Selection, notes: Notes) -> Arm:
     arm = selection.load()
     notes.say(arm.notes)
     return arm

@@ -46,6 +46,7 @@ def train(
     ] = False,
     joints: o.JointsOption = None,
     tip: o.TipOption = None,
+    planar: o.PlanarOption = False,
     lock: o.LockOption = None,
     ranges: o.RangeOption = None,
     map_: o.MapOption = "vdsom",
@@ -82,7 +83,7 @@ def train(
     _check_source(robot, data, simulated, of_logs)
     if output is not None:
         check_output(output)
-    selection = Selection(robot, joints, tip, lock or (), ranges or (), degrees)
+    selection = Selection(robot, joints, tip, lock or (), ranges or (), degrees, planar)
     notes = Notes()
     if data is None:
         log = babbled(

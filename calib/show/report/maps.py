@@ -22,7 +22,7 @@ if TYPE_CHECKING:
 Array = NDArray[np.float64]
 
 _BINS = 36
-_SHOWN = ("local", "activity")
+_PAPERS = "activity"  # the readout of the paper, beside the default
 WIDE = 7.4  # inches, the page's column
 
 
@@ -38,7 +38,7 @@ def heat_maps(evidence: Evidence, direction: str) -> Any:
     if residuals is None:
         return None
     found = residuals.errors if direction == "forward" else residuals.distance
-    readouts = [r for r in _SHOWN if r in found]
+    readouts = [r for r in (evidence.model.default_readout, _PAPERS) if r in found]
     figure = new_figure(WIDE, 2.9 * len(readouts))
     grid = figure.subplots(len(readouts), 2, squeeze=False)
     for row, readout in zip(grid, readouts, strict=True):

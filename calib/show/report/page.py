@@ -217,7 +217,7 @@ def _error_text(evidence: Evidence) -> str:
         )
     if evidence.noise == 0.0:
         text += (
-            " Without noise the local readout interpolates a smooth function: judge by noisy or "
-            "measured data."
+            " Without noise the body of an ideal arm is found exactly: judge by noisy or measured "
+            "data."
         )
     return f'<p class="soft">{html.escape(text)}</p>'
