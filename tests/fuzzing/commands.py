@@ -175,7 +175,7 @@ class Commands(Kind):
             with (
                 redirect_stdout(out),
                 redirect_stderr(err),
-                patch("calib_cli.preview._serve", lambda *_, **__: print("served")),
+                patch("calib_cli.commands.preview._serve", lambda *_, **__: print("served")),
             ):
                 try:
                     self.app(list(args), prog_name="calib")
