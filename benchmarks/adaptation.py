@@ -76,7 +76,7 @@ def detection(quick: bool) -> list[dict[str, Any]]:
         causes: dict[str, int] = {}
         for drift in found:
             for cause in drift.causes:
-                causes[cause] = causes.get(cause, 0) + 1
+                causes[cause.cause] = causes.get(cause.cause, 0) + 1
         rows.append(
             {
                 "change": name,

@@ -22,7 +22,6 @@ from scipy.stats import qmc
 import calib
 from calib.body.basis import Basis
 from calib.body.teacher import learn_teacher
-from calib.change.correction import choose_correction
 from calib.common.scale import Scale
 from calib.samples.changes import parse_changes
 from calib.samples.simulation import Simulation
@@ -218,7 +217,7 @@ def check(seeds: int) -> None:
         for design in PAIR.values():
             some = range(seeds if true else calm)
             drifts = [model.check(measure(arm, design(arm, 20, s), s, texts)) for s in some]
-            named = [set(d.causes) - {"noise", "workspace"} for d in drifts]
+            named = [{c.cause for c in d.causes} - {"noise", "workspace"} for d in drifts]
             right = sum(bool(names) and names <= true for names in named)
             found = sum(d.drifted for d in drifts)
             row.append(f"{found}, {right}" if true else f"{found} of {calm}")
@@ -240,15 +239,8 @@ def adapt(seeds: int) -> None:
             left = []
             for s in range(seeds):
                 log = measure(arm, design(arm, 20, s), s, texts)
-                correction = choose_correction(
-                    model.predictor.value,
-                    model.motor,
-                    arm.revolute,
-                    scale.to_unit(log.q),
-                    log.x,
-                    np.random.default_rng(0),
-                )
-                left.append(1e3 * np.linalg.norm(correction.value(u) - truth, axis=1).mean())
+                adapted = calib.adapt(model, log).model
+                left.append(1e3 * np.linalg.norm(adapted.predictor.value(u) - truth, axis=1).mean())
             row.append(f"{np.mean(left):.2f} ({max(left):.2f})")
         rows.append(row)
         print(row, file=sys.stderr, flush=True)

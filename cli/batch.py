@@ -145,7 +145,7 @@ def _finish(
             document["answers"] = joints.in_si(columns)
         show_json(document)
     Notes().say(batch.notes(list(added)))
-    for rows, what in ((invalid, "not all numbers, left without an answer"), (refused, why)):
+    for rows, what in ((invalid, "not all values are numbers, no answer"), (refused, why)):
         if rows:
             note(f"{numbered(rows)} of {n}: {what}")
     return 1 if invalid else 3 if refused else 0

@@ -39,6 +39,12 @@ TipOption = Annotated[
     str | None,
     typer.Option("--tip", metavar="FRAME", help="The frame whose position is sensed."),
 ]
+PlanarOption = Annotated[
+    bool,
+    typer.Option(
+        "--planar", help="Take the planar part of a robot that moves in space: positions x, y."
+    ),
+]
 LockOption = Annotated[
     list[JointValue] | None,
     typer.Option(

@@ -145,7 +145,7 @@ def tell(text: str) -> None:
 
 
 class Notes:
-    """What was said aloud, so that nothing is said twice."""
+    """Notes that were printed, so that none is printed twice."""
 
     def __init__(self) -> None:
         self._said: set[str] = set()

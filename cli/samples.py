@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Collection, Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
@@ -33,6 +33,8 @@ class Selection:
         As typed.
     degrees : bool
         Whether joints that turn are typed in degrees.
+    planar : bool
+        Whether to look only for planar arms within the robot.
     """
 
     robot: str | None
@@ -41,9 +43,12 @@ class Selection:
     lock: Sequence[JointValue] = ()
     ranges: Sequence[JointRange] = ()
     degrees: bool = False
+    planar: bool = False
 
-    def load(self, held: Mapping[str, float] | None = None) -> Arm:
-        """Load the arm; `held` are further locked joints [rad or m]."""
+    def load(
+        self, held: Mapping[str, float] | None = None, columns: Collection[str] | None = None
+    ) -> Arm:
+        """Load the arm; `held` are further locked joints [rad or m], `columns` those of a log."""
         import calib
 
         if self.robot is None:
@@ -55,6 +60,8 @@ class Selection:
             self.tip,
             lock={**(held or {}), **locks_in_si(self.lock, turns, self.degrees)},
             ranges=ranges_in_si(self.ranges, turns, self.degrees),
+            planar=self.planar,
+            columns=columns,
         )
 
     def _turns(self) -> dict[str, bool]:
@@ -140,9 +147,13 @@ def _arm_of_log(
     selection: Selection, path: str, columns: Mapping[str, str] | None, notes: Notes
 ) -> Arm:
     """Load the arm with its other joints where the log says that they stood."""
+    from calib.samples.columns import open_source
     from calib.samples.logs import locked_from_log
 
-    arm = selection.load()
+    header = None
+    if path != "-":
+        header = {*open_source(path).header, *(columns or {})}
+    arm = selection.load(columns=header)
     typed = {joint for joint, _ in selection.lock}
     others = [name for name in arm.locked if name not in typed]
     if path == "-" or not others:  # standard input can be read only once
@@ -156,4 +167,4 @@ def _arm_of_log(
         prismatic=[name for name in others if not turns.get(name, True)],
     )
     notes.say(said)
-    return selection.load(held) if held else arm
+    return selection.load(held, header) if held else arm

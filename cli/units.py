@@ -10,7 +10,7 @@ from .output import fixed
 from .parsing import BadOption, JointRange, JointValue, bad_option
 
 if TYPE_CHECKING:
-    from calib import PlanarArm
+    from calib.arm.arm import Arm
     from calib.model.about import About
     from calib.samples.changes import Change
 
@@ -168,7 +168,7 @@ def locks_in_si(
     return result
 
 
-def changes_in_si(texts: Iterable[str], arm: PlanarArm, degrees: bool) -> tuple[Change, ...]:
+def changes_in_si(texts: Iterable[str], arm: Arm, degrees: bool) -> tuple[Change, ...]:
     """Read changes of an arm as typed; what is no change is wrong usage."""
     from calib.errors import OptionError
     from calib.samples.changes import parse_changes

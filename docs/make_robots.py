@@ -42,7 +42,7 @@ Written by `python docs/make_robots.py`; edit that, not this page.
 What `calib train FILE --size {size} --samples {samples}` does with each of the {files} URDF files
 of [{package}](https://github.com/Gepetto/example-robot-data) {version} (PyPI; meshes are not
 needed). Nothing is said about joints or tip: where there is one arm that reaches further than
-the others it is taken and said aloud, an arm before its fingers. Where several reach alike (two
+the others it is taken with a note, an arm before its fingers. Where several reach alike (two
 arms, four legs) the command lists them, ends with exit code 1 and trains nothing; where limits
 are missing it asks for ranges. The table then gives the arm that comes of doing as told: the first
 of the list, ranges from -1 to 1. Of the files {trained} were trained at once, {listed} after doing

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 import shutil
 import subprocess
 from functools import cache
@@ -158,3 +159,18 @@ def test_the_command_writes_the_header(run, tmp_path):
     assert "float" in done.out
     text = Path(tmp_path / "arm.h").read_text()
     assert "typedef float calib_real;" in text
+
+
+@needs_compiler
+@pytest.mark.parametrize("language", LANGUAGES)
+def test_the_code_of_the_page_compiles(language, tmp_path):
+    page = (Path(__file__).parent.parent / "docs" / "apply.md").read_text()
+    blocks = re.findall(r"```c\n(.*?)```", page, re.DOTALL)
+    assert len(blocks) == 2
+    (tmp_path / "arm.h").write_text(c_header(model("real"), single=True).text)
+    main = "int main(void) { return 0; }\n"
+    (tmp_path / "page.c").write_text("\n".join([*blocks, main]))
+    flags = [*LANGUAGES[language], "-Wall", "-Wextra", "-Werror", "-pedantic"]
+    subprocess.run(
+        [COMPILER, *flags, "-o", tmp_path / "page", tmp_path / "page.c", "-lm"], check=True
+    )

@@ -168,7 +168,7 @@ def test_without_joints_the_choices_are_listed(file):
     refused(path, "choices: 'b', 'a', 't'; name them in .joints", OptionError, joints=None)
     refused(path, "'b' is given 2 times", OptionError, joints=["b", "b"])
     refused(path, "cannot be told", OptionError, joints=["b", "x"])
-    refused(path, "'c' is to slide", OptionError, prismatic=["c"])
+    refused(path, "'c' is named as sliding", OptionError, prismatic=["c"])
 
 
 # Elements of lists
@@ -322,7 +322,7 @@ def test_rows_without_a_finite_value_are_left_out_and_counted(file):
     log = read_log(path, joints=["a", "b"])
     assert log.q.tolist() == [[1, 2], [7, 8]]
     assert log.dropped == 5
-    assert log.notes[0].startswith("5 of 7 rows left out")
+    assert log.notes[0].startswith("5 of 7 rows dropped")
     assert "row 2, column 'b'" in log.notes[0]
 
 
@@ -365,7 +365,7 @@ def test_files_that_are_none(tmp_path, file):
     refused(tmp_path / "no.csv", "there is no file")
     refused(tmp_path, "is a folder")
     refused("a\0b", "cannot read")
-    refused(file(GOOD, "log.parquet"), "no Parquet file")
+    refused(file(GOOD, "log.parquet"), "not a Parquet file")
 
 
 def test_parquet_of_other_types(tmp_path):
@@ -489,7 +489,7 @@ def test_a_chosen_range_goes_before_the_limits(arm, file):
     np.testing.assert_allclose(log.q[:, 1], [1, 3, 7 - TURN])
     assert log.q[:, 0].tolist() == [0.2, 0.3, 0.4]
     assert (log.lower[1], log.upper[1]) == (0.6, 3.1)
-    assert any("1 rows left out: elbow outside" in note for note in log.notes)
+    assert any("1 rows dropped: elbow outside" in note for note in log.notes)
     assert any("1 values wrapped" in note for note in log.notes)
     for bad in ((1.0, 0.6), (0.0, 9.0), (0.0, math.nan)):
         refused(file(rows), "range elbow", OptionError, arm=arm, joints=None, ranges={"elbow": bad})

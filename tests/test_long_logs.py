@@ -178,7 +178,7 @@ def test_degrees_turns_ranges_and_planes_hold_for_the_rows_drawn(tmp_path):
     )
     few = b <= 45
     assert any(f"{np.count_nonzero(few)} rows: {len(log)} of them, drawn" in n for n in log.notes)
-    assert any(f"{np.count_nonzero(~few)} rows left out: b outside" in n for n in log.notes)
+    assert any(f"{np.count_nonzero(~few)} rows dropped: b outside" in n for n in log.notes)
     place = np.linalg.norm(log.x[:, None] - flat, axis=2).argmin(axis=1)
     assert few[place].all()
     np.testing.assert_allclose(log.x, flat[place], atol=1e-9)

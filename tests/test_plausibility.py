@@ -114,3 +114,18 @@ def test_positions_that_leave_the_plane_are_refused(tmp_path):
     space[40:80] += 0.03 * normal
     with pytest.raises(calib.LogError, match=r"row 18 by 0\.1.*joints"):
         calib.read_log(write(tmp_path, q, space), ARM)
+
+
+def test_a_locked_joint_that_moved_is_refused_and_a_wrong_reading_is_not(tmp_path):
+    from calib.samples.logs import locked_from_log
+
+    pan = np.full(200, 0.25)
+    pan[7] = 0.6
+    write_table(tmp_path / "log.csv", {"pan": pan})
+    values, notes = locked_from_log(tmp_path / "log.csv", ["pan"])
+    assert values == {"pan": 0.25}
+    assert "moved by up to" in notes[0]
+    pan[50:90] += np.linspace(0.0, 0.5, 40)
+    write_table(tmp_path / "log.csv", {"pan": pan})
+    with pytest.raises(calib.LogError, match=r"pan is locked but moved.*row 90.*joints"):
+        locked_from_log(tmp_path / "log.csv", ["pan"])

@@ -19,7 +19,7 @@ COMMANDS = [
     for line in TEXT.splitlines()
     if line.startswith("    ")
     for part in line.split("&&")
-    if part.strip().startswith("calib ")
+    if part.strip().startswith(("calib ", "printf "))
 ]
 # what the README's files stand for
 NEEDS = "ur10.urdf"
@@ -27,17 +27,8 @@ NEEDS = "ur10.urdf"
 
 @pytest.fixture(scope="module")
 def folder(tmp_path_factory):
-    """A folder with the logs and tables that the README speaks of."""
-    path = tmp_path_factory.mktemp("readme")
-    arm = calib.load_arm("two_link")
-    for seed, name in enumerate(("log.csv", "another.csv")):
-        calib.write_log(calib.babble(arm, 300, seed=seed, noise=1e-3), path / name)
-    changed = calib.babble(arm, 100, seed=5, noise=1e-3, changes=["elbow.length=+5%"])
-    calib.write_log(changed, path / "new.csv")
-    (path / "targets.csv").write_text("x,y\n0.1,0.4\n0.3,0.3\n")
-    (path / "waypoints.csv").write_text("x,y\n0.2,0.4\n0.3,0.3\n")
-    (path / "q.csv").write_text("shoulder,elbow\n0.5,1.0\n")
-    return path
+    """An empty folder: the README's own lines write the files that its commands need."""
+    return tmp_path_factory.mktemp("readme")
 
 
 def real_urdf():
@@ -50,6 +41,9 @@ def test_the_commands_run_in_order(folder, monkeypatch):
     monkeypatch.chdir(folder)
     assert len(COMMANDS) > 12
     for command in COMMANDS:
+        if command.startswith("printf "):
+            (folder / command.split()[-1]).write_text(shlex.split(command)[1].replace("\\n", "\n"))
+            continue
         words = shlex.split(command)[1:]
         if words[0] == "preview":
             words += ["--html", "page.html"]  # no server, no browser

@@ -193,6 +193,18 @@ def test_rows_that_no_arm_explains_are_refused_in_one_line():
         assert "\n" not in str(caught.value)
 
 
+def test_ten_rows_place_the_sensor_and_leave_the_arm_as_drawn():
+    arm, structure, beta = truth()
+    q = rows(arm, 10, 1)
+    z = structure.predict(q, beta) + np.random.default_rng(0).normal(0, 2e-4, (10, 3))
+    body = fit_structure(replace(structure, extent=spread(z)), q, z).body
+    assert body.member == "frame"
+    assert not body.beta[structure.groups["placement"]].any()
+    fresh = rows(arm, 100, 2)
+    error = np.linalg.norm(body.predict(fresh) - structure.predict(fresh, beta), axis=1)
+    assert np.mean(error <= body.bound(fresh)) > 0.93
+
+
 def test_a_camera_finds_itself():
     arm = load_arm("spatial_three")
     structure = structure_of(arm, "pinhole", unit="px")

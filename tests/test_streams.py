@@ -61,6 +61,16 @@ def test_tool_on_tool_off_tool_on():
     assert {s.name for s in follower.model.schemas} == {"schema 1"}
 
 
+def test_schemas_that_differ_by_less_than_the_bound_are_told_apart():
+    small = ("tip.offset=0.002,0",)
+    other = calib.train(log(*small, n=2000, seed=11, noise=NOISE), size=15)
+    follower = Follower(calib.keep(model(NOISE), other, "pen"))
+    assert not any(s.changed for s in feed(follower, n=1000, seed=12, parts=50))
+    for seed, changes, name in ((13, small, "pen"), (14, (), "schema 1"), (15, small, "pen")):
+        states = feed(follower, *changes, n=60, seed=seed, parts=12)
+        assert states[-1].schema == name
+
+
 def test_three_changes_in_a_row_are_each_recovered_and_bounded():
     follower = Follower(model(NOISE), horizon=2000)
     for k, changes in enumerate((TOOL, SHORT, ("sensor.rotate=0.06",))):

@@ -39,7 +39,7 @@ class Arm:
     urdf : str
         The URDF's own text.
     notes : tuple of str
-        What was assumed or mended and should be said aloud.
+        What was assumed or mended, for the user.
     limits : tuple of (float, float) [rad or m]
         What each joint can mechanically reach; `lower` and `upper` lie within.
     """

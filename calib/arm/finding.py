@@ -64,7 +64,7 @@ def find_arm(urdf: Urdf, posture: Posture, choice: Choice) -> tuple[Found, list[
         notes.append(f"locked, being no columns of the log: {listed(unlogged)}")
     planar = _only_planar(find_candidates(urdf, posture, choice.tip, excluded))
     if planar:
-        notes.append(f"a spatial arm; planar=True takes the planar one: {planar}")
+        notes.append(f"a spatial arm; `planar=True` takes the planar one: {planar}")
     return (list(chosen.joints), chosen.tip, False), notes
 
 

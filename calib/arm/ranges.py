@@ -115,7 +115,7 @@ def one_turn(name: str, chosen: Range) -> tuple[Range, str | None]:
     -------
     range : (lower, upper) [rad]
     note : str or None
-        What to say aloud, if more than rounding was cut.
+        What to tell the user, if more than rounding was cut.
     """
     lower, upper = chosen
     if upper - lower <= TURN:

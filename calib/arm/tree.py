@@ -49,7 +49,7 @@ class Joint:
 class Urdf:
     """A checked tree of links and joints.
 
-    `notes` are things that were mended and should be said aloud.
+    `notes` are things that were mended, for the user.
     """
 
     name: str

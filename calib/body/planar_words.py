@@ -61,12 +61,11 @@ def label(structure: PlanarStructure, index: int) -> Label:
 
 
 def tilt_angle(structure: PlanarStructure, beta: Array) -> float:
-    """Angle [rad] between the optical axis and the plane's normal that a homography implies.
+    """Angle [rad] at which a sensor looks at the plane's middle, 0 from straight above.
 
-    A camera at distance ``d`` that is tilted by ``t`` has a horizon at ``d / sin t``; the distance
-    is unknown without the focal length, so the angle is that of a view over the workspace's own
-    size: the change of depth along it, by the depth's own scale.  For an affine view it is the
-    foreshortening ``acos(smallest / largest singular value)``.
+    A circle around the mean position is seen as an ellipse whose axes have the ratio of the
+    angle's cosine.  It is the angle of the line of sight, not of the optical axis: that one
+    needs the focal length and the image's centre.
     """
     matrix = structure.matrix(beta)
     # Local scales at the middle of the workspace: the derivative of the homography there.
@@ -111,11 +110,16 @@ def words(structure: PlanarStructure, beta: Array, sd: Array) -> tuple[str, ...]
         rms = 1e3 * float(np.sqrt((beta[lay.elastic] ** 2).mean()))
         lines.append(f"elasticity {rms:.2f} mrad rms")
     if structure.view in ("affine", "homography"):
-        lines.append(f"camera tilted {np.degrees(tilt_angle(structure, beta)):.0f} deg")
-    if structure.mirror < 0:
+        lines.append(
+            f"camera tilted {np.degrees(tilt_angle(structure, beta)):.0f} deg (line of sight)"
+        )
+    if structure.mirror != (structure.nominal.mirror if structure.nominal else 1):
         lines.append("the sensor sees the plane mirrored")
-    if sd[8:11].any():
-        lines.append(f"lens bends by {100 * beta[8]:+.2f} % at 1.5 times the spread")
+    if sd[8] > 0:
+        lines.append(
+            f"lens bends by {100 * beta[8]:+.2f} ± {196 * sd[8]:.2f} % at "
+            f"{structure.size_of_lens:.3g} {structure.unit} from its centre"
+        )
     return tuple(lines)
 
 

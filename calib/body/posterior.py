@@ -83,11 +83,11 @@ def fit_structure(
     nu = np.inf if simulated else STUDENT
     members = template.members()
     chain = next((free for name, free in members if name == "chain"), members[0][1])
-    rows = _subset(len(q), seed)
+    rows = _subset(len(q), seed, int(getattr(template, "gate_rows", ROWS)))
     sub_q, sub_z = (q, z) if rows is None else (q[rows], z[rows])
     passed = max(
         (
-            _through_gate(start, members, chain, sub_q, sub_z, nu, floor)
+            _through_gate(start, start.structure.members(), chain, sub_q, sub_z, nu, floor)
             for start in best_starts(template, q, z, chain)
         ),
         key=lambda each: each.fit.evidence,
@@ -157,11 +157,11 @@ def _through_gate(
     return choose_member(members, fit, enough)
 
 
-def _subset(n: int, seed: int) -> Array | None:
+def _subset(n: int, seed: int, most: int) -> Array | None:
     """Rows of the gate where there are too many: a draw in the order of the log."""
-    if n <= ROWS:
+    if n <= most:
         return None
-    return np.sort(np.random.default_rng(seed).permutation(n)[:ROWS])
+    return np.sort(np.random.default_rng(seed).permutation(n)[:most])
 
 
 def _fixed(prior: Prior, fit: Fit) -> Prior:

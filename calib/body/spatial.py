@@ -53,6 +53,8 @@ class SpatialStructure:
         In the root frame.
     simulated : bool
         Whether the rows are samples of a simulation.
+    few : bool
+        Whether the rows are too few to move joint origins; `starts` finds out.
     """
 
     chain: SpatialChain
@@ -68,6 +70,7 @@ class SpatialStructure:
     informed: bool = True
     gravity: tuple[float, float, float] = GRAVITY
     simulated: bool = False
+    few: bool = False
 
     @property
     def kind(self) -> str:
@@ -78,6 +81,11 @@ class SpatialStructure:
     def revolute(self) -> tuple[bool, ...]:
         """Which active joints turn; the others slide."""
         return self.turning
+
+    @property
+    def gate_rows(self) -> int:
+        """Rows that the gate uses, each of which has three outputs and hundreds of parameters."""
+        return 1200
 
     @property
     def wide(self) -> tuple[float, float]:

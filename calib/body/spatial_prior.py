@@ -48,6 +48,8 @@ def members(structure: SpatialStructure) -> tuple[tuple[str, tuple[str, ...]], .
     if structure.informed:
         chain = (*chain, "offset")
         ladder.append(("frame", frame))
+        if structure.few:
+            return tuple(ladder)
         if structure.view == "pinhole":
             ladder.append(("offsets", (*frame, "offset")))
     ladder.append(("chain", chain))

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from dataclasses import replace
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -18,6 +19,9 @@ if TYPE_CHECKING:
 ROWS = 400
 #: Fewest rows by view: no fewer could place the sensor.
 LEAST = {"base": 2, "rigid": 4, "similarity": 4, "pose": 3, "pinhole": 6, "unknown": 10}
+#: Fewer numbers than this do not tell good joint origins from bad ones: of 10 draws of 10 rows of a
+#: real UR10, two that moved them ended worse than frames alone, by 1.1 and 1.8; of 15 rows none.
+FEW = 45
 #: A median distance beyond this share says that it is not this arm.
 OTHER = 0.3
 #: A median distance beyond this share of the rows' spread is no calibration error.
@@ -42,7 +46,8 @@ def starts(structure: SpatialStructure, q: Array, z: Array) -> Sequence[tuple[St
         from .spatial_random import chains
 
         return chains(structure, q, z)
-    return [(structure, frame(structure, q, z))]
+    few = structure.view != "pinhole" and z.size < FEW
+    return [(replace(structure, few=few), frame(structure, q, z))]
 
 
 def frame(structure: SpatialStructure, q: Array, z: Array, arm: Array | None = None) -> Array:

@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 
 Array = NDArray[np.float64]
 
-_SCALED = 0.1  # a scale that differs by more is said aloud
+_SCALED = 0.1  # a scale that differs by more is noted
 _UNITS = {1e3: "mm", 1e2: "cm", 1e-3: "km", 39.3700787: "inches"}
 
 
@@ -63,7 +63,7 @@ class Alignment:
         return math.atan2(matrix[1, 0] - matrix[0, 1], matrix[0, 0] + matrix[1, 1])
 
     def loud(self) -> list[str]:
-        """What must be said aloud: a scale, a mirror, exchanged axes."""
+        """What must be noted: a scale, a mirror, exchanged axes."""
         notes = []
         scale = self.scale
         if abs(scale - 1.0) > _SCALED:

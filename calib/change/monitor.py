@@ -26,6 +26,7 @@ FALSE_ALARM = 1e-6
 """Share of the samples of an undisturbed stream that raise an alarm, nominally."""
 
 _COLLINEAR = 1e-3  # directions that are so much weaker than the strongest are left out
+_DIRECTIONS = 8  # strongest displacements that are watched: a few microseconds each
 _GRAIN = 1e-6  # share of the extent below which nothing counts as drift
 _WARM = 20  # samples before the first judgement
 _MOST, _DOUBTED = 100.0, 4.0  # largest ratio of distortions, of a sample that is clipped
@@ -204,7 +205,7 @@ def _directions(model: Model) -> Array:
     flat = x.reshape(n * m, k)
     flat = flat / (np.linalg.norm(flat, axis=0) + 1e-300)
     left, size, _ = np.linalg.svd(flat, full_matrices=False)
-    kept = left[:, size > _COLLINEAR * size[0]]
+    kept = left[:, size > _COLLINEAR * size[0]][:, :_DIRECTIONS]
     return np.ascontiguousarray(kept.reshape(n, m, -1) * np.sqrt(n))
 
 

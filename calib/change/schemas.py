@@ -43,7 +43,7 @@ OUTSIDE = 1.5
 
 For normal errors one in 800; it leaves room for bounds that are too narrow by half."""
 
-_RADIUS = 2.4477  # of 95 % of a normal distribution in the plane, in standard deviations
+_RADII = {1: 1.96, 2: 2.4477, 3: 2.7955}  # of 95 % of a normal distribution, by its dimension
 _GRAIN = 1e-6  # share of the extent below which nothing counts
 _CHANCE = 0.05  # share of samples that may contradict the schema that is right
 _UNLIKELY = 1e-3  # a schema fits unless so many contradictions are that improbable
@@ -111,6 +111,11 @@ class Schema:
             return 0.0
         return self.baseline.noise
 
+    @property
+    def radius(self) -> float:
+        """Of 95 % of a normal distribution of a position, in standard deviations."""
+        return _RADII[self.sensory.units.shape[1]]
+
     @cached_property
     def trust(self) -> Trust:
         """Where answers are given."""
@@ -145,7 +150,7 @@ class Schema:
             said = self.predictor.value(u[known])
             distance[known] = np.linalg.norm(x[known] - said, axis=1)
             square = blend_nodes(motor, self.bounds, u[known]) ** 2
-            square += (_RADIUS * self.noise) ** 2  # of the sensor, on top
+            square += (self.radius * self.noise) ** 2  # of the sensor, on top
             floor = _GRAIN * float(np.linalg.norm(self.sensory.scale.span))
             bound[known] = np.sqrt(square + floor**2)
             ratio[known] = distance[known] / bound[known]
@@ -273,6 +278,19 @@ def keep(model: Model, other: Model, name: str, *, most: int | None = None) -> M
     return replace(model, schemas=kept if most is None else kept[: max(0, most - 1)])
 
 
+def as_schema(adapted: Model, old: Model, name: str) -> Model:
+    """An adapted model under a name of its own, with the old state kept as a schema.
+
+    Raises
+    ------
+    OptionError
+        If the name is that of the old state, or empty.
+    """
+    kept = keep(old, adapted, name).schemas  # checks the name and that the arm is the same
+    others = tuple(s for s in kept if s.name != name)
+    return replace(adapted, schema=name, schemas=(Schema.of(old), *others))
+
+
 def check_name(name: str) -> None:
     """Refuse a name that could not be printed or stored."""
     if not isinstance(name, str) or not name.strip() or len(name) > 80 or not name.isprintable():
@@ -369,9 +387,9 @@ def compare(schemas: Sequence[Schema], u: Array, x: Array) -> tuple[str | None, 
             found.append(Fit(schema.name, False, 1.0, float("inf"), float("-inf")))
             continue
         outside = ratio[seen] > OUTSIDE
-        square = (_RADIUS * ratio[seen]) ** 2
-        sigma = bound[seen] / _RADIUS
-        density = -2.0 * np.log(sigma) - (_FREEDOM / 2 + 1) * np.log1p(square / _FREEDOM)
+        square = (schema.radius * ratio[seen]) ** 2
+        sigma, k = bound[seen] / schema.radius, x.shape[1]
+        density = -k * np.log(sigma) - (_FREEDOM + k) / 2 * np.log1p(square / _FREEDOM)
         found.append(
             Fit(
                 schema.name,

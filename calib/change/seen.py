@@ -14,6 +14,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import NDArray
 
+from ..body import planar_view
 from ..body.belief import Body
 from ..body.planar import PlanarStructure
 from ..body.structure import Array, Indices
@@ -55,7 +56,7 @@ class SeenStructure(PlanarStructure):
         active = np.arange(self.size) if active is None else active
         place = np.full(self.size, -1)
         place[active] = np.arange(len(active))
-        z, _, out = self._view_columns(self.chain(q, beta), beta, place, len(active))
+        z, _, out = planar_view.columns(self, self.chain(q, beta), beta, place, len(active))
         return z, out
 
     def slope(self, q: Array, beta: Array) -> Array:
@@ -63,7 +64,7 @@ class SeenStructure(PlanarStructure):
         scale = self.model.motor.scale
         _, tilt = self.model.predictor.value_and_slope(scale.to_unit(q))
         place = np.full(self.size, -1)
-        _, view, _ = self._view_columns(self.chain(q, beta), beta, place, 0)
+        _, view, _ = planar_view.columns(self, self.chain(q, beta), beta, place, 0)
         return np.asarray(view @ (tilt / scale.span))
 
 

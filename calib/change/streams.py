@@ -31,6 +31,7 @@ _WINDOW = 20  # latest samples that tell whether the present schema still fits
 _AGAINST = 13  # of them that contradict it: at a share of 10 % once in 10^8 windows
 _STEP = 5  # samples between two looks
 _RECALL = 10  # samples since a change that a schema is recognised from
+_NATS = 15.0  # log likelihood ratio for a kept schema: by chance once in 3 million windows
 _STILL = 60  # a change of many small steps may end in a known schema that much later
 _FIRST = 30  # samples that a first model of a new state rests on
 _GROWTH = 3.0  # it is made anew whenever there are so many times the samples
@@ -77,10 +78,11 @@ class Follower:
     """A model that follows a stream for life.
 
     It waits until 13 of the latest 20 samples lie beyond 1.5 times the bound of the
-    present schema.  If a kept one fits the samples since then, that one is recalled.  Else
-    a new one is learned: a first model after 30 samples, a better one whenever their
-    number has tripled, while maps and links re-form.  After `horizon` samples it stays as
-    it is.  Changes smaller than that are :class:`calib.Monitor`'s to tell.
+    present schema, or a kept one explains them better by 15 nats.  If a kept one fits the
+    samples since then, that one is recalled.  Else a new one is learned: a first model after
+    30 samples, a better one whenever their number has tripled, while maps and links re-form.
+    After `horizon` samples it stays as it is.  A change to a new state that stays within 1.5
+    times the bound is :class:`calib.Monitor`'s to tell.
 
     Parameters
     ----------
@@ -120,7 +122,7 @@ class Follower:
         self._seen = 0
         self._since = 0
         self._u: Array = np.zeros((0, model.motor.scale.span.size))
-        self._x: Array = np.zeros((0, 2))
+        self._x: Array = np.zeros((0, model.sensory.units.shape[1]))
         self._against: NDArray[np.bool_] = np.zeros(0, dtype=bool)
 
     @property
@@ -138,10 +140,11 @@ class Follower:
         rows = np.atleast_2d(np.asarray(q, dtype=float))
         points = np.atleast_2d(np.asarray(x, dtype=float))
         names = self._present.about.joint_names
-        if rows.shape[1] != len(names) or points.shape != (len(rows), 2) or not len(rows):
+        width = self._present.sensory.units.shape[1]
+        if rows.shape[1] != len(names) or points.shape != (len(rows), width) or not len(rows):
             raise OptionError(
                 f"samples of shapes {rows.shape} and {points.shape}: expected (n, {len(names)}) "
-                "and (n, 2) with one or more rows"
+                f"and (n, {width}) with one or more rows"
             )
         if not (np.isfinite(rows).all() and np.isfinite(points).all()):
             raise OptionError("a sample is not finite: leave out rows without a detection")
@@ -187,7 +190,23 @@ class Follower:
             return distance, True, self._recalled(u, x) or self._begin(u, x)
         if self._learning is not None and self._learning.samples <= _STILL:
             return distance, False, self._recalled(self._u[-_RECALL:], self._x[-_RECALL:])
+        if self._learning is None and self._kept and self._another_is_likelier():
+            self._since = min(len(self._u), _WINDOW)
+            return distance, True, self._recalled(self._u[-_WINDOW:], self._x[-_WINDOW:])
         return distance, False, False
+
+    def _another_is_likelier(self) -> bool:
+        """Whether a kept schema explains the latest samples far better than the present one.
+
+        It tells schemas apart that differ by less than the bound.
+        """
+        u, x = self._u[-_WINDOW:], self._x[-_WINDOW:]
+        if len(u) < _RECALL:
+            return False
+        name, fits = compare([self._state, *self._kept], u, x)
+        told = {fit.name: fit.likelihood * len(u) for fit in fits}
+        own = self._state.name
+        return name not in (None, own) and told[str(name)] > told[own] + _NATS
 
     def _recalled(self, u: Array, x: Array) -> bool:
         """Make the kept schema that fits the samples the present one, if one does."""

@@ -240,6 +240,7 @@ GAINS: dict[str, Gain | None] = {
     **{f"vdsom:{name}": gain for name, gain in READINGS.items()},
     "dsom": None,
     "gng": None,
+    "gas": None,
     **{f"gng:{name}": READINGS[name] for name in _VARYING_GNG},
     **dict.fromkeys(UNTRAINED),
 }

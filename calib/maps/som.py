@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 from ..common.parallel import one_blas_thread
 from ..common.scale import Scale
 from ..errors import LogError, OptionError
-from . import batch, dsom, gng, online, untrained
+from . import batch, dsom, gas, gng, online, untrained
 from .association import Association
 from .density import Gain, gain_of, kind_of
 from .epoch import Epoch
@@ -44,7 +44,7 @@ class SOM:
         Nodes along each lattice axis; a growing neural gas takes their number.
     map : str or gain function
         "som", "vdsom" or a reading of it ("vdsom:error"), "dsom", "gng" or one with a
-        varying density ("gng:error"), nodes that are not trained ("grid", "random",
+        varying density ("gng:error"), "gas", nodes that are not trained ("grid", "random",
         "rows"), or a function of a
         :class:`~calib.maps.density.Visit` that returns a gain per sample.
     rule : {"batch", "online"}
@@ -247,6 +247,8 @@ class SOM:
         kind = kind_of(self.map)
         if kind in untrained.KINDS:
             return n
+        if kind == "gas":
+            return n * (self.epochs or gas.EPOCHS)
         if kind == "som" and self.rule == "batch":
             return total_work(self._stages(), n)
         shown = gng.samples_shown(n, Lattice(self.size).size) if kind == "gng" else n
@@ -259,6 +261,8 @@ class SOM:
         kind, lattice = kind_of(self.map), Lattice(self.size)
         if kind in untrained.KINDS:
             return untrained.place(kind, u, lattice, rng)
+        if kind == "gas":
+            return gas.learn(u, lattice.size, gain, self.epochs or gas.EPOCHS, rng)
         if kind == "gng":
             return gng.learn(u, lattice.size, gain, self._passes(), rng, self.error)
         if kind == "dsom":

@@ -63,7 +63,7 @@ class About:
     tested, left_out : int
         Samples behind those errors, and samples outside of what was learned from the others.
     notes : tuple of str
-        What was said aloud while the model was made.
+        Notes that were printed while the model was made.
     columns : dict of str to str
         Columns of its log that have other names than what they hold.
     degrees : bool

@@ -107,7 +107,8 @@ class Model:
         robot = about.robot or "a log"
         maps = self.motor, self.sensory
         nodes = " and ".join("x".join(map(str, each.lattice.shape)) for each in maps)
-        error = about.errors.get(self.default_readout, {}).get("forward", {}).get("distance", {}).get("mean")
+        errors = about.errors.get(self.default_readout, {}).get("forward", {})
+        error = errors.get("distance", {}).get("mean")
         known = "unknown" if error is None else f"{error:.3g} {about.unit}"
         return one_line(f"Model of {robot}: {', '.join(about.joint_names)}") + (
             f"\n  {about.samples:,} samples ({about.source}), maps of {nodes} nodes"

@@ -55,8 +55,8 @@ class Trained:
 
     Attributes
     ----------
-    association : Association
-        Maps and links.
+    association, alone : Association
+        Maps and links, learned with and without knowing where the body is wrong.
     predictors : dict of str to Predictor
         ``local`` (the body and local models), ``body`` alone, and ``linear`` (no body).
     bounds : dict of str to (nodes,) array [unit]
@@ -66,6 +66,7 @@ class Trained:
     """
 
     association: Association
+    alone: Association
     predictors: dict[str, Predictor]
     bounds: dict[str, Array]
     seconds: float
@@ -165,7 +166,7 @@ def train_on(
         "local": learn_bounds(motor, held, selected.errors),
         "linear": learn_bounds(alone.motor, held, own),
     }
-    return Trained(pair, predictors, bounds, seconds)
+    return Trained(pair, alone, predictors, bounds, seconds)
 
 
 def measure(case: Case, trained: Trained) -> dict[str, float | None]:
@@ -190,7 +191,8 @@ def measure(case: Case, trained: Trained) -> dict[str, float | None]:
         if readout != "linear":  # that of the maps that stand alone is above
             said = pair.sensory.scale.from_unit(pair.forward(u, readout))
             figures |= _forward(readout, np.linalg.norm(said - x, axis=1), inside)
-        answer = np.clip(pair.inverse(v, near, readout), 0.0, 1.0)
+        maps = trained.alone if readout == "linear" else pair
+        answer = np.clip(maps.inverse(v, near, readout), 0.0, 1.0)
         figures[f"{readout} inverse"] = _degrees(scale, answer, u)
     solver = Solver(pair, trained.predictors["local"])
     some = slice(None, None, max(1, len(x) // 1000))

@@ -112,6 +112,15 @@ class BoardFinder:
 
     def find(self, grey: NDArray[np.uint8]) -> dict[int, Array]:
         """Return the corners that a picture shows: number to place (2,) [px]."""
+        best = self._detect(grey)
+        if len(best) < LEAST_CORNERS:  # cells of two pixels are read at twice the size
+            cv2 = opencv()
+            large = cv2.resize(grey, None, fx=2.0, fy=2.0, interpolation=cv2.INTER_CUBIC)
+            larger = {n: 0.5 * (place - 0.5) for n, place in self._detect(large).items()}
+            best = max(best, larger, key=len)
+        return refine_corners(grey, best, self.board)
+
+    def _detect(self, grey: NDArray[np.uint8]) -> dict[int, Array]:
         best: dict[int, Array] = {}
         for detector in self._detectors:
             corners, numbers = detector.detectBoard(grey)[:2]
@@ -120,4 +129,4 @@ class BoardFinder:
                 best = dict(zip(np.ravel(numbers).tolist(), places, strict=True))
             if len(best) >= LEAST_CORNERS:
                 break
-        return refine_corners(grey, best, self.board)
+        return best

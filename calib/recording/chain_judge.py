@@ -64,15 +64,16 @@ def fit_timing(
         None where no chain can be fitted.
     """
     from ..body.fitting import planar_structure
-    from ..body.starts import best_start
+    from ..body.starts import best_starts
 
     q = joints(time)
     names = tuple(f"q{k}" for k in range(q.shape[1]))
     try:
         template = planar_structure(q, x, names, revolute, None, "homography", None, "px", False)
         members = dict(template.members())
-        structure, beta, _ = best_start(template, q, x, members["chain"])
-        prior = structure.prior(members["view"])
+        start = best_starts(template, q, x, members["chain"])[0]
+        structure, beta = start.structure, start.beta
+        prior = structure.prior(members["lens"])
     except (CalibError, np.linalg.LinAlgError, KeyError):
         return None
     search = _Search(structure, prior, time, x, joints)

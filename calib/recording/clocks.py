@@ -13,6 +13,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
+from ..common.parallel import one_blas_thread
 from ..errors import LogError
 from .chain_judge import fit_timing
 from .judge import Judge, softness, thinned
@@ -23,7 +24,7 @@ Array = NDArray[np.float64]
 CANDIDATES = 15
 """Peaks of the correlation of speeds that are judged."""
 
-CHAINS = 4
+CHAINS = 3
 """Candidates to which a chain is fitted."""
 
 CHAIN_FITS = 0.03
@@ -125,6 +126,17 @@ def align_clocks(
     LogError
         If nothing moves, no offset fits, or more than one does.
     """
+    with one_blas_thread():
+        return _aligned(time, pixels, joint_time, q, revolute)
+
+
+def _aligned(
+    time: Array,
+    pixels: Array,
+    joint_time: Array,
+    q: Array,
+    revolute: Sequence[bool] | None,
+) -> Clocks:
     seen = np.isfinite(pixels[:, 0]) & ~jumps(pixels)
     t, x = time[seen], pixels[seen]
     if len(t) < 20:
@@ -317,10 +329,10 @@ def _step(
         terms.append(judge.miss(velocity * (when - when.mean())[:, None]).ravel())
     A = np.stack(terms, 1)
     weight: Array = np.ones(len(miss))
-    found: Array = np.zeros(A.shape[1])
+    found = np.zeros(A.shape[1])
     for _ in range(4):
         B = A * weight[:, None]
-        found = np.linalg.lstsq(B, miss * weight, rcond=None)[0]
+        found = np.asarray(np.linalg.lstsq(B, miss * weight, rcond=None)[0], float)
         left = np.abs(miss - A @ found)
         scale = 1.48 * float(np.median(left)) + 1e-9
         weight[:] = np.sqrt(np.minimum(1.0, 2.0 * scale / np.maximum(left, 1e-12)))

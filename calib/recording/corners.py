@@ -47,14 +47,20 @@ def refine_corners(
     if len(corners) < 4:
         return {}
     places = {n: np.asarray(place, float) for n, place in corners.items()}
+    refined: dict[int, Array] | None = None
     for _ in range(2):
         refined = _once(grey, places, board)
-        if refined is None:  # the tags fill their squares, or the picture is small
-            return _by_window(grey, places)
-        places = refined
-        if len(places) < 4:
-            return {}
-    return {n: p for n, p in places.items() if np.linalg.norm(p - corners[n]) < 2.5}
+        if refined is None:
+            break
+        places |= refined
+    near = {} if refined is None else _near(refined, corners)
+    # small squares, or tags that fill them, have no edges to speak of
+    return near if len(near) >= 0.6 * len(corners) else _by_window(grey, corners)
+
+
+def _near(refined: Mapping[int, Array], corners: Mapping[int, Array]) -> dict[int, Array]:
+    """Return what did not go far: a corner that did was none."""
+    return {n: p for n, p in refined.items() if np.linalg.norm(p - corners[n]) < 2.5}
 
 
 def _once(
@@ -157,5 +163,4 @@ def _by_window(grey: NDArray[np.uint8], places: Mapping[int, Array]) -> dict[int
     start = np.array(list(places.values()), np.float32).reshape(-1, 1, 2)
     refined = cv2.cornerSubPix(grey, start.copy(), (3, 3), (-1, -1), stop)
     moved = np.asarray(refined, float).reshape(-1, 2)
-    near = np.linalg.norm(moved - start.reshape(-1, 2), axis=1) < 2.0
-    return {n: place for n, place, ok in zip(places, moved, near, strict=True) if ok}
+    return _near(dict(zip(places, moved, strict=True)), places)

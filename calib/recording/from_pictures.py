@@ -11,6 +11,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from ..common.parallel import one_blas_thread
 from ..common.wording import listed
 from ..errors import LogError, OptionError
 from .board import BoardFinder
@@ -111,10 +112,11 @@ def log_pictures(
     q, pixels = joints.q[index], np.array([t.centre for t in tags])
     if len(tags) > 1:
         check_motion(q, pixels, setting.tag, what)
-    _check_order(q, pixels)
-    good = ~stuck(q, pixels)
-    reasons["at one place while the joints move: a second tag?"] = int((~good).sum())
-    lost = astray(q[good], pixels[good])
+    with one_blas_thread():
+        _check_order(q, pixels)
+        good = ~stuck(q, pixels)
+        reasons["at one place while the joints move: a second tag?"] = int((~good).sum())
+        lost = astray(q[good], pixels[good])
     reasons["far from where the joints put the tip"] = int(lost.sum())
     good[np.flatnonzero(good)[lost]] = False
     numbers = np.array(rows)[good]

@@ -75,12 +75,14 @@ def astray(q: Array, pixels: Array) -> Mask:
     result = np.zeros(n, bool)
     if not 15 <= n <= MOST:
         return result
+    spread = float(np.linalg.norm(pixels.std(axis=0)))
     for _ in range(n // 10):
         rows = np.flatnonzero(~result)
         distance = held_out(q[rows], pixels[rows], blocks=len(rows))
         worst = int(np.argmax(distance))
-        typical = float(np.median(distance))
-        if distance[worst] < max(12.0 * typical, 10.0) or typical > 5.0:
+        rest = np.delete(rows, worst)  # which it spoils as long as it is among them
+        typical = float(np.median(held_out(q[rest], pixels[rest], blocks=len(rest))))
+        if distance[worst] < max(25.0 * typical, 0.2 * spread):
             break
         result[rows[worst]] = True
     return result

@@ -233,7 +233,7 @@ def _aligned(
         moving = usable & (speed[after - 1] > still)
         usable &= ~moving
         if moving.any():
-            notes.append(f"{moving.sum()} positions left out: a joint moved faster than {still:g}")
+            notes.append(f"{moving.sum()} positions dropped: a joint moved faster than {still:g}")
     for rows, why in (
         (~inside, "outside of the times of the joint states"),
         (inside & (gap > max_gap), f"joint states more than {max_gap:g} s apart"),
@@ -241,7 +241,7 @@ def _aligned(
     ):
         usable &= np.isfinite(x).all(axis=1)
         if rows.any():
-            notes.append(f"{np.count_nonzero(rows)} positions left out: {why}")
+            notes.append(f"{np.count_nonzero(rows)} positions dropped: {why}")
     if not usable.any():
         raise LogError(
             f"no position is left ({'; '.join(notes)})",

@@ -105,7 +105,7 @@ def open_source(path: str | os.PathLike[str]) -> Source:
     if start.startswith(b"PAR1"):
         return Source(label, file, parquet_header(label, file), keep=keep)
     if file.suffix.lower() in PARQUET:
-        raise LogError(f"{label} is no Parquet file; name it .csv if it is CSV")
+        raise LogError(f"{label} is not a Parquet file; rename it to .csv if it is CSV")
     if len(start) == _LONGEST_HEADER:
         raise LogError(f"{label} has no line end in its first megabyte: expected CSV or Parquet")
     separator = max(",;\t", key=lambda mark: start.count(mark.encode()))

@@ -217,7 +217,7 @@ class ChosenRange:
             )
         if not self.outside:
             return []
-        return [f"{self.outside} rows left out: {self.joint} outside of the range {shown}"]
+        return [f"{self.outside} rows dropped: {self.joint} outside of the range {shown}"]
 
 
 def outside_of(values: Array, low: float, high: float, revolute: bool) -> NDArray[np.bool_]:

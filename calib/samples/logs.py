@@ -35,7 +35,8 @@ _THICK = 0.02
 """Out-of-plane share of the positions' spread from which on an unknown arm moves in space."""
 
 _STANDS = {True: math.radians(5.0), False: 2e-2}  # further it takes part [rad, m]
-_STILL = {True: math.radians(0.5), False: 1e-3}  # a locked joint may stir [rad, m]
+_SOME = 0.02  # share of rows in which it may do so: wrong readings
+_STILL = {True: math.radians(0.5), False: 1e-3}  # a locked joint may move [rad, m]
 
 
 def read_log(
@@ -55,8 +56,8 @@ def read_log(
     """Read a measured log: one column for each joint, and x, y or x, y, z.
 
     Further columns are ignored. Rows with a value that is missing, not finite or beyond 1e15
-    are left out, counted in `Samples.dropped` and told in `Samples.notes`. Positions may be in the
-    sensor's own unit and axes; of x, y, z the plane is fitted. A log is read in batches and
+    are left out, counted in `Samples.dropped` and described in `Samples.notes`. Positions may be
+    in the sensor's own unit and axes; of x, y, z the plane is fitted. A log is read in batches and
     may be of any length; of one with more than `most` rows so many are drawn at random, and
     those with each joint's least and largest value.
 
@@ -100,7 +101,7 @@ def read_log(
 
     Notes
     -----
-    Values beyond the arm's limits by up to 5 % of the range widen it, aloud; beyond that
+    Values beyond the arm's limits by up to 5 % of the range widen it, with a note; beyond that
     they are an error, which names `degrees` if the log fits as degrees. A joint that
     can turn all the way round, or without an arm one that went further than a turn, has
     a range of one turn: about 0, or where the log says otherwise about the log's values.
@@ -275,7 +276,8 @@ def locked_from_log(
             recorded = np.deg2rad(recorded)
         values[name] = float(np.median(recorded))
         moved = float(np.abs(recorded - values[name]).max())
-        if moved > _STANDS[turns]:
+        away = float(np.mean(np.abs(recorded - values[name]) > _STANDS[turns]))
+        if away > _SOME:
             shown = f"{math.degrees(moved):.3g} deg" if turns else f"{1e3 * moved:.3g} mm"
             raise LogError(
                 f"{source.label}: {name} is locked but moved by up to {shown} (row "
@@ -317,7 +319,11 @@ def _revolute(arm: Arm | None, names: Sequence[str], prismatic: Sequence[str]) -
         return tuple(arm.revolute)
     for name in prismatic:
         if name not in names:
-            raise OptionError(f"{name!r} is to slide but is no joint; joints: {', '.join(names)}")
+            raise OptionError(
+                f"{name!r} is named as sliding but is not a joint; joints: {', '.join(names)}",
+                parameter="prismatic",
+                value=name,
+            )
     return tuple(name not in prismatic for name in names)
 
 

@@ -83,7 +83,7 @@ class MeasuredRows:
                 raise LogError(f"{self.source.label}: each of the {dropped} rows misses a value")
             number, name = self._first
             notes.append(
-                f"{dropped} of {self.total} rows left out: a value is missing, not finite or "
+                f"{dropped} of {self.total} rows dropped: a value is missing, not finite or "
                 f"beyond {LARGEST:g} (the first is row {number}, column {name!r})"
             )
         for range_ in self.chosen.values():

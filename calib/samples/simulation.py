@@ -244,12 +244,12 @@ class Simulation:
         return list(self.arm.joint_names).index(change.joint)
 
     def _check(self, change: Change) -> None:
-        if change.part in ("sensor", "tip") and self.arm.outputs == 3:
-            if change.what not in _IN_SPACE:
-                raise OptionError(
-                    f"change {change.text!r} is for planar arms; of an arm in space the joints, "
-                    f"{' and '.join(f'sensor.{what}' for what in _IN_SPACE)} can change"
-                )
+        in_plane = change.part in ("sensor", "tip") and change.what not in _IN_SPACE
+        if in_plane and self.arm.outputs == 3:
+            raise OptionError(
+                f"change {change.text!r} is for planar arms; of an arm in space the joints, "
+                f"{' and '.join(f'sensor.{what}' for what in _IN_SPACE)} can change"
+            )
         if change.part != "joint":
             return
         names = tuple(self.arm.joint_names)

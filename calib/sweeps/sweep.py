@@ -10,8 +10,8 @@ from typing import Any, cast
 
 import numpy as np
 
-from ..arm.loading import load_arm
 from ..arm.arm import Arm
+from ..arm.loading import load_arm
 from ..common.parallel import keep_one_blas_thread, one_blas_thread
 from ..common.wording import clipped, one_line, suggestion
 from ..errors import CalibError, OptionError

@@ -19,13 +19,14 @@ from ..common.scale import Scale
 from ..errors import OptionError
 from ..maps.association import Association
 from ..maps.links import WIRINGS
+from ..maps.map import search_tree
 from ..maps.som import SOM
 from ..samples.babbling import babble
 from ..samples.changes import Change
 from ..samples.samples import Samples
 
 if TYPE_CHECKING:
-    from ..arm.planar_arm import PlanarArm
+    from ..arm.arm import Arm
 
 Array = NDArray[np.float64]
 
@@ -42,7 +43,7 @@ _STRAY = 0.5  # how far joints and targets are scattered [node spacings]
 
 
 def goal_babble(
-    arm: PlanarArm,
+    arm: Arm,
     n: int = 2_000,
     *,
     seed: int = 0,
@@ -54,7 +55,7 @@ def goal_babble(
 
     Parameters
     ----------
-    arm : PlanarArm
+    arm : Arm
         The arm, from `calib.load_arm`.
     n : int
         Number of samples, 60 or more.
@@ -111,9 +112,7 @@ def goal_babble(
     )
 
 
-def next_joints(
-    scale: Scale, q: Array, x: Array, n: int, rng: np.random.Generator
-) -> Array:
+def next_joints(scale: Scale, q: Array, x: Array, n: int, rng: np.random.Generator) -> Array:
     """Joints (n, dof) of the unit box to measure next.
 
     Parameters
@@ -132,8 +131,8 @@ def next_joints(
     side = int(np.clip((len(u) / _PER_NODE) ** (1 / 2), 4, _LARGEST))
     size = (side, side)
     pair = _maps(scale, u, x, size, rng)
-    error = _own_error(pair, scale, u, x, size, rng)
-    by_error = int(round(_GOALS * n))
+    error = _own_error(pair, scale, u, x, rng)
+    by_error = round(_GOALS * n)
     # targets beside the positions where errors are largest, more often the larger they are
     share = error**2 / np.sum(error**2)
     chosen = rng.choice(len(u), by_error, p=share)
@@ -163,13 +162,9 @@ def _own_error(
     scale: Scale,
     u: Array,
     x: Array,
-    size: tuple[int, ...],
     rng: np.random.Generator,
 ) -> Array:
     """How wrong the maps are around each sample (m,), by links that have not seen it."""
-    from ..maps.map import search_tree
-
-    del size
     wiring, v = pair.wiring, pair.sensory.scale.to_unit(x)
     error = np.empty(len(u))
     half = rng.permutation(len(u)) % 2

@@ -10,15 +10,11 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
-from ..common.scale import Scale
-from ..maps.map import search_tree
 from ..maps.node_bounds import learn_bounds
 from ..model.model import Model
 
 Array = NDArray[np.float64]
 
-_BESIDE = 2.0  # a node within so many gaps between rows from a row is beside it
-_AWAY = 6.0  # a node further away than so many gaps has no part in what the rows showed
 _RADIUS_95 = 2.448  # radius that holds 95 % of a 2-D Gaussian of standard deviation 1
 
 
@@ -49,28 +45,10 @@ def node_bounds(
     reading = model.body.bound(q, noise=True)
     position = model.body.bound(q, noise=False)
     if has_models:
-        beside = _beside(nodes, u, motor.scale, motor.spacing)
+        # where held-out rows are further off than the body says, as in a local defect
         learned = learn_bounds(motor, u[rows], errors)
         noise = _RADIUS_95 * float(np.sqrt(np.mean(model.body.noise[:2] ** 2)))
-        reading = beside * np.minimum(learned, reading) + (1.0 - beside) * reading
-        mended = np.sqrt(np.maximum(reading**2 - noise**2, 0.0))
-        position = np.maximum(position * (1.0 - beside), np.minimum(position, mended))
+        own = np.sqrt(np.maximum(learned**2 - noise**2, 0.0))
+        position = np.where(learned > reading, np.maximum(position, own), position)
+        reading = np.maximum(reading, learned)
     return reading, position
-
-
-def _gap(nodes: Array, u: Array, scale: Scale) -> Array:
-    """Distance (nodes,) to the nearest row, in the unit box."""
-    return np.asarray(search_tree(u, scale).query(np.where(scale.periodic, nodes % 1.0, nodes))[0])
-
-
-def _gaps(u: Array, scale: Scale) -> float:
-    """Distance in the unit box from a row to the next one, which nine of ten rows are within."""
-    gaps = np.asarray(search_tree(u, scale).query(u, k=[min(2, len(u))])[0])[:, 0]
-    return float(np.quantile(gaps, 0.9))
-
-
-def _beside(nodes: Array, u: Array, scale: Scale, spacing: float) -> Array:
-    """Share (nodes,) to which what rows showed speaks for a node: 1 beside rows, 0 away."""
-    unit = max(_gaps(u, scale), spacing)
-    away = _gap(nodes, u, scale) / unit
-    return np.clip((_AWAY - away) / (_AWAY - _BESIDE), 0.0, 1.0)

@@ -142,18 +142,19 @@ def _in_space(samples: Samples, q: Array, x: Array, view: str, seed: int) -> Bod
 
     if view not in _SPATIAL_VIEWS:
         raise OptionError(
-            f"view {view!r} is for planar arms, expected one of {', '.join(_SPATIAL_VIEWS)} for x, y, z",
+            f"view {view!r} is for planar arms; for x, y, z expected one of "
+            f"{', '.join(_SPATIAL_VIEWS)}",
             parameter="view",
             value=view,
         )
     metre = METRES.get(samples.unit, 1.0)
     simulated = samples.simulation is not None
     arm = samples.arm
+    extent = float(np.sqrt(((x - x.mean(axis=0)) ** 2).sum(axis=1).mean()))  # of the noise's floor
     if isinstance(arm, SpatialArm) and not simulated:
         kind = {"auto": "rigid" if samples.unit in METRES else "similarity"}.get(view, view)
-        template = structure_of(arm, kind, unit=samples.unit, metre=metre)
+        template = structure_of(arm, kind, unit=samples.unit, metre=metre, extent=extent)
     else:
-        extent = float(np.sqrt(((x - x.mean(axis=0)) ** 2).sum(axis=1).mean()))
         template = unknown_structure(
             samples.joint_names, samples.revolute, extent, samples.unit, metre
         )

@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from ..arm.planar_arm import PlanarArm
+from ..arm.arm import Arm
 from ..errors import OptionError
 from .keep_inside import keep_of
 from .pose_space import Space, space_of
@@ -117,7 +117,7 @@ class Plan:
 
 
 def plan(
-    source: PlanarArm | Model,
+    source: Arm | Model,
     n: int = 60,
     *,
     seed: int = 0,
@@ -131,7 +131,7 @@ def plan(
 
     Parameters
     ----------
-    source : PlanarArm or Model
+    source : Arm or Model
         An arm that is to be measured for the first time, or a model that is to be improved
         or checked.
     n : int
@@ -176,7 +176,7 @@ def plan(
     begin = None if start is None else _in_unit(space, space.joints(start, "start"))
     neutral = _in_unit(space, np.clip(0.0, space.lower, space.upper))
     notes = [_UNSEEN]
-    if measured is None and not isinstance(source, PlanarArm):
+    if measured is None and not isinstance(source, Arm):
         notes.append(
             "the model does not keep its samples: to improve it, give the log too, and the "
             "new poses go between them"
@@ -198,7 +198,7 @@ def plan(
 
 
 def _made(
-    source: PlanarArm | Model,
+    source: Arm | Model,
     space: Space,
     route: Route,
     begin: Array | None,
@@ -218,7 +218,7 @@ def _made(
         for _ in range(_ORDERS)
     ]
     own = float(np.abs(np.diff(way, axis=0) / space.scale.span).max(axis=1).sum())
-    bound = None if isinstance(source, PlanarArm) else source.expected_error(q)
+    bound = None if isinstance(source, Arm) else source.expected_error(q)
     low, high = space.corners
     border = np.isclose(route.u, low) | np.isclose(route.u, high)
     count = int(np.count_nonzero(border.any(axis=1) & ~route.via))

@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from ..arm.planar_arm import PlanarArm
+from ..arm.arm import Arm
 from ..arm.ranges import Range, checked_range
 from ..common.scale import Scale
 from ..common.wording import quoted, suggestion
@@ -92,7 +92,7 @@ class Space:
 
 
 def space_of(
-    source: PlanarArm | Model,
+    source: Arm | Model,
     margin: float | Sequence[float] | None = None,
     ranges: Mapping[str, Range] | None = None,
 ) -> Space:
@@ -100,7 +100,7 @@ def space_of(
 
     Parameters
     ----------
-    source : PlanarArm or Model
+    source : Arm or Model
         An arm predicts with its kinematics, a model with what it has learned.
     margin : float or sequence of float, optional [rad or m]
         Distance from the joints' mechanical limits, for all or for each joint. Without it
@@ -115,7 +115,7 @@ def space_of(
         If a joint is unknown, a range is outside of what there is, or the margins leave
         nothing.
     """
-    space, limits = _of_arm(source) if isinstance(source, PlanarArm) else _of_model(source)
+    space, limits = _of_arm(source) if isinstance(source, Arm) else _of_model(source)
     lower, upper = space.lower.copy(), space.upper.copy()
     for name, chosen in (ranges or {}).items():
         if name not in space.joint_names:
@@ -139,7 +139,7 @@ def space_of(
     return replace(space, lower=lower, upper=upper)
 
 
-def _of_arm(arm: PlanarArm) -> tuple[Space, tuple[Range, ...]]:
+def _of_arm(arm: Arm) -> tuple[Space, tuple[Range, ...]]:
     scale = Scale.of_range(arm.lower, arm.upper, arm.revolute)
     space = Space(arm.joint_names, arm.lower, arm.upper, scale, arm.revolute, arm.forward, "m")
     return space, arm.limits

@@ -45,15 +45,26 @@ def adapt(
             help="An update of the body from a few rows, or the paper's rule on thousands of them.",
         ),
     ] = "few-shot",
+    schema: Annotated[
+        str | None,
+        typer.Option(
+            "--schema",
+            metavar="NAME",
+            help="Name of the new state; the old one is kept in the file, see calib check.",
+        ),
+    ] = None,
     cause: o.CauseOption = None,
     columns: o.ColumnsOption = None,
     unit: o.UnitOption = None,
     degrees: o.LogDegreesOption = None,
     as_json: o.JsonOption = False,
 ) -> None:
-    """Re-calibrate a model from a few new samples; exit code 3 if it did not help."""
+    """Re-calibrate a model from a few new samples. Exit code 3 if it does not improve."""
     import calib
+    from calib.change.schemas import as_schema, check_name
 
+    if schema is not None:
+        check_name(schema)
     if output is not None:
         check_output(output)
     loaded = calib.load(model)
@@ -65,7 +76,10 @@ def adapt(
         found = calib.adapt(loaded, log, method=method, cause=cause, progress=progress)
     notes.say(found.notes)
     if found.improved:
-        found.model.save(path)
+        adapted = found.model
+        if schema is not None:
+            adapted = as_schema(adapted, loaded, schema)
+        adapted.save(path)
     if as_json:
         show_json(
             {
@@ -99,7 +113,7 @@ def adapt(
             tell(f"left as it was: {', '.join(found.kept)}")
         tell(f"the log measured {100 * found.coverage:.0f} % of the learned range")
     if not found.improved:
-        note(f"not improved: {model} stays as it is, nothing was written")
+        note(f"no improvement: {model} was left unchanged and nothing was written")
         raise typer.Exit(NO)
     if not as_json:
         tell(f"{path}: adapted with {found.samples} samples")

@@ -25,6 +25,7 @@ def babble(
     samples: o.SamplesOption = None,
     joints: o.JointsOption = None,
     tip: o.TipOption = None,
+    planar: o.PlanarOption = False,
     lock: o.LockOption = None,
     ranges: o.RangeOption = None,
     noise: o.NoiseOption = None,
@@ -49,7 +50,7 @@ def babble(
     if as_json and output == "-":
         raise BadOption("--json and --output '-' both want standard output: expected one of them")
     log = babbled(
-        Selection(robot, joints, tip, lock or (), ranges or (), degrees),
+        Selection(robot, joints, tip, lock or (), ranges or (), degrees, planar),
         samples=samples,
         noise=noise,
         motion=motion,

@@ -50,7 +50,7 @@ def check(
     degrees: o.LogDegreesOption = None,
     as_json: o.JsonOption = False,
 ) -> None:
-    """Is the model still calibrated? Compare it with new samples; exit code 3 if not."""
+    """Compare a model with new samples: is it still calibrated? Exit code 3 if not."""
     import calib
 
     loaded = calib.load(model)
@@ -58,11 +58,13 @@ def check(
     log = log_for(loaded, data, columns, degrees, unit, notes)
     drift = calib.check(loaded, log, cause=cause, tolerance=tolerance)
     notes.say(drift.notes)
+    known = calib.recognise(loaded, log) if loaded.schemas else None
     if as_json:
         show_json(
             {
                 "model": model,
                 **drift.to_json(),
+                **({"schema": known.name} if known is not None else {}),
                 "unit": loaded.about.unit,
                 "units": units_of(loaded.about),
             }
@@ -70,6 +72,8 @@ def check(
     else:
         factor, name = for_people(loaded.about.unit)
         _show(drift, f"{model}: {drift.samples} samples of {data}", factor, name)
+        if known is not None:
+            tell(known.words)
     if drift.drifted is not False:
         raise typer.Exit(NO)
 

@@ -46,7 +46,7 @@ def correct(
     degrees: o.DegreesOption = False,
     as_json: o.JsonOption = False,
 ) -> None:
-    """Joint values that bring the real arm to where the nominal one would be.
+    """Correct joint values so that the real arm reaches where the nominal arm would be.
 
     Exit code 3 if the real arm cannot reach one of these places, or if a joint would change by
     more than the limit; then nothing is written.
@@ -105,8 +105,8 @@ def correct(
         )
     notes.say(batch.notes(names))
     for which, what in (
-        (batch.invalid, "not all numbers, left without an answer"),
-        (missed, "out of reach for the real arm, left without an answer"),
+        (batch.invalid, "not all values are numbers, no answer"),
+        (missed, "out of reach for the real arm, no answer"),
     ):
         if which:
             note(f"{numbered(which)} of {n}: {what}")

@@ -23,7 +23,7 @@ def evaluate(
     import calib
 
     if columns is not None and data is None:
-        raise BadOption("--columns is for a log: expected --data LOG too")
+        raise BadOption("--columns applies to a log: expected --data LOG too")
     loaded = calib.load(model)
     log = None
     if data is not None:

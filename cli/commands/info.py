@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -54,6 +55,9 @@ def _provenance(model: Model) -> dict[str, Any]:
         "rows": 0 if model.rows is None else len(model.rows),
         "options": about.options,
         "notes": [as_typed(text) for text in about.notes],
+        "schema": model.schema,
+        "schemas": [s.name for s in model.schemas],
+        "backlash": None if model.approach is None else (2.0 * model.approach.play).tolist(),
         "history": model.history,
     }
 
@@ -83,6 +87,16 @@ def _facts(model: Model, path: str, degrees: bool) -> dict[str, str]:
     facts["model error"] = "95 % bound on the distance to the true position in the sensor's frame"
     for k, text in enumerate(about.notes, start=1):
         facts[f"note {k}"] = text
+    if model.schemas:
+        others = ", ".join(repr(s.name) for s in model.schemas)
+        facts["schema"] = f"{model.schema!r}; kept beside it: {others}"
+    if model.approach is not None:
+        half = zip(about.joint_names, model.approach.play, about.revolute, strict=True)
+        facts["backlash"] = ", ".join(
+            f"{name} {2 * math.degrees(h):.3g} deg" if turns else f"{name} {2 * h:.3g} m"
+            for name, h, turns in half
+            if h > 0.0
+        )
     if model.history:
         facts["earlier states"] = str(len(model.history))
     return facts

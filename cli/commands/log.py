@@ -141,7 +141,10 @@ def log(
     prismatic: o.PrismaticOption = None,
     as_json: o.JsonOption = False,
 ) -> None:
-    """Turn a ROS bag, pictures or a video into a log of joints and positions."""
+    """Turn a ROS bag, pictures or a video into a log of joints and positions.
+
+    Exit code 3 if no offset brings the clocks of a video and its joints together, or several do.
+    """
     notes = Notes()
     shooting = c.Shooting(
         joints_file,

@@ -25,7 +25,8 @@ from ..samples import Selection
 from ..units import for_people, one_each, ranges_in_si
 
 if TYPE_CHECKING:
-    from calib import Model, Plan, PlanarArm, Samples
+    from calib import Model, Plan, Samples
+    from calib.arm.arm import Arm
     from calib.model.about import About
 
 
@@ -55,6 +56,7 @@ def plan(
     ] = 60,
     joints: o.JointsOption = None,
     tip: o.TipOption = None,
+    planar: o.PlanarOption = False,
     lock: o.LockOption = None,
     ranges: o.RangeOption = None,
     margins: Annotated[
@@ -104,11 +106,11 @@ def plan(
     if as_json and output == "-":
         raise BadOption("--json and --output '-' both want standard output: expected one of them")
     if columns is not None and data is None:
-        raise BadOption("--columns is for a log: expected --data LOG too")
+        raise BadOption("--columns applies to a log: expected --data LOG too")
     import calib
     from calib.samples.tables import write_table
 
-    known = _load(Selection(source, joints, tip, lock or (), ranges or (), degrees))
+    known = _load(Selection(source, joints, tip, lock or (), ranges or (), degrees, planar))
     notes = Notes()
     notes.say(getattr(known, "notes", ()))  # an arm's
     turning = _turning(known)
@@ -141,7 +143,7 @@ def plan(
             tell(line)
 
 
-def _load(selection: Selection) -> PlanarArm | Model:
+def _load(selection: Selection) -> Arm | Model:
     """Load a robot or a model, whichever the file is."""
     import calib
 
@@ -173,20 +175,20 @@ def _is_model(source: str) -> bool:
         return False
 
 
-def _turning(known: PlanarArm | Model) -> dict[str, bool]:
+def _turning(known: Arm | Model) -> dict[str, bool]:
     """Whether each joint turns."""
     facts = _facts(known)
     return dict(zip(facts.joint_names, facts.revolute, strict=True))
 
 
-def _facts(known: PlanarArm | Model) -> PlanarArm | About:
+def _facts(known: Arm | Model) -> Arm | About:
     """What tells the joints and their ranges."""
     about: About | None = getattr(known, "about", None)
-    return cast("PlanarArm", known) if about is None else about
+    return cast("Arm", known) if about is None else about
 
 
 def _margin(
-    typed: Margin | None, known: PlanarArm | Model, factors: Sequence[float]
+    typed: Margin | None, known: Arm | Model, factors: Sequence[float]
 ) -> list[float] | None:
     """Return the margin of each joint [rad or m]."""
     if typed is None:
@@ -207,7 +209,7 @@ def _box(sides: Sequence[Side]) -> dict[str, tuple[float, float]]:
 
 
 def _measured(
-    known: PlanarArm | Model,
+    known: Arm | Model,
     data: str,
     columns: Mapping[str, str] | None,
     degrees: bool,

@@ -122,6 +122,6 @@ def log_of(
     if data is None:
         for option, value in (("--columns", columns), ("--degrees", degrees)):
             if value is not None:
-                raise BadOption(f"{option} is for a log: expected --data LOG too")
+                raise BadOption(f"{option} applies to a log: expected --data LOG too")
         return None
     return log_for(model, data, columns, degrees, None, notes)

@@ -19,7 +19,8 @@ from ..progress import progress_bar
 from ..samples import Selection, measured
 
 if TYPE_CHECKING:
-    from calib import PlanarArm, Samples
+    from calib import Samples
+    from calib.arm.arm import Arm
 
 BACKENDS = ("loky", "threading", "dask", "ray")
 _MOST_SEEDS = 1000
@@ -163,7 +164,7 @@ def sweep(
 ) -> None:
     """Train with every combination of options on all cores, and compare the errors.
 
-    Each training that fails is told in a line, and the exit code is 1 then; the others go on.
+    A training that fails is reported in one line and gives exit code 1; the others continue.
     """
     from calib.common.atomic import check_writable
     from calib.samples.tables import write_table
@@ -181,7 +182,7 @@ def sweep(
     def selection(robot: str | None) -> Selection:
         return Selection(robot, joints, tip, lock or (), ranges or (), degrees)
 
-    sources: dict[str, Callable[[], PlanarArm | Samples]] = {}
+    sources: dict[str, Callable[[], Arm | Samples]] = {}
     if data is None:
         sources = {name: partial(_arm, selection(name), notes) for name in robots or ()}
     else:
@@ -226,7 +227,7 @@ def sweep(
         raise typer.Exit(1)
 
 
-def _arm(selection: Selection, notes: Notes) -> PlanarArm:
+def _arm(selection: Selection, notes: Notes) -> Arm:
     arm = selection.load()
     notes.say(arm.notes)
     return arm
@@ -240,7 +241,7 @@ def _check_sources(
 ) -> None:
     """Refuse options that would be without effect."""
     if not robots and not data:
-        raise BadOption("nothing to learn from: expected ROBOT, or --data LOG, or both")
+        raise BadOption("no source to learn from: expected ROBOT, --data LOG, or both")
     if data and len(robots) > 1:
         raise BadOption(
             f"--data with {len(robots)} robots: expected one ROBOT or none; repeat --data for "
@@ -252,14 +253,14 @@ def _check_sources(
         if robots.count(name) > 1:
             raise BadOption(f"ROBOT {name!r} is given twice: expected each once")
     for options, wrong, remedy in (
-        (simulated, bool(data), "is for simulated babbling, which --data replaces"),
-        (of_logs, not data, "is for a log: expected --data LOG too"),
+        (simulated, bool(data), "applies to simulated babbling, which --data replaces"),
+        (of_logs, not data, "applies to a log: expected --data LOG too"),
     ):
         for name, value in options.items():
             if wrong and value is not None:
                 raise BadOption(f"{name} {remedy}")
     if robots and of_logs["--prismatic"] is not None:
-        raise BadOption("--prismatic is for a log without ROBOT, which knows its joints")
+        raise BadOption("--prismatic applies to a log without ROBOT; ROBOT defines its joints")
 
 
 def _logs(typed: Sequence[str]) -> list[str]:
@@ -269,6 +270,6 @@ def _logs(typed: Sequence[str]) -> list[str]:
         several_meant = glob.has_magic(text) and not Path(text).exists()
         matches = sorted(glob.glob(text, recursive=True)) if several_meant else [text]  # noqa: PTH207
         if not matches:
-            raise BadOption(f"--data {text!r}: expected logs, no file is called so")
+            raise BadOption(f"--data {text!r}: expected logs, but no file matches")
         found.update(dict.fromkeys(matches))
     return list(found)

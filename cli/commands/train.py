@@ -46,6 +46,7 @@ def train(
     ] = False,
     joints: o.JointsOption = None,
     tip: o.TipOption = None,
+    planar: o.PlanarOption = False,
     lock: o.LockOption = None,
     ranges: o.RangeOption = None,
     map_: o.MapOption = "vdsom",
@@ -82,7 +83,7 @@ def train(
     _check_source(robot, data, simulated, of_logs)
     if output is not None:
         check_output(output)
-    selection = Selection(robot, joints, tip, lock or (), ranges or (), degrees)
+    selection = Selection(robot, joints, tip, lock or (), ranges or (), degrees, planar)
     notes = Notes()
     if data is None:
         log = babbled(
@@ -138,7 +139,7 @@ def check_output(path: str) -> None:
     from calib.common.atomic import check_writable
 
     if path == "-":
-        raise BadOption("--output '-': expected a file, a model is no text to print")
+        raise BadOption("--output '-': expected a file name, a model cannot be printed as text")
     check_writable(path)
 
 
@@ -150,16 +151,16 @@ def _check_source(
 ) -> None:
     """Refuse options that would be without effect."""
     if robot is None and data is None:
-        raise BadOption("nothing to learn from: expected ROBOT, or --data LOG, or both")
+        raise BadOption("no source to learn from: expected ROBOT, --data LOG, or both")
     for options, wrong, remedy in (
-        (simulated, data is not None, "is for simulated babbling, which --data replaces"),
-        (of_logs, data is None, "is for a log: expected --data LOG too"),
+        (simulated, data is not None, "applies to simulated babbling, which --data replaces"),
+        (of_logs, data is None, "applies to a log: expected --data LOG too"),
     ):
         for name, value in options.items():
             if wrong and value is not None:
                 raise BadOption(f"{name} {remedy}")
     if robot is not None and of_logs["--prismatic"] is not None:
-        raise BadOption("--prismatic is for a log without ROBOT, which knows its joints")
+        raise BadOption("--prismatic applies to a log without ROBOT; ROBOT defines its joints")
 
 
 def _report(model: Model, path: str) -> None:

@@ -63,7 +63,7 @@ def place(model: Model, body: Body | None) -> Placement:
 
     Positions of a sensor that agrees with the robot's own geometry are drawn where they
     say. Those of a camera that is turned, mirrored or counts pixels are brought to the
-    robot by the similarity that fits best, which is said aloud.
+    robot by the similarity that fits best, with a note.
     """
     about, size = model.about, extent(model)
     if body is None:

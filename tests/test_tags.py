@@ -1,0 +1,281 @@
+"""Tags and boards in rendered pictures, against the renderer's own projection."""
+
+from __future__ import annotations
+
+import re
+import subprocess
+import sys
+
+import numpy as np
+import pytest
+
+pytest.importorskip("cv2")
+import cv2
+from rendering import Camera, Desk, Sticker, board, board_shots, tag
+
+from calib.errors import OptionError
+from calib.recording.board import Board, BoardFinder
+from calib.recording.edges import crossing
+from calib.recording.lengths import parse_length
+from calib.recording.lens import Lens, calibrate_lens, read_lens
+from calib.recording.plane import cut_plane, find_pose, square_pose
+from calib.recording.printing import print_board, print_tag, tag_cells
+from calib.recording.tags import TagFinder, dictionary_names, find_dictionary
+
+SMALL = Camera(size=(640, 480), focal=600.0)
+BOARD = Board.parse("7x5:24mm:18mm:5x5_100")
+
+
+def postures(desk, n, rng, margin=40):
+    """Postures whose tag is within the picture."""
+    found = []
+    while len(found) < n:
+        q = rng.uniform([-0.2, 0.0, -1.2], [1.3, 1.4, 1.2])
+        p = desk.tip_pixels(q)[0]
+        if (p > margin).all() and (p < np.array(desk.camera.size) - margin).all():
+            found.append(q)
+    return np.array(found)
+
+
+def true_lens(camera):
+    return Lens(
+        camera.size,
+        np.full(2, camera.focal),
+        camera.centre,
+        np.array([camera.k1, camera.k2, 0.0, 0.0, 0.0]),
+    )
+
+
+def on_board(sticker, points):
+    """Points (n, 3) of a board's frame, lower left corner, in the world."""
+    turn, at = sticker.frame
+    return (points - [*np.array(BOARD.size) / 2, 0.0]) @ turn.T + at
+
+
+def test_the_tip_is_found_to_a_tenth_of_a_pixel_among_decoys():
+    rng = np.random.default_rng(0)
+    desk = Desk(SMALL, still=(tag(3, 0.03, (0.0, 0.25, 0, 0.3)), tag(12, 0.05, (0.4, 0.2, 0, 1))))
+    finder = TagFinder(wanted=[7])
+    q = postures(desk, 12, rng)
+    errors = []
+    for row in q:
+        found = finder.find(desk.picture(row, rng))
+        assert [t.number for t in found] == [7]
+        errors.append(found[0].centre - desk.tip_pixels(row)[0])
+    assert np.sqrt(np.square(errors).sum(1).mean()) < 0.1
+    assert np.abs(np.mean(errors, axis=0)).max() < 0.05
+
+
+def test_all_ids_of_a_picture_are_told():
+    desk = Desk(SMALL, still=(tag(3, 0.03, (0.0, 0.25, 0, 0.3)), tag(12, 0.05, (0.4, 0.2, 0, 1))))
+    picture = desk.picture([0.5, 0.6, -0.9], np.random.default_rng(1))
+    assert sorted(t.number for t in TagFinder().find(picture)) == [3, 7, 12]
+
+
+def test_a_window_gives_what_the_whole_picture_gives():
+    desk = Desk(SMALL)
+    picture = desk.picture([0.4, 0.5, 0.2], np.random.default_rng(2))
+    finder = TagFinder(wanted=[7])
+    whole = finder.find(picture)[0]
+    low = np.floor(whole.centre - 60).astype(int)
+    part = finder.find(picture, (low[0], low[1], low[0] + 121, low[1] + 119))[0]
+    assert np.allclose(part.centre, whole.centre, atol=0.02)
+
+
+def test_a_twin_is_told_and_a_blurred_tag_is_not_measured():
+    rng = np.random.default_rng(3)
+    desk = Desk(SMALL, still=(tag(7, 0.05, (0.4, 0.2, 0, 1)),))
+    assert len(TagFinder(wanted=[7]).find(desk.picture([0.4, 0.9, 0.2], rng))) == 2
+    picture = desk.picture([0.4, 0.9, 0.2], rng)
+    smeared = cv2.blur(picture, (1, 15))
+    assert all(not t.sharp or t.noise >= 0.03 for t in TagFinder(wanted=[7]).find(smeared))
+
+
+def test_diagonals_cross_at_the_middle_under_any_perspective():
+    rng = np.random.default_rng(4)
+    square = np.array([[-1, 1, 1], [1, 1, 1], [1, -1, 1], [-1, -1, 1.0]])
+    for _ in range(20):
+        H = np.eye(3) + rng.uniform(-0.3, 0.3, (3, 3))
+        seen = square @ H.T
+        middle = H @ [0, 0, 1]
+        found = crossing(100 * seen[:, :2] / seen[:, 2:])
+        assert np.allclose(found, 100 * middle[:2] / middle[2], atol=1e-9)
+
+
+def test_dictionaries_are_found_by_any_of_their_names():
+    assert find_dictionary("36h11") is find_dictionary("36h11")
+    for name in ("apriltag_36h11", "DICT_APRILTAG_36H11", "36h11"):
+        assert len(find_dictionary(name).bytesList) == 587
+    assert "5x5_100" in dictionary_names()
+    with pytest.raises(OptionError, match="did you mean"):
+        find_dictionary("apriltag_36h12")
+    with pytest.raises(OptionError, match="expected 0 to 586"):
+        TagFinder(wanted=[587])
+
+
+@pytest.mark.parametrize("text", ["24", "mm", "-3mm", "0mm", "24 km", "nan mm", "1.2.3mm", ""])
+def test_a_length_needs_a_number_and_a_unit(text):
+    with pytest.raises(OptionError, match="such as 24mm"):
+        parse_length(text)
+
+
+def test_lengths():
+    assert [parse_length(t) for t in ("24mm", "2.4cm", "0.024m", "1in")] == [
+        0.024,
+        0.024,
+        0.024,
+        0.0254,
+    ]
+
+
+@pytest.mark.parametrize(
+    "text",
+    [
+        "7x5",
+        "7:5:24mm:18mm",
+        "7x5:24:18:5x5_100",
+        "7x5:18mm:24mm:5x5_100",
+        "3x3:24mm:18mm:5x5_100",
+        "30x30:24mm:18mm:5x5_100",
+        "7x5:24mm:18mm:6x9_100",
+    ],
+)
+def test_boards_that_cannot_be(text):
+    with pytest.raises(OptionError):
+        Board.parse(text)
+
+
+def test_board_corners_are_where_the_renderer_puts_them():
+    rng = np.random.default_rng(5)
+    sticker = board(7, 5, 0.024, 0.018, (0.3, 0.0, 0.0, 0.4))
+    desk = Desk(still=(sticker,))
+    found = BoardFinder(BOARD).find(desk.picture([2.5, 0.3, 0.3], rng))
+    truth = desk.camera.project(on_board(sticker, BOARD.corners()))
+    assert len(found) == 24
+    miss = np.array([found[n] - truth[n] for n in found])
+    assert np.sqrt((miss**2).sum(1).mean()) < 0.1
+    assert np.abs(miss.mean(0)).max() < 0.03  # half a pixel is a convention, not noise
+
+
+def test_lens_round_trip(tmp_path):
+    lens = Lens(
+        (640, 480),
+        np.array([600.0, 602.0]),
+        np.array([318.0, 243.0]),
+        np.array([-0.15, 0.04, 1e-3, -2e-3, 0.01]),
+    )
+    pixels = np.random.default_rng(0).uniform([0, 0], [640, 480], (200, 2))
+    assert np.allclose(lens.distort(lens.undistort(pixels)), pixels, atol=1e-9)
+    mine = lens.undistort(pixels)
+    theirs = cv2.undistortPoints(pixels.reshape(-1, 1, 2), lens.matrix, lens.distortion)
+    assert np.abs(mine - theirs.reshape(-1, 2)).max() < 1e-4  # OpenCV stops early
+    lens.save(tmp_path / "lens.json")
+    again = read_lens(tmp_path / "lens.json")
+    assert (again.distort(mine) == lens.distort(mine)).all()
+    assert again.size == lens.size
+
+
+def test_a_lens_is_calibrated_from_pictures_of_a_board():
+    rng = np.random.default_rng(6)
+    desk = Desk(Camera(size=(640, 360), focal=550.0))
+    pictures, _ = board_shots(desk, board(7, 5, 0.024, 0.018, (0, 0, 0, 0)), 8, rng)
+    finder = BoardFinder(BOARD)
+    lens, notes = calibrate_lens([finder.find(p) for p in pictures], BOARD, desk.camera.size)
+    assert notes == ()
+    assert lens.rms < 0.15
+    assert abs(lens.focal[0] / desk.camera.focal - 1) < 0.01
+    truth = true_lens(desk.camera)
+    grid = np.stack(np.meshgrid(np.linspace(-0.4, 0.4, 9), np.linspace(-0.2, 0.2, 5)), -1)
+    seen = truth.distort(grid.reshape(-1, 2))
+    again = lens.undistort(seen)
+    # what a pose cannot make good: the rays' angles between each other
+    assert np.abs((again - again.mean(0)) - (grid.reshape(-1, 2) - grid.mean((0, 1)))).max() < 6e-3
+
+
+def test_a_ray_is_cut_with_the_plane_of_the_tag():
+    camera = Camera()
+    rng = np.random.default_rng(7)
+    world = np.c_[rng.uniform([0, -0.1], [0.4, 0.3], (50, 2)), np.zeros(50)]
+    lens = true_lens(camera)
+    pose = find_pose(lens, BOARD.corners(), camera.project(BOARD.corners()))
+    assert pose.rms < 1e-6
+    assert np.allclose(pose.camera, camera.position, atol=1e-6)
+    assert np.allclose(cut_plane(lens, pose, camera.project(world)), world[:, :2], atol=1e-8)
+    high = world + np.array([0.0, 0.0, 0.025])
+    assert np.allclose(cut_plane(lens, pose, camera.project(high), 0.025), high[:, :2], atol=1e-8)
+    wrong = cut_plane(lens, pose, camera.project(high))  # the height not given
+    assert np.linalg.norm(wrong - high[:, :2], axis=1).max() > 0.01
+
+
+def test_pose_of_a_tag():
+    camera = Camera()
+    sticker = tag(7, 0.04, (0.2, 0.1, 0.03, 0.8), tilt=(0.3, -0.2, 0.1))
+    turn, at = sticker.frame
+    half = 0.02
+    square = np.array([[-half, half, 0], [half, half, 0], [half, -half, 0], [-half, -half, 0]])
+    pose = square_pose(true_lens(camera), camera.project(square @ turn.T + at), 0.04)
+    assert np.allclose(pose.rotation, camera.rotation @ turn, atol=1e-5)
+    assert np.allclose(pose.shift, camera.rotation @ (at - camera.position), atol=1e-6)
+
+
+def rasterised(svg, per_mm):
+    """Draw the rectangles of an SVG: an independent reader of what is printed."""
+    width, height = map(float, re.search(r'viewBox="0 0 ([\d.]+) ([\d.]+)"', svg).groups())
+    canvas = np.full((round(height * per_mm), round(width * per_mm)), 255, np.uint8)
+    for rect in re.findall(r"<rect[^>]*>", svg):
+        value = dict(re.findall(r'(x|y|width|height|fill)="([^"]*)"', rect))
+        x, y, w, h = (float(value.get(k, 0)) * per_mm for k in ("x", "y", "width", "height"))
+        grey = 255 if value.get("fill") == "#fff" else 0
+        canvas[round(y) : round(y + h), round(x) : round(x + w)] = grey
+    return canvas
+
+
+def test_a_printed_tag_has_its_true_size_and_is_found():
+    svg = print_tag(7, 0.04)
+    assert re.search(r'width="116mm" height="68mm"', svg)
+    found = TagFinder().find(rasterised(svg, 5))
+    assert [t.number for t in found] == [7]
+    assert abs(found[0].side - 40 * 5) < 0.5
+    assert (tag_cells(7)[0] == False).all()  # noqa: E712
+    drawn = cv2.aruco.generateImageMarker(find_dictionary("36h11"), 7, 8)
+    assert (tag_cells(7) == (drawn > 0)).all()
+
+
+@pytest.mark.parametrize("text", ["7x5:24mm:18mm:5x5_100", "6x4:20mm:14mm:4x4_50"])
+def test_a_printed_board_is_found_at_its_true_size(text):
+    made = Board.parse(text)
+    found = BoardFinder(made).find(rasterised(print_board(made), 6))
+    assert len(found) == (made.columns - 1) * (made.rows - 1)
+    corners = made.corners()
+    scale = 6000.0
+    for n, place in found.items():
+        expected = [48 + corners[n, 0] * scale, 48 + (made.size[1] - corners[n, 1]) * scale]
+        assert np.allclose(place, np.array(expected) - 0.5, atol=0.3)
+
+
+def test_opencv_is_asked_for_in_one_line_and_never_imported_early():
+    code = (
+        "import sys; sys.modules['cv2'] = None\n"
+        "import calib, calib_cli, calib.recording.setting\n"
+        "from calib.recording.tags import TagFinder\n"
+        "try:\n    TagFinder()\nexcept calib.CalibError as error:\n    print(error)"
+    )
+    done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
+    assert done.stdout == "reading pictures needs OpenCV: pip install 'calib-arm[camera]'\n"
+    code = "import sys, calib_cli, calib.recording.setting; print('cv2' in sys.modules)"
+    done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
+    assert done.stdout == "False\n"
+
+
+def test_stickers_are_where_they_say(tmp_path):
+    """The renderer against itself: the outline of a sticker projected, and its painted pixels."""
+    camera = Camera(size=(320, 240), focal=300.0)
+    white = Sticker(np.ones((4, 4)), 0.02, (0.2, 0.1, 0.0, 0.3), border=0.0)
+    desk = Desk(camera, still=(white,), blur=0.0, noise=0.0, quality=None)
+    with_it = desk.picture([0.0] * 3, np.random.default_rng(0), arm=False).astype(float)
+    without = Desk(camera, blur=0.0, noise=0.0, quality=None)
+    bare = without.picture([0.0] * 3, np.random.default_rng(0), arm=False).astype(float)
+    changed = np.argwhere(np.abs(with_it - bare) > 20)[:, ::-1]
+    outline = camera.project(white.outline())
+    assert np.allclose(changed.min(0), outline.min(0), atol=1.0)
+    assert np.allclose(changed.max(0), outline.max(0), atol=1.0)
