@@ -18,8 +18,8 @@ from numpy.typing import ArrayLike, NDArray
 from ..common.parallel import one_blas_thread
 from ..errors import OptionError
 from ..model.baseline import learn_baseline
-from .follow import BLOCK, HORIZON, OnlineAdapter, Step, check_followable
 from ..model.schemas import Schema
+from .follow import BLOCK, HORIZON, OnlineAdapter, Step, check_followable
 from .schemas import MOST, OUTSIDE, compare, in_state
 
 if TYPE_CHECKING:
