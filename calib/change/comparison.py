@@ -187,8 +187,10 @@ def compare(model: Model, log: Samples, cause: str | None = None) -> Comparison:
     ModelError
         If the model is of an older format and keeps no belief.
     """
-    if model.baseline is None:
-        raise ModelError("the model has no baseline of its distortions: train it again")
+    if model.baseline is None or "body" not in model.about.options:
+        raise ModelError(
+            "the model is of an older format and keeps no belief about its arm: train it again"
+        )
     rows = comparable(model, log)
     q = model.motor.scale.from_unit(rows.u)
     body = seen_body(model) if model.body is None else model.body

@@ -15,6 +15,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from ..body.planar import PlanarStructure
+from ..body.spatial import SpatialStructure
 from ..common.rows import number_rows
 from ..common.scale import TURN
 from ..errors import OptionError, QueryError
@@ -25,6 +26,7 @@ from .geometry import fit_geometry, frame_is_free, frames, nominal_arm
 from .nominal import NominalArm, nominal_in_base, nominal_in_view
 
 if TYPE_CHECKING:
+    from ..body.belief import Body
     from ..model.answers import Answer
     from ..model.model import Model
 
@@ -43,6 +45,11 @@ FREE_FRAME = (
 TURNED_FRAME = (
     "an adaptation found that the sensor's frame turned, which is not corrected; an offset of the "
     "first joint looks the same: if the sensor stayed, give `cause='joints'`"
+)
+
+
+POSITIONS = (
+    "positions alone are corrected; the tool's orientation goes along as the joints move least"
 )
 
 
@@ -140,6 +147,8 @@ def correct(
     change = found - rows
     exceeded = answer.reachable & (np.abs(change) > limits).any(axis=1)
     notes = (FREE_FRAME,) if nominal.free else ()
+    if len(model.axes) == 3:
+        notes = (*notes, POSITIONS)
     if any(abs(frame.angle) > _TURNED for frame in frames(model, cause)):
         notes = (*notes, TURNED_FRAME)
     return Corrected(
@@ -259,8 +268,31 @@ def _found(model: Model, view: str, cause: str) -> _Nominal:
         return _of_body(model, nominal_in_view(model), (), free)
     if planar and not free:
         return _of_body(model, nominal_in_base(model), tuple(frames(model, cause)), free)
+    if model.body is not None and isinstance(model.body.structure, SpatialStructure):
+        return _Nominal(_in_space(model, model.body, free), (), free)
     own = (fit_geometry(model, view=view, cause=cause).frame,) if free else ()
     return _Nominal(nominal_arm(model).forward, (*own, *frames(model, cause)), free)
+
+
+def _in_space(model: Model, body: Body, free: bool) -> Callable[[Array], Array]:
+    """Positions of the nominal arm in the sensor's frame, of an arm that moves in space."""
+    if not free:
+        from ..arm.loading import arm_from_urdf
+
+        about = model.about
+        arm = arm_from_urdf(about.urdf, about.joint_names, about.tip, lock=about.locked)
+        return arm.forward
+    structure = body.structure
+    assert isinstance(structure, SpatialStructure)  # noqa: S101
+    if not structure.informed:
+        raise OptionError(
+            "the model knows no URDF, so there is no nominal arm: train it with a robot and a log"
+        )
+    beta = structure.neutral().copy()
+    for group, indices in structure.groups.items():
+        if group.startswith(("view.", "tool", "lens")):  # the sensor's and the tip's place
+            beta[indices] = body.beta[indices]
+    return lambda q: structure.predict(q, beta)
 
 
 def _of_body(model: Model, arm: NominalArm, moved: tuple[Alignment, ...], free: bool) -> _Nominal:

@@ -12,6 +12,7 @@ from numpy.typing import NDArray
 
 from ..colours import colours, rgb, stops
 from ..error_scale import ErrorScale, length_in_words
+from ..planar import planar_only
 from ..workspace import border, drawn_edges, extent, motor_errors, sensory_errors
 from . import arm as arm_layer
 from .body import Body
@@ -76,6 +77,7 @@ def draw(model: Model, *, samples: Samples | None = None, meshes: Path | None = 
     meshes : Path, optional
         The folder that the URDF's mesh files may be taken from.
     """
+    planar_only(model, "preview")
     return _Drawing(model, samples, meshes).run()
 
 

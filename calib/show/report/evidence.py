@@ -15,6 +15,7 @@ from ...training.evaluate import (
     simulation_of,
     summarise,
 )
+from ..planar import planar_only
 from ..workspace import extent
 
 if TYPE_CHECKING:
@@ -68,6 +69,7 @@ class Evidence:
 
 def gather(model: Model, samples: Samples | None = None) -> Evidence:
     """Evaluate a model, on a log or on fresh samples of the simulated arm."""
+    planar_only(model, "report")
     about = model.about
     simulation = simulation_of(model)
     residuals, source = None, "rows held out in contiguous blocks while it was trained"
