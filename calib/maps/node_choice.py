@@ -27,7 +27,8 @@ _GROUPS = 3  # of folds, held out in turn
 _AROUND = 60  # rows by which a node chooses, besides those that it speaks for
 _TURNS = 9  # rounds in which nodes reconsider
 _COLOURS = 3  # of which each node takes part in every third
-_PRICE = 0.05  # share of the distances by which another choice must mend them
+_CARE = 0.9  # power of what was there by which distances are shared: 0 none, 1 in full
+_PRICE = 0.01  # share of the distances by which another choice must mend them
 _RUN = 20  # neighbouring rows that may be repeats of each other
 _SURE = 2.0  # standard errors by which a local model must win over none
 
@@ -239,7 +240,7 @@ def _settled(
     every = every[:, row, column]  # (1 + shapes, pairs, o)
     chosen = chosen.copy()
     size = np.linalg.norm(target, axis=1)
-    share = 1.0 / (size + np.median(size))[row]
+    share = 1.0 / (size + np.median(size))[row] ** _CARE
     for turn in range(_TURNS):
         now = every[chosen[node] + 1, np.arange(len(node))]
         remains = target - _per_row(row, now, len(target))
