@@ -13,8 +13,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ..body.bound import autocorrelation_time
-from ..change.alignment import Alignment
 from ..errors import OptionError
+from ..model.alignment import Alignment
 
 if TYPE_CHECKING:
     from ..arm.planar_arm import PlanarArm
