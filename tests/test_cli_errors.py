@@ -91,7 +91,7 @@ CASES = [
     ("train two_link --data header.csv", 1, "header.csv no rows"),
     ("train two_link --data one.csv", 1, "one.csv one usable row"),
     ("train two_link --data few.csv", 1, "3 samples"),
-    ("train two_link --data missing.csv", 1, "'elbow' --columns"),
+    ("train two_link --data missing.csv", 1, "elbow --columns"),
     ("train two_link --data text.csv", 1, "'abc' 'elbow'"),
     ("train two_link --data nan.csv", 1, "finite"),
     ("train two_link --data constant.csv", 1, "'shoulder' every row"),

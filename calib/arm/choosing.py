@@ -120,7 +120,11 @@ def no_chain(
     to_tip = f" to {quoted(tip)}" if tip else ""
     return RobotError(
         f"an arm needs two joints or more of one chain{to_tip}, and of the log's columns "
-        f"{listed(named)} are joints; the robot's joints: {listed(joint.name for joint in joints)}"
+        f"these are joints: {listed(named)}; the robot's joints: "
+        f"{listed(joint.name for joint in joints)}",
+        hint="map columns of other names with `columns={'JOINT': 'COLUMN'}`",
+        parameter="columns",
+        value=list(named),
     )
 
 
