@@ -9,12 +9,14 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ..errors import ModelError
+from ..maps.node_cells import NodeCells
 from .group_tests import groups_of
 from .seen import seen_body
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
 
+    from ..maps.map import Map
     from ..model.model import Model
 
 Array = NDArray[np.float64]
@@ -98,7 +100,7 @@ class Monitor:
         self._lower, self._span = motor.scale.lower, motor.scale.span
         self._periodic = motor.scale.periodic
         self._origin, self._size = sensory.scale.lower, sensory.scale.span
-        self._motor, self._sensory = motor.tree, sensory.tree
+        self._motor, self._sensory = _Search(motor), _Search(sensory)
         self._units = motor.units
         self._expected = baseline.sensory
         self._taylor = _second_order(model)
@@ -129,7 +131,7 @@ class Monitor:
             u = np.where(self._periodic, u % 1.0, u)
         if not math.isfinite(float(u.sum()) + float(position.sum())):
             return self._state
-        distance, node = self._motor.query(u)
+        distance, node = self._motor.nearest(u)
         if distance > self._reach or not self._visited[node]:
             return self._state
         value, slope, bend = self._taylor
@@ -164,8 +166,7 @@ class Monitor:
         return self._state
 
     def _nearest(self, v: Array) -> tuple[float, int]:
-        distance, winner = self._sensory.query(v)
-        return float(distance), int(winner)
+        return self._sensory.nearest(v)
 
     @property
     def state(self) -> State:
@@ -193,6 +194,21 @@ class Monitor:
         self._state = State(
             self._samples, bool(fired), max(scores.values()), zeta, links, noise, fired
         )
+
+
+class _Search:
+    """The nearest node of a map: by cells where they know, by the search tree elsewhere."""
+
+    def __init__(self, network: Map) -> None:
+        self._cells, self._tree = NodeCells.of(network), network.tree
+
+    def nearest(self, v: Array) -> tuple[float, int]:
+        """Distance and number of the node that is nearest to a point (d,) of the unit box."""
+        found = None if self._cells is None else self._cells.nearest(v.tolist())
+        if found is not None:
+            return found
+        distance, node = self._tree.query(v)
+        return float(distance), int(node)
 
 
 def _directions(model: Model) -> Array:

@@ -98,6 +98,21 @@ class NodeCells:
             place = place * side + (0 if k < 0 else side - 1 if k >= side else k)
         return place
 
+    def nearest(self, u: Sequence[float]) -> tuple[float, int] | None:
+        """Distance and number of the nearest node; None outside of the box, which no cell covers."""
+        for value in u:
+            if not 0.0 <= value <= 1.0:
+                return None
+        cell = self.cells[self._place(u)]
+        if len(u) == 2:
+            a, b = u
+            square, node = min([((c - a) * (c - a) + (e - b) * (e - b), n) for c, e, n in cell])
+        else:
+            square, node = min(
+                (sum((a - b) * (a - b) for a, b in zip(u, at, strict=False)), at[-1]) for at in cell
+            )
+        return math.sqrt(square), node
+
     def blend(self, u: Sequence[float], values: Sequence[float]) -> float:
         """Values of the nodes, blended at a point of the unit box."""
         nodes, weights = self.near(u)
