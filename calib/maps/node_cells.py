@@ -99,7 +99,7 @@ class NodeCells:
         return place
 
     def nearest(self, u: Sequence[float]) -> tuple[float, int] | None:
-        """Distance and number of the nearest node; None outside of the box, which no cell covers."""
+        """Distance and number of the nearest node; None outside of the box that cells cover."""
         for value in u:
             if not 0.0 <= value <= 1.0:
                 return None
