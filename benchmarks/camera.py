@@ -79,8 +79,8 @@ def metres(height: float, place: tuple[float, ...], count: int, seed: int) -> No
     world = np.c_[tips, np.full(len(tips), height)]
     truth = ((world - at) @ turn)[:, :2] + np.array(BOARD.size) / 2
     print(
-        f"metres, tag {1e3 * height:2.0f} mm up, seed {seed}     rms {1e3 * rms(x - truth):.3f} mm, lens "
-        f"rms {lens.rms:.3f} px of 10 shots, pose rms {pose.rms:.3f} px"
+        f"metres, tag {1e3 * height:2.0f} mm up, seed {seed}: rms {1e3 * rms(x - truth):.3f} mm, "
+        f"lens rms {lens.rms:.3f} px of 10 shots, pose rms {pose.rms:.3f} px"
     )
 
 

@@ -1,9 +1,11 @@
 """Give calib hostile input by the thousand and count what becomes of it.
 
-    python benchmarks/fuzz.py --kind urdf|arm|log|model|cli|process --n 20000 --seed 0
+    python benchmarks/fuzz.py --kind units --n 20000 --seed 0
 
 `arm` are random planar arms, which have to be right; `urdf`, `log` and `model` damaged and
-hostile files; `cli` command lines within one process, `process` real ones. No input may
+hostile files; `cli` command lines within one process, `process` real ones; `units`, `columns` and
+`names` logs and arrays that look sound and are not, `streams` closed and narrow standard
+streams. No input may
 give a traceback, take more than 5 s of processor time or 1 GB, touch other files or the
 network, or get a wrong answer without a word. Input number i depends on the seed and i
 alone. Inputs are judged in a second process, so that a crash is counted too; what fails is

@@ -3,9 +3,8 @@
     python benchmarks/plan.py [--quick] [--only spread more check adapt full]
 
 Prints the tables of docs/plan.md.  Everything is simulated with 1 mm noise per axis and fixed
-seeds.  What a log teaches is measured by the teacher that `calib.train` makes of it, whose
-predictions the maps learn; `full` trains whole models of some of the logs to show that they
-are the same.
+seeds.  What a log tells is measured by the body that is fitted to it; `full` trains whole models
+of some of the logs to show that they are the same.
 """
 
 from __future__ import annotations
@@ -21,7 +20,7 @@ from scipy.stats import qmc
 
 import calib
 from calib.body.basis import Basis
-from calib.body.teacher import learn_teacher
+from calib.body.fitting import fit_body
 from calib.common.scale import Scale
 from calib.samples.changes import parse_changes
 from calib.samples.simulation import Simulation
@@ -124,9 +123,8 @@ def measure(
 def errors(arm: calib.PlanarArm, log: calib.Samples) -> tuple[float, float]:
     """Mean and 99 % quantile of the error all over the joints' ranges [mm]."""
     scale = Scale.of_range(arm.lower, arm.upper, arm.revolute)
-    rng = np.random.default_rng(0)
-    teacher = learn_teacher(scale, arm.revolute, scale.to_unit(log.q), log.x, rng)
-    return judged(arm, lambda u: teacher.value(u))
+    fit = fit_body(log.q, log.x, joint_names=arm.joint_names, revolute=arm.revolute)
+    return judged(arm, lambda u: fit.body.predict(scale.from_unit(u)))
 
 
 def judged(arm: calib.PlanarArm, value: Callable[[Array], Array]) -> tuple[float, float]:
@@ -255,7 +253,7 @@ def knocked() -> tuple[calib.PlanarArm, calib.Model]:
 
 
 def full(seeds: int) -> None:
-    """Whole models, to compare with their teachers."""
+    """Whole models, to compare with their bodies."""
     arm = calib.load_arm("two_link")
     rows = []
     for name, design in PAIR.items():
@@ -268,7 +266,7 @@ def full(seeds: int) -> None:
         taught, learned = np.mean(pairs, axis=0)
         rows.append([name, f"{taught:.3f}", f"{learned:.3f}"])
     print(f"two_link, 60 poses, {seeds} seeds: mean error [mm]\n")
-    table(["design", "teacher", "model"], rows)
+    table(["design", "body", "model"], rows)
 
 
 def main() -> None:

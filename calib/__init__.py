@@ -26,7 +26,6 @@ if TYPE_CHECKING:
     from .change.check import check as check
     from .change.monitor import Monitor as Monitor
     from .change.schemas import Recognition as Recognition
-    from .change.schemas import Schema as Schema
     from .change.schemas import keep as keep
     from .change.schemas import recall as recall
     from .change.schemas import recognise as recognise
@@ -46,6 +45,7 @@ if TYPE_CHECKING:
     from .model.answers import Answer as Answer
     from .model.model import Model as Model
     from .model.paths import Path as Path
+    from .model.schemas import Schema as Schema
     from .model_file.storage import load as load
     from .samples.babbling import babble as babble
     from .samples.logs import read_log as read_log
@@ -90,7 +90,7 @@ _HOME = {
     "RobotError": "errors",
     "SOM": "maps.som",
     "Samples": "samples.samples",
-    "Schema": "change.schemas",
+    "Schema": "model.schemas",
     "Simulation": "samples.simulation",
     "Surroundings": "maps.fields",
     "Sweep": "sweeps.trials",

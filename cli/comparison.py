@@ -109,9 +109,10 @@ def together(part: Sequence[Trial], readout: str, direction: str) -> dict[str, f
     from statistics import stdev
 
     means = [row.distance(readout, direction, "mean") for row in part]
+    known = len(means) > 1 and all(map(math.isfinite, means))  # a training may lack a readout
     return {
         "mean": _mean(means),
-        "spread": stdev(means) if len(means) > 1 else math.nan,
+        "spread": stdev(means) if known else math.nan,
         "max": max(row.distance(readout, direction, "max") for row in part),
     }
 

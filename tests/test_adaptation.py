@@ -9,8 +9,8 @@ import pytest
 from drifting import arm, error, log, model
 
 import calib
-from calib.change.alignment import Alignment
 from calib.common.robust import inliers, robust_solve, solve
+from calib.model.alignment import Alignment
 
 CHANGES = {
     "link": ("elbow.length=+20%",),

@@ -127,3 +127,11 @@ class TestGuard:
 def _endless():
     while True:
         pass
+
+
+@pytest.mark.parametrize("name", ["units", "columns", "names"])
+def test_input_that_looks_sound_is_refused_noted_or_right(tmp_path, name):
+    kind = make_kind(name, tmp_path)
+    for i in range(60):
+        kind.judge(kind.make(Random(f"{name} {i}")))
+    kind.close()

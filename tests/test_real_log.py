@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 import calib
-from calib.samples.screening import screen
+from calib.training.screening import screen
 
 FOLDER = Path(__file__).parents[2] / "shared/data/ur10_laser_tracker"
 JOINTS = ["shoulder_lift_joint", "elbow_joint"]

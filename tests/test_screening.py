@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 import calib
-from calib.samples.screening import screen
+from calib.training.screening import screen
 
 
 def log_of(robot, n, noise=1e-3, seed=1):

@@ -260,7 +260,8 @@ def test_the_command_prints_a_table_for_each_readout(run, asked):
     done = run("sweep", "two_link")
     assert done.code == 0, done.err
     lines = done.out.splitlines()
-    assert [n for n, line in enumerate(lines) if " readout: " in line] == [0, 4, 8]
+    readouts = [line.split()[0] for line in lines if " readout: " in line]
+    assert [r for r in readouts if r != "body"] == ["local", "linear", "activity", "winner"]
     ways = ["forward", "sd", "max", "inverse", "sd", "max"]
     assert lines[1].split() == ["source", "size", *ways, "seconds"]
     assert lines[-1] == "4 trainings, one after the other"
@@ -313,7 +314,11 @@ def test_a_failure_is_told_and_the_rest_is_written(run, tmp_path, log):
 )
 def test_wrong_usage_is_one_line_and_2(line, run):
     done = run("sweep", *line)
-    assert (done.code, done.out, done.err.count("\n")) == (2, "", 1)
+    assert (done.code, done.err.count("\n")) == (2, 1)
+    if "--json" in line:
+        assert done.document["error"]["type"] == "UsageError"
+    else:
+        assert done.out == ""
 
 
 @pytest.mark.skipif(os.name == "nt", reason="signals and process groups of POSIX")

@@ -8,11 +8,11 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from ..body.structure import Array
+from ..model.alignment import Alignment
+from ..model.baseline import learn_baseline
 from ..model.model import Model
 from ..model.rows import Rows
 from ..training.evaluate import evaluate_residuals, summarise
-from .alignment import Alignment
-from .baseline import learn_baseline
 from .cause import Cause
 from .comparison import Comparison
 from .rows import thinned

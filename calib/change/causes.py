@@ -8,7 +8,7 @@ from __future__ import annotations
 import math
 from typing import TYPE_CHECKING
 
-from .alignment import Alignment
+from ..model.alignment import Alignment
 from .alike import same_as_first_joint, same_as_scale
 from .cause import Cause
 from .parameter_causes import SIGNIFICANT, of_parameters, single

@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from ..body.structure import Array, Indices, Label, Structure
-from .alignment import Alignment
+from ..model.alignment import Alignment
 from .cause import Cause
 from .members import FRAME
 

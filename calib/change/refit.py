@@ -13,7 +13,6 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ..body.fitting import fit_structure
-from ..body.teacher import MOST_ROWS, learn_teacher
 from ..errors import CalibError
 from ..maps.map import Map
 from ..maps.model_selection import Candidate, of_body, of_trends, select
@@ -28,6 +27,7 @@ Array = NDArray[np.float64]
 _ROWS = 3000  # rows that a body is refitted to: more would tell it hardly more
 _NO_ARM = 0.02  # share of the extent: a body that is further off is compared with trends
 _NOISE_FLOOR = 1.5  # so is that of a simulation beyond so many times the usual noise
+_FEW_ROWS = 1000  # fewer have no links of their own
 _IMAGINED = 20_000  # samples from which links are learned
 
 
@@ -73,16 +73,8 @@ def refit(model: Model, motor: Map, u: Array, x: Array) -> Refit:
         found = _with_body(model, motor, u, x)
         if found is not None:
             return found
-    rng = np.random.default_rng(model.about.seed)
-    turning, v = model.about.revolute, x
-    if len(u) >= MOST_ROWS:
-        selected = select(motor, u, of_trends(motor.scale, turning, u, x))
-        return Refit(selected.predictor, None, selected.rows, selected.errors, u, v)
-    teacher = learn_teacher(motor.scale, turning, u, x, rng)
-    drawn = teacher.imagine(rng)
-    v = teacher.value(drawn)
-    selected = select(motor, drawn, of_trends(motor.scale, turning, drawn, v))
-    return Refit(selected.predictor, None, np.arange(len(u)), teacher.errors, drawn, v)
+    selected = select(motor, u, of_trends(motor.scale, model.about.revolute, u, x))
+    return Refit(selected.predictor, None, selected.rows, selected.errors, u, x)
 
 
 def _with_body(model: Model, motor: Map, u: Array, x: Array) -> Refit | None:
@@ -112,7 +104,7 @@ def _with_body(model: Model, motor: Map, u: Array, x: Array) -> Refit | None:
     if float(np.linalg.norm(fit.held_out, axis=1).mean()) > usual and len(u) > 100:
         candidates += of_trends(scale, about.revolute, u, x, candidates[0])
     selected = select(motor, u, candidates)
-    if len(seen[0]) < MOST_ROWS:  # too few for links of their own
+    if len(seen[0]) < _FEW_ROWS:  # too few for links of their own
         drawn = np.random.default_rng(about.seed).random((_IMAGINED, u.shape[1]))
         seen = drawn, selected.predictor.value(drawn)
     kept = np.arange(0, len(u) * every, every)[selected.rows]

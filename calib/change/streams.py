@@ -17,9 +17,10 @@ from numpy.typing import ArrayLike, NDArray
 
 from ..common.parallel import one_blas_thread
 from ..errors import OptionError
-from .baseline import learn_baseline
+from ..model.baseline import learn_baseline
+from ..model.schemas import Schema
 from .follow import BLOCK, HORIZON, OnlineAdapter, Step, check_followable
-from .schemas import MOST, OUTSIDE, Schema, compare, in_state
+from .schemas import MOST, OUTSIDE, compare, in_state
 
 if TYPE_CHECKING:
     from ..model.about import About

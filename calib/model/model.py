@@ -20,25 +20,19 @@ from ..maps.map import Map
 from ..maps.predictor import BodyInBox, Predictor, Smooth
 from . import answers
 from .answers import Answer, checked_rows
+from .doors import Doors
 from .rows import Rows
 from .single import Single
 from .trust import KNOWN, MOST_SHARE, STEEP, Trust
 
 if TYPE_CHECKING:
-    import os
-
     from scipy.sparse import csr_array
 
     from ..body.approach import Approach
     from ..body.belief import Body
-    from ..change.baseline import Baseline
-    from ..change.check import Drift
-    from ..change.monitor import Monitor
-    from ..change.schemas import Schema
-    from ..samples.samples import Samples
-    from ..training.evaluate import Evaluation
     from .about import About
-    from .paths import Path
+    from .baseline import Baseline
+    from .schemas import Schema
 
 Array = NDArray[np.float64]
 
@@ -48,7 +42,7 @@ MOST_BLENDED = 3
 
 
 @dataclass(frozen=True, eq=False)
-class Model:
+class Model(Doors):
     """A calibrated arm.
 
     Attributes
@@ -330,55 +324,6 @@ class Model:
         """
         return [a.q[a.reachable] for a in self.solve_all(x)]
 
-    def path(self, x: ArrayLike, start: ArrayLike | None = None, step: float | None = None) -> Path:
-        """Joint values along straight lines through waypoints, on one branch if there is one.
-
-        Parameters
-        ----------
-        x : (n, 2) array [unit]
-            Waypoints, two or more.
-        start : (dof,) array [rad or m], optional
-            Joints that the path should start near; without it the branch that can follow
-            the path furthest, of several the one that moves the joints least.
-        step : float [unit], optional
-            Longest way of the tip between two rows, 1 % of the workspace's extent where not
-            given.  ``math.inf`` gives the waypoints alone.
-
-        Returns
-        -------
-        Path
-            Rows of joints without times, and where a jump cannot be avoided.
-        """
-        from .paths import follow_path
-
-        return follow_path(self, x, start, step)
-
-    def servo(
-        self, x_measured: ArrayLike, target: ArrayLike, q: ArrayLike, gain: float = 0.5
-    ) -> Array:
-        """Joints a step closer to a target, from where the sensor sees the tip.
-
-        A resolved-rate correction with the learned Jacobian: it closes the loop on the
-        sensor, so that it converges even where the arm differs from the map.
-
-        Parameters
-        ----------
-        x_measured, target : (n, 2) or (2,) array [unit]
-            Where the tip is seen and where it should be.
-        q : (n, dof) or (dof,) array [rad or m]
-            Present joints; next time the joints that this returns.
-        gain : float
-            Share of the way that a step goes: smaller is calmer with a noisy sensor.
-
-        Returns
-        -------
-        (n, dof) or (dof,) array [rad or m]
-            Within the joints' range, at most a tenth of it away from `q`.
-        """
-        from ..use.servo import servo_step
-
-        return servo_step(self, x_measured, target, q, gain)
-
     def expected_error(self, q: ArrayLike, *, approach: ArrayLike | None = None) -> Array:
         """95 % bound on the error of :meth:`forward` at joint values (n, dof), (n,) [unit].
 
@@ -445,55 +390,6 @@ class Model:
             noise = which == "bounds" and self.about.bound_of == "sensor reading"
             return self.body.bound(self.motor.scale.from_unit(u), noise=noise)
         return self.trust.bound(getattr(self, which), u)
-
-    def evaluate(self, samples: Samples | None = None) -> Evaluation:
-        """Errors of all readouts on fresh exact samples, or on measured ones."""
-        from ..training.evaluate import evaluate
-
-        return evaluate(self, samples)
-
-    def check(self, log: Samples) -> Drift:
-        """Whether new samples still fit the map, and what changed if they do not."""
-        from ..change.check import check
-
-        return check(self, log)
-
-    def monitor(self) -> Monitor:
-        """A monitor for a stream of samples: ``monitor.update(q, x)`` after each."""
-        from ..change.monitor import Monitor
-
-        return Monitor(self)
-
-    def adapt(self, log: Samples, *, method: str = "few-shot") -> Model:
-        """The model re-calibrated from new samples; this one is left as it is.
-
-        Where nothing improved this one is returned.  :func:`calib.adapt` also tells by how
-        much, and what was found.
-        """
-        from ..change.adapt import adapt
-
-        return adapt(self, log, method=method).model
-
-    def correct(self, q: ArrayLike) -> Array:
-        """Joint values (n, dof) that lead to where a nominal controller wants to go with `q`.
-
-        NaN out of reach, and where a joint would change by far more than this model usually
-        corrects; :func:`calib.correct` tells which and takes another limit.
-        """
-        from ..use.correct import correct, correct_one
-
-        quick = correct_one(self, q)
-        if quick is not None:
-            return quick
-        found = correct(self, q)
-        answer = np.where(found.exceeded[:, None], np.nan, found.q)
-        return answer[0] if found.single else answer
-
-    def save(self, path: str | os.PathLike[str]) -> None:
-        """Write the model into one file, whole or not at all."""
-        from ..model_file.storage import save
-
-        save(self, path)
 
     def outside(self, q: ArrayLike) -> str | None:
         """Why the joint values (dof,) are outside of what was learned, None if they are not."""

@@ -10,7 +10,6 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ..body.approach import Approach
-from ..change.baseline import Baseline
 from ..common.checks import LARGEST, finite, numbers, of_type
 from ..common.scale import Scale
 from ..maps.association import Association
@@ -22,6 +21,7 @@ from ..maps.local_models import LocalModels
 from ..maps.map import HISTORY, Map
 from ..maps.predictor import Predictor
 from ..model.about import About
+from ..model.baseline import Baseline
 from ..model.rows import MOST, Rows
 from .smooth_part import build_smooth
 
@@ -176,7 +176,7 @@ def _approach(stated: Any, tensors: Mapping[str, NDArray[Any]], nodes: int, dof:
 
 
 def _history(stated: Any) -> tuple[dict[str, Any], ...]:
-    from ..change.alignment import Alignment
+    from ..model.alignment import Alignment
 
     states = tuple(of_type("history", state, dict) for state in of_type("history", stated, list))
     for state in states:

@@ -9,14 +9,14 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ..body.basis import exponents
-from ..change.baseline import Baseline
-from ..change.schemas import Schema, check_name
 from ..common.checks import LARGEST, finite, numbers, of_type
 from ..errors import OptionError
 from ..maps.linear_models import LinearModels
 from ..maps.local_models import LocalModels
 from ..maps.map import Map
 from ..maps.predictor import Predictor
+from ..model.baseline import Baseline
+from ..model.schemas import Schema, check_name
 from .smooth_part import build_smooth, smooth_header, smooth_tensors
 
 if TYPE_CHECKING:

@@ -13,11 +13,11 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import NDArray
 
-from ..change.schemas import FIRST
 from ..common.atomic import atomic_write
 from ..errors import CalibError, ModelError
 from ..maps.graph import Graph
 from ..maps.linear_models import to_shifts
+from ..model.schemas import FIRST
 from . import schemas
 from .rebuild import build
 from .smooth_part import smooth_header, smooth_tensors

@@ -70,11 +70,11 @@ def fit_timing(
     names = tuple(f"q{k}" for k in range(q.shape[1]))
     try:
         template = planar_structure(q, x, names, revolute, None, "homography", None, "px", False)
-        members = dict(template.members())
-        start = best_starts(template, q, x, members["chain"])[0]
+        chain = dict(template.members())["chain"]
+        start = best_starts(template, q, x, chain)[0]
         structure, beta = start.structure, start.beta
-        prior = structure.prior(members["lens"])
-    except (CalibError, np.linalg.LinAlgError, KeyError):
+        prior = structure.prior((*chain, "lens"))
+    except (CalibError, np.linalg.LinAlgError):
         return None
     search = _Search(structure, prior, time, x, joints)
     with np.errstate(over="ignore", invalid="ignore", divide="ignore"):

@@ -12,7 +12,6 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ..body.fitting import VIEWS
-from ..change.baseline import Baseline, learn_baseline
 from ..common.parallel import one_blas_thread, side_by_side
 from ..common.scale import Scale
 from ..errors import LogError, OptionError
@@ -24,16 +23,17 @@ from ..maps.model_selection import select
 from ..maps.node_bounds import learn_bounds, near_border
 from ..maps.predictor import Predictor
 from ..model.about import About
+from ..model.baseline import Baseline, learn_baseline
 from ..model.model import Model
 from ..model.rows import Rows
 from ..samples.samples import Samples
-from ..samples.screening import screen
 from .approach import corrected, play_of, simulated_approach, widened
 from .evaluate import Residuals, fresh_residuals, summarise
 from .held_out import held_out_residuals, tested_rows
 from .imagined import with_imagined
 from .learn import UNFOLD, Options, Progress, Stopwatch, both_maps, link
 from .log_bounds import node_bounds
+from .screening import screen
 from .sizes import Size, lattice_sizes
 from .smooth import SmoothPart, find_smooth_part, uses_body, wrong_around
 

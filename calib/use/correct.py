@@ -15,10 +15,10 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from ..body.planar import PlanarStructure
-from ..change.alignment import Alignment
 from ..common.rows import number_rows
 from ..common.scale import TURN
 from ..errors import OptionError, QueryError
+from ..model.alignment import Alignment
 from ..samples.joint_values import check_joint_values
 from ..samples.log_ranges import wrap
 from .geometry import fit_geometry, frame_is_free, frames, nominal_arm

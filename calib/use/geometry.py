@@ -13,8 +13,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ..body.bound import autocorrelation_time
-from ..change.alignment import Alignment
 from ..errors import OptionError
+from ..model.alignment import Alignment
 
 if TYPE_CHECKING:
     from ..arm.planar_arm import PlanarArm
@@ -155,6 +155,12 @@ def fit_geometry(
         Whether the first joint's place is fitted too; only in a known frame.
     """
     arm, free = nominal_arm(model), frame_is_free(model, view)
+    if len(model.axes) != 2:
+        raise OptionError(
+            "offsets and placements are fitted for planar arms, this one moves in space",
+            hint="train the planar sub-chain with `planar=True`",
+            parameter="planar",
+        )
     if move_base and free:
         raise OptionError(
             "the base cannot be told from the sensor's frame",

@@ -61,7 +61,8 @@ def adapt(
 ) -> None:
     """Re-calibrate a model from a few new samples. Exit code 3 if it does not improve."""
     import calib
-    from calib.change.schemas import as_schema, check_name
+    from calib.change.schemas import as_schema
+    from calib.model.schemas import check_name
 
     if schema is not None:
         check_name(schema)

@@ -175,7 +175,7 @@ class Commands(Kind):
             with (
                 redirect_stdout(out),
                 redirect_stderr(err),
-                patch("calib_cli.preview._serve", lambda *_, **__: print("served")),
+                patch("calib_cli.commands.preview._serve", lambda *_, **__: print("served")),
             ):
                 try:
                     self.app(list(args), prog_name="calib")
@@ -254,7 +254,10 @@ class Processes(Commands):
         return f"{case.args[0]} exit {code}"
 
 
-_TOLD = ("left without an answer", "left out of the path")  # of a batch, the others answered
+_TOLD = (
+    "not all values are numbers, no answer",
+    "left out of the path",
+)  # of a batch, the others answered
 
 
 def judge_output(args: tuple[str, ...], code: int, out: str, err: str) -> None:
@@ -278,6 +281,12 @@ def judge_output(args: tuple[str, ...], code: int, out: str, err: str) -> None:
     if any(len(line) > LONGEST for line in lines):
         raise Violation(f"a line of {max(map(len, lines))} characters")
     others = [line for line in lines if not line.startswith("note: ")]
+    asked = "--json" in args and "--" not in args
+    if asked and code in (1, 2) and errors:  # the error is the document
+        try:
+            out = "" if set(json.loads(out, parse_constant=_no_constant)) == {"error"} else out
+        except ValueError as error:
+            raise Violation(f"no JSON error ({error}): {out[:300]!r}") from None
     if code == 2 and (len(others) != 1 or len(errors) != 1 or out):
         raise Violation(f"wrong usage told in other than one line: {out[:200]!r} {err[:500]!r}")
     if code == 1 and not (lines and len(errors) <= 1):

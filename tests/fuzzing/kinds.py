@@ -55,4 +55,8 @@ KINDS = {
     "model": ("models", "Models"),
     "cli": ("commands", "Commands"),
     "process": ("commands", "Processes"),
+    "units": ("honest", "Units"),
+    "columns": ("honest", "NamedColumns"),
+    "names": ("honest", "HostileNames"),
+    "streams": ("honest", "Streams"),
 }

@@ -11,7 +11,7 @@ from ..body.basis import Basis, largest_harmonic
 from ..common.robust import robust_solve
 from ..common.scale import Scale
 from ..maps.map import search_tree
-from .samples import Samples
+from ..samples.samples import Samples
 
 Array = NDArray[np.float64]
 

@@ -1,0 +1,44 @@
+"""The rooms of the code: imports run down, and the picture shows the imports that there are."""
+
+from __future__ import annotations
+
+import importlib.util
+import re
+from pathlib import Path
+
+ROOT = Path(__file__).parent.parent
+
+
+def rooms():
+    spec = importlib.util.spec_from_file_location("make_rooms", ROOT / "docs" / "make_rooms.py")
+    module = importlib.util.module_from_spec(spec)
+    spec.loader.exec_module(module)
+    return module
+
+
+def test_no_import_runs_up():
+    assert rooms().running_up() == []
+
+
+def test_every_room_is_named_and_none_is_missing():
+    found = {path.parent.name for path in (ROOT / "calib").glob("*/__init__.py")}
+    named = {name for name, _ in rooms().ROOMS} - {"cli"}
+    assert found == named
+    loose = {path.name for path in (ROOT / "calib").glob("*.py")}
+    assert loose == {"__init__.py", "errors.py"}
+
+
+def test_each_door_of_a_model_is_one_call():
+    text = (ROOT / "calib" / "model" / "doors.py").read_text()
+    methods = re.findall(r"    def (\w+)\(", text)
+    assert {"check", "adapt", "evaluate", "save", "correct"} <= set(methods)
+
+
+def test_the_picture_is_the_one_that_the_imports_draw():
+    assert (ROOT / "docs" / "rooms.svg").read_text() == rooms().picture()
+
+
+def test_every_module_says_what_it_does_in_its_first_line():
+    for path in [*(ROOT / "calib").rglob("*.py"), *(ROOT / "cli").rglob("*.py")]:
+        first = path.read_text(encoding="utf-8").split("\n", 1)[0]
+        assert re.match(r'"""\S.*[.:]', first), path
