@@ -19,7 +19,7 @@ from ..common.robust import solve
 from ..common.scale import Scale
 from ..maps import local_models
 from ..maps.association import Association
-from ..maps.linear_models import LinearModels
+from ..maps.linear_models import LinearModels, from_shifts, to_shifts
 from ..maps.local_models import NO_MODELS, LocalModels
 from ..maps.map import Map
 from ..maps.predictor import BodyInBox, Both, Predictor, Smooth
@@ -64,12 +64,22 @@ def carry(model: Model, body: Body | None, value: Value) -> Model:
         smooth = _smooth(model, body, u, wanted)
         predictor = Predictor(motor, smooth, _models(model, smooth, u, wanted))
     sensory = _moved(model, predictor)
-    association = Association(motor, sensory, model.links, model.association.wiring)
+    old = model.association
+    association = Association(
+        motor, sensory, model.links, old.wiring, old.motor_means, _means(old, sensory)
+    )
     if linear:  # the moved nodes and the links say it from now on
         predictor = Predictor(motor, association.linear, NO_MODELS)
     return replace(
         model, association=association, predictor=predictor, body=body, rows=None, seconds={}
     )
+
+
+def _means(old: Association, sensory: Map) -> Array | None:
+    """Mean activity positions of the moved nodes: as many spacings from them as before."""
+    if old.sensory_means is None:
+        return None
+    return from_shifts(sensory, to_shifts(old.sensory, old.sensory_means).astype(float))
 
 
 def _smooth(model: Model, body: Body | None, u: Array, wanted: Array) -> Smooth:
