@@ -98,7 +98,7 @@ def find_smooth_part(
         trends = of_trends(scale, turning, u, x)
         return SmoothPart((under, *trends, *of_trends(scale, turning, u, x, under)), fit, rows)
     if error <= _NO_ARM * extent:
-        if error > _EXACT_LOG * extent and _fills_box(u):
+        if view == "auto" and error > _EXACT_LOG * extent and _fills_box(u):
             # no chain, but smooth, such as a lens of high order: a trend around the body or alone
             around = of_trends(scale, turning, u, x, under)
             alone = of_trends(scale, turning, u, x)
