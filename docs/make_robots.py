@@ -89,7 +89,16 @@ def calib_train(path: Path, *options: str) -> tuple[dict[str, object] | None, st
     """Return the document of `calib train`, or None, and what it said on standard error."""
     out, err = io.StringIO(), io.StringIO()
     with tempfile.TemporaryDirectory() as folder:
-        words = ["train", str(path), "--planar", "--size", str(SIZE), "--samples", str(SAMPLES), *options]
+        words = [
+            "train",
+            str(path),
+            "--planar",
+            "--size",
+            str(SIZE),
+            "--samples",
+            str(SAMPLES),
+            *options,
+        ]
         with redirect_stdout(out), redirect_stderr(err):
             code = app([*words, "-o", f"{folder}/m.calib", "--json"], standalone_mode=False)
     document = json.loads(out.getvalue()) if code == 0 else None
