@@ -39,8 +39,8 @@ INTRODUCTION = """\
 
 Written by `python docs/make_robots.py`; edit that, not this page.
 
-What `calib train FILE --planar --size {size} --samples {samples}` does with each of the {files} URDF files
-of [{package}](https://github.com/Gepetto/example-robot-data) {version} (PyPI; meshes are not
+What `calib train FILE --planar --size {size} --samples {samples}` does with each of the {files}
+URDF files of [{package}](https://github.com/Gepetto/example-robot-data) {version} (PyPI; meshes are not
 needed). Nothing is said about joints or tip: where there is one arm that reaches further than
 the others it is taken with a note, an arm before its fingers. Where several reach alike (two
 arms, four legs) the command lists them, ends with exit code 1 and trains nothing; where limits
