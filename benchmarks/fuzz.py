@@ -2,7 +2,7 @@
 
     python benchmarks/fuzz.py --kind units --n 20000 --seed 0
 
-`arm` are random planar arms, which have to be right; `urdf`, `log` and `model` damaged and
+`arm` are random arms, which have to be right; `urdf`, `log` and `model` damaged and
 hostile files; `cli` command lines within one process, `process` real ones; `units`, `columns` and
 `names` logs and arrays that look sound and are not, `streams` closed and narrow standard
 streams. No input may

@@ -39,7 +39,7 @@ INTRODUCTION = """\
 
 Written by `python docs/make_robots.py`; edit that, not this page.
 
-What `calib train FILE --size {size} --samples {samples}` does with each of the {files} URDF files
+What `calib train FILE --planar --size {size} --samples {samples}` does with each of the {files} URDF files
 of [{package}](https://github.com/Gepetto/example-robot-data) {version} (PyPI; meshes are not
 needed). Nothing is said about joints or tip: where there is one arm that reaches further than
 the others it is taken with a note, an arm before its fingers. Where several reach alike (two
@@ -89,7 +89,16 @@ def calib_train(path: Path, *options: str) -> tuple[dict[str, object] | None, st
     """Return the document of `calib train`, or None, and what it said on standard error."""
     out, err = io.StringIO(), io.StringIO()
     with tempfile.TemporaryDirectory() as folder:
-        words = ["train", str(path), "--size", str(SIZE), "--samples", str(SAMPLES), *options]
+        words = [
+            "train",
+            str(path),
+            "--planar",
+            "--size",
+            str(SIZE),
+            "--samples",
+            str(SAMPLES),
+            *options,
+        ]
         with redirect_stdout(out), redirect_stderr(err):
             code = app([*words, "-o", f"{folder}/m.calib", "--json"], standalone_mode=False)
     document = json.loads(out.getvalue()) if code == 0 else None
@@ -115,7 +124,7 @@ def exercise(path: Path) -> Outcome:
         options += added
     joints, tip = tuple(document["joints"]), str(document["tip"])
     ranges = dict.fromkeys(RANGE.findall(" ".join(said)), (-1.0, 1.0))
-    arm = calib.load_arm(path, joints, tip, ranges=ranges)
+    arm = calib.load_arm(path, joints, tip, ranges=ranges, planar=True)
     q = random_joints(arm, POSES)
     gap = float(np.abs(arm.forward(q) - pinocchio_forward(arm, q)).max())
     error = document["errors"]["local"]["forward"]["distance"]["mean"]

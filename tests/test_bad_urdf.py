@@ -152,7 +152,7 @@ def test_the_joint_that_leaves_the_plane_is_named_without_being_asked():
 
 def test_a_slide_without_end_asks_for_a_range():
     text = read_urdf(resolve_robot("polar")).replace('upper="0.25"', 'upper="1e16"')
-    with pytest.raises(RobotError, match=r"'slide'.*unusable.*'slide': .LOWER, UPPER.... \[m\]"):
+    with pytest.raises(RobotError, match=r"'slide'.*unusable.*'slide': .LOWER, UPPER..` \[m\]"):
         arm_from_urdf(text)
     assert arm_from_urdf(text, ranges={"slide": (0, 0.2)}).upper[1] == 0.2
 

@@ -209,5 +209,5 @@ def test_most_files_give_an_arm_at_once():
 
 def test_a_range_goes_no_further_than_the_limits():
     file, joints, tip = NAMED["panda"]
-    with pytest.raises(OptionError, match=r"panda_joint4=-1:1.*-3\.0718:-0\.0698"):
+    with pytest.raises(OptionError, match=r"'panda_joint4': .-1, 1.*-3\.0718:-0\.0698"):
         load_arm(FOLDER / file, joints.split(","), tip, ranges={"panda_joint4": (-1, 1)})

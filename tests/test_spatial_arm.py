@@ -171,9 +171,11 @@ def two_arms(length):
 def test_equal_arms_are_told_and_a_log_must_choose():
     arm = arm_from_urdf(two_arms(0.3))
     assert arm.joint_names == ("l1", "l2")
-    assert any("r1,r2" in note for note in arm.notes)
-    with pytest.raises(RobotError, match="--joints l1,l2 --tip left; --joints r1,r2 --tip right"):
+    assert any("(others: `joints=['r1', 'r2']` `tip='right'`)" in note for note in arm.notes)
+    with pytest.raises(RobotError) as caught:
         arm_from_urdf(two_arms(0.3), columns=["l1", "l2", "r1", "r2"])
+    both = "`joints=['l1', 'l2']` `tip='left'`; `joints=['r1', 'r2']` `tip='right'`"
+    assert both in str(caught.value)
     assert arm_from_urdf(two_arms(0.3), columns=["r1", "r2"]).joint_names == ("r1", "r2")
     further = arm_from_urdf(two_arms(0.4))
     assert further.joint_names == ("r1", "r2")

@@ -356,9 +356,20 @@ def test_a_joint_that_never_moved_is_refused_or_ignored():
     along = np.stack([np.linspace(0.1, 1.4, 20), np.ones(20)], axis=1)
     np.testing.assert_allclose(model.forward(along), two_link(along), atol=1e-4)
     assert np.isnan(model.forward([0.5, 2.0])).all()
+    # beside the rows the bound tells where the answers end, in batches and one by one
+    beside = np.stack([np.full(81, 0.5), 1.0 + np.linspace(-0.05, 0.05, 81)], axis=1)
+    bound, x = model.model_error(beside), model.forward(beside)
+    error = np.linalg.norm(x - two_link(beside), axis=1)
+    known = np.isfinite(bound)
+    assert 2 < np.count_nonzero(known) < 80
+    assert (bound[known] <= 0.1 * model.reach).all()
+    assert (error[known] <= bound[known]).all()
+    np.testing.assert_array_equal(known, np.isfinite(x).all(axis=1))
+    np.testing.assert_allclose([model.forward(q) for q in beside], x, atol=1e-12)
+    np.testing.assert_allclose([model.model_error(q) for q in beside], bound, rtol=1e-9)
 
 
 def test_maps_that_did_not_unfold_are_refused_in_one_line():
     samples = calib.babble(calib.load_arm("two_link"), 100, seed=0)
     with pytest.raises(OptionError, match=r"map.*`size`"):
-        calib.train(samples, size=4, rule="online")
+        calib.train(samples, size=4, rule="online", map="vdsom:border")

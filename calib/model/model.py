@@ -23,7 +23,7 @@ from .answers import Answer, checked_rows
 from .doors import Doors
 from .rows import Rows
 from .single import Single
-from .trust import KNOWN, MOST_SHARE, STEEP, Trust
+from .trust import KNOWN, MOST_SHARE, STEEP, BetweenNodes, Trust
 
 if TYPE_CHECKING:
     from scipy.sparse import csr_array
@@ -165,7 +165,8 @@ class Model(Doors):
         if self.body is None and self.baseline is not None and "body" in self.about.options:
             known = np.where(self.visited, KNOWN * np.sqrt(self.baseline.motor), -1.0)
         most, growth = MOST_SHARE * self.reach, STEEP * self.solver.extent
-        return Trust(self.motor, self.model_bounds, most, known, growth)
+        between = None if self.body is None else BetweenNodes(self.body, self.motor)
+        return Trust(self.motor, self.model_bounds, most, known, growth, between)
 
     @cached_property
     def reach(self) -> float:
@@ -338,7 +339,7 @@ class Model(Doors):
             return bound
         known = self.approach.known(side)
         u = self.motor.scale.to_unit(self.approach.effective(rows, side))
-        smaller = self.trust.bound(self.approach.bounds, u)
+        smaller = self.trust.bound(self.approach.bounds, u, noise=self._noisy("bounds"))
         both = np.atleast_1d(bound)
         # NaN stays: what is out of range has no bound from any side
         result: Array = np.where(known & np.isfinite(both), smaller, both)
@@ -384,12 +385,17 @@ class Model(Doors):
         Notes
         -----
         The bounds of the nodes, blended.  Of more than three joints a lattice covers too
-        little of the joints' box to blend between: the body's posterior answers itself.
+        little of the joints' box to blend between: the body's posterior answers itself, as it
+        does where the blended bound is too wide for an answer.
         """
+        noise = self._noisy(which)
         if self.body is not None and u.shape[1] > MOST_BLENDED:
-            noise = which == "bounds" and self.about.bound_of == "sensor reading"
             return self.body.bound(self.motor.scale.from_unit(u), noise=noise)
-        return self.trust.bound(getattr(self, which), u)
+        return self.trust.bound(getattr(self, which), u, noise=noise)
+
+    def _noisy(self, which: str) -> bool:
+        """Whether a bound counts the noise of a single reading."""
+        return which == "bounds" and self.about.bound_of == "sensor reading"
 
     def outside(self, q: ArrayLike) -> str | None:
         """Why the joint values (dof,) are outside of what was learned, None if they are not."""

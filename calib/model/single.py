@@ -71,8 +71,10 @@ class Single:
         row = self._row(q)
         if row is None:
             return None
-        if not self._known(row):
+        if not self._in_range(row):
             return np.full(2, np.nan)
+        if not self._known(row):
+            return None  # the posterior has to be asked
         return np.array(self._position(row))
 
     def bound(self, q: Any, values: str) -> float | None:
@@ -80,9 +82,10 @@ class Single:
         row = self._row(q)
         if row is None or self.cells is None:
             return None
-        if not self._known(row):
+        if not self._in_range(row):
             return math.nan
-        return self.cells.blend(self._unit(row), self._nodes[values])
+        bound = self.cells.blend(self._unit(row), self._nodes[values])
+        return bound if self._known(row) and bound <= self.model.trust.most else None
 
     def inverse(self, x: Any, near: Any) -> Array | None:
         """Joints (2,) that reach a position, next to `near`; None as above, or if unsure."""

@@ -15,6 +15,8 @@ from ..maps.node_bounds import blend_nodes
 if TYPE_CHECKING:
     from scipy.spatial import cKDTree
 
+    from ..body.belief import Body
+
 Array = NDArray[np.float64]
 
 MOST_SHARE = 0.1
@@ -29,6 +31,42 @@ STEEP = 2.0
 
 ROUNDED = 1e-9
 """Share of a joint's range by which values beyond it count as rounded."""
+
+
+@dataclass(frozen=True, eq=False)
+class BetweenNodes:
+    """The body's posterior where the nodes' bounds are too wide to be blended.
+
+    Beside a joint that hardly moved the posterior widens within less than a node's spacing,
+    so that a bound blended from the nodes would refuse the measured rows themselves.
+
+    Attributes
+    ----------
+    body : Body
+    motor : Map
+        Motor map.
+    """
+
+    body: Body
+    motor: Map
+
+    def bound(self, u: Array, bounds: Array, *, noise: bool) -> Array:
+        """Bounds (n,) [unit] at points of the unit box (n, dof).
+
+        Parameters
+        ----------
+        u : (n, dof) array
+        bounds : (nodes,) array [unit]
+            Bounds of the nodes.  What held-out rows added there to the posterior is added
+            here in the same proportion.
+        noise : bool
+            Whether the noise of a single reading counts.
+        """
+        scale = self.motor.scale
+        own = self.body.bound(scale.from_unit(np.clip(self.motor.units, 0.0, 1.0)), noise=noise)
+        more = np.maximum(bounds / np.maximum(own, np.finfo(float).tiny), 1.0)
+        there = self.body.bound(scale.from_unit(u), noise=noise)
+        return np.asarray(there * blend_nodes(self.motor, more, u))
 
 
 @dataclass(frozen=True, eq=False)
@@ -49,6 +87,8 @@ class Trust:
         bound holds wherever its node is among the nearest, as that of a body does.
     growth : float [unit]
         What the position may change by over the unit box.
+    between : BetweenNodes, optional
+        Asked where the nodes' bounds give no answer.
     """
 
     motor: Map
@@ -56,6 +96,7 @@ class Trust:
     most: float
     known: Array | None = None
     growth: float = 0.0
+    between: BetweenNodes | None = None
 
     def in_range(self, u: Array) -> NDArray[np.bool_]:
         """Which coordinates (n, dof) of the unit box are within the joints' range."""
@@ -69,9 +110,16 @@ class Trust:
             known[known] = self.bound(self.bounds, u[known]) <= self.most
         return known
 
-    def bound(self, bounds: Array, u: Array) -> Array:
-        """Bounds (n,) at points of the unit box (n, dof), from those of the nodes (nodes,)."""
+    def bound(self, bounds: Array, u: Array, *, noise: bool = False) -> Array:
+        """Bounds (n,) at points of the unit box (n, dof), from those of the nodes (nodes,).
+
+        `noise` says whether they count the noise of a single reading.
+        """
         blended = blend_nodes(self.motor, bounds, u)
+        wide = blended > self.most
+        if self.between is not None and wide.any():
+            there = self.between.bound(u[wide], bounds, noise=noise)
+            blended[wide] = np.minimum(blended[wide], there)
         if self.known is None:
             return blended
         holding = np.flatnonzero(self.known >= 0.0)

@@ -35,7 +35,8 @@ class RandomArm:
     mimics : dict of str to (str, float, float)
         Leader, multiplier and offset of joints that follow another.
     refused : str or None
-        What the reason has to name, if the arm has to be refused.
+        What the reason has to name, if the arm has to be refused; "not planar" only where a
+        planar arm is asked for.
     """
 
     text: str = ""

@@ -11,7 +11,8 @@ from typing import Any
 
 import numpy as np
 
-from calib.arm.loading import PlanarArm, arm_from_urdf, load_arm
+from calib.arm.arm import Arm
+from calib.arm.loading import PlanarArm, SpatialArm, arm_from_urdf, load_arm
 from calib.arm.robots import resolve_robot
 from calib.arm.urdf import parse_urdf
 from calib.errors import CalibError
@@ -54,64 +55,96 @@ class Truth:
         return np.array(found)
 
 
-def compare(arm: PlanarArm, text: str, mimics: dict[str, tuple[str, float, float]]) -> None:
+Mimics = dict[str, tuple[str, float, float]]
+
+
+def compare(arm: Arm, text: str, mimics: Mimics) -> None:
     """Compare an arm with Pinocchio at random joint values."""
     q = np.random.default_rng(0).uniform(arm.lower, arm.upper, (5, arm.dof))
     rows = []
     for row in q:
         values = {**arm.locked, **dict(zip(arm.joint_names, row, strict=True))}
-        for name, (leader, multiplier, offset) in mimics.items():
-            if name not in arm.locked:
-                values[name] = multiplier * values.get(leader, 0.0) + offset
-        rows.append(values)
+        rows.append({**values, **{name: _followed(name, values, mimics) for name in mimics}})
     truth = Truth(text).tips(arm.tip, rows)
     # an axis may be askew by 1e-4 rad: what leaves the plane is projected onto it
-    flat = arm.plane.project(truth)
+    seen = arm.plane.project(truth) if isinstance(arm, PlanarArm) else truth
     size = max(1.0, np.abs(truth).max() / FAR, np.abs(arm.chain.points).max() / FAR)
-    error = np.abs(arm.forward(q) - flat).max()
+    error = np.abs(arm.forward(q) - seen).max()
     assert error <= 1e-9 * size, f"the tip is off by {error:g} m"
+    if not isinstance(arm, PlanarArm):
+        return
     away = np.abs(arm.plane.distances(truth)).max()
     reach = np.abs(truth - arm.plane.origin).max() + np.abs(arm.chain.points).max()
     assert away <= 1e-9 * size + 1e-3 * reach, f"the tip leaves the plane by {away:g} m"
 
 
+def _followed(name: str, values: dict[str, float], mimics: Mimics) -> float:
+    """Value of a mimic joint, which may follow another mimic joint."""
+    scale, shift = 1.0, 0.0
+    for _ in mimics:
+        if name in values or name not in mimics:
+            break
+        name, multiplier, offset = mimics[name]
+        shift += scale * offset
+        scale *= multiplier
+    return scale * values.get(name, 0.0) + shift
+
+
 class Arms(Kind):
-    """Random planar arms: loaded and right, or refused for the reason that is known."""
+    """Random arms: loaded and right, or refused for the reason that is known."""
 
     def make(self, rng: Random) -> RandomArm:
         """Make a robot with an arm in it."""
         return random_arm(rng)
 
     def judge(self, case: RandomArm) -> str:
-        """Load it by its joints and without them, and compare it with Pinocchio."""
+        """Load it by its joints and without them, and compare it with Pinocchio.
+
+        An arm with one joint out of the plane is spatial, and refused where a planar one is
+        asked for.
+        """
         with guarded(self.folder):
-            try:
-                arm = arm_from_urdf(case.text, case.joints, case.tip)
-            except CalibError as error:
-                message = one_line(str(error))
-                assert case.refused, f"refused: {message}"
-                assert case.refused in message, f"{case.refused!r} expected: {message}"
-                arm = None
-            assert arm is None or not case.refused, f"loaded, but {case.refused}"
-            found = self._automatic(case)
-        for one in (arm, found):
+            flat = self._by_joints(case, case.refused, planar=True)
+            bent = case.refused == "not planar"
+            arm = self._by_joints(case, None if bent else case.refused)
+            found = [self._automatic(case), self._automatic(case, planar=True)]
+        for one in (flat, arm, *found):
             if one is not None:
                 compare(one, case.text, case.mimics)
+        assert isinstance(found[1], PlanarArm | None)
         if arm is None:
             return f"refused: {case.refused}"
         assert arm.joint_names == tuple(case.joints)
-        assert np.linalg.norm(np.cross(arm.plane.normal, case.normal)) < 1e-6
+        if bent:
+            assert isinstance(arm, SpatialArm)
+        else:
+            assert isinstance(arm, PlanarArm)
+            assert np.linalg.norm(np.cross(arm.plane.normal, case.normal)) < 1e-6
         for name, value in arm.locked.items():
             assert abs(value - case.values[name]) < 1e-12
         # links and joints alone make the same arm; their limits are not written
         again = arm_from_urdf(parse_urdf(arm.urdf).plain(), case.joints, case.tip, lock=arm.locked)
         q = np.random.default_rng(1).uniform(arm.lower, arm.upper, (4, arm.dof))
         assert again.forward(q).tobytes() == arm.forward(q).tobytes()
-        return f"{arm.dof} joints, right"
+        return f"{arm.dof} joints, {'refused as planar, ' if bent else ''}right"
 
-    def _automatic(self, case: RandomArm) -> PlanarArm | None:
+    def _by_joints(
+        self, case: RandomArm, refused: str | None, *, planar: bool = False
+    ) -> PlanarArm | SpatialArm | None:
+        """Load the arm by its joints and tip; None where it was refused as it has to be."""
         try:
-            return arm_from_urdf(case.text)
+            arm = arm_from_urdf(case.text, case.joints, case.tip, planar=planar)
+        except CalibError as error:
+            message = one_line(str(error))
+            assert refused, f"refused: {message}"
+            assert refused in message, f"{refused!r} expected: {message}"
+            return None
+        assert not refused, f"loaded, but {refused}"
+        return arm
+
+    def _automatic(self, case: RandomArm, *, planar: bool = False) -> PlanarArm | SpatialArm | None:
+        try:
+            return arm_from_urdf(case.text, planar=planar)
         except CalibError as error:
             one_line(str(error))
             return None
@@ -207,7 +240,7 @@ class Urdfs(Kind):
         compare(arm, arm.urdf, mimics)
         return "loaded, right"
 
-    def _meshes(self, arm: PlanarArm) -> None:
+    def _meshes(self, arm: Arm) -> None:
         """Look up the meshes that the URDF names, as the preview does."""
         for visual in visuals(arm.urdf)[:20]:
             if visual.kind == "mesh":
