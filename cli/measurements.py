@@ -37,11 +37,13 @@ def log_for(
 
     import calib
     from calib.errors import LogError
+    from calib.samples.columns import open_source
     from calib.samples.joint_values import check_joint_values
-    from calib.samples.tables import read_about
+    from calib.samples.tables import about_source
 
     about = model.about
-    said = read_about(path).get("unit")
+    source = open_source(path)  # once: it may be a pipe
+    said = about_source(source).get("unit")
     unit = unit or (said if isinstance(said, str) else None)
     if unit is not None and (unit == "px") != (about.unit == "px"):
         raise LogError(
@@ -50,7 +52,7 @@ def log_for(
         )
     degrees = about.degrees if degrees is None else degrees
     log = calib.read_log(
-        path,
+        source,
         joints=list(about.joint_names),
         columns=columns,
         usual=about.columns,

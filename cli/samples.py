@@ -13,6 +13,7 @@ from .units import changes_in_si, kinds_of_joints, locks_in_si, ranges_in_si
 if TYPE_CHECKING:
     from calib import Samples
     from calib.arm.arm import Arm
+    from calib.samples.columns import Source
 
 SAMPLES = 20_000
 
@@ -121,15 +122,17 @@ def measured(
 ) -> Samples:
     """Read a log, for the robot where there is one, and say what was assumed."""
     import calib
+    from calib.samples.columns import open_source
 
     arm = None
     turns = {name: name not in prismatic for name in selection.joints or ()}
+    source = open_source(path)  # once: it may be a pipe
     if selection.robot is not None:
-        arm = _arm_of_log(selection, path, columns, notes)
+        arm = _arm_of_log(selection, source, columns, notes)
         notes.say(arm.notes)
         turns = dict(zip(arm.joint_names, arm.revolute, strict=True))
     log = calib.read_log(
-        path,
+        source,
         arm,
         joints=list(selection.joints) if selection.joints and arm is None else None,
         columns=columns,
@@ -144,23 +147,20 @@ def measured(
 
 
 def _arm_of_log(
-    selection: Selection, path: str, columns: Mapping[str, str] | None, notes: Notes
+    selection: Selection, source: Source, columns: Mapping[str, str] | None, notes: Notes
 ) -> Arm:
     """Load the arm with its other joints where the log says that they stood."""
-    from calib.samples.columns import open_source
     from calib.samples.logs import locked_from_log
 
-    header = None
-    if path != "-":
-        header = {*open_source(path).header, *(columns or {})}
+    header = {*source.header, *(columns or {})}
     arm = selection.load(columns=header)
     typed = {joint for joint, _ in selection.lock}
     others = [name for name in arm.locked if name not in typed]
-    if path == "-" or not others:  # standard input can be read only once
+    if not others:
         return arm
     turns = kinds_of_joints(str(selection.robot))
     held, said = locked_from_log(
-        path,
+        source,
         others,
         columns={name: column for name, column in (columns or {}).items() if name in others},
         degrees=selection.degrees,

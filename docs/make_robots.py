@@ -40,9 +40,9 @@ INTRODUCTION = """\
 Written by `python docs/make_robots.py`; edit that, not this page.
 
 What `calib train FILE --planar --size {size} --samples {samples}` does with each of the {files}
-URDF files of [{package}](https://github.com/Gepetto/example-robot-data) {version} (PyPI; meshes are not
-needed). Nothing is said about joints or tip: where there is one arm that reaches further than
-the others it is taken with a note, an arm before its fingers. Where several reach alike (two
+URDF files of [{package}](https://github.com/Gepetto/example-robot-data) {version} (PyPI; meshes
+are not needed). Nothing is said about joints or tip: where there is one arm that reaches further
+than the others it is taken with a note, an arm before its fingers. Where several reach alike (two
 arms, four legs) the command lists them, ends with exit code 1 and trains nothing; where limits
 are missing it asks for ranges. The table then gives the arm that comes of doing as told: the first
 of the list, ranges from -1 to 1. Of the files {trained} were trained at once, {listed} after doing
@@ -89,16 +89,8 @@ def calib_train(path: Path, *options: str) -> tuple[dict[str, object] | None, st
     """Return the document of `calib train`, or None, and what it said on standard error."""
     out, err = io.StringIO(), io.StringIO()
     with tempfile.TemporaryDirectory() as folder:
-        words = [
-            "train",
-            str(path),
-            "--planar",
-            "--size",
-            str(SIZE),
-            "--samples",
-            str(SAMPLES),
-            *options,
-        ]
+        sizes = ["--size", str(SIZE), "--samples", str(SAMPLES)]
+        words = ["train", str(path), "--planar", *sizes, *options]
         with redirect_stdout(out), redirect_stderr(err):
             code = app([*words, "-o", f"{folder}/m.calib", "--json"], standalone_mode=False)
     document = json.loads(out.getvalue()) if code == 0 else None

@@ -41,6 +41,23 @@ def test_a_named_pipe_is_read_like_a_file(tmp_path, log):
     np.testing.assert_array_equal(read.x, direct.x)
 
 
+@pytest.mark.parametrize("name", ["-", "/dev/stdin"])
+def test_a_piped_log_tells_where_locked_joints_stood(tmp_path, name):
+    arm = calib.load_arm("three_link", ["shoulder", "elbow"], "tip", lock={"wrist": 0.3})
+    samples = calib.babble(arm, 60)
+    rows = np.column_stack([samples.q, np.full(60, 0.3), samples.x])
+    path = tmp_path / "log.csv"
+    np.savetxt(path, rows, delimiter=",", header="shoulder,elbow,wrist,x,y", comments="")
+    train = '"$@" train three_link --joints shoulder,elbow --tip tip --size 5'
+    piped = shell(f'cat "{path}" | {train} --data {name} -o "{tmp_path}/piped.calib"')
+    assert piped.returncode == 0, piped.stderr
+    direct = shell(f'{train} --data "{path}" -o "{tmp_path}/direct.calib"')
+    assert direct.returncode == 0, direct.stderr
+    model = calib.load(tmp_path / "piped.calib")
+    assert model.about.locked == {"wrist": pytest.approx(0.3)}
+    assert (tmp_path / "piped.calib").read_bytes() == (tmp_path / "direct.calib").read_bytes()
+
+
 @pytest.mark.parametrize("command", ['cat "{log}" | "$@" evaluate "{model}" --data /dev/stdin'])
 def test_dev_stdin_is_read_like_a_file(model, log, command):
     done = shell(command.format(log=log, model=model))

@@ -64,13 +64,14 @@ class Source:
     comments: tuple[str, ...] = ()
 
 
-def open_source(path: str | os.PathLike[str]) -> Source:
+def open_source(path: str | os.PathLike[str] | Source) -> Source:
     """Find the header of a CSV or Parquet file.
 
     Parameters
     ----------
-    path : path-like
-        The file; `-` reads CSV from standard input.
+    path : path-like or Source
+        The file; `-` reads CSV from standard input.  A table that is open stays as it is, so
+        that a pipe, which can be read only once, serves several readers.
 
     Returns
     -------
@@ -82,6 +83,8 @@ def open_source(path: str | os.PathLike[str]) -> Source:
     LogError
         If there is no such file, or no header in it.
     """
+    if isinstance(path, Source):
+        return path
     name, keep = os.fspath(path), None
     label = "standard input" if name == "-" else _printable(name)
     try:

@@ -40,7 +40,7 @@ _STILL = {True: math.radians(0.5), False: 1e-3}  # a locked joint may move [rad,
 
 
 def read_log(
-    path: str | os.PathLike[str],
+    path: str | os.PathLike[str] | Source,
     arm: Arm | None = None,
     *,
     joints: Sequence[str] | None = None,
@@ -63,7 +63,7 @@ def read_log(
 
     Parameters
     ----------
-    path : path-like
+    path : path-like or Source
         CSV or Parquet; `-` reads CSV from standard input.
     arm : Arm, optional
         Gives the joints' names and limits; its kinematics tell other units, exchanged columns
@@ -224,7 +224,7 @@ def write_log(samples: Samples, path: str | os.PathLike[str]) -> None:
 
 
 def locked_from_log(
-    path: str | os.PathLike[str],
+    path: str | os.PathLike[str] | Source,
     names: Sequence[str],
     *,
     columns: Mapping[str, str] | None = None,
@@ -235,8 +235,8 @@ def locked_from_log(
 
     Parameters
     ----------
-    path : path-like
-        CSV or Parquet, a file.
+    path : path-like or Source
+        CSV or Parquet.
     names : sequence of str
         Joints that are not active. Those without a column are passed over.
     columns : mapping of str to str, optional
