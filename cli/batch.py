@@ -13,6 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from calib.errors import QueryError
+from calib.model.answers import forward_bounds
 from calib.samples.joint_values import check_joint_values
 from calib.samples.tables import Batch, read_batch, write_table
 
@@ -68,7 +69,7 @@ def forward_batch(model: Model, joints: JointFormat, streams: Streams, readout: 
     if valid.any():
         q = typed[valid] / joints.typed
         x[valid] = model.forward(q, readout)
-        bounds[:, valid] = model.expected_error(q), model.model_error(q)
+        bounds[:, valid] = forward_bounds(model, q, x[valid], readout)
     columns = {axis: x[:, k] for k, axis in enumerate(model.axes)}
     columns |= {"expected_error": bounds[0], "model_error": bounds[1]}
     outside = np.flatnonzero(valid & np.isnan(x[:, 0])) + 1

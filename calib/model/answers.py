@@ -139,6 +139,21 @@ def within_reach(model: Model, bound: Array) -> Array:
     return np.maximum(np.minimum(bound, SURE * extent), REACHED * extent)
 
 
+def forward_bounds(
+    model: Model, q: ArrayLike, position: Array, readout: str | None
+) -> tuple[Array, Array]:
+    """95 % bounds (n,), expected and model error, on forward answers of any readout [unit].
+
+    The model's bounds hold for its default readout.  The answer `position` (n, d) of another
+    one is further off by at most its distance from the default's (triangle inequality).
+    """
+    expected, known = model.expected_error(q), model.model_error(q)
+    if readout is None or readout == model.default_readout:
+        return expected, known
+    apart = np.linalg.norm(position - model.forward(q), axis=-1)
+    return expected + apart, known + apart
+
+
 def anchor(model: Model, near: ArrayLike | None, n: int) -> Array:
     """Joints of the unit box that answers should be close to, (n, dof).
 

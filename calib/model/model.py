@@ -329,7 +329,8 @@ class Model(Doors):
         """95 % bound on the error of :meth:`forward` at joint values (n, dof), (n,) [unit].
 
         It bounds the distance to the true position for a simulated arm and to what the
-        sensor would read for a log (``about.bound_of``).  With `approach`, see
+        sensor would read for a log (``about.bound_of``).  It holds for the default readout;
+        another one is off by its distance from the default as well.  With `approach`, see
         :meth:`forward`, it is the smaller bound for a known direction.
         """
         bound = self._bound(q, "bounds")

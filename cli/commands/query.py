@@ -56,7 +56,10 @@ def forward(
     _check_count(typed, loaded.about.joint_names, "joint value")
     q = [value / factor for value, factor in zip(typed, joints.typed, strict=True)]
     position = loaded.forward(q, readout)
-    bounds = float(loaded.expected_error(q)), float(loaded.model_error(q))
+    from calib.model.answers import forward_bounds
+
+    expected, known = forward_bounds(loaded, q, position, readout)
+    bounds = float(expected), float(known)
     outside = loaded.outside(q)
     if as_json:
         document = {
