@@ -115,3 +115,11 @@ def test_a_spatial_arm_babbles():
     np.testing.assert_allclose(moved.x, 2 * true, atol=1e-12)
     noisy = calib.babble(arm, 50, seed=1, noise=1e-3, changes=("sensor.outliers=0.2",))
     assert noisy.x.shape == (50, 3)
+
+
+def test_two_rows_of_x_y_z_lie_in_many_planes_and_are_refused_in_one_line(tmp_path):
+    path = tmp_path / "two.csv"
+    path.write_text("a,b,x,y,z\n0,1,0.1,0.2,0.3\n1,0,0.2,0.1,0.4\n")
+    with pytest.raises(calib.LogError, match="plane") as caught:
+        calib.read_log(path, joints=["a", "b"])
+    assert "\n" not in str(caught.value)

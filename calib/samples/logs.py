@@ -63,7 +63,7 @@ def read_log(
 
     Parameters
     ----------
-    path : path-like or Source
+    path : path-like
         CSV or Parquet; `-` reads CSV from standard input.
     arm : Arm, optional
         Gives the joints' names and limits; its kinematics tell other units, exchanged columns
@@ -300,7 +300,7 @@ def _in_space(x: Array, arm: Arm | None) -> bool:
     if arm is not None:
         return arm.outputs == 3
     spread = np.linalg.svd(x - x.mean(axis=0), compute_uv=False)
-    return bool(spread[2] > _THICK * spread[0])
+    return len(spread) == 3 and bool(spread[2] > _THICK * spread[0])
 
 
 def _orientation(
