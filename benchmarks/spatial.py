@@ -15,6 +15,7 @@ import json
 import sys
 import time
 from collections.abc import Callable, Iterator
+from dataclasses import dataclass, fields, replace
 from pathlib import Path
 from typing import Any
 
@@ -78,10 +79,26 @@ def summary(errors: list[np.ndarray], bounds: list[np.ndarray]) -> Row:
     }
 
 
+@dataclass(frozen=True)
+class UpTo(SpatialStructure):
+    """A structure whose gate goes no further than one member: "frame" is the nominal arm."""
+
+    last: str = "chain"
+
+    @classmethod
+    def of(cls, structure: SpatialStructure, last: str) -> UpTo:
+        """Return the same structure with fewer members."""
+        own = {f.name: getattr(structure, f.name) for f in fields(structure)}
+        return cls(**own, last=last)
+
+    def members(self) -> tuple[tuple[str, tuple[str, ...]], ...]:
+        """The gate's members from simple to rich, up to the last."""
+        names = [name for name, _ in super().members()]
+        return super().members()[: names.index(self.last) + 1]
+
+
 def fit(structure: SpatialStructure, q: np.ndarray, z: np.ndarray) -> BodyFit:
     """Fit a structure whose extent is that of the rows."""
-    from dataclasses import replace
-
     return fit_structure(replace(structure, extent=spread(z)), q, z)
 
 
@@ -91,21 +108,27 @@ def distance(body: Body, q: np.ndarray, z: np.ndarray) -> np.ndarray:
 
 
 def measure_rows(args: argparse.Namespace) -> Iterator[Row]:
-    """Held-out errors by number of rows, beside frames alone and geometry alone."""
+    """Held-out errors by number of rows, beside the nominal arm and geometry, on the same rows."""
     structure = structure_of(calib.load_arm(UR10))
+    simpler = {"nominal": UpTo.of(structure, "frame"), "geometry": UpTo.of(structure, "chain")}
     for name in args.series:
         q, z = series(args.data, name)
         for rows in args.rows:
-            errors, bounds, simple, members = [], [], [], []
+            errors, bounds, members = [], [], []
+            beside: dict[str, list[np.ndarray]] = {name: [] for name in simpler}
             for learn, held in split(len(q), rows, args.draws):
                 found = fit(structure, q[learn], z[learn])
                 errors.append(distance(found.body, q[held], z[held]))
                 bounds.append(found.body.bound(q[held]))
                 members.append(found.body.member)
-                simple.append({tried.name: tried.error for tried in found.info})
-            geometry = [MM * each["chain"] for each in simple]
+                for kind, other in simpler.items():
+                    body = fit(other, q[learn], z[learn]).body
+                    beside[kind].append(distance(body, q[held], z[held]))
+            means = {
+                kind: round(MM * float(np.concatenate(e).mean()), 4) for kind, e in beside.items()
+            }
             out = {"series": name, "rows": rows, **summary(errors, bounds), "members": members}
-            yield {**out, "held_out_geometry": round(float(np.mean(geometry)), 4)}
+            yield {**out, **means}
 
 
 def measure_mount(args: argparse.Namespace) -> Iterator[Row]:

@@ -140,8 +140,16 @@ def entries(section: str, lines: list[str]) -> Iterator[str]:
 
 
 def members(kind: type) -> Iterator[tuple[str, str]]:
-    """Yield how each public method and property of a class is written, and its docstring."""
-    for name, value in vars(kind).items():
+    """Yield how each public method and property of a class is written, and its docstring.
+
+    Those that it inherits from a class of calib without a chapter of its own are its too.
+    """
+    parts = [c for c in kind.__mro__ if c.__module__.split(".")[0] == "calib"]
+    own = [c for c in parts if c is kind or c.__name__ not in calib.__all__]
+    found: dict[str, Any] = {}
+    for part in own:
+        found = {**found, **{n: v for n, v in vars(part).items() if n not in found}}
+    for name, value in found.items():
         if name.startswith("_"):
             continue
         if isinstance(value, (classmethod, staticmethod)):

@@ -11,6 +11,7 @@ from pathlib import Path
 
 import cv2
 import numpy as np
+from PIL import Image
 
 ROOT = Path(__file__).parents[1]
 sys.path.insert(0, str(ROOT / "tests"))
@@ -53,7 +54,16 @@ def main(target: Path) -> None:
         setting = Setting(7, board=Board.parse("7x5:24mm:18mm:5x5_100"), lens=lens)
         made = log_pictures(folder / "pictures", read_joints(folder / "joints.csv"), setting)
         photo = read_picture(list_pictures(folder / "pictures")[7], colour=True)
-        write_seen(target / "webcam-seen.png", photo, setting, made.pixels)
+        path = target / "webcam-seen.png"
+        write_seen(path, photo, setting, made.pixels)
+        shrink(path)
+
+
+def shrink(path: Path) -> None:
+    """Write a picture again with fewer pixels and colours: its noise does not compress."""
+    picture = Image.open(path).convert("RGB").resize((800, 450), Image.Resampling.LANCZOS)
+    few = picture.quantize(64, Image.Quantize.FASTOCTREE, dither=Image.Dither.NONE)
+    few.save(path, optimize=True)  # an octree keeps the few coloured marks
 
 
 if __name__ == "__main__":

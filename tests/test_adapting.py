@@ -278,10 +278,7 @@ def test_a_stream_is_followed_block_by_block():
     assert adapter.feed(samples.q, samples.x) == steps[-1]
 
 
-def test_a_short_stream_is_taught_and_its_nodes_are_those_that_were_visited(monkeypatch):
-    from calib.body import teacher
-
-    monkeypatch.setattr(teacher, "IMAGINED", 2000)
+def test_a_short_stream_is_learned_and_its_nodes_are_those_that_were_visited():
     samples = log("elbow.length=+20%", n=400)
     adapter = OnlineAdapter(model(), 400, force=True)
     adapter.feed(samples.q, samples.x)
@@ -297,10 +294,7 @@ def test_a_short_stream_is_taught_and_its_nodes_are_those_that_were_visited(monk
     assert fresh.links.shape == model().links.shape
 
 
-def test_what_a_short_stream_teaches_depends_on_the_models_seed_alone(monkeypatch):
-    from calib.body import teacher
-
-    monkeypatch.setattr(teacher, "IMAGINED", 2000)
+def test_what_a_short_stream_teaches_depends_on_the_models_seed_alone():
     samples = log("elbow.length=+20%", n=60)
     links = []
     for seed in (3, 3, 4):

@@ -144,7 +144,8 @@ def test_commands_and_code_run_and_print_what_the_page_shows(name, folder, monke
     if name == "docs/howto/ros.md":
         correct = calib.load("two_link.adapted.calib").correct
         (message,) = robots.published
-        assert message.points[0].positions == [0.1, *correct([0.5, 1.0])[::-1]]
+        (row,) = correct([[0.5, 1.0]])  # a batch as on the page: single queries differ by rounding
+        assert message.points[0].positions == [0.1, *row[::-1]]
         q = np.degrees(correct(np.radians([30.0, 60.0])))
         expected = {"shoulder_lift.pos": q[0], "elbow_flex.pos": q[1], "gripper.pos": 5.0}
         assert robots.sent == pytest.approx(expected)
@@ -171,7 +172,7 @@ def test_blocks_are_of_a_kind_that_is_run_or_is_no_code():
         for block in blocks(page.read_text(encoding="utf-8"))
         if page.name != "api.md"
     }
-    assert kinds <= {"console", "python", "text"}
+    assert kinds <= {"console", "python", "text", "c"}  # test_export_c.py compiles the headers
     for page in PAGES:  # no fence that the test would not find
         text = page.read_text(encoding="utf-8")
         assert text.count("\n```") == 2 * len(list(blocks(text))), page.name

@@ -87,3 +87,19 @@ def test_online_and_batch_are_equally_precise_on_the_papers_arm():
         found[rule] = np.array(errors)
     a, b = found["batch"], found["online"]
     assert abs(a.mean() - b.mean()) < max(2 * np.hypot(a.std(), b.std()), 0.1 * a.mean())
+
+
+@pytest.mark.parametrize("side", [6, 8, 16])
+def test_a_varying_density_helps_small_lattices_too(side):
+    """At one strength for all sizes it tore a lattice of 8x8, and the map was useless."""
+    q = calib.babble(calib.load_arm("two_link"), 3000, seed=0).q
+
+    def none(visit: calib.Visit):
+        return np.ones(len(visit.winners))
+
+    plain, varying = (
+        calib.SOM((side, side), network, rule="online").fit(q).history[-1, 2:]
+        for network in (none, "vdsom")
+    )
+    assert varying[0] < plain[0]  # distance to the winner
+    assert varying[1] < 0.02  # topographic error

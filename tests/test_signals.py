@@ -57,7 +57,7 @@ STAGES = [
     "import calib_cli.app",
     "import scipy.spatial",
     "calib.training.learn.SOM",
-    "calib.training.learn.select",
+    "calib.training.train.select",
     "calib.common.atomic._create",
     "os.fsync",
     "os.replace",
@@ -65,7 +65,7 @@ STAGES = [
 
 
 def at(stage, number, folder):
-    command = ["train", "two_link", "--size", "6", "-n", "300"]
+    command = ["train", "two_link", "--size", "6", "-n", "300", "-o", "two_link.calib"]
     return subprocess.run(
         [sys.executable, "-c", AT, str(int(number)), stage, *command],
         capture_output=True,
@@ -84,7 +84,7 @@ def test_ctrl_c_at_any_stage_is_130_in_silence(stage, tmp_path):
     assert (tmp_path / "two_link.calib").read_bytes() == b"old"
 
 
-@pytest.mark.parametrize("stage", ["calib.training.learn.select", "os.fsync"])
+@pytest.mark.parametrize("stage", ["calib.training.train.select", "os.fsync"])
 def test_a_polite_kill_is_143_in_silence(stage, tmp_path):
     (tmp_path / "two_link.calib").write_bytes(b"old")
     done = at(stage, signal.SIGTERM, tmp_path)

@@ -372,4 +372,4 @@ def test_a_joint_that_never_moved_is_refused_or_ignored():
 def test_maps_that_did_not_unfold_are_refused_in_one_line():
     samples = calib.babble(calib.load_arm("two_link"), 100, seed=0)
     with pytest.raises(OptionError, match=r"map.*`size`"):
-        calib.train(samples, size=4, rule="online")
+        calib.train(samples, size=4, rule="online", map="vdsom:border")

@@ -43,8 +43,7 @@ class Visit:
     residual : (n,) array, optional
         Held-out error of a smooth model at each sample, where one was fitted [unit].
     grown : bool
-        Whether the map trains at the default schedule, coarse to fine down to a small
-        radius, at which a lattice hardly shrinks from its border.
+        Whether the map trains at the default schedule of its rule.
     per_node : float
         Training samples per node.
     """
@@ -188,8 +187,8 @@ def residual(visit: Visit) -> Array:
     the model's held-out residuals around a sample, see
     :func:`calib.maps.misfit.misfit`; "concentration of nodes in regions with large
     transformation errors".  Without residuals it is the border's gain alone.  At the
-    default schedule its strength follows the lattice, see :func:`border_strength`; at a
-    radius that the user chooses, and online, it is that of :func:`border`.
+    default schedule of either rule its strength follows the lattice, see
+    :func:`border_strength`; at a radius that the user chooses it is that of :func:`border`.
     """
     gain = border(visit, border_strength(visit.lattice)) if visit.grown else border(visit)
     if visit.residual is None:

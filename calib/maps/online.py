@@ -46,6 +46,8 @@ def learn(
     sigma: tuple[float, float],
     rng: np.random.Generator,
     neighbourhood: Neighbourhood | None = None,
+    *,
+    grown: bool = False,
 ) -> Iterator[Epoch]:
     """Train a map from a random start; yields after each pass over the samples.
 
@@ -65,6 +67,8 @@ def learn(
         Source of the start and of the orders.
     neighbourhood : callable, optional
         In place of the Gaussian of eq. 3; samples are then shown one by one.
+    grown : bool
+        Whether `sigma` is the default, see :class:`~calib.maps.density.Visit`.
     """
     start, end = sigma
     steps = epochs * len(u)
@@ -82,7 +86,8 @@ def learn(
             rates, sigmas = alpha[now], radius[now]
             if gain is not None:
                 distance, winner = winners(weights, chunk)
-                rates = rates * gain(Visit(done / steps, winner, distance, weights, lattice))
+                visit = Visit(done / steps, winner, distance, weights, lattice, grown=grown)
+                rates = rates * gain(visit)
             if neighbourhood is not None:
                 t = np.arange(now.start, now.stop) / steps
                 around = Around(lattice, neighbourhood)

@@ -76,6 +76,8 @@ def develop(
     wiring: Wiring,
     rng: np.random.Generator,
     around: online.Around | None = None,
+    *,
+    grown: bool = False,
 ) -> Pair:
     """Let two maps and their links develop together, one sample at a time (eq. 1 to 6).
 
@@ -97,6 +99,8 @@ def develop(
         Source of the starts and of the orders.
     around : Around, optional
         A neighbourhood of the user's own.
+    grown : bool
+        Whether `sigma` is the default, see :class:`~calib.maps.density.Visit`.
     """
     if lattice.size**2 > _LARGEST:
         raise OptionError(
@@ -137,7 +141,9 @@ def develop(
                     zeta[k] += distance.sum()
                     rate = alpha[now]
                     if gain is not None:
-                        visit = Visit(done / steps, winner, distance, weights[k], lattice)
+                        visit = Visit(
+                            done / steps, winner, distance, weights[k], lattice, grown=grown
+                        )
                         rate = rate * gain(visit)
                     weights[k] = weights[k].copy()
                     part = points[k][rows]

@@ -79,7 +79,7 @@ class SOM:
 
     >>> def gain(visit: calib.Visit):
     ...     return 1.0 + 3.0 * visit.progress * visit.weights[visit.winners, 0]
-    >>> calib.SOM((10, 10), map=gain).fit(x).weights[:, 0].mean() > 0.5
+    >>> bool(calib.SOM((10, 10), map=gain).fit(x).weights[:, 0].mean() > 0.5)
     True
     """
 
@@ -191,7 +191,7 @@ class SOM:
         >>> import numpy as np, calib
         >>> q = np.random.default_rng(0).uniform(size=(1500, 2))
         >>> pair = calib.SOM((8, 8), rule="online", epochs=4).fit_pair(q, q**2)
-        >>> pair.curve[-1, 4] < 0.1 < pair.curve[1, 4]
+        >>> bool(pair.curve[-1, 4] < 0.1 < pair.curve[1, 4])
         True
         """
         from . import pair as pairs
@@ -208,7 +208,16 @@ class SOM:
             rng = np.random.default_rng(self.seed)
             sigma = self._online_sigma(lattice)
             return pairs.develop(
-                q, x, lattice, self._gain(), sigma, self._passes(), wiring, rng, around
+                q,
+                x,
+                lattice,
+                self._gain(),
+                sigma,
+                self._passes(),
+                wiring,
+                rng,
+                around,
+                grown=self.sigma is None,
             )
         scales = (Scale.of_data(q), Scale.of_data(x))
         seeds = np.random.SeedSequence(self._entropy()).spawn(2)
@@ -269,5 +278,8 @@ class SOM:
             return dsom.learn(u, lattice, self._passes(), rng)
         if self.rule == "online":
             sigma = self._online_sigma(lattice)
-            return online.learn(u, lattice, gain, self._passes(), sigma, rng, self.neighbourhood)
+            passes, grown = self._passes(), self.sigma is None
+            return online.learn(
+                u, lattice, gain, passes, sigma, rng, self.neighbourhood, grown=grown
+            )
         return batch.learn(u, self._stages(), gain, rng, partners, residual, self.neighbourhood)

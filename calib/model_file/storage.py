@@ -14,6 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ..common.atomic import atomic_write
+from ..common.parallel import one_blas_thread
 from ..errors import CalibError, ModelError
 from ..maps.graph import Graph
 from ..maps.linear_models import to_shifts
@@ -67,7 +68,8 @@ def to_bytes(model: Model) -> bytes:
     """Content of a model file."""
     from safetensors.numpy import save as pack
 
-    tensors = {name: np.ascontiguousarray(a) for name, a in _tensors(model).items()}
+    with one_blas_thread():  # a covariance is factored on the way into the file
+        tensors = {name: np.ascontiguousarray(a) for name, a in _tensors(model).items()}
     header: dict[str, Any] = {
         "format": FORMAT,
         "about": model.about.to_json(),

@@ -32,6 +32,9 @@ _NOISE_FLOOR = 1.2  # a held-out error within this factor of the noise leaves no
 _EXACT = 3e-8  # share of the extent that is nothing to mend in a simulation without noise
 _SPATIAL_VIEWS = ("auto", "base", "rigid", "similarity")
 _NO_ARM = 0.02  # share of the extent: a body that is further off is compared with trends
+_EXACT_LOG = 1e-6  # share of the extent below which a log leaves nothing to mend
+_MUCH_BETTER = 0.2  # of a body's error: what a trend around it has to reach
+_ROWS_PER_CELL, _FILLED = 10, 0.5  # rows that fill so much of the joints' box are no path
 _FAR_BETTER = 0.5  # of a body's error: what a trend without any kinematics has to reach
 
 
@@ -95,6 +98,13 @@ def find_smooth_part(
         trends = of_trends(scale, turning, u, x)
         return SmoothPart((under, *trends, *of_trends(scale, turning, u, x, under)), fit, rows)
     if error <= _NO_ARM * extent:
+        if view == "auto" and error > _EXACT_LOG * extent and _fills_box(u):
+            # no chain, but smooth, such as a lens of high order: a trend around the body or alone
+            around = of_trends(scale, turning, u, x, under)
+            alone = of_trends(scale, turning, u, x)
+            best = min((*around, *alone), key=_held_out_error)
+            if _held_out_error(best) < _MUCH_BETTER * error:
+                return SmoothPart((best,), fit if any(best is c for c in around) else None, rows)
         return SmoothPart((under,), fit, rows)
     better = [
         trend
@@ -104,6 +114,16 @@ def find_smooth_part(
     if better:
         return SmoothPart(tuple(better), None, rows)
     return SmoothPart((under,), fit, rows)
+
+
+def _fills_box(u: Array) -> bool:
+    """Whether rows (n, dof) of the unit box spread over it, so that a trend may be told."""
+    side = int((len(u) / _ROWS_PER_CELL) ** (1 / u.shape[1]))
+    if side < 2:
+        return False
+    cell = np.clip((u * side).astype(int), 0, side - 1)
+    place = cell @ side ** np.arange(u.shape[1])
+    return bool(len(np.unique(place)) > _FILLED * side ** u.shape[1])
 
 
 def _planar(samples: Samples, q: Array, x: Array, view: str, seed: int) -> BodyFit:
