@@ -56,6 +56,7 @@ def log_for(
         joints=list(about.joint_names),
         columns=columns,
         usual=about.columns,
+        outputs=len(model.axes),
         degrees=degrees,
         unit=unit or about.unit,
         prismatic=[n for n, t in zip(about.joint_names, about.revolute, strict=True) if not t],

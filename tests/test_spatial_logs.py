@@ -115,3 +115,26 @@ def test_a_spatial_arm_babbles():
     np.testing.assert_allclose(moved.x, 2 * true, atol=1e-12)
     noisy = calib.babble(arm, 50, seed=1, noise=1e-3, changes=("sensor.outliers=0.2",))
     assert noisy.x.shape == (50, 3)
+
+
+def test_two_rows_of_x_y_z_lie_in_many_planes_and_are_refused_in_one_line(tmp_path):
+    path = tmp_path / "two.csv"
+    path.write_text("a,b,x,y,z\n0,1,0.1,0.2,0.3\n1,0,0.2,0.1,0.4\n")
+    with pytest.raises(calib.LogError, match="plane") as caught:
+        calib.read_log(path, joints=["a", "b"])
+    assert "\n" not in str(caught.value)
+
+
+def test_positions_in_a_plane_stay_in_space_for_a_model_of_an_arm_in_space(tmp_path):
+    arm = load_arm("spatial_three")
+    q = np.stack([1e-3 * np.sin(np.arange(30)), *np.linspace([0.1, 0.2], 1.0, 30).T], axis=1)
+    path = tmp_path / "flat.csv"
+    rows = np.column_stack([q, arm.forward(q)])
+    np.savetxt(path, rows, delimiter=",", header=f"{','.join(arm.joint_names)},x,y,z", comments="")
+    assert read_log(path, joints=arm.joint_names).x.shape == (30, 2)
+    read = read_log(path, joints=arm.joint_names, outputs=3)
+    np.testing.assert_allclose(read.x, arm.forward(q), atol=1e-12)
+    text = path.read_text().replace("x,y,z", "x,y,height")
+    path.write_text(text)
+    with pytest.raises(LogError, match="x and y alone"):
+        read_log(path, joints=arm.joint_names, outputs=3)

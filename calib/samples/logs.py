@@ -52,6 +52,7 @@ def read_log(
     most: int = MOST_ROWS,
     seed: int = 0,
     usual: Mapping[str, str] | None = None,
+    outputs: int | None = None,
 ) -> Samples:
     """Read a measured log: one column for each joint, and x, y or x, y, z.
 
@@ -63,7 +64,7 @@ def read_log(
 
     Parameters
     ----------
-    path : path-like or Source
+    path : path-like
         CSV or Parquet; `-` reads CSV from standard input.
     arm : Arm, optional
         Gives the joints' names and limits; its kinematics tell other units, exchanged columns
@@ -88,6 +89,9 @@ def read_log(
     usual : mapping of str to str, optional
         Names that columns have in other logs of this arm; those that this one lacks are
         passed over.
+    outputs : {2, 3}, optional
+        Coordinates that a position has, as a model of this arm has them; without it, and
+        without an arm, x, y, z that lie in a plane become two.
 
     Returns
     -------
@@ -120,6 +124,8 @@ def read_log(
             hint="for a planar part of the arm name its joints, or give `planar=True`",
             parameter="planar",
         )
+    if outputs is not None and outputs > len(axes):
+        raise LogError(f"{source.label} has x and y alone, expected x, y and z of an arm in space")
     revolute = _revolute(arm, names, prismatic)
     chosen = {
         k: ChosenRange(source.label, name, (ranges or {})[name], revolute[k], degrees)
@@ -161,7 +167,7 @@ def read_log(
     x = np.ascontiguousarray(values[:, len(names) : len(names) + len(axes)])
     orientation = _orientation(values[:, len(names) + len(axes) :], roles.turns, degrees, source)
     plane = rms = None
-    in_space = len(axes) == 3 and _in_space(x, arm)
+    in_space = len(axes) == 3 and (_in_space(x, arm) if outputs is None else outputs == 3)
     if len(axes) == 3 and not in_space:
         from ..arm.plane import fit_plane
 
@@ -300,7 +306,7 @@ def _in_space(x: Array, arm: Arm | None) -> bool:
     if arm is not None:
         return arm.outputs == 3
     spread = np.linalg.svd(x - x.mean(axis=0), compute_uv=False)
-    return bool(spread[2] > _THICK * spread[0])
+    return len(spread) == 3 and bool(spread[2] > _THICK * spread[0])
 
 
 def _orientation(

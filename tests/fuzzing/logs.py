@@ -101,6 +101,8 @@ class Logs(Kind):
     def _compare(self, log: calib.Samples, case: LogCase) -> None:
         """Find every accepted row in the file, in order, as Python itself reads numbers."""
         names = ["shoulder", "elbow", "x", "y"]
+        if log.plane is not None or log.x.shape[1] == 3:  # else a column z is not looked at
+            names.append("z")
         rows = _plain_rows(case.data, [case.columns.get(name, name) for name in names])
         assert len(log) + log.dropped <= len(rows), "more rows than there are"
         good = rows[(np.abs(rows) < LARGEST).all(axis=1)]
@@ -112,7 +114,7 @@ class Logs(Kind):
         scale = np.where(turns & case.degrees, math.radians(1.0), 1.0)
         joints = good[:, :2] * scale
         for q, x in zip(log.q, log.x, strict=True):
-            while place < len(good) and not (good[place, 2:4] == x).all():
+            while place < len(good) and not (good[place, 2:] == x).all():
                 place += 1
             assert place < len(good), f"a row {q}, {x} that the file does not have"
             gap = q - joints[place]
