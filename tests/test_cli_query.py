@@ -261,15 +261,15 @@ def test_the_bound_of_another_readout_covers_its_distance_from_the_truth(
     run, model, readout, tmp_path
 ):
     rows = tmp_path / "joints.csv"
-    rows.write_text("shoulder,elbow\n0.3,0.3\n-0.2,0.9\n0.9,1.4\n")
+    rows.write_text("shoulder,elbow\n0.3,0.6\n0.4,0.9\n0.9,1.4\n")
     tables = []
     for options in ([], ["--readout", readout]):
         out = tmp_path / "answers.csv"
-        assert run("query", "forward", model, "-i", rows, "-o", out, *options).code == 0
+        assert run("query", "forward", model, "--input", rows, "--output", out, *options).code == 0
         tables.append(np.loadtxt(out, delimiter=",", skiprows=1, ndmin=2))
     body, other = tables
     off = np.linalg.norm(other[:, 2:4] - body[:, 2:4], axis=1)
     assert (off > 1e-5).any()
     assert (other[:, 4] >= off).all()
-    done = run("query", "forward", model, "0.3", "0.3", "--readout", readout, "--json")
+    done = run("query", "forward", model, "0.3", "0.6", "--readout", readout, "--json")
     assert done.document["expected_error"] == pytest.approx(other[0, 4], rel=1e-6)
