@@ -136,6 +136,7 @@ def test_other_readouts_answer_too(run, model, readout):
     assert done.code in (0, 3)
     (solution,) = done.document["solutions"]
     assert set(solution["joints"]) == {"shoulder", "elbow"}
+    assert "out of reach" not in done.err  # the arm reaches it
 
 
 def test_batch_forward_and_back_returns_the_positions(run, model, tmp_path):

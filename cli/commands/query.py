@@ -122,12 +122,15 @@ def inverse(
         ]
         document = {"target": typed, "reachable": reachable, "solutions": solutions}
         show_json({**document, **_kind_of_answer(loaded)})
-    else:
-        _show(loaded, joints, _solutions(answer), "" if reachable else "nearest attainable point")
+    other = readout is not None and readout != loaded.default_readout
+    missed = f"the answer of readout '{readout}'" if other else "nearest attainable point"
+    if not as_json:
+        _show(loaded, joints, _solutions(answer), "" if reachable else missed)
     if not reachable:
         factor, unit = for_people(loaded.about.unit)
-        away = float(answer.distance.min()) * factor
-        note(f"out of reach: the nearest attainable point is {away:.4g} {unit} away")
+        away = f"{float(answer.distance.min()) * factor:.4g} {unit} away"
+        # a coarser readout can miss a target that the arm reaches
+        note(f"missed: {missed} is {away}" if other else f"out of reach: the {missed} is {away}")
         raise typer.Exit(NO)
 
 
