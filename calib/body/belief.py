@@ -142,8 +142,7 @@ class Body:
 
     def predict_and_slope(self, q: Array) -> tuple[Array, Array]:
         """Outputs (n, m) and their derivative (n, m, dof) by the joint values."""
-        q = np.asarray(q, dtype=float)
-        return self.structure.predict(q, self.beta), self.structure.slope(q, self.beta)
+        return self.structure.predict_and_slope(np.asarray(q, dtype=float), self.beta)
 
     def bound(self, q: Array, *, noise: bool = True, block: int = 0) -> Array:
         """95 % bound (n,) on the distance to what the sensor reads, or to the true output.

@@ -219,6 +219,10 @@ class PlanarStructure:
 
     def slope(self, q: Array, beta: Array) -> Array:
         """Derivative (n, 2, dof) of the positions by the joint values."""
+        return self.predict_and_slope(q, beta)[1]
+
+    def predict_and_slope(self, q: Array, beta: Array) -> tuple[Array, Array]:
+        """Positions (n, 2) and their derivative (n, 2, dof) by the joint values."""
         lay = self.layout
         signed, sums, theta = self.angles(q, beta)
         direction, terms = self.terms(signed, theta, beta)
@@ -237,8 +241,8 @@ class PlanarStructure:
         for i in lay.sliding:
             by_joint[:, i] = direction[:, i] * beta[lay.gain[i]] * self.signs[i] * self.slide
         place = np.full(lay.size, -1)
-        _, view, _ = planar_view.columns(self, terms.sum(axis=1), beta, place, 0)
-        return np.asarray(view @ np.stack([by_joint.real, by_joint.imag], axis=1))
+        z, view, _ = planar_view.columns(self, terms.sum(axis=1), beta, place, 0)
+        return z, np.asarray(view @ np.stack([by_joint.real, by_joint.imag], axis=1))
 
     def retract(self, beta: Array, delta: Array) -> Array:
         """The sum: no parameter of a planar body is a rotation matrix."""

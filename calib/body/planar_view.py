@@ -82,6 +82,8 @@ def columns(
     depth = 1 + x @ beta[6:8]
     y = (x @ linear.T) / depth[:, None]
     view = (linear - y[:, :, None] * beta[6:8]) / depth[:, None, None]
+    if not k and not beta[8]:
+        return y + beta[4:6], view, out
     mirrored = x * [1.0, float(structure.mirror)]
     turn = np.exp(beta[1]) * turned(beta)
     one, zero = np.ones(n), np.zeros(n)

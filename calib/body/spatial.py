@@ -193,6 +193,10 @@ class SpatialStructure:
 
     def slope(self, q: Array, beta: Array) -> Array:
         """Derivative (n, m, dof) of the outputs by the joint values."""
+        return self.predict_and_slope(q, beta)[1]
+
+    def predict_and_slope(self, q: Array, beta: Array) -> tuple[Array, Array]:
+        """Outputs (n, m) and their derivative (n, m, dof) by the joint values."""
         motion, view = self._seen(q, beta)
         chained = self._chained(motion, view)
         out = np.empty((len(q), self.outputs, self.dof))
@@ -210,7 +214,7 @@ class SpatialStructure:
             if bent is not None:
                 moved = moved + np.einsum("imn,in->mn", chained, bent[:, k])
             out[:, :, k] = moved.T
-        return out
+        return view.values, out
 
     def retract(self, beta: Array, delta: Array) -> Array:
         """`beta` (d,) moved by `delta` (d,): the sum, or a step on a rotation."""

@@ -173,6 +173,10 @@ class Structure(Protocol):
         """Derivative (n, m, dof) of the outputs by the joint values."""
         ...
 
+    def predict_and_slope(self, q: Array, beta: Array) -> tuple[Array, Array]:
+        """Outputs (n, m) and their derivative (n, m, dof) by the joint values."""
+        ...
+
     def retract(self, beta: Array, delta: Array) -> Array:
         """`beta` (d,) moved by `delta` (d,): the sum, or a step on a rotation."""
         ...

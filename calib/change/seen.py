@@ -59,13 +59,13 @@ class SeenStructure(PlanarStructure):
         z, _, out = planar_view.columns(self, self.chain(q, beta), beta, place, len(active))
         return z, out
 
-    def slope(self, q: Array, beta: Array) -> Array:
-        """Derivative (n, 2, dof) of the positions by the joint values."""
+    def predict_and_slope(self, q: Array, beta: Array) -> tuple[Array, Array]:
+        """Positions (n, 2) and their derivative (n, 2, dof) by the joint values."""
         scale = self.model.motor.scale
         _, tilt = self.model.predictor.value_and_slope(scale.to_unit(q))
         place = np.full(self.size, -1)
-        _, view, _ = planar_view.columns(self, self.chain(q, beta), beta, place, 0)
-        return np.asarray(view @ (tilt / scale.span))
+        z, view, _ = planar_view.columns(self, self.chain(q, beta), beta, place, 0)
+        return z, np.asarray(view @ (tilt / scale.span))
 
 
 def seen_body(model: Model) -> Body:
