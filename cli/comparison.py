@@ -74,6 +74,7 @@ def document(found: Sweep, output: str | None) -> dict[str, Any]:
         "jobs": found.jobs,
         "trainings": len(found),
         "failed": len(found.failed),
+        "units": {"errors": "unit of the row", "seconds": "s"},
         "combinations": [_combination(part) for part in found.combinations()],
         "rows": [
             {
