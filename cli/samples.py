@@ -150,7 +150,7 @@ def _arm_of_log(
     selection: Selection, source: Source, columns: Mapping[str, str] | None, notes: Notes
 ) -> Arm:
     """Load the arm with its other joints where the log says that they stood."""
-    from calib.samples.logs import locked_from_log
+    from calib.samples.locked import locked_from_log
 
     header = {*source.header, *(columns or {})}
     arm = selection.load(columns=header)
@@ -159,12 +159,12 @@ def _arm_of_log(
     if not others:
         return arm
     turns = kinds_of_joints(str(selection.robot))
-    held, said = locked_from_log(
+    held, told = locked_from_log(
         source,
         others,
         columns={name: column for name, column in (columns or {}).items() if name in others},
         degrees=selection.degrees,
         prismatic=[name for name in others if not turns.get(name, True)],
     )
-    notes.say(said)
+    notes.say(told)
     return selection.load(held, header) if held else arm

@@ -24,7 +24,7 @@ from ..samples.samples import Samples
 
 Array = NDArray[np.float64]
 
-MOST_ROWS = 50_000
+LEARNED_ROWS = 50_000
 """Rows of a log that the smooth part and the local models rest on."""
 
 _RAYLEIGH = {2: 1.2533, 3: 1.5958}  # mean length of a Gaussian vector of standard deviation 1
@@ -75,7 +75,7 @@ def find_smooth_part(
     seed : int
         Chooses rows where there are many.
     """
-    every = -(-len(samples) // MOST_ROWS)
+    every = -(-len(samples) // LEARNED_ROWS)
     rows = np.arange(0, len(samples), every)
     q, x = samples.q[rows], samples.x[rows]
     u = scale.to_unit(q)
