@@ -11,7 +11,7 @@ from hypothesis import strategies as st
 from reference import pinocchio_forward, random_joints
 
 from calib.arm.loading import arm_from_urdf, load_arm
-from calib.arm.ranges import one_turn
+from calib.arm.ranges import cut_to_one_turn, notes_of_turns
 from calib.errors import OptionError, RobotError
 
 
@@ -69,12 +69,21 @@ def test_a_range_of_more_than_one_turn_is_said_aloud():
 @given(st.floats(-50, 50), st.floats(2e-3, 50))
 def test_one_turn_lies_within_its_range_as_near_to_zero_as_it_can(lower, excess):
     upper = lower + 2 * np.pi + excess
-    (first, last), note = one_turn("j1", (lower, upper))
+    (first, last), cut = cut_to_one_turn((lower, upper))
     assert last - first == pytest.approx(2 * np.pi)
     assert lower - 1e-9 <= first < last <= upper + 1e-9
     nearest = np.clip(0.0, lower + np.pi, upper - np.pi)
     assert (first + last) / 2 == pytest.approx(nearest, abs=1e-9)
-    assert f"{first:.4f} to {last:.4f} rad" in note
+    assert cut == (excess > 1e-6)
+    assert f"{first:.4f} to {last:.4f} rad" in notes_of_turns({"j1": (first, last)})[0]
+
+
+def test_joints_with_the_same_turn_share_a_line():
+    turn = (-np.pi, np.pi)
+    assert notes_of_turns({"a": turn, "b": turn, "c": (0.0, 1.0)}) == [
+        "joints 'a', 'b' can turn more than once: one turn each is used, -3.1416 to 3.1416 rad",
+        "joint 'c' can turn more than once: one turn is used, 0.0000 to 1.0000 rad",
+    ]
 
 
 def test_one_turn_stays_within_limits_that_do_not_hold_zero_in_their_middle():
