@@ -239,9 +239,11 @@ def _left(found: Comparison, best: Explanation) -> tuple[str, ...]:
         "placement": "the joints' placements",
         "tool": "the tool",
     }
-    known = found.reference.structure.groups
-    freed = set(best.member.groups)
-    return tuple(w for g, w in words.items() if g in known and len(known[g]) and g not in freed)
+    structure = found.reference.structure
+    known = {g for g, ix in structure.groups.items() if len(ix)} - set(best.member.groups)
+    if structure.outputs >= 3:  # a tracker has no lens
+        known.discard("lens")
+    return tuple(w for g, w in words.items() if g in known)
 
 
 def _notes(
