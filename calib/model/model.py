@@ -140,6 +140,8 @@ class Model(Doors):
         Returns the model itself.  Without it the first query of each kind takes up to a
         second longer than the following ones.
         """
+        if self.single is not None:
+            _ = self.single.cells
         middle = (self.about.lower + self.about.upper) / 2
         x = self.forward(middle)
         self.expected_error(middle)
