@@ -40,6 +40,8 @@ Array = NDArray[np.float64]
 MOST_BLENDED = 3
 """Joints up to which bounds are blended between the motor map's nodes."""
 
+_REPEATS = 16  # until the interpreter has adapted to a query's code
+
 
 @dataclass(frozen=True, eq=False)
 class Model(Doors):
@@ -141,15 +143,21 @@ class Model(Doors):
         second longer than the following ones.
         """
         middle = (self.about.lower + self.about.upper) / 2
-        x = self.forward(middle)
-        self.expected_error(middle)
-        self.model_error(middle)
-        if np.isfinite(x).all():
-            self.inverse(x, near=middle)
-        self.forward(middle[None])
-        target = np.where(np.isfinite(x), x, self.sensory.weights[0])
+        x = self.forward(middle[None])[0]
+        known = bool(np.isfinite(x).all())
+        target = x if known else self.sensory.weights[0]
         self.inverse(target[None], near=middle[None])
         self.inverse_all(target[None])
+        if self.single is not None:
+            _ = self.single.cells
+        for _ in range(_REPEATS):
+            self.forward(middle)
+            self.expected_error(middle)
+            self.model_error(middle)
+            if known:
+                self.inverse(x, near=middle)
+                if self.about.urdf:
+                    self.correct(middle)
         return self
 
     @cached_property
