@@ -9,6 +9,7 @@ import numpy as np
 
 from ..body.belief import Body
 from ..body.structure import Array
+from ..common.choices import METHODS
 from ..common.parallel import one_blas_thread
 from ..errors import OptionError
 from ..model.model import Model
@@ -32,7 +33,6 @@ from .whitening import kernel, lengths_of
 if TYPE_CHECKING:
     from ..samples.samples import Samples
 
-METHODS = ("few-shot", "online")
 
 _CLEAR = 0.95  # of the held-out error that a change may leave at most
 _REFINED = 0.85  # the same where nothing changed and rows are only added

@@ -12,12 +12,11 @@ import numpy as np
 
 from ..body.belief import Body
 from ..body.structure import Array, Indices, Structure
+from ..common.choices import CAUSES
 from ..errors import OptionError
 
 FRAME = ("view.rotation", "view.shift")
 """Groups that move when the sensor is put elsewhere; always freed together."""
-
-CAUSES = ("sensor", "joints")
 
 _FREE = {
     "view.rotation": 0.05,  # [rad], about the frame that fits the log best
