@@ -6,7 +6,7 @@ from typing import Annotated
 
 import typer
 
-from calib.common.choices import BODIES, CAUSES, FRAMES, MAPS, MOTIONS, READOUTS, RULES, VIEWS
+from calib.common.choices import BODIES, CAUSES, LOG_FRAMES, MAPS, MOTIONS, READOUTS, RULES, VIEWS
 
 from . import parsing
 from .parsing import Columns, JointRange, JointValue, Names, Numbers, Sigma, Size
@@ -232,8 +232,8 @@ ViewOption = Annotated[
     str,
     typer.Option(
         "--view",
-        parser=parsing.one_of("--view", FRAMES),
-        metavar="|".join(FRAMES),
+        parser=parsing.one_of("--view", LOG_FRAMES),
+        metavar="|".join(LOG_FRAMES),
         help="base: the log is in the robot's root frame; auto: the sensor's frame is free.",
     ),
 ]

@@ -18,7 +18,7 @@ from ..training.learn import Progress
 from .adapt_online import adapt_online
 from .adaptation import Adaptation, finished, measured_share
 from .carry import carry
-from .cause import Cause
+from .cause import KEPT, Cause
 from .causes import find_causes
 from .check import outlier_note
 from .comparison import UNEXPLAINED, Comparison, carried, compare
@@ -227,21 +227,9 @@ def _named(best: Explanation, own: OwnResidual | None, changed: bool) -> str:
 
 def _left(found: Comparison, best: Explanation) -> tuple[str, ...]:
     """Groups that the explanation did not free, in words."""
-    words = {
-        "view.rotation": "the sensor's frame",
-        "view.scale": "the sensor's scale",
-        "view.tilt": "the camera's tilt",
-        "lens": "the lens",
-        "length": "the links' lengths",
-        "offset": "the joints' offsets",
-        "gain": "the joints' gains",
-        "elastic": "elasticity",
-        "placement": "the joints' placements",
-        "tool": "the tool",
-    }
     known = found.reference.structure.groups
     freed = set(best.member.groups)
-    return tuple(w for g, w in words.items() if g in known and len(known[g]) and g not in freed)
+    return tuple(w for g, w in KEPT.items() if g in known and len(known[g]) and g not in freed)
 
 
 def _notes(

@@ -21,10 +21,7 @@ BODIES = ("auto", "none")
 VIEWS = ("auto", "base", "rigid", "similarity", "affine", "homography")
 """What a sensor measures of a planar arm; ``auto`` goes by the unit."""
 
-SPATIAL_VIEWS = ("auto", "base", "rigid", "similarity")
-"""What a sensor measures of an arm in space."""
-
-FRAMES = ("auto", "base")
+LOG_FRAMES = ("auto", "base")
 """Whether a log is in the robot's root frame."""
 
 CAUSES = ("sensor", "joints")

@@ -15,7 +15,6 @@ from ..body.fitting import METRES, fit_body
 from ..body.nominal import Nominal, nominal_of
 from ..body.posterior import BodyFit, fit_structure
 from ..body.telling import warnings_of
-from ..common.choices import SPATIAL_VIEWS
 from ..common.scale import Scale
 from ..errors import OptionError
 from ..maps.misfit import misfit
@@ -31,6 +30,7 @@ MOST_ROWS = 50_000
 _RAYLEIGH = {2: 1.2533, 3: 1.5958}  # mean length of a Gaussian vector of standard deviation 1
 _NOISE_FLOOR = 1.2  # a held-out error within this factor of the noise leaves nothing to mend
 _EXACT = 3e-8  # share of the extent that is nothing to mend in a simulation without noise
+_SPATIAL_VIEWS = ("auto", "base", "rigid", "similarity")
 _NO_ARM = 0.02  # share of the extent: a body that is further off is compared with trends
 _EXACT_LOG = 1e-6  # share of the extent below which a log leaves nothing to mend
 _MUCH_BETTER = 0.2  # of a body's error: what a trend around it has to reach
@@ -160,10 +160,10 @@ def _in_space(samples: Samples, q: Array, x: Array, view: str, seed: int) -> Bod
     from ..body.spatial import structure_of
     from ..body.spatial_random import unknown_structure
 
-    if view not in SPATIAL_VIEWS:
+    if view not in _SPATIAL_VIEWS:
         raise OptionError(
             f"view {view!r} is for planar arms; for x, y, z expected one of "
-            f"{', '.join(SPATIAL_VIEWS)}",
+            f"{', '.join(_SPATIAL_VIEWS)}",
             parameter="view",
             value=view,
         )
