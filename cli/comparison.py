@@ -6,7 +6,8 @@ import math
 from collections.abc import Sequence
 from typing import TYPE_CHECKING, Any
 
-from .options import READOUTS
+from calib.common.choices import READOUTS
+
 from .output import Table, fixed, number
 from .units import for_people
 

@@ -9,6 +9,7 @@ import numpy as np
 
 from ..body.belief import Body
 from ..body.structure import Array
+from ..common.choices import METHODS
 from ..common.parallel import one_blas_thread
 from ..errors import OptionError
 from ..model.model import Model
@@ -17,7 +18,7 @@ from ..training.learn import Progress
 from .adapt_online import adapt_online
 from .adaptation import Adaptation, finished, measured_share
 from .carry import carry
-from .cause import Cause
+from .cause import KEPT, Cause
 from .causes import find_causes
 from .check import outlier_note
 from .comparison import UNEXPLAINED, Comparison, carried, compare
@@ -32,7 +33,6 @@ from .whitening import kernel, lengths_of
 if TYPE_CHECKING:
     from ..samples.samples import Samples
 
-METHODS = ("few-shot", "online")
 
 _CLEAR = 0.95  # of the held-out error that a change may leave at most
 _REFINED = 0.85  # the same where nothing changed and rows are only added
@@ -227,23 +227,11 @@ def _named(best: Explanation, own: OwnResidual | None, changed: bool) -> str:
 
 def _left(found: Comparison, best: Explanation) -> tuple[str, ...]:
     """Groups that the explanation did not free, in words."""
-    words = {
-        "view.rotation": "the sensor's frame",
-        "view.scale": "the sensor's scale",
-        "view.tilt": "the camera's tilt",
-        "lens": "the lens",
-        "length": "the links' lengths",
-        "offset": "the joints' offsets",
-        "gain": "the joints' gains",
-        "elastic": "elasticity",
-        "placement": "the joints' placements",
-        "tool": "the tool",
-    }
     structure = found.reference.structure
     known = {g for g, ix in structure.groups.items() if len(ix)} - set(best.member.groups)
     if structure.outputs >= 3:  # a tracker has no lens
         known.discard("lens")
-    return tuple(w for g, w in words.items() if g in known)
+    return tuple(words for group, words in KEPT.items() if group in known)
 
 
 def _notes(

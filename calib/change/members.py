@@ -12,12 +12,11 @@ import numpy as np
 
 from ..body.belief import Body
 from ..body.structure import Array, Indices, Structure
+from ..common.choices import CAUSES
 from ..errors import OptionError
 
 FRAME = ("view.rotation", "view.shift")
 """Groups that move when the sensor is put elsewhere; always freed together."""
-
-CAUSES = ("sensor", "joints")
 
 _FREE = {
     "view.rotation": 0.05,  # [rad], about the frame that fits the log best
@@ -70,6 +69,9 @@ class Member:
 
 
 NOTHING = Member("nothing", ())
+
+TESTED = ("offset", "length", "gain", "placement", "tool")
+"""Groups that are tested joint by joint."""
 
 _CAMERA = ("view.scale", "view.shear", "view.tilt")
 _GEOMETRY = ("offset", "length", "gain")
@@ -135,11 +137,17 @@ def _named(groups: tuple[str, ...]) -> str:
     return ", ".join(names)
 
 
-def _indices(structure: Structure, group: str) -> Indices:
+def parts_of(structure: Structure, group: str) -> list[tuple[str, Indices]]:
+    """Parts of a group that are named apart, each with its parameters: the joints' curves."""
+    own = [name for name in structure.groups if name == group]
     if group == "curve":
-        parts = [ix for name, ix in structure.groups.items() if name.startswith("curve.")]
-        return np.concatenate(parts) if parts else np.zeros(0, dtype=int)
-    return np.asarray(structure.groups.get(group, np.zeros(0, dtype=int)))
+        own = [name for name in structure.groups if name.startswith("curve.")]
+    return [(name, np.asarray(structure.groups[name])) for name in own]
+
+
+def _indices(structure: Structure, group: str) -> Indices:
+    parts = [ix for _, ix in parts_of(structure, group)]
+    return np.concatenate(parts) if parts else np.zeros(0, dtype=int)
 
 
 def freedom(body: Body, member: Member, cause: str | None = None) -> Array:

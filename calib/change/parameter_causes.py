@@ -9,8 +9,8 @@ import numpy as np
 
 from ..body.structure import Array, Indices, Label, Structure
 from ..model.alignment import Alignment
-from .cause import Cause
-from .members import FRAME
+from .cause import AS_ONE, Cause
+from .members import FRAME, parts_of
 
 if TYPE_CHECKING:
     from .comparison import Comparison
@@ -20,12 +20,6 @@ SIGNIFICANT = 2.6
 """Standard deviations from which a parameter is said to have changed."""
 
 _MATTERS = 0.05  # share of the largest displacement from which a cause is named
-_WORDS = {
-    "view.scale": "the sensor's scale changed",
-    "view.shear": "the sensor's axes are stretched or sheared",
-    "view.tilt": "the camera is tilted",
-    "lens": "the sensor's frame is bent, as by a lens",
-}
 
 
 def of_parameters(comparison: Comparison, best: Explanation) -> list[Cause]:
@@ -38,10 +32,8 @@ def of_parameters(comparison: Comparison, best: Explanation) -> list[Cause]:
     for group in best.member.groups:
         if group in FRAME or (group == "view.scale" and comparison.reference.scale != 1.0):
             continue
-        for name, ix in structure.groups.items():
-            if name != group and not (group == "curve" and name.startswith("curve.")):
-                continue
-            found += _of_group(comparison, best, name, np.asarray(ix), old, every, size)
+        for name, ix in parts_of(structure, group):
+            found += _of_group(comparison, best, name, ix, old, every, size)
     if best.member.framed:
         found += _of_sensor(comparison, best, old, every, size)
     if not comparison.reference.locked:
@@ -65,7 +57,7 @@ def _of_group(
     structure = comparison.reference.structure
     change, deviation = (best.beta - old)[ix], best.deviation[ix]
     clear = (deviation > 0) & (np.abs(change) > SIGNIFICANT * deviation)
-    if group.startswith("curve") or group in _WORDS or group == "elastic":
+    if _kind(group) in AS_ONE:
         if not clear.any():
             return []
         moved = float(np.linalg.norm(change * size[np.searchsorted(every, ix)]))
@@ -84,17 +76,17 @@ def _summed(
 ) -> Cause:
     label = structure.label(index)
     value, half = float(change[largest]), 1.96 * float(deviation[largest])
-    if group in _WORDS:
-        name = group.removeprefix("view.")
-        words = _WORDS[group]
-        if group == "view.scale":
-            words += f" by {100 * math.expm1(value):+.3g} %"
-        return Cause(name, group, value, (value - half, value + half), label.unit, words)
-    name = f"{'curve' if group.startswith('curve') else group}:{label.joint}"
-    what = "gives way under load" if group == "elastic" else "follows another curve"
     size = math.degrees(float(np.abs(change).max()))
-    words = f"{label.joint} {what}, by up to {size:.3g} deg"
+    words = AS_ONE[_kind(group)].format(joint=label.joint, size=size)
+    if group == "view.scale":
+        words += f" by {100 * math.expm1(value):+.3g} %"
+    name = f"{_kind(group)}:{label.joint}" if label.joint else group.removeprefix("view.")
     return Cause(name, group, value, (value - half, value + half), label.unit, words)
+
+
+def _kind(group: str) -> str:
+    """A group's name, of a joint's own curve that of all curves."""
+    return "curve" if group.startswith("curve.") else group
 
 
 def single(label: Label, old: float, change: float, sd: float) -> Cause:

@@ -9,11 +9,12 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from ..common.choices import MAP_READOUTS
 from ..common.frozen import freeze
 from ..common.wording import one_line
 from ..errors import OptionError, QueryError
 from ..inverse.solver import Solver
-from ..maps.association import MAP_READOUTS, Association, check_readout
+from ..maps.association import Association, check_readout
 from ..maps.linear_models import LinearModels
 from ..maps.local_models import NO_MODELS
 from ..maps.map import Map

@@ -11,6 +11,7 @@ from numpy.typing import NDArray
 
 from ..body.curves import HARMONICS
 from ..body.planar import PlanarStructure
+from ..body.planar_view import cubic
 from ..common.wording import one_line
 from ..errors import OptionError
 from ..maps.local_models import blend_size
@@ -78,6 +79,8 @@ def c_header(model: Model, *, prefix: str = "calib_", single: bool = False) -> C
             "the model has no planar body, which is what a C header is made of: train it with "
             "body='auto'"
         )
+    if body.structure.seen_as.bend is not cubic and body.beta[8]:
+        raise OptionError(f"the lens of view {body.structure.view!r} has no C form")
     notes = []
     if model.predictor.models.degree >= 0:
         u = np.clip(model.motor.units, 0.0, 1.0)
@@ -174,7 +177,7 @@ class _Writer:
         dof, nodes = f"{p.upper()}DOF", f"{p.upper()}NODES"
         matrix = st.matrix(beta)
         view = np.concatenate([matrix.ravel(), beta[4:8]])
-        lens = np.concatenate([beta[8:11], st.centre, [1.5 * st.extent]])
+        lens = np.concatenate([beta[8:11], st.centre, [st.size_of_lens]])
         zero = np.zeros(HARMONICS)
         waves = [
             np.split(beta[st.layout.curve[i]], 2) if i in st.layout.curve else (zero, zero)

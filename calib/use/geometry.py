@@ -13,6 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ..body.bound import autocorrelation_time
+from ..common.choices import CAUSES, LOG_FRAMES
 from ..errors import OptionError
 from ..model.alignment import Alignment
 
@@ -21,9 +22,6 @@ if TYPE_CHECKING:
     from ..model.model import Model
 
 Array = NDArray[np.float64]
-
-VIEWS = ("auto", "base")
-CAUSES = ("sensor", "joints")
 
 _POINTS, _ROWS = 500, 2_000
 _STEPS = 60
@@ -121,9 +119,9 @@ def frame_is_free(model: Model, view: str = "auto") -> bool:
     Positions of a simulation are in the root link's plane; those of a log are in the sensor's
     own frame, unless `view` is "base".
     """
-    if view not in VIEWS:
+    if view not in LOG_FRAMES:
         raise OptionError(
-            f"view {view!r}: expected one of {', '.join(VIEWS)}", parameter="view", value=view
+            f"view {view!r}: expected one of {', '.join(LOG_FRAMES)}", parameter="view", value=view
         )
     source = model.about.source
     if model.history:
