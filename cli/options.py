@@ -13,7 +13,7 @@ MAPS = ("vdsom", "som", "dsom", "gng")
 RULES = ("batch", "online")
 READOUTS = ("local", "body", "linear", "activity", "winner")
 BODIES = ("auto", "none")
-SENSOR_VIEWS = ("auto", "base", "rigid", "similarity", "affine", "homography")
+SENSOR_VIEWS = ("auto", "base", "rigid", "similarity", "affine", "homography", "pinhole")
 VIEWS, CAUSES = ("auto", "base"), ("sensor", "joints")
 MOTIONS = ("uniform", "halton", "sobol", "smooth")
 
@@ -117,7 +117,7 @@ SensorViewOption = Annotated[
         parser=parsing.one_of("--view", SENSOR_VIEWS),
         metavar="|".join(SENSOR_VIEWS),
         help="What the sensor measures: base is the robot's root frame; auto is rigid for "
-        "lengths, homography for pixels.",
+        "lengths, homography for pixels, pinhole for pixels of an arm in space.",
     ),
 ]
 RuleOption = Annotated[

@@ -150,7 +150,7 @@ def _arm_of_log(
     selection: Selection, source: Source, columns: Mapping[str, str] | None, notes: Notes
 ) -> Arm:
     """Load the arm with its other joints where the log says that they stood."""
-    from calib.samples.logs import locked_from_log
+    from calib.samples.locked import locked_from_log
 
     header = {*source.header, *(columns or {})}
     arm = selection.load(columns=header)

@@ -10,7 +10,8 @@ import calib
 from calib.errors import LogError, OptionError
 from calib.samples import csv_rows, parquet
 from calib.samples.columns import open_source, read_batches, read_columns
-from calib.samples.logs import locked_from_log, read_log
+from calib.samples.locked import locked_from_log
+from calib.samples.logs import read_log
 from calib.samples.reservoir import Reservoir
 
 N = 3000

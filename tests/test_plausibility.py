@@ -117,7 +117,7 @@ def test_positions_that_leave_the_plane_are_refused(tmp_path):
 
 
 def test_a_locked_joint_that_moved_is_refused_and_a_wrong_reading_is_not(tmp_path):
-    from calib.samples.logs import locked_from_log
+    from calib.samples.locked import locked_from_log
 
     pan = np.full(200, 0.25)
     pan[7] = 0.6

@@ -16,7 +16,7 @@ from .telling import warnings_of
 
 __all__ = ["METRES", "VIEWS", "BodyFit", "fit_body", "fit_structure", "planar_structure"]
 
-VIEWS = ("auto", "base", "rigid", "similarity", "affine", "homography")
+VIEWS = ("auto", "base", "rigid", "similarity", "affine", "homography", "pinhole")
 
 METRES = {"m": 1.0, "cm": 100.0, "mm": 1000.0, "um": 1e6, "in": 1 / 0.0254}
 """Units per metre of the units that are lengths."""
@@ -115,8 +115,8 @@ def planar_structure(
         )
     if not (np.isfinite(q).all() and np.isfinite(z).all()):
         raise LogError("a joint value or a position is not finite; leave such rows out")
-    if view not in VIEWS:
-        raise OptionError(f"view {view!r}, expected one of {', '.join(VIEWS)}")
+    if view not in VIEWS[:-1]:
+        raise OptionError(f"view {view!r}, expected one of {', '.join(VIEWS[:-1])}")
     if view == "base" and nominal is None:
         raise OptionError("view 'base' needs the nominal geometry of a robot; give nominal")
     if nominal is not None and len(nominal.lengths) != len(names):
