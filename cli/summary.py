@@ -65,6 +65,8 @@ def view_of(model: Model) -> dict[str, Any]:
     body = model.body
     if body is None:
         return {"kind": None}
+    from calib.body.sensor import SensorPose
+
     view: dict[str, Any] = {"kind": body.structure.view}
     if (mirror := body.structure.header().get("mirror")) is not None:
         view["mirror"] = mirror < 0
@@ -75,6 +77,11 @@ def view_of(model: Model) -> dict[str, Any]:
                 "interval": [parameter.low, parameter.high],
                 "unit": parameter.unit,
             }
+    if (sensor := SensorPose.of(body)) is not None:
+        view["camera" if view["kind"] == "pinhole" else "sensor"] = sensor.to_json()
+    if view["kind"] == "pinhole":
+        f, u, v, k1 = body.beta[body.structure.groups["lens"]].tolist()
+        view["lens"] = {"focal": f, "centre": [u, v], "k1": k1, "size": model.about.picture}
     return view
 
 

@@ -1,22 +1,18 @@
-"""Camera: where a fitted camera stands, how sure that is, and what pictures could not tell."""
+"""Camera: what pictures of an arm could not tell, which poses would, and pixels of no camera."""
 
 from __future__ import annotations
 
-from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from ..arm.rotations import cross_matrix, quaternion_of
 from ..errors import LogError
-from .belief import Body
+from .sensor import SensorPose
 from .spatial_start import frame
-from .spatial_words import camera_place
 from .structure import Array
 
 if TYPE_CHECKING:
     from .posterior import BodyFit
-    from .spatial import SpatialStructure
 
 #: A camera whose distance is less sure than this share of it was shown too little.
 UNSURE = 0.1
@@ -26,82 +22,6 @@ MISFIT = 0.05
 _CLEAR = 0.3
 #: Poses that are drawn to find out how far the tip can move along the view.
 _DRAWN = 400
-
-
-@dataclass(frozen=True, eq=False)
-class CameraPose:
-    """A camera in the arm's base frame, and how sure it is.
-
-    The first turning joint's offset is zero by convention: the camera turned about that joint's
-    axis, and the offset the other way, give the same pixels. The spreads do not count that turn.
-
-    Attributes
-    ----------
-    position : (3,) array [m]
-    rotation : (3, 3) array
-        Its columns are the camera's x (right), y (down) and z (ahead).
-    position_sd, turn_sd : (3,) array [m, rad]
-        Along and about the base's axes.
-    depth_sd : float [m]
-        Along the camera's z.
-    lens : (4,) array
-        Focal length, centre [px] and k1.
-    """
-
-    position: Array
-    rotation: Array
-    position_sd: Array
-    turn_sd: Array
-    depth_sd: float
-    lens: Array
-
-    @staticmethod
-    def of(body: Body) -> CameraPose | None:
-        """The camera of a body that was learned from pixels of an arm in space; else None."""
-        structure: Any = body.structure
-        if structure.kind != "spatial" or structure.view != "pinhole":
-            return None
-        groups, beta = structure.groups, body.beta
-        position, rotation = camera_place(structure, beta)
-        index = np.concatenate([groups["view.rotation"], groups["view.shift"]])
-        place = np.searchsorted(body.active, index)
-        covariance = body.covariance[np.ix_(place, place)]
-        # position = -R' t; R turned by d on its left moves it by R' (d x t)
-        slope = -np.hstack([rotation @ cross_matrix(beta[groups["view.shift"]]), rotation])
-        spread = slope @ covariance @ slope.T
-        turns = rotation @ covariance[:3, :3] @ rotation.T
-        ahead = rotation[:, 2]
-        return CameraPose(
-            position,
-            rotation,
-            np.sqrt(np.diag(spread)),
-            np.sqrt(np.diag(turns)),
-            float(np.sqrt(ahead @ spread @ ahead)),
-            beta[groups["lens"]],
-        )
-
-    @property
-    def quaternion(self) -> Array:
-        """The rotation as qx, qy, qz, qw."""
-        return quaternion_of(self.rotation)
-
-    def to_json(self) -> dict[str, Any]:
-        """Position [m] with 95 % intervals, quaternion, and 95 % of its turns [rad]."""
-        half = 1.96 * self.position_sd
-        return {
-            "frame": "base",
-            "position": self.position.tolist(),
-            "position_interval": np.stack([self.position - half, self.position + half], 1).tolist(),
-            "quaternion": self.quaternion.tolist(),
-            "turn_95": (1.96 * self.turn_sd).tolist(),
-            "depth_95": 1.96 * self.depth_sd,
-        }
-
-
-def turning_first(structure: SpatialStructure) -> str | None:
-    """Name of the joint whose offset cannot be told from a turn of the camera."""
-    first = next((k for k, turns in enumerate(structure.turning) if turns), None)
-    return structure.joint_names[first] if first == 0 else None
 
 
 def told_by(fit: BodyFit, q: Array, pixels: Array, lower: Array, upper: Array) -> list[str]:
@@ -115,7 +35,7 @@ def told_by(fit: BodyFit, q: Array, pixels: Array, lower: Array, upper: Array) -
     body = fit.body
     structure: Any = body.structure
     _refuse_misfit(fit, q, pixels)
-    camera = CameraPose.of(body)
+    camera = SensorPose.of(body)
     if camera is None:
         return []
     ahead, eye = camera.rotation[:, 2], camera.position

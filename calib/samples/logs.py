@@ -6,7 +6,7 @@ import math
 import os
 from collections.abc import Mapping, Sequence
 from dataclasses import replace
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -50,6 +50,7 @@ def read_log(
     seed: int = 0,
     usual: Mapping[str, str] | None = None,
     outputs: int | None = None,
+    lens: Mapping[str, Any] | None = None,
 ) -> Samples:
     """Read a measured log: one column for each joint, and x, y or x, y, z.
 
@@ -89,6 +90,8 @@ def read_log(
     outputs : {2, 3}, optional
         Coordinates that a position has, as a model of this arm has them; without it, and
         without an arm, x, y, z that lie in a plane become two.
+    lens : mapping, optional
+        The calibrated lens of a camera that sees an arm in space, as lens.json holds it.
 
     Returns
     -------
@@ -182,8 +185,10 @@ def read_log(
         )
     camera = None
     if arm is not None and arm.outputs == 3 and len(axes) == 2:
-        camera = camera_of(about, x)
+        camera = camera_of(about if lens is None else {"lens": lens}, x)
         notes += [camera.note] if camera.note else []
+    elif lens is not None:
+        raise OptionError("`lens` is for pixels of an arm in space: expected columns u and v")
     if arm is not None:
         notes += check_against_robot(
             source.label, arm, q, x, unit, names, fitted_plane=plane is not None

@@ -97,9 +97,10 @@ def train(
     body : {"auto", "none"}
         ``auto`` fits a kinematic body under the maps; ``none`` learns from maps and links
         alone, as the paper does.
-    view : {"auto", "base", "rigid", "similarity", "affine", "homography"}
+    view : {"auto", "base", "rigid", "similarity", "affine", "homography", "pinhole"}
         What the sensor measures: ``base`` says that positions are in the robot's root frame,
-        ``auto`` is rigid for lengths and a homography for pixels.
+        ``auto`` is rigid for lengths, a homography for pixels, and for those of an arm in
+        space a pinhole camera that looks from anywhere.
     seed : int
         The same seed gives the same model, byte for byte.
     progress : callable, optional
@@ -339,4 +340,5 @@ class _Trainer:
             urdf=arm.urdf if arm is not None else "",
             columns=samples.columns,
             degrees=samples.degrees,
+            picture=samples.camera.size if samples.camera is not None else None,
         )
