@@ -7,8 +7,10 @@ from dataclasses import replace
 import numpy as np
 from numpy.typing import NDArray
 
+from ..arm.rotations import logarithm, matrix_of
 from ..arm.spatial_arm import SpatialArm
 from ..body.fitting import METRES
+from ..body.poses import positions_of, refuse_misfit
 from ..body.posterior import BodyFit, fit_structure
 from ..body.spatial import structure_of
 from ..body.spatial_random import unknown_structure
@@ -73,6 +75,14 @@ def fit_in_space(
     if isinstance(arm, SpatialArm) and not simulated:
         kind = {"auto": "rigid" if samples.unit in METRES else "similarity"}.get(view, view)
         template = structure_of(arm, kind, unit=samples.unit, metre=metre, extent=extent)
+        if samples.orientation is not None and kind == "rigid":
+            turns = samples.orientation[rows]
+            refuse_misfit(template, q, x, turns)
+            poses = np.hstack([x, logarithm(matrix_of(turns))])
+            found = fit_structure(template.with_view("pose"), q, poses, seed=seed, notes=notes)
+            return positions_of(found)
+        if samples.orientation is not None:
+            notes = (*notes, f"orientations are not used with the view {kind!r}")
     else:
         template = unknown_structure(
             samples.joint_names, samples.revolute, extent, samples.unit, metre

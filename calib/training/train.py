@@ -144,7 +144,7 @@ def train(
         said = screening.notes()
         if screening.left_out:
             kept = screening.kept
-            samples = replace(samples, q=samples.q[kept], x=samples.x[kept])
+            samples = samples.take(kept)
     motor, sensory, notes = lattice_sizes(
         samples, size, motor_size, sensory_size, imagined=body != "none"
     )
