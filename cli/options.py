@@ -13,6 +13,7 @@ MAPS = ("vdsom", "som", "dsom", "gng")
 RULES = ("batch", "online")
 READOUTS = ("local", "body", "linear", "activity", "winner")
 BODIES = ("auto", "none")
+FRAMES = ("sensor", "base")
 SENSOR_VIEWS = ("auto", "base", "rigid", "similarity", "affine", "homography", "pinhole")
 VIEWS, CAUSES = ("auto", "base"), ("sensor", "joints")
 MOTIONS = ("uniform", "halton", "sobol", "smooth")
@@ -273,6 +274,15 @@ NearOption = Annotated[
         parser=parsing.numbers("--near"),
         metavar="Q1,Q2",
         help="Answer with the branch nearest to these joint values.",
+    ),
+]
+FrameOption = Annotated[
+    str,
+    typer.Option(
+        "--in",
+        parser=parsing.one_of("--in", FRAMES),
+        metavar="|".join(FRAMES),
+        help="Frame of positions: what the sensor reads, or the arm's base [m].",
     ),
 ]
 AllOption = Annotated[bool, typer.Option("--all", help="Answer with every branch.")]

@@ -68,8 +68,8 @@ def _refuse_misfit(fit: BodyFit, q: Array, pixels: Array) -> None:
     rest = float(np.median(np.linalg.norm(mirrored - structure.predict(q, beta), axis=1)))
     if rest < _CLEAR * left:
         raise LogError(
-            "the pixels are of a mirrored picture: u or v runs the wrong way; write u as the "
-            "picture's width less u, or v from the top"
+            "the pixels are of a mirrored picture: u or v runs the wrong way, or they are swapped; "
+            "write u as the picture's width less u, or v from the top"
         )
     raise LogError(
         f"no camera explains the pixels: it misses them by {left:.3g} px (median) of {extent:.3g}; "

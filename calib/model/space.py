@@ -21,6 +21,7 @@ from ..errors import QueryError
 from ..inverse.near import position_near
 from ..inverse.pixel import on_plane
 from ..inverse.pose import Joints, pose_branches, reach_poses
+from ..inverse.self_motions import free_directions
 from .answers import checked_rows
 
 if TYPE_CHECKING:
@@ -228,15 +229,25 @@ class Space:
         return self._answer(q, p, None)
 
     def free(self, q: Array, rows: int) -> Array:
-        """Directions (k, dof) in which joints move on without changing the answer at q (dof,).
-
-        `rows` is 3 for a position and 6 for a pose. The largest entry of each is 1.
-        """
+        """Directions (k, dof) that leave the answer at q (dof,); `rows` is 3, or 6 for a pose."""
         jacobian = self.evaluate(q[None])[2][0, :rows].copy()
         jacobian[:3] /= self.length
-        _, size, vt = np.linalg.svd(jacobian)
-        null = vt[int((size > 1e-6 * size[0]).sum()) :]
-        return np.asarray(null / np.take_along_axis(null, np.abs(null).argmax(1)[:, None], 1))
+        return free_directions(jacobian)
+
+    def sees(self, position: Array) -> bool:
+        """Whether a camera's picture shows a point (3,) of the base frame."""
+        own: Any = self.model.body
+        if not self.camera:
+            return True
+        turn, shift, _ = self._sensor
+        point = turn @ position + shift
+        if point[2] <= 0:
+            return False
+        f, u, v, k1 = own.beta[own.structure.groups["lens"]]
+        n = point[:2] / point[2]
+        pixel = f * n * (1 + k1 * (n @ n)) + (u, v)
+        size = self.model.about.picture or (2 * u, 2 * v)
+        return bool((pixel >= 0).all() and (pixel <= size).all() and 1 + 3 * k1 * (n @ n) > 0)
 
     def _near(self, p: Array, starts: Array, keep: bool) -> tuple[Array, Array]:
         n = len(starts)

@@ -29,7 +29,7 @@ from ..model.rows import Rows
 from ..samples.samples import Samples
 from .approach import corrected, play_of, simulated_approach, widened
 from .evaluate import Residuals, fresh_residuals, summarise
-from .held_out import held_out_residuals, tested_rows
+from .held_out import held_out_residuals, tested_rows, turned_of
 from .imagined import with_imagined
 from .learn import UNFOLD, Options, Progress, Stopwatch, both_maps, link
 from .log_bounds import node_bounds
@@ -257,7 +257,7 @@ class _Trainer:
         self.watch.seconds["total"] = time.perf_counter() - started
         about = replace(
             model.about,
-            errors=summarise(tested),
+            errors=summarise(tested, turned_of(part)),
             tested=len(tested.q),
             left_out=tested.left_out,
             notes=tuple(self.notes),
