@@ -49,13 +49,14 @@ class SensorPose:
         groups, sensor = structure.groups, structure.sensor(body.beta)
         back = sensor.rotation.T
         position = -back @ sensor.shift / sensor.scale
-        index = np.concatenate([groups["view.rotation"], groups["view.shift"]])
+        index = np.concatenate([groups[f"view.{part}"] for part in ("rotation", "shift", "scale")])
         held = np.flatnonzero(np.isin(index, body.active))
-        covariance = np.zeros((6, 6))
+        covariance = np.zeros((7, 7))
         place = np.searchsorted(body.active, index[held])
         covariance[np.ix_(held, held)] = body.covariance[np.ix_(place, place)]
         # position = -R' t / s, and R turned by d on its left moves it by R' (d x t) / s
         slope = -np.hstack([back @ cross_matrix(sensor.shift), back]) / sensor.scale
+        slope = np.hstack([slope, -position[:, None]])
         spread = slope @ covariance @ slope.T
         ahead = back[:, 2]
         free = structure.view != "base" and structure.turning[0]
