@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Collection, Iterable, Mapping, Sequence
 from dataclasses import dataclass
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 from .output import Notes
 from .parsing import BadOption, JointRange, JointValue
@@ -119,6 +119,7 @@ def measured(
     prismatic: Sequence[str],
     seed: int,
     notes: Notes,
+    lens: str | None = None,
 ) -> Samples:
     """Read a log, for the robot where there is one, and say what was assumed."""
     import calib
@@ -141,9 +142,18 @@ def measured(
         ranges=ranges_in_si(selection.ranges, turns, selection.degrees),
         prismatic=prismatic,
         seed=seed,
+        lens=_lens(lens),
     )
     notes.say(log.notes)
     return log
+
+
+def _lens(path: str | None) -> dict[str, Any] | None:
+    if path is None:
+        return None
+    from calib.recording.lens import read_lens
+
+    return read_lens(path).to_json()
 
 
 def _arm_of_log(

@@ -155,6 +155,7 @@ def log_video(
         tags,
         source={
             "source": "video",
+            "size": list(video.size),
             "time_offset": clocks.offset,
             "rate": clocks.rate,
             **setting.about(watched),

@@ -6,12 +6,13 @@ import math
 import os
 from collections.abc import Mapping, Sequence
 from dataclasses import replace
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from numpy.typing import NDArray
 
 from ..errors import LogError, OptionError
+from .camera import camera_of
 from .columns import Source, open_source
 from .log_ranges import ChosenRange, JointColumn, Range
 from .measured_rows import MeasuredRows
@@ -19,9 +20,9 @@ from .orientations import QUATERNION, from_angles, unit_quaternions
 from .places import find_place
 from .plausibility import check_against_robot, check_flat
 from .reservoir import HELD_ROWS, Reservoir
-from .roles import check_names, find_roles
+from .roles import PIXELS, check_names, find_roles, sees_pixels
 from .samples import Samples
-from .tables import unit_of, write_table
+from .tables import about_source, unit_of, write_table
 
 if TYPE_CHECKING:
     from ..arm.arm import Arm
@@ -46,6 +47,7 @@ def read_log(
     seed: int = 0,
     usual: Mapping[str, str] | None = None,
     outputs: int | None = None,
+    lens: Mapping[str, Any] | None = None,
 ) -> Samples:
     """Read a measured log: one column for each joint, and x, y or x, y, z.
 
@@ -85,6 +87,8 @@ def read_log(
     outputs : {2, 3}, optional
         Coordinates that a position has, as a model of this arm has them; without it, and
         without an arm, x, y, z that lie in a plane become two.
+    lens : mapping, optional
+        The calibrated lens of a camera that sees an arm in space, as lens.json holds it.
 
     Returns
     -------
@@ -107,7 +111,11 @@ def read_log(
         raise OptionError(f"most is {most!r}, expected a whole number of rows, 2 or more")
     source = open_source(path)
     columns = {**_there(source, usual or {}), **(columns or {})}
-    unit = unit or unit_of(source)
+    about = about_source(source)
+    if sees_pixels(source.header, columns, arm.joint_names if arm else joints or ()):
+        columns |= PIXELS
+        unit = unit or "px"
+    unit = unit or unit_of(about)
     roles = find_roles(source, arm, joints, columns)
     names, axes = roles.joints, roles.axes
     if arm is not None and arm.outputs > len(axes) and unit != "px":  # a camera sees two
@@ -172,6 +180,12 @@ def read_log(
             f"plane fitted to x, y, z: x along {_vector(plane.x)}, y along {_vector(plane.y)}, "
             f"origin {_vector(plane.origin)}, out-of-plane rms {rms:.4g} {unit}"
         )
+    camera = None
+    if arm is not None and arm.outputs == 3 and len(axes) == 2:
+        camera = camera_of(about if lens is None else {"lens": lens}, x)
+        notes += [camera.note] if camera.note else []
+    elif lens is not None:
+        raise OptionError("`lens` is for pixels of an arm in space: expected columns u and v")
     if arm is not None:
         notes += check_against_robot(
             source.label, arm, q, x, unit, names, fitted_plane=plane is not None
@@ -190,8 +204,9 @@ def read_log(
         plane=plane,
         out_of_plane_rms=rms,
         orientation=None if plane is not None else orientation,
-        columns=dict(columns or {}),
+        columns=columns,
         degrees=degrees and any(revolute),
+        camera=camera,
     )
 
 

@@ -66,6 +66,14 @@ def train(
     columns: o.ColumnsOption = None,
     unit: o.UnitOption = None,
     prismatic: o.PrismaticOption = None,
+    lens: Annotated[
+        str | None,
+        typer.Option(
+            "--lens",
+            metavar="lens.json",
+            help="The calibrated lens of a camera that sees an arm in space (default: fitted).",
+        ),
+    ] = None,
     no_rows: Annotated[
         bool,
         typer.Option(
@@ -79,7 +87,7 @@ def train(
     import calib
 
     simulated = {"--samples": samples, "--noise": noise, "--motion": motion, "--change": change}
-    of_logs = {"--columns": columns, "--unit": unit, "--prismatic": prismatic}
+    of_logs = {"--columns": columns, "--unit": unit, "--prismatic": prismatic, "--lens": lens}
     _check_source(robot, data, simulated, of_logs)
     if output is not None:
         check_output(output)
@@ -104,6 +112,7 @@ def train(
             prismatic=prismatic or (),
             seed=seed,
             notes=notes,
+            lens=lens,
         )
     path = output or f"{_file_name(_stem(robot or data))}.calib"
     check_output(path)
