@@ -22,11 +22,11 @@ from ..errors import OptionError, QueryError
 from ..model.alignment import Alignment
 from ..samples.joint_values import check_joint_values
 from ..samples.log_ranges import wrap
-from .geometry import fit_geometry, frame_is_free, frames, nominal_arm
+from .geometry import Geometry, fit_geometry, frame_is_free, frames, is_simulated, nominal_arm
 from .nominal import NominalArm, nominal_in_base, nominal_in_view
+from .spatial_geometry import SpatialGeometry
 
 if TYPE_CHECKING:
-    from ..body.belief import Body
     from ..model.answers import Answer
     from ..model.model import Model
 
@@ -268,31 +268,35 @@ def _found(model: Model, view: str, cause: str) -> _Nominal:
         return _of_body(model, nominal_in_view(model), (), free)
     if planar and not free:
         return _of_body(model, nominal_in_base(model), tuple(frames(model, cause)), free)
-    if model.body is not None and isinstance(model.body.structure, SpatialStructure):
-        return _Nominal(_in_space(model, model.body, free), (), free)
-    own = (fit_geometry(model, view=view, cause=cause).frame,) if free else ()
-    return _Nominal(nominal_arm(model).forward, (*own, *frames(model, cause)), free)
+    moved = tuple(frames(model, cause))
+    if len(model.axes) == 3:
+        return _in_space(model, view, cause, free)
+    geometry = fit_geometry(model, view=view, cause=cause) if free else None
+    own = (geometry.frame,) if isinstance(geometry, Geometry) else ()
+    return _Nominal(nominal_arm(model).forward, (*own, *moved), free)
 
 
-def _in_space(model: Model, body: Body, free: bool) -> Callable[[Array], Array]:
-    """Positions of the nominal arm in the sensor's frame, of an arm that moves in space."""
-    if not free:
-        from ..arm.loading import arm_from_urdf
-
-        about = model.about
-        arm = arm_from_urdf(about.urdf, about.joint_names, about.tip, lock=about.locked)
-        return arm.forward
-    structure = body.structure
-    assert isinstance(structure, SpatialStructure)  # noqa: S101
-    if not structure.informed:
-        raise OptionError(
-            "the model knows no URDF, so there is no nominal arm: train it with a robot and a log"
-        )
-    beta = structure.neutral().copy()
+def _in_space(model: Model, view: str, cause: str, free: bool) -> _Nominal:
+    """The nominal arm of a model whose arm moves in space, with the sensed point at its tip."""
+    body, moved = model.body, tuple(frames(model, cause))
+    if free and body is not None and isinstance(body.structure, SpatialStructure):
+        if not body.structure.informed:
+            raise OptionError(
+                "the model knows no URDF, so there is no nominal arm: train it with a robot and "
+                "a log"
+            )
+        structure, fitted, moved = body.structure, body.beta, ()
+    elif is_simulated(model):
+        return _Nominal(nominal_arm(model).forward, moved, free)
+    else:
+        geometry = fit_geometry(model, view=view, cause=cause)
+        assert isinstance(geometry, SpatialGeometry)  # noqa: S101
+        structure, fitted = geometry.structure, geometry.beta
+    beta = structure.neutral()
     for group, indices in structure.groups.items():
         if group.startswith(("view.", "tool", "lens")):  # the sensor's and the tip's place
-            beta[indices] = body.beta[indices]
-    return lambda q: structure.predict(q, beta)
+            beta[indices] = fitted[indices]
+    return _Nominal(lambda q: structure.predict(q, beta), moved, free)
 
 
 def _of_body(model: Model, arm: NominalArm, moved: tuple[Alignment, ...], free: bool) -> _Nominal:
