@@ -23,7 +23,7 @@ from ..model.alignment import Alignment
 from ..samples.joint_values import check_joint_values
 from ..samples.log_ranges import wrap
 from .geometry import Geometry, fit_geometry, frame_is_free, frames, is_simulated, nominal_arm
-from .nominal import NominalArm, nominal_in_base, nominal_in_view
+from .nominal import NominalArm, nominal_in_base, nominal_in_space, nominal_in_view
 from .spatial_geometry import SpatialGeometry
 
 if TYPE_CHECKING:
@@ -279,23 +279,21 @@ def _found(model: Model, view: str, cause: str) -> _Nominal:
 def _in_space(model: Model, view: str, cause: str, free: bool) -> _Nominal:
     """The nominal arm of a model whose arm moves in space, with the sensed point at its tip."""
     body, moved = model.body, tuple(frames(model, cause))
-    if free and body is not None and isinstance(body.structure, SpatialStructure):
-        if not body.structure.informed:
-            raise OptionError(
-                "the model knows no URDF, so there is no nominal arm: train it with a robot and "
-                "a log"
-            )
-        structure, fitted, moved = body.structure, body.beta, ()
-    elif is_simulated(model):
+    own = None if body is None else body.structure
+    if is_simulated(model):
         return _Nominal(nominal_arm(model).forward, moved, free)
+    if (
+        body is not None
+        and isinstance(own, SpatialStructure)
+        and own.informed
+        and (free or own.view == "base")
+    ):
+        structure, beta, moved = own, nominal_in_space(own, body.beta), ()
     else:
         geometry = fit_geometry(model, view=view, cause=cause)
         assert isinstance(geometry, SpatialGeometry)  # noqa: S101
-        structure, fitted = geometry.structure, geometry.beta
-    beta = structure.neutral()
-    for group, indices in structure.groups.items():
-        if group.startswith(("view.", "tool", "lens")):  # the sensor's and the tip's place
-            beta[indices] = fitted[indices]
+        structure = geometry.structure
+        beta = nominal_in_space(structure, geometry.beta)
     return _Nominal(lambda q: structure.predict(q, beta), moved, free)
 
 
