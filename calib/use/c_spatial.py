@@ -264,7 +264,10 @@ static inline void calib_posed(const calib_real q[CALIB_DOF], calib_real out[CAL
       for (k = 0; k < 3; ++k) r[3 + k] += turn[k] * @half_lever@;
     }
     for (i = 3 * CALIB_DOF; i < 6 * CALIB_DOF; ++i) G[i] *= @lever@;
-    if (!calib_step(6, G, r, @pose_calm@, out)) return;
+    if (!calib_step(6, G, r, @pose_calm@, out)) break;
   }
+  for (k = 0; k < CALIB_DOF; ++k)
+    if (!(fabs(out[k] - q[k]) <= @limit@)) break;
+  for (i = 0; k < CALIB_DOF && i < CALIB_DOF; ++i) out[i] = q[i]; /* beside a singularity */
 }
 """

@@ -20,6 +20,7 @@ from ..maps.predictor import BodyInBox
 from ..model.model import MOST_BLENDED
 from . import c_planar, c_queries, c_spatial, c_spatial_tables
 from .c_source import HEAD, NODES, RANGE, array, filled, integers, number
+from .correct import usual_limit
 from .nominal import nominal_in_space, nominal_in_view
 
 if TYPE_CHECKING:
@@ -121,6 +122,8 @@ class _Writer:
                 nominal = c_spatial_tables.arm("calib_nominal", structure, own, self.single)
             parts, pose = [c_spatial.SOURCE, c_spatial.WANTED], c_spatial.POSE
             words |= c_spatial_tables.words(structure, self.single)
+            keeps = bool(nominal) and structure.dof >= 6
+            words["limit"] = self._n(usual_limit(self.model).max() if keeps else 0.0)
         tables = self._ranges() + tables + self._nodes() + nominal
         local = c_queries.LOCAL if self._local else ""
         parts = [HEAD, tables, RANGE, NODES, parts[0], local, c_queries.QUERIES, pose] + (
