@@ -80,9 +80,9 @@ class Association:
 
     def __post_init__(self) -> None:
         freeze(self, "motor_means", "sensory_means")
-        links = self.linked
-        arrays = (frozen(part) for part in (links.data, links.indices, links.indptr))
-        object.__setattr__(self, "linked", Compressed(*arrays, links.shape))
+        linked = self.linked
+        data, indices, indptr = frozen(linked.data), frozen(linked.indices), frozen(linked.indptr)
+        object.__setattr__(self, "linked", Compressed(data, indices, indptr, linked.shape))
 
     @cached_property
     def links(self) -> csr_array:
