@@ -57,8 +57,8 @@ class Shooting:
         """Make the setting; a lens that is calibrated is written beside the log."""
         from calib.recording.board import Board
         from calib.recording.lengths import parse_length
-        from calib.recording.reference import read_layout
         from calib.recording.setting import Setting, load_lens
+        from calib.recording.watch import read_layout
 
         if self.tag is None or self.joints_file is None:
             missing = "--tag ID" if self.tag is None else "--joints-file FILE"
