@@ -130,7 +130,7 @@ def log_pictures(
         joints.names,
         q[good],
         kept,
-        source={"source": "pictures", **setting.about(watched)},
+        source={"source": "pictures", "size": list(size), **setting.about(watched)},
         poses=watched.parts[-1],
         pictures=tuple(pairs[number][1].name for number in numbers),
         dropped={why: count for why, count in reasons.items() if count},

@@ -153,6 +153,7 @@ def log_video(
         tags,
         source={
             "source": "video",
+            "size": list(track.sample[0].shape[1::-1]),
             "time_offset": clocks.offset,
             "rate": clocks.rate,
             **setting.about(watched),

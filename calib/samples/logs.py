@@ -21,7 +21,7 @@ from .plausibility import check_against_robot, check_flat
 from .reservoir import Reservoir
 from .roles import check_names, find_roles
 from .samples import Samples
-from .tables import unit_of, write_table
+from .tables import about_source, unit_of, write_table
 
 if TYPE_CHECKING:
     from ..arm.arm import Arm
@@ -199,6 +199,7 @@ def read_log(
         orientation=None if plane is not None else orientation,
         columns=dict(columns or {}),
         degrees=degrees and any(revolute),
+        source=about_source(source),
     )
 
 

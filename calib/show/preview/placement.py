@@ -38,12 +38,15 @@ class Placement:
         and for sensors with units of their own.
     note : str
         What the user should be told, or "".
+    up : float
+        Sign of y that leads up a picture: -1 where it counts downwards, as pixels do.
     """
 
     origin: Array
     axes: Array
     scale: float
     note: str = ""
+    up: float = 1.0
 
     def lift(self, x: ArrayLike) -> Array:
         """Points (n, 3) of the scene for positions (n, 2) [unit]."""
@@ -51,9 +54,9 @@ class Placement:
 
     @property
     def frame(self) -> Array:
-        """Rows x, y and normal of the drawn plane, unit vectors (3, 3)."""
+        """Rows x, y (upwards) and normal of the drawn plane, unit vectors (3, 3)."""
         x = self.axes[0] / np.linalg.norm(self.axes[0])
-        normal = np.cross(self.axes[0], self.axes[1])
+        normal = np.cross(self.axes[0], self.up * self.axes[1])
         normal /= np.linalg.norm(normal)
         return np.stack([x, np.cross(normal, x), normal])
 
@@ -66,11 +69,13 @@ def place(model: Model, body: Body | None) -> Placement:
     robot by the similarity that fits best, with a note.
     """
     about, size = model.about, extent(model)
+    up = -1.0 if downwards(about.unit) else 1.0
     if body is None:
         scale = 1.0 if _SIZES[0] <= size <= _SIZES[1] else _DRAWN / size
         plane = _stated(about.plane)
-        y = -plane.y if downwards(about.unit) else plane.y  # as the camera sees it
-        return Placement(scale * plane.origin, scale * np.stack([plane.x, y]), scale)
+        # as the camera sees it
+        axes = scale * np.stack([plane.x, up * plane.y])
+        return Placement(scale * plane.origin, axes, scale, up=up)
     scale = 1.0
     nodes = model.motor.scale.from_unit(np.clip(model.motor.units[model.visited], 0.0, 1.0))
     nodes = nodes[:: max(1, len(nodes) // 2000)]
@@ -94,7 +99,7 @@ def place(model: Model, body: Body | None) -> Placement:
             "fit (turn, mirror, scale, shift) brings them"
         )
     basis = np.stack([plane.x, plane.y])
-    return Placement(scale * plane.lift(shift), scale * linear @ basis, scale, note)
+    return Placement(scale * plane.lift(shift), scale * linear @ basis, scale, note, up)
 
 
 def similarity(source: Array, target: Array) -> tuple[Array, Array]:

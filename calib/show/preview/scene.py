@@ -15,6 +15,7 @@ from ..error_scale import ErrorScale, length_in_words
 from ..planar import planar_only
 from ..workspace import border, drawn_edges, extent, motor_errors, sensory_errors
 from . import arm as arm_layer
+from . import photo as photo_layer
 from .body import Body
 from .camera import Camera
 from .canvas import POINT, Canvas
@@ -102,6 +103,8 @@ class _Drawing:
         if self.body is not None:
             poses = self.body.poses(motion.q)
             around = np.concatenate([around, placement.scale * self.body.skeleton(motion.q[:1])[0]])
+        photo = photo_layer.corners(model, placement)
+        around = np.concatenate([around, photo])
         frame = placement.frame
         if (around @ frame[0]).max() - (around @ frame[0]).min() == 0:
             frame = np.eye(3)
@@ -111,6 +114,10 @@ class _Drawing:
         self.front = 0.006 * self.size * camera.direction
         scale = self._errors()
 
+        if len(photo):
+            self._layer(photo_layer.LAYER, "", "by the camera that measured the arm")
+            behind = 0.01 * self.size * camera.direction
+            photo_layer.draw_photo(canvas, model, photo - behind)
         self._arm(poses)
         self._maps(scale)
         self._links(motion)

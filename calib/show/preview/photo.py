@@ -1,0 +1,34 @@
+"""Photo: a model's picture as a layer of the preview, where its positions are drawn."""
+
+from __future__ import annotations
+
+import base64
+from typing import TYPE_CHECKING
+
+import numpy as np
+from numpy.typing import NDArray
+
+from .canvas import Canvas
+from .placement import Placement
+
+if TYPE_CHECKING:
+    from ...model.model import Model
+
+Array = NDArray[np.float64]
+
+LAYER = "Photo"
+
+
+def corners(model: Model, placement: Placement) -> Array:
+    """Return the photo's corners in the scene, (4, 3) from the lower left; (0, 3) without one."""
+    if model.photo is None or len(model.axes) != 2:
+        return np.empty((0, 3))
+    left, right, low, high = model.photo.box
+    return placement.lift([[left, low], [right, low], [right, high], [left, high]])
+
+
+def draw_photo(canvas: Canvas, model: Model, places: Array) -> None:
+    """Draw a model's photo between its corners (4, 3)."""
+    if model.photo is not None:
+        content = base64.b64encode(model.photo.jpeg).decode("ascii")
+        canvas.image(f"{LAYER}/picture", places, f"data:image/jpeg;base64,{content}")
