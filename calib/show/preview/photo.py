@@ -8,15 +8,18 @@ from typing import TYPE_CHECKING
 import numpy as np
 from numpy.typing import NDArray
 
+from ..arrows import Arrows
 from .canvas import Canvas
 from .placement import Placement
 
 if TYPE_CHECKING:
     from ...model.model import Model
+    from ...samples.samples import Samples
 
 Array = NDArray[np.float64]
 
-LAYER = "Photo"
+LAYER, ARROWS = "Photo", "Residuals"
+ARROW, SEEN = "#e8590c", "#ffffff"
 
 
 def corners(model: Model, placement: Placement) -> Array:
@@ -32,3 +35,20 @@ def draw_photo(canvas: Canvas, model: Model, places: Array) -> None:
     if model.photo is not None:
         content = base64.b64encode(model.photo.jpeg).decode("ascii")
         canvas.image(f"{LAYER}/picture", places, f"data:image/jpeg;base64,{content}")
+
+
+def arrows(model: Model, samples: Samples | None) -> Arrows | None:
+    """Return arrows of a log's rows, or of those that the model keeps."""
+    rows = samples or model.rows
+    if rows is None or model.photo is None:
+        return None
+    left, right, *_ = model.photo.box
+    return Arrows.of(model, rows.q, rows.x, right - left)
+
+
+def draw_arrows(canvas: Canvas, seen: Array, ends: Array, dot: float) -> None:
+    """Draw arrows between points (n, 3) of the scene as lines that start at dots."""
+    n = len(seen)
+    pairs = np.arange(2 * n).reshape(2, n).T
+    canvas.lines(f"{ARROWS}/lines", np.concatenate([seen, ends]), pairs, ARROW)
+    canvas.points(f"{ARROWS}/seen", seen, SEEN, dot)

@@ -123,6 +123,7 @@ class _Drawing:
         self._links(motion)
         self._border(line)
         self._samples()
+        self._residuals()
         self._path(motion, poses)
         if placement.note:
             self.notes.append(placement.note)
@@ -209,6 +210,13 @@ class _Drawing:
         self.canvas.points(
             f"{name}/positions", self.placement.lift(shown), SAMPLE, 0.006 * self.size
         )
+
+    def _residuals(self) -> None:
+        found = photo_layer.arrows(self.model, self.samples)
+        if found is not None:
+            self._layer(photo_layer.ARROWS, photo_layer.ARROW, found.words)
+            seen, ends = (self.placement.lift(x) + self.front for x in (found.seen, found.ends))
+            photo_layer.draw_arrows(self.canvas, seen, ends, 0.012 * self.size)
 
     def _path(self, motion: Motion, poses: dict[str, Array]) -> None:
         lift, canvas, n = self.placement.lift, self.canvas, len(motion.q)

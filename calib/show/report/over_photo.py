@@ -5,9 +5,9 @@ from __future__ import annotations
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
-from numpy.typing import NDArray
 
-from ..error_scale import ErrorScale, length_in_words
+from ..arrows import Arrows
+from ..error_scale import ErrorScale
 from ..workspace import border, drawn_edges, extent, sensory_errors
 from .maps import WIDE, colour_bar
 from .style import colour_map, new_figure
@@ -16,12 +16,9 @@ if TYPE_CHECKING:
     from ...model.photo import Photo
     from .evidence import Evidence
 
-Array = NDArray[np.float64]
-
 BORDER, ARROW = "#12b886", "#e8590c"
+_FAR = 5.0  # times the median edge
 _DOT: dict[str, Any] = {"ms": 3.0, "mfc": "#ffffff", "mec": "#1d2730", "mew": 0.6}
-_LONG = 0.06  # of the photo's width: what the longest arrows are drawn as, about
-_MOST = 300  # arrows
 
 
 def over_photo(evidence: Evidence) -> Any:
@@ -46,10 +43,12 @@ def over_photo(evidence: Evidence) -> Any:
     errors = sensory_errors(model)
     scale = ErrorScale.of(errors, model.about.unit, extent(model))
     edges = drawn_edges(model.sensory)
-    inside = np.isfinite(errors[edges]).all(axis=1)
+    long = np.linalg.norm(np.diff(model.sensory.weights[edges], axis=1)[:, 0], axis=1)
+    # an edge that is far longer than others leads across what the arm does not reach
+    edges = edges[np.isfinite(errors[edges]).all(axis=1) & (long < _FAR * np.median(long))]
     lines = LineCollection(
-        list(model.sensory.weights[edges[inside]]),
-        array=scale.share(errors)[edges[inside]].mean(axis=1),
+        list(model.sensory.weights[edges]),
+        array=scale.share(errors)[edges].mean(axis=1),
         cmap=colour_map(),
         linewidths=0.8,
         alpha=0.85,
@@ -69,21 +68,15 @@ def over_photo(evidence: Evidence) -> Any:
 
 def _arrows(ax: Any, evidence: Evidence, photo: Photo) -> str:
     """Draw where tips were seen, and arrows to where the model has them; say what they mean."""
-    model, found = evidence.model, evidence.residuals
-    if found is None or not len(found.q):
+    found = evidence.residuals
+    if found is None:
         return ""
-    some = slice(None, None, -(-len(found.q) // _MOST))
-    seen, predicted = found.x[some], model.forward(found.q[some])
-    known = np.isfinite(predicted).all(axis=1)
-    seen, miss = seen[known], (predicted - seen)[known]
-    if not len(seen):
+    arrows = Arrows.of(evidence.model, found.q, found.x, photo.box[1] - photo.box[0])
+    if arrows is None:
         return ""
-    away = np.linalg.norm(miss, axis=1)
-    times = magnification(float(np.quantile(away, 0.95)), photo.box[1] - photo.box[0])
-    mean = length_in_words(float(away.mean()), model.about.unit)
     ax.quiver(
-        *seen.T,
-        *(times * miss).T,
+        *arrows.seen.T,
+        *(arrows.ends - arrows.seen).T,
         color=ARROW,
         angles="xy",
         scale_units="xy",
@@ -93,21 +86,5 @@ def _arrows(ax: Any, evidence: Evidence, photo: Photo) -> str:
         headlength=5.0,
         zorder=4,
     )
-    ax.plot(*seen.T, "o", zorder=5, **_DOT)
-    longer = f", drawn {times:,} times as long" if times > 1 else ""
-    return f"from a seen tip to the predicted one: {mean} on average{longer}"
-
-
-def magnification(away: float, width: float) -> int:
-    """How many times as long arrows are drawn: 1, 2 or 5 times a power of ten.
-
-    Examples
-    --------
-    >>> magnification(0.05, 1280.0), magnification(200.0, 1280.0)
-    (1000, 1)
-    """
-    wanted = _LONG * width / away if away > 0 else 1.0
-    if wanted < 2.0:
-        return 1
-    power = int(10 ** np.floor(np.log10(wanted)))
-    return power * max(step for step in (1, 2, 5) if step * power <= wanted)
+    ax.plot(*arrows.seen.T, "o", zorder=5, **_DOT)
+    return arrows.words
