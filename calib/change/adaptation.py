@@ -126,6 +126,8 @@ def finished(
         baseline=baseline,
         rows=Rows.of(found.q[found.kept], found.x[found.kept]),
         history=(*old.history, event),
+        # a camera that was moved sees another picture
+        photo=old.photo if method == "few-shot" and frame is None else None,
     )
 
 

@@ -154,7 +154,7 @@ def group_tests(body: Body, reference: Reference, log: Log, probes: Array) -> Te
     predicted, x = structure.linearise(log.q, reference.beta, every)
     space = spectrum(
         body, reference.beta, log.q, log.weight, drift(body), max(body.kappa, 1.0),
-        reference.forgotten,
+        reference.forgotten, log.shared,
     )  # fmt: skip
     y = space.turn(structure.residual(log.z, predicted))
     columns = space.turn_columns(x)

@@ -33,6 +33,7 @@ if TYPE_CHECKING:
     from ..body.belief import Body
     from .about import About
     from .baseline import Baseline
+    from .photo import Photo
     from .schemas import Schema
 
 Array = NDArray[np.float64]
@@ -78,6 +79,8 @@ class Model(Doors):
         Other states of the same arm that were kept, such as with a tool mounted.
     approach : Approach or None
         Backlash, where the order of the samples showed that the direction counts.
+    photo : Photo or None
+        A picture by the camera that measured the arm, to draw the map over.
     """
 
     about: About
@@ -94,6 +97,7 @@ class Model(Doors):
     schema: str = "schema 1"
     schemas: tuple[Schema, ...] = ()
     approach: Approach | None = None
+    photo: Photo | None = None
 
     def __post_init__(self) -> None:
         freeze(self, "bounds", "model_bounds", "visited")

@@ -207,6 +207,7 @@ def read_log(
         columns=columns,
         degrees=degrees and any(revolute),
         camera=camera,
+        source=about,
     )
 
 
