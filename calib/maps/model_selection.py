@@ -30,7 +30,7 @@ _ROUNDING = 1e-9  # share of the extent that is no improvement
 _PRICE = 5e-4  # share of the error by which one more function of a trend must mend it
 _HELD_OUT = 1000  # rows on which local models are compared
 _CALM = 0.2  # share of the rows that is enough to choose what serves the calm ones
-_CANDIDATES: tuple[Shape, ...] = ((0, 30), (1, 50), (1, 200), (2, 24), (2, 60), (3, 40))
+_CANDIDATES: tuple[Shape, ...] = ((0, 30), (1, 50), (1, 200), (2, 24), (2, 60), (3, 40), (5, 50))
 
 
 @dataclass(frozen=True)
@@ -219,7 +219,14 @@ def _compare(motor: Map, u: Array, folds: list[NDArray[np.intp]], candidate: Can
         )
         for degree, k in shapes:
             models = local.fit(
-                motor.units[nodes], u[others], residual, motor.scale, degree, k, around
+                motor.units[nodes],
+                u[others],
+                residual,
+                motor.scale,
+                degree,
+                k,
+                around,
+                motor.spacings[nodes],
             )
             each = local.contributions(models, place, gap)
             found[degree, k].append(target - np.einsum("nm,nmo->no", weight, each))
