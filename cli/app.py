@@ -26,6 +26,7 @@ from .commands.evaluate import evaluate
 from .commands.export import export
 from .commands.info import info
 from .commands.log import log
+from .commands.nodes import nodes
 from .commands.path import path
 from .commands.plan import plan
 from .commands.preview import preview
@@ -60,6 +61,7 @@ COMMANDS = (
     "report",
     "reproduce",
     "info",
+    "nodes",
 )
 USAGE, INTERRUPTED = 2, 130
 _SIGNAL = 128  # a larger code names the signal that ended it
@@ -261,3 +263,4 @@ app.command()(preview)
 app.command()(report)
 app.command()(reproduce)
 app.command()(info)
+app.command()(nodes)
