@@ -61,7 +61,7 @@ def words(structure: SpatialStructure, beta: Array, sd: Array) -> tuple[str, ...
 
 def camera(structure: SpatialStructure, beta: Array, sd: Array) -> list[str]:
     """Lines on where a camera stands in the arm's root frame, and on its lens."""
-    if structure.view != "pinhole":
+    if not structure.camera:
         return []
     groups = structure.groups
     place = camera_place(structure, beta)[0]

@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 
 from ..body.curves import HARMONICS
 from ..body.planar import PlanarStructure
-from ..body.planar_view import cubic
+from ..body.views import cubic
 from ..common.wording import one_line
 from ..errors import OptionError
 from ..maps.local_models import blend_size
