@@ -14,6 +14,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from ..common.choices import MAPS
 from ..errors import OptionError
 from .graph import Graph
 from .lattice import Lattice
@@ -234,14 +235,10 @@ READINGS: dict[str, Gain] = {
 _VARYING_GNG = ("error", "border", "density")
 
 GAINS: dict[str, Gain | None] = {
-    "som": None,
+    **dict.fromkeys((*MAPS, "gas", *UNTRAINED)),
     "vdsom": residual,
     **{f"vdsom:{name}": gain for name, gain in READINGS.items()},
-    "dsom": None,
-    "gng": None,
-    "gas": None,
     **{f"gng:{name}": READINGS[name] for name in _VARYING_GNG},
-    **dict.fromkeys(UNTRAINED),
 }
 """Networks by their name in ``--map`` and the gain that each trains with."""
 

@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 
 from ..common.parallel import one_blas_thread
 from ..common.scale import Scale
-from ..maps.association import MAP_READOUTS, Association
+from ..common.choices import MAP_READOUTS
 from ..maps.density import Gain
 from ..samples.samples import Samples
 from ..training.evaluate import Residuals, fresh_points, summarise
