@@ -18,8 +18,8 @@ from calib.errors import CalibError, LogError, OptionError
 from calib.samples import parquet
 from calib.samples.babbling import babble
 from calib.samples.columns import open_source, read_batches, read_columns
-from calib.samples.log_ranges import one_turn
 from calib.samples.locked import locked_from_log
+from calib.samples.log_ranges import one_turn
 from calib.samples.logs import read_log, write_log
 from calib.samples.roles import parse_columns
 from calib.samples.samples import Samples

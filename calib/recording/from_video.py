@@ -155,7 +155,7 @@ def log_video(
         tags,
         source={
             "source": "video",
-            "size": list(video.size),
+            "size": [int(side) for side in track.sample[0].shape[1::-1]],
             "time_offset": clocks.offset,
             "rate": clocks.rate,
             **setting.about(watched),

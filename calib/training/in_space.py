@@ -43,9 +43,7 @@ def sees_from_anywhere(samples: Samples, view: str) -> bool:
     return fits and view in ("auto", "pinhole")
 
 
-def fit_in_space(
-    samples: Samples, rows: NDArray[np.intp], view: str, seed: int
-) -> BodyFit:
+def fit_in_space(samples: Samples, rows: NDArray[np.intp], view: str, seed: int) -> BodyFit:
     """Fit the body of an arm in space to some rows of samples.
 
     A log's URDF is the prior of its geometry; without one, and in simulation, a chain of
