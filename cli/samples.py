@@ -169,12 +169,12 @@ def _arm_of_log(
     if not others:
         return arm
     turns = kinds_of_joints(str(selection.robot))
-    held, said = locked_from_log(
+    held, told = locked_from_log(
         source,
         others,
         columns={name: column for name, column in (columns or {}).items() if name in others},
         degrees=selection.degrees,
         prismatic=[name for name in others if not turns.get(name, True)],
     )
-    notes.say(said)
+    notes.say(told)
     return selection.load(held, header) if held else arm

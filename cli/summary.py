@@ -5,7 +5,8 @@ from __future__ import annotations
 from collections.abc import Mapping
 from typing import TYPE_CHECKING, Any
 
-from .options import READOUTS
+from calib.common.choices import READOUTS
+
 from .output import Table, number
 from .units import for_people, units_of
 

@@ -189,9 +189,9 @@ def test_degrees_turns_ranges_and_planes_hold_for_the_rows_drawn(tmp_path):
 
 
 def test_locked_joints_of_a_long_log(tmp_path, monkeypatch):
-    from calib.samples import logs
+    from calib.samples import locked
 
-    monkeypatch.setattr(logs, "MOST_ROWS", 50)
+    monkeypatch.setattr(locked, "HELD_ROWS", 50)
     pan = np.full(1001, 0.25)
     pan[7] = 0.5
     pl.DataFrame({"pan": pan, "x": pan}).write_csv(tmp_path / "log.csv")

@@ -1,4 +1,4 @@
-"""Locked joints: where a log says that they stood while the others moved."""
+"""Locked joints of a log: where the joints that are not learned stood, and whether they moved."""
 
 from __future__ import annotations
 
@@ -10,9 +10,8 @@ import numpy as np
 
 from ..errors import LogError
 from .columns import Source, open_source, read_batches
-from .logs import MOST_ROWS
 from .places import find_place
-from .reservoir import Reservoir
+from .reservoir import HELD_ROWS, Reservoir
 
 _STANDS = {True: math.radians(5.0), False: 2e-2}  # further it takes part [rad, m]
 _SOME = 0.02  # share of rows in which it may do so: wrong readings
@@ -54,7 +53,7 @@ def locked_from_log(
     found = [name for name in names if used[name] != name or find_place(source.header, name)]
     if not found:
         return {}, ()
-    reservoirs = [Reservoir(MOST_ROWS, extremes=1) for _ in found]
+    reservoirs = [Reservoir(HELD_ROWS, extremes=1) for _ in found]
     row = 0
     for batch in read_batches(source, [used[name] for name in found]):
         numbers = np.arange(row, row + len(batch))

@@ -19,7 +19,7 @@ from .measured_rows import MeasuredRows
 from .orientations import QUATERNION, from_angles, unit_quaternions
 from .places import find_place
 from .plausibility import check_against_robot, check_flat
-from .reservoir import Reservoir
+from .reservoir import HELD_ROWS, Reservoir
 from .roles import PIXELS, check_names, find_roles, sees_pixels
 from .samples import Samples
 from .tables import about_source, unit_of, write_table
@@ -28,9 +28,6 @@ if TYPE_CHECKING:
     from ..arm.arm import Arm
 
 Array = NDArray[np.float64]
-
-MOST_ROWS = 200_000
-"""Rows of a log that are held; of a longer one so many are drawn."""
 
 _THICK = 0.02
 """Out-of-plane share of the positions' spread from which on an unknown arm moves in space."""
@@ -46,7 +43,7 @@ def read_log(
     unit: str | None = None,
     ranges: Mapping[str, Range] | None = None,
     prismatic: Sequence[str] = (),
-    most: int = MOST_ROWS,
+    most: int = HELD_ROWS,
     seed: int = 0,
     usual: Mapping[str, str] | None = None,
     outputs: int | None = None,
@@ -166,8 +163,8 @@ def read_log(
             degrees=degrees,
             rows=rows,
         )
-        q[:, k], (lower[k], upper[k]), said = column.settle()
-        notes += said
+        q[:, k], (lower[k], upper[k]), more = column.settle()
+        notes += more
     x = np.ascontiguousarray(values[:, len(names) : len(names) + len(axes)])
     orientation = _orientation(values[:, len(names) + len(axes) :], roles.turns, degrees, source)
     plane = rms = None
@@ -210,6 +207,7 @@ def read_log(
         columns=columns,
         degrees=degrees and any(revolute),
         camera=camera,
+        source=about,
     )
 
 

@@ -248,10 +248,14 @@ def _turned(model: Model, samples: Samples) -> Array | None:
 
 def fresh_residuals(model: Model, simulation: Simulation) -> Residuals:
     """Residuals on 10,000 true positions of the simulated arm that training never saw."""
-    stream = np.random.SeedSequence(model.about.seed, spawn_key=(_STREAM,))
-    rng = np.random.default_rng(stream)
+    return evaluate_residuals(model, *fresh_points(simulation, model.about.seed), simulation.exact)
+
+
+def fresh_points(simulation: Simulation, seed: int) -> tuple[Array, Array]:
+    """Joints (n, dof) and true positions (n, 2) of the 10,000 points that test a seed's models."""
+    rng = np.random.default_rng(np.random.SeedSequence(seed, spawn_key=(_STREAM,)))
     q = simulation.draw(_SAMPLES, rng)
-    return evaluate_residuals(model, q, simulation.true(q, rng), simulation.exact)
+    return q, simulation.true(q, rng)
 
 
 def simulation_of(model: Model) -> Simulation | None:

@@ -7,7 +7,7 @@ from dataclasses import replace
 import numpy as np
 from numpy.typing import NDArray
 
-from ..maps.association import MAP_READOUTS
+from ..common.choices import MAP_READOUTS
 from ..maps.model_selection import Selected
 from ..model.model import Model
 from ..samples.samples import Samples

@@ -6,7 +6,7 @@ varying density may need to know where it is wrong.
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -24,7 +24,7 @@ from .in_space import fit_in_space, sees_from_anywhere
 
 Array = NDArray[np.float64]
 
-MOST_ROWS = 50_000
+LEARNED_ROWS = 50_000
 """Rows of a log that the smooth part and the local models rest on."""
 
 _RAYLEIGH = {2: 1.2533, 3: 1.5958}  # mean length of a Gaussian vector of standard deviation 1
@@ -74,7 +74,7 @@ def find_smooth_part(
     seed : int
         Chooses rows where there are many.
     """
-    every = -(-len(samples) // MOST_ROWS)
+    every = -(-len(samples) // LEARNED_ROWS)
     rows = np.arange(0, len(samples), every)
     q, x = samples.q[rows], samples.x[rows]
     u = scale.to_unit(q)
@@ -104,6 +104,8 @@ def find_smooth_part(
             best = min((*around, *alone), key=_held_out_error)
             if _held_out_error(best) < _MUCH_BETTER * error:
                 return SmoothPart((best,), fit if any(best is c for c in around) else None, rows)
+            rivals = (replace(trend, rival=_MUCH_BETTER) for trend in alone)
+            return SmoothPart((under, *rivals), fit, rows)
         return SmoothPart((under,), fit, rows)
     better = [
         trend
@@ -159,12 +161,9 @@ def wrong_around(part: SmoothPart, scale: Scale, samples: Samples, u: Array) -> 
     if not part.candidates:
         return None
     candidate = part.candidates[0]
-    n = len(candidate.residual)
-    folds = np.array_split(np.arange(n), len(candidate.unseen))
-    held = np.concatenate([p[f] for p, f in zip(candidate.unseen, folds, strict=True)])
     x = samples.x[part.rows]
     extent = float(np.linalg.norm(np.ptp(x, axis=0)))
-    return misfit(scale, scale.to_unit(samples.q[part.rows]), held, extent, u)
+    return misfit(scale, scale.to_unit(samples.q[part.rows]), candidate.held_out, extent, u)
 
 
 def nominal_geometry(samples: Samples) -> Nominal | None:
@@ -180,10 +179,7 @@ def nominal_geometry(samples: Samples) -> Nominal | None:
 
 def _held_out_error(candidate: Candidate) -> float:
     """Mean distance of held-out rows to their predictions."""
-    n = len(candidate.residual)
-    folds = np.array_split(np.arange(n), len(candidate.unseen))
-    held = [part[fold] for part, fold in zip(candidate.unseen, folds, strict=True)]
-    return float(np.linalg.norm(np.concatenate(held), axis=1).mean())
+    return float(np.linalg.norm(candidate.held_out, axis=1).mean())
 
 
 def uses_body(predictor: Predictor) -> bool:

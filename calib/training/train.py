@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import NDArray
 
-from ..body.fitting import VIEWS
+from ..common.choices import BODIES, VIEWS
 from ..common.parallel import one_blas_thread, side_by_side
 from ..common.scale import Scale
 from ..errors import LogError, OptionError
@@ -41,9 +41,6 @@ if TYPE_CHECKING:
     from ..samples.simulation import Simulation
 
 Array = NDArray[np.float64]
-
-BODIES = ("auto", "none")
-"""Whether a kinematic model stands under the maps."""
 
 LEAST_ROWS = 10
 """Fewest rows that anything can be learned and checked from."""

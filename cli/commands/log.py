@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from typing import Annotated, Any
 
 import typer
@@ -223,7 +224,8 @@ def _from_camera(
         raise typer.Exit(NO) from None
     made.write(output)
     if as_json:
-        show_json({"log": output, "joints": made.joint_names, "samples": len(made), **made.about()})
+        counted = {"log": output, "joints": made.joint_names, "samples": len(made)}
+        show_json({**counted, **made.about(), "units": _units(made.joint_names, made.unit)})
     elif output != "-":
         factor, unit = for_people(made.unit)
         tell(
@@ -245,6 +247,12 @@ def _from_bag(bag: str, output: str, as_json: bool, **options: Any) -> None:
     columns |= {} if turns is None else dict(zip(QUATERNION, turns.T, strict=True))
     write_table(output, {**columns, "time": recording.time})
     if as_json:
-        show_json({"log": output, "joints": recording.joint_names, "samples": len(recording.q)})
+        counted = {"log": output, "joints": recording.joint_names, "samples": len(recording.q)}
+        show_json({**counted, "units": _units(recording.joint_names, "m")})
     elif output != "-":
         tell(f"{output}: {len(recording.q)} rows of {', '.join(columns)}, time [rad, m, s]")
+
+
+def _units(joints: Sequence[str], unit: str) -> dict[str, object]:
+    """Units of the numbers of a log."""
+    return {"joints": dict.fromkeys(joints, "rad"), "positions": unit, "time": "s"}

@@ -11,6 +11,7 @@ from .. import options as o
 from ..output import Table, fixed, note, show, show_json
 from ..parsing import BadOption, Numbers, bad_option, finite, height, numbers
 from ..units import JointFormat, for_people, one_each, units_of
+from .path import path
 
 if TYPE_CHECKING:
     import numpy as np
@@ -23,6 +24,7 @@ if TYPE_CHECKING:
 NO = 3
 
 query_app = typer.Typer(
+    add_completion=False,
     help="Ask a model for positions or for joint values.",
     rich_markup_mode=None,
 )
@@ -310,3 +312,6 @@ def _show(
         rows.append([*row, *(fixed(value * factor, 4) for value in bounds)])
     header += [f"expected error [{unit}]", *([f"model error [{unit}]"] if both else [])]
     show(Table(header, rows, title, left=0))
+
+
+query_app.command()(path)
