@@ -24,7 +24,7 @@ class Trend:
     ----------
     basis : Basis
         Its functions of the joints.
-    coefficients : (terms, 2) array
+    coefficients : (terms, m) array
         Weight of each function, in the unit of the positions.
     """
 

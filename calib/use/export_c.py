@@ -12,6 +12,7 @@ from numpy.typing import NDArray
 from ..body.basis import exponents
 from ..body.curves import HARMONICS
 from ..body.planar import PlanarStructure
+from ..body.planar_view import cubic
 from ..body.spatial import SpatialStructure
 from ..common.wording import one_line
 from ..errors import OptionError
@@ -82,6 +83,10 @@ def c_header(model: Model, *, prefix: str = "calib_", single: bool = False) -> C
         raise OptionError(
             "the model has no body, which is what a C header is made of: train it with body='auto'"
         )
+    structure = model.body.structure
+    if isinstance(structure, PlanarStructure):
+        if structure.seen_as.bend is not cubic and model.body.beta[8]:
+            raise OptionError(f"the lens of view {structure.view!r} has no C form")
     writer = _Writer(model, model.body, prefix, single)
     text, tables = writer.text()
     notes = []

@@ -13,6 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ..arm.planar_arm import PlanarArm
+from ..common.choices import CAUSES, LOG_FRAMES
 from ..errors import OptionError
 from ..model.alignment import Alignment
 from .origins import Moved
@@ -24,9 +25,6 @@ if TYPE_CHECKING:
     from .spatial_geometry import SpatialGeometry
 
 Array = NDArray[np.float64]
-
-VIEWS = ("auto", "base")
-CAUSES = ("sensor", "joints")
 
 _POINTS, _ROWS = 500, 2_000
 
@@ -123,9 +121,9 @@ def frame_is_free(model: Model, view: str = "auto") -> bool:
     Positions of a simulation are in the root link's plane; those of a log are in the sensor's
     own frame, unless `view` is "base".
     """
-    if view not in VIEWS:
+    if view not in LOG_FRAMES:
         raise OptionError(
-            f"view {view!r}: expected one of {', '.join(VIEWS)}", parameter="view", value=view
+            f"view {view!r}: expected one of {', '.join(LOG_FRAMES)}", parameter="view", value=view
         )
     based = "base" in (view, model.about.options.get("view"))
     return not is_simulated(model) and not based

@@ -40,12 +40,15 @@ class Placement:
         and for sensors with units of their own.
     note : str
         What the user should be told, or "".
+    up : float
+        Sign of y that leads up a picture: -1 where it counts downwards, as pixels do.
     """
 
     origin: Array
     axes: Array
     scale: float
     note: str = ""
+    up: float = 1.0
 
     def lift(self, x: ArrayLike) -> Array:
         """Points (n, 3) of the scene for positions (n, 2) or (n, 3) [unit]."""
@@ -53,7 +56,7 @@ class Placement:
 
     @property
     def frame(self) -> Array:
-        """Rows x, y and normal of the drawn plane, unit vectors (3, 3).
+        """Rows x, y (upwards) and normal of the drawn plane, unit vectors (3, 3).
 
         In space it is the upright plane that the viewer faces, from the front and the right.
         """
@@ -66,7 +69,7 @@ class Placement:
                 ]
             )
         x = self.axes[0] / np.linalg.norm(self.axes[0])
-        normal = np.cross(self.axes[0], self.axes[1])
+        normal = np.cross(self.axes[0], self.up * self.axes[1])
         normal /= np.linalg.norm(normal)
         return np.stack([x, np.cross(normal, x), normal])
 
@@ -81,11 +84,13 @@ def place(model: Model, body: Body | None) -> Placement:
     about, size = model.about, extent(model)
     if len(model.axes) == 3:
         return _in_space(model, body)
+    up = -1.0 if downwards(about.unit) else 1.0
     if body is None:
         scale = 1.0 if _SIZES[0] <= size <= _SIZES[1] else _DRAWN / size
         plane = _stated(about.plane)
-        y = -plane.y if downwards(about.unit) else plane.y  # as the camera sees it
-        return Placement(scale * plane.origin, scale * np.stack([plane.x, y]), scale)
+        # as the camera sees it
+        axes = scale * np.stack([plane.x, up * plane.y])
+        return Placement(scale * plane.origin, axes, scale, up=up)
     scale = 1.0
     nodes = model.motor.scale.from_unit(np.clip(model.motor.units[model.visited], 0.0, 1.0))
     nodes = nodes[:: max(1, len(nodes) // 2000)]
@@ -109,7 +114,7 @@ def place(model: Model, body: Body | None) -> Placement:
             "fit (turn, mirror, scale, shift) brings them"
         )
     basis = np.stack([plane.x, plane.y])
-    return Placement(scale * plane.lift(shift), scale * linear @ basis, scale, note)
+    return Placement(scale * plane.lift(shift), scale * linear @ basis, scale, note, up)
 
 
 def _in_space(model: Model, body: Body | None) -> Placement:

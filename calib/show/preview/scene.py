@@ -21,6 +21,7 @@ from ..workspace import (
     training_positions,
 )
 from . import arm as arm_layer
+from . import photo as photo_layer
 from .body import Body
 from .camera import Camera
 from .canvas import POINT, Canvas
@@ -110,6 +111,8 @@ class _Drawing:
         if self.body is not None:
             poses = self.body.poses(motion.q)
             around = np.concatenate([around, placement.scale * self.body.skeleton(motion.q[:1])[0]])
+        photo = photo_layer.corners(model, placement)
+        around = np.concatenate([around, photo])
         frame = placement.frame
         if (around @ frame[0]).max() - (around @ frame[0]).min() == 0:
             frame = np.eye(3)
@@ -119,6 +122,10 @@ class _Drawing:
         self.front = 0.006 * self.size * camera.direction
         scale = self._errors()
 
+        if len(photo):
+            self._layer(photo_layer.LAYER, "", "by the camera that measured the arm")
+            behind = 0.01 * self.size * camera.direction
+            photo_layer.draw_photo(canvas, model, photo - behind)
         self._arm(poses)
         self._maps(scale)
         self._links(motion)
@@ -127,6 +134,7 @@ class _Drawing:
         else:
             self._border(line)
         self._samples()
+        self._residuals()
         self._path(motion, poses)
         if placement.note:
             self.notes.append(placement.note)
@@ -226,6 +234,13 @@ class _Drawing:
         self.canvas.points(
             f"{name}/positions", self.placement.lift(shown), SAMPLE, 0.006 * self.size
         )
+
+    def _residuals(self) -> None:
+        found = photo_layer.arrows(self.model, self.samples)
+        if found is not None:
+            self._layer(photo_layer.ARROWS, photo_layer.ARROW, found.words)
+            seen, ends = (self.placement.lift(x) + self.front for x in (found.seen, found.ends))
+            photo_layer.draw_arrows(self.canvas, seen, ends, 0.012 * self.size)
 
     def _path(self, motion: Motion, poses: dict[str, Array]) -> None:
         lift, canvas, n = self.placement.lift, self.canvas, len(motion.q)

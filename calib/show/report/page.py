@@ -14,6 +14,7 @@ from ..error_scale import length_in_words
 from . import curves, maps, space
 from .changes import adaptation_table, drift_text, history_table
 from .evidence import Evidence, gather
+from .over_photo import over_photo
 from .style import settings, to_png, to_svg
 from .tables import errors_in_html, fact_list, facts, is_papers_arm
 
@@ -58,6 +59,12 @@ def heat_maps(evidence: Evidence, direction: str) -> Any:
 
 
 SECTIONS = (
+    Section(
+        "photo",
+        "The map over a photo",
+        "The sensory map as the camera sees the arm, and where the tip was seen and is predicted.",
+        over_photo,
+    ),
     Section(
         "forward",
         "Forward error: where is the tip?",
@@ -169,7 +176,7 @@ def report(model: Model, samples: Samples | None = None) -> str:
             if not section.when(model):
                 continue
             figure = section.draw(evidence)
-            if figure is None and evidence.residuals is None:
+            if figure is None and (evidence.residuals is None or section.draw is over_photo):
                 continue  # a section that could only say what it lacks
             parts.append(_heading(section.title))
             if figure is None:
