@@ -12,6 +12,7 @@ from numpy.typing import ArrayLike, NDArray
 from ..arm.arm import Arm
 from ..errors import OptionError
 from .collisions import hits_itself
+from .geometry import moves_in_space
 from .information import few, most_telling, tells
 from .keep_inside import keep_of
 from .pose_space import Space, space_of
@@ -209,9 +210,9 @@ def plan(
 def _apart(source: Arm | Model, space: Space, points: Array) -> tuple[Array, str]:
     """The candidates in which an arm in space does not hit itself, and what was looked at."""
     about = source if isinstance(source, Arm) else source.about
-    wide = source.outputs if isinstance(source, Arm) else len(source.axes)
+    wide = source.outputs == 3 if isinstance(source, Arm) else moves_in_space(source)
     hits = None
-    if wide == 3 and about.urdf:
+    if wide and about.urdf:
         q = space.scale.from_unit(points)
         hits = hits_itself(about.urdf, space.joint_names, about.locked, q)
     if hits is None or hits.all():
