@@ -84,9 +84,12 @@ def c_header(model: Model, *, prefix: str = "calib_", single: bool = False) -> C
             "the model has no body, which is what a C header is made of: train it with body='auto'"
         )
     structure = model.body.structure
-    if isinstance(structure, PlanarStructure):
-        if structure.seen_as.bend is not cubic and model.body.beta[8]:
-            raise OptionError(f"the lens of view {structure.view!r} has no C form")
+    if (
+        isinstance(structure, PlanarStructure)
+        and structure.seen_as.bend is not cubic
+        and model.body.beta[8]
+    ):
+        raise OptionError(f"the lens of view {structure.view!r} has no C form")
     writer = _Writer(model, model.body, prefix, single)
     text, tables = writer.text()
     notes = []

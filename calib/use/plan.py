@@ -11,10 +11,13 @@ from numpy.typing import ArrayLike, NDArray
 
 from ..arm.arm import Arm
 from ..errors import OptionError
+from .collisions import hits_itself
+from .geometry import moves_in_space
+from .information import few, most_telling, tells
 from .keep_inside import keep_of
 from .pose_space import Space, space_of
 from .routes import Route, dense, free_route, kept_route
-from .spread import candidates
+from .spread import candidates, farthest
 from .tour import length
 
 if TYPE_CHECKING:
@@ -94,10 +97,11 @@ class Plan:
     def columns(self) -> dict[str, NDArray[Any]]:
         """Columns of the plan's table: the joints' names, then what is expected.
 
-        The positions are called `expected_x` and `expected_y`, so that a plan is not taken
-        for a log by mistake.
+        The positions are called `expected_x`, `expected_y` and in space `expected_z`, so that
+        a plan is not taken for a log by mistake.
         """
-        table: dict[str, NDArray[Any]] = {"expected_x": self.x[:, 0], "expected_y": self.x[:, 1]}
+        axes = zip("xyz", self.x.T, strict=False)
+        table: dict[str, NDArray[Any]] = {f"expected_{axis}": values for axis, values in axes}
         if self.expected_error is not None:
             table["expected_error"] = self.expected_error
         if self.via.any():
@@ -175,8 +179,13 @@ def plan(
     taken = _taken(space, measured)
     begin = None if start is None else _in_unit(space, space.joints(start, "start"))
     neutral = _in_unit(space, np.clip(0.0, space.lower, space.upper))
-    notes = [_UNSEEN]
-    if measured is None and not isinstance(source, Arm):
+    points, seen = _apart(source, space, candidates(space, rng))
+    notes = [seen]
+    how = "as far from each other as possible"
+    if measured is not None:
+        how += f" and from the {len(measured)} measured ones"
+    telling = None if keep else _most_telling(source, space, points, taken, n)
+    if telling is None and measured is None and not isinstance(source, Arm):
         notes.append(
             "the model does not keep its samples: to improve it, give the log too, and the "
             "new poses go between them"
@@ -190,11 +199,38 @@ def plan(
             notes.append("the way begins at the first pose: give `start` to begin where the arm is")
     else:
         begin = neutral if begin is None else begin
-        route = free_route(space, n, begin, taken, candidates(space, rng))
-    how = "as far from each other as possible"
-    if measured is not None:
-        how += f" and from the {len(measured)} measured ones"
+        if telling is None:
+            telling = points[farthest(space.scale, points, n, taken)]
+        else:
+            how = "chosen by what each tells of the arm beyond those before it"
+        route = free_route(begin, telling)
     return _made(source, space, route, begin, how, notes)
+
+
+def _apart(source: Arm | Model, space: Space, points: Array) -> tuple[Array, str]:
+    """The candidates in which an arm in space does not hit itself, and what was looked at."""
+    about = source if isinstance(source, Arm) else source.about
+    wide = source.outputs == 3 if isinstance(source, Arm) else moves_in_space(source)
+    hits = None
+    if wide and about.urdf:
+        q = space.scale.from_unit(points)
+        hits = hits_itself(about.urdf, space.joint_names, about.locked, q)
+    if hits is None or hits.all():
+        return points, _UNSEEN
+    return points[~hits], (
+        f"{hits.mean():.1%} of the candidates were left out, in which the arm hits itself (by the "
+        "URDF's collision bodies, meshes apart); obstacles and the moves between poses are not "
+        "looked at: go slowly the first time"
+    )
+
+
+def _most_telling(
+    source: Arm | Model, space: Space, points: Array, taken: Array, n: int
+) -> Array | None:
+    """The poses (n, dof) that tell most of an arm in space; None where another rule chooses."""
+    some = few(points)
+    told = tells(source, space.scale.from_unit(some), space.scale.from_unit(taken))
+    return None if told is None or n > len(some) // 2 else some[most_telling(told, n)]
 
 
 def _made(

@@ -50,25 +50,20 @@ class Route:
     notes: tuple[str, ...] = ()
 
 
-def free_route(space: Space, n: int, start: Array, taken: Array, points: Array) -> Route:
+def free_route(start: Array, chosen: Array) -> Route:
     """Visit poses of a box of joint values: every straight move is allowed.
 
     Parameters
     ----------
-    space : Space
-    n : int
-        Number of poses.
     start : (dof,) array
         Where the way begins, in units of the joints' ranges; it is not measured.
-    taken : (k, dof) array
-        Poses that were measured before.
-    points : (m, dof) array
-        What to choose from.
+    chosen : (n, dof) array
+        The poses.
     """
-    nodes = np.vstack([start, points[farthest(space.scale, points, n, taken)]])
+    nodes = np.vstack([start, chosen])
     away = moves(nodes[:, None], nodes[None])
     order = shortest_tour(away)
-    return Route(nodes[order[1:]], np.zeros(n, dtype=bool), away[np.ix_(order, order)])
+    return Route(nodes[order[1:]], np.zeros(len(chosen), dtype=bool), away[np.ix_(order, order)])
 
 
 def kept_route(
@@ -87,8 +82,10 @@ def kept_route(
     Parameters
     ----------
     keep : Keep
-    n, taken
-        As for `free_route`.
+    n : int
+        Number of poses.
+    taken : (k, dof) array
+        Poses that were measured before.
     start : (dof,) array or None
         Where the way begins; None for any pose.
     points : (m, dof) array

@@ -10,6 +10,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from ...use.geometry import moves_in_space
 from ..error_scale import length_in_words
 from . import curves, maps, space
 from .changes import adaptation_table, drift_text, history_table
@@ -92,7 +93,7 @@ SECTIONS = (
         "Distance between predicted and measured position over the value of each joint: the mean "
         "and the 95 % quantile of each part of its range.",
         space.by_joint,
-        space.in_space,
+        moves_in_space,
     ),
     Section(
         "curves",
