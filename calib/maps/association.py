@@ -86,8 +86,8 @@ class Association:
     def __post_init__(self) -> None:
         freeze(self, "motor_means", "sensory_means")
         links = self.linked
-        arrays = (frozen(part) for part in (links.data, links.indices, links.indptr))
-        object.__setattr__(self, "linked", Compressed(*arrays, links.shape))
+        data, indices, indptr = map(frozen, (links.data, links.indices, links.indptr))
+        object.__setattr__(self, "linked", Compressed(data, indices, indptr, links.shape))
 
     @cached_property
     def links(self) -> csr_array:
