@@ -25,9 +25,9 @@ def maps_section(maps: dict[str, Any]) -> list[str]:
         "(steps per node 5 to 110 for those that show one sample at a time; 7 to 40 passes over "
         "5, 10 or 20 samples per node for batch maps; 2 to 20 samples per node with the "
         "default schedule for calib), the least that got there in a search before (the median of "
-        "three seeds where it was close; of calib every one of five), repeated here in fresh processes and with other seeds, "
-        "all in turn; libraries may use both cores.  Imports and just-in-time compilation are "
-        "excluded and told apart (first call).",
+        "three seeds where it was close; of calib every one of five), repeated here in fresh "
+        "processes, all in turn; libraries may use both cores.  Imports and just-in-time "
+        "compilation are excluded and told apart (first call).",
         "",
         f"The workspace's area is l1 l2 range(q1) (cos q2min - cos q2max) = {maps['area_m2']:.5f} "
         f"m²; a million random points give {value:.5f} ± {deviation:.5f} m².  The samples are "

@@ -69,6 +69,8 @@ def main() -> None:
         new["maps"] = maps(options.quick, again, known)
     if "queries" in options.only:
         new["queries"] = queries(options.quick)
+        for row in new["queries"]["rows"]:
+            print(f"{row['name']}: {1e6 / row['us']:,.0f} a second", file=sys.stderr)
     if "processes" in options.only:
         new["processes"] = processes(options.quick)
     if "limits" in options.only:
