@@ -10,6 +10,7 @@ from typing import TYPE_CHECKING, cast
 import numpy as np
 from numpy.typing import NDArray
 
+from ..common.choices import READOUTS
 from ..common.frozen import freeze, frozen
 from ..errors import OptionError
 from .compressed import Compressed
@@ -22,12 +23,6 @@ if TYPE_CHECKING:
 
 Array = NDArray[np.float64]
 Index = NDArray[np.intp]
-
-MAP_READOUTS = ("linear", "activity", "winner")
-"""Readouts of maps and links alone."""
-
-READOUTS = ("local", "body", *MAP_READOUTS)
-"""Every readout; ``body`` only where there is one."""
 
 _JOINED = 1.9  # nodes closer than so many spacings belong to one cluster
 _CORE = 6.0  # reach of a cluster around its strongest node [spacings]

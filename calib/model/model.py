@@ -56,6 +56,8 @@ class Model(Parts, Doors):
         Other states of the same arm that were kept, such as with a tool mounted.
     approach : Approach or None
         Backlash, where the order of the samples showed that the direction counts.
+    photo : Photo or None
+        A picture by the camera that measured the arm, to draw the map over.
     """
 
     def warm_up(self) -> Model:

@@ -9,11 +9,12 @@ from typing import TYPE_CHECKING, Any, cast
 import numpy as np
 from numpy.typing import NDArray
 
+from ..common.choices import MAP_READOUTS
 from ..common.frozen import freeze
 from ..common.wording import one_line
 from ..errors import OptionError
 from ..inverse.solver import Solver
-from ..maps.association import MAP_READOUTS, Association, check_readout
+from ..maps.association import Association, check_readout
 from ..maps.linear_models import LinearModels
 from ..maps.local_models import NO_MODELS
 from ..maps.map import Map
@@ -30,6 +31,7 @@ if TYPE_CHECKING:
     from .about import About
     from .baseline import Baseline
     from .model import Model
+    from .photo import Photo
     from .schemas import Schema
 
 Array = NDArray[np.float64]
@@ -53,6 +55,7 @@ class Parts:
     schema: str = "schema 1"
     schemas: tuple[Schema, ...] = ()
     approach: Approach | None = None
+    photo: Photo | None = None
 
     def __post_init__(self) -> None:
         freeze(self, "bounds", "model_bounds", "visited")

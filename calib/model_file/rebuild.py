@@ -23,6 +23,7 @@ from ..maps.map import HISTORY, Map
 from ..maps.predictor import Predictor
 from ..model.about import About
 from ..model.baseline import Baseline
+from ..model.photo import Photo
 from ..model.rows import MOST, Rows
 from .smooth_part import build_smooth
 
@@ -115,6 +116,9 @@ def build(header: Mapping[str, Any], tensors: Mapping[str, NDArray[Any]]) -> Mod
     )
     if "approach" in header:
         model = replace(model, approach=_approach(header["approach"], tensors, motor.size, dof))
+    if "photo" in header:
+        left, right, low, high = numbers("photo", header["photo"], 4)
+        model = replace(model, photo=Photo(tensors["photo"].tobytes(), (left, right, low, high)))
     if "schemas" not in header:
         return model
     from . import schemas
@@ -132,7 +136,7 @@ def _check_types(tensors: Mapping[str, NDArray[Any]]) -> None:
             wanted: type = np.float32
         elif name.endswith(".shifts"):
             wanted = np.float16
-        elif name == "visited" or name.endswith(".periodic"):
+        elif name in ("visited", "photo") or name.endswith(".periodic"):
             wanted = np.uint8
         elif name.startswith(("links.", "body.")) or name.endswith(".edges"):
             continue
