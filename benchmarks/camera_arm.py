@@ -34,7 +34,7 @@ BOARD = Board.parse("7x5:24mm:18mm:5x5_100")
 LYING = board(7, 5, 0.024, 0.018, (0.36, -0.06, 0.0, 0.1))
 DESK = Desk(
     still=(LYING, tag(3, 0.03, (0.0, 0.25, 0, 0.3))),
-    lengths=(0.186, 0.1335, 0.0945),  # the URDF says 0.18, 0.14, 0.09
+    lengths=(0.186, 0.133, 0.0972),  # the URDF says 0.18, 0.14, 0.09
     offsets=(0.03, -0.045, 0.02),
 )
 BUMPED = replace(DESK, camera=Camera(position=(0.215, -0.24, 0.905), roll=0.035))
