@@ -78,7 +78,7 @@ def test_one_small_file_without_addresses(page: str):
 def test_everything_is_in_it(page: str):
     headings = Reader(page).headings
     assert headings[0] == "two_link"
-    for section in SECTIONS:
+    for section in SECTIONS[1:]:  # a simulated arm has no photo
         assert section.title in headings
     assert "sensor noise 1 mm" in page
 
