@@ -114,6 +114,8 @@ def test_the_model_keeps_its_photo(made):
     assert again.photo == model.photo
     assert to_bytes(model) == data
     assert 0 < len(data) - len(to_bytes(made[1])) - len(model.photo.jpeg) < 500
+    with pytest.raises(CalibError, match="photo cannot be read"):
+        Photo(b"\xff\xd8\xff and no more", (0, 1, 0, 1)).pixels()
     for jpeg, box in ((b"GIF89a", (0, 1, 0, 1)), (b"\xff\xd8\xff", (1, 0, 0, 1))):
         with pytest.raises(ValueError, match=r"JPEG|no box"):
             Photo(jpeg, box)
@@ -124,6 +126,7 @@ def test_the_model_keeps_its_photo(made):
     [
         ({"size": [640, 480]}, "px", "by the same camera"),
         ({"reference": None}, "m", "does not say where its camera was"),
+        ({"reference": {"kind": "flat", "matrix": [0] * 9}}, "m", "does not say where its camera"),
         ({"shift": 5000.0}, "px", "shows 0 % of the positions only"),
         ({"file": "none.png"}, "px", "there is no photo"),
         ({"file": "log.csv"}, "px", "no video that OpenCV can read"),
@@ -179,6 +182,10 @@ def test_the_commands_remember_it_unless_told_not_to(made, tmp_path):
     outside = replace(log, source={**SOURCE, "photo": "../seen.png"})
     assert photo_of_log(model, outside, str(data), notes).photo is None
     assert photo_of_log(model, log, "-", notes).photo is None
+    metres = replace(model, about=replace(model.about, unit="m"))
+    for spoilt in ({"photo": "a\0b"}, {"photo": 7}, {"size": 7}, {"reference": 7, "unit": "m"}):
+        odd = replace(log, source=SOURCE | spoilt)
+        assert photo_of_log(metres, odd, str(data), notes).photo is None
     model.save(path)
     assert shown(model, path, seen, True, log, notes).photo is not None
     assert calib.load(path).photo is None

@@ -56,7 +56,8 @@ class PlaneReference:
         """Return where points of the plane appear."""
         points = np.c_[positions, np.full(len(positions), self.height)]
         seen = points @ self.pose.rotation.T + self.pose.shift
-        return self.lens.distort(seen[:, :2] / seen[:, 2:])
+        with np.errstate(divide="ignore", invalid="ignore", over="ignore"):
+            return self.lens.distort(seen[:, :2] / seen[:, 2:])
 
     def noise(self, pixels: Array) -> tuple[Array, Array]:
         """Return the scale of a pixel, and what pose and lens leave open."""
@@ -123,7 +124,9 @@ def read_reference(about: Mapping[str, Any]) -> Reference:
         if told["kind"] == "pixels":
             return PixelReference()
         if told["kind"] == "flat":
-            return FlatReference(np.array(told["matrix"], float).reshape(3, 3), 0.0)
+            flat = FlatReference(np.array(told["matrix"], float).reshape(3, 3), 0.0)
+            flat.pixels(np.zeros((1, 2)))  # it has an inverse
+            return flat
         rotation = np.array(told["rotation"], float).reshape(3, 3)
         shift = -rotation @ np.array(told["camera"], float).reshape(3)
         turn, place = (float(sd) for sd in told.get("doubt", (0.0, 0.0)))
