@@ -9,11 +9,12 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from ..common.choices import MAP_READOUTS
 from ..common.frozen import freeze
 from ..common.wording import one_line
 from ..errors import OptionError, QueryError
 from ..inverse.solver import Solver
-from ..maps.association import MAP_READOUTS, Association, check_readout
+from ..maps.association import Association, check_readout
 from ..maps.linear_models import LinearModels
 from ..maps.local_models import NO_MODELS
 from ..maps.map import Map
@@ -40,6 +41,8 @@ Array = NDArray[np.float64]
 
 MOST_BLENDED = 3
 """Joints up to which bounds are blended between the motor map's nodes."""
+
+_REPEATS = 16  # until the interpreter has adapted to a query's code
 
 
 @dataclass(frozen=True, eq=False)
@@ -145,15 +148,21 @@ class Model(Doors):
         second longer than the following ones.
         """
         middle = (self.about.lower + self.about.upper) / 2
-        x = self.forward(middle)
-        self.expected_error(middle)
-        self.model_error(middle)
-        if np.isfinite(x).all():
-            self.inverse(x, near=middle)
-        self.forward(middle[None])
-        target = np.where(np.isfinite(x), x, self.sensory.weights[0])
+        x = self.forward(middle[None])[0]
+        known = bool(np.isfinite(x).all())
+        target = x if known else self.sensory.weights[0]
         self.inverse(target[None], near=middle[None])
         self.inverse_all(target[None])
+        if self.single is not None:
+            _ = self.single.cells
+        for _ in range(_REPEATS):
+            self.forward(middle)
+            self.expected_error(middle)
+            self.model_error(middle)
+            if known:
+                self.inverse(x, near=middle)
+                if self.about.urdf:
+                    self.correct(middle)
         return self
 
     @cached_property

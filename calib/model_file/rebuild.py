@@ -13,6 +13,7 @@ from ..body.approach import Approach
 from ..common.checks import LARGEST, finite, numbers, of_type
 from ..common.scale import Scale
 from ..maps.association import Association
+from ..maps.compressed import Compressed
 from ..maps.graph import Graph
 from ..maps.lattice import Lattice
 from ..maps.linear_models import from_shifts
@@ -40,8 +41,6 @@ def build(header: Mapping[str, Any], tensors: Mapping[str, NDArray[Any]]) -> Mod
     CalibError, AttributeError, IndexError, KeyError, OverflowError, TypeError, ValueError
         If they make no sense.
     """
-    from scipy.sparse import csr_array
-
     from ..model.model import Model
 
     _check_types(tensors)
@@ -68,8 +67,8 @@ def build(header: Mapping[str, Any], tensors: Mapping[str, NDArray[Any]]) -> Mod
     if not len(indices) or not (tensors["links.data"] > 0.0).all():
         raise ValueError("there are no links, or one is not above zero")
     indptr = np.concatenate([[0], np.cumsum(counts)]).astype(np.int32)
-    links = csr_array(
-        (tensors["links.data"].astype(float), indices, indptr), shape=(motor.size, sensory.size)
+    links = Compressed(
+        tensors["links.data"].astype(float), indices, indptr, (motor.size, sensory.size)
     )
     association = Association(
         motor,

@@ -104,7 +104,7 @@ def _canonical(header: Mapping[str, Any]) -> str:
 
 
 def _tensors(model: Model) -> dict[str, NDArray[Any]]:
-    links = model.links
+    links = model.association.linked
     tensors: dict[str, NDArray[Any]] = {
         "links.data": links.data.astype(np.float32),
         "links.indices": links.indices.astype(_unsigned(model.sensory.size)),

@@ -16,6 +16,7 @@ from ..errors import LogError
 if TYPE_CHECKING:
     from ..arm.arm import Arm
     from ..arm.plane import Plane
+    from .camera import Camera
     from .simulation import Simulation
 
 Array = NDArray[np.float64]
@@ -61,6 +62,8 @@ class Samples:
         Columns of the log that have other names than what they hold.
     degrees : bool
         Whether the log has its turning joints in degrees; `q` is in rad all the same.
+    camera : Camera or None
+        Of pixels of an arm that moves in space, what is known of the camera.
     source : dict
         What the log says of itself, as `calib log` writes it above the columns.
 
@@ -92,6 +95,7 @@ class Samples:
     orientation: Array | None = field(default=None, repr=False)
     columns: Mapping[str, str] = field(default_factory=dict, repr=False)
     degrees: bool = False
+    camera: Camera | None = field(default=None, repr=False)
     source: Mapping[str, Any] = field(default_factory=dict, repr=False)
 
     def __post_init__(self) -> None:

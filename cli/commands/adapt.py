@@ -7,6 +7,8 @@ from typing import Annotated
 
 import typer
 
+from calib.common.choices import METHODS
+
 from .. import options as o
 from .. import parsing
 from ..measurements import log_for
@@ -18,7 +20,6 @@ from ..units import for_people, units_of
 from .train import check_output
 
 NO = 3
-METHODS = ("few-shot", "online")
 
 
 def adapt(

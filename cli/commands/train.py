@@ -67,6 +67,14 @@ def train(
     columns: o.ColumnsOption = None,
     unit: o.UnitOption = None,
     prismatic: o.PrismaticOption = None,
+    lens: Annotated[
+        str | None,
+        typer.Option(
+            "--lens",
+            metavar="lens.json",
+            help="The calibrated lens of a camera that sees an arm in space (default: fitted).",
+        ),
+    ] = None,
     no_rows: Annotated[
         bool,
         typer.Option(
@@ -82,7 +90,8 @@ def train(
     import calib
 
     simulated = {"--samples": samples, "--noise": noise, "--motion": motion, "--change": change}
-    of_logs = {"--columns": columns, "--unit": unit, "--prismatic": prismatic, "--photo": photo}
+    of_logs = {"--columns": columns, "--unit": unit, "--prismatic": prismatic}
+    of_logs |= {"--lens": lens, "--photo": photo}
     _check_source(robot, data, simulated, of_logs)
     if photo is not None and no_photo:
         raise BadOption("--photo and --no-photo are given: expected one of them")
@@ -109,6 +118,7 @@ def train(
             prismatic=prismatic or (),
             seed=seed,
             notes=notes,
+            lens=lens,
         )
     path = output or f"{_file_name(_stem(robot or data))}.calib"
     check_output(path)
