@@ -10,6 +10,7 @@ import pytest
 from threadpoolctl import threadpool_limits
 
 from calib.body.fitting import fit_body
+from calib.body.likeness import kernel
 from calib.change.comparison import carried
 from calib.change.explain import changed, explain, likely
 from calib.change.group_tests import group_tests
@@ -19,7 +20,6 @@ from calib.change.own_residual import own_residual
 from calib.change.reference import kept_reference, reference_of
 from calib.change.rows import thinned, weighted
 from calib.change.update import settled, updated
-from calib.change.whitening import kernel
 
 LOWER, UPPER = np.radians([0.0, 15.0]), np.radians([90.0, 150.0])
 L1, L2 = 0.30, 0.25

@@ -14,13 +14,14 @@ import numpy as np
 
 from ..body.belief import Body, Second
 from ..body.bound import radius_95
+from ..body.likeness import kernel, lengths_of
 from ..body.normal import Factor
 from ..body.structure import Array, Indices
 from .explain import Explanation
 from .members import drift
 from .reference import Reference
 from .rows import Log, thinned
-from .whitening import kernel, lengths_of, nuisance_sd, scaled
+from .whitening import nuisance_sd, scaled
 
 MOST_ROWS = 600
 """Rows that an update takes, evenly spread over the log."""

@@ -4,31 +4,36 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
+from functools import partial
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from ..arm.arm import Arm
+from ..body.most_telling import most_telling
 from ..errors import OptionError
 from .keep_inside import keep_of
 from .pose_space import Space, space_of
-from .routes import Route, dense, free_route, kept_route
-from .spread import candidates
+from .routes import Choose, Route, dense, free_route, kept_route
+from .spread import candidates, farthest
 from .tour import length
 
 if TYPE_CHECKING:
     import os
 
+    from ..body.belief import Body
     from ..model.model import Model
     from ..samples.samples import Samples
 
 Array = NDArray[np.float64]
+Index = NDArray[np.intp]
 
 MOST_POSES = 1000
 """More are babbled, not planned."""
 
 _UNSEEN = "obstacles and self-collision are not looked at: go slowly the first time"
+_CHOICE, _CORNERS = 2500, 256  # poses that a posterior chooses from, the corners among them
 _ORDERS = 100  # random ones, to compare with
 
 
@@ -173,6 +178,12 @@ def plan(
     space = space_of(source, margin, ranges)
     rng = np.random.default_rng(seed)
     taken = _taken(space, measured)
+    body = None if isinstance(source, Arm) else source.body
+    choose: Choose = partial(farthest, space.scale)
+    how, beside = "as far from each other as possible", "and from"
+    if body is not None and not body.simulated:  # exact samples leave nothing to learn
+        choose = partial(_most_telling, space, body)
+        how, beside = "those that tell most of what the model does not know", "beside"
     begin = None if start is None else _in_unit(space, space.joints(start, "start"))
     neutral = _in_unit(space, np.clip(0.0, space.lower, space.upper))
     notes = [_UNSEEN]
@@ -185,16 +196,27 @@ def plan(
         box = keep_of(space, keep)
         if begin is None and box.holds(neutral[None])[0]:
             begin = neutral
-        route = kept_route(box, n, begin, taken, dense(space, rng), rng)
+        route = kept_route(box, n, begin, taken, dense(space, rng), choose, rng)
         if begin is None:
             notes.append("the way begins at the first pose: give `start` to begin where the arm is")
     else:
         begin = neutral if begin is None else begin
-        route = free_route(space, n, begin, taken, candidates(space, rng))
-    how = "as far from each other as possible"
+        route = free_route(n, begin, taken, candidates(space, rng), choose)
     if measured is not None:
-        how += f" and from the {len(measured)} measured ones"
+        how += f" {beside} the {len(measured)} measured ones"
     return _made(source, space, route, begin, how, notes)
+
+
+def _most_telling(space: Space, body: Body, points: Array, n: int, taken: Array) -> Index:
+    """Points (k, dof) in units of the joints' ranges that inform a posterior most."""
+    few = np.arange(len(points))
+    if len(few) > _CHOICE:  # corners come first
+        few = np.unique(
+            np.append(few[:_CORNERS], np.linspace(0, len(few) - 1, _CHOICE).astype(int))
+        )
+    few = few if len(few) >= n else np.arange(len(points))
+    joints = space.scale.from_unit(points[few])
+    return few[most_telling(body, joints, n, space.scale.from_unit(taken))]
 
 
 def _made(
