@@ -10,7 +10,6 @@ import numpy as np
 from .bound import autocorrelation_time
 from .normal import (
     Factor,
-    Sums,
     information_factor,
     negative_log_likelihood,
     slices,
@@ -43,6 +42,8 @@ class Fit:
     active : (k,) int array
     sd : (k,) array
         Prior sd of the active parameters, with the scales that the evidence chose.
+    known : (k, k) array or None
+        Prior precision where the parameters' priors depend on each other; then not `sd`.
     noise : (m,) array
     nu : float
     residual : (n, m) array
@@ -84,6 +85,12 @@ class Fit:
     autocorrelation: float
     scales: dict[str, float]
     evidence: float
+    known: Array | None = None
+
+    @property
+    def prior(self) -> Array:
+        """Prior precision (k, k)."""
+        return np.diag(self.sd**-2.0) if self.known is None else self.known
 
 
 def first_noise(r: Array, floor: Array, blocks: tuple[int, ...]) -> Array:
@@ -152,9 +159,9 @@ class _Search:
         old = None if fresh else self.sums
         self.sums = sums_of(self.x, self.r, self.w, self.blocks, old)
 
-    def data(self, sums: list[Sums] | None = None) -> tuple[Array, Array]:
+    def data(self) -> tuple[Array, Array]:
         """Information (k, k) and moment (k,) of the rows at the present noise."""
-        pairs = list(zip(self.sums if sums is None else sums, slices(self.blocks), strict=True))
+        pairs = list(zip(self.sums, slices(self.blocks), strict=True))
         gram = sum(s.gram / self.noise[p.start] ** 2 for s, p in pairs)
         moment = sum(s.moment / self.noise[p.start] ** 2 for s, p in pairs)
         return np.asarray(gram), np.asarray(moment)
@@ -333,15 +340,23 @@ def maximise(
     return _finished(search)
 
 
+def by_block(
+    x: Array, r: Array, w: Array, noise: Array, blocks: tuple[int, ...]
+) -> tuple[Indices, Array, Array]:
+    """Limits (b + 1,) of contiguous blocks of rows; their information (b, k, k), moments (b, k)."""
+    edges = np.linspace(0, len(r), min(BLOCKS, len(r)) + 1).round().astype(int)
+    grams, moments = [], []
+    for a, b in pairwise(edges):
+        sums = sums_of(x[a:b] / noise[:, None], r[a:b] / noise, w[a:b], blocks)
+        grams.append(np.sum([s.gram for s in sums], axis=0))
+        moments.append(np.sum([s.moment for s in sums], axis=0))
+    return edges, np.stack(grams), np.stack(moments)
+
+
 def _finished(search: _Search) -> Fit:
     """Posterior at the parameters found."""
     search.see(True)
-    x, r, w = search.x, search.r, search.w
-    edges = np.linspace(0, len(r), min(BLOCKS, len(r)) + 1).round().astype(int)
-    parts = [
-        search.data(sums_of(x[a:b], r[a:b], w[a:b], search.blocks)) for a, b in pairwise(edges)
-    ]
-    grams, moments = np.stack([g for g, _ in parts]), np.stack([h for _, h in parts])
+    edges, grams, moments = by_block(search.x, search.r, search.w, search.noise, search.blocks)
     gram, moment = grams.sum(axis=0), moments.sum(axis=0)
     k = np.diag_indices(len(search.sd))
     precision = gram.copy()

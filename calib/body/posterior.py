@@ -27,6 +27,9 @@ NO_CURVES = 8.0
 WIDE = (200.0, 3e-3)
 """Pseudo-observations of the curves' wider hyperprior, and their rms [rad]."""
 
+LEAST_SHARE = 0.5
+"""Of the second fit's spread: so much stays, however small the held-out errors are."""
+
 STUDENT = 6.0
 """Degrees of freedom of the noise of a log."""
 
@@ -240,7 +243,9 @@ def _second(
         noise=fit.noise,
         steps=4,
     )
-    packed = pack(made.covariance)
+    # The rows tell how large the curves are altogether, even where none was visited.
+    share = leave_blocks_out(made).ratio() if hasattr(fit.structure, "wide") else 1.0
+    packed = pack(float(np.clip(share, LEAST_SHARE, 1.0)) ** 2 * made.covariance)
     return Second(made.beta, made.active, unpack(packed, len(made.active)), made.noise, packed)
 
 
