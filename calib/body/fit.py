@@ -2,21 +2,20 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
-from itertools import pairwise
-
 import numpy as np
 
 from .bound import autocorrelation_time
+from .fitted import Fit, by_block
 from .normal import (
     Factor,
+    first_noise,
     information_factor,
     negative_log_likelihood,
     slices,
     student_weights,
     sums_of,
 )
-from .structure import Array, Hyper, Indices, Prior, Structure
+from .structure import Array, Hyper, Prior, Structure
 
 INNER = 8
 """Steps of EM for each linearisation."""
@@ -24,83 +23,8 @@ INNER = 8
 SETTLED = 3e-3
 """A change of the noise and of every scale by less than this share ends them earlier."""
 
-BLOCKS = 10
-"""Contiguous blocks of rows whose information is kept apart."""
-
 MANY = 60
 """Parameters beyond which the information of an earlier step serves where the steps are small."""
-
-
-@dataclass(frozen=True)
-class Fit:
-    """A member fitted to rows, with what the leave-block-out needs.
-
-    Attributes
-    ----------
-    structure : Structure
-    beta : (d,) array
-    active : (k,) int array
-    sd : (k,) array
-        Prior sd of the active parameters, with the scales that the evidence chose.
-    known : (k, k) array or None
-        Prior precision where the parameters' priors depend on each other; then not `sd`.
-    noise : (m,) array
-    nu : float
-    residual : (n, m) array
-    derivative : (n, m, k) array
-    weight : (n, m) array
-    precision : (k, k) array
-        Weighted information and prior.
-    covariance : (k, k) array
-        Posterior covariance, with the Student noise's loss of information and that of residuals
-        that are correlated in the order of the log.
-    gradient : (k,) array
-        Of the log posterior: zero at its maximum, not quite where the steps ended before it.
-    edges : (b + 1,) int array
-        Limits of contiguous blocks of rows.
-    grams, moments : (b, k, k) and (b, k) array
-        What each block adds to the information and to the gradient.
-    autocorrelation : float
-        Integrated autocorrelation time of the residuals [rows]; 1 for Gaussian noise.
-    scales : dict of str to float
-    evidence : float
-        Laplace approximation of the logarithm of the evidence.
-    """
-
-    structure: Structure
-    beta: Array
-    active: Indices
-    sd: Array
-    noise: Array
-    nu: float
-    residual: Array
-    derivative: Array
-    weight: Array
-    precision: Array
-    covariance: Array
-    gradient: Array
-    edges: Indices
-    grams: Array
-    moments: Array
-    autocorrelation: float
-    scales: dict[str, float]
-    evidence: float
-    known: Array | None = None
-
-    @property
-    def prior(self) -> Array:
-        """Prior precision (k, k)."""
-        return np.diag(self.sd**-2.0) if self.known is None else self.known
-
-
-def first_noise(r: Array, floor: Array, blocks: tuple[int, ...]) -> Array:
-    """Noise (m,) from the median residual of each block, at least `floor` (m,)."""
-    noise = np.empty(r.shape[1])
-    for part in slices(blocks):
-        p = part.stop - part.start
-        e2 = (r[:, part] ** 2).sum(axis=1)
-        noise[part] = 1.2 * np.sqrt(np.median(e2) / (p - 2 / 3))
-    return np.maximum(noise, floor)
 
 
 class _Search:
@@ -338,19 +262,6 @@ def maximise(
         if (it > (2 if learn else 0) and moved.max() <= tolerance) or share == 0.0:
             break
     return _finished(search)
-
-
-def by_block(
-    x: Array, r: Array, w: Array, noise: Array, blocks: tuple[int, ...]
-) -> tuple[Indices, Array, Array]:
-    """Limits (b + 1,) of contiguous blocks of rows; their information (b, k, k), moments (b, k)."""
-    edges = np.linspace(0, len(r), min(BLOCKS, len(r)) + 1).round().astype(int)
-    grams, moments = [], []
-    for a, b in pairwise(edges):
-        sums = sums_of(x[a:b] / noise[:, None], r[a:b] / noise, w[a:b], blocks)
-        grams.append(np.sum([s.gram for s in sums], axis=0))
-        moments.append(np.sum([s.moment for s in sums], axis=0))
-    return edges, np.stack(grams), np.stack(moments)
 
 
 def _finished(search: _Search) -> Fit:

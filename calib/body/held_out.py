@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from .bound import radius_95
-from .fit import Fit
+from .fitted import Fit
 from .normal import Factor, information_factor, slices
 from .structure import Array
 

@@ -8,7 +8,8 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from .belief import Body, Second
-from .fit import MANY, Fit, maximise
+from .fit import MANY, maximise
+from .fitted import Fit
 from .gate import Passed, Tried, choose_member
 from .held_out import HeldOut, leave_blocks_out
 from .packing import pack, unpack
@@ -243,9 +244,10 @@ def _second(
         noise=fit.noise,
         steps=4,
     )
-    # The rows tell how large the curves are altogether, even where none was visited.
-    share = leave_blocks_out(made).ratio() if hasattr(fit.structure, "wide") else 1.0
-    packed = pack(float(np.clip(share, LEAST_SHARE, 1.0)) ** 2 * made.covariance)
+    # Few rows of a drawn arm tell how large its curves are altogether, if not where.
+    drawn = getattr(fit.structure, "informed", False)
+    share = np.clip(leave_blocks_out(made).ratio(), LEAST_SHARE, 1.0) if drawn else 1.0
+    packed = pack(float(share) ** 2 * made.covariance)
     return Second(made.beta, made.active, unpack(packed, len(made.active)), made.noise, packed)
 
 

@@ -12,7 +12,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from .belief import Body
-from .fit import Fit, by_block
+from .fitted import Fit, by_block
 from .held_out import FEW, leave_blocks_out
 from .normal import Factor, information_factor, student_weights
 from .packing import pack, unpack
