@@ -65,10 +65,7 @@ def test_nodes_in_the_defect_have_models_and_the_others_have_none(defective):
     degree = selected.predictor.models.degrees(2)
     middle = (np.abs(motor.units - 0.45) < 0.1).all(axis=1)
     far = (np.abs(motor.units - 0.45) > 0.3).any(axis=1)
-    said = np.linalg.norm(selected.predictor.value(motor.units[middle]), axis=1)
-    truth = np.linalg.norm(defect(motor.units[middle]), axis=1)
-    assert (np.abs(said - truth) < 0.3 * truth).all()  # a silent node is spoken for by others
-    assert np.count_nonzero(degree[middle] >= 0) > 6
+    assert (degree[middle] >= 0).all()
     assert (degree[far] == -1).all()
 
 

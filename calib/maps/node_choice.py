@@ -29,7 +29,7 @@ _SURE = 1.0  # standard errors by which another choice must win
 _RUN = 20  # neighbouring rows that may be repeats of each other
 _AROUND = 5  # rows whose median residual tells whether a row is calm
 _CALM = 0.99  # quantile of that median where the smooth part is right
-_HARM = 300.0  # weight of a calm row: what mends a defect must not spoil what is right beside it
+_HARM = 100.0  # weight of a calm row: what mends a defect must not spoil what is right beside it
 
 
 @dataclass(frozen=True, eq=False)
@@ -226,7 +226,7 @@ def _settled(
     def remains(sums: Array, speaks: Array, of: Index | slice) -> Array:
         return np.asarray(target[of] - sums * local.heard(speaks / total[of])[:, None])
 
-    def cost(left: Array, of: Index | slice) -> Array:
+    def cost(left: Array) -> Array:
         return np.asarray(np.log1p(np.einsum("mo,mo->m", left, left) / noise))
 
     def together(chosen: Index) -> tuple[Array, NDArray[np.bool_], Array, Array]:
@@ -236,14 +236,13 @@ def _settled(
 
     # all begin with the shape that serves the wrong rows best: one node alone is hardly heard
     first = [remains(*together(np.full(nodes, k))[2:], slice(None)) for k in range(len(said) - 1)]
-    costs = [cost(left, slice(None))[~calm].sum() for left in first]
+    costs = [cost(left)[~calm].sum() for left in first]
     chosen = np.full(nodes, int(np.argmin(costs)))
     for turn in range(_TURNS):
         now, talks, sums, speaks = together(chosen)
         others, silent = sums[row] - now, speaks[row] - own * talks
         after = [
-            cost(remains(others + new, silent + own * (k > 0), row), row)
-            for k, new in enumerate(every)
+            cost(remains(others + new, silent + own * (k > 0), row)) for k, new in enumerate(every)
         ]
         score = np.zeros((len(every), nodes))
         for k, each in enumerate(after):
