@@ -521,7 +521,7 @@ def test_a_plan_in_space_tells_more_than_a_spread_one():
     for q in (plan.q, spread):
         rows = tells(arm, q, none).reshape(36, -1)
         volumes.append(np.linalg.slogdet(np.eye(36) + rows @ rows.T)[1])
-    assert volumes[0] > volumes[1] + 10
+    assert volumes[0] > volumes[1] + 5
     assert list(plan.columns())[3:] == ["expected_x", "expected_y", "expected_z"]
     assert any("hits itself" in note for note in plan.notes)
     hits = hits_itself(arm.urdf, arm.joint_names, arm.locked, plan.q)
