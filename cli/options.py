@@ -6,7 +6,17 @@ from typing import Annotated
 
 import typer
 
-from calib.common.choices import BODIES, CAUSES, LOG_FRAMES, MAPS, MOTIONS, READOUTS, RULES, VIEWS
+from calib.common.choices import (
+    BODIES,
+    CAUSES,
+    FRAMES,
+    LOG_FRAMES,
+    MAPS,
+    MOTIONS,
+    READOUTS,
+    RULES,
+    VIEWS,
+)
 
 from . import parsing
 from .parsing import Columns, JointRange, JointValue, Names, Numbers, Sigma, Size
@@ -109,7 +119,7 @@ SensorViewOption = Annotated[
         parser=parsing.one_of("--view", VIEWS),
         metavar="|".join(VIEWS),
         help="What the sensor measures: base is the robot's root frame; auto is rigid for "
-        "lengths, homography for pixels.",
+        "lengths, homography for pixels, pinhole for pixels of an arm in space.",
     ),
 ]
 RuleOption = Annotated[
@@ -265,6 +275,15 @@ NearOption = Annotated[
         parser=parsing.numbers("--near"),
         metavar="Q1,Q2",
         help="Answer with the branch nearest to these joint values.",
+    ),
+]
+FrameOption = Annotated[
+    str,
+    typer.Option(
+        "--in",
+        parser=parsing.one_of("--in", FRAMES),
+        metavar="|".join(FRAMES),
+        help="Frame of positions: what the sensor reads, or the arm's base [m].",
     ),
 ]
 AllOption = Annotated[bool, typer.Option("--all", help="Answer with every branch.")]

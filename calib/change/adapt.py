@@ -37,8 +37,7 @@ if TYPE_CHECKING:
 _CLEAR = 0.95  # of the held-out error that a change may leave at most
 _REFINED = 0.85  # the same where nothing changed and rows are only added
 _SURE = 2.0  # standard errors by which held-out blocks must gain where nothing changed
-_SURER = 4.0  # the same where rows lie beyond the old bound
-_SURPRISE = 2.0  # bounds beyond which they lie then, on average
+_SURER = 4.0  # the same where rows lie beyond the old belief's bound on average
 _UNSURE = 0.9  # share of the expected error that added rows may leave at most
 _LOUD = ("mirror", "scale", "sign", "lost")
 _RADIUS_95 = 2.448  # radius that holds 95 % of a 2-D Gaussian of standard deviation 1
@@ -169,10 +168,8 @@ def _improves(
         return False
     if own is not None and found.model.body is None:
         return True
-    bound = float(np.nanmean(found.model.expected_error(found.q)))
-    if (
-        float(before.mean()) > _SURPRISE * bound
-    ):  # rows that the old belief had not thought possible
+    bound = float(replace(found.belief, second=None).bound(found.q).mean())
+    if float(before.mean()) > bound:  # rows that the old belief had not thought possible
         return sure > _SURER
     return _expected(found, body) < _UNSURE * _expected(found, found.belief)
 
@@ -227,9 +224,11 @@ def _named(best: Explanation, own: OwnResidual | None, changed: bool) -> str:
 
 def _left(found: Comparison, best: Explanation) -> tuple[str, ...]:
     """Groups that the explanation did not free, in words."""
-    known = found.reference.structure.groups
-    freed = set(best.member.groups)
-    return tuple(w for g, w in KEPT.items() if g in known and len(known[g]) and g not in freed)
+    structure = found.reference.structure
+    known = {g for g, ix in structure.groups.items() if len(ix)} - set(best.member.groups)
+    if structure.outputs >= 3:  # a tracker has no lens
+        known.discard("lens")
+    return tuple(words for group, words in KEPT.items() if group in known)
 
 
 def _notes(

@@ -154,7 +154,7 @@ def group_tests(body: Body, reference: Reference, log: Log, probes: Array) -> Te
     predicted, x = structure.linearise(log.q, reference.beta, every)
     space = spectrum(
         body, reference.beta, log.q, log.weight, drift(body), max(body.kappa, 1.0),
-        reference.forgotten,
+        reference.forgotten, log.shared,
     )  # fmt: skip
     y = space.turn(structure.residual(log.z, predicted))
     columns = space.turn_columns(x)
@@ -178,6 +178,8 @@ def group_tests(body: Body, reference: Reference, log: Log, probes: Array) -> Te
     found = []
     for name, indices in groups.items():
         place = np.searchsorted(every, indices)
+        if not x[..., place[0]].any():  # what the sensor cannot see: a tracker has no lens
+            continue
         b = derivative[:, place] * np.sqrt(precision)[:, None]
         size = np.linalg.norm(b, axis=0) + 1e-300
         u, s, vt = np.linalg.svd(b / size, full_matrices=False)

@@ -29,6 +29,8 @@ _FREE = {
     "length": 0.15,  # of the mean length
     "gain": 0.03,
     "elastic": 0.02,
+    "tool": 0.1,  # [m]; its prior in space is that of an unknown tool, far wider
+    "tool.rotation": 0.3,
 }
 """Prior sd of a group that is freed; what is not listed is 5 times its prior of a robot."""
 
@@ -37,6 +39,8 @@ _DRIFT = {
     "length": 1e-4,
     "gain": 1e-4,
     "elastic": 2e-5,
+    "tool": 1e-4,
+    "tool.rotation": np.radians(0.02),
 }
 """Sd by which everything may creep between two logs; curves creep by 10 urad."""
 
@@ -211,6 +215,7 @@ def _keep_gauge(body: Body, sd: Array, cause: str | None) -> None:
 
 
 _BUILT = {"length": 1e-3, "offset": np.radians(0.1), "gain": 1e-3, "elastic": 1e-4}
+_BUILT |= {"tool": 1e-3, "tool.rotation": np.radians(0.1)}
 """How far an arm as built is from its drawing; lengths in m."""
 
 

@@ -122,12 +122,14 @@ def _of_sensor(
     new = mirrored or comparison.reference.scale != 1.0
     if not new and not (np.abs(change) > SIGNIFICANT * deviation).any():
         return []
-    frame = frame_between(comparison, best.beta)
-    value, half = float(change[0]), 1.96 * float(deviation[0])
-    value = (value + math.pi) % (2 * math.pi) - math.pi
-    said = f"turned {math.degrees(value):.3g} ± {math.degrees(half):.2g} deg"
-    if frame is not None:
-        said = frame.words(comparison.unit)
+    before, after = _seen_before_and_after(comparison, best.beta)
+    if before.shape[1] == 3:
+        value, said = _rigid_motion(before, after, comparison.unit)
+        half = 1.96 * float(np.linalg.norm(deviation[: len(turn)]))
+    else:
+        value, half = float(change[0]), 1.96 * float(deviation[0])
+        value = (value + math.pi) % (2 * math.pi) - math.pi
+        said = Alignment.between(before, after).words(comparison.unit)
     words = f"the sensor's frame moved: {said}"
     where = np.searchsorted(every, both)
     moved = math.inf if new else float(np.linalg.norm(change * size[where]))
@@ -137,15 +139,37 @@ def _of_sensor(
 
 def frame_between(comparison: Comparison, beta: Array) -> Alignment | None:
     """The sensor's new frame as an affine map of the old one; None in space."""
+    before, after = _seen_before_and_after(comparison, beta)
+    return Alignment.between(before, after) if before.shape[1] == 2 else None
+
+
+def _seen_before_and_after(comparison: Comparison, beta: Array) -> tuple[Array, Array]:
+    """Probes (p, m) as the sensor saw them before and sees them now, the arm unchanged."""
     structure, old = comparison.reference.structure, comparison.body
-    seen = old.structure.predict(comparison.probes, old.beta)
-    if seen.shape[1] != 2:
-        return None
     mixed = comparison.belief.beta.copy()
     for name, ix in structure.groups.items():
         if name.startswith("view.") or name == "lens":
             mixed[np.asarray(ix)] = beta[np.asarray(ix)]
-    return Alignment.between(seen, structure.predict(comparison.probes, mixed))
+    before = old.structure.predict(comparison.probes, old.beta)
+    return np.asarray(before), np.asarray(structure.predict(comparison.probes, mixed))
+
+
+def _rigid_motion(before: Array, after: Array, unit: str) -> tuple[float, str]:
+    """Angle [rad] of the rotation that takes positions (p, 3) over, and the motion in words."""
+    from scipy.spatial.transform import Rotation
+
+    middle = before.mean(axis=0)
+    turn, _ = Rotation.align_vectors(after - after.mean(axis=0), before - middle)
+    angle = float(turn.magnitude())
+    factor, name = (1e3, "mm") if unit == "m" else (1.0, unit)
+    shift = factor * (after.mean(axis=0) - middle)
+    axis = np.round(turn.as_rotvec() / max(angle, 1e-300), 2) + 0.0
+    about = ", ".join(f"{part:.2f}" for part in axis.tolist())
+    moved = ", ".join(f"{part:.4g}" for part in shift)
+    return angle, (
+        f"turned {math.degrees(angle):.3g} deg about ({about}), shifted by ({moved}) {name} at "
+        "the middle of the workspace"
+    )
 
 
 def _lost(comparison: Comparison, best: Explanation, old: Array) -> list[tuple[float, Cause]]:

@@ -18,8 +18,11 @@ READOUTS = ("local", "body", *MAP_READOUTS)
 BODIES = ("auto", "none")
 """Whether a kinematic model stands under the maps."""
 
-VIEWS = ("auto", "base", "rigid", "similarity", "affine", "homography")
-"""What a sensor measures of a planar arm; ``auto`` goes by the unit."""
+VIEWS = ("auto", "base", "rigid", "similarity", "affine", "homography", "pinhole")
+"""What a sensor measures; ``auto`` goes by the unit, ``pinhole`` is for arms in space."""
+
+FRAMES = ("sensor", "base")
+"""Whose coordinates a query is asked and answered in."""
 
 LOG_FRAMES = ("auto", "base")
 """Whether a log is in the robot's root frame."""

@@ -9,7 +9,7 @@ have what serves the calm rows.
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -125,7 +125,8 @@ def fit_each(
 ) -> LocalModels:
     """Local models of each node's own shape, (nodes,) indices into `shapes`, -1 for none.
 
-    A node that is far from all rows, or whose rows lie to one side of it, has none.
+    A node whose rows do not carry its polynomial has one of a lower degree, and one that is far
+    from all rows has none.
     Coefficients are those of the largest degree; a node of a lower one has zeros.
     """
     from ..body.basis import exponents
@@ -140,11 +141,9 @@ def fit_each(
     for k, (own, samples) in enumerate(shapes):
         nodes = np.flatnonzero(choice == k)
         if len(nodes):
-            around = Neighbourhood.of(motor.units[nodes], u, motor.scale, samples)
-            found = local.fit(motor.units[nodes], u, residual, motor.scale, own, samples, around)
-            firm = local.surrounded(motor.units[nodes], u, motor.scale, own, samples, around)
-            kept = np.where(firm[:, None, None], found.coefficients, 0.0)
-            coefficients[nodes, : kept.shape[1]] = kept
+            at, spacings = motor.units[nodes], motor.spacings[nodes]
+            found = local.fit(at, u, residual, motor.scale, own, samples, spacings=spacings)
+            coefficients[nodes, : found.coefficients.shape[1]] = found.coefficients
             radius[nodes] = found.radius
     coefficients *= local.near_rows(motor, u)[:, None, None]
     return LocalModels(degree, max(k for _, k in used), radius, coefficients)
@@ -167,20 +166,30 @@ def _held_out(
     said = [np.zeros((*index.shape, outputs)) for _ in shapes]
     most = max(k for _, k in shapes)
     for group in range(min(_GROUPS, len(folds))):
-        mine = folds[group::_GROUPS]
+        mine, parts = folds[group::_GROUPS], unseen[group::_GROUPS]
         out = np.zeros(len(u), dtype=bool)
         out[np.concatenate(mine)] = True
-        others, held = np.flatnonzero(~out), np.flatnonzero(out[rows])
-        for fold, unseen_fold in zip(mine, unseen[group::_GROUPS], strict=True):
-            inside = np.flatnonzero((rows >= fold[0]) & (rows <= fold[-1]))
-            target[inside] = unseen_fold[rows[inside]]
-        left = unseen[group][others]  # one smooth part for the whole group
+        others = np.flatnonzero(~out)
+        left = np.concatenate([part[others] for part in parts], axis=1)  # each fold's smooth part
         around = Neighbourhood.of(motor.units[nodes], u[others], motor.scale, most)
+        inside = [np.flatnonzero((rows >= fold[0]) & (rows <= fold[-1])) for fold in mine]
+        for held, part in zip(inside, parts, strict=True):
+            target[held] = part[rows[held]]
         for k, (degree, samples) in enumerate(shapes):
             models = local.fit(
-                motor.units[nodes], u[others], left, motor.scale, degree, samples, around
+                motor.units[nodes],
+                u[others],
+                left,
+                motor.scale,
+                degree,
+                samples,
+                around,
+                motor.spacings[nodes],
             )
-            said[k][held] = local.contributions(models, index[held], gap[held])
+            every = models.coefficients.reshape(*models.coefficients.shape[:2], -1, outputs)
+            for fold, held in enumerate(inside):
+                own = replace(models, coefficients=every[:, :, fold])
+                said[k][held] = local.contributions(own, index[held], gap[held])
     return target, said
 
 

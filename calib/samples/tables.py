@@ -185,9 +185,9 @@ def read_about(path: str | os.PathLike[str]) -> dict[str, Any]:
     return {} if os.fspath(path) == "-" else about_source(open_source(path))
 
 
-def unit_of(source: Source) -> str:
-    """Return the unit that a table states for its positions, else "m"."""
-    unit = about_source(source).get("unit")
+def unit_of(about: Mapping[str, Any]) -> str:
+    """Return the unit that a table states for its positions, else "m"; see `about_source`."""
+    unit = about.get("unit")
     return unit if isinstance(unit, str) and unit else "m"
 
 

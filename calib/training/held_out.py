@@ -77,6 +77,13 @@ def tested_rows(part: SmoothPart) -> NDArray[np.intp]:
     return np.arange(0, len(part.rows), max(1, len(part.rows) // _TESTED))
 
 
+def turned_of(part: SmoothPart) -> Array | None:
+    """Held-out errors of orientation (k,) [rad] of those rows, None where it was not measured."""
+    if part.fit is None or part.fit.turned is None:
+        return None
+    return part.fit.turned[tested_rows(part)]
+
+
 def _answered(model: Model, q: Array, error: Array) -> tuple[Array, Array]:
     """Joint errors (n, dof) and displacements (n,) of answers to targets that are off.
 

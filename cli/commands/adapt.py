@@ -13,6 +13,7 @@ from .. import options as o
 from .. import parsing
 from ..measurements import log_for
 from ..output import Notes, Table, note, number, show, show_json, tell
+from ..photo import photo_of_log
 from ..progress import progress_bar
 from ..translation import as_typed
 from ..units import for_people, units_of
@@ -81,6 +82,7 @@ def adapt(
         adapted = found.model
         if schema is not None:
             adapted = as_schema(adapted, loaded, schema)
+        adapted = photo_of_log(adapted, log, data, notes)
         adapted.save(path)
     if as_json:
         show_json(
