@@ -17,12 +17,12 @@ if TYPE_CHECKING:
 
 #: Rows that a start is fitted to.
 ROWS = 400
-#: Fewest rows that tell a chain of which only the joints are known.
-LEAST = 10
 #: Rows that are enough to tell the best of its guesses.
 GUESSED = 60
 #: Damped steps of a start, and of its guesses where there are more rows than that.
 STEPS, FIRST = 40, 10
+#: Fewest rows that tell a chain of which only the joints are known.
+LEAST = 10
 #: Fewer numbers than this do not tell good joint origins from bad ones: of 10 draws of 10 rows of a
 #: real UR10, two that moved them ended worse than frames alone, by 1.1 and 1.8; of 15 rows none.
 FEW = 45

@@ -55,13 +55,15 @@ def words(structure: SpatialStructure, beta: Array, sd: Array) -> tuple[str, ...
     if sd[tool].any():
         shown = ", ".join(f"{1e3 * v:.1f}" for v in beta[tool])
         lines.append(f"tool ({shown}) ± {1e3 * 1.96 * _rms(sd[tool]):.2f} mm from the tip")
-    if structure.camera:
+    if structure.view == "pinhole":
         lines += camera(structure, beta, sd)
     return tuple(lines)
 
 
 def camera(structure: SpatialStructure, beta: Array, sd: Array) -> list[str]:
     """Lines on a camera's lens; `Body.describe` says where it stands."""
+    if not structure.camera:
+        return []
     lines, lens = [], structure.groups["lens"]
     f, u, v, k1 = beta[lens]
     known = "" if sd[lens[0]] > 0 else " (given)"

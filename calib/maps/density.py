@@ -212,12 +212,12 @@ def residual_limits(per_node: float) -> tuple[float, float]:
 
 
 def border_strength(lattice: Lattice | Graph) -> float:
-    """Strength p of the border's gain: 2 log2(side / 4), 1 to 5, by the nodes along a side.
+    """Strength p of the border's gain: 2 log2(side / 4), 1 to 6, by the nodes along a side.
 
     Of a small lattice a large share is border: drawn there, its nodes would be missed inside.
     """
     side = lattice.size ** (1 / getattr(lattice, "dim", 2))
-    return float(np.clip(2.0 * np.log2(side / 4.0), 1.0, 5.0))
+    return float(np.clip(2.0 * np.log2(side / 4.0), 1.0, 6.0))
 
 
 READINGS: dict[str, Gain] = {
