@@ -85,9 +85,8 @@ def c_header(model: Model, *, prefix: str = "calib_", single: bool = False) -> C
         )
     structure = model.body.structure
     if (
-        isinstance(structure, PlanarStructure)
+        isinstance(structure, (PlanarStructure, SpatialStructure))
         and structure.seen_as.bend is not cubic
-        and model.body.beta[8]
     ):
         raise OptionError(f"the lens of view {structure.view!r} has no C form")
     writer = _Writer(model, model.body, prefix, single)
