@@ -163,11 +163,11 @@ def body_of(motor, u, x):
 
 def test_the_unseen_residuals_of_a_body_are_those_of_its_held_out_blocks(motor):
     u = points(1200)
-    body = body_of(motor, u, arm(u) + noise(500, 1e-3))
+    body = body_of(motor, u, arm(u) + noise(1200, 1e-3))
     assert isinstance(body.smooth, BodyInBox)
     assert len(body.unseen) == FOLDS
-    for fold, unseen in zip(blocks(500), body.unseen, strict=True):
-        rest = np.setdiff1d(np.arange(500), fold)
+    for fold, unseen in zip(blocks(1200), body.unseen, strict=True):
+        rest = np.setdiff1d(np.arange(1200), fold)
         np.testing.assert_array_equal(unseen[rest], body.residual[rest])
         # rows that the fit has not seen are missed by more
         assert np.linalg.norm(unseen[fold]) > np.linalg.norm(body.residual[fold])
