@@ -343,6 +343,11 @@ def test_videos_that_make_no_log(film, tmp_path):
     (tmp_path / "text.mp4").write_text("no video\n" * 200)
     refused("no video that OpenCV can read", log_video, tmp_path / "text.mp4", joints, Setting(7))
     refused("there is no file", log_video, tmp_path / "none.mp4", joints, Setting(7))
+    refused("lens was calibrated with 640x480", log_video, run, joints, Setting(7, lens=LENS))
+    twins = Desk(film.scene.camera, film.scene.lengths, still=(tag(7, 0.05, (0.1, 0.1, 0, 1)),))
+    frames = [twins.picture(q, np.random.default_rng(0)) for q in joints.q[:600:50]]
+    write_video(str(tmp_path / "twins.mp4"), frames, 20.0)
+    refused("twice in twins.mp4", log_video, tmp_path / "twins.mp4", joints, Setting(7))
     (tmp_path / "p.csv").write_text("a,b\n0,1\n1,2\n")
     refused("a column 'time'", log_video, run, read_joints(tmp_path / "p.csv"), Setting(7))
     with pytest.raises(OptionError):

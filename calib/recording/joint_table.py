@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import os
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -56,7 +56,6 @@ def read_joints(
     *,
     degrees: bool = False,
     prismatic: Sequence[str] = (),
-    columns: Mapping[str, str] | None = None,
 ) -> JointTable:
     """Read a table of joints: CSV or Parquet.
 
@@ -70,8 +69,6 @@ def read_joints(
         Whether joints that turn are in degrees.
     prismatic : sequence of str
         Joints that slide [m].
-    columns : mapping of str to str, optional
-        Other names of columns: `{"elbow": "state[1]", "time": "stamp_s"}`.
 
     Raises
     ------
@@ -79,19 +76,13 @@ def read_joints(
         If there are no joints, or they look like degrees and are not said to be.
     """
     source = open_source(path)
-    mapped = dict(columns or {})
-    time_column = mapped.get("time") or _named(source, TIMES)
-    picture_column = mapped.get("picture") or _named(source, PICTURES)
-    if joints is not None:
-        names = tuple(joints)
-    else:
-        taken = {time_column, picture_column, *mapped.values()}
-        others = [n for n in source.header if n not in taken and n.lower() not in _OTHERS]
-        names = tuple(k for k in mapped if k not in ("time", "picture")) + tuple(others)
-    wanted = [mapped.get(name, name) for name in names]
-    if not wanted:
+    time_column, picture_column = _named(source, TIMES), _named(source, PICTURES)
+    taken = {time_column, picture_column}
+    others = (n for n in source.header if n not in taken and n.lower() not in _OTHERS)
+    names = tuple(others if joints is None else joints)
+    if not names:
         raise LogError(f"{source.label} has no joints; columns: {listed(source.header)}")
-    values = read_columns(source, wanted, lenient=joints is None)
+    values = read_columns(source, names, lenient=joints is None)
     if joints is None:
         numbers = np.atleast_1d(np.isfinite(values).any(axis=0))
         names = tuple(n for n, ok in zip(names, numbers, strict=True) if ok)

@@ -80,7 +80,11 @@ def read_photo(path: Path) -> Picture:
     """Return a picture, or the first frame of a video, as red, green, blue."""
     from .video import Video
 
-    if not path.is_file():
+    try:
+        there = path.is_file()
+    except (OSError, ValueError):  # too long, or no name of a file
+        there = False
+    if not there:
         raise LogError(f"there is no photo {os.fspath(path)!r}")
     if path.suffix.lower() in SUFFIXES:
         return read_picture(path, colour=True)

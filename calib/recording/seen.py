@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import os
-from collections.abc import Mapping
 
 import numpy as np
 from numpy.typing import NDArray
@@ -77,13 +76,10 @@ def draw_seen(photo: Picture, setting: Setting, places: Array) -> Picture:
 
 def write_seen(
     path: str | os.PathLike[str], photo: Picture, setting: Setting, places: Array
-) -> Mapping[str, int]:
-    """Write the drawing of `draw_seen` as PNG; return its width and height."""
-    cv2 = opencv()
-    canvas = draw_seen(photo, setting, places)
-    packed = cv2.imencode(".png", canvas)[1]
+) -> None:
+    """Write the drawing of `draw_seen` as PNG."""
+    packed = opencv().imencode(".png", draw_seen(photo, setting, places))[1]
     atomic_write(path, packed.tobytes())
-    return {"width": canvas.shape[1], "height": canvas.shape[0]}
 
 
 def _all_tags(grey: Picture, setting: Setting) -> list[Tag]:
