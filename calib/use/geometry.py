@@ -111,7 +111,8 @@ def nominal_arm(model: Model) -> PlanarArm | SpatialArm:
             hint="train it with a robot, or with a robot and a log",
             parameter="robot",
         )
-    planar = len(model.axes) == 2
+    seen = model.body is not None and model.body.structure.kind == "spatial"  # by a camera
+    planar = len(model.axes) == 2 and not seen
     return arm_from_urdf(about.urdf, about.joint_names, about.tip, lock=about.locked, planar=planar)
 
 

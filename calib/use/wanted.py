@@ -12,7 +12,9 @@ from numpy.typing import NDArray
 
 from ..body.planar import PlanarStructure
 from ..body.spatial import SpatialStructure
+from ..inverse.near import position_near
 from ..model.alignment import Alignment
+from ..model.space import REACHED, Space
 from .geometry import Geometry, fit_geometry, frame_is_free, frames, is_simulated, nominal_arm
 from .nominal import NominalArm, nominal_in_base, nominal_in_space, nominal_in_view
 from .nominal_pose import NominalPose
@@ -40,6 +42,9 @@ class Wanted:
         `forward` for one row in plain floats.
     pose : NominalPose or None
         Of an arm in space with six joints or more.
+    near : callable or None
+        Of an arm that a camera sees: joints (n, dof) whose tip stands in space where the nominal
+        one would, since a pixel alone does not say how far away that is, and whether it can.
     """
 
     forward: Callable[[Array], Array]
@@ -47,6 +52,7 @@ class Wanted:
     free: bool
     single: Callable[[Sequence[float]], tuple[float, float]] | None = None
     pose: NominalPose | None = None
+    near: Callable[[Array], tuple[Array, NDArray[np.bool_]]] | None = None
 
     def target(self, q: Array) -> Array:
         """Where the nominal arm would be, in the sensor's frame, (n, m)."""
@@ -77,7 +83,7 @@ def _found(model: Model, view: str, cause: str) -> Wanted:
     if planar and not free:
         return _of_body(model, nominal_in_base(model), tuple(frames(model, cause)), free)
     moved = tuple(frames(model, cause))
-    if len(model.axes) == 3:
+    if len(model.axes) == 3 or _camera(model):
         return _in_space(model, view, cause, free)
     geometry = fit_geometry(model, view=view, cause=cause) if free else None
     own = (geometry.frame,) if isinstance(geometry, Geometry) else ()
@@ -104,7 +110,26 @@ def _in_space(model: Model, view: str, cause: str, free: bool) -> Wanted:
         assert isinstance(geometry, SpatialGeometry)  # noqa: S101
         structure = geometry.structure
         beta = nominal_in_space(structure, geometry.beta)
-    return Wanted(lambda q: structure.predict(q, beta), moved, free, pose=pose)
+    near = _near(model, structure, beta) if _camera(model) and pose is None else None
+    return Wanted(lambda q: structure.predict(q, beta), moved, free, pose=pose, near=near)
+
+
+def _camera(model: Model) -> bool:
+    return model.body is not None and model.body.structure.view == "pinhole"
+
+
+def _near(
+    model: Model, structure: SpatialStructure, beta: Array
+) -> Callable[[Array], tuple[Array, NDArray[np.bool_]]]:
+    """Joints near given ones that put the real tip where the nominal one would be."""
+    space = Space.of(model)
+
+    def near(q: Array) -> tuple[Array, NDArray[np.bool_]]:
+        place = structure.pose(q, beta)[0]
+        found, left = position_near(space.evaluate, place, q, space.joints, space.length)
+        return found, left <= REACHED * space.length
+
+    return near
 
 
 def _of_body(model: Model, arm: NominalArm, moved: tuple[Alignment, ...], free: bool) -> Wanted:
