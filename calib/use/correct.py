@@ -146,7 +146,7 @@ def correct(
     change = found - rows
     exceeded = answer.reachable & (np.abs(change) > limits).any(axis=1)
     notes = (FREE_FRAME,) if nominal.free else ()
-    if moves_in_space(model) and nominal.pose is None:
+    if (moves_in_space(model) or nominal.near is not None) and nominal.pose is None:
         notes = (*notes, POSITIONS)
     if any(abs(frame.angle) > _TURNED for frame in frames(model, cause)):
         notes = (*notes, TURNED_FRAME)
@@ -237,7 +237,11 @@ def _solved(
         # beside a singularity an orientation may cost more than a correction should
         small = np.abs(posed - near) <= np.asarray(np.inf if limit is None else limit)
         near = np.where(np.all(small, axis=1, keepdims=True), posed, near)
+    there = np.ones(len(near), dtype=bool)
+    if nominal.near is not None:
+        near, there = nominal.near(near)
     answer = model.solve(target, np.clip(near, about.lower, about.upper))
+    answer.reachable[~there] = False
     found = np.where(answer.reachable[:, None], answer.q, np.nan)
     turning = np.array(about.revolute)
     found[:, turning] += TURN * np.round((q - found)[:, turning] / TURN)

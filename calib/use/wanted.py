@@ -12,7 +12,9 @@ from numpy.typing import NDArray
 
 from ..body.planar import PlanarStructure
 from ..body.spatial import SpatialStructure
+from ..inverse.near import position_near
 from ..model.alignment import Alignment
+from ..model.space import REACHED, Space
 from .geometry import (
     Geometry,
     fit_geometry,
@@ -48,6 +50,9 @@ class Wanted:
         `forward` for one row in plain floats.
     pose : NominalPose or None
         Of an arm in space with six joints or more.
+    near : callable or None
+        Of an arm that a camera sees: joints (n, dof) whose tip stands in space where the nominal
+        one would, since a pixel alone does not say how far away that is, and whether it can.
     """
 
     forward: Callable[[Array], Array]
@@ -55,6 +60,7 @@ class Wanted:
     free: bool
     single: Callable[[Sequence[float]], tuple[float, float]] | None = None
     pose: NominalPose | None = None
+    near: Callable[[Array], tuple[Array, NDArray[np.bool_]]] | None = None
 
     def target(self, q: Array) -> Array:
         """Where the nominal arm would be, in the sensor's frame, (n, m)."""
@@ -112,7 +118,26 @@ def _in_space(model: Model, view: str, cause: str, free: bool) -> Wanted:
         assert isinstance(geometry, SpatialGeometry)  # noqa: S101
         structure = geometry.structure
         beta = nominal_in_space(structure, geometry.beta)
-    return Wanted(lambda q: structure.predict(q, beta), moved, free, pose=pose)
+    near = _near(model, structure, beta) if _camera(model) and pose is None else None
+    return Wanted(lambda q: structure.predict(q, beta), moved, free, pose=pose, near=near)
+
+
+def _camera(model: Model) -> bool:
+    return model.body is not None and model.body.structure.view == "pinhole"
+
+
+def _near(
+    model: Model, structure: SpatialStructure, beta: Array
+) -> Callable[[Array], tuple[Array, NDArray[np.bool_]]]:
+    """Joints near given ones that put the real tip where the nominal one would be."""
+    space = Space.of(model)
+
+    def near(q: Array) -> tuple[Array, NDArray[np.bool_]]:
+        place = structure.pose(q, beta)[0]
+        found, left = position_near(space.evaluate, place, q, space.joints, space.length)
+        return found, left <= REACHED * space.length
+
+    return near
 
 
 def _of_body(model: Model, arm: NominalArm, moved: tuple[Alignment, ...], free: bool) -> Wanted:
