@@ -11,8 +11,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from ..arm.arm import Arm
 from ..errors import OptionError
-from .collisions import hits_itself
-from .geometry import moves_in_space
+from .collisions import apart
 from .information import few, most_telling, tells
 from .keep_inside import keep_of
 from .pose_space import Space, space_of
@@ -31,7 +30,6 @@ Array = NDArray[np.float64]
 MOST_POSES = 1000
 """More are babbled, not planned."""
 
-_UNSEEN = "obstacles and self-collision are not looked at: go slowly the first time"
 _ORDERS = 100  # random ones, to compare with
 
 
@@ -179,7 +177,7 @@ def plan(
     taken = _taken(space, measured)
     begin = None if start is None else _in_unit(space, space.joints(start, "start"))
     neutral = _in_unit(space, np.clip(0.0, space.lower, space.upper))
-    points, seen = _apart(source, space, candidates(space, rng))
+    points, seen = apart(source, space, candidates(space, rng))
     notes = [seen]
     how = "as far from each other as possible"
     if measured is not None:
@@ -205,23 +203,6 @@ def plan(
             how = "chosen by what each tells of the arm beyond those before it"
         route = free_route(begin, telling)
     return _made(source, space, route, begin, how, notes)
-
-
-def _apart(source: Arm | Model, space: Space, points: Array) -> tuple[Array, str]:
-    """The candidates in which an arm in space does not hit itself, and what was looked at."""
-    about = source if isinstance(source, Arm) else source.about
-    wide = source.outputs == 3 if isinstance(source, Arm) else moves_in_space(source)
-    hits = None
-    if wide and about.urdf:
-        q = space.scale.from_unit(points)
-        hits = hits_itself(about.urdf, space.joint_names, about.locked, q)
-    if hits is None or hits.all():
-        return points, _UNSEEN
-    return points[~hits], (
-        f"{hits.mean():.1%} of the candidates were left out, in which the arm hits itself (by the "
-        "URDF's collision bodies, meshes apart); obstacles and the moves between poses are not "
-        "looked at: go slowly the first time"
-    )
 
 
 def _most_telling(
