@@ -209,12 +209,33 @@ def _growth(growth: dict[str, Rows], fits: dict[str, Rows]) -> list[str]:
                          f"{f['bytes_each']:,.0f} |")  # fmt: skip
     lines += ["", "| what | nodes | samples | processor time [s] | wall [s] | more memory [MB] |",
               "|---|---:|---:|---:|---:|---:|"]  # fmt: skip
-    for part, rows in growth.items():
-        for r in rows:
-            name = part if part != "joints" else f"calib.train, {r['joints']} joints"
-            nodes = f"{r['side']}x{r['side']}" if part != "joints" else r["motor"]
-            lines.append(f"| {name} | {nodes} | {r['rows']:,} | {number(r['cpu'])} | "
-                         f"{number(r['seconds'])} | {number(max(r['mb'], 0.0))} |")  # fmt: skip
+    for part in (name for name in growth if name != "joints"):
+        for r in growth[part]:
+            lines.append(f"| {part} | {r['side']}x{r['side']} | {r['rows']:,} | "
+                         f"{number(r['cpu'])} | {number(r['seconds'])} | "
+                         f"{number(max(r['mb'], 0.0))} |")  # fmt: skip
+    return [*lines, "", *_joints(growth.get("joints", []))]
+
+
+def _joints(rows: Rows) -> list[str]:
+    if not rows:
+        return []
+    names = list(rows[0]["queries_us"])
+    lines = [
+        "### With joints",
+        "",
+        f"Planar chains of equal links, {rows[0]['rows']:,} exact samples, default options; "
+        "processor time, of queries the median of single calls and of a row of a batch [us].  "
+        "Beyond three joints the batch path answers single queries, beyond two the inverse too: "
+        "it slides redundant joints towards those that are near.",
+        "",
+        f"| joints | motor map | train [s] | more memory [MB] | {' | '.join(names)} |",
+        "|---:|---|" + "---:|" * (2 + len(names)),
+    ]
+    for r in rows:
+        cells = [number(r["queries_us"][name]) for name in names]
+        lines.append(f"| {r['joints']} | {r['motor']} | {number(r['cpu'])} | "
+                     f"{number(max(r['mb'], 0.0))} | {' | '.join(cells)} |")  # fmt: skip
     return [*lines, ""]
 
 

@@ -136,7 +136,7 @@ def table(found: dict[str, dict[str, float]]) -> list[str]:
     lines = ["| one call [us] | median | 99 % | 99.9 % | first after `warm_up` |"]
     lines.append("|---|---:|---:|---:|---:|")
     for name, r in found.items():
-        called = f"`{name}`" if "(" in name else name.replace("forward", "`forward`")
+        called = f"`{name}`" if "(" in name else name
         cells = " | ".join(f"{r[key]:.1f}" for key in ("median", "p99", "p999"))
         first = "" if np.isnan(r["first"]) else f"{r['first']:.1f}"
         lines.append(f"| {called} | {cells} | {first} |")

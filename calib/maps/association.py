@@ -80,9 +80,9 @@ class Association:
 
     def __post_init__(self) -> None:
         freeze(self, "motor_means", "sensory_means")
-        linked = self.linked
-        data, indices, indptr = frozen(linked.data), frozen(linked.indices), frozen(linked.indptr)
-        object.__setattr__(self, "linked", Compressed(data, indices, indptr, linked.shape))
+        links = self.linked
+        data, indices, indptr = map(frozen, (links.data, links.indices, links.indptr))
+        object.__setattr__(self, "linked", Compressed(data, indices, indptr, links.shape))
 
     @cached_property
     def links(self) -> csr_array:

@@ -130,7 +130,7 @@ class Single:
             return None
         a, b = start
         tx, ty = target
-        least = self._least
+        least, stalled = _MET * self._extent, _CLOSE * self._extent
         last = math.inf
         facing = 0.0
         for _ in range(_STEPS):
@@ -144,7 +144,7 @@ class Single:
                 facing = sine
             if sine * facing <= 0.0:
                 return None
-            if left <= least or (left >= 0.5 * last and left <= self._stalled):
+            if left <= least or (left >= 0.5 * last and left <= stalled):
                 room = _UNFOLDED * min(abs(sine), abs(facing))
                 moved_a, moved_b = abs(a - start[0]), abs(b - start[1])
                 far = max(moved_a / self._wide[0], moved_b / self._wide[1])
@@ -245,10 +245,7 @@ class Single:
 
     @cached_property
     def _nodes(self) -> dict[str, list[float]]:
-        return {
-            "bounds": self.model.bounds.tolist(),
-            "model_bounds": self.model.model_bounds.tolist(),
-        }
+        return {name: getattr(self.model, name).tolist() for name in ("bounds", "model_bounds")}
 
     @cached_property
     def _everywhere(self) -> bool:
@@ -256,18 +253,15 @@ class Single:
 
     @cached_property
     def _lower(self) -> list[float]:
-        lower: list[float] = self.model.motor.scale.lower.tolist()
-        return lower
+        return list(map(float, self.model.motor.scale.lower))
 
     @cached_property
     def _span(self) -> list[float]:
-        span: list[float] = self.model.motor.scale.span.tolist()
-        return span
+        return list(map(float, self.model.motor.scale.span))
 
     @cached_property
     def _turning(self) -> list[int]:
-        turning: list[int] = np.flatnonzero(self.model.motor.scale.periodic).tolist()
-        return turning
+        return list(map(int, np.flatnonzero(self.model.motor.scale.periodic)))
 
     @cached_property
     def _wide(self) -> list[float]:
@@ -285,12 +279,8 @@ class Single:
         ]
 
     @cached_property
-    def _least(self) -> float:
-        return _MET * self.model.solver.extent
-
-    @cached_property
-    def _stalled(self) -> float:
-        return _CLOSE * self.model.solver.extent
+    def _extent(self) -> float:
+        return self.model.solver.extent
 
 
 def _floats(values: Any, count: int) -> list[float] | None:

@@ -8,9 +8,10 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from ..common.choices import MAP_READOUTS
 from ..common.parallel import one_blas_thread
 from ..common.scale import Scale
-from ..maps.association import MAP_READOUTS, Association
+from ..maps.association import Association
 from ..maps.density import Gain
 from ..samples.samples import Samples
 from ..training.evaluate import Residuals, fresh_points, summarise

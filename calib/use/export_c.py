@@ -12,8 +12,8 @@ from numpy.typing import NDArray
 from ..body.basis import exponents
 from ..body.curves import HARMONICS
 from ..body.planar import PlanarStructure
-from ..body.planar_view import cubic
 from ..body.spatial import SpatialStructure
+from ..body.views import cubic
 from ..common.wording import one_line
 from ..errors import OptionError
 from ..maps.local_models import blend_size, predict, reach_of

@@ -1,4 +1,4 @@
-"""Information: the poses that tell most about a spatial body, for plans of what to measure.
+"""Information: the poses that tell most of an arm in space before its first measurement.
 
 D-optimal design: each pose is the one that shrinks the volume of the body's posterior most, given
 all poses before it (Fedorov 1972; for robots Borm and Menq 1991). The volume counts every parameter
@@ -15,52 +15,42 @@ from numpy.typing import NDArray
 from ..body.spatial import SpatialStructure, structure_of
 
 if TYPE_CHECKING:
-    from ..arm.arm import Arm
-    from ..model.model import Model
+    from ..arm.spatial_arm import SpatialArm
 
 Array = NDArray[np.float64]
 Index = NDArray[np.intp]
 
 _NOISE = 1e-4  # [m] of a sensor that is not known yet
-_CANDIDATES = 1200  # poses that are compared
 _CHUNK = 200
 
 
-def tells(source: Arm | Model, q: Array, taken: Array) -> Array | None:
-    """Directions (m, p, k) in which poses tell of the body, in units of noise and of what is known.
+def most_telling_of_arm(arm: SpatialArm, q: Array, n: int, measured: Array) -> Index:
+    """Choose n poses of an arm that was never measured, (n,) rows of `q` (m, dof) [rad or m].
+
+    `measured` (k, dof) are poses whose rows exist, of which no belief knows yet.
+    """
+    return most_telling(tells(arm, q, measured), n)
+
+
+def tells(arm: SpatialArm, q: Array, taken: Array) -> Array:
+    """Directions (m, p, k) in which poses tell of the body, in units of noise and of the prior.
 
     Parameters
     ----------
-    source : Arm or Model
+    arm : SpatialArm
     q : (m, dof) array [rad or m]
         Poses to choose from.
     taken : (t, dof) array [rad or m]
-        Poses that were measured, of which an arm does not know yet.
-
-    Returns
-    -------
-    (m, p, k) array or None
-        None of an arm in a plane, or of a model without a body of a known arm.
+        Poses that were measured.
     """
-    from ..arm.arm import Arm
-    from ..arm.spatial_arm import SpatialArm
-
-    if isinstance(source, SpatialArm):
-        structure = structure_of(source, "rigid")
-        free = ("view.rotation", "view.shift", "tool", "placement", "offset", "elastic", "curve")
-        prior = structure.prior(free)
-        told = _directions(structure, np.vstack([q, taken]), structure.neutral(), prior.active)
-        told = told * (prior.sd[prior.active] / _NOISE)
-        for row in range(len(q), len(told)):
-            told = _without(told, told[row])
-        return np.asarray(told[: len(q)])
-    body = None if isinstance(source, Arm) else source.body
-    if body is None or not isinstance(body.structure, SpatialStructure):
-        return None
-    if not body.structure.informed:
-        return None
-    told = _directions(body.structure, q, body.beta, body.active)
-    return np.asarray((told / body.noise[:, None]) @ body.root)
+    structure = structure_of(arm, "rigid")
+    free = ("view.rotation", "view.shift", "tool", "placement", "offset", "elastic", "curve")
+    prior = structure.prior(free)
+    told = _directions(structure, np.vstack([q, taken]), structure.neutral(), prior.active)
+    told = told * (prior.sd[prior.active] / _NOISE)
+    for row in range(len(q), len(told)):
+        told = _without(told, told[row])
+    return np.asarray(told[: len(q)])
 
 
 def most_telling(told: Array, n: int) -> Index:
@@ -74,12 +64,6 @@ def most_telling(told: Array, n: int) -> Index:
         free[row] = False
         told = _without(told, told[row])
     return chosen
-
-
-def few(points: Array) -> Array:
-    """As many candidates as can be compared, spread over those that were drawn."""
-    some = np.linspace(0, len(points) - 1, min(_CANDIDATES, len(points)))
-    return np.asarray(points[some.round().astype(int)])
 
 
 def _directions(structure: SpatialStructure, q: Array, beta: Array, active: Index) -> Array:

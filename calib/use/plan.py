@@ -4,18 +4,27 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
+from functools import partial
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from ..arm.arm import Arm
+from ..arm.spatial_arm import SpatialArm
+from ..body.most_telling import most_telling
 from ..errors import OptionError
+<<<<<<< HEAD
 from .collisions import apart
 from .information import few, most_telling, tells
+=======
+from .collisions import hits_itself
+from .geometry import moves_in_space
+from .information import most_telling_of_arm
+>>>>>>> main
 from .keep_inside import keep_of
 from .pose_space import Space, space_of
-from .routes import Route, dense, free_route, kept_route
+from .routes import Choose, Route, dense, free_route, kept_route
 from .spread import candidates, farthest
 from .tour import length
 
@@ -26,10 +35,16 @@ if TYPE_CHECKING:
     from ..samples.samples import Samples
 
 Array = NDArray[np.float64]
+Index = NDArray[np.intp]
 
 MOST_POSES = 1000
 """More are babbled, not planned."""
 
+<<<<<<< HEAD
+=======
+_UNSEEN = "obstacles and self-collision are not looked at: go slowly the first time"
+_CHOICE, _CORNERS = 2500, 256  # poses that a posterior chooses from, the corners among them
+>>>>>>> main
 _ORDERS = 100  # random ones, to compare with
 
 
@@ -175,15 +190,12 @@ def plan(
     space = space_of(source, margin, ranges)
     rng = np.random.default_rng(seed)
     taken = _taken(space, measured)
+    choose, how, beside = _choice(source, space)
     begin = None if start is None else _in_unit(space, space.joints(start, "start"))
     neutral = _in_unit(space, np.clip(0.0, space.lower, space.upper))
     points, seen = apart(source, space, candidates(space, rng))
     notes = [seen]
-    how = "as far from each other as possible"
-    if measured is not None:
-        how += f" and from the {len(measured)} measured ones"
-    telling = None if keep else _most_telling(source, space, points, taken, n)
-    if telling is None and measured is None and not isinstance(source, Arm):
+    if measured is None and not isinstance(source, Arm) and choose.func is farthest:
         notes.append(
             "the model does not keep its samples: to improve it, give the log too, and the "
             "new poses go between them"
@@ -192,19 +204,18 @@ def plan(
         box = keep_of(space, keep)
         if begin is None and box.holds(neutral[None])[0]:
             begin = neutral
-        route = kept_route(box, n, begin, taken, dense(space, rng), rng)
+        route = kept_route(box, n, begin, taken, dense(space, rng), choose, rng)
         if begin is None:
             notes.append("the way begins at the first pose: give `start` to begin where the arm is")
     else:
         begin = neutral if begin is None else begin
-        if telling is None:
-            telling = points[farthest(space.scale, points, n, taken)]
-        else:
-            how = "chosen by what each tells of the arm beyond those before it"
-        route = free_route(begin, telling)
+        route = free_route(n, begin, taken, points, choose)
+    if measured is not None:
+        how += f" {beside} the {len(measured)} measured ones"
     return _made(source, space, route, begin, how, notes)
 
 
+<<<<<<< HEAD
 def _most_telling(
     source: Arm | Model, space: Space, points: Array, taken: Array, n: int
 ) -> Array | None:
@@ -212,6 +223,47 @@ def _most_telling(
     some = few(points)
     told = tells(source, space.scale.from_unit(some), space.scale.from_unit(taken))
     return None if told is None or n > len(some) // 2 else some[most_telling(told, n)]
+=======
+def _choice(source: Arm | Model, space: Space) -> tuple[partial[Index], str, str]:
+    """How poses are chosen, and what is said of it: by information where a belief is known."""
+    beside = "those that tell most of what the model does not know", "beside"
+    if isinstance(source, SpatialArm):
+        tell = partial(most_telling_of_arm, source)
+        return partial(_most_telling, space, tell), "those that tell most of the arm", "beside"
+    body = None if isinstance(source, Arm) else source.body
+    if body is not None and not body.simulated:  # exact samples leave nothing to learn
+        return partial(_most_telling, space, partial(most_telling, body)), *beside
+    return partial(farthest, space.scale), "as far from each other as possible", "and from"
+
+
+def _apart(source: Arm | Model, space: Space, points: Array) -> tuple[Array, str]:
+    """The candidates in which an arm in space does not hit itself, and what was looked at."""
+    about = source if isinstance(source, Arm) else source.about
+    wide = source.outputs == 3 if isinstance(source, Arm) else moves_in_space(source)
+    hits = None
+    if wide and about.urdf:
+        q = space.scale.from_unit(points)
+        hits = hits_itself(about.urdf, space.joint_names, about.locked, q)
+    if hits is None or hits.all():
+        return points, _UNSEEN
+    return points[~hits], (
+        f"{hits.mean():.1%} of the candidates were left out, in which the arm hits itself (by the "
+        "URDF's collision bodies, meshes apart); obstacles and the moves between poses are not "
+        "looked at: go slowly the first time"
+    )
+
+
+def _most_telling(space: Space, tell: Choose, points: Array, n: int, taken: Array) -> Index:
+    """Points (k, dof) in units of the joints' ranges that inform a belief most."""
+    few = np.arange(len(points))
+    if len(few) > _CHOICE:  # corners come first
+        few = np.unique(
+            np.append(few[:_CORNERS], np.linspace(0, len(few) - 1, _CHOICE).astype(int))
+        )
+    few = few if len(few) >= n else np.arange(len(points))
+    joints = space.scale.from_unit(points[few])
+    return few[tell(joints, n, space.scale.from_unit(taken))]
+>>>>>>> main
 
 
 def _made(

@@ -65,6 +65,7 @@ SECTIONS = (
         "The map over a photo",
         "The sensory map as the camera sees the arm, and where the tip was seen and is predicted.",
         over_photo,
+        lambda model: model.photo is not None,
     ),
     Section(
         "forward",
@@ -177,7 +178,7 @@ def report(model: Model, samples: Samples | None = None) -> str:
             if not section.when(model):
                 continue
             figure = section.draw(evidence)
-            if figure is None and (evidence.residuals is None or section.draw is over_photo):
+            if figure is None and evidence.residuals is None:
                 continue  # a section that could only say what it lacks
             parts.append(_heading(section.title))
             if figure is None:
