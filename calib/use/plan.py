@@ -14,14 +14,8 @@ from ..arm.arm import Arm
 from ..arm.spatial_arm import SpatialArm
 from ..body.most_telling import most_telling
 from ..errors import OptionError
-<<<<<<< HEAD
 from .collisions import apart
-from .information import few, most_telling, tells
-=======
-from .collisions import hits_itself
-from .geometry import moves_in_space
 from .information import most_telling_of_arm
->>>>>>> main
 from .keep_inside import keep_of
 from .pose_space import Space, space_of
 from .routes import Choose, Route, dense, free_route, kept_route
@@ -40,11 +34,7 @@ Index = NDArray[np.intp]
 MOST_POSES = 1000
 """More are babbled, not planned."""
 
-<<<<<<< HEAD
-=======
-_UNSEEN = "obstacles and self-collision are not looked at: go slowly the first time"
 _CHOICE, _CORNERS = 2500, 256  # poses that a posterior chooses from, the corners among them
->>>>>>> main
 _ORDERS = 100  # random ones, to compare with
 
 
@@ -215,15 +205,6 @@ def plan(
     return _made(source, space, route, begin, how, notes)
 
 
-<<<<<<< HEAD
-def _most_telling(
-    source: Arm | Model, space: Space, points: Array, taken: Array, n: int
-) -> Array | None:
-    """The poses (n, dof) that tell most of an arm in space; None where another rule chooses."""
-    some = few(points)
-    told = tells(source, space.scale.from_unit(some), space.scale.from_unit(taken))
-    return None if told is None or n > len(some) // 2 else some[most_telling(told, n)]
-=======
 def _choice(source: Arm | Model, space: Space) -> tuple[partial[Index], str, str]:
     """How poses are chosen, and what is said of it: by information where a belief is known."""
     beside = "those that tell most of what the model does not know", "beside"
@@ -236,23 +217,6 @@ def _choice(source: Arm | Model, space: Space) -> tuple[partial[Index], str, str
     return partial(farthest, space.scale), "as far from each other as possible", "and from"
 
 
-def _apart(source: Arm | Model, space: Space, points: Array) -> tuple[Array, str]:
-    """The candidates in which an arm in space does not hit itself, and what was looked at."""
-    about = source if isinstance(source, Arm) else source.about
-    wide = source.outputs == 3 if isinstance(source, Arm) else moves_in_space(source)
-    hits = None
-    if wide and about.urdf:
-        q = space.scale.from_unit(points)
-        hits = hits_itself(about.urdf, space.joint_names, about.locked, q)
-    if hits is None or hits.all():
-        return points, _UNSEEN
-    return points[~hits], (
-        f"{hits.mean():.1%} of the candidates were left out, in which the arm hits itself (by the "
-        "URDF's collision bodies, meshes apart); obstacles and the moves between poses are not "
-        "looked at: go slowly the first time"
-    )
-
-
 def _most_telling(space: Space, tell: Choose, points: Array, n: int, taken: Array) -> Index:
     """Points (k, dof) in units of the joints' ranges that inform a belief most."""
     few = np.arange(len(points))
@@ -263,7 +227,6 @@ def _most_telling(space: Space, tell: Choose, points: Array, n: int, taken: Arra
     few = few if len(few) >= n else np.arange(len(points))
     joints = space.scale.from_unit(points[few])
     return few[tell(joints, n, space.scale.from_unit(taken))]
->>>>>>> main
 
 
 def _made(
