@@ -13,7 +13,7 @@ from calib.arm.loading import arm_from_urdf, load_arm
 from calib.body.spatial import structure_of
 from calib.errors import OptionError, RobotError
 from calib.use.geometry import fit_geometry
-from calib.use.spatial_geometry import SpatialGeometry
+from calib.use.spatial_geometry import SpatialGeometry, fit_spatial
 from calib.use.urdf import corrected_urdf
 
 LOCKED = MIXED.replace('name="lift"', 'name="held"')
@@ -88,6 +88,24 @@ def test_what_is_not_this_arm_is_refused(tmp_path, run):
     assert not (tmp_path / "c.urdf").exists()
     with pytest.raises(OptionError, match="view='base'"):
         fit_geometry(model, move_base=True)
+
+
+@pytest.mark.parametrize(("move_tip", "least"), [(False, 1e-6), (True, 1e-4)])
+def test_in_simulation_the_tip_is_no_probe_and_offsets_are_written(move_tip, least):
+    """A tip that may be anywhere took 7 mm of an elbow's offset, which was not written then."""
+    arm = load_arm("spatial_three")
+    structure = structure_of(arm, "base")
+    beta = structure.neutral()
+    beta[structure.groups["offset"][2]] = 0.03
+    q = np.random.default_rng(0).uniform(arm.lower, arm.upper, (100, 3))
+    geometry = fit_spatial(
+        arm, None, q, structure.predict(q, beta), unit="m", free=False, probe=False,
+        move_base=False, move_tip=move_tip,
+    )  # fmt: skip
+    again = arm_from_urdf(corrected_urdf(geometry))
+    assert np.abs(again.forward(q) - structure.predict(q, beta)).max() < least
+    assert geometry.before > 1e-3
+    assert geometry.beta[structure.groups["offset"]][2] == pytest.approx(0.03, abs=1e-2)
 
 
 def test_pixels_tell_offsets():

@@ -4,14 +4,23 @@ from __future__ import annotations
 
 import xml.etree.ElementTree as ET
 from collections.abc import Mapping, Sequence
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from numpy.typing import NDArray
 
+from ..arm.arm import Arm
+from .geometry import moves_in_space
+from .pose_space import Space
+
+if TYPE_CHECKING:
+    from ..model.model import Model
+
 Array = NDArray[np.float64]
 
 _TRIED, _ALWAYS = 100, 0.9  # postures in which links meet that are built so, and their share
+
+_UNSEEN = "obstacles and self-collision are not looked at: go slowly the first time"
 
 
 def hits_itself(
@@ -57,6 +66,23 @@ def hits_itself(
     results = pin.GeometryData(bodies)
     hits = [pin.computeCollisions(model, data, bodies, results, at, True) for at in rows]
     return np.array(hits, dtype=bool)
+
+
+def apart(source: Arm | Model, space: Space, points: Array) -> tuple[Array, str]:
+    """The candidates in which an arm in space does not hit itself, and what was looked at."""
+    about = source if isinstance(source, Arm) else source.about
+    wide = source.outputs == 3 if isinstance(source, Arm) else moves_in_space(source)
+    hits = None
+    if wide and about.urdf:
+        q = space.scale.from_unit(points)
+        hits = hits_itself(about.urdf, space.joint_names, about.locked, q)
+    if hits is None or hits.all():
+        return points, _UNSEEN
+    return points[~hits], (
+        f"{hits.mean():.1%} of the candidates were left out, in which the arm hits itself (by the "
+        "URDF's collision bodies, meshes apart); obstacles and the moves between poses are not "
+        "looked at: go slowly the first time"
+    )
 
 
 def _configuration(

@@ -200,7 +200,12 @@ def fit_geometry(
         return _in_plane(model, arm, q, x, error, free, move_base)
     from .spatial_geometry import fit_spatial
 
-    moving = {"free": free, "move_base": move_base, "move_tip": move_tip}
+    moving = {
+        "free": free,
+        "probe": not is_simulated(model),
+        "move_base": move_base,
+        "move_tip": move_tip,
+    }
     return fit_spatial(arm, model.body, q, x, unit=model.about.unit, **moving)
 
 

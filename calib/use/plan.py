@@ -14,8 +14,7 @@ from ..arm.arm import Arm
 from ..arm.spatial_arm import SpatialArm
 from ..body.most_telling import most_telling
 from ..errors import OptionError
-from .collisions import hits_itself
-from .geometry import moves_in_space
+from .collisions import apart
 from .information import most_telling_of_arm
 from .keep_inside import keep_of
 from .pose_space import Space, space_of
@@ -35,7 +34,6 @@ Index = NDArray[np.intp]
 MOST_POSES = 1000
 """More are babbled, not planned."""
 
-_UNSEEN = "obstacles and self-collision are not looked at: go slowly the first time"
 _CHOICE, _CORNERS = 2500, 256  # poses that a posterior chooses from, the corners among them
 _ORDERS = 100  # random ones, to compare with
 
@@ -185,7 +183,7 @@ def plan(
     choose, how, beside = _choice(source, space)
     begin = None if start is None else _in_unit(space, space.joints(start, "start"))
     neutral = _in_unit(space, np.clip(0.0, space.lower, space.upper))
-    points, seen = _apart(source, space, candidates(space, rng))
+    points, seen = apart(source, space, candidates(space, rng))
     notes = [seen]
     if measured is None and not isinstance(source, Arm) and choose.func is farthest:
         notes.append(
@@ -217,23 +215,6 @@ def _choice(source: Arm | Model, space: Space) -> tuple[partial[Index], str, str
     if body is not None and not body.simulated:  # exact samples leave nothing to learn
         return partial(_most_telling, space, partial(most_telling, body)), *beside
     return partial(farthest, space.scale), "as far from each other as possible", "and from"
-
-
-def _apart(source: Arm | Model, space: Space, points: Array) -> tuple[Array, str]:
-    """The candidates in which an arm in space does not hit itself, and what was looked at."""
-    about = source if isinstance(source, Arm) else source.about
-    wide = source.outputs == 3 if isinstance(source, Arm) else moves_in_space(source)
-    hits = None
-    if wide and about.urdf:
-        q = space.scale.from_unit(points)
-        hits = hits_itself(about.urdf, space.joint_names, about.locked, q)
-    if hits is None or hits.all():
-        return points, _UNSEEN
-    return points[~hits], (
-        f"{hits.mean():.1%} of the candidates were left out, in which the arm hits itself (by the "
-        "URDF's collision bodies, meshes apart); obstacles and the moves between poses are not "
-        "looked at: go slowly the first time"
-    )
 
 
 def _most_telling(space: Space, tell: Choose, points: Array, n: int, taken: Array) -> Index:

@@ -14,10 +14,11 @@ from numpy.typing import NDArray
 from ..arm.spatial_arm import SpatialArm
 from ..arm.urdf import parse_urdf
 from ..body.belief import Body
-from ..body.fit import Fit, maximise
+from ..body.fit import maximise
+from ..body.fitted import Fit
 from ..body.fitting import METRES
 from ..body.spatial import SpatialStructure, structure_of
-from ..body.spatial_prior import frame_groups
+from ..body.spatial_prior import SHIFT, frame_groups
 from ..body.spatial_start import frame
 from ..body.structure import Prior
 from .origins import Moved
@@ -127,32 +128,44 @@ def fit_spatial(
     *,
     unit: str,
     free: bool,
+    probe: bool,
     move_base: bool,
     move_tip: bool,
 ) -> SpatialGeometry:
     """Fit offsets, joint origins and the tip to positions `x` (n, m) at joints `q` (n, dof).
 
-    The prior is that of a body: joint origins to 1 mm and 0.1 deg, or as many times that as the
-    evidence takes. What the rows do not tell apart is within the intervals.
+    With `probe` the sensed point may be anywhere on the last link; else it is the tip, as in a
+    simulation, and moves only with `move_tip`.  The prior is that of a body: joint origins to 1 mm
+    and 0.1 deg, or as many times that as the evidence takes. What the rows do not tell apart is
+    within the intervals.
     """
     structure = _structure(arm, body, x, unit, free)
-    start = _known(body, structure)
-    start = frame(structure, q, x) if start is None else start
-    groups = frame_groups(structure)
-    nominal = _fit(structure, q, x, start, structure.prior(groups))
-    first = np.concatenate([structure.layout.shifts[0], structure.layout.turns[0]])
+    groups, layout = frame_groups(structure), structure.layout
+    tool, none = structure.groups["tool"], layout.shifts[0][:0]
+    still = none if probe else tool
+    prior = _held(structure.prior(groups), still)
+    nominal = _known(body, structure)
+    nominal = frame(structure, q, x) if nominal is None and probe else nominal
+    nominal = structure.neutral() if nominal is None else nominal
+    if len(prior.active):
+        nominal = _fit(structure, q, x, nominal, prior).beta
     prior = structure.prior((*groups, "placement", "offset"))
-    prior = _held(prior, first[:0] if move_base else first)
-    fitted = _fit(structure, q, x, nominal.beta, prior)
+    if not probe:
+        prior.sd[tool] = SHIFT
+        still = none if move_tip else tool
+    first = np.concatenate([layout.shifts[0], layout.turns[0]])
+    prior = _held(prior, np.concatenate([still, none if move_base else first]))
+    fitted = _fit(structure, q, x, nominal, prior)
     sd = np.zeros(structure.size)
     sd[fitted.active] = np.sqrt(np.diag(fitted.covariance))
     metre = 1.0 if structure.view == "pinhole" else structure.metre
-    middle = x - x.mean(axis=0)
-    reach = float(np.linalg.norm(middle, axis=1).max()) / metre
+    reach = float(np.linalg.norm(x - x.mean(axis=0), axis=1).max())
+    misfit = structure.residual(x, structure.predict(q, nominal))
     left, before = (
-        float(np.sqrt((fit.residual**2).sum(axis=1).mean())) / metre for fit in (fitted, nominal)
+        float(np.sqrt((residual**2).sum(axis=1).mean())) for residual in (fitted.residual, misfit)
     )
-    return SpatialGeometry(arm, structure, fitted.beta, sd, free, move_tip, left, before, reach)
+    sizes = (left / metre, before / metre, reach / metre)
+    return SpatialGeometry(arm, structure, fitted.beta, sd, free, move_tip, *sizes)
 
 
 def _structure(
