@@ -34,7 +34,7 @@ BOARD = Board.parse("7x5:24mm:18mm:5x5_100")
 LYING = board(7, 5, 0.024, 0.018, (0.36, -0.06, 0.0, 0.1))
 DESK = Desk(
     still=(LYING, tag(3, 0.03, (0.0, 0.25, 0, 0.3))),
-    lengths=(0.186, 0.1335, 0.0945),  # the URDF says 0.18, 0.14, 0.09
+    lengths=(0.186, 0.133, 0.0972),  # the URDF says 0.18, 0.14, 0.09
     offsets=(0.03, -0.045, 0.02),
 )
 BUMPED = replace(DESK, camera=Camera(position=(0.215, -0.24, 0.905), roll=0.035))
@@ -115,10 +115,10 @@ def on_board(desk: Desk, q: np.ndarray) -> np.ndarray:
     return ((world - at) @ turn)[:, :2] + np.array(BOARD.size) / 2
 
 
-def judge(model: calib.Model, desk: Desk, log: calib.Samples) -> str:
-    """Return mean and largest error within the log's postures [mm]."""
+def judge(model: calib.Model, desk: Desk) -> str:
+    """Return mean and largest error over the learned range, where the camera sees the tag."""
     q = postures(desk, 800, np.random.default_rng(99))
-    q = q[((q >= log.q.min(0)) & (q <= log.q.max(0))).all(1)]
+    q = q[((q >= model.about.lower) & (q <= model.about.upper)).all(1)]
     x = model.forward(q)
     lost = int((~np.isfinite(x).all(1)).sum())
     if model.about.unit == "px":
@@ -178,14 +178,14 @@ def run(folder: Path, count: int, seconds: float) -> None:
             log, noise = logged(folder / "still", metres, f"{what}.csv")
         with stage("calib train"):
             models[what] = calib.train(log)
-        print(f"{what}, no URDF (noise {noise}): {judge(models[what], DESK, log)}")
+        print(f"{what}, no URDF (noise {noise}): {judge(models[what], DESK)}")
         if metres:
             with stage("train the URDF, adapt"):
                 old = calib.train(calib.babble(arm, 20_000, seed=0), size=20)
                 found = calib.adapt(old, log)
-            print(f"{what}, wrong URDF, adapted: {judge(found.model, DESK, log)}")
+            print(f"{what}, wrong URDF, adapted: {judge(found.model, DESK)}")
             given = calib.train(calib.read_log(folder / "still" / f"{what}.csv", arm))
-            print(f"{what}, trained with the URDF as prior: {judge(given, DESK, log)}")
+            print(f"{what}, trained with the URDF as prior: {judge(given, DESK)}")
     for what, model in models.items():
         later, _ = logged(folder / "bumped", what == "metres", f"{what}.csv")
         drift = calib.check(model, later)
@@ -193,7 +193,7 @@ def run(folder: Path, count: int, seconds: float) -> None:
         print(f"{what}, camera bumped, 40 pictures: score {drift.score:.2f}, {causes}")
         if what == "pixels":
             found = calib.adapt(model, later)
-            print(f"{what}, adapted to the bump: {judge(found.model, BUMPED, later)}")
+            print(f"{what}, adapted to the bump: {judge(found.model, BUMPED)}")
     if seconds:
         film(folder / "film", DESK, seconds, 3)
         lens, _ = load_lens(folder / "still" / "shots", BOARD)
@@ -209,7 +209,7 @@ def run(folder: Path, count: int, seconds: float) -> None:
             log = calib.read_log(folder / "film" / f"{what}.csv", joints=NAMES)
             print(
                 f"{what}, video, {len(log)} rests, clocks off by {off:.1f} ms: "
-                f"{judge(calib.train(log), DESK, log)}"
+                f"{judge(calib.train(log), DESK)}"
             )
 
 

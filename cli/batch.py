@@ -79,15 +79,17 @@ def forward_batch(
         x[valid] = model.forward(q, readout)
         bounds[:, valid] = forward_bounds(model, q, x[valid], readout)
     columns = {axis: x[:, k] for k, axis in enumerate(model.axes)}
-    more = {}
+    more: dict[str, Array] = {}
     if len(model.axes) == 3 or frame == "base":
         from .space import seen_forward
 
-        rows = np.where(valid[:, None], typed / joints.typed, np.asarray(model.about.lower))
+        rows = np.tile(model.about.lower, (len(typed), 1))
+        rows[valid] = typed[valid] / joints.typed
         added = seen_forward(model, rows, frame)
         more = {name: np.where(valid, column, np.nan) for name, column in added.items()}
-    columns = {**columns, **more, **{name: more.get(name, bound) for name, bound in zip(
-        ("expected_error", "model_error"), bounds, strict=True)}}  # fmt: skip
+    columns = {**columns, **more}
+    for name, bound in zip(("expected_error", "model_error"), bounds, strict=True):
+        columns[name] = columns.pop(name, bound)
     outside = np.flatnonzero(valid & np.isnan(x[:, 0])) + 1
     why = "outside of what was learned"
     return _finish(model, joints, columns, streams, batch, outside.tolist(), why, frame)

@@ -29,6 +29,7 @@ COMMANDS = {
     "report": "Write figures and tables that explain a calibration.",
     "reproduce": "Redo the paper's tables, figures and experiments.",
     "info": "Say what a model is and where it came from.",
+    "nodes": "List the nodes of a model's map with their bounds.",
 }
 """What the command line can do, in the order of its use, and what ``calib --help`` says of it."""
 

@@ -34,8 +34,12 @@ def photo_of_log(model: Model, log: Samples, data: str, notes: Notes) -> Model:
     if not isinstance(named, str) or data == "-":
         return model
     folder = Path(data).resolve().parent
-    path = (folder / named).resolve()
-    if not path.is_relative_to(folder) or not path.is_file():
+    try:
+        path = (folder / named).resolve()
+        there = path.is_relative_to(folder) and path.is_file()
+    except (OSError, ValueError):  # no name of a file
+        return model
+    if not there:
         return model
     from calib.errors import CalibError
 

@@ -12,11 +12,11 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import NDArray
 
-from calib.arm.rotations import quaternion_of
+from calib.arm.rotations import matrix_of, quaternion_of
 from calib.errors import QueryError
 from calib.inverse.self_motions import free_directions
 from calib.model.space import Reached, Space
-from calib.samples.orientations import from_angles, unit_quaternions
+from calib.samples.orientations import QUATERNION, from_angles
 
 from .output import Table, fixed, note, show, show_json
 from .parsing import BadOption
@@ -27,7 +27,6 @@ if TYPE_CHECKING:
 
 Array = NDArray[np.float64]
 
-QUATERNION = ("qx", "qy", "qz", "qw")
 _TOGETHER = 0.05  # of the largest share: joints that move less are not named
 
 
@@ -68,13 +67,17 @@ class Asked:
         if self.quaternion is not None:
             if len(self.quaternion) != 4:
                 raise BadOption(f"--quaternion has {len(self.quaternion)} numbers: expected 4")
-            return unit_quaternions(np.array([self.quaternion]), "--quaternion")[0]
+            length = float(np.linalg.norm(self.quaternion))
+            if abs(length - 1) > 0.01:
+                shown = f"of length {length:.4g}: expected length 1, in the order qx,qy,qz,qw"
+                raise BadOption(f"--quaternion is {shown}")
+            return np.array([float(part) / length for part in self.quaternion])
         if self.rpy is None:
             return None
         if len(self.rpy) != 3:
             raise BadOption(f"--rpy has {len(self.rpy)} numbers: expected roll, pitch and yaw")
         angles = np.array([self.rpy])
-        return from_angles(np.deg2rad(angles) if degrees else angles)[0]
+        return np.asarray(from_angles(np.deg2rad(angles) if degrees else angles)[0])
 
 
 def answer_inverse(
@@ -89,7 +92,7 @@ def answer_inverse(
 ) -> int:
     """Print the joints for a question in space; return the exit code."""
     space = Space.of(model)
-    turn = asked.orientation(joints.degrees)
+    wanted = turn = asked.orientation(joints.degrees)
     if turn is not None and asked.keep:
         raise BadOption("--keep-orientation keeps that of --near: expected no orientation too")
     if asked.keep and near is None:
@@ -98,19 +101,19 @@ def answer_inverse(
     target = _target(space, asked, typed)
     if turn is not None:
         if not in_base:
-            turn = quaternion_of(space.to_base(target[None], _matrix(turn)[None])[1])[0]
+            turn = quaternion_of(space.to_base(target[None], matrix_of(turn[None]))[1])[0]
         found = space.reach_pose(target, turn, near)
     else:
         found = space.reach_position(target, near, keep=asked.keep)
     kept = len(found.q) if every else 1
     rows = _rows(space, found, kept, in_base)
-    free = space.free(found.q[0], 6 if turn is not None else 3) if found.reachable else []
+    free = space.free(found.q[0], 6 if turn is not None else 3)[: 9 if found.reachable else 0]
     if as_json:
         document: dict[str, Any] = {"target": list(typed), "frame": "base" if in_base else "sensor"}
         if asked.height is not None:
             document["on_plane"] = {"z": asked.height, "position": target.tolist(), "unit": "m"}
-        if asked.posed:
-            document["quaternion"] = (asked.orientation(joints.degrees) or turn).tolist()
+        if wanted is not None:
+            document["quaternion"] = wanted.tolist()
         document |= {
             "reachable": found.reachable,
             "solutions": [
@@ -145,12 +148,6 @@ def answer_inverse(
     return 0
 
 
-def _matrix(quaternion: Array) -> Array:
-    from calib.arm.rotations import matrix_of
-
-    return matrix_of(quaternion)
-
-
 def _target(space: Space, asked: Asked, typed: Sequence[float]) -> Array:
     """The position wanted (3,) in the base frame [m]."""
     if asked.height is not None:
@@ -165,7 +162,9 @@ def _target(space: Space, asked: Asked, typed: Sequence[float]) -> Array:
     if len(typed) != 3:
         raise BadOption(f"{len(typed)} coordinates: expected 3, X Y Z")
     position = np.array([typed])
-    return np.asarray((position if asked.frame == "base" else space.to_base(position)[0])[0])
+    return np.asarray(
+        (position if asked.frame == "base" else space.to_base(position, np.eye(3))[0])[0]
+    )
 
 
 def _rows(space: Space, found: Reached, kept: int, in_base: bool) -> list[tuple[Any, ...]]:
@@ -176,11 +175,8 @@ def _rows(space: Space, found: Reached, kept: int, in_base: bool) -> list[tuple[
         bound = error = space.bound(q)
     else:
         x, turns = space.to_sensor(found.position[:kept], found.rotation[:kept])
-        scale = float(np.linalg.norm(space.to_sensor(np.eye(3)[:1], np.eye(3)[None])[0]
-                                     - space.to_sensor(np.zeros((1, 3)), np.eye(3)[None])[0]))  # fmt: skip
+        scale = space.sensor[2]
         bound, error = model.expected_error(q), model.model_error(q)
-    if not np.isfinite(bound).all():
-        bound = error = np.full(len(q), np.nan)
     numbers = scale * found.away[:kept], found.turned[:kept], bound, error
     return list(zip(q, x, quaternion_of(turns), *(n.tolist() for n in numbers), strict=True))
 
@@ -197,7 +193,7 @@ def _say_missed(found: Reached, dof: int, *, posed: bool) -> None:
     note(words + " away")
 
 
-def say_free(joints: JointFormat, free: Sequence[Any], near: bool) -> None:
+def say_free(joints: JointFormat, free: Array, near: bool) -> None:
     """Say which motions of the joints leave the answer where it is."""
     if not len(free):
         return
@@ -252,8 +248,7 @@ def seen_forward(model: Model, values: Any, frame: str) -> dict[str, Array]:
         return {}
     space = Space.of(model)
     turns = quaternion_of(space.to_sensor(*space.evaluate(q)[:2])[1])
-    known = np.isfinite(model.forward(q)).all(axis=1)
-    return _named(np.where(known[:, None], turns, np.nan))
+    return _named(np.where(np.isnan(model.forward(q)[:, :1]), np.nan, turns))
 
 
 def _named(quaternions: Array) -> dict[str, Array]:

@@ -10,6 +10,7 @@ import numpy as np
 import calib
 from calib.body.spatial import structure_of
 from calib.common.scale import TURN
+from calib.samples.camera import Camera
 
 L1, L2 = 0.30, 0.25
 """Link lengths of `two_link` and `two_link_full` [m]."""
@@ -105,3 +106,25 @@ def in_space(n: int = 240):
         q, x, arm.joint_names, arm.lower, arm.upper, arm.revolute, arm=arm, unit="m"
     )
     return calib.train(samples, size=5)
+
+
+@cache
+def in_pixels(n: int = 60):
+    """Return a model of `spatial_three`, seen by a camera of a known lens from the side."""
+    arm = calib.load_arm("spatial_three")
+    lens = (900.0, 640.0, 360.0, -0.1)
+    structure = structure_of(arm, "pinhole", unit="px", lens=lens, lens_sd=(0.0,) * 4)
+    beta, groups = structure.neutral(), structure.groups
+    beta[groups["view.rotation"]] = (-1.3, 0.2, 0.1)
+    beta[groups["view.shift"]] = (0.05, 0.1, 2.0)
+    beta[groups["offset"][1:]] = (0.03, -0.02)
+    rng = np.random.default_rng(0)
+    q = rng.uniform(arm.lower, arm.upper, (n, 3))
+    x = structure.predict(q, beta) + rng.normal(0, 0.3, (n, 2))
+    return calib.train(
+        calib.Samples(
+            q, x, arm.joint_names, arm.lower, arm.upper, arm.revolute, arm=arm, unit="px",
+            camera=Camera((1280, 720), lens),
+        ),
+        size=5,
+    )  # fmt: skip

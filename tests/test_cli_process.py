@@ -94,13 +94,13 @@ def test_help_names_every_option(run, command):
 
 
 def test_choices_agree_with_the_library():
-    from calib.body.planar_view import VIEWS
+    from calib.body.views import PLANAR
     from calib.maps.density import GAINS
     from calib.samples.babbling import METHODS
 
     assert set(choices.MAPS) < set(GAINS)
     assert set(choices.MOTIONS) == set(METHODS)
-    assert set(choices.VIEWS) >= {"auto", *VIEWS}
+    assert set(choices.VIEWS) >= {"auto", *PLANAR}
 
 
 def test_version(run):

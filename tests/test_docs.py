@@ -60,7 +60,22 @@ def folder(tmp_path, monkeypatch):
     space += np.random.default_rng(0).normal(0.0, 3e-4, space.shape)
     joints = {"shoulder": seen.q[:, 0], "elbow": seen.q[:, 1]}
     write_table("tracker.csv", {**joints, **dict(zip("xyz", space.T, strict=True))})
+    write_table("pictures.csv", pictures())
     return tmp_path
+
+
+def pictures():
+    """45 pictures of an arm in space: its joints, and the pixel at which each shows the tip."""
+    arm, rng = calib.load_arm("spatial_three"), np.random.default_rng(0)
+    q = rng.uniform(arm.lower, arm.upper, (45, 3))
+    ahead = np.array([-0.2, 0.93, -0.3]) / np.linalg.norm([-0.2, 0.93, -0.3])
+    right = np.cross(ahead, (0, 0, 1)) / np.linalg.norm(np.cross(ahead, (0, 0, 1)))
+    point = (arm.forward(q) - (0.35, -1.1, 0.55)) @ np.stack(
+        [right, np.cross(ahead, right), ahead]
+    ).T
+    pixels = 880 * point[:, :2] / point[:, 2:] + (640, 360) + rng.normal(0, 0.3, (45, 2))
+    columns = dict(zip(arm.joint_names, q.T, strict=True))
+    return columns | {"u": pixels[:, 0], "v": pixels[:, 1]}
 
 
 def needed(text: str) -> None:

@@ -11,7 +11,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from models import in_space
+from models import in_pixels, in_space
 
 import calib
 from calib.arm.rotations import logarithm
@@ -63,6 +63,8 @@ def model(kind):
     """A model with curves and a turned sensor, with three joints, with a slide, or in space."""
     if kind == "space":
         return in_space()
+    if kind == "pixels":
+        return in_pixels()
     if kind == "six":
         return six()
     if kind not in ("real", "local"):
@@ -125,7 +127,7 @@ def questions(model, n):
 
 @needs_compiler
 @pytest.mark.parametrize("language", LANGUAGES)
-@pytest.mark.parametrize("kind", ["real", "local", "three_link", "polar", "space", "six"])
+@pytest.mark.parametrize("kind", ["real", "local", "three_link", "polar", "space", "six", "pixels"])
 def test_the_header_agrees_with_the_model(kind, language, tmp_path):
     m = model(kind)
     assert (m.predictor.models.degree >= 0) == (kind == "local")

@@ -6,7 +6,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from models import in_space
+from models import in_pixels, in_space
 from test_spatial_arm import FOLLOWED, MIXED, pinocchio_pose
 
 from calib.arm.loading import arm_from_urdf, load_arm
@@ -88,3 +88,13 @@ def test_what_is_not_this_arm_is_refused(tmp_path, run):
     assert not (tmp_path / "c.urdf").exists()
     with pytest.raises(OptionError, match="view='base'"):
         fit_geometry(model, move_base=True)
+
+
+def test_pixels_tell_offsets():
+    geometry = fit_geometry(in_pixels())
+    offsets = geometry.beta[geometry.structure.groups["offset"]]
+    assert geometry.unit == "px"
+    assert geometry.residual < 0.6 < 2.0 < geometry.before
+    # an offset and a turn of the joint's origin about its axis are one
+    turned = geometry.beta[geometry.structure.layout.turns] * geometry.structure.chain.axes
+    assert (offsets + turned.sum(axis=1))[1:] == pytest.approx([0.03, -0.02], abs=3e-3)

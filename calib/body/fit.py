@@ -2,22 +2,20 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
-from itertools import pairwise
-
 import numpy as np
 
 from .bound import autocorrelation_time
+from .fitted import Fit, by_block
 from .normal import (
     Factor,
-    Sums,
+    first_noise,
     information_factor,
     negative_log_likelihood,
     slices,
     student_weights,
     sums_of,
 )
-from .structure import Array, Hyper, Indices, Prior, Structure
+from .structure import Array, Hyper, Prior, Structure
 
 INNER = 8
 """Steps of EM for each linearisation."""
@@ -25,75 +23,8 @@ INNER = 8
 SETTLED = 3e-3
 """A change of the noise and of every scale by less than this share ends them earlier."""
 
-BLOCKS = 10
-"""Contiguous blocks of rows whose information is kept apart."""
-
 MANY = 60
 """Parameters beyond which the information of an earlier step serves where the steps are small."""
-
-
-@dataclass(frozen=True)
-class Fit:
-    """A member fitted to rows, with what the leave-block-out needs.
-
-    Attributes
-    ----------
-    structure : Structure
-    beta : (d,) array
-    active : (k,) int array
-    sd : (k,) array
-        Prior sd of the active parameters, with the scales that the evidence chose.
-    noise : (m,) array
-    nu : float
-    residual : (n, m) array
-    derivative : (n, m, k) array
-    weight : (n, m) array
-    precision : (k, k) array
-        Weighted information and prior.
-    covariance : (k, k) array
-        Posterior covariance, with the Student noise's loss of information and that of residuals
-        that are correlated in the order of the log.
-    gradient : (k,) array
-        Of the log posterior: zero at its maximum, not quite where the steps ended before it.
-    edges : (b + 1,) int array
-        Limits of contiguous blocks of rows.
-    grams, moments : (b, k, k) and (b, k) array
-        What each block adds to the information and to the gradient.
-    autocorrelation : float
-        Integrated autocorrelation time of the residuals [rows]; 1 for Gaussian noise.
-    scales : dict of str to float
-    evidence : float
-        Laplace approximation of the logarithm of the evidence.
-    """
-
-    structure: Structure
-    beta: Array
-    active: Indices
-    sd: Array
-    noise: Array
-    nu: float
-    residual: Array
-    derivative: Array
-    weight: Array
-    precision: Array
-    covariance: Array
-    gradient: Array
-    edges: Indices
-    grams: Array
-    moments: Array
-    autocorrelation: float
-    scales: dict[str, float]
-    evidence: float
-
-
-def first_noise(r: Array, floor: Array, blocks: tuple[int, ...]) -> Array:
-    """Noise (m,) from the median residual of each block, at least `floor` (m,)."""
-    noise = np.empty(r.shape[1])
-    for part in slices(blocks):
-        p = part.stop - part.start
-        e2 = (r[:, part] ** 2).sum(axis=1)
-        noise[part] = 1.2 * np.sqrt(np.median(e2) / (p - 2 / 3))
-    return np.maximum(noise, floor)
 
 
 class _Search:
@@ -152,9 +83,9 @@ class _Search:
         old = None if fresh else self.sums
         self.sums = sums_of(self.x, self.r, self.w, self.blocks, old)
 
-    def data(self, sums: list[Sums] | None = None) -> tuple[Array, Array]:
+    def data(self) -> tuple[Array, Array]:
         """Information (k, k) and moment (k,) of the rows at the present noise."""
-        pairs = list(zip(self.sums if sums is None else sums, slices(self.blocks), strict=True))
+        pairs = list(zip(self.sums, slices(self.blocks), strict=True))
         gram = sum(s.gram / self.noise[p.start] ** 2 for s, p in pairs)
         moment = sum(s.moment / self.noise[p.start] ** 2 for s, p in pairs)
         return np.asarray(gram), np.asarray(moment)
@@ -336,12 +267,7 @@ def maximise(
 def _finished(search: _Search) -> Fit:
     """Posterior at the parameters found."""
     search.see(True)
-    x, r, w = search.x, search.r, search.w
-    edges = np.linspace(0, len(r), min(BLOCKS, len(r)) + 1).round().astype(int)
-    parts = [
-        search.data(sums_of(x[a:b], r[a:b], w[a:b], search.blocks)) for a, b in pairwise(edges)
-    ]
-    grams, moments = np.stack([g for g, _ in parts]), np.stack([h for _, h in parts])
+    edges, grams, moments = by_block(search.x, search.r, search.w, search.noise, search.blocks)
     gram, moment = grams.sum(axis=0), moments.sum(axis=0)
     k = np.diag_indices(len(search.sd))
     precision = gram.copy()

@@ -10,10 +10,10 @@ import numpy as np
 from ..errors import LogError, OptionError
 from .nominal import Nominal
 from .planar import PlanarStructure
-from .planar_view import VIEWS
 from .posterior import BodyFit, fit_structure
 from .structure import Array
 from .telling import warnings_of
+from .views import PLANAR
 
 __all__ = ["METRES", "BodyFit", "fit_body", "fit_structure", "planar_structure"]
 
@@ -114,8 +114,8 @@ def planar_structure(
         )
     if not (np.isfinite(q).all() and np.isfinite(z).all()):
         raise LogError("a joint value or a position is not finite; leave such rows out")
-    if view not in ("auto", *VIEWS):
-        raise OptionError(f"view {view!r}, expected one of auto, {', '.join(VIEWS)}")
+    if view not in ("auto", *PLANAR):
+        raise OptionError(f"view {view!r}, expected one of auto, {', '.join(PLANAR)}")
     if view == "base" and nominal is None:
         raise OptionError("view 'base' needs the nominal geometry of a robot; give nominal")
     if nominal is not None and len(nominal.lengths) != len(names):
@@ -131,7 +131,7 @@ def planar_structure(
         view,
         unit,
         METRES.get(unit, 1.0),
-        VIEWS[view].lens if lens is None else lens,
+        PLANAR[view].lens if lens is None else lens,
         nominal.signs if nominal else (1,) * len(names),
         1,
         extent,

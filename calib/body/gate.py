@@ -7,7 +7,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from .fit import BLOCKS, Fit
+from .fitted import BLOCKS, Fit
 from .held_out import HeldOut, leave_blocks_out
 
 NATS = 3.0

@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from .bound import radius_95
-from .fit import Fit
+from .fitted import Fit
 from .normal import Factor, information_factor, slices
 from .structure import Array
 
@@ -60,14 +60,14 @@ class HeldOut:
         parts = [values[a:b][np.isfinite(values[a:b])] for a, b in pairwise(self.edges)]
         return np.array([part.mean() if len(part) else np.nan for part in parts])
 
-    def kappa(self) -> float:
-        """Inflation of the bound, at least 1.
+    def ratio(self) -> float:
+        """The largest 95 % quantile of error over radius among the partitions.
 
-        The largest 95 % quantile of error over radius among the partitions; or, if that is more,
-        the mean of the single blocks' quantiles and one standard deviation beyond it, since the
-        place that is asked next may be one of the worse.
+        Or, if that is more, the mean of the single blocks' quantiles and one standard deviation
+        beyond it, since the place that is asked next may be one of the worse. `UNKNOWN_KAPPA`
+        where there are too few rows.
         """
-        found = [1.0]
+        found = []
         for ratio in self.ratios.values():
             known = ratio[np.isfinite(ratio) & self.common]
             if len(known) > FEW:
@@ -80,7 +80,11 @@ class HeldOut:
         ]
         if len(single) > 1:
             found.append(float(np.mean(single) + np.std(single)))
-        return max(found) if len(found) > 1 else UNKNOWN_KAPPA
+        return max(found) if found else UNKNOWN_KAPPA
+
+    def kappa(self) -> float:
+        """Inflation of the bound: the `ratio`, at least 1."""
+        return max(1.0, self.ratio())
 
     def tau(self, noise: Array, blocks: tuple[int, ...]) -> Array:
         """Residual sd (m,) of the body itself: held-out errors beyond the noise."""
@@ -102,8 +106,7 @@ def leave_blocks_out(fit: Fit, partitions: tuple[int, ...] = PARTITIONS) -> Held
     edges = fit.edges
     count = len(edges) - 1
     share = information_factor(fit.structure, fit.nu) / fit.autocorrelation
-    prior = np.diag(fit.sd**-2.0)
-    gram_all = fit.precision - prior
+    prior, gram_all = fit.prior, fit.grams.sum(axis=0)
     every = max(1, round(n * k / WORK))
     p = fit.structure.blocks[0]
     residual = np.full((n, m), np.nan)

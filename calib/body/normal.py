@@ -126,6 +126,16 @@ def sums_of(
     return out
 
 
+def first_noise(r: Array, floor: Array, blocks: tuple[int, ...]) -> Array:
+    """Noise (m,) from the median residual of each block, at least `floor` (m,)."""
+    noise = np.empty(r.shape[1])
+    for part in slices(blocks):
+        p = part.stop - part.start
+        e2 = (r[:, part] ** 2).sum(axis=1)
+        noise[part] = 1.2 * np.sqrt(np.median(e2) / (p - 2 / 3))
+    return np.maximum(noise, floor)
+
+
 def negative_log_likelihood(r: Array, noise: Array, nu: float, blocks: tuple[int, ...]) -> float:
     """Negative logarithm of the likelihood of residuals (n, m), up to a constant."""
     total = 0.0

@@ -22,6 +22,7 @@ from .curves import curve_slope, curve_value, powers
 from .nominal import Nominal
 from .planar_layout import Layout, layout_of
 from .structure import Array, Indices, Label, Prior, Structure
+from .views import PLANAR, ViewKind
 
 Complex = NDArray[np.complex128]
 
@@ -35,7 +36,7 @@ class PlanarStructure:
     joint_names : tuple of str
     revolute : tuple of bool
     view : str
-        One of :data:`calib.body.planar_view.VIEWS`.
+        One of :data:`calib.body.views.PLANAR`.
     unit : str
         Unit of positions.
     metre : float
@@ -110,14 +111,14 @@ class PlanarStructure:
         return self.layout.groups
 
     @property
-    def seen_as(self) -> planar_view.View:
-        """What its kind of view fits, and how its lens bends."""
-        return planar_view.VIEWS[self.view]
+    def seen_as(self) -> ViewKind:
+        """The kind of its sensor."""
+        return PLANAR[self.view]
 
     @property
     def scaled(self) -> bool:
         """Whether the view has a scale of its own, so that lengths are relative."""
-        return "view.scale" in self.seen_as.groups
+        return self.seen_as.scaled
 
     @property
     def slide(self) -> float:

@@ -8,8 +8,8 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from .curves import HARMONICS, curve_shape
-from .planar_view import VIEWS
 from .structure import Array, Hyper, Indices, Prior
+from .views import PLANAR
 
 if TYPE_CHECKING:
     from .planar import PlanarStructure
@@ -30,9 +30,9 @@ def members(structure: PlanarStructure) -> tuple[tuple[str, tuple[str, ...]], ..
     ladder: list[tuple[str, tuple[str, ...]]] = []
     if structure.nominal is not None:
         ladder.append(("frame", frame or ("offset",)))
-    if structure.seen_as.camera:
+    if structure.seen_as.tilted:
         # Few rows of a camera that looks straight down need no more.
-        ladder.append(("similarity", (*VIEWS["similarity"].groups, "length", "offset", "gain")))
+        ladder.append(("similarity", (*PLANAR["similarity"].groups, "length", "offset", "gain")))
     ladder.append(("chain", chain))
     turning = bool(structure.layout.turning)
     if structure.simulated:

@@ -6,14 +6,12 @@ Equation 6 of :mod:`calib.body.planar`::
     u = (y + t - middle) / size - c,  z = y + t + size b(k, |u|^2) u
 
 The lens is radial with a free centre `c`; with ``k = 0`` it does nothing and its centre is unknown.
-A view says by which law `b` it bends, as a rule k |u|^2.
+Its law `b` is that of the view (:mod:`calib.body.views`), as a rule k |u|^2.
 """
 
 from __future__ import annotations
 
-from collections.abc import Callable
-from dataclasses import dataclass
-from typing import TYPE_CHECKING, Any, TypeVar
+from typing import TYPE_CHECKING
 
 import numpy as np
 from numpy.typing import NDArray
@@ -24,50 +22,6 @@ if TYPE_CHECKING:
     from .planar import PlanarStructure
 
 Complex = NDArray[np.complex128]
-Number = TypeVar("Number", float, Array)
-
-
-def cubic(k: float, r2: Number) -> tuple[float | Number, Number, Number]:
-    """Bend of the third order, k r^2."""
-    return k, r2, r2
-
-
-@dataclass(frozen=True)
-class View:
-    """A kind of sensor.
-
-    Attributes
-    ----------
-    groups : tuple of str
-        Groups of parameters that it fits.
-    lens : bool
-        Whether the gate may fit its lens by default.
-    bend : callable
-        The lens's law: of its radial parameter k and the square r^2 of the distance from its
-        centre, b' = db / d(r^2), b / b' and db / dk of the bend b(k, r^2), which is 0 at
-        k = 0.  It takes arrays and plain floats.
-    """
-
-    groups: tuple[str, ...] = ()
-    lens: bool = False
-    bend: Callable[[float, Any], tuple[Any, Any, Any]] = cubic
-
-    @property
-    def camera(self) -> bool:
-        """Whether it may look at the plane from the side."""
-        return "view.shear" in self.groups
-
-
-_FRAME = ("view.rotation", "view.shift")
-
-VIEWS = {
-    "base": View(),
-    "rigid": View(_FRAME),
-    "similarity": View((*_FRAME, "view.scale")),
-    "affine": View((*_FRAME, "view.scale", "view.shear")),
-    "homography": View((*_FRAME, "view.scale", "view.shear", "view.tilt"), lens=True),
-}
-"""Views by name; the names are those of :data:`calib.common.choices.VIEWS`."""
 
 
 def turned(beta: Array) -> Array:

@@ -8,7 +8,8 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from .belief import Body, Second
-from .fit import MANY, Fit, maximise
+from .fit import MANY, maximise
+from .fitted import Fit
 from .gate import Passed, Tried, choose_member
 from .held_out import HeldOut, leave_blocks_out
 from .packing import pack, unpack
@@ -26,6 +27,9 @@ NO_CURVES = 8.0
 
 WIDE = (200.0, 3e-3)
 """Pseudo-observations of the curves' wider hyperprior, and their rms [rad]."""
+
+LEAST_SHARE = 0.5
+"""Of the second fit's spread: so much stays, however small the held-out errors are."""
 
 STUDENT = 6.0
 """Degrees of freedom of the noise of a log."""
@@ -243,7 +247,10 @@ def _second(
         noise=fit.noise,
         steps=4,
     )
-    packed = pack(made.covariance)
+    # Few rows of a drawn arm tell how large its curves are altogether, if not where.
+    drawn = getattr(fit.structure, "informed", False)
+    share = np.clip(leave_blocks_out(made).ratio(), LEAST_SHARE, 1.0) if drawn else 1.0
+    packed = pack(float(share) ** 2 * made.covariance)
     return Second(made.beta, made.active, unpack(packed, len(made.active)), made.noise, packed)
 
 

@@ -12,7 +12,9 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from .belief import Body
-from .normal import Factor, information_factor, student_weights, sums_of
+from .fitted import Fit, by_block
+from .held_out import FEW, leave_blocks_out
+from .normal import Factor, information_factor, student_weights
 from .packing import pack, unpack
 from .spatial import SpatialStructure
 from .spatial_prior import frame_groups
@@ -66,22 +68,50 @@ def remount(body: Body, q: Array, z: Array, structure: SpatialStructure | None =
     precision[np.ix_(place, place)] = Factor(covariance).inverse()
     flat = np.searchsorted(active, frames)
     precision[flat, flat] += _flat(new, frames) ** -2.0
-    noise = np.maximum(body.noise, 1e-12)
-    for _ in range(STEPS):
+    floor = np.maximum(body.noise, 1e-12)
+    noise = floor.copy()
+    for step in range(STEPS + 1):
         predicted, x = new.linearise(q, beta, active)
         r = new.residual(z, predicted)
         w = student_weights(r, noise, body.nu, new.blocks)
-        parts = sums_of(x / noise[:, None], r / noise, w, new.blocks)
-        gram = np.sum([part.gram for part in parts], axis=0)
-        moment = np.sum([part.moment for part in parts], axis=0)
-        pull = moment - precision @ (beta - mean)[active]
-        delta = np.zeros(new.size)
-        delta[active] = Factor(gram + precision).solve(pull)
-        beta = new.retract(beta, delta)
-        if np.abs(delta[active]).max() < 1e-9:
+        edges, grams, moments = by_block(x, r, w, noise, new.blocks)
+        gram, gradient = grams.sum(axis=0), moments.sum(axis=0) - precision @ (beta - mean)[active]
+        factor = Factor(gram + precision)
+        moved = factor.solve(gradient)
+        if step == STEPS or np.abs(moved).max() < 1e-9:
             break
-    softer = gram * information_factor(new, body.nu) + precision
-    packed = pack(Factor(softer).inverse())
+        delta = np.zeros(new.size)
+        delta[active] = moved
+        beta = new.retract(beta, delta)
+        # What the old body could not know of this series is noise of these rows.
+        used = float((factor.inverse() * gram).sum())
+        left = float((w * ((r - x @ moved) / floor) ** 2).sum())
+        noise = floor * np.sqrt(max(1.0, left / max(r.size - used, r.size / 4 + 1)))
+    softer = Factor(gram * information_factor(new, body.nu) + precision).inverse()
+    fit = Fit(
+        structure=new,
+        beta=beta,
+        active=active,
+        sd=_flat(new, active),
+        noise=noise,
+        nu=body.nu,
+        residual=r,
+        derivative=x,
+        weight=w,
+        precision=gram + precision,
+        covariance=softer,
+        gradient=gradient,
+        edges=edges,
+        grams=grams,
+        moments=moments,
+        autocorrelation=1.0,
+        scales={},
+        evidence=0.0,
+        known=precision,
+    )
+    # The new rows calibrate the bound, down too: the old log's drift made its spread wide.
+    ratio = leave_blocks_out(fit).ratio() if len(q) > FEW else body.kappa
+    packed = pack(min(ratio, 1.0) ** 2 * softer)
     return replace(
         body,
         structure=new,
@@ -90,6 +120,7 @@ def remount(body: Body, q: Array, z: Array, structure: SpatialStructure | None =
         covariance=unpack(packed, len(active)),
         packed=packed,
         noise=noise,
+        kappa=max(ratio, 1.0),
         rows=body.rows + len(q),
         second=None,
     )

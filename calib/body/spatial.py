@@ -16,11 +16,12 @@ import numpy as np
 
 from ..arm.rotations import exponential, logarithm
 from ..arm.spatial_chain import GRAVITY, SpatialChain
-from .curves import curve_slope, curve_value, powers
+from .curves import curve_value
 from .spatial_layout import SpatialLayout
 from .spatial_motion import Deviations, Motion, move
-from .spatial_view import OUTPUTS, Placed, View, compose, look
+from .spatial_view import Placed, View, compose, look
 from .structure import Array, Indices, Label, Prior, Structure
+from .views import SPATIAL, ViewKind
 
 
 @dataclass(frozen=True, eq=False)
@@ -98,14 +99,24 @@ class SpatialStructure:
         return len(self.joint_names)
 
     @property
+    def seen_as(self) -> ViewKind:
+        """The kind of its sensor."""
+        return SPATIAL[self.view]
+
+    @property
     def outputs(self) -> int:
         """Number of outputs: 3 positions, 6 of a pose, 2 pixels."""
-        return OUTPUTS[self.view]
+        return self.seen_as.outputs
+
+    @property
+    def camera(self) -> bool:
+        """Whether a camera sees the arm, in pixels."""
+        return self.outputs == 2
 
     @property
     def blocks(self) -> tuple[int, ...]:
         """Sizes of the outputs that share a unit and a noise."""
-        return (3, 3) if self.view == "pose" else (self.outputs,)
+        return (3, 3) if self.outputs == 6 else (self.outputs,)
 
     @property
     def extents(self) -> Array:
@@ -146,50 +157,15 @@ class SpatialStructure:
 
     def predict(self, q: Array, beta: Array) -> Array:
         """Outputs (n, m) at joint values (n, dof); a rotation is a rotation vector."""
-        return self._seen(q, beta)[1].values
+        return self.seen(q, beta)[1].values
 
     def linearise(
         self, q: Array, beta: Array, active: Indices | None = None
     ) -> tuple[Array, Array]:
         """Outputs (n, m) and their derivative (n, m, k) by the parameters `active` (or all)."""
-        wanted = np.arange(self.size) if active is None else active
-        motion, view = self._seen(q, beta)
-        columns = _Columns(len(q), self.outputs, self.size, wanted)
-        groups, layout = self.groups, self.layout
-        for axis in range(3):
-            columns.put(groups["view.rotation"][axis], lambda a=axis: view.turned(a))
-            columns.put(groups["view.shift"][axis], lambda a=axis: view.shifted(a))
-            columns.put(groups["tool"][axis], lambda a=axis: view.push(motion.flange[:, a], _STILL))
-            columns.put(
-                groups["tool.rotation"][axis],
-                lambda a=axis: view.push(np.zeros_like(motion.position), motion.rotation[:, a]),
-            )
-            for i in range(self.chain.joints):
-                columns.put(
-                    layout.shifts[i, axis],
-                    lambda i=i, a=axis: view.push(motion.before[i][:, a], _STILL),
-                )
-                columns.put(
-                    layout.turns[i, axis], lambda i=i, a=axis: view.push(*motion.turn(i, a))
-                )
-        columns.put(groups["view.scale"][0], view.scaled)
-        if self.view == "pinhole" and columns.any(groups["lens"]):
-            lens = view.refocused()
-            for k, index in enumerate(groups["lens"]):
-                columns.put(index, lambda k=k: lens[:, k])
-        chained = self._chained(motion, view)
-        loads = self._loads(q) if columns.any(groups["elastic"]) else np.zeros((0, len(q)))
-        for i, index in enumerate(groups["elastic"]):
-            columns.put(index, lambda i=i: chained[i] * loads[i])
-        for k in range(self.dof):
-            own = np.tensordot(self.chain.coupling[:, k], chained, axes=1)
-            columns.put(groups["offset"][k], lambda own=own: own)
-            columns.put(groups["gain"][k], lambda own=own, k=k: own * q[:, k])
-            curve = groups[f"curve.{k}"]
-            if columns.any(curve):
-                waves = powers(q[:, k])
-                columns.block(curve, own, np.concatenate([waves.real, waves.imag], axis=1))
-        return view.values, columns.out
+        from .spatial_slopes import by_parameters
+
+        return by_parameters(self, q, beta, active)
 
     def slope(self, q: Array, beta: Array) -> Array:
         """Derivative (n, m, dof) of the outputs by the joint values."""
@@ -197,24 +173,9 @@ class SpatialStructure:
 
     def predict_and_slope(self, q: Array, beta: Array) -> tuple[Array, Array]:
         """Outputs (n, m) and their derivative (n, m, dof) by the joint values."""
-        motion, view = self._seen(q, beta)
-        chained = self._chained(motion, view)
-        out = np.empty((len(q), self.outputs, self.dof))
-        elastic = beta[self.groups["elastic"]]
-        bent = None
-        if elastic.any():
-            slopes = self.chain.torque_slopes(q, np.asarray(self.gravity)) / self.torque
-            bent = elastic[:, None, None] * np.moveaxis(slopes, 0, 2)
-        for k in range(self.dof):
-            rate = beta[self.groups["gain"][k]] + np.zeros(len(q))
-            curve = self.groups[f"curve.{k}"]
-            if len(curve):
-                rate = rate + curve_slope(q[:, k], beta[curve])
-            moved = np.tensordot(self.chain.coupling[:, k], chained, axes=1) * rate
-            if bent is not None:
-                moved = moved + np.einsum("imn,in->mn", chained, bent[:, k])
-            out[:, :, k] = moved.T
-        return view.values, out
+        from .spatial_slopes import by_joints
+
+        return by_joints(self, q, beta)
 
     def retract(self, beta: Array, delta: Array) -> Array:
         """`beta` (d,) moved by `delta` (d,): the sum, or a step on a rotation."""
@@ -234,14 +195,14 @@ class SpatialStructure:
         predicted orientation into the observed one.
         """
         out = z - predicted
-        if self.view == "pose":
+        if self.outputs == 6:
             seen, expected = exponential(z[:, 3:]), exponential(predicted[:, 3:])
             out[:, 3:] = logarithm(seen @ np.swapaxes(expected, 1, 2))
         return np.asarray(out)
 
     def label(self, index: int) -> Label:
         """What parameter `index` is."""
-        return self.layout.label(index, "m" if self.view == "pinhole" else self.unit)
+        return self.layout.label(index, "m" if self.camera else self.unit)
 
     def prior(self, free: Sequence[str]) -> Prior:
         """Prior of the member that fits the groups of `free`; ``"curve"`` stands for all curves."""
@@ -310,7 +271,7 @@ class SpatialStructure:
         values = self.chain.coupling @ own + self.chain.bias[:, None]
         elastic = beta[self.groups["elastic"]]
         if elastic.any():
-            values = values + elastic[:, None] * self._loads(q)
+            values = values + elastic[:, None] * self.loads(q)
         return np.asarray(values)
 
     def deviations(self, beta: Array) -> Deviations:
@@ -331,20 +292,16 @@ class SpatialStructure:
             self.view,
             exponential(beta[groups["view.rotation"]]),
             beta[groups["view.shift"]],
-            scale if self.view == "pinhole" else scale * self.metre,
+            scale if self.camera else scale * self.metre,
             beta[groups["lens"]],
         )
 
-    def _seen(self, q: Array, beta: Array) -> tuple[Motion, View]:
+    def seen(self, q: Array, beta: Array) -> tuple[Motion, View]:
+        """Where the chain is at joint values (n, dof), and what the sensor sees of it."""
         motion = move(self.chain, self.joint_values(q, beta), self.deviations(beta))
         return motion, look(self.sensor(beta), motion.position, motion.rotation)
 
-    def _chained(self, motion: Motion, view: View) -> Array:
-        """How outputs move with each joint of the chain: (m, outputs, n)."""
-        pushed = [view.push(*motion.joint(i, turns)) for i, turns in enumerate(self.chain.revolute)]
-        return np.stack(pushed)
-
-    def _loads(self, q: Array) -> Array:
+    def loads(self, q: Array) -> Array:
         """Torques of gravity (m, n) as shares of the largest one; a fit asks for the same rows."""
         last = self._memory.get("loads")
         if last is None or last[0] is not q:
@@ -357,36 +314,6 @@ class SpatialStructure:
     def _memory(self) -> dict[str, tuple[Array, Array]]:
         """Rows that were asked for last, and what does not depend on the parameters."""
         return {}
-
-
-class _Columns:
-    """Derivatives that are asked for, each computed only where it is wanted."""
-
-    def __init__(self, n: int, outputs: int, size: int, wanted: Indices) -> None:
-        self.out = np.zeros((n, outputs, len(wanted)))
-        self._place = np.full(size, -1)
-        self._place[wanted] = np.arange(len(wanted))
-
-    def any(self, indices: Indices) -> bool:
-        """Whether one of some parameters is asked for."""
-        return bool((self._place[indices] >= 0).any())
-
-    def put(self, index: int, column: Any) -> None:
-        """Set the column (outputs, n) of a parameter, if it is asked for."""
-        place = self._place[index]
-        if place >= 0:
-            self.out[:, :, place] = column().T
-
-    def block(self, indices: Indices, direction: Array, factors: Array) -> None:
-        """Set columns direction (outputs, n) times factors (n, g)."""
-        place = self._place[indices]
-        chosen = np.flatnonzero(place >= 0)
-        start = place[chosen[0]]
-        if (place[chosen] == start + np.arange(len(chosen))).all():
-            part = self.out[:, :, start : start + len(chosen)]
-            np.multiply(direction.T[:, :, None], factors[:, None, chosen], out=part)
-        else:
-            self.out[:, :, place[chosen]] = direction.T[:, :, None] * factors[:, None, chosen]
 
 
 def structure_of(arm: Any, view: str = "rigid", **options: Any) -> SpatialStructure:
@@ -405,7 +332,6 @@ def structure_of(arm: Any, view: str = "rigid", **options: Any) -> SpatialStruct
     )
 
 
-_STILL = np.zeros((3, 1))
 _CHAIN_ARRAYS = (
     "axes",
     "points",

@@ -62,6 +62,8 @@ def words(structure: SpatialStructure, beta: Array, sd: Array) -> tuple[str, ...
 
 def camera(structure: SpatialStructure, beta: Array, sd: Array) -> list[str]:
     """Lines on a camera's lens; `Body.describe` says where it stands."""
+    if not structure.camera:
+        return []
     lines, lens = [], structure.groups["lens"]
     f, u, v, k1 = beta[lens]
     known = "" if sd[lens[0]] > 0 else " (given)"

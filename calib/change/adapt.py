@@ -8,6 +8,8 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from ..body.belief import Body
+from ..body.likeness import kernel, lengths_of
+from ..body.most_telling import most_telling
 from ..body.structure import Array
 from ..common.choices import METHODS
 from ..common.parallel import one_blas_thread
@@ -28,7 +30,6 @@ from .own_residual import OwnResidual, own_residual
 from .parameter_causes import frame_between
 from .rows import thinned
 from .update import MOST_ROWS, settled, updated
-from .whitening import kernel, lengths_of
 
 if TYPE_CHECKING:
     from ..samples.samples import Samples
@@ -124,7 +125,7 @@ def _few_shot(found: Comparison, log: Samples, report: Progress) -> Adaptation:
         tuple(c for c in causes if c.cause != "noise"),
         _left(found, chosen[0][1]) if changed else ("the arm and the sensor",),
         measured_share(model, found.q),
-        tuple(_notes(found, causes, said, improved)),
+        tuple(_notes(found, body, causes, said, improved)),
     )
     if not improved:
         return made
@@ -232,7 +233,11 @@ def _left(found: Comparison, best: Explanation) -> tuple[str, ...]:
 
 
 def _notes(
-    found: Comparison, causes: tuple[Cause, ...], said: tuple[str, ...], improved: bool
+    found: Comparison,
+    body: Body,
+    causes: tuple[Cause, ...],
+    said: tuple[str, ...],
+    improved: bool,
 ) -> list[str]:
     notes = [*found.rows.notes, *outlier_note(found.outliers)]
     # what nobody may miss: another unit, a mirror, a joint that turns round or not at all
@@ -247,7 +252,20 @@ def _notes(
                 dict.fromkeys([found.likely[0][1].member.name, *(e.member.name for e in second)])
             )
             notes.append(
-                f"the log does not settle what changed ({names}): measure three more poses that "
-                "calib plan proposes"
+                f"the log does not settle what changed ({names}): measure three more poses, such "
+                f"as {_poses(found, body)}, or those that calib plan proposes"
             )
     return notes
+
+
+def _poses(found: Comparison, body: Body) -> str:
+    """Three poses that tell most of what the members disagree about, in words."""
+    about = found.model.about
+    said = []
+    for q in found.probes[most_telling(body, found.probes, 3, found.q)]:
+        parts = [
+            f"{name} {np.degrees(v):.0f} deg" if turns else f"{name} {v:.3f} m"
+            for name, v, turns in zip(about.joint_names, q, about.revolute, strict=True)
+        ]
+        said.append(", ".join(parts))
+    return "; ".join(said)

@@ -11,9 +11,9 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from ..body.likeness import kernel
 from ..body.structure import Array
 from .rows import thinned
-from .whitening import kernel
 
 MOST_ROWS = 400
 

@@ -14,10 +14,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ..body.belief import Body
+from ..body.likeness import kernel, lengths_of
 from ..body.structure import Array
-
-SMOOTH = 0.5
-"""Length [rad] over which the residual of a log is alike (Matern 5/2)."""
 
 _LEAST = 1e-4  # residual of a log that is always allowed, of the extents
 _FLOOR = 1e-6  # least noise, of the extents
@@ -51,22 +49,6 @@ def scaled(body: Body) -> Scaled:
 def nuisance_sd(body: Body) -> Array:
     """Standard deviation (m,) [unit] of the residual that a log may have of its own."""
     return np.asarray(np.maximum(body.tau, _LEAST * np.asarray(body.structure.extents)))
-
-
-def kernel(q: Array, other: Array, lengths: Array) -> Array:
-    """Matern 5/2 correlation (n, k) of joints (n, dof) and (k, dof)."""
-    a, b = q / lengths, other / lengths
-    square = (a**2).sum(axis=1)[:, None] + (b**2).sum(axis=1) - 2 * a @ b.T
-    d = np.sqrt(5.0 * np.maximum(square, 0.0))
-    return np.asarray((1 + d + d * d / 3) * np.exp(-d))
-
-
-def lengths_of(body: Body, q: Array) -> Array:
-    """Correlation lengths (dof,) [rad or m] of a log's own residual."""
-    turning = np.asarray(body.structure.revolute)
-    span = np.maximum(np.ptp(q, axis=0), 1e-9)
-    smooth = SMOOTH * np.sqrt(body.structure.dof / 2)
-    return np.asarray(np.where(turning, smooth, 0.3 * span))
 
 
 @dataclass(frozen=True)

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, field
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -17,6 +18,7 @@ _REACH = 0.7  # of the diagonal of a cell of a node's spacing: so far it speaks 
 _RING = 16  # places around a node where its polynomial has to be firm
 _FIRM = 10.0  # variance of an answer there, over that of one sample
 _CLOSE_ROWS = 5  # rows that have to be near a node
+_SILENT, _FULL = 0.2, 0.5  # shares of the weight at which nodes are not heard, and in full
 _CHUNK = 20_000_000  # numbers held at once while fitting
 
 
@@ -239,6 +241,19 @@ def _fade(ratio: Array) -> Array:
     return np.asarray((1.0 - np.clip(ratio - 1.0, 0.0, 1.0) ** 2) ** 2)
 
 
+def heard(share: Array | float) -> Any:
+    """Factor on what speaking nodes say, by their share of the weight beside silent ones.
+
+    Below a fifth the silent nodes decide and nothing is said; from a half on the others speak
+    in full.  The edge of a sharp defect then lies between nodes, and neither side dilutes the
+    other.
+    """
+    t = (share - _SILENT) / (_FULL - _SILENT)
+    t = np.clip(t, 0.0, 1.0) if isinstance(t, np.ndarray) else min(max(t, 0.0), 1.0)
+    floor = np.maximum if isinstance(share, np.ndarray) else max
+    return t * t * (3.0 - 2.0 * t) / floor(share, _SILENT)
+
+
 def contributions(models: LocalModels, index: NDArray[np.intp], gap: Array) -> Array:
     """What the models of the nodes `index` (n, m) say at the offsets `gap` (n, m, d), (n, m, o)."""
     z = gap / models.radius[index][..., None]
@@ -252,6 +267,9 @@ def predict(
     """Blended correction at the points `u` (n, d), (n, 2), and its slope (n, 2, d)."""
     if models.fades:
         index, weight, gap = speaking(motor, u)
+        own = np.where((models.coefficients != 0.0).any(axis=(1, 2))[index], weight, 0.0)
+        share = own.sum(axis=1) / np.maximum(weight.sum(axis=1), 1e-300)
+        weight = own * heard(share)[:, None]
     else:
         index, weight = blend(motor, u, blend_size(u.shape[1]))
         gap = motor.scale.difference(u[:, None], motor.units[index])

@@ -31,7 +31,7 @@ _PRICE = 5e-4  # share of the error by which one more function of a trend must m
 _HELD_OUT = 1000  # rows on which local models are compared
 _MENDED = 0.5  # share of a smooth part's error that local models leave where it is no chain's
 _CALM = 0.2  # share of the rows that is enough to choose what serves the calm ones
-_CANDIDATES: tuple[Shape, ...] = ((0, 30), (1, 50), (1, 200), (2, 24), (2, 60), (3, 40), (5, 50))
+_CANDIDATES: tuple[Shape, ...] = ((0, 30), (1, 50), (1, 200), (2, 24), (2, 60), (3, 40), (5, 60))
 
 
 @dataclass(frozen=True)

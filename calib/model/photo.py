@@ -9,6 +9,8 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from ..errors import ModelError
+
 _LARGEST = 3_000_000  # bytes
 _START = b"\xff\xd8\xff"  # of a JPEG
 
@@ -45,5 +47,10 @@ class Photo:
         """Return red, green and blue (height, width, 3), the first row on top."""
         from PIL import Image
 
-        with Image.open(io.BytesIO(self.jpeg)) as opened:
-            return np.asarray(opened.convert("RGB"))
+        try:
+            with Image.open(io.BytesIO(self.jpeg)) as opened:
+                return np.asarray(opened.convert("RGB"))
+        except (OSError, ValueError, SyntaxError, Image.DecompressionBombError):
+            raise ModelError(
+                "the model's photo cannot be read", hint="keep another one with `photo`"
+            ) from None

@@ -113,9 +113,11 @@ class Space:
         rows, _ = checked_rows(q, self.model.about.joint_names, "joint values")
         structure: Any = self.body.structure
         position, rotation = structure.pose(rows, self.body.beta)
-        known = np.isfinite(self.model.forward(rows)).all(axis=1)
-        position[~known] = np.nan
-        return position, np.where(known[:, None], quaternion_of(rotation), np.nan)
+        unknown = np.isnan(self.model.forward(rows)[:, :1])
+        return (
+            np.where(unknown, np.nan, position),
+            np.where(unknown, np.nan, quaternion_of(rotation)),
+        )
 
     def bound(self, q: ArrayLike) -> Array:
         """95 % bound (n,) on the position in the base frame [m].
@@ -136,14 +138,13 @@ class Space:
 
     def to_sensor(self, position: Array, rotation: Array) -> tuple[Array, Array]:
         """Positions (n, 3) [unit] and orientations (n, 3, 3) in the sensor's frame."""
-        turn, shift, scale = self._sensor
+        turn, shift, scale = self.sensor
         return scale * position @ turn.T + shift, turn @ rotation
 
-    def to_base(self, position: Array, rotation: Array | None = None) -> tuple[Array, Array | None]:
+    def to_base(self, position: Array, rotation: Array) -> tuple[Array, Array]:
         """Positions (n, 3) [m] and orientations (n, 3, 3) in the base frame."""
-        turn, shift, scale = self._sensor
-        base = (position - shift) @ turn / scale
-        return base, None if rotation is None else turn.T @ rotation
+        turn, shift, scale = self.sensor
+        return (position - shift) @ turn / scale, turn.T @ rotation
 
     def pixels_on_plane(self, pixels: ArrayLike, height: float) -> Array:
         """Points (n, 3) [m] of the plane z = height of the base frame that pixels (n, 2) show.
@@ -156,7 +157,7 @@ class Space:
         rows, _ = checked_rows(pixels, ("x", "y"), "pixels")
         if not self.camera:
             raise QueryError("a pixel on a plane needs a model that was learned from pixels u, v")
-        turn, shift, _ = self._sensor
+        turn, shift, _ = self.sensor
         own: Any = self.model.body
         lens = own.beta[own.structure.groups["lens"]]
         points = on_plane(rows, turn, shift, lens, np.array([0.0, 0.0, 1.0]), height)
@@ -174,7 +175,8 @@ class Space:
         return self.model.body is not None and self.model.body.structure.view == "pinhole"
 
     @property
-    def _sensor(self) -> tuple[Array, Array, float]:
+    def sensor(self) -> tuple[Array, Array, float]:
+        """Rotation, shift and scale of the sensor: it sees ``scale rotation point + shift``."""
         own: Any = self.model.body
         if own is None or own.structure.kind != "spatial" or not own.structure.informed:
             return np.eye(3), np.zeros(3), 1.0  # a simulated sensor is in the base frame
@@ -239,7 +241,7 @@ class Space:
         own: Any = self.model.body
         if not self.camera:
             return True
-        turn, shift, _ = self._sensor
+        turn, shift, _ = self.sensor
         point = turn @ position + shift
         if point[2] <= 0:
             return False

@@ -12,7 +12,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ..errors import LogError, OptionError
-from .clocks import Clocks, align_clocks, joints_at
+from .clock_search import Clocks, joints_at
+from .clocks import align_clocks
 from .from_pictures import assemble, seen_instead
 from .joint_table import JointTable
 from .recorded import Recorded, told
@@ -110,8 +111,9 @@ def log_video(
         raise LogError(f"tag {setting.tag} is in none of {len(pixels)} frames: {instead}")
     check_motion(q, pixels[seen], setting.tag, name)
     notes = list(track.notes)
-    clocks = _clocks(rows, track.time, pixels, joint_time, q, revolute)
+    clocks = Clocks(rows.time_offset or 0.0)
     if rows.time_offset is None:
+        clocks = align_clocks(track.time, pixels, joint_time, q, revolute)
         notes.append(clocks.words())
     when = clocks.joints_time(track.time)
     usable, reasons = _usable(when, pixels, joint_time, rows.max_gap)
@@ -163,19 +165,6 @@ def log_video(
         dropped={why: count for why, count in reasons.items() if count},
         notes=[*notes, *told(reasons, "frames")],
     )
-
-
-def _clocks(
-    rows: Rows,
-    time: Array,
-    pixels: Array,
-    joint_time: Array,
-    q: Array,
-    revolute: Sequence[bool] | None,
-) -> Clocks:
-    if rows.time_offset is not None:
-        return Clocks(rows.time_offset)
-    return align_clocks(time, pixels, joint_time, q, revolute)
 
 
 def _usable(

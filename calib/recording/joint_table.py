@@ -135,12 +135,8 @@ def _named(source: Source, names: Sequence[str]) -> str | None:
 
 
 def _texts(source: Source, column: str) -> list[str]:
-    """Read a column of text."""
+    """Read names of files; one may stand with its folder, of this system or another."""
     if column not in source.header:
         raise LogError(f"{source.label} has no column {column!r}; columns: {listed(source.header)}")
     cells = read_texts(source, [column])[column].to_list()
-    # a picture may be named with a folder, of this system or another
-    return [
-        "" if cell is None else str(cell).strip().replace("\\", "/").rpartition("/")[2]
-        for cell in cells
-    ]
+    return [str(cell or "").strip().replace("\\", "/").rpartition("/")[2] for cell in cells]

@@ -50,10 +50,11 @@ def take_photo(
     about = about or {}
     picture, name = read_photo(Path(path)), Path(path).name
     size = about.get("size")
-    if size and list(size) != [picture.shape[1], picture.shape[0]]:
+    if size is not None and size != [picture.shape[1], picture.shape[0]]:
+        were = "x".join(map(str, size)) if isinstance(size, list) else size
         raise LogError(
-            f"{name} is {picture.shape[1]}x{picture.shape[0]}, the log's pictures were "
-            f"{size[0]}x{size[1]}: expected one by the same camera"
+            f"{name} is {picture.shape[1]}x{picture.shape[0]}, the log's pictures were {were}: "
+            "expected one by the same camera"
         )
     if x.shape[1] != 2:
         raise LogError("positions in space are not drawn over a photo: expected x and y")

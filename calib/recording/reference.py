@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
-from typing import Any, Protocol
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -14,26 +14,6 @@ from .lens import Lens
 from .plane import Pose, apply_homography, cut_noise, cut_plane
 
 Array = NDArray[np.float64]
-
-
-class Reference(Protocol):
-    """Turns pixels into positions, and back."""
-
-    @property
-    def unit(self) -> str:
-        """Unit of the positions."""
-
-    def positions(self, pixels: Array) -> Array:
-        """Return positions (n, 2) [unit] of pixels (n, 2)."""
-
-    def pixels(self, positions: Array) -> Array:
-        """Return pixels (n, 2) of positions (n, 2) [unit]."""
-
-    def noise(self, pixels: Array) -> tuple[Array, Array]:
-        """Return standard deviations (n,): per pixel of noise, and shared by all rows [unit]."""
-
-    def told(self) -> dict[str, Any]:
-        """Return what a later recording compares itself with, as plain values."""
 
 
 @dataclass(frozen=True)
@@ -51,11 +31,11 @@ class PixelReference:
         return positions
 
     def noise(self, pixels: Array) -> tuple[Array, Array]:
-        """Return one pixel for a pixel, and nothing shared."""
+        """Return standard deviations (n,): per pixel of noise, and shared by all rows [unit]."""
         return np.ones(len(pixels)), np.zeros(len(pixels))
 
     def told(self) -> dict[str, Any]:
-        """Return the kind."""
+        """Return what a later recording compares itself with, as plain values."""
         return {"kind": "pixels"}
 
 
@@ -76,7 +56,8 @@ class PlaneReference:
         """Return where points of the plane appear."""
         points = np.c_[positions, np.full(len(positions), self.height)]
         seen = points @ self.pose.rotation.T + self.pose.shift
-        return self.lens.distort(seen[:, :2] / seen[:, 2:])
+        with np.errstate(divide="ignore", invalid="ignore", over="ignore"):
+            return self.lens.distort(seen[:, :2] / seen[:, 2:])
 
     def noise(self, pixels: Array) -> tuple[Array, Array]:
         """Return the scale of a pixel, and what pose and lens leave open."""
@@ -119,6 +100,10 @@ class FlatReference:
         return {"kind": "flat", "matrix": self.matrix.tolist()}
 
 
+Reference = PixelReference | PlaneReference | FlatReference
+"""Turns pixels into positions and back, and says how well it is known."""
+
+
 def _scale(positions: Callable[[Array], Array], pixels: Array) -> Array:
     """Return the standard deviation (n,) along each axis that one pixel's makes."""
     base = positions(pixels)
@@ -139,7 +124,9 @@ def read_reference(about: Mapping[str, Any]) -> Reference:
         if told["kind"] == "pixels":
             return PixelReference()
         if told["kind"] == "flat":
-            return FlatReference(np.array(told["matrix"], float).reshape(3, 3), 0.0)
+            flat = FlatReference(np.array(told["matrix"], float).reshape(3, 3), 0.0)
+            flat.pixels(np.zeros((1, 2)))  # it has an inverse
+            return flat
         rotation = np.array(told["rotation"], float).reshape(3, 3)
         shift = -rotation @ np.array(told["camera"], float).reshape(3)
         turn, place = (float(sd) for sd in told.get("doubt", (0.0, 0.0)))

@@ -114,7 +114,7 @@ def camera_of(about: Mapping[str, Any], pixels: ArrayLike) -> Camera:
     if "lens" in about:
         camera = Camera.of_lens(about["lens"])
     elif isinstance(size := about.get("size"), list) and len(size) == 2:
-        camera = Camera.of_size(*(int(side) for side in size))
+        camera = Camera.of_size(int(size[0]), int(size[1]))
     else:
         width, height = next((s for s in SIZES if (high < s).all()), np.ceil(high).astype(int) + 1)
         said = f"the camera's pictures are taken to be {width}x{height} px; a known lens says more"

@@ -29,7 +29,7 @@ def sees_from_anywhere(samples: Samples, view: str) -> bool:
     Raises
     ------
     OptionError
-        If `view` asks for that and the samples are others.
+        If `view` asks for that and the samples are others, or the other way round.
     """
     fits = samples.camera is not None and isinstance(samples.arm, SpatialArm)
     if view == "pinhole" and not fits:
@@ -40,7 +40,13 @@ def sees_from_anywhere(samples: Samples, view: str) -> bool:
             parameter="view",
             value=view,
         )
-    return fits and view in ("auto", "pinhole")
+    if fits and view not in ("auto", "pinhole"):
+        raise OptionError(
+            f"view {view!r} is not that of pixels of an arm in space: expected pinhole",
+            parameter="view",
+            value=view,
+        )
+    return fits
 
 
 def fit_in_space(samples: Samples, rows: NDArray[np.intp], view: str, seed: int) -> BodyFit:
@@ -82,6 +88,8 @@ def fit_in_space(samples: Samples, rows: NDArray[np.intp], view: str, seed: int)
         if samples.orientation is not None:
             notes = (*notes, f"orientations are not used with the view {kind!r}")
     else:
+        if samples.orientation is not None:
+            notes = (*notes, "orientations are used together with the robot's URDF: give `robot`")
         template = unknown_structure(
             samples.joint_names, samples.revolute, extent, samples.unit, metre
         )

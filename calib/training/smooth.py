@@ -84,7 +84,7 @@ def find_smooth_part(
     simulation = samples.simulation
     fit = (
         fit_in_space(samples, rows, view, seed)
-        if x.shape[1] == 3 or sees_from_anywhere(samples, view)
+        if sees_from_anywhere(samples, view) or x.shape[1] == 3
         else _planar(samples, q, x, view, seed)
     )
     under = of_body(fit, scale, u, x)

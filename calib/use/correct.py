@@ -18,7 +18,7 @@ from ..common.scale import TURN
 from ..errors import OptionError, QueryError
 from ..samples.joint_values import check_joint_values
 from ..samples.log_ranges import wrap
-from .geometry import frames
+from .geometry import frames, moves_in_space
 from .wanted import Wanted, wanted
 
 if TYPE_CHECKING:
@@ -146,7 +146,7 @@ def correct(
     change = found - rows
     exceeded = answer.reachable & (np.abs(change) > limits).any(axis=1)
     notes = (FREE_FRAME,) if nominal.free else ()
-    if len(model.axes) == 3 and nominal.pose is None:
+    if moves_in_space(model) and nominal.pose is None:
         notes = (*notes, POSITIONS)
     if any(abs(frame.angle) > _TURNED for frame in frames(model, cause)):
         notes = (*notes, TURNED_FRAME)

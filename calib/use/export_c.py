@@ -12,8 +12,8 @@ from numpy.typing import NDArray
 from ..body.basis import exponents
 from ..body.curves import HARMONICS
 from ..body.planar import PlanarStructure
-from ..body.planar_view import cubic
 from ..body.spatial import SpatialStructure
+from ..body.views import cubic
 from ..common.wording import one_line
 from ..errors import OptionError
 from ..maps.local_models import blend_size, predict, reach_of
@@ -84,9 +84,12 @@ def c_header(model: Model, *, prefix: str = "calib_", single: bool = False) -> C
             "the model has no body, which is what a C header is made of: train it with body='auto'"
         )
     structure = model.body.structure
-    if isinstance(structure, PlanarStructure):
-        if structure.seen_as.bend is not cubic and model.body.beta[8]:
-            raise OptionError(f"the lens of view {structure.view!r} has no C form")
+    if (
+        isinstance(structure, PlanarStructure)
+        and structure.seen_as.bend is not cubic
+        and model.body.beta[8]
+    ):
+        raise OptionError(f"the lens of view {structure.view!r} has no C form")
     writer = _Writer(model, model.body, prefix, single)
     text, tables = writer.text()
     notes = []

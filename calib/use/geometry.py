@@ -13,6 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ..arm.planar_arm import PlanarArm
+from ..body.spatial import SpatialStructure
 from ..common.choices import CAUSES, LOG_FRAMES
 from ..errors import OptionError
 from ..model.alignment import Alignment
@@ -100,6 +101,13 @@ class Geometry:
         }
 
 
+def moves_in_space(model: Model) -> bool:
+    """Whether the arm moves in space: seen in x, y and z, or by a camera from anywhere."""
+    return len(model.axes) == 3 or (
+        model.body is not None and isinstance(model.body.structure, SpatialStructure)
+    )
+
+
 def nominal_arm(model: Model) -> PlanarArm | SpatialArm:
     """Return the arm as its URDF describes it."""
     from ..arm.loading import arm_from_urdf
@@ -111,7 +119,7 @@ def nominal_arm(model: Model) -> PlanarArm | SpatialArm:
             hint="train it with a robot, or with a robot and a log",
             parameter="robot",
         )
-    planar = len(model.axes) == 2
+    planar = not moves_in_space(model)
     return arm_from_urdf(about.urdf, about.joint_names, about.tip, lock=about.locked, planar=planar)
 
 

@@ -140,10 +140,9 @@ def fit_spatial(
     start = frame(structure, q, x) if start is None else start
     groups = frame_groups(structure)
     nominal = _fit(structure, q, x, start, structure.prior(groups))
+    first = np.concatenate([structure.layout.shifts[0], structure.layout.turns[0]])
     prior = structure.prior((*groups, "placement", "offset"))
-    if not move_base:
-        layout = structure.layout
-        prior = _held(prior, np.concatenate([layout.shifts[0], layout.turns[0]]))
+    prior = _held(prior, first[:0] if move_base else first)
     fitted = _fit(structure, q, x, nominal.beta, prior)
     sd = np.zeros(structure.size)
     sd[fitted.active] = np.sqrt(np.diag(fitted.covariance))
@@ -182,7 +181,8 @@ def _held(prior: Prior, still: NDArray[np.intp]) -> Prior:
     sd = prior.sd.copy()
     sd[still] = 0.0
     hypers = []
-    for hyper in prior.hypers:
+    # offsets first: what an offset explains, turned and shifted origins would explain too
+    for hyper in sorted(prior.hypers, key=lambda h: not h.name.startswith("offset")):
         kept = ~np.isin(hyper.indices, still)
         if kept.any():
             hypers.append(replace(hyper, indices=hyper.indices[kept], shape=hyper.shape[kept]))

@@ -13,7 +13,15 @@ from numpy.typing import NDArray
 from ..body.planar import PlanarStructure
 from ..body.spatial import SpatialStructure
 from ..model.alignment import Alignment
-from .geometry import Geometry, fit_geometry, frame_is_free, frames, is_simulated, nominal_arm
+from .geometry import (
+    Geometry,
+    fit_geometry,
+    frame_is_free,
+    frames,
+    is_simulated,
+    moves_in_space,
+    nominal_arm,
+)
 from .nominal import NominalArm, nominal_in_base, nominal_in_space, nominal_in_view
 from .nominal_pose import NominalPose
 from .spatial_geometry import SpatialGeometry
@@ -77,7 +85,7 @@ def _found(model: Model, view: str, cause: str) -> Wanted:
     if planar and not free:
         return _of_body(model, nominal_in_base(model), tuple(frames(model, cause)), free)
     moved = tuple(frames(model, cause))
-    if len(model.axes) == 3:
+    if moves_in_space(model):
         return _in_space(model, view, cause, free)
     geometry = fit_geometry(model, view=view, cause=cause) if free else None
     own = (geometry.frame,) if isinstance(geometry, Geometry) else ()

@@ -65,13 +65,15 @@ def forward(
     bounds = float(expected), float(known)
     more: dict[str, float] = {}
     if len(loaded.axes) == 3 or frame == "base":
-        from ..space import QUATERNION, seen_forward
+        from ..space import seen_forward
 
         more = {k: float(v[0]) for k, v in seen_forward(loaded, [q], frame).items()}
     if frame == "base":
-        position = [more[axis] for axis in "xyz"]
+        import numpy as np
+
+        position = np.array([more[axis] for axis in "xyz"])
         bounds = more["expected_error"], more["model_error"]
-    turn = [more[name] for name in QUATERNION] if "qw" in more else None
+    turn = [more[name] for name in ("qx", "qy", "qz", "qw")] if "qw" in more else None
     outside = loaded.outside(q)
     if as_json:
         document = {

@@ -28,9 +28,9 @@ def labels(model: Model, placement: Placement, panel: Panel) -> list[dict[str, A
     """
     about, dim = model.about, len(panel.edges)
     points = placement.lift(model.sensory.weights)
-    up = placement.axes[1] if len(placement.axes) == 2 else placement.frame[1]
+    up = placement.frame[1]
     size = extent(model) * float(np.linalg.norm(placement.axes[1]))
-    highest = points[np.argmax(points @ up)] + _OFF * size * up / np.linalg.norm(up)
+    highest = points[np.argmax(points @ up)] + _OFF * size * up
     found = [("Sensory map", "sensory map", highest, "middle")]
     above = np.zeros(dim)
     above[:2] = 0.5, 1.0 + 1.5 * _OFF

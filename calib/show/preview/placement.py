@@ -10,6 +10,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from ...arm.plane import Plane, fit_plane
 from ...body.spatial import SpatialStructure
+from ...body.spatial_words import camera_place
 from ...errors import CalibError
 from ..workspace import downwards, extent
 
@@ -84,6 +85,8 @@ def place(model: Model, body: Body | None) -> Placement:
     about, size = model.about, extent(model)
     if len(model.axes) == 3:
         return _in_space(model, body)
+    if model.body is not None and body is not None and model.body.structure.view == "pinhole":
+        return _picture(model, body)
     up = -1.0 if downwards(about.unit) else 1.0
     if body is None:
         scale = 1.0 if _SIZES[0] <= size <= _SIZES[1] else _DRAWN / size
@@ -133,6 +136,20 @@ def _in_space(model: Model, body: Body | None) -> Placement:
         note = "the sensor's frame is not the robot's: positions are drawn in the robot's"
     scale = 1.0 if _SIZES[0] <= size / sensor.scale <= _SIZES[1] else _DRAWN * sensor.scale / size
     return Placement(-scale * sensor.shift @ axes, scale * axes, scale, note)
+
+
+def _picture(model: Model, body: Body) -> Placement:
+    """A camera's picture where it would show the arm at its true size: as far as the tip is."""
+    own = model.body
+    assert own is not None  # noqa: S101
+    assert isinstance(own.structure, SpatialStructure)  # noqa: S101
+    place, turn = camera_place(own.structure, own.beta)
+    f, u, v, _ = own.beta[own.structure.groups["lens"]]
+    nodes = model.motor.scale.from_unit(np.clip(model.motor.units[model.visited], 0.0, 1.0))
+    depth = float(np.mean((body.tips(nodes) - place) @ turn[:, 2]))
+    axes = depth / f * turn[:, :2].T
+    note = "the picture is drawn as far from the camera as the tip is on average"
+    return Placement(place + depth * turn[:, 2] - u * axes[0] - v * axes[1], axes, 1.0, note, -1.0)
 
 
 def similarity(source: Array, target: Array) -> tuple[Array, Array]:

@@ -10,6 +10,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from ...use.geometry import moves_in_space
 from ..error_scale import length_in_words
 from . import curves, maps, space
 from .changes import adaptation_table, drift_text, history_table
@@ -64,6 +65,7 @@ SECTIONS = (
         "The map over a photo",
         "The sensory map as the camera sees the arm, and where the tip was seen and is predicted.",
         over_photo,
+        lambda model: model.photo is not None,
     ),
     Section(
         "forward",
@@ -92,7 +94,7 @@ SECTIONS = (
         "Distance between predicted and measured position over the value of each joint: the mean "
         "and the 95 % quantile of each part of its range.",
         space.by_joint,
-        space.in_space,
+        moves_in_space,
     ),
     Section(
         "curves",
@@ -176,7 +178,7 @@ def report(model: Model, samples: Samples | None = None) -> str:
             if not section.when(model):
                 continue
             figure = section.draw(evidence)
-            if figure is None and (evidence.residuals is None or section.draw is over_photo):
+            if figure is None and evidence.residuals is None:
                 continue  # a section that could only say what it lacks
             parts.append(_heading(section.title))
             if figure is None:

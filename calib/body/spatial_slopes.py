@@ -1,0 +1,118 @@
+"""Derivatives of a spatial body's outputs: by its parameters for a fit, by its joints for queries."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from .curves import curve_slope, powers
+from .spatial_motion import Motion
+from .spatial_view import View
+from .structure import Array, Indices
+
+if TYPE_CHECKING:
+    from .spatial import SpatialStructure
+
+_STILL = np.zeros((3, 1))
+
+
+def by_parameters(
+    structure: SpatialStructure, q: Array, beta: Array, active: Indices | None
+) -> tuple[Array, Array]:
+    """Outputs (n, m) and their derivative (n, m, k) by the parameters `active` (or all)."""
+    wanted = np.arange(structure.size) if active is None else active
+    motion, view = structure.seen(q, beta)
+    columns = _Columns(len(q), structure.outputs, structure.size, wanted)
+    groups, layout = structure.groups, structure.layout
+    for axis in range(3):
+        columns.put(groups["view.rotation"][axis], lambda a=axis: view.turned(a))
+        columns.put(groups["view.shift"][axis], lambda a=axis: view.shifted(a))
+        columns.put(groups["tool"][axis], lambda a=axis: view.push(motion.flange[:, a], _STILL))
+        columns.put(
+            groups["tool.rotation"][axis],
+            lambda a=axis: view.push(np.zeros_like(motion.position), motion.rotation[:, a]),
+        )
+        for i in range(structure.chain.joints):
+            columns.put(
+                layout.shifts[i, axis],
+                lambda i=i, a=axis: view.push(motion.before[i][:, a], _STILL),
+            )
+            columns.put(layout.turns[i, axis], lambda i=i, a=axis: view.push(*motion.turn(i, a)))
+    columns.put(groups["view.scale"][0], view.scaled)
+    if structure.camera and columns.any(groups["lens"]):
+        lens = view.refocused()
+        for k, index in enumerate(groups["lens"]):
+            columns.put(index, lambda k=k: lens[:, k])
+    chained = _chained(structure, motion, view)
+    loads = structure.loads(q) if columns.any(groups["elastic"]) else np.zeros((0, len(q)))
+    for i, index in enumerate(groups["elastic"]):
+        columns.put(index, lambda i=i: chained[i] * loads[i])
+    for k in range(structure.dof):
+        own = np.tensordot(structure.chain.coupling[:, k], chained, axes=1)
+        columns.put(groups["offset"][k], lambda own=own: own)
+        columns.put(groups["gain"][k], lambda own=own, k=k: own * q[:, k])
+        curve = groups[f"curve.{k}"]
+        if columns.any(curve):
+            waves = powers(q[:, k])
+            columns.block(curve, own, np.concatenate([waves.real, waves.imag], axis=1))
+    return view.values, columns.out
+
+
+def by_joints(structure: SpatialStructure, q: Array, beta: Array) -> tuple[Array, Array]:
+    """Outputs (n, m) and their derivative (n, m, dof) by the joint values."""
+    motion, view = structure.seen(q, beta)
+    chained = _chained(structure, motion, view)
+    out = np.empty((len(q), structure.outputs, structure.dof))
+    elastic = beta[structure.groups["elastic"]]
+    bent = None
+    if elastic.any():
+        slopes = structure.chain.torque_slopes(q, np.asarray(structure.gravity)) / structure.torque
+        bent = elastic[:, None, None] * np.moveaxis(slopes, 0, 2)
+    for k in range(structure.dof):
+        rate = beta[structure.groups["gain"][k]] + np.zeros(len(q))
+        curve = structure.groups[f"curve.{k}"]
+        if len(curve):
+            rate = rate + curve_slope(q[:, k], beta[curve])
+        moved = np.tensordot(structure.chain.coupling[:, k], chained, axes=1) * rate
+        if bent is not None:
+            moved = moved + np.einsum("imn,in->mn", chained, bent[:, k])
+        out[:, :, k] = moved.T
+    return view.values, out
+
+
+def _chained(structure: SpatialStructure, motion: Motion, view: View) -> Array:
+    """How outputs move with each joint of the chain: (m, outputs, n)."""
+    turning = structure.chain.revolute
+    return np.stack([view.push(*motion.joint(i, turns)) for i, turns in enumerate(turning)])
+
+
+class _Columns:
+    """Derivatives that are asked for, each computed only where it is wanted."""
+
+    def __init__(self, n: int, outputs: int, size: int, wanted: Indices) -> None:
+        self.out = np.zeros((n, outputs, len(wanted)))
+        self._place = np.full(size, -1)
+        self._place[wanted] = np.arange(len(wanted))
+
+    def any(self, indices: Indices) -> bool:
+        """Whether one of some parameters is asked for."""
+        return bool((self._place[indices] >= 0).any())
+
+    def put(self, index: int, column: Callable[[], Array]) -> None:
+        """Set the column (outputs, n) of a parameter, if it is asked for."""
+        place = self._place[index]
+        if place >= 0:
+            self.out[:, :, place] = column().T
+
+    def block(self, indices: Indices, direction: Array, factors: Array) -> None:
+        """Set columns direction (outputs, n) times factors (n, g)."""
+        place = self._place[indices]
+        chosen = np.flatnonzero(place >= 0)
+        start = place[chosen[0]]
+        if (place[chosen] == start + np.arange(len(chosen))).all():
+            part = self.out[:, :, start : start + len(chosen)]
+            np.multiply(direction.T[:, :, None], factors[:, None, chosen], out=part)
+        else:
+            self.out[:, :, place[chosen]] = direction.T[:, :, None] * factors[:, None, chosen]
