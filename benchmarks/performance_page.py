@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 import sys
+import time
 from pathlib import Path
 from typing import Any
 
@@ -13,6 +14,7 @@ from performance_maps import maps_section
 Rows = list[dict[str, Any]]
 
 _BY_PART = ("growth", "fits")
+_SECTIONS = ("maps", "queries", "processes", "limits")
 
 
 def read(folder: Path) -> dict[str, Any]:
@@ -26,10 +28,12 @@ def finish(folder: Path | None, new: dict[str, Any], quick: bool) -> None:
     figures = {} if quick else read(folder or ROOT / "docs")
     if quick and folder is not None:
         figures = read(folder)
+    measured = [key for key in new if key in _SECTIONS] + list(new.get("growth", {}))
+    dates = figures.get("dates", {}) | dict.fromkeys(measured, time.strftime("%Y-%m-%d"))
     for key in _BY_PART:
         if key in new:
             new[key] = figures.get(key, {}) | new[key]
-    figures |= new
+    figures |= new | {"dates": dates}
     if quick and folder is None:
         print(page(figures))
         return
@@ -59,6 +63,10 @@ def page(figures: dict[str, Any]) -> str:
             "trust the ratios, not the seconds.",
             "",
         ]
+    dates = figures.get("dates", {})
+    parts = [*(k for k in _SECTIONS if k in figures), *figures.get("growth", {})]
+    told = ", ".join(f"{part} {dates.get(part, 'before')}" for part in parts)
+    lines += [f"Measured: {told} (before: on an earlier state of the code).", ""]
     for name, section in (("maps", maps_section), ("queries", _queries), ("processes", _processes)):
         if figures.get(name):
             lines += section(figures[name])
@@ -226,8 +234,9 @@ def _joints(rows: Rows) -> list[str]:
         "",
         f"Planar chains of equal links, {rows[0]['rows']:,} exact samples, default options; "
         "processor time, of queries the median of single calls and of a row of a batch [us].  "
-        "Beyond three joints the batch path answers single queries, beyond two the inverse too: "
-        "it slides redundant joints towards those that are near.",
+        "Positions are answered in plain floats whatever their number.  Bounds of more than three "
+        "joints come from the body's posterior.  The inverse and `correct` of more than two slide "
+        "redundant joints towards those that are near, in arrays of one row.",
         "",
         f"| joints | motor map | train [s] | more memory [MB] | {' | '.join(names)} |",
         "|---:|---|" + "---:|" * (2 + len(names)),

@@ -59,7 +59,7 @@ def processes(quick: bool) -> dict[str, Any]:
         }
         runs = {name: [] for name in commands}
         rates = []
-        for _ in range(2 if quick else 11):
+        for _ in range(2 if quick else 7):
             for name, command in commands.items():
                 runs[name].append(process(command, folder))
             if len(rates) < 5:
