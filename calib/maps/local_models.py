@@ -202,7 +202,7 @@ def blend(motor: Map, u: Array, m: int) -> tuple[NDArray[np.intp], Array]:
 def speaking(motor: Map, u: Array) -> tuple[NDArray[np.intp], Array, Array]:
     """Nodes that speak for each point, their weights (n, m), and the offsets (n, m, d) from them.
 
-    A node's say ends between once and twice the reach of its lattice cell (half a diagonal,
+    A node's say ends between once and twice the reach of its lattice cell (0.7 of a diagonal,
     and a tenth more), so that the nodes of a dense region do not speak for the coarse one
     beside it.  The others share it; where none is left the weights fall to zero.
     """
