@@ -8,6 +8,7 @@ from functools import cache
 import numpy as np
 
 import calib
+from calib.body.spatial import structure_of
 from calib.common.scale import TURN
 
 L1, L2 = 0.30, 0.25
@@ -81,3 +82,26 @@ def draw(model: calib.Model, n: int, seed: int = 0, margin: float = 0.0) -> np.n
     """Draw joints from a model's range, a share of it apart from the limits: (n, dof)."""
     u = np.random.default_rng(seed).uniform(margin, 1 - margin, (n, len(model.about.lower)))
     return model.about.lower + u * (model.about.upper - model.about.lower)
+
+
+@cache
+def in_space(n: int = 240):
+    """Return a model of a log of `spatial_three` as it was built, with joint curves."""
+    arm = calib.load_arm("spatial_three")
+    structure = structure_of(arm, "rigid")
+    rng, groups, layout = np.random.default_rng(0), structure.groups, structure.layout
+    beta = structure.neutral()
+    beta[groups["view.rotation"]] = rng.normal(0, 1, 3)
+    beta[groups["view.shift"]] = rng.normal(0, 1, 3)
+    beta[groups["tool"]] = rng.normal(0, 0.02, 3)
+    beta[layout.shifts] = rng.normal(0, 5e-4, (3, 3))
+    beta[layout.turns] = rng.normal(0, 1e-3, (3, 3))
+    beta[groups["elastic"]] = -1e-3
+    for k in range(3):
+        beta[groups[f"curve.{k}"][[9, 48 + 14]]] = rng.normal(0, 5e-4, 2)
+    q = rng.uniform(arm.lower, arm.upper, (n, 3))
+    x = structure.predict(q, beta) + rng.normal(0, 2e-5, (n, 3))
+    samples = calib.Samples(
+        q, x, arm.joint_names, arm.lower, arm.upper, arm.revolute, arm=arm, unit="m"
+    )
+    return calib.train(samples, size=5)

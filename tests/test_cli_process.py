@@ -11,7 +11,8 @@ import time
 
 import pytest
 from calib_cli.app import COMMANDS
-from calib_cli.options import MOTIONS, READOUTS
+
+from calib.common import choices
 
 HEAVY = ("numpy", "scipy", "pinocchio", "polars", "rich", "safetensors", "yourdfpy", "meshcat")
 
@@ -92,11 +93,13 @@ def test_help_names_every_option(run, command):
 
 
 def test_choices_agree_with_the_library():
-    from calib.maps.association import READOUTS as KNOWN
+    from calib.body.planar_view import VIEWS
+    from calib.maps.density import GAINS
     from calib.samples.babbling import METHODS
 
-    assert set(MOTIONS) == set(METHODS)
-    assert set(READOUTS) == set(KNOWN)
+    assert set(choices.MAPS) < set(GAINS)
+    assert set(choices.MOTIONS) == set(METHODS)
+    assert set(choices.VIEWS) >= {"auto", *VIEWS}
 
 
 def test_version(run):

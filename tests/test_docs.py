@@ -31,8 +31,6 @@ KNOCKED = (
     "adapt two_link.calib --data new.csv",
 )
 EARLIER = {"docs/apply.md": KNOCKED, "docs/howto/ros.md": KNOCKED}
-#: pages whose figures are compared too, not their words alone
-FIGURES = ("docs/sweep.md",)
 NOT_RUN = {
     ("docs/quickstart.md", "it installs the package that they run."),
     ("docs/howto/ros.md", "it installs the package that they run."),
@@ -140,7 +138,7 @@ def test_commands_and_code_run_and_print_what_the_page_shows(name, folder, monke
         shutil.copy("two_link.adapted.calib", "so101.calib")
         action = {"shoulder_lift.pos": 30.0, "elbow_flex.pos": 60.0, "gripper.pos": 5.0}
         names = {"robot": robots, "action": dict(action)}
-    run_page(page, folder, names, figures=name in FIGURES)
+    run_page(page, folder, names)
     if name == "docs/howto/ros.md":
         correct = calib.load("two_link.adapted.calib").correct
         (message,) = robots.published

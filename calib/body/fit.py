@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from itertools import pairwise
 
 import numpy as np
 
@@ -23,6 +24,12 @@ INNER = 8
 
 SETTLED = 3e-3
 """A change of the noise and of every scale by less than this share ends them earlier."""
+
+BLOCKS = 10
+"""Contiguous blocks of rows whose information is kept apart."""
+
+MANY = 60
+"""Parameters beyond which the information of an earlier step serves where the steps are small."""
 
 
 @dataclass(frozen=True)
@@ -46,6 +53,12 @@ class Fit:
     covariance : (k, k) array
         Posterior covariance, with the Student noise's loss of information and that of residuals
         that are correlated in the order of the log.
+    gradient : (k,) array
+        Of the log posterior: zero at its maximum, not quite where the steps ended before it.
+    edges : (b + 1,) int array
+        Limits of contiguous blocks of rows.
+    grams, moments : (b, k, k) and (b, k) array
+        What each block adds to the information and to the gradient.
     autocorrelation : float
         Integrated autocorrelation time of the residuals [rows]; 1 for Gaussian noise.
     scales : dict of str to float
@@ -64,6 +77,10 @@ class Fit:
     weight: Array
     precision: Array
     covariance: Array
+    gradient: Array
+    edges: Indices
+    grams: Array
+    moments: Array
     autocorrelation: float
     scales: dict[str, float]
     evidence: float
@@ -114,23 +131,33 @@ class _Search:
         """Active parameters (k,) beyond the prior mean."""
         return np.asarray((beta - self.mean)[self.active])
 
-    def linearise(self) -> None:
-        """Residuals, derivatives and weighted sums at the present parameters."""
-        predicted, self.x = self.structure.linearise(self.q, self.beta, self.active)
+    def see(self, fresh: bool) -> None:
+        """Residuals and weights at the present parameters; derivatives too if `fresh`."""
+        if fresh:
+            predicted, self.x = self.structure.linearise(self.q, self.beta, self.active)
+        else:
+            predicted = self.structure.predict(self.q, self.beta)
         self.r = self.structure.residual(self.z, predicted)
         self.w = student_weights(self.r, self.noise, self.nu, self.blocks)
         if self.fixed is not None:
             self.w = self.w * self.fixed[:, None]
-        self.sums = sums_of(self.x, self.r, self.w, self.blocks)
 
-    def data(self) -> tuple[Array, Array]:
+    def linearise(self, fresh: bool) -> None:
+        """Weighted sums at the present parameters.
+
+        Derivatives and information are those of an earlier step unless `fresh`; the residuals are
+        not, so that the steps end at the same maximum.
+        """
+        self.see(fresh)
+        old = None if fresh else self.sums
+        self.sums = sums_of(self.x, self.r, self.w, self.blocks, old)
+
+    def data(self, sums: list[Sums] | None = None) -> tuple[Array, Array]:
         """Information (k, k) and moment (k,) of the rows at the present noise."""
-        gram = sum(s.gram / self.noise[p.start] ** 2 for s, p in self._blocks())
-        moment = sum(s.moment / self.noise[p.start] ** 2 for s, p in self._blocks())
+        pairs = list(zip(self.sums if sums is None else sums, slices(self.blocks), strict=True))
+        gram = sum(s.gram / self.noise[p.start] ** 2 for s, p in pairs)
+        moment = sum(s.moment / self.noise[p.start] ** 2 for s, p in pairs)
         return np.asarray(gram), np.asarray(moment)
-
-    def _blocks(self) -> list[tuple[Sums, slice]]:
-        return list(zip(self.sums, slices(self.blocks), strict=True))
 
     def step(self, learn: bool) -> tuple[Array, Array]:
         """Gauss-Newton step (k,) and posterior variances (k,); EM of noise and scales."""
@@ -167,7 +194,7 @@ class _Search:
             scale = np.sqrt((total + h.pseudo * h.scale**2) / (len(ix) + h.pseudo))
             self._rescale(h, max(float(scale), 1e-10 * h.scale))
         noise = self.noise.copy()
-        for s, part in self._blocks():
+        for s, part in zip(self.sums, slices(self.blocks), strict=True):
             square = s.square - 2 * float(delta @ s.moment) + float(delta @ s.gram @ delta)
             used = float((inverse * s.gram).sum()) / self.noise[part.start] ** 2
             free = max(s.count - used, s.count / 4 + 1)
@@ -180,30 +207,30 @@ class _Search:
 
     def choose(self) -> None:
         """Compare the choices of each scale by evidence, one after another."""
+        varied = [h for h in self.hypers if h.choices]
+        if not varied:
+            return
         gram, moment = self.data()
-        start = self.distance(self.beta)
-        for h in self.hypers:
+        pull = moment - self.distance(self.beta) / self.sd**2
+        own = np.unique(np.concatenate([self.place[h.indices] for h in varied]))
+        rest = np.setdiff1d(np.arange(len(self.sd)), own)
+        inner, start = gram[np.ix_(own, own)], self.distance(self.beta)[own]
+        lead = moment[own]
+        if len(rest):  # what is not varied is marginalised once
+            outer = gram[np.ix_(rest, rest)]
+            outer[np.diag_indices(len(rest))] += self.sd[rest] ** -2.0
+            back = Factor(outer).solve(gram[np.ix_(rest, own)])
+            inner = inner - gram[np.ix_(own, rest)] @ back
+            lead = lead - pull[rest] @ back
+        for h in varied:
             best: tuple[float, float] | None = None
             for factor in h.choices:
                 self._rescale(h, h.scale * factor)
-                value = self._evidence(gram, moment, start)
+                value = _evidence(inner, lead, start, self.sd[own])
                 if best is None or value > best[0] + 1.0:
                     best = (value, h.scale * factor)
             if best is not None:
                 self._rescale(h, best[1])
-
-    def _evidence(self, gram: Array, moment: Array, start: Array) -> float:
-        """Log evidence of the linearised rows at the present scales, up to a constant."""
-        precision = gram.copy()
-        precision[np.diag_indices(len(self.sd))] += self.sd**-2.0
-        factor = Factor(precision)
-        pull = moment - start / self.sd**2
-        return 0.5 * float(
-            pull @ factor.solve(pull)
-            - ((start / self.sd) ** 2).sum()
-            - factor.log_determinant()
-            - 2 * np.log(self.sd).sum()
-        )
 
     def objective(self, beta: Array) -> float:
         """Negative log posterior at `beta`, up to a constant; infinite where it overflows."""
@@ -228,6 +255,20 @@ class _Search:
                 return share
             share *= 0.4
         return 0.0
+
+
+def _evidence(gram: Array, moment: Array, start: Array, sd: Array) -> float:
+    """Log evidence of linearised rows, at `start` beyond the prior's mean, up to a constant."""
+    precision = gram.copy()
+    precision[np.diag_indices(len(sd))] += sd**-2.0
+    factor = Factor(precision)
+    pull = moment - start / sd**2
+    return 0.5 * float(
+        pull @ factor.solve(pull)
+        - ((start / sd) ** 2).sum()
+        - factor.log_determinant()
+        - 2 * np.log(sd).sum()
+    )
 
 
 def maximise(
@@ -274,8 +315,9 @@ def maximise(
         A step below this share of the posterior sd ends the search.
     """
     search = _Search(structure, q, z, beta, prior, nu, floor, noise, weight)
+    fresh, keeps = True, len(search.active) > MANY and np.isfinite(nu)
     for it in range(steps):
-        search.linearise()
+        search.linearise(fresh)
         if learn and 1 <= it <= 3:
             search.choose()
         delta, variance = search.step(learn)
@@ -284,16 +326,23 @@ def maximise(
             predicted = structure.predict(q, search.beta)
             now = first_noise(structure.residual(z, predicted), floor, structure.blocks)
             search.noise = np.maximum(search.noise, now / 1.2)
-        small = np.abs(delta) <= tolerance * np.sqrt(variance)
-        if (it > (2 if learn else 0) and small.all()) or share == 0.0:
+        moved = np.abs(delta) / np.sqrt(variance)
+        fresh = not keeps or it < 1 or share < 0.9 or bool(moved.max() > 1.0)
+        if (it > (2 if learn else 0) and moved.max() <= tolerance) or share == 0.0:
             break
     return _finished(search)
 
 
 def _finished(search: _Search) -> Fit:
     """Posterior at the parameters found."""
-    search.linearise()
-    gram, _ = search.data()
+    search.see(True)
+    x, r, w = search.x, search.r, search.w
+    edges = np.linspace(0, len(r), min(BLOCKS, len(r)) + 1).round().astype(int)
+    parts = [
+        search.data(sums_of(x[a:b], r[a:b], w[a:b], search.blocks)) for a, b in pairwise(edges)
+    ]
+    grams, moments = np.stack([g for g, _ in parts]), np.stack([h for _, h in parts])
+    gram, moment = grams.sum(axis=0), moments.sum(axis=0)
     k = np.diag_indices(len(search.sd))
     precision = gram.copy()
     precision[k] += search.sd**-2.0
@@ -318,6 +367,10 @@ def _finished(search: _Search) -> Fit:
         search.w,
         precision,
         Factor(softer).inverse(),
+        moment - distance / search.sd**2,
+        edges,
+        grams,
+        moments,
         time,
         dict(search.scales),
         evidence,

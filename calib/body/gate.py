@@ -7,7 +7,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from .fit import Fit
+from .fit import BLOCKS, Fit
 from .held_out import HeldOut, leave_blocks_out
 
 NATS = 3.0
@@ -108,14 +108,14 @@ def choose_member(
                 alone = fit(groups)  # what passed before may have been a makeshift
                 if enough(alone):
                     name, free, made = own, groups, alone
-            held = leave_blocks_out(made)
+            held = leave_blocks_out(made, (BLOCKS,))
         except np.linalg.LinAlgError:
             continue
         tried.append(
             Tried(
                 name,
                 float(np.mean(held.error)),
-                float(np.mean(held.score)),
+                float(np.mean(held.blockwise(held.score))),
                 len(made.active),
                 made.evidence,
             )

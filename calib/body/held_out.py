@@ -13,7 +13,8 @@ from .fit import Fit
 from .normal import Factor, information_factor, slices
 from .structure import Array
 
-BLOCKS = 10
+WORK = 5e5
+"""Rows times parameters beyond which only some rows, evenly spaced, get a predicted spread."""
 
 PARTITIONS = (2, 5, 10)
 
@@ -38,7 +39,7 @@ class HeldOut:
     error : (n,) array
         Their length in the first block of outputs [unit].
     score : (n,) array
-        Negative log predictive density, up to a constant.
+        Negative log predictive density, up to a constant; NaN for rows without a spread.
     edges : (b + 1,) int array
         Limits of the blocks.
     ratios : dict of int to (n,) array
@@ -55,8 +56,9 @@ class HeldOut:
     common: NDArray[np.bool_]
 
     def blockwise(self, values: Array) -> Array:
-        """Mean of `values` (n,) in each block."""
-        return np.array([values[a:b].mean() for a, b in pairwise(self.edges)])
+        """Mean in each block of the `values` (n,) that are finite, NaN where none is."""
+        parts = [values[a:b][np.isfinite(values[a:b])] for a, b in pairwise(self.edges)]
+        return np.array([part.mean() if len(part) else np.nan for part in parts])
 
     def kappa(self) -> float:
         """Inflation of the bound, at least 1.
@@ -97,17 +99,13 @@ class HeldOut:
 def leave_blocks_out(fit: Fit, partitions: tuple[int, ...] = PARTITIONS) -> HeldOut:
     """Held-out predictions of a fit, linearised, with its noise and scales kept."""
     n, m, k = fit.derivative.shape
-    count = min(BLOCKS, n)
-    edges = np.linspace(0, n, count + 1).round().astype(int)
-    root = np.sqrt(fit.weight) / fit.noise
-    grams, moments = [], []
-    for a, b in pairwise(edges):
-        x = (fit.derivative[a:b] * root[a:b, :, None]).reshape(-1, k)
-        grams.append(x.T @ x)
-        moments.append(x.T @ (fit.residual[a:b] * root[a:b]).ravel())
+    edges = fit.edges
+    count = len(edges) - 1
     share = information_factor(fit.structure, fit.nu) / fit.autocorrelation
     prior = np.diag(fit.sd**-2.0)
     gram_all = fit.precision - prior
+    every = max(1, round(n * k / WORK))
+    p = fit.structure.blocks[0]
     residual = np.full((n, m), np.nan)
     score = np.full(n, np.nan)
     ratios: dict[int, Array] = {}
@@ -116,26 +114,25 @@ def leave_blocks_out(fit: Fit, partitions: tuple[int, ...] = PARTITIONS) -> Held
         limits = np.linspace(0, count, parts + 1).round().astype(int)
         ratio = np.full(n, np.nan)
         for first, last in pairwise(limits):
-            rows = slice(int(edges[first]), int(edges[last]))
-            gram = np.sum(grams[first:last], axis=0)
-            moment = np.sum(moments[first:last], axis=0)
+            rows = np.arange(edges[first], edges[last])
+            gram = fit.grams[first:last].sum(axis=0)
+            moment = fit.moments[first:last].sum(axis=0)
             try:
-                delta = -Factor(fit.precision - gram).solve(moment)
+                delta = Factor(fit.precision - gram).solve(fit.gradient - moment)
                 softer = Factor((gram_all - gram) * share + prior)
             except np.linalg.LinAlgError:
                 continue
+            if parts == count:
+                residual[rows] = fit.residual[rows] - fit.derivative[rows] @ delta
+            rows = rows[::every]
             x = fit.derivative[rows]
-            e = fit.residual[rows] - x @ delta
-            p = fit.structure.blocks[0]
+            length = np.linalg.norm((fit.residual[rows] - x @ delta)[:, :p], axis=1)
             y = softer.whiten(x[:, :p].reshape(-1, k).T).reshape(k, -1, p)
             spread = np.einsum("kni,knj->nij", y, y) + np.diag(fit.noise[:p] ** 2)
-            length = np.linalg.norm(e[:, :p], axis=1)
             ratio[rows] = length / radius_95(spread)
             if parts == count:
-                residual[rows] = e
                 score[rows] = _score(length, spread, p)
         ratios[parts] = ratio
-    p = fit.structure.blocks[0]
     error = np.linalg.norm(residual[:, :p], axis=1)
     return HeldOut(residual, error, score, edges, ratios, fit.weight[:, 0] > OUTLIER)
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 from itertools import pairwise
 
@@ -104,14 +105,24 @@ def student_weights(r: Array, noise: Array, nu: float, blocks: tuple[int, ...]) 
     return out
 
 
-def sums_of(x: Array, r: Array, w: Array, blocks: tuple[int, ...]) -> list[Sums]:
-    """Sums of each block of outputs: derivatives (n, m, k), residuals (n, m), weights (n, m)."""
+def sums_of(
+    x: Array, r: Array, w: Array, blocks: tuple[int, ...], old: Sequence[Sums] | None = None
+) -> list[Sums]:
+    """Sums of each block of outputs: derivatives (n, m, k), residuals (n, m), weights (n, m).
+
+    With `old` sums their grams are kept, which are by far the most work.
+    """
     out = []
-    for part in slices(blocks):
-        root = np.sqrt(w[:, part])
-        a = (x[:, part] * root[:, :, None]).reshape(-1, x.shape[2])
-        b = (r[:, part] * root).ravel()
-        out.append(Sums(a.T @ a, a.T @ b, float(b @ b), len(b)))
+    for at, part in enumerate(slices(blocks)):
+        if old is None:
+            root = np.sqrt(w[:, part])
+            a = (x[:, part] * root[:, :, None]).reshape(-1, x.shape[2])
+            gram, moment = a.T @ a, a.T @ (r[:, part] * root).ravel()
+        else:
+            gram = old[at].gram
+            moment = np.tensordot(w[:, part] * r[:, part], x[:, part], axes=2)
+        square = float((w[:, part] * r[:, part] ** 2).sum())
+        out.append(Sums(gram, moment, square, r[:, part].size))
     return out
 
 

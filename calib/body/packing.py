@@ -15,10 +15,14 @@ def pack(covariance: Array) -> Packed:
     deviations = np.sqrt(np.maximum(np.diag(covariance), 0.0))
     safe = np.where(deviations > 0, deviations, 1.0)
     correlation = covariance / safe[:, None] / safe
-    values, vectors = np.linalg.eigh((correlation + correlation.T) / 2)
-    root = np.sqrt(np.maximum(values, 0.0))[:, None] * vectors.T
-    upper = np.asarray(np.linalg.qr(root, mode="r"), dtype=float)
-    upper *= np.where(np.diag(upper) < 0, -1.0, 1.0)[:, None] * deviations
+    try:
+        upper = np.linalg.cholesky((correlation + correlation.T) / 2).T
+    except np.linalg.LinAlgError:  # semidefinite
+        values, vectors = np.linalg.eigh((correlation + correlation.T) / 2)
+        root = np.sqrt(np.maximum(values, 0.0))[:, None] * vectors.T
+        upper = np.asarray(np.linalg.qr(root, mode="r"), dtype=float)
+        upper *= np.where(np.diag(upper) < 0, -1.0, 1.0)[:, None]
+    upper = upper * deviations
     return upper[np.triu_indices(len(upper))].astype(np.float32)
 
 

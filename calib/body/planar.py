@@ -34,7 +34,8 @@ class PlanarStructure:
     ----------
     joint_names : tuple of str
     revolute : tuple of bool
-    view : {"rigid", "base", "similarity", "affine", "homography"}
+    view : str
+        One of :data:`calib.body.planar_view.VIEWS`.
     unit : str
         Unit of positions.
     metre : float
@@ -109,9 +110,14 @@ class PlanarStructure:
         return self.layout.groups
 
     @property
+    def seen_as(self) -> planar_view.View:
+        """What its kind of view fits, and how its lens bends."""
+        return planar_view.VIEWS[self.view]
+
+    @property
     def scaled(self) -> bool:
         """Whether the view has a scale of its own, so that lengths are relative."""
-        return self.view not in ("rigid", "base")
+        return "view.scale" in self.seen_as.groups
 
     @property
     def slide(self) -> float:

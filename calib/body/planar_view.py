@@ -3,14 +3,17 @@
 Equation 6 of :mod:`calib.body.planar`::
 
     y = A p / (1 + h.p),  A = exp(s) R(alpha) [[1+a, b], [b, 1-a]] mirror
-    u = (y + t - middle) / size - c,  z = y + t + size k |u|^2 u
+    u = (y + t - middle) / size - c,  z = y + t + size b(k, |u|^2) u
 
 The lens is radial with a free centre `c`; with ``k = 0`` it does nothing and its centre is unknown.
+A view says by which law `b` it bends, as a rule k |u|^2.
 """
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING
+from collections.abc import Callable
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, Any, TypeVar
 
 import numpy as np
 from numpy.typing import NDArray
@@ -21,6 +24,50 @@ if TYPE_CHECKING:
     from .planar import PlanarStructure
 
 Complex = NDArray[np.complex128]
+Number = TypeVar("Number", float, Array)
+
+
+def cubic(k: float, r2: Number) -> tuple[float | Number, Number, Number]:
+    """Bend of the third order, k r^2."""
+    return k, r2, r2
+
+
+@dataclass(frozen=True)
+class View:
+    """A kind of sensor.
+
+    Attributes
+    ----------
+    groups : tuple of str
+        Groups of parameters that it fits.
+    lens : bool
+        Whether the gate may fit its lens by default.
+    bend : callable
+        The lens's law: of its radial parameter k and the square r^2 of the distance from its
+        centre, b' = db / d(r^2), b / b' and db / dk of the bend b(k, r^2), which is 0 at
+        k = 0.  It takes arrays and plain floats.
+    """
+
+    groups: tuple[str, ...] = ()
+    lens: bool = False
+    bend: Callable[[float, Any], tuple[Any, Any, Any]] = cubic
+
+    @property
+    def camera(self) -> bool:
+        """Whether it may look at the plane from the side."""
+        return "view.shear" in self.groups
+
+
+_FRAME = ("view.rotation", "view.shift")
+
+VIEWS = {
+    "base": View(),
+    "rigid": View(_FRAME),
+    "similarity": View((*_FRAME, "view.scale")),
+    "affine": View((*_FRAME, "view.scale", "view.shear")),
+    "homography": View((*_FRAME, "view.scale", "view.shear", "view.tilt"), lens=True),
+}
+"""Views by name; the names are those of :data:`calib.common.choices.VIEWS`."""
 
 
 def turned(beta: Array) -> Array:
@@ -56,7 +103,8 @@ def through_lens(structure: PlanarStructure, z: Array, beta: Array) -> Array:
     """Positions (n, 2) as the lens shows them."""
     u = from_centre(structure, z, beta)
     r2 = (u**2).sum(axis=1, keepdims=True)
-    return np.asarray(z + structure.size_of_lens * beta[8] * r2 * u)
+    slope, ratio, _ = structure.seen_as.bend(float(beta[8]), r2)
+    return np.asarray(z + structure.size_of_lens * slope * ratio * u)
 
 
 def columns(
@@ -100,17 +148,19 @@ def columns(
     z = y + beta[4:6]
     u = from_centre(structure, z, beta)
     r2 = (u**2).sum(axis=1)
-    grow = r2[:, None, None] * np.eye(2) + 2 * u[:, :, None] * u[:, None, :]
-    lens = np.eye(2) + beta[8] * grow
+    slope, ratio, by_k = structure.seen_as.bend(float(beta[8]), r2)
+    slope = np.reshape(slope, (-1, 1, 1))
+    grow = ratio[:, None, None] * np.eye(2) + 2 * u[:, :, None] * u[:, None, :]
+    lens = np.eye(2) + slope * grow
     bent = bool(beta[8])
     for index, column in before.items():
         if place[index] >= 0:
             out[:, :, place[index]] = np.einsum("nij,nj->ni", lens, column) if bent else column
     size = structure.size_of_lens
     if place[8] >= 0:
-        out[:, :, place[8]] = size * u * r2[:, None]
+        out[:, :, place[8]] = size * u * by_k[:, None]
     for axis in range(2):
         if place[9 + axis] >= 0:
-            out[:, :, place[9 + axis]] = -size * beta[8] * grow[:, :, axis]
+            out[:, :, place[9 + axis]] = (-size * slope * grow)[:, :, axis]
     z = through_lens(structure, z, beta) if bent else z
     return z, lens @ view if bent else view, out

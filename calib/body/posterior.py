@@ -8,7 +8,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from .belief import Body, Second
-from .fit import Fit, maximise
+from .fit import MANY, Fit, maximise
 from .gate import Passed, Tried, choose_member
 from .held_out import HeldOut, leave_blocks_out
 from .packing import pack, unpack
@@ -46,6 +46,8 @@ class BodyFit:
         The gate's members with their held-out errors.
     notes : tuple of str
         What the rows cannot tell.
+    turned : (n,) array [rad], optional
+        Held-out errors of orientation, where they were measured.
     """
 
     body: Body
@@ -53,6 +55,7 @@ class BodyFit:
     row_weight: Array
     info: tuple[Tried, ...]
     notes: tuple[str, ...]
+    turned: Array | None = None
 
 
 def fit_structure(
@@ -92,10 +95,8 @@ def fit_structure(
         ),
         key=lambda each: each.fit.evidence,
     )
-    whole, held = passed.fit, passed.held_out
-    if rows is not None:
-        whole = _over_all_rows(passed, q, z, floor)
-        held = leave_blocks_out(whole)
+    whole = passed.fit if rows is None else _over_all_rows(passed, q, z, floor)
+    held = leave_blocks_out(whole)
     body = _body(whole, held, passed.name, simulated)
     if not simulated:
         body = replace(body, second=_second(passed, chain, sub_q, sub_z, floor))
@@ -184,7 +185,7 @@ def _over_all_rows(passed: Passed, q: Array, z: Array, floor: Array) -> Fit:
         nu=fit.nu,
         floor=floor,
         noise=fit.noise,
-        steps=2 if len(fit.active) > 60 else 10,
+        steps=2 if len(fit.active) > MANY else 10,
         tolerance=1e-2,
     )
 

@@ -17,6 +17,10 @@ if TYPE_CHECKING:
 
 #: Rows that a start is fitted to.
 ROWS = 400
+#: Rows that are enough to tell the best of its guesses.
+GUESSED = 60
+#: Damped steps of a start, and of its guesses where there are more rows than that.
+STEPS, FIRST = 40, 10
 #: Fewest rows by view: no fewer could place the sensor.
 LEAST = {"base": 2, "rigid": 4, "similarity": 4, "pose": 3, "pinhole": 6, "unknown": 10}
 #: Fewer numbers than this do not tell good joint origins from bad ones: of 10 draws of 10 rows of a
@@ -62,12 +66,14 @@ def frame(structure: SpatialStructure, q: Array, z: Array, arm: Array | None = N
     groups = [group for group in frame_groups(structure) if group != "lens"]
     active = np.concatenate([structure.groups[group] for group in groups])
     sd = structure.prior(groups).sd
-    best: tuple[float, Array] | None = None
-    for beta in _guesses(structure, q, z, arm):
-        fitted, cost = settle(structure, q, z, beta, active, sd, 40)
-        if best is None or cost < best[0]:
-            best = cost, fitted
-    beta = arm if best is None else best[1]
+    every = max(1, len(q) // GUESSED)
+    guesses = [
+        settle(structure, q[::every], z[::every], beta, active, sd, STEPS if every == 1 else FIRST)
+        for beta in _guesses(structure, q, z, arm)
+    ]
+    beta = min(guesses, key=lambda pair: pair[1])[0] if guesses else arm
+    if every > 1:
+        beta, _ = settle(structure, q, z, beta, active, sd, STEPS)
     if structure.view in ("rigid", "pose", "base"):
         _refuse_misfit(structure, q, z, beta)
     if (

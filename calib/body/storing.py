@@ -14,6 +14,7 @@ from .given import Given
 from .nominal import Nominal
 from .packing import Packed, packed_of, unpack
 from .planar import PlanarStructure
+from .planar_view import VIEWS
 from .structure import Array, Indices, Structure
 
 Stored = Mapping[str, NDArray[Any]]
@@ -114,7 +115,7 @@ def rebuild_planar(header: Mapping[str, Any]) -> PlanarStructure:
     if not 1 <= n <= MOST_JOINTS or len(set(names)) != n:
         raise ModelError(f"body: {n} joint names, expected 1 to {MOST_JOINTS} different ones")
     view = given.text("view")
-    if view not in ("base", "rigid", "similarity", "affine", "homography"):
+    if view not in VIEWS:
         raise ModelError(f"body: unknown view {view!r}")
     revolute = given.truths("revolute", n)
     signs = given.signs("signs", n)

@@ -11,6 +11,7 @@ from ..body.belief import Body
 from ..body.likeness import kernel, lengths_of
 from ..body.most_telling import most_telling
 from ..body.structure import Array
+from ..common.choices import METHODS
 from ..common.parallel import one_blas_thread
 from ..errors import OptionError
 from ..model.model import Model
@@ -19,7 +20,7 @@ from ..training.learn import Progress
 from .adapt_online import adapt_online
 from .adaptation import Adaptation, finished, measured_share
 from .carry import carry
-from .cause import Cause
+from .cause import KEPT, Cause
 from .causes import find_causes
 from .check import outlier_note
 from .comparison import UNEXPLAINED, Comparison, carried, compare
@@ -33,7 +34,6 @@ from .update import MOST_ROWS, settled, updated
 if TYPE_CHECKING:
     from ..samples.samples import Samples
 
-METHODS = ("few-shot", "online")
 
 _CLEAR = 0.95  # of the held-out error that a change may leave at most
 _REFINED = 0.85  # the same where nothing changed and rows are only added
@@ -225,21 +225,11 @@ def _named(best: Explanation, own: OwnResidual | None, changed: bool) -> str:
 
 def _left(found: Comparison, best: Explanation) -> tuple[str, ...]:
     """Groups that the explanation did not free, in words."""
-    words = {
-        "view.rotation": "the sensor's frame",
-        "view.scale": "the sensor's scale",
-        "view.tilt": "the camera's tilt",
-        "lens": "the lens",
-        "length": "the links' lengths",
-        "offset": "the joints' offsets",
-        "gain": "the joints' gains",
-        "elastic": "elasticity",
-        "placement": "the joints' placements",
-        "tool": "the tool",
-    }
-    known = found.reference.structure.groups
-    freed = set(best.member.groups)
-    return tuple(w for g, w in words.items() if g in known and len(known[g]) and g not in freed)
+    structure = found.reference.structure
+    known = {g for g, ix in structure.groups.items() if len(ix)} - set(best.member.groups)
+    if structure.outputs >= 3:  # a tracker has no lens
+        known.discard("lens")
+    return tuple(words for group, words in KEPT.items() if group in known)
 
 
 def _notes(

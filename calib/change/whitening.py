@@ -104,6 +104,7 @@ def spectrum(
     creep: Array,
     factor: float,
     forget: NDArray[np.intp],
+    shared: float = 0.0,
 ) -> Spectrum:
     """Covariance of the rows' residuals under a belief.
 
@@ -121,9 +122,12 @@ def spectrum(
         Times the usual size of the log's own residual.
     forget : (g,) int array
         Parameters whose old posterior does not count: a frame that is new.
+    shared : float [unit]
+        Standard deviation of an error that neighbouring positions share: that of a reference,
+        such as a board, that was found again.
     """
     size = scaled(body).size
-    _, x = body.structure.linearise(q, beta, body.active)
+    seen, x = body.structure.linearise(q, beta, body.active)
     n, m, k = x.shape
     kept = ~np.isin(body.active, forget)
     root = np.sqrt(weight)
@@ -136,5 +140,9 @@ def spectrum(
     alike = kernel(q, q, lengths) * root[:, None] * root
     own = (factor * nuisance_sd(body) / size) ** 2
     total += np.kron(alike, np.diag(own))
+    if shared:  # a frame that is shifted, turned, tilted: as smooth as the workspace is wide
+        places = seen[:, :m] / (2.0 * np.asarray(body.structure.extents))
+        alike = kernel(places, places, np.ones(m)) * root[:, None] * root
+        total += np.kron(alike, np.diag((shared / size) ** 2))
     values, vectors = np.linalg.eigh(total)
     return Spectrum(np.maximum(values, 0.0), vectors, root, size)

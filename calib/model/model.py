@@ -9,11 +9,12 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from ..common.choices import MAP_READOUTS
 from ..common.frozen import freeze
 from ..common.wording import one_line
 from ..errors import OptionError, QueryError
 from ..inverse.solver import Solver
-from ..maps.association import MAP_READOUTS, Association, check_readout
+from ..maps.association import Association, check_readout
 from ..maps.linear_models import LinearModels
 from ..maps.local_models import NO_MODELS
 from ..maps.map import Map
@@ -32,6 +33,7 @@ if TYPE_CHECKING:
     from ..body.belief import Body
     from .about import About
     from .baseline import Baseline
+    from .photo import Photo
     from .schemas import Schema
 
 Array = NDArray[np.float64]
@@ -39,6 +41,8 @@ Array = NDArray[np.float64]
 
 MOST_BLENDED = 3
 """Joints up to which bounds are blended between the motor map's nodes."""
+
+_REPEATS = 16  # until the interpreter has adapted to a query's code
 
 
 @dataclass(frozen=True, eq=False)
@@ -75,6 +79,8 @@ class Model(Doors):
         Other states of the same arm that were kept, such as with a tool mounted.
     approach : Approach or None
         Backlash, where the order of the samples showed that the direction counts.
+    photo : Photo or None
+        A picture by the camera that measured the arm, to draw the map over.
     """
 
     about: About
@@ -91,6 +97,7 @@ class Model(Doors):
     schema: str = "schema 1"
     schemas: tuple[Schema, ...] = ()
     approach: Approach | None = None
+    photo: Photo | None = None
 
     def __post_init__(self) -> None:
         freeze(self, "bounds", "model_bounds", "visited")
@@ -141,15 +148,21 @@ class Model(Doors):
         second longer than the following ones.
         """
         middle = (self.about.lower + self.about.upper) / 2
-        x = self.forward(middle)
-        self.expected_error(middle)
-        self.model_error(middle)
-        if np.isfinite(x).all():
-            self.inverse(x, near=middle)
-        self.forward(middle[None])
-        target = np.where(np.isfinite(x), x, self.sensory.weights[0])
+        x = self.forward(middle[None])[0]
+        known = bool(np.isfinite(x).all())
+        target = x if known else self.sensory.weights[0]
         self.inverse(target[None], near=middle[None])
         self.inverse_all(target[None])
+        if self.single is not None:
+            _ = self.single.cells
+        for _ in range(_REPEATS):
+            self.forward(middle)
+            self.expected_error(middle)
+            self.model_error(middle)
+            if known:
+                self.inverse(x, near=middle)
+                if self.about.urdf:
+                    self.correct(middle)
         return self
 
     @cached_property

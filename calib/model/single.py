@@ -7,9 +7,10 @@ them.  Everything is compiled when it is first asked for, or by `Model.warm_up`.
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Sequence
-from dataclasses import dataclass
+from collections.abc import Callable, Iterator, Sequence
+from dataclasses import dataclass, field
 from functools import cached_property
+from itertools import count
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -27,6 +28,7 @@ if TYPE_CHECKING:
 
 Array = NDArray[np.float64]
 
+_FEW = 20  # queries that take less than the cells take to make
 _SLACK = 1e-9  # as `Trust` has it
 _STEPS = 8  # of Newton; four lead from a wide start to rounding
 _MET = 1e-15  # share of the extent at which a target is met
@@ -46,6 +48,7 @@ class Single:
     """
 
     model: Model
+    _asked: Iterator[int] = field(default_factory=count)
 
     @staticmethod
     def of(model: Model) -> Single | None:
@@ -55,21 +58,31 @@ class Single:
             return None
         if not isinstance(smooth, BodyInBox) or smooth.body is not body:
             return None
-        single = Single(model)
-        local = model.predictor.models.degree >= 0
-        if (local or not single._everywhere) and single.cells is None:
-            return None
-        return single
+        return Single(model)
 
     @cached_property
     def cells(self) -> NodeCells | None:
         """Nodes by cells."""
         return NodeCells.of(self.model.motor)
 
+    def _has_cells(self) -> bool:
+        """Whether the cells are there; a few queries alone are not worth making them."""
+        if "cells" not in self.__dict__ and next(self._asked) < _FEW:
+            return False
+        return self.cells is not None
+
+    def _ready(self) -> bool:
+        """Whether positions are answered here: local models and gaps want cells."""
+        return self._smooth or self._has_cells()
+
+    @cached_property
+    def _smooth(self) -> bool:
+        return self._everywhere and self.model.predictor.models.degree < 0
+
     def forward(self, q: Any) -> Array | None:
         """Position (2,) for joint values (dof,); None where the batch path has to answer."""
         row = self._row(q)
-        if row is None:
+        if row is None or not self._ready():
             return None
         if not self._in_range(row):
             return np.full(2, np.nan)
@@ -80,10 +93,11 @@ class Single:
     def bound(self, q: Any, values: str) -> float | None:
         """Bound at joint values, from ``"bounds"`` or ``"model_bounds"``; None as above."""
         row = self._row(q)
-        if row is None or self.cells is None:
+        if row is None or not self._has_cells():
             return None
         if not self._in_range(row):
             return math.nan
+        assert self.cells is not None  # noqa: S101
         bound = self.cells.blend(self._unit(row), self._nodes[values])
         return bound if self._known(row) and bound <= self.model.trust.most else None
 
@@ -112,6 +126,8 @@ class Single:
 
     def _newton(self, target: Sequence[float], start: list[float]) -> list[float] | None:
         """Newton's steps of two joints from a start; None where they may lead elsewhere."""
+        if not self._ready():
+            return None
         a, b = start
         tx, ty = target
         least = self._least

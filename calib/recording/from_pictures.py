@@ -20,10 +20,11 @@ from .judge import row_shift
 from .pictures import UnreadableError, list_pictures, match_rows, read_picture
 from .plane import square_pose
 from .recorded import Recorded, told
-from .reference import Marks, PlaneReference
-from .setting import Setting, told_motion
+from .reference import PlaneReference
+from .setting import Setting
 from .tags import Tag, TagFinder
 from .track import astray, check_motion, stuck
+from .watch import Marks
 
 Array = NDArray[np.float64]
 
@@ -121,17 +122,15 @@ def log_pictures(
     good[np.flatnonzero(good)[lost]] = False
     numbers = np.array(rows)[good]
     kept = [tag for tag, ok in zip(tags, good, strict=True) if ok]
-    watched = setting.watch(marks)
+    watched = setting.watch(marks, since)
     notes += watched.notes
-    if since is not None:
-        notes.append(told_motion(since, watched))
     return assemble(
         setting,
         watched.positions(pixels[good], numbers),
         joints.names,
         q[good],
         kept,
-        source={"source": "pictures", **setting.about(watched)},
+        source={"source": "pictures", "size": list(size), **setting.about(watched)},
         poses=watched.parts[-1],
         pictures=tuple(pairs[number][1].name for number in numbers),
         dropped={why: count for why, count in reasons.items() if count},

@@ -16,7 +16,7 @@ from .clocks import Clocks, align_clocks, joints_at
 from .from_pictures import assemble, seen_instead
 from .joint_table import JointTable
 from .recorded import Recorded, told
-from .setting import Setting, told_motion
+from .setting import Setting
 from .tags import FLOOR, Tag
 from .track import check_motion, jumps
 from .video import follow
@@ -142,10 +142,8 @@ def log_video(
             raise LogError(f"no frame of {name} is slower than `still={rows.still:g}`")
     tags = [_middle([tag for k in g if (tag := track.tags[k]) is not None]) for g in groups]
     centres = np.array([tag.centre for tag in tags])
-    watched = setting.watch(track.marks)
+    watched = setting.watch(track.marks, since)
     notes += watched.notes
-    if since is not None:
-        notes.append(told_motion(since, watched))
     time = np.array([np.median(when[g]) for g in groups])
     return assemble(
         setting,
@@ -155,6 +153,7 @@ def log_video(
         tags,
         source={
             "source": "video",
+            "size": list(track.sample[0].shape[1::-1]),
             "time_offset": clocks.offset,
             "rate": clocks.rate,
             **setting.about(watched),

@@ -204,7 +204,8 @@ def _from_camera(
         raise typer.Exit(NO) from None
     made.write(output)
     if as_json:
-        show_json({"log": output, "joints": made.joint_names, "samples": len(made), **made.about()})
+        counted = {"log": output, "joints": made.joint_names, "samples": len(made)}
+        show_json({**counted, **made.about(), "units": _units(made.joint_names, made.unit)})
     elif output != "-":
         factor, unit = for_people(made.unit)
         tell(
@@ -241,7 +242,13 @@ def _from_bag(
     columns |= {axis: recording.x[:, k] for k, axis in enumerate("xyz")}
     write_table(output, {**columns, "time": recording.time})
     if as_json:
-        show_json({"log": output, "joints": recording.joint_names, "samples": len(recording.q)})
+        counted = {"log": output, "joints": recording.joint_names, "samples": len(recording.q)}
+        show_json({**counted, "units": _units(recording.joint_names, "m")})
     elif output != "-":
         names = ", ".join(recording.joint_names)
         tell(f"{output}: {len(recording.q)} rows of {names}, x, y, z, time [rad, m, s]")
+
+
+def _units(joints: Sequence[str], unit: str) -> dict[str, object]:
+    """Units of the numbers of a log."""
+    return {"joints": dict.fromkeys(joints, "rad"), "positions": unit, "time": "s"}
