@@ -14,6 +14,9 @@ from .map import Map, search_tree
 
 Array = NDArray[np.float64]
 
+MOST_DEGREE = 5
+"""Largest degree of a local model."""
+
 _REACH = 0.7  # of the diagonal of a cell of a node's spacing: so far it speaks in full
 _RING = 16  # places around a node where its polynomial has to be firm
 _FIRM = 10.0  # variance of an answer there, over that of one sample
@@ -204,8 +207,8 @@ def blend(motor: Map, u: Array, m: int) -> tuple[NDArray[np.intp], Array]:
 def speaking(motor: Map, u: Array) -> tuple[NDArray[np.intp], Array, Array]:
     """Nodes that speak for each point, their weights (n, m), and the offsets (n, m, d) from them.
 
-    A node's say ends between once and twice the reach of its lattice cell (half a diagonal,
-    and a tenth more), so that the nodes of a dense region do not speak for the coarse one
+    A node's say ends between once and twice the reach of its lattice cell (0.7 of its
+    diagonal), so that the nodes of a dense region do not speak for the coarse one
     beside it.  The others share it; where none is left the weights fall to zero.
     """
     index, weight = blend(motor, u, blend_size(u.shape[1]))

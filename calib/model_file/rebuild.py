@@ -18,7 +18,7 @@ from ..maps.graph import Graph
 from ..maps.lattice import Lattice
 from ..maps.linear_models import from_shifts
 from ..maps.links import Wiring
-from ..maps.local_models import LocalModels
+from ..maps.local_models import MOST_DEGREE, LocalModels
 from ..maps.map import HISTORY, Map
 from ..maps.predictor import Predictor
 from ..model.about import About
@@ -79,7 +79,7 @@ def build(header: Mapping[str, Any], tensors: Mapping[str, NDArray[Any]]) -> Mod
         _means(tensors, "sensory", sensory),
     )
     smooth, body = build_smooth(header, tensors, motor.scale, width, lambda: association.linear)
-    degree = _small(header["local"]["degree"], 3, least=-1)
+    degree = _small(header["local"]["degree"], MOST_DEGREE, least=-1)
     models = LocalModels(
         degree,
         int(header["local"]["samples"]),

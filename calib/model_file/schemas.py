@@ -12,7 +12,7 @@ from ..body.basis import exponents
 from ..common.checks import LARGEST, finite, numbers, of_type
 from ..errors import OptionError
 from ..maps.linear_models import LinearModels
-from ..maps.local_models import LocalModels
+from ..maps.local_models import MOST_DEGREE, LocalModels
 from ..maps.map import Map
 from ..maps.predictor import Predictor
 from ..model.baseline import Baseline
@@ -148,7 +148,7 @@ def _schema(model: Model, state: dict[str, Any], tensors: Tensors, prefix: str) 
 
     smooth, _ = build_smooth(state, own, motor.scale, width, linear)
     models = LocalModels(-1, 0, np.zeros(0), np.zeros((0, 0, width)))
-    order = _small(local["degree"], 3, least=-1)
+    order = _small(local["degree"], MOST_DEGREE, least=-1)
     if order >= 0:
         radius = take("radius", (nodes,))
         if not (radius > 0.0).all():
