@@ -24,7 +24,7 @@ class Trend:
     ----------
     basis : Basis
         Its functions of the joints.
-    coefficients : (terms, 2) array
+    coefficients : (terms, m) array
         Weight of each function, in the unit of the positions.
     """
 
@@ -36,21 +36,26 @@ class Trend:
         """Number of functions."""
         return len(self.coefficients)
 
+    @property
+    def outputs(self) -> int:
+        """Number m of coordinates of a position."""
+        return int(self.coefficients.shape[1])
+
     def value(self, u: Array) -> Array:
-        """Trend at the points `u` (n, d) of the unit box, (n, 2)."""
-        weights = self._weights[:2]
+        """Trend at the points `u` (n, d) of the unit box, (n, m)."""
+        weights = self._weights[: self.outputs]
         if len(u) <= _CHUNK:
             return np.asarray((weights @ self._features(u)).T)
         parts = (u[first : first + _CHUNK] for first in range(0, len(u), _CHUNK))
         return np.concatenate([(weights @ self._features(part)).T for part in parts])
 
     def value_and_slope(self, u: Array) -> tuple[Array, Array]:
-        """Trend (n, 2) and its derivatives by the unit coordinates (n, 2, d)."""
-        both = self._weights @ self._features(u)
-        return both[:2].T, both[2:].reshape(u.shape[1], 2, -1).transpose(2, 1, 0)
+        """Trend (n, m) and its derivatives by the unit coordinates (n, m, d)."""
+        m, both = self.outputs, self._weights @ self._features(u)
+        return both[:m].T, both[m:].reshape(u.shape[1], m, -1).transpose(2, 1, 0)
 
     def slope(self, u: Array) -> Array:
-        """Its derivative by each unit coordinate, (n, 2, d)."""
+        """Its derivative by each unit coordinate, (n, m, d)."""
         return self.value_and_slope(u)[1]
 
     def _features(self, u: Array) -> Array:
@@ -71,13 +76,13 @@ class Trend:
 
     @cached_property
     def _weights(self) -> Array:
-        """Weight of each plain product in the value and in its slopes, (2 (1 + d), terms).
+        """Weight of each plain product in the value and in its slopes, (m (1 + d), terms).
 
         The derivative of a function is made of functions of the same basis, so that one
         product of matrices gives the values and all slopes.
         """
         shape = [len(matrix) for matrix in self.basis.orthogonal]
-        tensor = np.zeros((*shape, 2))
+        tensor = np.zeros((*shape, self.outputs))
         tensor[tuple(self.basis.orders.T)] = self.coefficients
         for k, matrix in enumerate(self.basis.orthogonal):
             tensor = _along(matrix, tensor, k)
