@@ -41,7 +41,7 @@ def cases(quick: bool) -> dict[str, list[dict[str, Any]]]:
         ]  # fmt: skip
     parts["joints"] = [
         {"part": "joints", "varied": "joints", "joints": k, "rows": min(20_000, fixed["rows"]),
-         "side": fixed["side"]} for k in (2, 3, 4)
+         "side": fixed["side"]} for k in range(2, 4 if quick else 8)
     ]  # fmt: skip
     return parts
 
@@ -70,7 +70,30 @@ def one(task: dict[str, Any]) -> dict[str, Any]:
     if task["part"] in ("train", "joints"):
         row["stages"] = result.seconds
         row["motor"] = "x".join(map(str, result.motor.lattice.shape))
+    if task["part"] == "joints":
+        row["queries_us"] = _queries(result, arm, min(200, task["rows"] // 20))
     return row
+
+
+def _queries(model: Any, arm: Any, n: int) -> dict[str, float]:
+    """Median processor time of each query [us], near the middle of the joints' range."""
+    rng = np.random.default_rng(1)
+    q = arm.lower + (0.3 + 0.4 * rng.random((n, arm.dof))) * (arm.upper - arm.lower)
+    x, near, monitor = arm.forward(q), q + 5e-3, model.monitor()
+    model.warm_up()
+    calls = {
+        "forward": lambda k: model.forward(q[k]),
+        "expected error": lambda k: model.expected_error(q[k]),
+        "inverse near": lambda k: model.inverse(x[k], near=near[k]),
+        "correct": lambda k: model.correct(q[k]),
+        "monitor": lambda k: monitor.update(q[k], x[k]),
+    }
+    found = {name: [timed(lambda call=call, k=k: call(k))[1] for k in range(n)]
+             for name, call in calls.items()}  # fmt: skip
+    model.inverse(x, near=near)  # so that later ones find its starts
+    found["forward, a row of a batch"] = [timed(lambda: model.forward(q))[1] / n]
+    found["inverse, a row of a batch"] = [timed(lambda: model.inverse(x, near=near))[1] / n]
+    return {name: 1e6 * float(np.median(taken)) for name, taken in found.items()}
 
 
 def _linking(arm: Any, log: Any, side: int) -> Any:
@@ -104,7 +127,8 @@ def _chain(joints: int, rows: int) -> tuple[Any, Any]:
     with tempfile.TemporaryDirectory() as folder:
         path = Path(folder) / "chain.urdf"
         path.write_text(chain_urdf(joints))
-        arm = calib.load_arm(path)
+        # without names no more than three would be found
+        arm = calib.load_arm(path, joints=[f"joint_{k + 1}" for k in range(joints)])
         return arm, calib.babble(arm, rows, seed=0)
 
 

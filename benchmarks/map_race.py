@@ -22,6 +22,7 @@ from measure import child, peak_mb, spread, timed
 
 BOUND = 0.377
 NEAR = 0.02  # within so much of a goal the median of three seeds decides
+SEEDS = 5
 CAP = 20.0  # [s] longer trainings are extrapolated, not run
 
 
@@ -50,7 +51,7 @@ _RADII = {
 _STEPS = (5, 6, 7, 8, 10, 12, 14, 17, 20, 24, 28, 34, 40, 48, 56, 68, 80, 96, 110)  # per node
 _PASSES = (7, 10, 14, 20, 28, 40)
 _ROWS = (5, 10, 20)  # per node, of the peers' batch maps
-_OURS = (1.5, 2, 2.25, 2.5, 3, 4, 5, 6, 7, 8, 10, 14, 20)
+_OURS = (2, 2.5, 3, 4, 5, 6, 7, 8, 10, 12, 14, 17, 20)
 
 
 def grid(peer: Peer, race: Race) -> list[Setting]:
@@ -212,7 +213,11 @@ def _search(course: Course, peer: Peer, settings: list[Setting]) -> dict[str, An
         rate = done["cpu"] / presented(peer, setting)
         ratio = done["ratio"]
         open_goals = [goal for goal in race.goals if best[f"{goal:.2f}"] is None]
-        if any(abs(ratio - goal) < NEAR for goal in open_goals) and done["cpu"] < CAP / 3:
+        if peer == OURS:  # every seed has to get there
+            for seed in range(1, SEEDS):
+                again = course.run(peer, setting, seed) if ratio <= max(open_goals) else None
+                ratio = max(ratio, again["ratio"]) if again else ratio
+        elif any(abs(ratio - goal) < NEAR for goal in open_goals) and done["cpu"] < CAP / 3:
             others = [course.run(peer, setting, seed) for seed in (1, 2)]
             ratio = statistics.median([ratio, *(o["ratio"] for o in others if o)])
         tried.append({"setting": asdict(setting), "ratio": ratio, "cpu": done["cpu"]})
@@ -247,7 +252,7 @@ def race(races: tuple[Race, ...], found: list[dict[str, Any]]) -> list[dict[str,
                 if setting is not None and map_peers.by_name(f["peer"]).version()
             ]
             spent: dict[tuple[str, str], float] = {}
-            for seed in range(5):
+            for seed in range(SEEDS):
                 for peer, goal, setting in entries:
                     if seed >= _repeats(spent, peer, goal):
                         continue

@@ -11,9 +11,10 @@ import time
 import numpy as np
 
 import calib
+from calib.common.choices import MAP_READOUTS
 from calib.common.parallel import one_blas_thread
 from calib.common.scale import Scale
-from calib.maps.association import MAP_READOUTS, Association
+from calib.maps.association import Association
 from calib.training.learn import Options, associate
 
 ROBOT = "two_link"

@@ -73,15 +73,12 @@ print(json.dumps([wall, used.ru_utime + used.ru_stime, used.ru_maxrss]))
 """
 
 
-def process(command: Sequence[str], folder: Path, runs: Path | None = None) -> Done:
-    """Run a whole process in `folder`.
-
-    `runs` is the checkout whose code it runs; this one where not given.
-    """
+def process(command: Sequence[str], folder: Path) -> Done:
+    """Run a whole process of this checkout in `folder`."""
     # a small process starts it: memory is told as that of the larger of the two
     done = subprocess.run(
         [sys.executable, "-S", "-c", _PROBE, *command], cwd=folder, check=True,
-        capture_output=True, text=True, env=os.environ | {"PYTHONPATH": str(runs or ROOT)},
+        capture_output=True, text=True, env=os.environ | {"PYTHONPATH": str(ROOT)},
     )  # fmt: skip
     wall, cpu, memory = json.loads(done.stdout)
     return Done(wall, cpu, memory / (2**20 if sys.platform == "darwin" else 1024))

@@ -114,58 +114,40 @@ def _queries(found: dict[str, Any]) -> list[str]:
 
 
 def _processes(found: dict[str, Any]) -> list[str]:
-    ratio, cpu = found["query_over_yardstick"], found["query_over_yardstick_cpu"]
     lines = [
         "## Whole commands",
         "",
-        "From the start of a process to its end, imports included, with the default options; "
-        "“before” is the code as it was before it was made faster, run in turn with the present "
-        "one.",
+        "From the start of a process to its end, imports included, with the default options.  "
+        'Each was run in turn with `python -c "import numpy, scipy.spatial"`; the ratios are '
+        "those of neighbours.",
         "",
-        "| process | wall time [s] | processor time [s] | peak memory [MB] |",
-        "|---|---:|---:|---:|",
+        "| process | wall time [s] | processor time [s] | times the import | in processor time | "
+        "peak memory [MB] |",
+        "|---|---:|---:|---:|---:|---:|",
     ]
     for r in found["rows"]:
-        lines.append(f"| `{r['name']}` | {interval(r['seconds'])} | {interval(r['cpu'])} | "
-                     f"{r['peak_mb']:.0f} |")  # fmt: skip
-    rate = found["minisom_updates_per_second"]
-    yardstick = f"  MiniSom made {rate:,.0f} updates per second (70x70) meanwhile." if rate else ""
-    lines += [
-        "",
-        f'`calib query inverse` takes {ratio["median"]:.2f} times as long as `python -c "import '
-        f'numpy, scipy.spatial"` run beside it ({ratio["least"]:.2f}–{ratio["most"]:.2f}; in '
-        f"processor time {cpu['median']:.2f}).{yardstick}",
-        "",
-        "### Where the time goes",
-        "",
-    ]
-    trees = list(found["stages"])
-    lines += [f"| `calib train two_link`, stage | {' [s] | '.join(trees)} [s] |",
-              "|---|" + "---:|" * len(trees)]  # fmt: skip
-    told = {t: found["imports"][t]["train two_link"]["total"] for t in trees}
-    lines.append("| imports, all together | " + " | ".join(f"{told[t]:.3f}" for t in trees) + " |")
-    for stage in dict.fromkeys(s for t in trees for s in found["stages"][t]):
-        cells = [found["stages"][t].get(stage) for t in trees]
-        lines.append(f"| {stage} | " + " | ".join("" if c is None else f"{c:.3f}" for c in cells)
-                     + " |")  # fmt: skip
-    lines += ["", f"| `calib query inverse`, step | {' [s] | '.join(trees)} [s] |",
-              "|---|" + "---:|" * len(trees)]  # fmt: skip
-    told = {t: found["imports"][t]["query inverse"]["total"] for t in trees}
-    lines.append("| imports, all together | " + " | ".join(f"{told[t]:.3f}" for t in trees) + " |")
-    for step in found["steps"][trees[0]]:
-        cells = [found["steps"][t][step] for t in trees]
-        lines.append(f"| {step} | " + " | ".join(f"{c:.4f}" for c in cells) + " |")
+        cells = (interval(r[k]) for k in ("seconds", "cpu", "over", "over_cpu"))
+        lines.append(f"| `{r['name']}` | {' | '.join(cells)} | {r['peak_mb']:.0f} |")
+    if found["minisom_updates_per_second"]:
+        rate = found["minisom_updates_per_second"]
+        lines += ["", f"MiniSom made {rate:,.0f} updates per second (70x70) meanwhile."]
+    for title, command, steps in (
+        ("`calib train two_link`, stage", "train two_link", found["stages"]),
+        ("`calib query inverse`, step", "query inverse", found["steps"]),
+    ):
+        said = found["imports"][command]
+        lines += ["", f"| {title} | time [s] |", "|---|---:|",
+                  f"| imports, all together | {said['total']:.3f} |"]  # fmt: skip
+        lines += [f"| {name} | {seconds:.4f} |" for name, seconds in steps.items()]
+        most = ", ".join(f"{name} {s:.3f} s" for name, s in said["packages"].items())
+        lines += ["", f"Packages that take most of its imports: {most}."]
     lines += [
         "",
         "Imports are the sum that `python -X importtime` tells, which itself slows them a little; "
         "the steps of a query and the stages of a training (its “total” is without the "
         "interpreter, the robot, the samples and the file) hold what they import at their first "
-        "use.  Packages that take most of the imports, now:",
-        "",
+        "use.",
     ]
-    for command, said in found["imports"]["now"].items():
-        most = ", ".join(f"{name} {s:.3f} s" for name, s in said["packages"].items())
-        lines.append(f"- `calib {command}`: {most}")
     return [*lines, ""]
 
 
@@ -227,12 +209,33 @@ def _growth(growth: dict[str, Rows], fits: dict[str, Rows]) -> list[str]:
                          f"{f['bytes_each']:,.0f} |")  # fmt: skip
     lines += ["", "| what | nodes | samples | processor time [s] | wall [s] | more memory [MB] |",
               "|---|---:|---:|---:|---:|---:|"]  # fmt: skip
-    for part, rows in growth.items():
-        for r in rows:
-            name = part if part != "joints" else f"calib.train, {r['joints']} joints"
-            nodes = f"{r['side']}x{r['side']}" if part != "joints" else r["motor"]
-            lines.append(f"| {name} | {nodes} | {r['rows']:,} | {number(r['cpu'])} | "
-                         f"{number(r['seconds'])} | {number(max(r['mb'], 0.0))} |")  # fmt: skip
+    for part in (name for name in growth if name != "joints"):
+        for r in growth[part]:
+            lines.append(f"| {part} | {r['side']}x{r['side']} | {r['rows']:,} | "
+                         f"{number(r['cpu'])} | {number(r['seconds'])} | "
+                         f"{number(max(r['mb'], 0.0))} |")  # fmt: skip
+    return [*lines, "", *_joints(growth.get("joints", []))]
+
+
+def _joints(rows: Rows) -> list[str]:
+    if not rows:
+        return []
+    names = list(rows[0]["queries_us"])
+    lines = [
+        "### With joints",
+        "",
+        f"Planar chains of equal links, {rows[0]['rows']:,} exact samples, default options; "
+        "processor time, of queries the median of single calls and of a row of a batch [us].  "
+        "Beyond three joints the batch path answers single queries, beyond two the inverse too: "
+        "it slides redundant joints towards those that are near.",
+        "",
+        f"| joints | motor map | train [s] | more memory [MB] | {' | '.join(names)} |",
+        "|---:|---|" + "---:|" * (2 + len(names)),
+    ]
+    for r in rows:
+        cells = [number(r["queries_us"][name]) for name in names]
+        lines.append(f"| {r['joints']} | {r['motor']} | {number(r['cpu'])} | "
+                     f"{number(max(r['mb'], 0.0))} | {' | '.join(cells)} |")  # fmt: skip
     return [*lines, ""]
 
 

@@ -1,8 +1,10 @@
-"""Measure what one call costs in a control loop: median, 99th and 99.9th percentile.
+"""Measure what one call costs in a control loop: the first, median, 99th and 99.9th percentile.
 
-    python benchmarks/realtime.py [--calls N] [--model MODEL] [--json FILE]
+    python benchmarks/realtime.py [--calls N] [--model MODEL] [--page] [--wall]
 
-Each call gets a fresh pose of a slow sweep, as a controller would ask.  Beside them runs a
+Each call gets a fresh pose of a slow sweep, as a controller would ask.  Times are processor
+time of the thread, which other work on the machine does not disturb much; wall time with
+--wall.  --page writes the table into docs/realtime.md.  Beside them runs a
 lean damped least-squares loop on Pinocchio with the nominal arm (framesForwardKinematics,
 computeFrameJacobian, a 2x2 solve, at most five steps from a start that is near).
 """
@@ -12,19 +14,21 @@ from __future__ import annotations
 import argparse
 import gc
 import json
-import sys
+import tempfile
 import time
 from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
 import numpy as np
+from measure import child
 from numpy.typing import NDArray
 
 import calib
 
 Array = NDArray[np.float64]
 
+FRESH = 7  # processes whose first calls are measured
 NEAR = 5e-3  # rad between a pose and the start of the search for it
 
 
@@ -36,20 +40,33 @@ def sweep(model: Any, n: int) -> Array:
     return np.asarray((lower + upper) / 2 + 0.35 * (upper - lower) * np.sin(t * phase + phase))
 
 
-def latencies(call: Callable[[int], Any], n: int) -> Array:
-    """Time of each of `n` calls [us]."""
+def latencies(call: Callable[[int], Any], n: int, clock: Callable[[], int]) -> dict[str, float]:
+    """Of `n` calls the median, the 99th and 99.9th percentile [us]."""
     for k in range(min(200, n)):
         call(k)
     gc.collect()
     gc.disable()
     taken = np.empty(n)
-    clock = time.perf_counter_ns
     for k in range(n):
         start = clock()
         call(k)
         taken[k] = clock() - start
     gc.enable()
-    return taken / 1e3
+    median, p99, p999 = np.quantile(taken, [0.5, 0.99, 0.999]) / 1e3
+    return {"median": median, "p99": p99, "p999": p999}
+
+
+def firsts(path: Path, clock: Callable[[], int]) -> dict[str, float]:
+    """Time of the first call of each kind after `warm_up` [us]."""
+    model, taken = calib.load(path), {}
+    found = cases(model, 8)[0]
+    model.warm_up()
+    for name, call in found.items():
+        clock()
+        start = clock()
+        call(5)
+        taken[name] = (clock() - start) / 1e3
+    return taken
 
 
 def lean_loop(q: Array, x: Array) -> Callable[[int], Any]:
@@ -80,14 +97,13 @@ def lean_loop(q: Array, x: Array) -> Callable[[int], Any]:
     return solve
 
 
-def measure(model: Any, calls: int) -> dict[str, dict[str, float]]:
-    """Latencies of each call of a warm model."""
-    model.warm_up()
+def cases(model: Any, calls: int) -> tuple[dict[str, Callable[[int], Any]], Array, Array]:
+    """Calls by name, each with the number of a pose; the poses and their positions."""
+    monitor = model.monitor()
     q = sweep(model, calls)
     x = model.forward(q)
     near = q + NEAR
-    monitor = model.monitor()
-    cases: dict[str, Callable[[int], Any]] = {
+    found: dict[str, Callable[[int], Any]] = {
         "forward(q)": lambda k: model.forward(q[k]),
         "expected_error(q)": lambda k: model.expected_error(q[k]),
         "forward and expected_error": lambda k: (model.forward(q[k]), model.expected_error(q[k])),
@@ -95,18 +111,36 @@ def measure(model: Any, calls: int) -> dict[str, dict[str, float]]:
         "monitor.update(q, x)": lambda k: monitor.update(q[k], x[k]),
     }
     if model.about.urdf:
-        cases["correct(q)"] = lambda k: model.correct(q[k])
+        found["correct(q)"] = lambda k: model.correct(q[k])
+    return found, q, x
+
+
+def measure(path: Path, calls: int, wall: bool) -> dict[str, dict[str, float]]:
+    """Latencies of each call of a model that was loaded warm."""
+    clock = time.perf_counter_ns if wall else time.thread_time_ns
+    model = calib.load(path, warm=True)
+    found, q, x = cases(model, calls)
     if len(q[0]) == 2 and model.about.robot == "two_link":
-        cases["Pinocchio, lean loop"] = lean_loop(q, x)
-    found = {}
-    for name, call in cases.items():
-        taken = latencies(call, calls)
-        found[name] = {
-            "median": float(np.median(taken)),
-            "p99": float(np.quantile(taken, 0.99)),
-            "p999": float(np.quantile(taken, 0.999)),
-        }
-    return found
+        found["Pinocchio, lean loop"] = lean_loop(q, x)
+    task = {"model": str(path), "wall": wall}
+    fresh = [row for _ in range(FRESH) if (row := child(Path(__file__), task))]
+    return {
+        name: latencies(call, calls, clock)
+        | {"first": float(np.median([row[name] for row in fresh])) if name in fresh[0] else np.nan}
+        for name, call in found.items()
+    }
+
+
+def table(found: dict[str, dict[str, float]]) -> list[str]:
+    """Rows of Markdown."""
+    lines = ["| one call [us] | median | 99 % | 99.9 % | first after `warm_up` |"]
+    lines.append("|---|---:|---:|---:|---:|")
+    for name, r in found.items():
+        called = f"`{name}`" if "(" in name else name
+        cells = " | ".join(f"{r[key]:.1f}" for key in ("median", "p99", "p999"))
+        first = "" if np.isnan(r["first"]) else f"{r['first']:.1f}"
+        lines.append(f"| {called} | {cells} | {first} |")
+    return lines
 
 
 def main() -> None:
@@ -114,19 +148,26 @@ def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
     parser.add_argument("--calls", type=int, default=5000)
     parser.add_argument("--model", type=Path)
-    parser.add_argument("--json", type=Path)
+    parser.add_argument("--page", action="store_true", help="write it into docs/realtime.md")
+    parser.add_argument("--wall", action="store_true", help="wall time, other work included")
+    parser.add_argument("--child", type=json.loads, help=argparse.SUPPRESS)
     options = parser.parse_args()
-    if options.model is not None:
-        model = calib.load(options.model)
-    else:
-        model = calib.train(calib.babble(calib.load_arm("two_link"), 20_000, seed=0))
-    found = measure(model, options.calls)
-    if options.json is not None:
-        options.json.write_text(json.dumps(found, indent=1) + "\n")
-    print(f"{'one call [us]':30} {'median':>8} {'99 %':>8} {'99.9 %':>8}")
-    for name, row in found.items():
-        print(f"{name:30} {row['median']:8.1f} {row['p99']:8.1f} {row['p999']:8.1f}")
-    sys.stdout.flush()
+    if options.child:
+        clock = time.perf_counter_ns if options.child["wall"] else time.thread_time_ns
+        print(json.dumps(firsts(options.child["model"], clock)))
+        return
+    with tempfile.TemporaryDirectory() as folder:
+        path = options.model
+        if path is None:
+            path = Path(folder) / "two_link.calib"
+            calib.train(calib.babble(calib.load_arm("two_link"), 20_000, seed=0)).save(path)
+        lines = table(measure(path, options.calls, options.wall))
+    print("\n".join(lines))
+    if options.page:
+        page = Path(__file__).parents[1] / "docs" / "realtime.md"
+        before, _, rest = page.read_text(encoding="utf-8").partition("| one call [us] |")
+        after = rest.partition("\n\n")[2]
+        page.write_text(before + "\n".join(lines) + "\n\n" + after, encoding="utf-8")
 
 
 if __name__ == "__main__":

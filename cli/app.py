@@ -10,6 +10,7 @@ import os
 import sys
 from collections.abc import Sequence
 from dataclasses import dataclass
+from textwrap import shorten
 from typing import Annotated, Any
 
 import typer
@@ -18,49 +19,11 @@ from typer.core import TyperGroup
 from calib.common.wording import one_line
 from calib.errors import CalibError
 
-from .commands.adapt import adapt
-from .commands.babble import babble
-from .commands.check import check
-from .commands.correct import correct
-from .commands.evaluate import evaluate
-from .commands.export import export
-from .commands.info import info
-from .commands.log import log
-from .commands.path import path
-from .commands.plan import plan
-from .commands.preview import preview
-from .commands.query import query_app
-from .commands.report import report
-from .commands.reproduce import reproduce
-from .commands.robots import robots
-from .commands.sweep import sweep
-from .commands.tag import tag
-from .commands.train import train
-from .commands.urdf import urdf
 from .interrupts import received
+from .on_demand import COMMANDS, OnDemand, plainly_read
 from .output import note, show_json, tell
 from .translation import as_typed, option_of
 
-COMMANDS = (
-    "robots",
-    "plan",
-    "train",
-    "query",
-    "evaluate",
-    "sweep",
-    "check",
-    "adapt",
-    "correct",
-    "urdf",
-    "export",
-    "babble",
-    "log",
-    "tag",
-    "preview",
-    "report",
-    "reproduce",
-    "info",
-)
 USAGE, INTERRUPTED = 2, 130
 _SIGNAL = 128  # a larger code names the signal that ended it
 _TRACEBACK = "CALIB_TRACEBACK"
@@ -68,6 +31,10 @@ _TRACEBACK = "CALIB_TRACEBACK"
 
 class CalibGroup(TyperGroup):
     """Commands whose errors are one line on standard error and an exit code."""
+
+    def __init__(self, **attributes: Any) -> None:
+        super().__init__(**attributes)
+        self.commands = OnDemand()
 
     def main(
         self,
@@ -98,9 +65,21 @@ class CalibGroup(TyperGroup):
             sys.exit(code)
         return code
 
-    def list_commands(self, ctx: Any) -> list[str]:
+    def get_params(self, ctx: Any) -> list[Any]:
+        """Return the options before a command."""
+        return plainly_read(super().get_params(ctx))
+
+    def list_commands(self, ctx: Any) -> list[str]:  # noqa: ARG002
         """Return the commands in the order of their use."""
-        return sorted(super().list_commands(ctx), key=COMMANDS.index)
+        return list(COMMANDS)
+
+    def format_commands(self, ctx: Any, formatter: Any) -> None:  # noqa: ARG002
+        """Write what each command does, without importing any."""
+        room = formatter.width - 6 - max(map(len, COMMANDS))
+        with formatter.section("Commands"):
+            formatter.write_dl(
+                [(name, shorten(text, room, placeholder="...")) for name, text in COMMANDS.items()]
+            )
 
     def invoke(self, ctx: Any) -> Any:
         """Run the command that was chosen; a reader who has seen enough ends it quietly."""
@@ -240,24 +219,3 @@ def start(
     """
     if context.invoked_subcommand is None:
         print(context.get_help())
-
-
-app.command()(robots)
-app.command()(plan)
-app.command()(train)
-query_app.command()(path)
-app.add_typer(query_app, name="query")
-app.command()(evaluate)
-app.command()(sweep)
-app.command()(check)
-app.command()(adapt)
-app.command()(correct)
-app.command()(urdf)
-app.command()(export)
-app.command()(babble)
-app.command()(log)
-app.command()(tag)
-app.command()(preview)
-app.command()(report)
-app.command()(reproduce)
-app.command()(info)

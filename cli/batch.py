@@ -48,7 +48,13 @@ class Streams:
     as_json: bool
 
 
-def forward_batch(model: Model, joints: JointFormat, streams: Streams, readout: str | None) -> int:
+def forward_batch(
+    model: Model,
+    joints: JointFormat,
+    streams: Streams,
+    readout: str | None,
+    frame: str = "sensor",
+) -> int:
     """Answer a table of joint values with positions; return the exit code.
 
     Parameters
@@ -60,6 +66,8 @@ def forward_batch(model: Model, joints: JointFormat, streams: Streams, readout: 
         The tables.
     readout : str or None
         Passed on to `Model.forward`.
+    frame : {"sensor", "base"}
+        Of the positions.
     """
     batch = read_batch(streams.source, joints.names)
     typed = batch.values
@@ -71,11 +79,20 @@ def forward_batch(model: Model, joints: JointFormat, streams: Streams, readout: 
         x[valid] = model.forward(q, readout)
         bounds[:, valid] = forward_bounds(model, q, x[valid], readout)
     columns = {axis: x[:, k] for k, axis in enumerate(model.axes)}
-    columns |= {"expected_error": bounds[0], "model_error": bounds[1]}
+    more: dict[str, Array] = {}
+    if len(model.axes) == 3 or frame == "base":
+        from .space import seen_forward
+
+        rows = np.tile(model.about.lower, (len(typed), 1))
+        rows[valid] = typed[valid] / joints.typed
+        added = seen_forward(model, rows, frame)
+        more = {name: np.where(valid, column, np.nan) for name, column in added.items()}
+    columns = {**columns, **more}
+    for name, bound in zip(("expected_error", "model_error"), bounds, strict=True):
+        columns[name] = columns.pop(name, bound)
     outside = np.flatnonzero(valid & np.isnan(x[:, 0])) + 1
-    return _finish(
-        model, joints, columns, streams, batch, outside.tolist(), "outside of what was learned"
-    )
+    why = "outside of what was learned"
+    return _finish(model, joints, columns, streams, batch, outside.tolist(), why, frame)
 
 
 def inverse_batch(
@@ -127,6 +144,7 @@ def _finish(
     batch: Batch,
     refused: Sequence[int],
     why: str,
+    frame: str = "sensor",
 ) -> int:
     """Write the answers, say which rows have none, and return the exit code."""
     columns, invalid, n = batch.answered(added), batch.invalid, len(batch.values)
@@ -138,8 +156,8 @@ def _finish(
             "rows": n,
             "invalid": invalid,
             "out_of_reach": refused,
-            "unit": model.about.unit,
-            "units": units_of(model.about),
+            "unit": "m" if frame == "base" else model.about.unit,
+            "units": units_of(model.about, frame),
             "bound_of": model.about.bound_of,
         }
         if streams.target is None:

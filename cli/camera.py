@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
@@ -57,8 +57,8 @@ class Shooting:
         """Make the setting; a lens that is calibrated is written beside the log."""
         from calib.recording.board import Board
         from calib.recording.lengths import parse_length
-        from calib.recording.reference import read_layout
         from calib.recording.setting import Setting, load_lens
+        from calib.recording.watch import read_layout
 
         if self.tag is None or self.joints_file is None:
             missing = "--tag ID" if self.tag is None else "--joints-file FILE"
@@ -124,6 +124,8 @@ def record(
     from calib.recording.from_pictures import log_pictures
     from calib.recording.from_video import Rows, log_video
     from calib.recording.joint_table import read_joints
+    from calib.recording.photo import read_photo
+    from calib.recording.seen import write_seen
     from calib.samples.tables import read_about
 
     setting = shooting.setting(output, notes)
@@ -144,19 +146,21 @@ def record(
             raise BadOption("--still and --time-offset are for videos and bags, not for pictures")
         made = log_pictures(source, table, setting, since=since)
     notes.say(made.notes)
+    path = _middle_picture(source, made)
+    folder = Path(output).resolve().parent
+    if output != "-" and path.resolve().is_relative_to(folder):
+        name = path.resolve().relative_to(folder).as_posix()  # train finds it there
+        made = replace(made, source={**made.source, "photo": name})
     if shooting.picture is not None:
-        _draw(source, shooting.picture, setting, made)
+        write_seen(shooting.picture, read_photo(path), setting, made.pixels)
     return made
 
 
-def _draw(source: str, picture: str, setting: Setting, made: Recorded) -> None:
-    from calib.recording.pictures import list_pictures, read_picture
-    from calib.recording.seen import write_seen
-    from calib.recording.video import Video
+def _middle_picture(source: str, made: Recorded) -> Path:
+    """Return a picture of a log, or the video."""
+    from calib.recording.pictures import list_pictures
 
-    if made.pictures is not None:
-        named = {path.name: path for path in list_pictures(source)}
-        photo = read_picture(named[made.pictures[len(made) // 2]], colour=True)
-    else:
-        photo = next(frame for _, frame in Video(source).frames())
-    write_seen(picture, photo, setting, made.pixels)
+    if made.pictures is None:
+        return Path(source)
+    named = {path.name: path for path in list_pictures(source)}
+    return named[made.pictures[len(made) // 2]]

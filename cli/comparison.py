@@ -6,7 +6,8 @@ import math
 from collections.abc import Sequence
 from typing import TYPE_CHECKING, Any
 
-from .options import READOUTS
+from calib.common.choices import READOUTS
+
 from .output import Table, fixed, number
 from .units import for_people
 
@@ -74,6 +75,7 @@ def document(found: Sweep, output: str | None) -> dict[str, Any]:
         "jobs": found.jobs,
         "trainings": len(found),
         "failed": len(found.failed),
+        "units": {"errors": "unit of the row", "seconds": "s"},
         "combinations": [_combination(part) for part in found.combinations()],
         "rows": [
             {

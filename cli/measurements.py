@@ -74,5 +74,6 @@ def log_for(
     if unit is not None and unit != about.unit and {unit, about.unit} <= set(_METRES):
         factor = _METRES[unit] / _METRES[about.unit]
         notes.say([f"positions converted from {unit} to {about.unit}"])
-        log = replace(log, x=log.x * factor, unit=about.unit)
+        shared = {"noise_of_reference": log.shared * factor}
+        log = replace(log, x=log.x * factor, unit=about.unit, source={**log.source, **shared})
     return log

@@ -6,16 +6,20 @@ from typing import Annotated
 
 import typer
 
+from calib.common.choices import (
+    BODIES,
+    CAUSES,
+    FRAMES,
+    LOG_FRAMES,
+    MAPS,
+    MOTIONS,
+    READOUTS,
+    RULES,
+    VIEWS,
+)
+
 from . import parsing
 from .parsing import Columns, JointRange, JointValue, Names, Numbers, Sigma, Size
-
-MAPS = ("vdsom", "som", "dsom", "gng")
-RULES = ("batch", "online")
-READOUTS = ("local", "body", "linear", "activity", "winner")
-BODIES = ("auto", "none")
-SENSOR_VIEWS = ("auto", "base", "rigid", "similarity", "affine", "homography")
-VIEWS, CAUSES = ("auto", "base"), ("sensor", "joints")
-MOTIONS = ("uniform", "halton", "sobol", "smooth")
 
 RobotArgument = Annotated[
     str, typer.Argument(metavar="ROBOT", help="A URDF file, or a bundled robot (calib robots).")
@@ -23,8 +27,6 @@ RobotArgument = Annotated[
 ModelArgument = Annotated[
     str, typer.Argument(metavar="MODEL", help="A model file, as written by calib train.")
 ]
-
-CAUSES = ("sensor", "joints")
 
 JointsOption = Annotated[
     Names | None,
@@ -114,10 +116,10 @@ SensorViewOption = Annotated[
     str,
     typer.Option(
         "--view",
-        parser=parsing.one_of("--view", SENSOR_VIEWS),
-        metavar="|".join(SENSOR_VIEWS),
+        parser=parsing.one_of("--view", VIEWS),
+        metavar="|".join(VIEWS),
         help="What the sensor measures: base is the robot's root frame; auto is rigid for "
-        "lengths, homography for pixels.",
+        "lengths, homography for pixels, pinhole for pixels of an arm in space.",
     ),
 ]
 RuleOption = Annotated[
@@ -240,8 +242,8 @@ ViewOption = Annotated[
     str,
     typer.Option(
         "--view",
-        parser=parsing.one_of("--view", VIEWS),
-        metavar="|".join(VIEWS),
+        parser=parsing.one_of("--view", LOG_FRAMES),
+        metavar="|".join(LOG_FRAMES),
         help="base: the log is in the robot's root frame; auto: the sensor's frame is free.",
     ),
 ]
@@ -273,6 +275,15 @@ NearOption = Annotated[
         parser=parsing.numbers("--near"),
         metavar="Q1,Q2",
         help="Answer with the branch nearest to these joint values.",
+    ),
+]
+FrameOption = Annotated[
+    str,
+    typer.Option(
+        "--in",
+        parser=parsing.one_of("--in", FRAMES),
+        metavar="|".join(FRAMES),
+        help="Frame of positions: what the sensor reads, or the arm's base [m].",
     ),
 ]
 AllOption = Annotated[bool, typer.Option("--all", help="Answer with every branch.")]

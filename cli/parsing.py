@@ -232,6 +232,17 @@ def numbers(option: str) -> Callable[[str], Numbers]:
     return parse
 
 
+def height(text: str) -> float:
+    """Parse `z=0.02`, a plane of the base frame [m]."""
+    axis, _, value = (part.strip() for part in text.partition("="))
+    try:
+        if axis != "z":
+            raise ValueError(text)
+        return finite(value)
+    except ValueError:
+        raise bad_option("--on", text, "a height of the base frame in m such as z=0.02") from None
+
+
 def several(option: str, parse: Callable[[str], object]) -> Callable[[str], Values]:
     """Return a parser of values with commas between them, each read by `parse`."""
 

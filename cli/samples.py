@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Collection, Iterable, Mapping, Sequence
 from dataclasses import dataclass
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 from .output import Notes
 from .parsing import BadOption, JointRange, JointValue
@@ -119,6 +119,7 @@ def measured(
     prismatic: Sequence[str],
     seed: int,
     notes: Notes,
+    lens: str | None = None,
 ) -> Samples:
     """Read a log, for the robot where there is one, and say what was assumed."""
     import calib
@@ -141,16 +142,25 @@ def measured(
         ranges=ranges_in_si(selection.ranges, turns, selection.degrees),
         prismatic=prismatic,
         seed=seed,
+        lens=_lens(lens),
     )
     notes.say(log.notes)
     return log
+
+
+def _lens(path: str | None) -> dict[str, Any] | None:
+    if path is None:
+        return None
+    from calib.recording.lens import read_lens
+
+    return read_lens(path).to_json()
 
 
 def _arm_of_log(
     selection: Selection, source: Source, columns: Mapping[str, str] | None, notes: Notes
 ) -> Arm:
     """Load the arm with its other joints where the log says that they stood."""
-    from calib.samples.logs import locked_from_log
+    from calib.samples.locked import locked_from_log
 
     header = {*source.header, *(columns or {})}
     arm = selection.load(columns=header)
@@ -159,12 +169,12 @@ def _arm_of_log(
     if not others:
         return arm
     turns = kinds_of_joints(str(selection.robot))
-    held, said = locked_from_log(
+    held, told = locked_from_log(
         source,
         others,
         columns={name: column for name, column in (columns or {}).items() if name in others},
         degrees=selection.degrees,
         prismatic=[name for name in others if not turns.get(name, True)],
     )
-    notes.say(said)
+    notes.say(told)
     return selection.load(held, header) if held else arm

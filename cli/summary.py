@@ -5,7 +5,8 @@ from __future__ import annotations
 from collections.abc import Mapping
 from typing import TYPE_CHECKING, Any
 
-from .options import READOUTS
+from calib.common.choices import READOUTS
+
 from .output import Table, number
 from .units import for_people, units_of
 
@@ -15,6 +16,7 @@ if TYPE_CHECKING:
 Errors = Mapping[str, Mapping[str, Mapping[str, Mapping[str, float]]]]
 
 STATISTICS = ("mean", "p99", "max")
+_NONE = dict.fromkeys(STATISTICS)  # of what a readout does not answer
 
 
 def summary(
@@ -65,7 +67,11 @@ def view_of(model: Model) -> dict[str, Any]:
     body = model.body
     if body is None:
         return {"kind": None}
-    view: dict[str, Any] = {"kind": body.structure.view}
+    from calib.body.poses import knows_orientation
+    from calib.body.sensor import SensorPose
+
+    kind = "pose" if knows_orientation(body) else body.structure.view
+    view: dict[str, Any] = {"kind": kind}
     if (mirror := body.structure.header().get("mirror")) is not None:
         view["mirror"] = mirror < 0
     for parameter in body.parameters():
@@ -75,6 +81,11 @@ def view_of(model: Model) -> dict[str, Any]:
                 "interval": [parameter.low, parameter.high],
                 "unit": parameter.unit,
             }
+    if (sensor := SensorPose.of(body)) is not None:
+        view["camera" if view["kind"] == "pinhole" else "sensor"] = sensor.to_json()
+    if view["kind"] == "pinhole":
+        f, u, v, k1 = body.beta[body.structure.groups["lens"]].tolist()
+        view["lens"] = {"focal": f, "centre": [u, v], "k1": k1, "size": model.about.picture}
     return view
 
 
@@ -88,9 +99,11 @@ def error_table(model: Model, errors: Errors, title: str) -> Table:
         label = readout
         for direction, names in quantities.items():
             heading = direction
-            for name in [*names, "distance"]:
+            turned = ["orientation"] if "orientation" in errors[readout][direction] else []
+            for name in [*names, "distance", *turned]:
                 is_joint = direction == "inverse" and name != "distance"
-                factor, unit = for_people(units[name] if is_joint else about.unit)
+                si = units[name] if is_joint else "rad" if name in turned else about.unit
+                factor, unit = for_people(si)
                 error = errors[readout][direction][name]
                 values = [_scaled(error, key, factor) for key in STATISTICS]
                 rows.append([label, heading, name, unit, *values])
@@ -106,11 +119,14 @@ def compact_table(model: Model, errors: Errors, title: str) -> Table:
     quantities += [("inverse", name, unit) for name, unit in units.items()]
     quantities += [("inverse", "distance", about.unit)]
     readouts = _ordered(errors)
+    if "orientation" in errors[readouts[0]]["forward"]:
+        quantities.insert(1, ("forward", "orientation", "rad"))
     rows = []
     for direction, name, si in quantities:
         factor, unit = for_people(si)
         row = [f"{direction} {name} [{unit}]"]
-        row += [_scaled(errors[readout][direction][name], "mean", factor) for readout in readouts]
+        found = [errors[readout][direction].get(name, _NONE) for readout in readouts]
+        row += [_scaled(each, "mean", factor) for each in found]
         row.insert(2, _scaled(errors[readouts[0]][direction][name], "max", factor))
         rows.append(row)
     return Table(["mean, and max", readouts[0], "max", *readouts[1:]], rows, title)

@@ -19,6 +19,7 @@ OPTIONS = {
     "dictionary": "--dictionary",
     "epochs": "--epochs",
     "force": "--force",
+    "frames": "--frames",
     "max_gap": "--max-gap",
     "joints": "--joints",
     "joints_topic": "--joints-topic",

@@ -27,13 +27,14 @@ def for_people(unit: str) -> tuple[float, str]:
     return 1.0, unit
 
 
-def units_of(about: About) -> dict[str, Any]:
-    """Units of the numbers in a JSON document.
+def units_of(about: About, frame: str = "sensor") -> dict[str, Any]:
+    """Units of the numbers in a JSON document; positions of the base frame are in m.
 
     Errors, bounds and distances have the unit of the positions, times are in seconds.
     """
     joints = dict(zip(about.joint_names, about.units_of_joints, strict=True))
-    return {"joints": joints, "positions": about.unit, "seconds": "s"}
+    unit = "m" if frame == "base" else about.unit
+    return {"joints": joints, "positions": unit, "seconds": "s"}
 
 
 class JointFormat:

@@ -1,6 +1,6 @@
 """Train on every robot of PyPI's example-robot-data and write down what happened.
 
-python docs/make_robots.py              # writes docs/robots.md; some five minutes
+python docs/make_robots.py              # writes docs/robots.md; some ten minutes
 """
 
 from __future__ import annotations
@@ -29,7 +29,7 @@ from reference import pinocchio_forward, random_joints
 PAGE = Path(__file__).parent / "robots.md"
 PACKAGE = "example-robot-data"
 ROBOTS = Path(pinocchio.__file__).parents[4] / "share" / PACKAGE / "robots"
-SIZE, SAMPLES, POSES = 20, 2000, 200
+SIZE, SAMPLES, POSES = 8, 1000, 200
 ARM = re.compile(r"--joints (\S+) --tip ([^\s;]+)")
 RANGE = re.compile(r"--range (\S+)=LOWER:UPPER")
 BAR = 1e-9  # largest distance to Pinocchio [m]
@@ -39,20 +39,21 @@ INTRODUCTION = """\
 
 Written by `python docs/make_robots.py`; edit that, not this page.
 
-What `calib train FILE --planar --size {size} --samples {samples}` does with each of the {files}
+What `calib train FILE --size {size} --samples {samples}` does with each of the {files}
 URDF files of [{package}](https://github.com/Gepetto/example-robot-data) {version} (PyPI; meshes
-are not needed). Nothing is said about joints or tip: where there is one arm that reaches further
-than the others it is taken with a note, an arm before its fingers. Where several reach alike (two
-arms, four legs) the command lists them, ends with exit code 1 and trains nothing; where limits
-are missing it asks for ranges. The table then gives the arm that comes of doing as told: the first
-of the list, ranges from -1 to 1. Of the files {trained} were trained at once, {listed} after doing
-as told, {refused} were refused for good.
+are not needed). Nothing is said about joints or tip: the arm that reaches furthest is taken with a
+note, an arm before its fingers; of limbs that reach alike (two arms, four legs) in space the first.
+A few robots have limbs in planes that reach alike: the command lists them, ends with exit code 1
+and trains nothing; where limits are missing it asks for ranges. The table then gives the arm that
+comes of doing as told: the first of the list, ranges from -1 to 1. Of the files {trained} were
+trained at once, {listed} after doing as told, {refused} were refused for good. {spatial} of the
+arms move in space, {planar} in a plane.
 
 *Error* is the mean forward error on 10,000 fresh exact samples, *Pinocchio* the largest distance
 over {poses} random poses to the frame placements that Pinocchio computes from the same file: at
 most {worst:.1e} m, the bar is {bar:.0e} m. The maps are small and the samples without noise, so the
-errors say that the trend can represent the arm, and nothing about a real one. Locked joints are at
-neutral, `--lock` moves them; which joints share a plane depends on it.
+errors say that the body can represent the arm, and nothing about a real one. In simulation the body
+is found without the URDF's numbers. Locked joints are at neutral, `--lock` moves them.
 """
 
 SAID = """\
@@ -78,6 +79,7 @@ class Outcome:
     tip: str = ""
     error: float = np.nan
     gap: float = np.nan
+    spatial: bool = False
 
     @property
     def trained(self) -> bool:
@@ -90,7 +92,7 @@ def calib_train(path: Path, *options: str) -> tuple[dict[str, object] | None, st
     out, err = io.StringIO(), io.StringIO()
     with tempfile.TemporaryDirectory() as folder:
         sizes = ["--size", str(SIZE), "--samples", str(SAMPLES)]
-        words = ["train", str(path), "--planar", *sizes, *options]
+        words = ["train", str(path), *sizes, *options]
         with redirect_stdout(out), redirect_stderr(err):
             code = app([*words, "-o", f"{folder}/m.calib", "--json"], standalone_mode=False)
     document = json.loads(out.getvalue()) if code == 0 else None
@@ -116,11 +118,11 @@ def exercise(path: Path) -> Outcome:
         options += added
     joints, tip = tuple(document["joints"]), str(document["tip"])
     ranges = dict.fromkeys(RANGE.findall(" ".join(said)), (-1.0, 1.0))
-    arm = calib.load_arm(path, joints, tip, ranges=ranges, planar=True)
+    arm = calib.load_arm(path, joints, tip, ranges=ranges)
     q = random_joints(arm, POSES)
     gap = float(np.abs(arm.forward(q) - pinocchio_forward(arm, q)).max())
     error = document["errors"]["local"]["forward"]["distance"]["mean"]
-    return Outcome(name, tuple(said), joints, tip, float(error), gap)
+    return Outcome(name, tuple(said), joints, tip, float(error), gap, arm.outputs == 3)
 
 
 def obeyed(line: str) -> list[str]:
@@ -148,16 +150,18 @@ def short(said: tuple[str, ...]) -> str:
 
 def rows(outcomes: list[Outcome]) -> Iterator[str]:
     """Yield the table, a row for each file."""
-    yield "| file | at once | joints | tip | error [mm] | Pinocchio [m] |"
-    yield "|---|---|---|---|---:|---:|"
+    yield "| file | at once | in | joints | tip | error [mm] | Pinocchio [m] |"
+    yield "|---|---|---|---|---|---:|---:|"
     for found in outcomes:
         name, first = f"`{found.name}`", f"{short(found.said)}"
         if not found.trained:
-            yield f"| {name} | {first} | | | | |"
+            yield f"| {name} | {first} | | | | | |"
             continue
         joints = ", ".join(f"`{joint}`" for joint in found.joints)
         error = "< 1e-6" if found.error < 1e-9 else f"{1e3 * found.error:.2g}"
-        yield f"| {name} | {first} | {joints} | `{found.tip}` | {error} | {found.gap:.1e} |"
+        where = "space" if found.spatial else "plane"
+        what = f"{first} | {where} | {joints} | `{found.tip}`"
+        yield f"| {name} | {what} | {error} | {found.gap:.1e} |"
 
 
 def page(outcomes: list[Outcome]) -> str:
@@ -173,6 +177,8 @@ def page(outcomes: list[Outcome]) -> str:
         trained=sum(not found.said for found in outcomes),
         listed=sum(bool(found.said) for found in trained),
         refused=len(outcomes) - len(trained),
+        spatial=sum(found.spatial for found in trained),
+        planar=sum(not found.spatial for found in trained),
         poses=POSES,
         worst=max(found.gap for found in trained),
         bar=BAR,

@@ -97,3 +97,15 @@ def log(tmp_path_factory: pytest.TempPathFactory) -> Path:
     done = run_in_process("babble", "two_link", "-n", "400", "-o", path)
     assert done.code == 0, done.err
     return path
+
+
+@pytest.fixture
+def file(tmp_path):
+    """Write a small log into the test's own folder."""
+
+    def write(content, name="log.csv"):
+        path = tmp_path / name
+        path.write_bytes(content if isinstance(content, bytes) else content.encode())
+        return path
+
+    return write

@@ -8,7 +8,9 @@ from functools import cache
 import numpy as np
 
 import calib
+from calib.body.spatial import structure_of
 from calib.common.scale import TURN
+from calib.samples.camera import Camera
 
 L1, L2 = 0.30, 0.25
 """Link lengths of `two_link` and `two_link_full` [m]."""
@@ -81,3 +83,48 @@ def draw(model: calib.Model, n: int, seed: int = 0, margin: float = 0.0) -> np.n
     """Draw joints from a model's range, a share of it apart from the limits: (n, dof)."""
     u = np.random.default_rng(seed).uniform(margin, 1 - margin, (n, len(model.about.lower)))
     return model.about.lower + u * (model.about.upper - model.about.lower)
+
+
+@cache
+def in_space(n: int = 240):
+    """Return a model of a log of `spatial_three` as it was built, with joint curves."""
+    arm = calib.load_arm("spatial_three")
+    structure = structure_of(arm, "rigid")
+    rng, groups, layout = np.random.default_rng(0), structure.groups, structure.layout
+    beta = structure.neutral()
+    beta[groups["view.rotation"]] = rng.normal(0, 1, 3)
+    beta[groups["view.shift"]] = rng.normal(0, 1, 3)
+    beta[groups["tool"]] = rng.normal(0, 0.02, 3)
+    beta[layout.shifts] = rng.normal(0, 5e-4, (3, 3))
+    beta[layout.turns] = rng.normal(0, 1e-3, (3, 3))
+    beta[groups["elastic"]] = -1e-3
+    for k in range(3):
+        beta[groups[f"curve.{k}"][[9, 48 + 14]]] = rng.normal(0, 5e-4, 2)
+    q = rng.uniform(arm.lower, arm.upper, (n, 3))
+    x = structure.predict(q, beta) + rng.normal(0, 2e-5, (n, 3))
+    samples = calib.Samples(
+        q, x, arm.joint_names, arm.lower, arm.upper, arm.revolute, arm=arm, unit="m"
+    )
+    return calib.train(samples, size=5)
+
+
+@cache
+def in_pixels(n: int = 60):
+    """Return a model of `spatial_three`, seen by a camera of a known lens from the side."""
+    arm = calib.load_arm("spatial_three")
+    lens = (900.0, 640.0, 360.0, -0.1)
+    structure = structure_of(arm, "pinhole", unit="px", lens=lens, lens_sd=(0.0,) * 4)
+    beta, groups = structure.neutral(), structure.groups
+    beta[groups["view.rotation"]] = (-1.3, 0.2, 0.1)
+    beta[groups["view.shift"]] = (0.05, 0.1, 2.0)
+    beta[groups["offset"][1:]] = (0.03, -0.02)
+    rng = np.random.default_rng(0)
+    q = rng.uniform(arm.lower, arm.upper, (n, 3))
+    x = structure.predict(q, beta) + rng.normal(0, 0.3, (n, 2))
+    return calib.train(
+        calib.Samples(
+            q, x, arm.joint_names, arm.lower, arm.upper, arm.revolute, arm=arm, unit="px",
+            camera=Camera((1280, 720), lens),
+        ),
+        size=5,
+    )  # fmt: skip

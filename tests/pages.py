@@ -114,8 +114,6 @@ def run_page(
     folder: Path,
     names: dict[str, object],
     before: Callable[[Block], None] = lambda _block: None,
-    *,
-    figures: bool = False,
 ) -> dict[str, object]:
     """Run the blocks of a page in order, in one folder and with one set of Python names."""
     for block in blocks(page.read_text(encoding="utf-8")):
@@ -126,15 +124,12 @@ def run_page(
             exec(compile(block.text, page.name, "exec"), names)
         elif block.language == "console":
             for command in commands(block):
-                check(command, folder, figures=figures)
+                check(command, folder)
     return names
 
 
-def check(command: Command, folder: Path, *, figures: bool = False) -> None:
-    """Run a command of a page and compare its exit code and what it printed.
-
-    With `figures` the numbers are compared too, but for timings.
-    """
+def check(command: Command, folder: Path) -> None:
+    """Run a command of a page and compare its exit code and what it printed, but for timings."""
     assert command.words[0] == "calib", f"only calib is run here: {command.words}"
     outcome = SHARED.run(command.words[1:], folder)
     said = f"$ {shlex.join(command.words)}\n{outcome.out}{outcome.err}"
@@ -142,9 +137,8 @@ def check(command: Command, folder: Path, *, figures: bool = False) -> None:
     printed = [*outcome.out.splitlines(), *outcome.err.splitlines()]
     wrong = missing(command.shown, printed)
     assert not wrong, f"{said}\ndiffers from the page: {wrong}"
-    if figures:
-        invented = differing(command.shown, printed)
-        assert not invented, f"{said}\nother figures than on the page: {invented}"
+    invented = differing(command.shown, printed)
+    assert not invented, f"{said}\nother figures than on the page: {invented}"
 
 
 def differing(shown: list[str], printed: list[str]) -> list[str]:

@@ -6,7 +6,8 @@ import numpy as np
 import pytest
 
 from calib.errors import LogError
-from calib.recording.clocks import SURE, ClockError, Clocks, align_clocks, joints_at
+from calib.recording.clock_search import Clocks, joints_at
+from calib.recording.clocks import SURE, ClockError, align_clocks
 from calib.recording.judge import Judge, held_out, kernel, row_shift
 from calib.recording.track import astray, check_motion, jumps, stuck
 

@@ -8,13 +8,17 @@ from dataclasses import replace
 import numpy as np
 import pytest
 from drifting import arm, log, model
+from models import in_space
 
 import calib
 from calib.arm.loading import arm_from_urdf
 from calib.arm.robots import resolve_robot
 from calib.arm.urdf import read_urdf
+from calib.body.spatial import structure_of
 from calib.errors import OptionError, QueryError
 from calib.use.correct import correct
+from calib.use.nominal import nominal_in_space
+from calib.use.nominal_pose import NominalPose
 
 Q = np.random.default_rng(0).uniform([0.4, 0.7], [1.1, 2.0], (50, 2))
 
@@ -189,3 +193,33 @@ def test_the_frame_of_a_tracker_is_not_corrected():
     based = correct(calib.train(replace(changed, simulation=None), size=12), Q, view="base")
     assert based.notes == ()
     assert np.linalg.norm(truth(based.q) - arm().forward(Q), axis=1).max() < 1e-3
+
+
+def test_six_joints_keep_the_tools_orientation():
+    arm = calib.load_arm("six_axis")
+    structure, rng = structure_of(arm, "rigid"), np.random.default_rng(0)
+    real = structure.neutral()
+    for group in ("placement", "offset", "elastic", "view.shift"):
+        real[structure.groups[group]] = rng.normal(0, 1e-3, len(structure.groups[group]))
+    nominal = nominal_in_space(structure, real)
+    pose = NominalPose.of(structure, real, nominal)
+    q = np.array([0.3, -1.2, 1.4, -0.8, 1.2, 0.4]) + rng.uniform(-0.3, 0.3, (200, 6))
+    found = pose.towards(q)
+    gap = structure.predict(found, real) - structure.predict(q, nominal)
+    assert np.linalg.norm(gap, axis=1).max() < 1e-8
+    assert pose.angle(q, found).max() < 1e-8
+    assert pose.angle(q, q).min() > 1e-4
+    assert NominalPose.of(structure_of(calib.load_arm("spatial_three")), real, real) is None
+
+
+def test_positions_in_space_are_corrected():
+    model = in_space()
+    structure, beta = model.body.structure, model.body.beta
+    q = np.random.default_rng(0).uniform(model.about.lower, model.about.upper, (50, 3)) * 0.8
+    done = correct(model, q, limit=0.5)
+    wanted = structure.predict(q, nominal_in_space(structure, beta))
+    known = done.reachable
+    assert known.sum() > 40
+    assert np.linalg.norm(model.forward(done.q[known]) - wanted[known], axis=1).max() < 1e-8
+    assert done.angle is None
+    assert any("positions alone" in note for note in done.notes)

@@ -196,7 +196,7 @@ def test_at_the_border_of_a_graph_are_nodes_with_few_edges():
 
 
 def test_an_unknown_name_is_refused_with_the_choices():
-    with pytest.raises(OptionError, match=r"'sum' is unknown, choose one of som, vdsom") as caught:
+    with pytest.raises(OptionError, match=r"'sum' is unknown, choose one of vdsom, som") as caught:
         gain_of("sum")
     assert "\n" not in str(caught.value)
 

@@ -31,8 +31,6 @@ KNOCKED = (
     "adapt two_link.calib --data new.csv",
 )
 EARLIER = {"docs/apply.md": KNOCKED, "docs/howto/ros.md": KNOCKED}
-#: pages whose figures are compared too, not their words alone
-FIGURES = ("docs/sweep.md",)
 NOT_RUN = {
     ("docs/quickstart.md", "it installs the package that they run."),
     ("docs/howto/ros.md", "it installs the package that they run."),
@@ -62,7 +60,22 @@ def folder(tmp_path, monkeypatch):
     space += np.random.default_rng(0).normal(0.0, 3e-4, space.shape)
     joints = {"shoulder": seen.q[:, 0], "elbow": seen.q[:, 1]}
     write_table("tracker.csv", {**joints, **dict(zip("xyz", space.T, strict=True))})
+    write_table("pictures.csv", pictures())
     return tmp_path
+
+
+def pictures():
+    """45 pictures of an arm in space: its joints, and the pixel at which each shows the tip."""
+    arm, rng = calib.load_arm("spatial_three"), np.random.default_rng(0)
+    q = rng.uniform(arm.lower, arm.upper, (45, 3))
+    ahead = np.array([-0.2, 0.93, -0.3]) / np.linalg.norm([-0.2, 0.93, -0.3])
+    right = np.cross(ahead, (0, 0, 1)) / np.linalg.norm(np.cross(ahead, (0, 0, 1)))
+    point = (arm.forward(q) - (0.35, -1.1, 0.55)) @ np.stack(
+        [right, np.cross(ahead, right), ahead]
+    ).T
+    pixels = 880 * point[:, :2] / point[:, 2:] + (640, 360) + rng.normal(0, 0.3, (45, 2))
+    columns = dict(zip(arm.joint_names, q.T, strict=True))
+    return columns | {"u": pixels[:, 0], "v": pixels[:, 1]}
 
 
 def needed(text: str) -> None:
@@ -140,7 +153,7 @@ def test_commands_and_code_run_and_print_what_the_page_shows(name, folder, monke
         shutil.copy("two_link.adapted.calib", "so101.calib")
         action = {"shoulder_lift.pos": 30.0, "elbow_flex.pos": 60.0, "gripper.pos": 5.0}
         names = {"robot": robots, "action": dict(action)}
-    run_page(page, folder, names, figures=name in FIGURES)
+    run_page(page, folder, names)
     if name == "docs/howto/ros.md":
         correct = calib.load("two_link.adapted.calib").correct
         (message,) = robots.published

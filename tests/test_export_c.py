@@ -5,16 +5,20 @@ from __future__ import annotations
 import re
 import shutil
 import subprocess
+from dataclasses import replace
 from functools import cache
 from pathlib import Path
 
 import numpy as np
 import pytest
+from models import in_pixels, in_space
 
 import calib
+from calib.arm.rotations import logarithm
 from calib.errors import OptionError
+from calib.maps.predictor import BodyInBox
 from calib.use.export_c import c_header
-from calib.use.nominal import nominal_in_view
+from calib.use.nominal import nominal_in_space, nominal_in_view
 
 COMPILER = shutil.which("cc") or shutil.which("gcc")
 needs_compiler = pytest.mark.skipif(COMPILER is None, reason="no C compiler on this machine")
@@ -23,8 +27,9 @@ PROGRAM = """
 #include "arm.h"
 #include <stdio.h>
 int main(int count, char **names) {
-  double in[CALIB_DOF], out[3 + 3 * CALIB_DOF];
-  calib_real q[CALIB_DOF], x[2], J[2 * CALIB_DOF], e, fixed[CALIB_DOF];
+  enum { SLOPES = CALIB_OUT * CALIB_DOF, ALL = CALIB_OUT + 1 + SLOPES + CALIB_DOF };
+  double in[CALIB_DOF], out[ALL];
+  calib_real q[CALIB_DOF], x[CALIB_OUT], J[SLOPES], e, fixed[CALIB_DOF];
   FILE *from, *to;
   int i;
   if (count != 3) return 1;
@@ -37,12 +42,11 @@ int main(int count, char **names) {
     calib_jacobian(q, J);
     calib_expected_error(q, &e);
     calib_correct(q, fixed);
-    out[0] = x[0];
-    out[1] = x[1];
-    out[2] = e;
-    for (i = 0; i < 2 * CALIB_DOF; ++i) out[3 + i] = J[i];
-    for (i = 0; i < CALIB_DOF; ++i) out[3 + 2 * CALIB_DOF + i] = fixed[i];
-    fwrite(out, sizeof(double), 3 + 3 * CALIB_DOF, to);
+    for (i = 0; i < CALIB_OUT; ++i) out[i] = x[i];
+    out[CALIB_OUT] = e;
+    for (i = 0; i < SLOPES; ++i) out[CALIB_OUT + 1 + i] = J[i];
+    for (i = 0; i < CALIB_DOF; ++i) out[CALIB_OUT + 1 + SLOPES + i] = fixed[i];
+    fwrite(out, sizeof(double), ALL, to);
   }
   fclose(from);
   return fclose(to);
@@ -56,8 +60,14 @@ LANGUAGES = {
 
 @cache
 def model(kind):
-    """A model with curves and a turned sensor, or with three joints, or with a slide."""
-    if kind != "real":
+    """A model with curves and a turned sensor, with three joints, with a slide, or in space."""
+    if kind == "space":
+        return in_space()
+    if kind == "pixels":
+        return in_pixels()
+    if kind == "six":
+        return six()
+    if kind not in ("real", "local"):
         turned = calib.babble(calib.load_arm(kind), 600, seed=0, changes=("sensor.rotate=0.3",))
         return calib.train(turned, size=8)
     arm = calib.load_arm("two_link")
@@ -65,8 +75,28 @@ def model(kind):
     q = rng.uniform(arm.lower, arm.upper, (500, 2))
     bent = q + 2e-3 * np.sin(9 * q) + [0.0, 0.02]
     x = arm.forward(bent) @ [[0.0, 1.0], [-1.0, 0.0]] + rng.normal(scale=5e-5, size=(500, 2))
+    if kind == "local":
+        x = x + 4e-3 * np.sin(5 * q[:, :1] * q[:, 1:])
     samples = calib.Samples(q, x, arm.joint_names, arm.lower, arm.upper, arm.revolute, arm=arm)
     return calib.train(samples, size=8)
+
+
+@cache
+def six():
+    """A six-joint arm in space, every parameter of which is off."""
+    arm = calib.load_arm("six_axis")
+    q = np.random.default_rng(0).uniform(arm.lower, arm.upper, (30, 6))
+    samples = calib.Samples(
+        q, arm.forward(q), arm.joint_names, arm.lower, arm.upper, arm.revolute, arm=arm
+    )
+    drawn = calib.train(samples, size=3)
+    structure = drawn.body.structure
+    rng, beta = np.random.default_rng(1), drawn.body.beta.copy()
+    for group in ("tool.rotation", "placement", "offset", "elastic", "curve.1", "curve.4"):
+        beta[structure.groups[group]] += rng.normal(0, 1e-3, len(structure.groups[group]))
+    body = replace(drawn.body, beta=beta)
+    smooth = BodyInBox(body, drawn.motor.scale)
+    return replace(drawn, body=body, predictor=replace(drawn.predictor, smooth=smooth))
 
 
 def answers(model, q, folder, language="c99", single=False):
@@ -80,8 +110,12 @@ def answers(model, q, folder, language="c99", single=False):
     q.tofile(folder / "in")
     subprocess.run([folder / "program", folder / "in", folder / "out"], check=True)
     out = np.fromfile(folder / "out").reshape(len(q), -1)
-    dof = q.shape[1]
-    return out[:, :2], out[:, 2], out[:, 3 : 3 + 2 * dof].reshape(-1, 2, dof), out[:, -dof:]
+    dof, m = q.shape[1], len(model.axes)
+    return out[:, :m], out[:, m], out[:, m + 1 : -dof].reshape(-1, m, dof), out[:, -dof:]
+
+
+def _unit(model, q):
+    return model.motor.scale.to_unit(q)
 
 
 def questions(model, n):
@@ -93,25 +127,29 @@ def questions(model, n):
 
 @needs_compiler
 @pytest.mark.parametrize("language", LANGUAGES)
-@pytest.mark.parametrize("kind", ["real", "three_link", "polar"])
+@pytest.mark.parametrize("kind", ["real", "local", "three_link", "polar", "space", "six", "pixels"])
 def test_the_header_agrees_with_the_model(kind, language, tmp_path):
     m = model(kind)
+    assert (m.predictor.models.degree >= 0) == (kind == "local")
     q = questions(m, 10_000)
     x, bound, slope, _ = answers(m, q, tmp_path, language)
-    wanted = m.forward(q, "local" if m.predictor.models.degree < 0 else "body")
+    wanted = m.forward(q)
     assert (np.isnan(x) == np.isnan(wanted)).all()
     assert np.isnan(wanted).any()
     known = ~np.isnan(wanted[:, 0])
     np.testing.assert_allclose(x[known], wanted[known], rtol=0, atol=1e-12 * m.reach)
-    np.testing.assert_allclose(bound, m.expected_error(q), rtol=1e-9, atol=1e-12 * m.reach)
-    inside = m.body.structure.slope(q[known], m.body.beta)
+    told = m.expected_error(q) if kind != "six" else m.trust.bound(m.bounds, _unit(m, q))
+    told[~known] = np.nan
+    np.testing.assert_allclose(bound, told, rtol=1e-9, atol=1e-12 * m.reach)
+    inside = m.predictor.value_and_slope(_unit(m, q[known]))[1] / m.motor.scale.span
     np.testing.assert_allclose(slope[known], inside, rtol=0, atol=1e-11 * m.reach)
     assert np.isnan(slope[~known]).all()
 
 
 @needs_compiler
-def test_single_precision_is_close(tmp_path):
-    m = model("real")
+@pytest.mark.parametrize("kind", ["real", "space"])
+def test_single_precision_is_close(kind, tmp_path):
+    m = model(kind)
     q = questions(m, 10_000)
     x, bound, _, _ = answers(m, q, tmp_path, single=True)
     wanted = m.forward(q)
@@ -134,6 +172,22 @@ def test_a_corrected_command_brings_the_tip_to_the_nominal_place(single, tmp_pat
     assert gap.max() < (1e-3 if single else 1e-8) * m.reach
     # 0.02 rad of offset, 2 mrad of waves: the compensation is of that size
     assert 0.01 < np.median(np.abs(fixed[known] - q[known])[:, 1]) < 0.03
+
+
+@needs_compiler
+def test_six_joints_are_corrected_to_the_nominal_pose(tmp_path):
+    m = model("six")
+    rng = np.random.default_rng(2)
+    q = np.array([0.3, -1.2, 1.4, -0.8, 1.2, 0.4]) + rng.uniform(-0.3, 0.3, (500, 6))
+    fixed = answers(m, q, tmp_path)[3]
+    structure, beta = m.body.structure, m.body.beta
+    real, turned = structure.pose(fixed, beta)
+    wanted, aim = structure.pose(q, nominal_in_space(structure, beta))
+    assert np.linalg.norm(real - wanted, axis=1).max() < 1e-9
+    angle = np.linalg.norm(logarithm(turned @ np.swapaxes(aim, 1, 2)), axis=1)
+    off = np.linalg.norm(logarithm(structure.pose(q, beta)[1] @ np.swapaxes(aim, 1, 2)), axis=1)
+    assert np.median(off) > 1e-3
+    assert angle.max() < 1e-4
 
 
 def test_names_start_with_the_prefix_and_the_checksum_is_told(tmp_path):

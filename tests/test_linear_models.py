@@ -3,8 +3,9 @@
 import numpy as np
 import pytest
 
+from calib.common.choices import MAP_READOUTS
 from calib.common.scale import TURN, Scale
-from calib.maps.association import MAP_READOUTS, Association
+from calib.maps.association import Association
 from calib.maps.lattice import Lattice
 from calib.maps.linear_models import LinearModels, MeanPositions, regress, smooth_blend
 from calib.maps.links import WIRINGS

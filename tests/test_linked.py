@@ -114,10 +114,26 @@ def test_a_branch_across_the_seam_of_a_turn_is_one_branch():
 
 def test_an_unlinked_sensory_node_borrows_the_links_of_the_nearest_linked_one():
     pair = associate(line([0.0, 1.0]), line([0.0, 0.6, 0.9], d=2), {(0, 0): 1.0, (1, 1): 1.0})
-    partners = pair.partners.toarray()
+    partners = matrix(pair.partners).toarray()
     assert partners.tolist() == [[1.0, 0.0], [0.0, 1.0], [0.0, 1.0]]
     said = pair.inverse(np.array([[0.95, 0.0]]), np.array([[0.0]]), "winner")
     assert said.tolist() == [[1.0]]
+
+
+def matrix(rows):
+    return csr_array((rows.data, rows.indices, rows.indptr), shape=rows.shape)
+
+
+def test_compressed_rows_are_turned_and_taken_as_scipy_does():
+    dense = np.random.default_rng(0).random((7, 5))
+    dense[dense < 0.6] = 0.0
+    dense[3] = dense[:, 2] = 0.0
+    links = csr_array(dense)
+    rows = Association(line(range(7)), line(range(5)), links).linked
+    assert (matrix(rows.transposed()).toarray() == dense.T).all()
+    some = np.array([6, 3, 0, 6])
+    assert (matrix(rows.take(some)).toarray() == dense[some]).all()
+    assert matrix(rows.transposed()).has_canonical_format
 
 
 def test_an_unknown_readout_is_refused_with_the_choices():

@@ -211,3 +211,33 @@ def test_a_large_batch_is_answered_row_by_row_the_same():
 
 def test_more_joints_blend_more_nodes():
     assert [local.blend_size(d) for d in (1, 2, 3, 4, 7)] == [3, 4, 6, 8, 8]
+
+
+def test_nodes_at_the_border_of_even_rows_follow_a_polynomial_to_its_degree():
+    scale = scale_of(False, False)
+    motor, u = grid(scale, 12), points(3000)
+    x = polynomial(5)[0](u)
+    models = local.fit(motor.units, u, x, scale, 5, 50, spacings=motor.spacings)
+    degrees = models.degrees(2)
+    assert degrees.min() >= 3
+    assert (degrees == 5).mean() > 0.7
+    asked = points(500, seed=1)
+    said = local.predict(models, motor, asked)[0]
+    assert np.abs(said - polynomial(5)[0](asked)).mean() < 0.02 * np.abs(x).mean()
+
+
+def test_rows_on_a_line_do_not_multiply_their_noise_beside_it():
+    scale = scale_of(False, False)
+    motor = grid(scale, 12)
+    u = np.stack([np.linspace(0, 1, 600), np.full(600, 0.5)], axis=1)
+    noise = np.random.default_rng(3).normal(scale=1e-3, size=(600, 2))
+    u = u + 1e-4 * points(600, seed=4)
+    near = np.abs(motor.units[:, 1] - 0.5) < 0.1
+    careless = local.fit(motor.units, u, noise, scale, 2, 24)
+    careful = local.fit(motor.units, u, noise, scale, 2, 24, spacings=motor.spacings)
+    beside = motor.units[near] + [0.0, 0.04]
+    said = [
+        np.abs(local.contributions(m, np.flatnonzero(near)[:, None], beside[:, None] * 0 + 0.04))
+        for m in (careless, careful)
+    ]
+    assert said[1].max() < 5e-3 < said[0].max()

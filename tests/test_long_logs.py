@@ -10,7 +10,8 @@ import calib
 from calib.errors import LogError, OptionError
 from calib.samples import csv_rows, parquet
 from calib.samples.columns import open_source, read_batches, read_columns
-from calib.samples.logs import locked_from_log, read_log
+from calib.samples.locked import locked_from_log
+from calib.samples.logs import read_log
 from calib.samples.reservoir import Reservoir
 
 N = 3000
@@ -188,9 +189,9 @@ def test_degrees_turns_ranges_and_planes_hold_for_the_rows_drawn(tmp_path):
 
 
 def test_locked_joints_of_a_long_log(tmp_path, monkeypatch):
-    from calib.samples import logs
+    from calib.samples import locked
 
-    monkeypatch.setattr(logs, "MOST_ROWS", 50)
+    monkeypatch.setattr(locked, "HELD_ROWS", 50)
     pan = np.full(1001, 0.25)
     pan[7] = 0.5
     pl.DataFrame({"pan": pan, "x": pan}).write_csv(tmp_path / "log.csv")

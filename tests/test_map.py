@@ -1,5 +1,7 @@
 """Trained maps and the unit box: nearest nodes, also round a turn, and their two errors."""
 
+import sys
+
 import numpy as np
 import pytest
 from hypothesis import given
@@ -8,7 +10,7 @@ from hypothesis import strategies as st
 import calib
 from calib.common.scale import TURN, Scale
 from calib.maps.lattice import Lattice
-from calib.maps.map import Map, search_tree
+from calib.maps.map import Map, nearest_points, search_tree
 
 
 def box(lower, upper, revolute=None):
@@ -36,6 +38,20 @@ def test_the_winner_is_found_across_the_seam_of_a_whole_turn(ring):
     distance, index = ring.nearest(np.array([[0.99], [0.01], [1.02], [-0.03], [0.4]]))
     assert index[:, 0].tolist() == [2, 0, 0, 2, 1]
     np.testing.assert_allclose(distance[:, 0], [0.04, 0.04, 0.03, 0.02, 0.1], atol=1e-12)
+
+
+@pytest.mark.parametrize("turning", [[False, False], [True, False]])
+def test_a_few_places_are_answered_without_scipy_as_by_its_tree(turning, monkeypatch):
+    rng = np.random.default_rng(3)
+    scale = box([-np.pi, -1.0], [np.pi, 1.0], turning)
+    points, places = rng.random((60, 2)), rng.uniform(-0.2, 1.2, (40, 2))
+    import scipy.spatial  # noqa: F401
+
+    wanted = nearest_points(points, scale, places, 4)
+    monkeypatch.delitem(sys.modules, "scipy.spatial")
+    found = nearest_points(points, scale, places, 4)
+    assert (found[1] == wanted[1]).all()
+    np.testing.assert_allclose(found[0], wanted[0], rtol=1e-12, atol=1e-15)
 
 
 def test_winners_of_joint_values_are_the_same_one_turn_on(ring):

@@ -10,13 +10,15 @@ import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
-from models import trained, two_link_inverse
+from models import in_space, trained, two_link_inverse
 
 import calib
 from calib.common.scale import TURN, Scale
+from calib.use.collisions import hits_itself
+from calib.use.information import most_telling, tells
 from calib.use.keep_inside import keep_of
 from calib.use.pose_space import space_of
-from calib.use.spread import farthest
+from calib.use.spread import candidates, farthest
 from calib.use.tour import length, shortest_tour
 
 DEGREE = math.radians(1.0)
@@ -492,3 +494,55 @@ def test_command_errors_are_one_line_and_write_nothing(run, model, tmp_path, arg
     assert len(done.err.strip().splitlines()) == 1
     assert done.out == ""
     assert not path.exists()
+
+
+# --- arms in space -----------------------------------------------------------------------------
+
+
+def test_the_most_telling_poses_are_those_of_the_posterior():
+    """Greedy choice by downdates is greedy choice by determinants."""
+    rng = np.random.default_rng(0)
+    told = rng.normal(size=(12, 3, 7)) * rng.uniform(0.2, 2.0, (12, 1, 1))
+    precision, left, chosen = np.eye(7), list(range(12)), []
+    for _ in range(5):
+        volumes = [np.linalg.slogdet(precision + told[k].T @ told[k])[1] for k in left]
+        chosen.append(left.pop(int(np.argmax(volumes))))
+        precision = precision + told[chosen[-1]].T @ told[chosen[-1]]
+    assert most_telling(told, 5).tolist() == chosen
+
+
+def test_a_plan_in_space_tells_more_than_a_spread_one():
+    arm = calib.load_arm("spatial_three")
+    plan = calib.plan(arm, 12)
+    points = candidates(space_of(arm), np.random.default_rng(0))
+    none = np.zeros((0, 3))
+    spread = space_of(arm).scale.from_unit(points[farthest(space_of(arm).scale, points, 12, none)])
+    volumes = []
+    for q in (plan.q, spread):
+        rows = tells(arm, q, none).reshape(36, -1)
+        volumes.append(np.linalg.slogdet(np.eye(36) + rows @ rows.T)[1])
+    assert volumes[0] > volumes[1] + 5
+    assert list(plan.columns())[3:] == ["expected_x", "expected_y", "expected_z"]
+    assert any("hits itself" in note for note in plan.notes)
+    hits = hits_itself(arm.urdf, arm.joint_names, arm.locked, plan.q)
+    assert hits is not None
+    assert not hits.any()
+
+
+def test_a_model_in_space_is_asked_what_it_does_not_know():
+    model = in_space()
+    told = calib.plan(model, 5)
+    assert told.why[0].startswith("5 poses, those that tell most of what the model does not know")
+
+
+def test_links_that_meet_are_seen_and_those_that_are_built_so_are_not():
+    arm = calib.load_arm("six_axis")
+    q = np.random.default_rng(0).uniform(arm.lower, arm.upper, (300, 6))
+    q[0] = 0.0  # stretched
+    hits = hits_itself(arm.urdf, arm.joint_names, arm.locked, q)
+    assert not hits[0]
+    assert 0 < hits.mean() < 0.2
+    folded = np.abs(q[:, 2])
+    assert np.median(folded[hits]) > np.median(folded[~hits]) + 0.5
+    flat = calib.load_arm("two_link_full")
+    assert hits_itself(flat.urdf, flat.joint_names, flat.locked, np.zeros((3, 2))) is None

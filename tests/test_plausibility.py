@@ -8,6 +8,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 import calib
+from calib.errors import LogError
 from calib.samples.plausibility import check_against_robot, lag_of, misfit
 from calib.samples.tables import write_table
 
@@ -77,6 +78,21 @@ def test_rows_that_are_no_path_have_no_lag():
     assert lag_of(ARM, q, x) == 0
 
 
+@pytest.mark.parametrize("lag", [-2, 1])
+def test_shifted_rows_of_poses_in_any_order_are_counted(lag):
+    q, x = samples()
+    assert lag_of(ARM, q, np.roll(x, lag, axis=0)) == lag
+
+
+def test_a_joint_of_an_arm_in_space_that_counts_the_other_way_is_named():
+    arm = calib.load_arm("spatial_three")
+    q = np.random.default_rng(0).uniform(arm.lower, arm.upper, (60, 3))
+    turned = q * [1.0, -1.0, 1.0]
+    assert check_against_robot("log", arm, q, arm.forward(q), "m", arm.joint_names) == []
+    with pytest.raises(LogError, match=f"only if {arm.joint_names[1]} counts the other way"):
+        check_against_robot("log", arm, turned, arm.forward(q), "m", arm.joint_names)
+
+
 @settings(max_examples=40)
 @given(
     turn=st.floats(-3.1, 3.1),
@@ -117,7 +133,7 @@ def test_positions_that_leave_the_plane_are_refused(tmp_path):
 
 
 def test_a_locked_joint_that_moved_is_refused_and_a_wrong_reading_is_not(tmp_path):
-    from calib.samples.logs import locked_from_log
+    from calib.samples.locked import locked_from_log
 
     pan = np.full(200, 0.25)
     pan[7] = 0.6

@@ -119,13 +119,19 @@ def test_the_whole_arm_is_found_and_not_its_fingers(file, joints, tip):
 
 
 def table() -> dict[str, tuple[str, str, str, str]]:
-    """What docs/robots.md says of each file: its first line, the words, joints and tip."""
+    """What docs/robots.md says of each file: its first line, the words, joints and tip.
+
+    The words are whether it was trained, and in a plane or in space.
+    """
     text = (Path(__file__).parents[1] / "docs/robots.md").read_text(encoding="utf-8")
     said: dict[str, str] = {}
     for name, line in re.findall(r"^- `(\S+)`: (.*)$", text, re.MULTILINE):
         said.setdefault(name, line)
-    rows = re.findall(r"^\| `(\S+)` \| (.*?) \| (.*?) \| (.*?) \|", text, re.MULTILINE)
-    return {name: (said.get(name, ""), *(cell.strip() for cell in rest)) for name, *rest in rows}
+    rows = re.findall(r"^\| `(\S+)` \|(.*?)\|(.*?)\|(.*?)\|(.*?)\|", text, re.MULTILINE)
+    return {
+        name: (said.get(name, ""), f"{words.strip()} {where.strip()}", joints.strip(), tip.strip())
+        for name, words, where, joints, tip in rows
+    }
 
 
 TABLE = table()
@@ -148,14 +154,6 @@ def test_every_file_loads_truly_or_is_refused_in_one_line(path):
         message = ""
     assert "\n" not in message
     assert arms or re.search("no links|two movable|no planar arm", message)
-    listed, words, joints, tip = TABLE[str(path.relative_to(FOLDER))]
-    assert listed == (message and message.removeprefix(f"{path.name}: "))
-    assert words.startswith("trained" if not message else f"{len(arms)} arms" if arms else "")
-    if arms:
-        assert (", ".join(f"`{name}`" for name in arms[0].joint_names), f"`{arms[0].tip}`") == (
-            joints,
-            tip,
-        )
     for arm in arms:
         assert 2 <= arm.dof <= 3
         assert np.isfinite([arm.lower, arm.upper]).all()
@@ -184,12 +182,18 @@ def test_a_joint_out_of_the_plane_is_named():
 
 
 @pytest.mark.parametrize("path", FILES, ids=lambda path: path.stem)
-def test_every_whole_arm_agrees_with_pinocchio(path):
+def test_every_whole_arm_agrees_with_pinocchio_and_with_the_table(path):
+    listed, words, joints, tip = TABLE[str(path.relative_to(FOLDER))]
     try:
         arm = load_arm(path)
     except RobotError as error:
-        assert "\n" not in str(error)  # noqa: PT017 - the ones refused are counted below
+        message = as_typed(as_typed(str(error)))
+        assert "\n" not in message
+        assert listed == message.removeprefix(f"{path.name}: ")
+        assert not words.startswith("trained")
         return
+    assert (listed, words) == ("", f"trained {'space' if arm.outputs == 3 else 'plane'}")
+    assert (", ".join(f"`{name}`" for name in arm.joint_names), f"`{arm.tip}`") == (joints, tip)
     assert 2 <= arm.dof <= 7
     try:
         expected = pinocchio_forward(arm, random_joints(arm, 10))

@@ -24,8 +24,8 @@ from calib.recording.from_video import Rows, log_video
 from calib.recording.joint_table import read_joints
 from calib.recording.lens import Lens
 from calib.recording.pictures import list_pictures, read_picture
-from calib.recording.reference import read_layout
 from calib.recording.setting import Setting, load_lens
+from calib.recording.watch import read_layout
 from calib.samples.tables import read_about
 
 CAMERA = Camera(size=(640, 480), focal=600.0)

@@ -38,6 +38,14 @@ def test_the_picture_is_the_one_that_the_imports_draw():
     assert (ROOT / "docs" / "rooms.svg").read_text() == rooms().picture()
 
 
+def test_contributing_names_files_that_there_are():
+    named = re.findall(
+        r"`((?:calib|cli|docs|robots|tests)/[^` ]*)", (ROOT / "CONTRIBUTING.md").read_text()
+    )
+    assert len(named) > 20
+    assert [name for name in named if not (ROOT / name).exists()] == []
+
+
 def test_every_module_says_what_it_does_in_its_first_line():
     for path in [*(ROOT / "calib").rglob("*.py"), *(ROOT / "cli").rglob("*.py")]:
         first = path.read_text(encoding="utf-8").split("\n", 1)[0]

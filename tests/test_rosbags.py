@@ -37,7 +37,15 @@ def x_at(t):
     )
 
 
-def write(path, kind="ros2", tip="PointStamped", n=300, hole=None, latency=0.0):
+UNTURNED = (0.0, 0.0, 0.0, 1.0)
+
+
+def turn_at(t):
+    """A turn of t [rad] about x, as qx, qy, qz, qw."""
+    return float(np.sin(t / 2)), 0.0, 0.0, float(np.cos(t / 2))
+
+
+def write(path, kind="ros2", tip="PointStamped", n=300, hole=None, latency=0.0, turning=False):
     store = get_typestore(Stores.ROS1_NOETIC if kind == "ros1" else Stores.ROS2_HUMBLE)
     types = store.types
     joint_t = np.arange(n) * STEP
@@ -57,24 +65,48 @@ def write(path, kind="ros2", tip="PointStamped", n=300, hole=None, latency=0.0):
 
     def position(t, x):
         point = types["geometry_msgs/msg/Point"](*map(float, x))
-        turn = types["geometry_msgs/msg/Quaternion"](0.0, 0.0, 0.0, 1.0)
+        turn = types["geometry_msgs/msg/Quaternion"](*(turn_at(t) if turning else UNTURNED))
+        if tip == "TFMessage":
+            return types["tf2_msgs/msg/TFMessage"](
+                [
+                    transformed(t, "camera", "tag", x, turn),
+                    transformed(t, "base", "link", 2 * x, turn),
+                ]
+            )
         if tip == "PointStamped":
             return types["geometry_msgs/msg/PointStamped"](header(t), point)
         if tip == "PoseStamped":
             pose = types["geometry_msgs/msg/Pose"](point, turn)
             return types["geometry_msgs/msg/PoseStamped"](header(t), pose)
+        return transformed(t, "base", "tip", x, turn)
+
+    def transformed(t, parent, child, x, turn):
         vector = types["geometry_msgs/msg/Vector3"](*map(float, x))
         transform = types["geometry_msgs/msg/Transform"](vector, turn)
-        return types["geometry_msgs/msg/TransformStamped"](header(t), "tip", transform)
+        stamped = types["geometry_msgs/msg/TransformStamped"](header(t), child, transform)
+        stamped.header.frame_id = parent
+        return stamped
 
     messages = [
         (t, "/joint_states", "sensor_msgs/msg/JointState", joint_state(t, q))
         for t, q in zip(joint_t, q_at(joint_t), strict=True)
     ]
+    kinds = "tf2_msgs" if tip == "TFMessage" else "geometry_msgs"
     messages += [
-        (t, "/tracker", f"geometry_msgs/msg/{tip}", position(t + latency, x))
+        (
+            t,
+            "/tf" if tip == "TFMessage" else "/tracker",
+            f"{kinds}/msg/{tip}",
+            position(t + latency, x),
+        )
         for t, x in zip(tip_t, x_at(tip_t), strict=True)
     ]
+    if tip == "TFMessage":
+        unturned = types["geometry_msgs/msg/Quaternion"](*UNTURNED)
+        still = [transformed(0.0, "tag", "tool", (0.0, 0.0, 0.1), unturned)]
+        still += [transformed(0.0, "world", "camera", (1.0, 0.0, 0.0), unturned)]
+        static = types["tf2_msgs/msg/TFMessage"](still)
+        messages.append((0.0, "/tf_static", "tf2_msgs/msg/TFMessage", static))
     rng = np.random.default_rng(0)
     if kind == "ros1":
         writer = Writer1(path)
@@ -107,6 +139,36 @@ def test_joints_are_interpolated_to_the_positions(tmp_path, kind, name, tip):
     assert (np.diff(found.time) > 0).all()
     assert np.abs(found.x - x_at(0.013 + found.time)).max() < 1e-9
     assert np.abs(found.q - q_at(0.013 + found.time)).max() < 2e-4  # linear between 20 ms
+
+
+@pytest.mark.parametrize("kind", ["mcap", "ros2"])
+def test_poses_of_tf_between_two_frames(tmp_path, kind):
+    bag = write(tmp_path / "a", kind, "TFMessage", turning=True)
+    with pytest.raises(LogError, match=r"2 transforms of tf move: base,link.*camera,tag"):
+        read_bag(bag)
+    found = read_bag(bag, frames=("world", "tool"))
+    t = 0.013 + found.time
+    # the camera stands at x = 1, the tool 0.1 along the turned z of the tag
+    away = np.stack([1 + 0 * t, -0.1 * np.sin(t), 0.1 * np.cos(t)], axis=1)
+    assert np.abs(found.x - x_at(t) - away).max() < 1e-8
+    expected = np.array([turn_at(each) for each in t])
+    assert np.abs(np.abs((found.quaternion * expected).sum(axis=1)) - 1).max() < 1e-12
+    with pytest.raises(LogError, match="no way from 'base' to 'tool'"):
+        read_bag(bag, frames=("base", "tool"))
+    with pytest.raises(LogError, match=r"0 transforms move between 'tag' and 'tool'"):
+        read_bag(bag, frames=("tag", "tool"))
+
+
+def test_orientations_of_poses_become_columns(tmp_path, run):
+    bag = write(tmp_path / "a", tip="PoseStamped", turning=True)
+    done = run("log", bag, "-o", tmp_path / "log.csv")
+    assert done.code == 0, done.err
+    header = (tmp_path / "log.csv").read_text().splitlines()[0]
+    assert header == "elbow,shoulder,x,y,z,qx,qy,qz,qw,time"
+    assert read_bag(write(tmp_path / "b", tip="PoseStamped")).quaternion is None  # left unset
+    refused = run("log", bag, "--frames", "camera,tag", "-o", tmp_path / "no.csv")
+    assert (refused.code, refused.err.count("\n")) == (1, 1)
+    assert "no tf" in refused.err
 
 
 def test_an_mcap_file_on_its_own(tmp_path):

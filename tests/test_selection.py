@@ -162,7 +162,7 @@ def body_of(motor, u, x):
 
 
 def test_the_unseen_residuals_of_a_body_are_those_of_its_held_out_blocks(motor):
-    u = points(500)
+    u = points(1200)
     body = body_of(motor, u, arm(u) + noise(500, 1e-3))
     assert isinstance(body.smooth, BodyInBox)
     assert len(body.unseen) == FOLDS
@@ -238,3 +238,19 @@ def test_a_wilder_trend_has_its_price():
     assert not outdoes(errors, np.full(50, 1.004), 10)
     assert outdoes(errors, np.full(50, 0.996), -10)
     assert not outdoes(errors, errors, 0)
+
+
+def test_a_rival_has_to_be_much_better_than_what_is_better_founded(motor):
+    from copy import copy
+    from dataclasses import replace
+
+    lattice = Lattice((8, 8))
+    motor = Map((lattice.positions() + 0.5) / 8, lattice, motor.scale, np.zeros((0, 4)))
+    u = points(1200)
+    trend = of_trends(motor.scale, (True, True), u, ripple(u))[0]
+    # as a body whose local models mend less than those of the trend
+    unseen = [r + noise(1200, 2e-4) for r in trend.unseen]
+    body = replace(trend, smooth=copy(trend.smooth), unseen=unseen)
+    for share, better_one in ((0.9, trend), (1e-6, body)):
+        found = select(motor, u, [body, replace(trend, rival=share)])
+        assert found.predictor.smooth is better_one.smooth

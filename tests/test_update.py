@@ -10,6 +10,7 @@ import pytest
 from threadpoolctl import threadpool_limits
 
 from calib.body.fitting import fit_body
+from calib.body.likeness import kernel
 from calib.change.comparison import carried
 from calib.change.explain import changed, explain, likely
 from calib.change.group_tests import group_tests
@@ -19,7 +20,6 @@ from calib.change.own_residual import own_residual
 from calib.change.reference import kept_reference, reference_of
 from calib.change.rows import thinned, weighted
 from calib.change.update import settled, updated
-from calib.change.whitening import kernel
 
 LOWER, UPPER = np.radians([0.0, 15.0]), np.radians([90.0, 150.0])
 L1, L2 = 0.30, 0.25
@@ -352,3 +352,17 @@ def test_a_belief_without_rows_to_spare_is_left_in_peace():
     asked = joints(100, 19)
     assert np.abs(new.predict(asked) - body().predict(asked)).max() < 2e-4
     assert replace(new, beta=body().beta).kappa == body().kappa
+
+
+def test_a_residual_of_single_places_is_not_carried_elsewhere():
+    """Rows of each place tell of that place alone: half of the log says nothing of the other."""
+    rng = np.random.default_rng(5)
+    places = rng.uniform(0.0, 3.0, (20, 2))
+    q = np.repeat(places, 6, axis=0) + 0.005 * rng.standard_normal((120, 2))
+    q = q[np.argsort(np.tile(np.arange(6), 20), kind="stable")]  # six rounds of all places
+    value = np.tile(rng.standard_normal((20, 2)), (6, 1))
+    kept = own_residual(q, value, value, np.ones(120), np.full(2, 0.5))
+    assert kept is not None  # every block has seen all the places
+    order = np.argsort(np.tile(np.arange(20), 6), kind="stable")  # one place after another
+    q, value = q[order], value[order]
+    assert own_residual(q, value, value, np.ones(120), np.full(2, 0.5)) is None

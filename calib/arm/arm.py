@@ -12,7 +12,7 @@ from numpy.typing import ArrayLike, NDArray
 from ..common.rows import number_rows
 from ..common.wording import quoted, suggestion
 from ..errors import OptionError, QueryError
-from .ranges import TURN, Range, checked_range, one_turn
+from .ranges import TURN, Range, checked_range, cut_to_one_turn, notes_of_turns
 
 Array = NDArray[np.float64]
 _A = TypeVar("_A", bound="Arm")
@@ -101,15 +101,18 @@ class Arm:
         ----------
         ranges : mapping of str to (lower, upper) [rad or m]
         """
-        lower, upper, notes = self.lower.copy(), self.upper.copy(), list(self.notes)
+        lower, upper = self.lower.copy(), self.upper.copy()
+        cut: dict[str, Range] = {}
         for name, chosen in ranges.items():
             k = self._index(name, "ranges")
             unit = "rad" if self.revolute[k] else "m"
             lower[k], upper[k] = checked_range(name, chosen, self.limits[k], unit)
             if self.revolute[k]:
-                (lower[k], upper[k]), note = one_turn(name, (lower[k], upper[k]))
-                notes += [note] if note else []
-        return replace(self, lower=lower, upper=upper, notes=tuple(notes))
+                turn, more = cut_to_one_turn((lower[k], upper[k]))
+                lower[k], upper[k] = turn
+                if more:
+                    cut[name] = turn
+        return replace(self, lower=lower, upper=upper, notes=(*self.notes, *notes_of_turns(cut)))
 
     def _index(self, joint: str, what: str) -> int:
         if joint not in self.joint_names:

@@ -28,9 +28,10 @@ from .posture import Kinematics, Posture
 from .ranges import (
     Range,
     check_limits,
+    cut_to_one_turn,
     full_range,
     neutral,
-    one_turn,
+    notes_of_turns,
     travel,
     unit_of,
 )
@@ -176,15 +177,18 @@ def _with_ranges(
     """Return the arm with the ranges that were chosen, or else its joints' limits."""
     arm = arm.with_range(ranges)
     check_limits([joint for joint in active if joint.name not in ranges])
-    lower, upper, notes = arm.lower.copy(), arm.upper.copy(), list(arm.notes)
+    lower, upper = arm.lower.copy(), arm.upper.copy()
+    cut: dict[str, Range] = {}
     for k, joint in enumerate(active):
         if joint.name in ranges:
             continue
         lower[k], upper[k] = full_range(joint)
         if joint.revolute:
-            (lower[k], upper[k]), note = one_turn(joint.name, (lower[k], upper[k]))
-            notes += [note] if note else []
-    return replace(arm, lower=lower, upper=upper, notes=tuple(notes))
+            turn, more = cut_to_one_turn((lower[k], upper[k]))
+            lower[k], upper[k] = turn
+            if more:
+                cut[joint.name] = turn
+    return replace(arm, lower=lower, upper=upper, notes=(*arm.notes, *notes_of_turns(cut)))
 
 
 def _select(

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from typing import Any
 
 from ..errors import OptionError, RobotError
@@ -108,23 +108,30 @@ def checked_range(name: str, chosen: Range, limits: Range, unit: str) -> Range:
     return max(lower, limits[0]), min(upper, limits[1])
 
 
-def one_turn(name: str, chosen: Range) -> tuple[Range, str | None]:
+def cut_to_one_turn(chosen: Range) -> tuple[Range, bool]:
     """Cut a revolute joint's range to one turn, centred as near to 0 as it allows.
 
     Returns
     -------
     range : (lower, upper) [rad]
-    note : str or None
-        What to tell the user, if more than rounding was cut.
+    cut : bool
+        Whether more than rounding was cut, which `notes_of_turns` tells.
     """
     lower, upper = chosen
     if upper - lower <= TURN:
-        return chosen, None
+        return chosen, False
     centre = min(max(0.0, lower + TURN / 2), upper - TURN / 2)
-    cut = (centre - TURN / 2, centre + TURN / 2)
-    if upper - lower <= TURN + ROUNDING:
-        return cut, None
-    return cut, (
-        f"joint {name!r} can turn more than once: one turn is used, "
-        f"{cut[0]:.4f} to {cut[1]:.4f} rad"
-    )
+    return (centre - TURN / 2, centre + TURN / 2), upper - lower > TURN + ROUNDING
+
+
+def notes_of_turns(cut: Mapping[str, Range]) -> list[str]:
+    """Tell which joints' ranges were cut to one turn, a line for each range."""
+    notes = []
+    for lower, upper in dict.fromkeys(cut.values()):
+        names = [repr(name) for name, turn in cut.items() if turn == (lower, upper)]
+        joints = f"joint {names[0]}" if len(names) == 1 else f"joints {', '.join(names)}"
+        notes.append(
+            f"{joints} can turn more than once: one turn{'' if len(names) == 1 else ' each'} is "
+            f"used, {lower:.4f} to {upper:.4f} rad"
+        )
+    return notes

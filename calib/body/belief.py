@@ -204,7 +204,13 @@ class Body:
 
     def describe(self) -> tuple[str, ...]:
         """The body in words, one line for each joint, curve and view."""
-        return self.structure.words(self.beta, self.deviations)
+        from .sensor import SensorPose
+
+        lines = self.structure.words(self.beta, self.deviations)
+        if (sensor := SensorPose.of(self)) is None or self.structure.view == "base":
+            return lines
+        what = "camera" if self.structure.view == "pinhole" else "sensor's frame"
+        return (*lines, *sensor.words(what))
 
     def header(self) -> dict[str, Any]:
         """JSON-ready part of a model file; `arrays` holds the rest."""

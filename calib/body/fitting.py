@@ -13,10 +13,9 @@ from .planar import PlanarStructure
 from .posterior import BodyFit, fit_structure
 from .structure import Array
 from .telling import warnings_of
+from .views import PLANAR
 
-__all__ = ["METRES", "VIEWS", "BodyFit", "fit_body", "fit_structure", "planar_structure"]
-
-VIEWS = ("auto", "base", "rigid", "similarity", "affine", "homography")
+__all__ = ["METRES", "BodyFit", "fit_body", "fit_structure", "planar_structure"]
 
 METRES = {"m": 1.0, "cm": 100.0, "mm": 1000.0, "um": 1e6, "in": 1 / 0.0254}
 """Units per metre of the units that are lengths."""
@@ -55,7 +54,7 @@ def fit_body(
     view : {"auto", "base", "rigid", "similarity", "affine", "homography"}
         ``auto`` is rigid for lengths, homography otherwise.
     lens : bool, optional
-        Whether the gate may fit a lens; by default where the view is a homography.
+        Whether the gate may fit a lens; by default where the view is a camera's.
     unit : str
         Unit of positions.
     simulated : bool
@@ -115,8 +114,8 @@ def planar_structure(
         )
     if not (np.isfinite(q).all() and np.isfinite(z).all()):
         raise LogError("a joint value or a position is not finite; leave such rows out")
-    if view not in VIEWS:
-        raise OptionError(f"view {view!r}, expected one of {', '.join(VIEWS)}")
+    if view not in ("auto", *PLANAR):
+        raise OptionError(f"view {view!r}, expected one of auto, {', '.join(PLANAR)}")
     if view == "base" and nominal is None:
         raise OptionError("view 'base' needs the nominal geometry of a robot; give nominal")
     if nominal is not None and len(nominal.lengths) != len(names):
@@ -132,7 +131,7 @@ def planar_structure(
         view,
         unit,
         METRES.get(unit, 1.0),
-        view == "homography" if lens is None else lens,
+        PLANAR[view].lens if lens is None else lens,
         nominal.signs if nominal else (1,) * len(names),
         1,
         extent,

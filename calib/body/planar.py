@@ -22,6 +22,7 @@ from .curves import curve_slope, curve_value, powers
 from .nominal import Nominal
 from .planar_layout import Layout, layout_of
 from .structure import Array, Indices, Label, Prior, Structure
+from .views import PLANAR, ViewKind
 
 Complex = NDArray[np.complex128]
 
@@ -34,7 +35,8 @@ class PlanarStructure:
     ----------
     joint_names : tuple of str
     revolute : tuple of bool
-    view : {"rigid", "base", "similarity", "affine", "homography"}
+    view : str
+        One of :data:`calib.body.views.PLANAR`.
     unit : str
         Unit of positions.
     metre : float
@@ -109,9 +111,14 @@ class PlanarStructure:
         return self.layout.groups
 
     @property
+    def seen_as(self) -> ViewKind:
+        """The kind of its sensor."""
+        return PLANAR[self.view]
+
+    @property
     def scaled(self) -> bool:
         """Whether the view has a scale of its own, so that lengths are relative."""
-        return self.view not in ("rigid", "base")
+        return self.seen_as.scaled
 
     @property
     def slide(self) -> float:

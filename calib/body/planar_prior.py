@@ -9,6 +9,7 @@ import numpy as np
 
 from .curves import HARMONICS, curve_shape
 from .structure import Array, Hyper, Indices, Prior
+from .views import PLANAR
 
 if TYPE_CHECKING:
     from .planar import PlanarStructure
@@ -22,28 +23,16 @@ OFFSET_SCALES = (1.0, 5.0, 20.0, 100.0)
 SCALES = (1.0, 5.0, 20.0)
 
 
-def view_groups(view: str) -> tuple[str, ...]:
-    """Groups that a view fits."""
-    groups: tuple[str, ...] = () if view == "base" else ("view.rotation", "view.shift")
-    if view in ("similarity", "affine", "homography"):
-        groups += ("view.scale",)
-    if view in ("affine", "homography"):
-        groups += ("view.shear",)
-    if view == "homography":
-        groups += ("view.tilt",)
-    return groups
-
-
 def members(structure: PlanarStructure) -> tuple[tuple[str, tuple[str, ...]], ...]:
     """Members of the gate from simple to rich: a name and the groups that it fits."""
-    frame = view_groups(structure.view)
+    frame = structure.seen_as.groups
     chain = (*frame, "length", "offset", "gain")
     ladder: list[tuple[str, tuple[str, ...]]] = []
     if structure.nominal is not None:
         ladder.append(("frame", frame or ("offset",)))
-    if structure.view in ("affine", "homography"):
+    if structure.seen_as.tilted:
         # Few rows of a camera that looks straight down need no more.
-        ladder.append(("similarity", (*view_groups("similarity"), "length", "offset", "gain")))
+        ladder.append(("similarity", (*PLANAR["similarity"].groups, "length", "offset", "gain")))
     ladder.append(("chain", chain))
     turning = bool(structure.layout.turning)
     if structure.simulated:

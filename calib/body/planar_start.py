@@ -38,7 +38,7 @@ def starts(structure: PlanarStructure, q: Array, z: Array) -> list[tuple[Structu
     out: list[tuple[Structure, Array]] = []
     for _, each, beta in found[:MOST]:
         out.append((each, beta))
-        if structure.nominal is None and structure.view in ("affine", "homography"):
+        if structure.nominal is None and structure.seen_as.tilted:
             out += [(each, b) for b in _affine(each, q, z)]
         if structure.nominal is None and structure.scaled and structure.dof == 2:
             out += [(each, b) for b in _elbows(each, q, tip)]

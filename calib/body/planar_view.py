@@ -3,9 +3,10 @@
 Equation 6 of :mod:`calib.body.planar`::
 
     y = A p / (1 + h.p),  A = exp(s) R(alpha) [[1+a, b], [b, 1-a]] mirror
-    u = (y + t - middle) / size - c,  z = y + t + size k |u|^2 u
+    u = (y + t - middle) / size - c,  z = y + t + size b(k, |u|^2) u
 
 The lens is radial with a free centre `c`; with ``k = 0`` it does nothing and its centre is unknown.
+Its law `b` is that of the view (:mod:`calib.body.views`), as a rule k |u|^2.
 """
 
 from __future__ import annotations
@@ -56,7 +57,8 @@ def through_lens(structure: PlanarStructure, z: Array, beta: Array) -> Array:
     """Positions (n, 2) as the lens shows them."""
     u = from_centre(structure, z, beta)
     r2 = (u**2).sum(axis=1, keepdims=True)
-    return np.asarray(z + structure.size_of_lens * beta[8] * r2 * u)
+    slope, ratio, _ = structure.seen_as.bend(float(beta[8]), r2)
+    return np.asarray(z + structure.size_of_lens * slope * ratio * u)
 
 
 def columns(
@@ -100,17 +102,19 @@ def columns(
     z = y + beta[4:6]
     u = from_centre(structure, z, beta)
     r2 = (u**2).sum(axis=1)
-    grow = r2[:, None, None] * np.eye(2) + 2 * u[:, :, None] * u[:, None, :]
-    lens = np.eye(2) + beta[8] * grow
+    slope, ratio, by_k = structure.seen_as.bend(float(beta[8]), r2)
+    slope = np.reshape(slope, (-1, 1, 1))
+    grow = ratio[:, None, None] * np.eye(2) + 2 * u[:, :, None] * u[:, None, :]
+    lens = np.eye(2) + slope * grow
     bent = bool(beta[8])
     for index, column in before.items():
         if place[index] >= 0:
             out[:, :, place[index]] = np.einsum("nij,nj->ni", lens, column) if bent else column
     size = structure.size_of_lens
     if place[8] >= 0:
-        out[:, :, place[8]] = size * u * r2[:, None]
+        out[:, :, place[8]] = size * u * by_k[:, None]
     for axis in range(2):
         if place[9 + axis] >= 0:
-            out[:, :, place[9 + axis]] = -size * beta[8] * grow[:, :, axis]
+            out[:, :, place[9 + axis]] = (-size * slope * grow)[:, :, axis]
     z = through_lens(structure, z, beta) if bent else z
     return z, lens @ view if bent else view, out

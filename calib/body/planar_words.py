@@ -109,7 +109,7 @@ def words(structure: PlanarStructure, beta: Array, sd: Array) -> tuple[str, ...]
     if sd[lay.elastic].any():
         rms = 1e3 * float(np.sqrt((beta[lay.elastic] ** 2).mean()))
         lines.append(f"elasticity {rms:.2f} mrad rms")
-    if structure.view in ("affine", "homography"):
+    if structure.seen_as.tilted:
         lines.append(
             f"camera tilted {np.degrees(tilt_angle(structure, beta)):.0f} deg (line of sight)"
         )

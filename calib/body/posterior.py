@@ -50,6 +50,8 @@ class BodyFit:
         The gate's members with their held-out errors.
     notes : tuple of str
         What the rows cannot tell.
+    turned : (n,) array [rad], optional
+        Held-out errors of orientation, where they were measured.
     """
 
     body: Body
@@ -57,6 +59,7 @@ class BodyFit:
     row_weight: Array
     info: tuple[Tried, ...]
     notes: tuple[str, ...]
+    turned: Array | None = None
 
 
 def fit_structure(

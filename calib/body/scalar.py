@@ -147,7 +147,7 @@ def _view(structure: PlanarStructure, beta: Array) -> Callable[[float, float], t
     (a, b), (c, d) = structure.matrix(beta).tolist()
     tx, ty, hx, hy, k, px, py = beta[4:11].tolist()
     mx, my = structure.centre
-    size = 1.5 * structure.extent
+    size, bend = structure.size_of_lens, structure.seen_as.bend
 
     def see(x: float, y: float) -> tuple[float, float]:
         w = 1.0 + x * hx + y * hy
@@ -159,7 +159,8 @@ def _view(structure: PlanarStructure, beta: Array) -> Callable[[float, float], t
     def bent(x: float, y: float) -> tuple[float, float]:
         x, y = see(x, y)
         u, v = (x - mx) / size - px, (y - my) / size - py
-        grow = size * k * (u * u + v * v)
+        slope, ratio, _ = bend(k, u * u + v * v)
+        grow = size * slope * ratio
         return x + grow * u, y + grow * v
 
     return bent

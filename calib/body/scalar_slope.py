@@ -38,7 +38,7 @@ def compile_slope(structure: PlanarStructure, beta: Array) -> Callable[[Sequence
     (m00, m01), (m10, m11) = structure.matrix(beta).tolist()
     tx, ty, hx, hy, k, cx, cy = beta[4:11].tolist()
     mx, my = structure.centre
-    size = 1.5 * structure.extent
+    size, law = structure.size_of_lens, structure.seen_as.bend
     tilted, bent = bool(hx or hy), bool(k)
 
     def evaluate(q: Sequence[float]) -> Sloped:
@@ -109,11 +109,11 @@ def compile_slope(structure: PlanarStructure, beta: Array) -> Callable[[Sequence
         py += ty
         if bent:
             u, v = (px - mx) / size - cx, (py - my) / size - cy
-            r2 = u * u + v * v
-            l00 = 1.0 + k * (r2 + 2.0 * u * u)
-            l01 = 2.0 * k * u * v
-            l11 = 1.0 + k * (r2 + 2.0 * v * v)
-            px, py = px + size * k * r2 * u, py + size * k * r2 * v
+            rise, ratio, _ = law(k, u * u + v * v)
+            l00 = 1.0 + rise * (ratio + 2.0 * u * u)
+            l01 = 2.0 * rise * u * v
+            l11 = 1.0 + rise * (ratio + 2.0 * v * v)
+            px, py = px + size * rise * ratio * u, py + size * rise * ratio * v
             v00, v01, v10, v11 = (
                 l00 * v00 + l01 * v10,
                 l00 * v01 + l01 * v11,

@@ -20,8 +20,9 @@ from .curves import curve_value
 from .spatial_layout import SpatialLayout
 from .spatial_motion import Deviations, Motion, move
 from .spatial_slopes import by_joints, by_parameters
-from .spatial_view import OUTPUTS, Placed, View, compose, look
+from .spatial_view import Placed, View, compose, look
 from .structure import Array, Indices, Label, Prior, Structure
+from .views import SPATIAL, ViewKind
 
 
 @dataclass(frozen=True, eq=False)
@@ -99,14 +100,24 @@ class SpatialStructure:
         return len(self.joint_names)
 
     @property
+    def seen_as(self) -> ViewKind:
+        """The kind of its sensor."""
+        return SPATIAL[self.view]
+
+    @property
     def outputs(self) -> int:
         """Number of outputs: 3 positions, 6 of a pose, 2 pixels."""
-        return OUTPUTS[self.view]
+        return self.seen_as.outputs
+
+    @property
+    def camera(self) -> bool:
+        """Whether a camera sees the arm, in pixels."""
+        return self.outputs == 2
 
     @property
     def blocks(self) -> tuple[int, ...]:
         """Sizes of the outputs that share a unit and a noise."""
-        return (3, 3) if self.view == "pose" else (self.outputs,)
+        return (3, 3) if self.outputs == 6 else (self.outputs,)
 
     @property
     def extents(self) -> Array:
@@ -181,14 +192,14 @@ class SpatialStructure:
         predicted orientation into the observed one.
         """
         out = z - predicted
-        if self.view == "pose":
+        if self.outputs == 6:
             seen, expected = exponential(z[:, 3:]), exponential(predicted[:, 3:])
             out[:, 3:] = logarithm(seen @ np.swapaxes(expected, 1, 2))
         return np.asarray(out)
 
     def label(self, index: int) -> Label:
         """What parameter `index` is."""
-        return self.layout.label(index, "m" if self.view == "pinhole" else self.unit)
+        return self.layout.label(index, "m" if self.camera else self.unit)
 
     def prior(self, free: Sequence[str]) -> Prior:
         """Prior of the member that fits the groups of `free`; ``"curve"`` stands for all curves."""
@@ -278,7 +289,7 @@ class SpatialStructure:
             self.view,
             exponential(beta[groups["view.rotation"]]),
             beta[groups["view.shift"]],
-            scale if self.view == "pinhole" else scale * self.metre,
+            scale if self.camera else scale * self.metre,
             beta[groups["lens"]],
         )
 

@@ -95,7 +95,7 @@ class SpatialLayout:
             wave, order = ("sin", k - HARMONICS) if k >= HARMONICS else ("cos", k)
             return Label(group, joint, f"{joint}.curve.{wave}.{order + 1}", "rad")
         if group == "lens":
-            return Label(group, None, f"lens.{LENS[k]}", "1" if k == 3 else unit)
+            return Label(group, None, f"lens.{LENS[k]}", "1" if k == 3 else "px")
         if group == "view.scale":
             return Label(group, None, group, "1")
         kind = "rad" if "rotation" in group else "m" if group == "tool" else unit

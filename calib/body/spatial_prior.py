@@ -30,16 +30,8 @@ TAG = 2e-3
 
 def frame_groups(structure: SpatialStructure) -> tuple[str, ...]:
     """Groups that every member fits: the sensor's place and the tip that it sees."""
-    if structure.view == "base":
-        return ("tool",)
-    groups: tuple[str, ...] = ("view.rotation", "view.shift", "tool")
-    if structure.view == "similarity":
-        groups += ("view.scale",)
-    if structure.view == "pose":
-        groups += ("tool.rotation",)
-    if structure.view == "pinhole" and any(structure.lens_sd):
-        groups += ("lens",)
-    return groups
+    groups = structure.seen_as.groups
+    return (*groups, "lens") if structure.camera and any(structure.lens_sd) else groups
 
 
 def members(structure: SpatialStructure) -> tuple[tuple[str, tuple[str, ...]], ...]:
@@ -52,7 +44,7 @@ def members(structure: SpatialStructure) -> tuple[tuple[str, tuple[str, ...]], .
         ladder.append(("frame", frame))
         if structure.few:
             return tuple(ladder)
-        if structure.view == "pinhole":
+        if structure.camera:
             ladder.append(("offsets", (*frame, "offset")))
     ladder.append(("chain", chain))
     if len(structure.groups["elastic"]) and structure.informed:
@@ -69,7 +61,7 @@ def prior(structure: SpatialStructure, free: Sequence[str]) -> Prior:
     mean, sd = structure.neutral(), np.zeros(structure.size)
     hypers: list[Hyper] = []
     reach = max(structure.chain.reach, 1e-9)
-    camera = structure.view == "pinhole"
+    camera = structure.camera
 
     def varied(name: str, ix: Indices, scale: float, factors: tuple[float, ...]) -> None:
         sd[ix] = scale

@@ -40,7 +40,7 @@ def by_parameters(
             )
             columns.put(layout.turns[i, axis], lambda i=i, a=axis: view.push(*motion.turn(i, a)))
     columns.put(groups["view.scale"][0], view.scaled)
-    if structure.view == "pinhole" and columns.any(groups["lens"]):
+    if structure.camera and columns.any(groups["lens"]):
         lens = view.refocused()
         for k, index in enumerate(groups["lens"]):
             columns.put(index, lambda k=k: lens[:, k])

@@ -21,8 +21,8 @@ ROWS = 400
 GUESSED = 60
 #: Damped steps of a start, and of its guesses where there are more rows than that.
 STEPS, FIRST = 40, 10
-#: Fewest rows by view: no fewer could place the sensor.
-LEAST = {"base": 2, "rigid": 4, "similarity": 4, "pose": 3, "pinhole": 6, "unknown": 10}
+#: Fewest rows that tell a chain of which only the joints are known.
+LEAST = 10
 #: Fewer numbers than this do not tell good joint origins from bad ones: of 10 draws of 10 rows of a
 #: real UR10, two that moved them ended worse than frames alone, by 1.1 and 1.8; of 15 rows none.
 FEW = 45
@@ -36,7 +36,7 @@ NU = 6.0
 
 def starts(structure: SpatialStructure, q: Array, z: Array) -> Sequence[tuple[Structure, Array]]:
     """Candidate starts of a fit: structures with their parameters (d,), the best one first."""
-    least = LEAST["unknown" if not structure.informed else structure.view]
+    least = structure.seen_as.least if structure.informed else LEAST
     if len(q) < least:
         raise LogError(
             f"{len(q)} rows cannot place a spatial arm in its sensor's frame: expected {least} or "
@@ -50,7 +50,7 @@ def starts(structure: SpatialStructure, q: Array, z: Array) -> Sequence[tuple[St
         from .spatial_random import chains
 
         return chains(structure, q, z)
-    few = structure.view != "pinhole" and z.size < FEW
+    few = not structure.camera and z.size < FEW
     return [(replace(structure, few=few), frame(structure, q, z))]
 
 
@@ -74,10 +74,10 @@ def frame(structure: SpatialStructure, q: Array, z: Array, arm: Array | None = N
     beta = min(guesses, key=lambda pair: pair[1])[0] if guesses else arm
     if every > 1:
         beta, _ = settle(structure, q, z, beta, active, sd, STEPS)
-    if structure.view in ("rigid", "pose", "base"):
+    if not (structure.camera or structure.seen_as.scaled):
         _refuse_misfit(structure, q, z, beta)
     if (
-        structure.view == "pinhole" and not (arm - structure.neutral()).any()
+        structure.camera and not (arm - structure.neutral()).any()
     ):  # a camera's pose and its focal length help each other
         free = [*groups, "lens", "offset"] if any(structure.lens_sd) else [*groups, "offset"]
         prior = structure.prior(free)
@@ -195,10 +195,10 @@ def _guesses(structure: SpatialStructure, q: Array, z: Array, arm: Array) -> lis
     if structure.view == "base":
         return [beta]
     points, rotations = structure.pose(q, beta)
-    if structure.view == "pinhole":
+    if structure.camera:
         return _cameras(structure, points, z, beta)
     guesses = []
-    if structure.view == "pose":
+    if structure.outputs == 6:
         return [_from_pose(structure, points, rotations, z, beta)]
     size = 0.1 * structure.chain.reach
     tools = np.vstack([np.zeros(3), size * np.eye(3), -size * np.eye(3)])
@@ -209,7 +209,7 @@ def _guesses(structure: SpatialStructure, q: Array, z: Array, arm: Array) -> lis
         guess[structure.groups["tool"]] = tool
         guess[structure.groups["view.rotation"]] = logarithm(turn)
         factor = structure.metre
-        if structure.view == "similarity":
+        if structure.seen_as.scaled:
             factor = scale
             guess[structure.groups["view.scale"]] = np.log(scale / structure.metre)
         guess[structure.groups["view.shift"]] = z.mean(axis=0) - factor * turn @ seen.mean(axis=0)

@@ -12,8 +12,8 @@ from ..arm.spatial_chain import SpatialChain
 from ..errors import ModelError
 from .given import Given
 from .spatial import SpatialStructure
-from .spatial_view import OUTPUTS
 from .storing import finite_array
+from .views import SPATIAL
 
 _MOST_JOINTS = 32
 
@@ -37,7 +37,7 @@ def rebuild_spatial(
             "different ones"
         )
     view = given.text("view")
-    if view not in OUTPUTS:
+    if view not in SPATIAL:
         raise ModelError(f"body: unknown view {view!r}")
     masses = arrays.get("masses")
     weights = m if masses is not None and len(masses) else 0

@@ -13,9 +13,8 @@ import numpy as np
 from ..arm.rotations import exponential, logarithm
 from ..arm.spatial_chain import cross
 from .structure import Array
+from .views import SPATIAL
 
-#: Rows and columns of each view's outputs.
-OUTPUTS = {"base": 3, "rigid": 3, "similarity": 3, "pose": 6, "pinhole": 2}
 #: A point nearer to the camera's plane than this [m] has no pixel; it is held there.
 _NEAREST = 1e-3
 
@@ -96,11 +95,11 @@ class View:
         """Derivative (2, 4, n) of pixels by focal length, centre and k1."""
         f, _, _, k1 = self.sensor.lens
         ideal = self.point[:2] / self.point[2]
-        squared = (ideal**2).sum(axis=0)
-        out = np.zeros((2, 4, len(squared)))
-        out[:, 0] = ideal * (1 + k1 * squared)
+        slope, ratio, by_k1 = SPATIAL[self.sensor.kind].bend(float(k1), (ideal**2).sum(axis=0))
+        out = np.zeros((2, 4, ideal.shape[1]))
+        out[:, 0] = ideal * (1 + slope * ratio)
         out[0, 1] = out[1, 2] = 1.0
-        out[:, 3] = f * ideal * squared
+        out[:, 3] = f * ideal * by_k1
         return out
 
     def seen(self, moved: Array) -> Array:
@@ -116,8 +115,8 @@ class View:
 def look(sensor: Placed, position: Array, rotation: Array) -> View:
     """See the tip at `position` (3, n) [m] with orientation `rotation` (3, 3, n)."""
     turned = sensor.scale * (sensor.rotation @ position)
-    if sensor.kind == "pinhole":
-        return _pinhole(sensor, turned + sensor.shift[:, None])
+    if SPATIAL[sensor.kind].outputs == 2:
+        return _pixels(sensor, turned + sensor.shift[:, None])
     values = (turned + sensor.shift[:, None]).T
     if sensor.kind == "pose":
         matrices = sensor.rotation @ np.moveaxis(rotation, 2, 0)
@@ -125,19 +124,19 @@ def look(sensor: Placed, position: Array, rotation: Array) -> View:
     return View(np.ascontiguousarray(values), sensor, turned, None)
 
 
-def _pinhole(sensor: Placed, point: Array) -> View:
+def _pixels(sensor: Placed, point: Array) -> View:
     f, u0, v0, k1 = sensor.lens
     depth = np.maximum(point[2], _NEAREST)
     point = np.stack([point[0], point[1], depth])
     ideal = point[:2] / depth
-    squared = (ideal**2).sum(axis=0)
-    bent = 1 + k1 * squared
+    rise, ratio, _ = SPATIAL[sensor.kind].bend(float(k1), (ideal**2).sum(axis=0))
+    bent = 1 + rise * ratio
     pixels = f * ideal * bent + np.array([[u0], [v0]])
-    # d pixel / d ideal = f ((1 + k1 r^2) 1 + 2 k1 u u'), d ideal / d point = [1, -u] / depth
+    # d pixel / d ideal = f ((1 + b) 1 + 2 b' u u'), d ideal / d point = [1, -u] / depth
     slope = np.empty((2, 3, len(depth)))
     for i in range(2):
         for j in range(2):
-            slope[i, j] = f * 2 * k1 * ideal[i] * ideal[j] / depth
+            slope[i, j] = f * 2 * rise * ideal[i] * ideal[j] / depth
         slope[i, i] += f * bent / depth
     slope[:, 2] = -(slope[:, 0] * ideal[0] + slope[:, 1] * ideal[1])
     return View(np.ascontiguousarray(pixels.T), sensor, point, slope)

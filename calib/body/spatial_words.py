@@ -55,19 +55,16 @@ def words(structure: SpatialStructure, beta: Array, sd: Array) -> tuple[str, ...
     if sd[tool].any():
         shown = ", ".join(f"{1e3 * v:.1f}" for v in beta[tool])
         lines.append(f"tool ({shown}) ± {1e3 * 1.96 * _rms(sd[tool]):.2f} mm from the tip")
-    lines += camera(structure, beta, sd)
+    if structure.view == "pinhole":
+        lines += camera(structure, beta, sd)
     return tuple(lines)
 
 
 def camera(structure: SpatialStructure, beta: Array, sd: Array) -> list[str]:
-    """Lines on where a camera stands in the arm's root frame, and on its lens."""
-    if structure.view != "pinhole":
+    """Lines on a camera's lens; `Body.describe` says where it stands."""
+    if not structure.camera:
         return []
-    groups = structure.groups
-    place = camera_place(structure, beta)[0]
-    shown = ", ".join(f"{v:.4f}" for v in place)
-    lines = [f"camera at ({shown}) m in the base frame"]
-    lens = groups["lens"]
+    lines, lens = [], structure.groups["lens"]
     f, u, v, k1 = beta[lens]
     known = "" if sd[lens[0]] > 0 else " (given)"
     spread = f" ± {1.96 * sd[lens[0]]:.1f}" if sd[lens[0]] > 0 else ""

@@ -15,6 +15,7 @@ from .nominal import Nominal
 from .packing import Packed, packed_of, unpack
 from .planar import PlanarStructure
 from .structure import Array, Indices, Structure
+from .views import PLANAR
 
 Stored = Mapping[str, NDArray[Any]]
 
@@ -114,7 +115,7 @@ def rebuild_planar(header: Mapping[str, Any]) -> PlanarStructure:
     if not 1 <= n <= MOST_JOINTS or len(set(names)) != n:
         raise ModelError(f"body: {n} joint names, expected 1 to {MOST_JOINTS} different ones")
     view = given.text("view")
-    if view not in ("base", "rigid", "similarity", "affine", "homography"):
+    if view not in PLANAR:
         raise ModelError(f"body: unknown view {view!r}")
     revolute = given.truths("revolute", n)
     signs = given.signs("signs", n)

@@ -38,11 +38,11 @@ class Trend:
 
     @property
     def outputs(self) -> int:
-        """Number m of coordinates of a position."""
+        """Number of coordinates of a position."""
         return int(self.coefficients.shape[1])
 
     def value(self, u: Array) -> Array:
-        """Trend at the points `u` (n, d) of the unit box, (n, m)."""
+        """Trend at the points `u` (n, d) of the unit box, (n, outputs)."""
         weights = self._weights[: self.outputs]
         if len(u) <= _CHUNK:
             return np.asarray((weights @ self._features(u)).T)
@@ -50,12 +50,13 @@ class Trend:
         return np.concatenate([(weights @ self._features(part)).T for part in parts])
 
     def value_and_slope(self, u: Array) -> tuple[Array, Array]:
-        """Trend (n, m) and its derivatives by the unit coordinates (n, m, d)."""
-        m, both = self.outputs, self._weights @ self._features(u)
-        return both[:m].T, both[m:].reshape(u.shape[1], m, -1).transpose(2, 1, 0)
+        """Trend (n, outputs) and its derivatives (n, outputs, d) by the unit coordinates."""
+        both = self._weights @ self._features(u)
+        o = self.outputs
+        return both[:o].T, both[o:].reshape(u.shape[1], o, -1).transpose(2, 1, 0)
 
     def slope(self, u: Array) -> Array:
-        """Its derivative by each unit coordinate, (n, m, d)."""
+        """Its derivative by each unit coordinate, (n, outputs, d)."""
         return self.value_and_slope(u)[1]
 
     def _features(self, u: Array) -> Array:
@@ -76,7 +77,7 @@ class Trend:
 
     @cached_property
     def _weights(self) -> Array:
-        """Weight of each plain product in the value and in its slopes, (m (1 + d), terms).
+        """Weight of each plain product in the value and in its slopes, (outputs (1 + d), terms).
 
         The derivative of a function is made of functions of the same basis, so that one
         product of matrices gives the values and all slopes.

@@ -8,7 +8,10 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from ..body.belief import Body
+from ..body.likeness import kernel, lengths_of
+from ..body.most_telling import most_telling
 from ..body.structure import Array
+from ..common.choices import METHODS
 from ..common.parallel import one_blas_thread
 from ..errors import OptionError
 from ..model.model import Model
@@ -17,7 +20,7 @@ from ..training.learn import Progress
 from .adapt_online import adapt_online
 from .adaptation import Adaptation, finished, measured_share
 from .carry import carry
-from .cause import Cause
+from .cause import KEPT, Cause
 from .causes import find_causes
 from .check import outlier_note
 from .comparison import UNEXPLAINED, Comparison, carried, compare
@@ -27,18 +30,15 @@ from .own_residual import OwnResidual, own_residual
 from .parameter_causes import frame_between
 from .rows import thinned
 from .update import MOST_ROWS, settled, updated
-from .whitening import kernel, lengths_of
 
 if TYPE_CHECKING:
     from ..samples.samples import Samples
 
-METHODS = ("few-shot", "online")
 
 _CLEAR = 0.95  # of the held-out error that a change may leave at most
 _REFINED = 0.85  # the same where nothing changed and rows are only added
 _SURE = 2.0  # standard errors by which held-out blocks must gain where nothing changed
-_SURER = 4.0  # the same where rows lie beyond the old bound
-_SURPRISE = 2.0  # bounds beyond which they lie then, on average
+_SURER = 4.0  # the same where rows lie beyond the old belief's bound on average
 _UNSURE = 0.9  # share of the expected error that added rows may leave at most
 _LOUD = ("mirror", "scale", "sign", "lost")
 _RADIUS_95 = 2.448  # radius that holds 95 % of a 2-D Gaussian of standard deviation 1
@@ -125,7 +125,7 @@ def _few_shot(found: Comparison, log: Samples, report: Progress) -> Adaptation:
         tuple(c for c in causes if c.cause != "noise"),
         _left(found, chosen[0][1]) if changed else ("the arm and the sensor",),
         measured_share(model, found.q),
-        tuple(_notes(found, causes, said, improved)),
+        tuple(_notes(found, body, causes, said, improved)),
     )
     if not improved:
         return made
@@ -169,10 +169,8 @@ def _improves(
         return False
     if own is not None and found.model.body is None:
         return True
-    bound = float(np.nanmean(found.model.expected_error(found.q)))
-    if (
-        float(before.mean()) > _SURPRISE * bound
-    ):  # rows that the old belief had not thought possible
+    bound = float(replace(found.belief, second=None).bound(found.q).mean())
+    if float(before.mean()) > bound:  # rows that the old belief had not thought possible
         return sure > _SURER
     return _expected(found, body) < _UNSURE * _expected(found, found.belief)
 
@@ -227,25 +225,19 @@ def _named(best: Explanation, own: OwnResidual | None, changed: bool) -> str:
 
 def _left(found: Comparison, best: Explanation) -> tuple[str, ...]:
     """Groups that the explanation did not free, in words."""
-    words = {
-        "view.rotation": "the sensor's frame",
-        "view.scale": "the sensor's scale",
-        "view.tilt": "the camera's tilt",
-        "lens": "the lens",
-        "length": "the links' lengths",
-        "offset": "the joints' offsets",
-        "gain": "the joints' gains",
-        "elastic": "elasticity",
-        "placement": "the joints' placements",
-        "tool": "the tool",
-    }
-    known = found.reference.structure.groups
-    freed = set(best.member.groups)
-    return tuple(w for g, w in words.items() if g in known and len(known[g]) and g not in freed)
+    structure = found.reference.structure
+    known = {g for g, ix in structure.groups.items() if len(ix)} - set(best.member.groups)
+    if structure.outputs >= 3:  # a tracker has no lens
+        known.discard("lens")
+    return tuple(words for group, words in KEPT.items() if group in known)
 
 
 def _notes(
-    found: Comparison, causes: tuple[Cause, ...], said: tuple[str, ...], improved: bool
+    found: Comparison,
+    body: Body,
+    causes: tuple[Cause, ...],
+    said: tuple[str, ...],
+    improved: bool,
 ) -> list[str]:
     notes = [*found.rows.notes, *outlier_note(found.outliers)]
     # what nobody may miss: another unit, a mirror, a joint that turns round or not at all
@@ -260,7 +252,20 @@ def _notes(
                 dict.fromkeys([found.likely[0][1].member.name, *(e.member.name for e in second)])
             )
             notes.append(
-                f"the log does not settle what changed ({names}): measure three more poses that "
-                "calib plan proposes"
+                f"the log does not settle what changed ({names}): measure three more poses, such "
+                f"as {_poses(found, body)}, or those that calib plan proposes"
             )
     return notes
+
+
+def _poses(found: Comparison, body: Body) -> str:
+    """Three poses that tell most of what the members disagree about, in words."""
+    about = found.model.about
+    said = []
+    for q in found.probes[most_telling(body, found.probes, 3, found.q)]:
+        parts = [
+            f"{name} {np.degrees(v):.0f} deg" if turns else f"{name} {v:.3f} m"
+            for name, v, turns in zip(about.joint_names, q, about.revolute, strict=True)
+        ]
+        said.append(", ".join(parts))
+    return "; ".join(said)

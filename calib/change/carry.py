@@ -12,6 +12,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
+from ..body.basis import exponents
 from ..body.belief import Body
 from ..body.structure import Array
 from ..body.trend import Trend
@@ -102,8 +103,11 @@ def _models(model: Model, smooth: Smooth, u: Array, wanted: Array) -> LocalModel
     if float(np.abs(residual).max()) < _NOTHING * extent:
         return NO_MODELS
     old = model.predictor.models
-    degree = max(old.degree, _DEGREE) if old.degree >= 0 else _DEGREE
-    return local_models.fit(model.motor.units, u, residual, model.motor.scale, degree, _SAMPLES)
+    degree, motor = max(old.degree, _DEGREE), model.motor
+    samples = max(_SAMPLES, 2 * len(exponents(motor.units.shape[1], degree)))
+    return local_models.fit(
+        motor.units, u, residual, motor.scale, degree, samples, spacings=motor.spacings
+    )
 
 
 def _moved(model: Model, predictor: Predictor) -> Map:

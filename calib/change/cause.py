@@ -5,6 +5,30 @@ from __future__ import annotations
 from dataclasses import dataclass
 from typing import Any
 
+AS_ONE = {
+    "view.scale": "the sensor's scale changed",
+    "view.shear": "the sensor's axes are stretched or sheared",
+    "view.tilt": "the camera is tilted",
+    "lens": "the sensor's frame is bent, as by a lens",
+    "elastic": "{joint} gives way under load, by up to {size:.3g} deg",
+    "curve": "{joint} follows another curve, by up to {size:.3g} deg",
+}
+"""Groups of which all parameters are told as one cause, in words."""
+
+KEPT = {
+    "view.rotation": "the sensor's frame",
+    "view.scale": "the sensor's scale",
+    "view.tilt": "the camera's tilt",
+    "lens": "the lens",
+    "length": "the links' lengths",
+    "offset": "the joints' offsets",
+    "gain": "the joints' gains",
+    "elastic": "elasticity",
+    "placement": "the joints' placements",
+    "tool": "the tool",
+}
+"""Groups in the words of what an adaptation leaves as it was."""
+
 
 @dataclass(frozen=True)
 class Cause:

@@ -12,6 +12,7 @@ from ..model.alignment import Alignment
 from .alike import same_as_first_joint, same_as_scale
 from .cause import Cause
 from .parameter_causes import SIGNIFICANT, of_parameters, single
+from .whitening import scaled
 
 if TYPE_CHECKING:
     from .comparison import Comparison
@@ -114,9 +115,15 @@ def _of_tests(comparison: Comparison) -> list[Cause]:
 
 def _noise(comparison: Comparison, drifted: bool) -> list[Cause]:
     tested = comparison.tested
-    if (drifted and not comparison.explained) or tested.noise < _NOISIER * tested.usual:
+    if drifted and not comparison.explained:
+        return []
+    noise = tested.noise
+    if drifted and comparison.changed:  # a large change is not linear: what the best one leaves
+        size = float(scaled(comparison.body).size[0])
+        noise = min(noise, comparison.explanations[0].noise * size)
+    if noise < _NOISIER * tested.usual:
         return []
     factor, unit = (1e3, "mm") if comparison.unit == "m" else (1.0, comparison.unit)
-    words = f"the scatter is {factor * tested.noise:.3g} {unit} per axis"
-    words += f", {tested.noise / tested.usual:.2g} times the usual"
-    return [Cause("noise", "noise", tested.noise, None, comparison.unit, words)]
+    words = f"the scatter is {factor * noise:.3g} {unit} per axis"
+    words += f", {noise / tested.usual:.2g} times the usual"
+    return [Cause("noise", "noise", noise, None, comparison.unit, words)]

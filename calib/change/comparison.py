@@ -7,7 +7,7 @@ once, when it is first asked for.
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property
 from typing import TYPE_CHECKING
 
@@ -57,6 +57,8 @@ class Comparison:
         What the user knows about the change.
     unit : str
         Unit of the log's positions.
+    shared : float [unit]
+        Standard deviation that all of them share.
     """
 
     model: Model
@@ -67,6 +69,7 @@ class Comparison:
     body: Body
     cause: str | None
     unit: str
+    shared: float = 0.0
 
     @property
     def z(self) -> Array:
@@ -85,7 +88,9 @@ class Comparison:
 
     @cached_property
     def _weighted(self) -> tuple[Log, Array, NDArray[np.bool_]]:
-        return weighted(self.reference, self.q, self.x - self.moved_offset, self.cause)
+        log, beta, kept = weighted(self.reference, self.q, self.x - self.moved_offset, self.cause)
+        # the model's own log shares as much
+        return replace(log, shared=float(np.sqrt(2.0)) * self.shared), beta, kept
 
     @cached_property
     def moved_offset(self) -> Array:
@@ -195,7 +200,7 @@ def compare(model: Model, log: Samples, cause: str | None = None) -> Comparison:
     q = model.motor.scale.from_unit(rows.u)
     body = seen_body(model) if model.body is None else model.body
     offset = model.predictor.value(rows.u) - body.predict(q)
-    return Comparison(model, rows, q, rows.x, offset, body, cause, log.unit)
+    return Comparison(model, rows, q, rows.x, offset, body, cause, log.unit, log.shared)
 
 
 def carried(old: Body, new: Body, beta: Array, q: Array, offset: Array) -> Array:

@@ -95,7 +95,7 @@ class _Search:
     def __init__(self, reference: Reference, log: Log, robust: Array, cause: str | None) -> None:
         body = reference.body
         self.reference, self.q, self.z, self.cause = reference, log.q, log.z, cause
-        self.weight, self.robust = log.weight, robust
+        self.weight, self.shared, self.robust = log.weight, log.shared, robust
         self.members = members_of(body.structure, cause)
         self.structure = reference.structure
         self.scaled = scaled(reference.body)
@@ -110,7 +110,14 @@ class _Search:
         starts: dict[str, Array] = {}
         for factor in FACTORS:
             found_space = spectrum(
-                body, reference.beta, self.q, weight, creep, factor, reference.forgotten
+                body,
+                reference.beta,
+                self.q,
+                weight,
+                creep,
+                factor,
+                reference.forgotten,
+                self.shared,
             )
             if factor == FACTORS[0]:
                 first = self._fit(richest, found_space, factor, beta)

@@ -13,7 +13,7 @@ import numpy as np
 
 from ..body.belief import Body
 from ..body.structure import Array, Indices
-from .members import FRAME, drift
+from .members import FRAME, TESTED, drift, parts_of
 from .reference import Reference
 from .rows import Log
 from .whitening import scaled, spectrum
@@ -116,8 +116,8 @@ def groups_of(body: Body) -> dict[str, Indices]:
     if "lens" in known and len(known["lens"]):
         found["lens"] = np.concatenate([known["lens"][:1], frame])
     joints: dict[str, dict[str, list[int]]] = {}
-    for group in ("offset", "length", "gain", "placement", "tool"):
-        for index in known.get(group, ()):
+    for group in TESTED:
+        for index in (k for _, ix in parts_of(structure, group) for k in ix):
             joint = structure.label(int(index)).joint or ""
             joints.setdefault(group, {}).setdefault(joint, []).append(int(index))
     for group, parts in joints.items():
@@ -154,7 +154,7 @@ def group_tests(body: Body, reference: Reference, log: Log, probes: Array) -> Te
     predicted, x = structure.linearise(log.q, reference.beta, every)
     space = spectrum(
         body, reference.beta, log.q, log.weight, drift(body), max(body.kappa, 1.0),
-        reference.forgotten,
+        reference.forgotten, log.shared,
     )  # fmt: skip
     y = space.turn(structure.residual(log.z, predicted))
     columns = space.turn_columns(x)
@@ -178,6 +178,8 @@ def group_tests(body: Body, reference: Reference, log: Log, probes: Array) -> Te
     found = []
     for name, indices in groups.items():
         place = np.searchsorted(every, indices)
+        if not x[..., place[0]].any():  # what the sensor cannot see: a tracker has no lens
+            continue
         b = derivative[:, place] * np.sqrt(precision)[:, None]
         size = np.linalg.norm(b, axis=0) + 1e-300
         u, s, vt = np.linalg.svd(b / size, full_matrices=False)

@@ -12,12 +12,11 @@ import numpy as np
 
 from ..body.belief import Body
 from ..body.structure import Array, Indices, Structure
+from ..common.choices import CAUSES
 from ..errors import OptionError
 
 FRAME = ("view.rotation", "view.shift")
 """Groups that move when the sensor is put elsewhere; always freed together."""
-
-CAUSES = ("sensor", "joints")
 
 _FREE = {
     "view.rotation": 0.05,  # [rad], about the frame that fits the log best
@@ -30,6 +29,8 @@ _FREE = {
     "length": 0.15,  # of the mean length
     "gain": 0.03,
     "elastic": 0.02,
+    "tool": 0.1,  # [m]; its prior in space is that of an unknown tool, far wider
+    "tool.rotation": 0.3,
 }
 """Prior sd of a group that is freed; what is not listed is 5 times its prior of a robot."""
 
@@ -38,6 +39,8 @@ _DRIFT = {
     "length": 1e-4,
     "gain": 1e-4,
     "elastic": 2e-5,
+    "tool": 1e-4,
+    "tool.rotation": np.radians(0.02),
 }
 """Sd by which everything may creep between two logs; curves creep by 10 urad."""
 
@@ -66,6 +69,9 @@ class Member:
 
 
 NOTHING = Member("nothing", ())
+
+TESTED = ("offset", "length", "gain", "placement", "tool")
+"""Groups that are tested joint by joint."""
 
 _CAMERA = ("view.scale", "view.shear", "view.tilt")
 _GEOMETRY = ("offset", "length", "gain")
@@ -131,11 +137,17 @@ def _named(groups: tuple[str, ...]) -> str:
     return ", ".join(names)
 
 
-def _indices(structure: Structure, group: str) -> Indices:
+def parts_of(structure: Structure, group: str) -> list[tuple[str, Indices]]:
+    """Parts of a group that are named apart, each with its parameters: the joints' curves."""
+    own = [name for name in structure.groups if name == group]
     if group == "curve":
-        parts = [ix for name, ix in structure.groups.items() if name.startswith("curve.")]
-        return np.concatenate(parts) if parts else np.zeros(0, dtype=int)
-    return np.asarray(structure.groups.get(group, np.zeros(0, dtype=int)))
+        own = [name for name in structure.groups if name.startswith("curve.")]
+    return [(name, np.asarray(structure.groups[name])) for name in own]
+
+
+def _indices(structure: Structure, group: str) -> Indices:
+    parts = [ix for _, ix in parts_of(structure, group)]
+    return np.concatenate(parts) if parts else np.zeros(0, dtype=int)
 
 
 def freedom(body: Body, member: Member, cause: str | None = None) -> Array:
@@ -203,6 +215,7 @@ def _keep_gauge(body: Body, sd: Array, cause: str | None) -> None:
 
 
 _BUILT = {"length": 1e-3, "offset": np.radians(0.1), "gain": 1e-3, "elastic": 1e-4}
+_BUILT |= {"tool": 1e-3, "tool.rotation": np.radians(0.1)}
 """How far an arm as built is from its drawing; lengths in m."""
 
 

@@ -3,12 +3,13 @@
 from __future__ import annotations
 
 import math
-from typing import TYPE_CHECKING, NamedTuple
+from operator import mul
+from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
-from ..errors import ModelError
+from ..errors import ModelError, QueryError
 from ..maps.node_cells import NodeCells
 from .group_tests import groups_of
 from .seen import seen_body
@@ -93,70 +94,83 @@ class Monitor:
     """
 
     def __init__(self, model: Model, window: float = WINDOW) -> None:
+        from scipy.linalg.lapack import dposv
+
+        self._solve = dposv
         baseline = model.baseline
         if baseline is None:
             raise ModelError("the model has no baseline of its distortions: train it again")
         motor, sensory = model.motor, model.sensory
-        self._lower, self._span = motor.scale.lower, motor.scale.span
-        self._periodic = motor.scale.periodic
-        self._origin, self._size = sensory.scale.lower, sensory.scale.span
+        scale = motor.scale
+        self._lower, self._span = scale.lower.tolist(), scale.span.tolist()
+        self._turning = np.flatnonzero(scale.periodic).tolist()
+        self._origin, self._size = sensory.scale.lower.tolist(), sensory.scale.span.tolist()
         self._motor, self._sensory = _Search(motor), _Search(sensory)
-        self._units = motor.units
         self._expected = baseline.sensory
-        self._taylor = _second_order(model)
         self._reach = 3.0 * motor.spacing
         self._visited = model.visited
-        self._directions = _directions(model)
+        directions = _directions(model)
+        n, axes, p = directions.shape
+        # a column more, for the residual: one product sums all that is remembered
+        self._rows = np.concatenate([directions, np.zeros((n, axes, 1))], axis=2)
+        self._nodes = np.hstack(
+            [motor.units, _second_order(model), (directions**2).sum(axis=(1, 2))[:, None]]
+        )
         self._fade = 1.0 - 1.0 / window
-        p = self._directions.shape[2]
-        self._moments = np.zeros((p, p))
-        self._products = np.zeros(p)
-        self._power = self._weight = self._square = 0.0
+        self._moments = np.zeros((p + 1, p + 1))
+        self._ridge = 1e-9 / p * np.eye(p)
+        self._trace = self._weight = self._square = 0.0
         self._ratio = self._usual = 0.0
         self._floor = _own_error(model)
         self._spread = baseline.spread[1]
         self._noise = max(baseline.noise, self._floor)
+        self._leak = float((sensory.scale.span**-2.0).sum() / baseline.sensory.mean())
         self._quantile = _chi_square(p)
         self._samples = 0
         self._state = State(0, False, 0.0, 0.0, 0.0, 0.0, ())
 
     def update(self, q: Sequence[float] | Array, x: Sequence[float] | Array) -> State:
-        """Take one sample, joints (dof,) [rad or m] and position (2,) [unit].
+        """Take one sample, joints (dof,) [rad or m] and position (2,) or (3,) [unit].
 
         A sample that is not finite or outside of what the model has learned changes nothing.
         """
-        joints, position = np.asarray(q, dtype=float), np.asarray(x, dtype=float)
-        u = (joints - self._lower) / self._span
-        if self._periodic.any():
-            u = np.where(self._periodic, u % 1.0, u)
-        if not math.isfinite(float(u.sum()) + float(position.sum())):
+        u = _unit(q, self._lower, self._span, "joint values")
+        v = _unit(x, self._origin, self._size, "coordinates")
+        for k in self._turning:
+            u[k] %= 1.0
+        if not math.isfinite(sum(u) + sum(v)):
             return self._state
         distance, node = self._motor.nearest(u)
         if distance > self._reach or not self._visited[node]:
             return self._state
-        value, slope, bend = self._taylor
-        z = u - self._units[node]
-        z -= self._periodic * np.rint(z)
-        said = value[node] + (slope[node] + bend[node] @ z) @ z
-        residual = position - said
-        size = math.hypot(residual[0], residual[1])
+        known = self._nodes[node].tolist()
+        z = [a - b for a, b in zip(u, known, strict=False)]
+        for k in self._turning:
+            z[k] -= round(z[k])
+        terms = [1.0, *z, *(a * b for a in z for b in z)]
+        row = self._rows[node].copy()
+        power, place = 0.0, len(u)
+        for k, value in enumerate(v):
+            said = sum(map(mul, known[place : place + len(terms)], terms))
+            residual = self._origin[k] + value * self._size[k] - said
+            row[k, -1] = residual
+            power += residual * residual
+            place += len(terms)
+        size = math.sqrt(power)
         usual = self._usual or self._noise
         self._usual = usual + 0.05 * (min(size, 3.0 * usual) - usual)
-        most = _MOST
-        if size > _CLIP * max(usual, self._noise):
-            residual *= _CLIP * max(usual, self._noise) / size
+        limit, most = _CLIP * max(usual, self._noise), _MOST
+        if size > limit:
+            row[:, -1] *= limit / size
             most = _DOUBTED
-        away, winner = self._nearest((position - self._origin) / self._size)
+        away, winner = self._sensory.nearest(v)
         fade = self._fade
-        phi = self._directions[node]
         self._moments *= fade
-        self._moments += phi.T @ phi
-        self._products *= fade
-        self._products += residual @ phi
-        self._power = fade * self._power + residual[0] ** 2 + residual[1] ** 2
+        self._moments += row.T @ row
+        self._trace = fade * self._trace + known[-1]
         self._weight = fade * self._weight + 1.0
         self._square = fade * fade * self._square + 1.0
-        ratio = min(away * away / self._expected[winner], most)
+        ratio = min(away * away / float(self._expected[winner]), most)
         self._ratio = fade * self._ratio + ratio
         self._samples += 1
         if self._samples >= _WARM:
@@ -165,34 +179,30 @@ class Monitor:
             self._state = self._state._replace(samples=self._samples)
         return self._state
 
-    def _nearest(self, v: Array) -> tuple[float, int]:
-        return self._sensory.nearest(v)
-
     @property
     def state(self) -> State:
         """The state after the last sample."""
         return self._state
 
     def _judge(self) -> None:
-        p = len(self._moments)
-        weight = self._weight
-        gram = self._moments / weight
-        gram.flat[:: p + 1] += 1e-9 * gram.trace() / p
-        mean = self._products / weight
-        explained = float((mean * np.linalg.solve(gram, mean)).sum())
-        power = self._power / weight
+        moments, weight, axes = self._moments, self._weight, len(self._size)
+        p = len(moments) - 1
+        products = moments[-1, :-1]
+        gram = moments[:-1, :-1] + self._trace * self._ridge
+        # LAPACK itself: NumPy's checks take longer than a system of eight equations
+        _, combined, _ = self._solve(gram, products)
+        explained = float(products @ combined) / weight
+        power = float(moments[-1, -1]) / weight
         independent = weight * weight / self._square
-        left = max(power - explained, 0.0) / 2.0 / max(1.0 - 0.5 * p / independent, 0.1)
-        noise = math.sqrt(left)
-        links = math.sqrt(max(explained, 0.0))
+        left = max(power - explained, 0.0) / axes / max(1.0 - p / (axes * independent), 0.1)
+        noise, links = math.sqrt(left), math.sqrt(max(explained, 0.0))
         limit = math.sqrt(max(left, self._noise**2) * self._quantile / independent + self._floor**2)
         zeta = self._ratio / weight
-        leak = (noise**2 / (self._size**2)).sum() / float(self._expected.mean())
-        usual = 1.0 + 5.0 * math.sqrt(self._spread / independent) + leak
-        scores = {"sensory": zeta / usual, "links": links / limit}
-        fired = tuple(name for name, score in scores.items() if score > 1.0)
+        usual = 1.0 + 5.0 * math.sqrt(self._spread / independent) + left * self._leak
+        sensory, moved = zeta / usual, links / limit
+        fired = (*(("sensory",) if sensory > 1.0 else ()), *(("links",) if moved > 1.0 else ()))
         self._state = State(
-            self._samples, bool(fired), max(scores.values()), zeta, links, noise, fired
+            self._samples, bool(fired), max(sensory, moved), zeta, links, noise, fired
         )
 
 
@@ -200,15 +210,23 @@ class _Search:
     """The nearest node of a map: by cells where they know, by the search tree elsewhere."""
 
     def __init__(self, network: Map) -> None:
-        self._cells, self._tree = NodeCells.of(network), network.tree
+        self._cells, self._tree = NodeCells.of(network, 0), network.tree
 
-    def nearest(self, v: Array) -> tuple[float, int]:
+    def nearest(self, v: Sequence[float]) -> tuple[float, int]:
         """Distance and number of the node that is nearest to a point (d,) of the unit box."""
-        found = None if self._cells is None else self._cells.nearest(v.tolist())
+        found = None if self._cells is None else self._cells.nearest(v)
         if found is not None:
             return found
         distance, node = self._tree.query(v)
         return float(distance), int(node)
+
+
+def _unit(values: Any, lower: list[float], span: list[float], what: str) -> list[float]:
+    """Values in the unit box, as floats."""
+    row = np.asarray(values, dtype=float).ravel().tolist()
+    if len(row) != len(lower):
+        raise QueryError(f"{len(row)} {what}: expected {len(lower)}")
+    return [(a - low) / size for a, low, size in zip(row, lower, span, strict=True)]
 
 
 def _directions(model: Model) -> Array:
@@ -232,19 +250,19 @@ def _own_error(model: Model) -> float:
     return max(0.5 * float(np.sqrt(np.mean(bound**2))), _GRAIN * extent)
 
 
-def _second_order(model: Model) -> tuple[Array, Array, Array]:
-    """Value, slope and half the curvature of the map at each motor node."""
-    predictor = model.predictor
-    value, slope = predictor.value_and_slope(model.motor.units)
-    step = 0.25 * model.motor.spacing
-    bend = np.empty((*slope.shape, slope.shape[-1]))
-    for k in range(slope.shape[-1]):
-        ahead, back = model.motor.units.copy(), model.motor.units.copy()
-        ahead[:, k] += step
-        back[:, k] -= step
-        change = predictor.value_and_slope(ahead)[1] - predictor.value_and_slope(back)[1]
-        bend[..., k] = 0.5 * change / (2.0 * step)
-    return value, slope, bend
+def _second_order(model: Model) -> Array:
+    """Value, slope and half the curvature at each motor node, axis by axis, (nodes, terms)."""
+    predictor, units = model.predictor, model.motor.units
+    value, slope = predictor.value_and_slope(units)
+    step = 0.25 * model.motor.spacing * np.eye(units.shape[1])
+    bend = [
+        predictor.value_and_slope(units + s)[1] - predictor.value_and_slope(units - s)[1]
+        for s in step
+    ]
+    curvature = np.stack(bend, axis=-1) / (4.0 * step[0, 0])
+    n, axes = value.shape
+    terms = [value[:, :, None], slope, curvature.reshape(n, axes, -1)]
+    return np.asarray(np.concatenate(terms, axis=2).reshape(n, -1))
 
 
 def _chi_square(freedom: int) -> float:

@@ -11,13 +11,13 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from ..body.likeness import kernel
 from ..body.structure import Array
 from .rows import thinned
-from .whitening import kernel
 
 MOST_ROWS = 400
 
-_BLOCKS = 10
+_PARTITIONS = (2, 5, 10)  # contiguous blocks: half of the log must tell of the other half
 _LENGTHS = (0.5, 1.0, 2.0)  # times the given lengths
 _RATIOS = np.geomspace(1e-8, 10.0, 19)  # variance of the noise over that of the process
 _CLEAR = 2.0  # paired standard errors by which blocks must be predicted better
@@ -84,7 +84,7 @@ def own_residual(
     rows = thinned(len(q), MOST_ROWS)
     q, residual, held, weight = q[rows], residual[rows], held[rows], weight[rows]
     n = len(q)
-    if n < 2 * _BLOCKS or not np.any(residual):
+    if n < 2 * _PARTITIONS[-1] or not np.any(residual):
         return None
     best: tuple[float, Array, float, float] | None = None
     for share in _LENGTHS:
@@ -103,21 +103,20 @@ def own_residual(
     _, lengths, ratio, variance = best
     noise = np.diag(ratio / weight + 1e-10)
     alike = kernel(q, q, lengths)
+    before = np.linalg.norm(held, axis=1)
     left = np.empty(n)
-    for block in np.array_split(np.arange(n), _BLOCKS):
-        others = np.setdiff1d(np.arange(n), block)
-        inner = alike[np.ix_(others, others)] + noise[np.ix_(others, others)]
-        guess = alike[np.ix_(block, others)] @ np.linalg.solve(inner, residual[others])
-        left[block] = np.linalg.norm(held[block] - guess, axis=1)
-    gain = np.array(
-        [
-            float(np.mean(np.linalg.norm(held[b], axis=1) - left[b]))
-            for b in np.array_split(np.arange(n), _BLOCKS)
-        ]
-    )
+    for count in _PARTITIONS:
+        parts = np.array_split(np.arange(n), count)
+        for block in parts:
+            others = np.setdiff1d(np.arange(n), block)
+            inner = alike[np.ix_(others, others)] + noise[np.ix_(others, others)]
+            guess = alike[np.ix_(block, others)] @ np.linalg.solve(inner, residual[others])
+            left[block] = np.linalg.norm(held[block] - guess, axis=1)
+        if left.mean() > _GAIN * before.mean():
+            return None
+    gain = np.array([float(np.mean(before[b] - left[b])) for b in parts])
     error = float(gain.std(ddof=1)) / np.sqrt(len(gain))
-    before = float(np.linalg.norm(held, axis=1).mean())
-    if gain.mean() <= _CLEAR * error or left.mean() > _GAIN * before:
+    if gain.mean() <= _CLEAR * error:
         return None
     inverse = np.linalg.inv(alike + noise)
     sd = float(np.sqrt(variance))

@@ -9,8 +9,8 @@ import numpy as np
 
 from ..body.structure import Array, Indices, Label, Structure
 from ..model.alignment import Alignment
-from .cause import Cause
-from .members import FRAME
+from .cause import AS_ONE, Cause
+from .members import FRAME, parts_of
 
 if TYPE_CHECKING:
     from .comparison import Comparison
@@ -20,12 +20,6 @@ SIGNIFICANT = 2.6
 """Standard deviations from which a parameter is said to have changed."""
 
 _MATTERS = 0.05  # share of the largest displacement from which a cause is named
-_WORDS = {
-    "view.scale": "the sensor's scale changed",
-    "view.shear": "the sensor's axes are stretched or sheared",
-    "view.tilt": "the camera is tilted",
-    "lens": "the sensor's frame is bent, as by a lens",
-}
 
 
 def of_parameters(comparison: Comparison, best: Explanation) -> list[Cause]:
@@ -38,10 +32,8 @@ def of_parameters(comparison: Comparison, best: Explanation) -> list[Cause]:
     for group in best.member.groups:
         if group in FRAME or (group == "view.scale" and comparison.reference.scale != 1.0):
             continue
-        for name, ix in structure.groups.items():
-            if name != group and not (group == "curve" and name.startswith("curve.")):
-                continue
-            found += _of_group(comparison, best, name, np.asarray(ix), old, every, size)
+        for name, ix in parts_of(structure, group):
+            found += _of_group(comparison, best, name, ix, old, every, size)
     if best.member.framed:
         found += _of_sensor(comparison, best, old, every, size)
     if not comparison.reference.locked:
@@ -65,7 +57,7 @@ def _of_group(
     structure = comparison.reference.structure
     change, deviation = (best.beta - old)[ix], best.deviation[ix]
     clear = (deviation > 0) & (np.abs(change) > SIGNIFICANT * deviation)
-    if group.startswith("curve") or group in _WORDS or group == "elastic":
+    if _kind(group) in AS_ONE:
         if not clear.any():
             return []
         moved = float(np.linalg.norm(change * size[np.searchsorted(every, ix)]))
@@ -84,17 +76,17 @@ def _summed(
 ) -> Cause:
     label = structure.label(index)
     value, half = float(change[largest]), 1.96 * float(deviation[largest])
-    if group in _WORDS:
-        name = group.removeprefix("view.")
-        words = _WORDS[group]
-        if group == "view.scale":
-            words += f" by {100 * math.expm1(value):+.3g} %"
-        return Cause(name, group, value, (value - half, value + half), label.unit, words)
-    name = f"{'curve' if group.startswith('curve') else group}:{label.joint}"
-    what = "gives way under load" if group == "elastic" else "follows another curve"
     size = math.degrees(float(np.abs(change).max()))
-    words = f"{label.joint} {what}, by up to {size:.3g} deg"
+    words = AS_ONE[_kind(group)].format(joint=label.joint, size=size)
+    if group == "view.scale":
+        words += f" by {100 * math.expm1(value):+.3g} %"
+    name = f"{_kind(group)}:{label.joint}" if label.joint else group.removeprefix("view.")
     return Cause(name, group, value, (value - half, value + half), label.unit, words)
+
+
+def _kind(group: str) -> str:
+    """A group's name, of a joint's own curve that of all curves."""
+    return "curve" if group.startswith("curve.") else group
 
 
 def single(label: Label, old: float, change: float, sd: float) -> Cause:
@@ -130,12 +122,14 @@ def _of_sensor(
     new = mirrored or comparison.reference.scale != 1.0
     if not new and not (np.abs(change) > SIGNIFICANT * deviation).any():
         return []
-    frame = frame_between(comparison, best.beta)
-    value, half = float(change[0]), 1.96 * float(deviation[0])
-    value = (value + math.pi) % (2 * math.pi) - math.pi
-    said = f"turned {math.degrees(value):.3g} ± {math.degrees(half):.2g} deg"
-    if frame is not None:
-        said = frame.words(comparison.unit)
+    before, after = _seen_before_and_after(comparison, best.beta)
+    if before.shape[1] == 3:
+        value, said = _rigid_motion(before, after, comparison.unit)
+        half = 1.96 * float(np.linalg.norm(deviation[: len(turn)]))
+    else:
+        value, half = float(change[0]), 1.96 * float(deviation[0])
+        value = (value + math.pi) % (2 * math.pi) - math.pi
+        said = Alignment.between(before, after).words(comparison.unit)
     words = f"the sensor's frame moved: {said}"
     where = np.searchsorted(every, both)
     moved = math.inf if new else float(np.linalg.norm(change * size[where]))
@@ -145,15 +139,37 @@ def _of_sensor(
 
 def frame_between(comparison: Comparison, beta: Array) -> Alignment | None:
     """The sensor's new frame as an affine map of the old one; None in space."""
+    before, after = _seen_before_and_after(comparison, beta)
+    return Alignment.between(before, after) if before.shape[1] == 2 else None
+
+
+def _seen_before_and_after(comparison: Comparison, beta: Array) -> tuple[Array, Array]:
+    """Probes (p, m) as the sensor saw them before and sees them now, the arm unchanged."""
     structure, old = comparison.reference.structure, comparison.body
-    seen = old.structure.predict(comparison.probes, old.beta)
-    if seen.shape[1] != 2:
-        return None
     mixed = comparison.belief.beta.copy()
     for name, ix in structure.groups.items():
         if name.startswith("view.") or name == "lens":
             mixed[np.asarray(ix)] = beta[np.asarray(ix)]
-    return Alignment.between(seen, structure.predict(comparison.probes, mixed))
+    before = old.structure.predict(comparison.probes, old.beta)
+    return np.asarray(before), np.asarray(structure.predict(comparison.probes, mixed))
+
+
+def _rigid_motion(before: Array, after: Array, unit: str) -> tuple[float, str]:
+    """Angle [rad] of the rotation that takes positions (p, 3) over, and the motion in words."""
+    from scipy.spatial.transform import Rotation
+
+    middle = before.mean(axis=0)
+    turn, _ = Rotation.align_vectors(after - after.mean(axis=0), before - middle)
+    angle = float(turn.magnitude())
+    factor, name = (1e3, "mm") if unit == "m" else (1.0, unit)
+    shift = factor * (after.mean(axis=0) - middle)
+    axis = np.round(turn.as_rotvec() / max(angle, 1e-300), 2) + 0.0
+    about = ", ".join(f"{part:.2f}" for part in axis.tolist())
+    moved = ", ".join(f"{part:.4g}" for part in shift)
+    return angle, (
+        f"turned {math.degrees(angle):.3g} deg about ({about}), shifted by ({moved}) {name} at "
+        "the middle of the workspace"
+    )
 
 
 def _lost(comparison: Comparison, best: Explanation, old: Array) -> list[tuple[float, Cause]]:

@@ -90,6 +90,8 @@ def reference_of(body: Body, q: Array, z: Array, unit: str | None = None) -> Ref
     gap = _typical(np.linalg.norm((z - seen)[:, :places], axis=1))
     if gap < _FAR * extent:
         return kept
+    if body.structure.view == "pinhole":
+        return replace(kept, beta=_camera_moved(body, q, z), forgotten=_moving(body.structure))
     tries: list[tuple[float, dict[str, Any], Array, tuple[int, ...], float]] = []
     for change, start, held in _variants(body):
         structure = _replaced(body.structure, change)
@@ -119,7 +121,6 @@ def reference_of(body: Body, q: Array, z: Array, unit: str | None = None) -> Ref
     signs = change.get("signs")
     old = getattr(body.structure, "signs", ())
     turned = tuple(k for k, s in enumerate(signs) if s != old[k]) if signs else ()
-    moving = [ix for name, ix in groups.items() if name in FRAME]
     return Reference(
         moved,
         beta,
@@ -128,8 +129,31 @@ def reference_of(body: Body, q: Array, z: Array, unit: str | None = None) -> Ref
         turned,
         locked,
         factor,
-        np.concatenate(view if new else moving).astype(np.intp),
+        np.concatenate(view).astype(np.intp) if new else _moving(structure),
     )
+
+
+def _moving(structure: Structure) -> Indices:
+    """Parameters of a sensor that was moved."""
+    moving = [ix for name, ix in structure.groups.items() if name in FRAME]
+    return np.concatenate(moving).astype(np.intp)
+
+
+def _camera_moved(body: Body, q: Array, z: Array) -> Array:
+    """Parameters of a camera elsewhere, its lens and the arm as they were."""
+    from ..body.spatial_start import frame
+
+    structure: Any = body.structure
+    groups = structure.groups
+    lens = tuple(body.beta[groups["lens"]].tolist())
+    known = replace(structure, lens=lens, lens_sd=(0.0, 0.0, 0.0, 0.0))
+    beta = body.beta.copy()
+    place = np.concatenate([groups["view.rotation"], groups["view.shift"]])
+    beta[place] = frame(known, q, z, body.beta)[place]
+    free = place.astype(np.intp)
+    careful = np.arange(len(free)) < len(groups["view.rotation"])
+    tries = [_aligned(structure, each, q, z, free, careful) for each in (body.beta, beta)]
+    return min(tries, key=lambda t: t[0])[1]
 
 
 def _typical(values: Array) -> float:

@@ -28,16 +28,19 @@ class Log:
     q, z : (n, dof), (n, m) array
         Joints [rad or m] and outputs, without what maps add to the body [unit].
     weight : (n,) array
+    shared : float [unit]
+        Standard deviation that all rows share, such as that of a board that was found again.
     """
 
     q: Array
     z: Array
     weight: Array
+    shared: float = 0.0
 
     def some(self, most: int) -> Log:
         """At most so many rows, evenly spread."""
         rows = thinned(len(self.q), most)
-        return Log(self.q[rows], self.z[rows], self.weight[rows])
+        return Log(self.q[rows], self.z[rows], self.weight[rows], self.shared)
 
 
 def thinned(n: int, most: int) -> NDArray[np.intp]:

@@ -10,20 +10,20 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass, replace
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from ..common.parallel import one_blas_thread
 from ..errors import OptionError
-from ..model.baseline import learn_baseline
 from ..model.schemas import Schema
-from .follow import BLOCK, HORIZON, OnlineAdapter, Step, check_followable
+from .follow import HORIZON, check_followable
+from .learning import SETTLED, Learning
 from .schemas import MOST, OUTSIDE, compare, in_state
+from .step import Step
 
 if TYPE_CHECKING:
-    from ..model.about import About
     from ..model.model import Model
 
 Array = NDArray[np.float64]
@@ -34,10 +34,6 @@ _STEP = 5  # samples between two looks
 _RECALL = 10  # samples since a change that a schema is recognised from
 _NATS = 15.0  # log likelihood ratio for a kept schema: by chance once in 3 million windows
 _STILL = 60  # a change of many small steps may end in a known schema that much later
-_FIRST = 30  # samples that a first model of a new state rests on
-_GROWTH = 3.0  # it is made anew whenever there are so many times the samples
-_SETTLED = 100  # samples that a state must have lasted to be kept as a schema
-_JUDGED = 2000  # latest samples whose errors are told
 
 
 @dataclass(frozen=True)
@@ -111,15 +107,15 @@ class Follower:
     def __init__(self, model: Model, *, most: int = MOST, horizon: int = HORIZON) -> None:
         if most < 1:
             raise OptionError(f"most {most}: expected one or more schemas")
-        if horizon < _SETTLED:
-            raise OptionError(f"horizon {horizon}: expected {_SETTLED} or more samples")
+        if horizon < SETTLED:
+            raise OptionError(f"horizon {horizon}: expected {SETTLED} or more samples")
         check_followable(model)
         self._most, self._horizon = most, horizon
         self._present = replace(model, schemas=())
         self._state = Schema.of(model)
         self._kept: list[Schema] = list(model.schemas)
         self._models: dict[str, Model] = {}  # of the schemas that were present
-        self._learning: _Learning | None = None
+        self._learning: Learning | None = None
         self._seen = 0
         self._since = 0
         self._u: Array = np.zeros((0, model.motor.scale.span.size))
@@ -233,7 +229,7 @@ class Follower:
         k = len(names) + 1
         while f"schema {k}" in names:
             k += 1
-        self._learning = _Learning(self._present, f"schema {k}", self._horizon)
+        self._learning = Learning(self._present, f"schema {k}", self._horizon)
         self._forget()
         self._learn(u, x)
         return False
@@ -265,113 +261,6 @@ class Follower:
     def _forget(self) -> None:
         """Samples so far say nothing of the state that is the present one now."""
         self._u, self._x, self._against = self._u[:0], self._x[:0], self._against[:0]
-
-
-class _Learning:
-    """A state that is being learned: the maps that re-form, and the models on the way."""
-
-    def __init__(self, base: Model, name: str, horizon: int) -> None:
-        self.name = name
-        self.samples = 0
-        self.step: Step | None = None
-        # from now on it rests on what a sensor reads
-        self._about = replace(base.about, bound_of="sensor reading")
-        self._base = replace(base, about=self._about)
-        self._adapter = OnlineAdapter(self._base, horizon, force=True)
-        self._horizon = horizon
-        self._u: list[Array] = []
-        self._x: list[Array] = []
-        self._fed = 0
-        self._next = _FIRST
-        self._made: Model | None = None
-        self._judged: list[Array] = []  # distances to samples before they were learned
-
-    @property
-    def known(self) -> bool:
-        """Whether there is a first model of the state."""
-        return self._made is not None
-
-    @property
-    def settled(self) -> bool:
-        """Whether the state lasted long enough to be kept."""
-        return self.known and self.samples >= _SETTLED
-
-    def take(self, u: Array, x: Array) -> Model | None:
-        """Take samples; a new model where it is time for one."""
-        self._u.append(u)
-        self._x.append(x)
-        self.samples += len(u)
-        if self._made is not None:
-            said = self._made.predictor.value(u)
-            self._judged.append(np.linalg.norm(x - said, axis=1))
-        block = _FIRST if not self._fed else BLOCK
-        last = self.samples >= self._horizon
-        if self.samples - self._fed >= block or last:
-            self._feed()
-        if self.samples >= self._next or last:
-            self._next = math.ceil(_GROWTH * self.samples)
-            self._feed()
-            return self._make(last)
-        return None
-
-    def _feed(self) -> None:
-        if self._fed < self.samples:
-            u, x = np.concatenate(self._u), np.concatenate(self._x)
-            fresh = slice(self._fed - self.samples, None)
-            q = self._base.motor.scale.from_unit(u[fresh])
-            self.step = self._adapter.feed(q, x[fresh])
-            self._fed = self.samples
-
-    def _make(self, last: bool) -> Model:
-        """The model of the samples so far, and the errors that were made on the way."""
-        made = self._adapter.model()
-        u, x = np.concatenate(self._u), np.concatenate(self._x)
-        noise = np.linalg.norm(x - made.predictor.value(u), axis=1)
-        # what it did not know when it met it; the first model has met nothing
-        errors = np.concatenate(self._judged)[-_JUDGED:] if self._judged else noise
-        self._made = replace(
-            made,
-            about=_about(self._about, self.samples, errors),
-            baseline=learn_baseline(made.association, u, x, noise),
-            schema=self.name,
-            history=(*self._base.history, self._event(errors)) if last else self._base.history,
-            seconds={},
-        )
-        return self._made
-
-    def _event(self, errors: Array) -> dict[str, Any]:
-        figures = {"mean": float(errors.mean()), "max": float(errors.max())} if len(errors) else {}
-        return {
-            "event": "followed",
-            "method": "online",
-            "schema": self.name,
-            "samples": self.samples,
-            "after": figures,
-            "frame": None,
-        }
-
-
-def _about(about: About, samples: int, errors: Array) -> About:
-    """Facts of a model that was followed: it rests on what a sensor read."""
-    found = dict(about.errors)
-    if len(errors) and "local" in found:
-        told = {
-            "mean": float(errors.mean()),
-            "max": float(errors.max()),
-            "p99": float(np.quantile(errors, 0.99)),
-        }
-        local = dict(found["local"])
-        local["forward"] = {**local["forward"], "distance": told}
-        found["local"] = local
-    return replace(
-        about,
-        source="log",
-        bound_of="sensor reading",
-        simulation=None,
-        samples=samples,
-        taught=False,
-        errors=found,
-    )
 
 
 def _change_point(against: NDArray[np.bool_]) -> int:

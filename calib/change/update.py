@@ -14,13 +14,14 @@ import numpy as np
 
 from ..body.belief import Body, Second
 from ..body.bound import radius_95
+from ..body.likeness import kernel, lengths_of
 from ..body.normal import Factor
 from ..body.structure import Array, Indices
 from .explain import Explanation
 from .members import drift
 from .reference import Reference
 from .rows import Log, thinned
-from .whitening import kernel, lengths_of, nuisance_sd, scaled
+from .whitening import nuisance_sd, scaled
 
 MOST_ROWS = 600
 """Rows that an update takes, evenly spread over the log."""
@@ -30,6 +31,7 @@ _BLOCKS = 5
 _ENOUGH = 30  # rows that tell a quantile
 _OUTLIER = 2.5  # 95 % radii from which a row is an outlier
 _STEPS = 3
+_CLEAN = 0.01  # of the residual that a log is allowed: half of its rows are nearer than that
 
 
 @dataclass(frozen=True)
@@ -158,23 +160,28 @@ def _posterior(old: Body, reference: Reference, e: Explanation, log: Log) -> Pos
     fixed = np.diag(prior) <= 0.0
     active, prior = active[~fixed], prior[np.ix_(~fixed, ~fixed)]
     information = Factor(prior).inverse()
-    rows = _Rows(old, e, log)
     beta, moved = e.beta.copy(), (e.beta - e.origin)[active]
-    for step in range(_STEPS + 1):
-        predicted, x = structure.linearise(log.q, beta, active)
-        residual = structure.residual(log.z, predicted)
-        gram, pull = rows.sums(x, residual)
-        pull[: len(active)] -= information @ moved
-        gram[: len(active), : len(active)] += information
-        if step == _STEPS:
+    for share in (1.0, _CLEAN, _CLEAN**2):
+        rows = _Rows(old, replace(e, factor=share * e.factor, noise=share * e.noise), log)
+        for step in range(_STEPS + 1):
+            predicted, x = structure.linearise(log.q, beta, active)
+            residual = structure.residual(log.z, predicted)
+            gram, pull = rows.sums(x, residual)
+            pull[: len(active)] -= information @ moved
+            gram[: len(active), : len(active)] += information
+            if step == _STEPS:
+                break
+            delta = Factor(gram).solve(pull)[: len(active)]
+            full = np.zeros(len(beta))
+            full[active] = delta
+            beta, moved = structure.retract(beta, full), moved + delta
+        if share == 1.0:
+            found = Factor(gram).inverse()[: len(active), : len(active)]
+        held = rows.held_out(gram, x, residual, pull)
+        # rows that are far more exact than was allowed for: the prior must not hold them back
+        if np.median(np.abs(held / (e.factor * nuisance_sd(old)))) > share * _CLEAN:
             break
-        delta = Factor(gram).solve(pull)[: len(active)]
-        full = np.zeros(len(beta))
-        full[active] = delta
-        beta, moved = structure.retract(beta, full), moved + delta
-    factor = Factor(gram)
-    covariance = factor.inverse()[: len(active), : len(active)]
-    return Posterior(beta, active, covariance, rows.held_out(gram, x, residual, pull))
+    return Posterior(beta, active, found, held)
 
 
 class _Rows:

@@ -14,10 +14,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ..body.belief import Body
+from ..body.likeness import kernel, lengths_of
 from ..body.structure import Array
-
-SMOOTH = 0.5
-"""Length [rad] over which the residual of a log is alike (Matern 5/2)."""
 
 _LEAST = 1e-4  # residual of a log that is always allowed, of the extents
 _FLOOR = 1e-6  # least noise, of the extents
@@ -51,22 +49,6 @@ def scaled(body: Body) -> Scaled:
 def nuisance_sd(body: Body) -> Array:
     """Standard deviation (m,) [unit] of the residual that a log may have of its own."""
     return np.asarray(np.maximum(body.tau, _LEAST * np.asarray(body.structure.extents)))
-
-
-def kernel(q: Array, other: Array, lengths: Array) -> Array:
-    """Matern 5/2 correlation (n, k) of joints (n, dof) and (k, dof)."""
-    a, b = q / lengths, other / lengths
-    square = (a**2).sum(axis=1)[:, None] + (b**2).sum(axis=1) - 2 * a @ b.T
-    d = np.sqrt(5.0 * np.maximum(square, 0.0))
-    return np.asarray((1 + d + d * d / 3) * np.exp(-d))
-
-
-def lengths_of(body: Body, q: Array) -> Array:
-    """Correlation lengths (dof,) [rad or m] of a log's own residual."""
-    turning = np.asarray(body.structure.revolute)
-    span = np.maximum(np.ptp(q, axis=0), 1e-9)
-    smooth = SMOOTH * np.sqrt(body.structure.dof / 2)
-    return np.asarray(np.where(turning, smooth, 0.3 * span))
 
 
 @dataclass(frozen=True)
@@ -122,6 +104,7 @@ def spectrum(
     creep: Array,
     factor: float,
     forget: NDArray[np.intp],
+    shared: float = 0.0,
 ) -> Spectrum:
     """Covariance of the rows' residuals under a belief.
 
@@ -139,9 +122,12 @@ def spectrum(
         Times the usual size of the log's own residual.
     forget : (g,) int array
         Parameters whose old posterior does not count: a frame that is new.
+    shared : float [unit]
+        Standard deviation of an error that neighbouring positions share: that of a reference,
+        such as a board, that was found again.
     """
     size = scaled(body).size
-    _, x = body.structure.linearise(q, beta, body.active)
+    seen, x = body.structure.linearise(q, beta, body.active)
     n, m, k = x.shape
     kept = ~np.isin(body.active, forget)
     root = np.sqrt(weight)
@@ -154,5 +140,9 @@ def spectrum(
     alike = kernel(q, q, lengths) * root[:, None] * root
     own = (factor * nuisance_sd(body) / size) ** 2
     total += np.kron(alike, np.diag(own))
+    if shared:  # a frame that is shifted, turned, tilted: as smooth as the workspace is wide
+        places = seen[:, :m] / (2.0 * np.asarray(body.structure.extents))
+        alike = kernel(places, places, np.ones(m)) * root[:, None] * root
+        total += np.kron(alike, np.diag((shared / size) ** 2))
     values, vectors = np.linalg.eigh(total)
     return Spectrum(np.maximum(values, 0.0), vectors, root, size)

@@ -109,3 +109,26 @@ def _walk(newton: Newton, start: Array, goal: Array, x: Array) -> NDArray[np.boo
         going &= (moved < 2 * _STEP) & (now < ahead)
         rows, u = rows[going], trial[going]
     return arrived
+
+
+def free_directions(jacobian: Array) -> Array:
+    """Directions (k, dof) in which joints move on without changing what they reach.
+
+    Parameters
+    ----------
+    jacobian : (m, dof) array
+        Derivative of what is reached, its rows of comparable size.
+
+    Returns
+    -------
+    (k, dof) array
+        Each with a joint of its own at 1 that the other directions leave still.
+    """
+    from scipy.linalg import qr
+
+    _, size, vt = np.linalg.svd(jacobian)
+    null = vt[int((size > 1e-6 * size[0]).sum()) :]
+    if not len(null):
+        return null
+    own = np.sort(qr(null, mode="r", pivoting=True)[1][: len(null)])
+    return np.asarray(np.linalg.solve(null[:, own], null))

@@ -168,11 +168,9 @@ class Starts:
         motor, sensory = self.association.motor, self.association.sensory
         partners = self.association.partners
         seen = sensory.nearest(sensory.scale.to_unit(x), min(sensory_nodes, sensory.size))[1]
-        counts = np.diff(partners.indptr)[seen]
-        flat = np.repeat(np.cumsum(counts) - counts.ravel(), counts.ravel())
-        place = np.arange(len(flat)) - flat + np.repeat(partners.indptr[seen], counts.ravel())
-        target = np.repeat(np.arange(len(x)), counts.sum(axis=1))
-        pair = np.unique(target * motor.size + partners.indices[place])
+        found = partners.take(seen.ravel())
+        target = found.rows // seen.shape[1]
+        pair = np.unique(target * motor.size + found.indices)
         target, node = np.divmod(pair, motor.size)
 
         value, inverse = self._nodes

@@ -5,28 +5,24 @@ from __future__ import annotations
 from collections.abc import Iterator
 from dataclasses import dataclass
 from functools import cached_property
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, cast
 
 import numpy as np
 from numpy.typing import NDArray
 
+from ..common.choices import READOUTS
 from ..common.frozen import freeze, frozen
 from ..errors import OptionError
+from .compressed import Compressed
 from .linear_models import LinearModels, MeanPositions, regress
 from .links import WIRINGS, Wiring
-from .map import Map
+from .map import Map, nearest_points
 
 if TYPE_CHECKING:
     from scipy.sparse import csr_array
 
 Array = NDArray[np.float64]
 Index = NDArray[np.intp]
-
-MAP_READOUTS = ("linear", "activity", "winner")
-"""Readouts of maps and links alone."""
-
-READOUTS = ("local", "body", *MAP_READOUTS)
-"""Every readout; ``body`` only where there is one."""
 
 _JOINED = 1.9  # nodes closer than so many spacings belong to one cluster
 _CORE = 6.0  # reach of a cluster around its strongest node [spacings]
@@ -66,7 +62,7 @@ class Association:
     ----------
     motor, sensory : Map
         The maps.
-    links : csr_array of shape (motor nodes, sensory nodes)
+    linked : Compressed or csr_array of shape (motor nodes, sensory nodes)
         Strength c_ij of each connection.
     wiring : Wiring
         How they were learned and how active nodes are.
@@ -77,15 +73,24 @@ class Association:
 
     motor: Map
     sensory: Map
-    links: csr_array
+    linked: Compressed | csr_array
     wiring: Wiring = WIRINGS["reciprocal"]
     motor_means: Array | None = None
     sensory_means: Array | None = None
 
     def __post_init__(self) -> None:
         freeze(self, "motor_means", "sensory_means")
-        for name in ("data", "indices", "indptr"):
-            setattr(self.links, name, frozen(getattr(self.links, name)))
+        links = self.linked
+        data, indices, indptr = map(frozen, (links.data, links.indices, links.indptr))
+        object.__setattr__(self, "linked", Compressed(data, indices, indptr, links.shape))
+
+    @cached_property
+    def links(self) -> csr_array:
+        """Strength c_ij of each connection, (motor nodes, sensory nodes)."""
+        from scipy.sparse import csr_array
+
+        links = self.linked
+        return csr_array((links.data, links.indices, links.indptr), shape=links.shape)
 
     @staticmethod
     def learn(motor: Map, u: Array, sensory: Map, v: Array, wiring: Wiring) -> Association:
@@ -170,14 +175,12 @@ class Association:
     @cached_property
     def _strongest_partner(self) -> Index:
         """Sensory node most strongly linked to each motor node."""
-        return _strongest(self.links, self.motor)
+        return _strongest(cast("Compressed", self.linked), self.motor)
 
     @cached_property
-    def partners(self) -> csr_array:
+    def partners(self) -> Compressed:
         """Links by sensory node, (sensory nodes, motor nodes); none is without a partner."""
-        from scipy.sparse import csr_array
-
-        links = self.links.T.tocsr()
+        links = cast("Compressed", self.linked).transposed()
         counts = np.diff(links.indptr)
         if (counts > 0).all():
             return links
@@ -185,7 +188,7 @@ class Association:
         linked = np.flatnonzero(counts > 0)
         source = np.arange(len(counts))
         source[counts == 0] = _nearest_of(self.sensory, np.flatnonzero(counts == 0), linked)
-        return csr_array(links[source])
+        return links.take(source)
 
     @cached_property
     def clusters(self) -> Clusters:
@@ -195,7 +198,7 @@ class Association:
 
         links, motor = self.partners, self.motor
         ns, nm = links.shape
-        j = np.repeat(np.arange(ns), np.diff(links.indptr))
+        j = links.rows
         i = links.indices.astype(np.intp)
         # two links of one sensory node are joined where their motor nodes are close
         start, close = _close_nodes(motor)
@@ -247,9 +250,9 @@ def _close_nodes(network: Map) -> tuple[Index, Index]:
     return np.append(0, np.cumsum(counts)), two[apart]
 
 
-def _strongest(links: csr_array, own: Map) -> Index:
+def _strongest(links: Compressed, own: Map) -> Index:
     """Column of the largest entry of each row; an empty row takes its nearest neighbour's."""
-    order = np.lexsort((links.indices, -links.data, _rows(links)))
+    order = np.lexsort((links.indices, -links.data, links.rows))
     counts = np.diff(links.indptr)
     result = np.zeros(len(counts), dtype=np.intp)
     full = np.flatnonzero(counts > 0)
@@ -260,13 +263,6 @@ def _strongest(links: csr_array, own: Map) -> Index:
     return result
 
 
-def _rows(links: csr_array) -> Index:
-    return np.repeat(np.arange(links.shape[0]), np.diff(links.indptr))
-
-
 def _nearest_of(own: Map, which: Index, among: Index) -> Index:
     """Node of `among` that is nearest to each node of `which`."""
-    from .map import search_tree
-
-    index = search_tree(own.units[among], own.scale).query(own.units[which])[1]
-    return np.asarray(among[index], dtype=np.intp)
+    return np.asarray(among[nearest_points(own.units[among], own.scale, own.units[which])[1][:, 0]])

@@ -14,6 +14,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from ..common.choices import MAPS
 from ..errors import OptionError
 from .graph import Graph
 from .lattice import Lattice
@@ -211,12 +212,12 @@ def residual_limits(per_node: float) -> tuple[float, float]:
 
 
 def border_strength(lattice: Lattice | Graph) -> float:
-    """Strength p of the border's gain: 2 log2(side / 4), 1 to 5, by the nodes along a side.
+    """Strength p of the border's gain: 2 log2(side / 4), 1 to 6, by the nodes along a side.
 
     Of a small lattice a large share is border: drawn there, its nodes would be missed inside.
     """
     side = lattice.size ** (1 / getattr(lattice, "dim", 2))
-    return float(np.clip(2.0 * np.log2(side / 4.0), 1.0, 5.0))
+    return float(np.clip(2.0 * np.log2(side / 4.0), 1.0, 6.0))
 
 
 READINGS: dict[str, Gain] = {
@@ -234,14 +235,10 @@ READINGS: dict[str, Gain] = {
 _VARYING_GNG = ("error", "border", "density")
 
 GAINS: dict[str, Gain | None] = {
-    "som": None,
+    **dict.fromkeys((*MAPS, "gas", *UNTRAINED)),
     "vdsom": residual,
     **{f"vdsom:{name}": gain for name, gain in READINGS.items()},
-    "dsom": None,
-    "gng": None,
-    "gas": None,
     **{f"gng:{name}": READINGS[name] for name in _VARYING_GNG},
-    **dict.fromkeys(UNTRAINED),
 }
 """Networks by their name in ``--map`` and the gain that each trains with."""
 

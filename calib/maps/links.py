@@ -10,11 +10,12 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ..errors import OptionError
-from .fields import LinkRule, Pairs, checked_links
 from .map import Map
 
 if TYPE_CHECKING:
     from scipy.sparse import csr_array
+
+    from .fields import LinkRule
 
 Array = NDArray[np.float64]
 
@@ -189,6 +190,8 @@ def _linked(
     rows = np.repeat(np.arange(together.shape[0]), np.diff(together.indptr))
     if rule is not None:
         motor, sensory = np.asarray(square[0])[rows], np.asarray(square[1])[together.indices]
+        from .fields import Pairs, checked_links
+
         together.data = checked_links(rule, Pairs(together.data, motor, sensory, samples))
         return _without_weak(together)
     scale = _settled(np.asarray(square[1]), beta)[together.indices]

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, field
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -13,10 +14,11 @@ from .map import Map, search_tree
 
 Array = NDArray[np.float64]
 
-_REACH = 0.55  # of the diagonal of a cell of a node's spacing: so far it speaks in full
-_EVEN = 400  # points of an even spread
-_FIRM = 0.1  # share of an even spread's smallest moment that carries a polynomial
+_REACH = 0.7  # of the diagonal of a cell of a node's spacing: so far it speaks in full
+_RING = 16  # places around a node where its polynomial has to be firm
+_FIRM = 10.0  # variance of an answer there, over that of one sample
 _CLOSE_ROWS = 5  # rows that have to be near a node
+_SILENT, _FULL = 0.2, 0.5  # shares of the weight at which nodes are not heard, and in full
 _CHUNK = 20_000_000  # numbers held at once while fitting
 
 
@@ -111,6 +113,7 @@ def fit(
     degree: int,
     samples: int,
     around: Neighbourhood | None = None,
+    spacings: Array | None = None,
 ) -> LocalModels:
     """Kernel-weighted least squares around each node.
 
@@ -126,6 +129,11 @@ def fit(
         Degree of the polynomials and number of samples that each is fitted to.
     around : Neighbourhood, optional
         Samples around each node, where they are known already.
+    spacings : (nodes,) array, optional
+        The nodes' spacings.  A node whose samples do not carry a polynomial of this degree then
+        has one of a lower degree: what is fitted to rows on a line, in clusters or on one side
+        multiplies their noise beside them.  The variance of its answers is asked half a spacing
+        around it.
 
     Returns
     -------
@@ -139,63 +147,44 @@ def fit(
     around = around or Neighbourhood.of(nodes, u, scale, samples)
     samples = min(samples, around.index.shape[1] - 1)
     radius = np.maximum(around.distance[:, samples], 1e-12)
-    terms = len(exponents(nodes.shape[1], degree))
-    coefficients = np.empty((len(nodes), terms, residual.shape[1]))
-    step = max(1, _CHUNK // (samples * terms))
-    for first in range(0, len(nodes), step):
-        part = slice(first, first + step)
-        index, r = around.index[part, :samples], radius[part, None]
-        z = scale.difference(u[index], nodes[part, None]) / r[..., None]
-        kernel = (1.0 - (around.distance[part, :samples] / r) ** 2) ** 2
-        features = monomials(z, degree)
-        weighted = np.swapaxes(features * kernel[..., None], 1, 2)
-        moments = weighted @ features
-        diagonal = np.einsum("nii->ni", moments)
-        diagonal += 1e-9 * diagonal.mean(axis=1, keepdims=True) + 1e-300
-        coefficients[part] = np.linalg.solve(moments, weighted @ residual[index])
+    outputs = residual.shape[1]
+    coefficients = np.zeros((len(nodes), len(exponents(nodes.shape[1], degree)), outputs))
+    left = np.arange(len(nodes))
+    for lower in range(degree, -1, -1):
+        terms = len(exponents(nodes.shape[1], lower))
+        step = max(1, _CHUNK // (samples * terms))
+        shaky = []
+        for first in range(0, len(left), step):
+            part = left[first : first + step]
+            index, r = around.index[part, :samples], radius[part, None]
+            z = scale.difference(u[index], nodes[part, None]) / r[..., None]
+            kernel = (1.0 - (around.distance[part, :samples] / r) ** 2) ** 2
+            features = monomials(z, lower)
+            weighted = np.swapaxes(features * kernel[..., None], 1, 2)
+            moments = weighted @ features
+            diagonal = np.einsum("nii->ni", moments)
+            diagonal += 1e-9 * diagonal.mean(axis=1, keepdims=True) + 1e-300
+            moment = weighted @ residual[index]
+            if spacings is None:
+                coefficients[part, :terms] = np.linalg.solve(moments, moment)
+                continue
+            at = _ring(nodes[part], spacings[part], scale) / r[..., None]
+            asked = np.swapaxes(monomials(at, lower), 1, 2)
+            solved = np.linalg.solve(moments, np.concatenate([moment, asked], axis=2))
+            variance = np.einsum("nta,nta->na", asked, solved[..., outputs:])
+            firm = (variance < _FIRM).all(axis=1)
+            coefficients[part[firm], :terms] = solved[firm, :, :outputs]
+            shaky.append(part[~firm])
+        left = np.concatenate(shaky) if shaky else left[:0]
     return LocalModels(degree, samples, radius, coefficients)
 
 
-def surrounded(
-    nodes: Array, u: Array, scale: Scale, degree: int, samples: int, around: Neighbourhood
-) -> NDArray[np.bool_]:
-    """Whether the samples around each node carry polynomials of a degree, (nodes,).
-
-    The smallest eigenvalue of their moments is compared with that of samples spread evenly
-    over the ball around the node: where rows are clustered, or on one side, a polynomial that
-    fits them says anything in between and beside.
-
-    Parameters
-    ----------
-    nodes, u : (nodes, d), (n, d) array
-        In the unit box.
-    scale : Scale
-    degree, samples : int
-        Of the models.
-    around : Neighbourhood
-        At least so many samples around each node.
-    """
-    if degree == 0:
-        return np.ones(len(nodes), dtype=bool)
-    samples = min(samples, around.index.shape[1] - 1)
-    radius = np.maximum(around.distance[:, samples], 1e-12)
-    z = scale.difference(u[around.index[:, :samples]], nodes[:, None]) / radius[:, None, None]
-    ball = np.random.default_rng(0).standard_normal((1, _EVEN, nodes.shape[1]))
-    ball /= np.linalg.norm(ball, axis=2, keepdims=True)
-    ball *= (np.arange(_EVEN) + 0.5)[None, :, None] ** (1 / nodes.shape[1]) / _EVEN ** (
-        1 / nodes.shape[1]
-    )
-    least, even = (_least_moment(part, degree) for part in (z, ball))
-    return np.asarray(least > _FIRM * even)
-
-
-def _least_moment(z: Array, degree: int) -> Array:
-    """Smallest eigenvalue of the kernel-weighted mean moments of `z` (n, k, d), (n,)."""
-    kernel = (1.0 - np.minimum(np.einsum("nkd,nkd->nk", z, z), 1.0)) ** 2
-    features = monomials(z, degree)
-    moments = np.swapaxes(features * kernel[..., None], 1, 2) @ features
-    total = np.maximum(kernel.sum(axis=1), 1e-300)
-    return np.asarray(np.linalg.eigvalsh(moments / total[:, None, None])[:, 0])
+def _ring(nodes: Array, spacings: Array, scale: Scale) -> Array:
+    """Offsets (nodes, k, d) of places half a spacing around each node, within the unit box."""
+    away = np.random.default_rng(0).standard_normal((_RING, nodes.shape[1]))
+    away *= 0.5 / np.linalg.norm(away, axis=1, keepdims=True)
+    at = nodes[:, None] + spacings[:, None, None] * away
+    return np.where(scale.periodic, at, np.clip(at, 0.0, 1.0)) - nodes[:, None]
 
 
 def blend(motor: Map, u: Array, m: int) -> tuple[NDArray[np.intp], Array]:
@@ -252,6 +241,19 @@ def _fade(ratio: Array) -> Array:
     return np.asarray((1.0 - np.clip(ratio - 1.0, 0.0, 1.0) ** 2) ** 2)
 
 
+def heard(share: Array | float) -> Any:
+    """Factor on what speaking nodes say, by their share of the weight beside silent ones.
+
+    Below a fifth the silent nodes decide and nothing is said; from a half on the others speak
+    in full.  The edge of a sharp defect then lies between nodes, and neither side dilutes the
+    other.
+    """
+    t = (share - _SILENT) / (_FULL - _SILENT)
+    t = np.clip(t, 0.0, 1.0) if isinstance(t, np.ndarray) else min(max(t, 0.0), 1.0)
+    floor = np.maximum if isinstance(share, np.ndarray) else max
+    return t * t * (3.0 - 2.0 * t) / floor(share, _SILENT)
+
+
 def contributions(models: LocalModels, index: NDArray[np.intp], gap: Array) -> Array:
     """What the models of the nodes `index` (n, m) say at the offsets `gap` (n, m, d), (n, m, o)."""
     z = gap / models.radius[index][..., None]
@@ -265,6 +267,9 @@ def predict(
     """Blended correction at the points `u` (n, d), (n, 2), and its slope (n, 2, d)."""
     if models.fades:
         index, weight, gap = speaking(motor, u)
+        own = np.where((models.coefficients != 0.0).any(axis=(1, 2))[index], weight, 0.0)
+        share = own.sum(axis=1) / np.maximum(weight.sum(axis=1), 1e-300)
+        weight = own * heard(share)[:, None]
     else:
         index, weight = blend(motor, u, blend_size(u.shape[1]))
         gap = motor.scale.difference(u[:, None], motor.units[index])

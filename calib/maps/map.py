@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import sys
 from dataclasses import dataclass
 from functools import cached_property
 from typing import TYPE_CHECKING
@@ -21,6 +22,8 @@ Array = NDArray[np.float64]
 
 HISTORY = ("nodes", "sigma", "quantization_error", "topographic_error")
 """Columns of a map's history: one row per epoch, errors in the unit box."""
+
+_FEW = 2_000_000  # distances that take a tenth of the time of SciPy's import
 
 
 @dataclass(frozen=True)
@@ -88,6 +91,8 @@ class Map:
 
     def nearest(self, u: Array, k: int = 1) -> tuple[Array, NDArray[np.intp]]:
         """Distances and indices, (n, k), of the `k` nodes nearest to `u` in the unit box."""
+        if _few(len(u) * self.size):
+            return nearest_points(self.units, self.scale, u, k)
         distance, index = self.tree.query(u, k=np.arange(1, k + 1))
         return np.asarray(distance), np.asarray(index, dtype=np.intp)
 
@@ -106,6 +111,28 @@ class Map:
         """Share of the rows of `x` whose two nearest nodes are no lattice neighbours."""
         index = self.nearest(self.scale.to_unit(np.atleast_2d(x)), 2)[1]
         return float(np.mean(~self.lattice.adjacent(index[:, 0], index[:, 1])))
+
+
+def nearest_points(
+    points: Array, scale: Scale, u: Array, k: int = 1
+) -> tuple[Array, NDArray[np.intp]]:
+    """Distances and indices, (n, k), of the `k` points of the unit box nearest to each place."""
+    if not _few(len(u) * len(points)):
+        distance, index = search_tree(points, scale).query(u, k=np.arange(1, k + 1))
+        return np.asarray(distance), np.asarray(index, dtype=np.intp)
+    square = np.zeros((len(u), len(points)))
+    for axis in range(u.shape[1]):
+        gap = u[:, axis, None] - points[:, axis]
+        if scale.periodic[axis]:
+            gap -= np.round(gap)
+        square += gap * gap
+    index = np.argpartition(square, np.arange(k), axis=1)[:, :k]
+    return np.sqrt(np.take_along_axis(square, index, axis=1)), index
+
+
+def _few(distances: int) -> bool:
+    """Whether so many distances are computed sooner than SciPy is imported."""
+    return distances <= _FEW and "scipy.spatial" not in sys.modules
 
 
 def search_tree(points: Array, scale: Scale) -> cKDTree:

@@ -29,8 +29,9 @@ FOLDS = 10
 _ROUNDING = 1e-9  # share of the extent that is no improvement
 _PRICE = 5e-4  # share of the error by which one more function of a trend must mend it
 _HELD_OUT = 1000  # rows on which local models are compared
+_MENDED = 0.5  # share of a smooth part's error that local models leave where it is no chain's
 _CALM = 0.2  # share of the rows that is enough to choose what serves the calm ones
-_CANDIDATES: tuple[Shape, ...] = ((0, 30), (1, 50), (1, 200), (2, 24), (2, 60), (3, 40))
+_CANDIDATES: tuple[Shape, ...] = ((0, 30), (1, 50), (1, 200), (2, 24), (2, 60), (3, 40), (5, 60))
 
 
 @dataclass(frozen=True)
@@ -45,11 +46,21 @@ class Candidate:
         Positions less its predictions.
     unseen : sequence of (n, m) arrays
         For each fold the residuals of a smooth part that has not seen the fold's rows.
+    rival : float
+        Share of a better founded candidate's error that it has to reach with its local models;
+        it is tried where they mend much of the other.
     """
 
     smooth: Smooth
     residual: Array
     unseen: Sequence[Array]
+    rival: float = 1.0
+
+    @property
+    def held_out(self) -> Array:
+        """Residuals (n, m) of all rows, each from a smooth part that has not seen its fold."""
+        folds = blocks(len(self.residual))
+        return np.concatenate([p[f] for p, f in zip(self.unseen, folds, strict=True)])
 
 
 @dataclass(frozen=True)
@@ -138,11 +149,15 @@ def select(motor: Map, u: Array, candidates: Sequence[Candidate]) -> Selected:
     folds = blocks(len(u))
     best: tuple[Candidate, _Chosen] | None = None
     for candidate in candidates:
+        if candidate.rival < 1.0 and best is not None:
+            smooth = np.linalg.norm(best[0].held_out[best[1].rows], axis=1)
+            if np.linalg.norm(best[1].residual, axis=1).mean() > _MENDED * smooth.mean():
+                continue
         chosen = _compare(motor, u, folds, candidate)
         errors = np.linalg.norm(chosen.residual, axis=1)
         if best is None or outdoes(
             errors,
-            np.linalg.norm(best[1].residual, axis=1),
+            candidate.rival * np.linalg.norm(best[1].residual, axis=1),
             candidate.smooth.terms - best[0].smooth.terms,
         ):
             best = (candidate, chosen)
@@ -206,7 +221,7 @@ def _compare(motor: Map, u: Array, folds: list[NDArray[np.intp]], candidate: Can
     least = _ROUNDING * extent
     if errors.mean() <= least or not shapes:  # nothing is left to mend
         return _Chosen(None, None, rows, best)
-    wrong = _wrong(motor.scale, u, folds, candidate, extent)
+    wrong = _wrong(motor.scale, u, candidate, extent)
     found: dict[Shape, list[Array]] = {c: [] for c in shapes}
     for fold, part, target in zip(use, held, plain, strict=True):
         others = np.setdiff1d(np.arange(len(u)), folds[fold], assume_unique=True)
@@ -219,7 +234,14 @@ def _compare(motor: Map, u: Array, folds: list[NDArray[np.intp]], candidate: Can
         )
         for degree, k in shapes:
             models = local.fit(
-                motor.units[nodes], u[others], residual, motor.scale, degree, k, around
+                motor.units[nodes],
+                u[others],
+                residual,
+                motor.scale,
+                degree,
+                k,
+                around,
+                motor.spacings[nodes],
             )
             each = local.contributions(models, place, gap)
             found[degree, k].append(target - np.einsum("nm,nmo->no", weight, each))
@@ -238,10 +260,7 @@ def _compare(motor: Map, u: Array, folds: list[NDArray[np.intp]], candidate: Can
     return _Chosen(choice, own, rows, own.remaining(rows, best), shapes)
 
 
-def _wrong(
-    scale: Scale, u: Array, folds: list[NDArray[np.intp]], candidate: Candidate, extent: float
-) -> NDArray[np.bool_]:
+def _wrong(scale: Scale, u: Array, candidate: Candidate, extent: float) -> NDArray[np.bool_]:
     """Rows around which the held-out residuals exceed the common ones, (n,)."""
-    held = np.concatenate([p[f] for p, f in zip(candidate.unseen, folds, strict=True)])
-    around = misfit(scale, u, held, extent, u)
+    around = misfit(scale, u, candidate.held_out, extent, u)
     return np.zeros(len(u), dtype=bool) if around is None else around > 0.0

@@ -43,15 +43,19 @@ class NodeCells:
     cells: list[tuple[Any, ...]] = field(repr=False)
 
     @staticmethod
-    def of(motor: Map) -> NodeCells | None:
-        """The cells of a motor map; None where it has too many dimensions, or too few nodes."""
+    def of(motor: Map, count: int | None = None) -> NodeCells | None:
+        """The cells of a map; None where it has too many dimensions, or too few nodes.
+
+        `count` nodes speak for a point, as many as `node_bounds.blend_nodes` has where not
+        given; of 0 only the nearest is known.
+        """
         units, dof = motor.units, motor.units.shape[1]
         if dof > _MOST_JOINTS:
             return None
         side = max(1, math.ceil((_PER_NODE * motor.size) ** (1 / dof)))
         axis = (np.arange(side) + 0.5) / side
         centers = np.stack(np.meshgrid(*[axis] * dof, indexing="ij"), axis=-1).reshape(-1, dof)
-        count = min(blend_size(dof), motor.size - 1)
+        count = min(blend_size(dof) if count is None else count, motor.size - 1)
         away = motor.nearest(centers, count + 1)[0][:, -1]
         # whatever is nearest to a point of the cell is no further from its centre than this
         reach = away + math.sqrt(dof) / side * (1.0 + 1e-9)

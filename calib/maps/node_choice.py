@@ -23,14 +23,13 @@ Index = NDArray[np.intp]
 Shape = tuple[int, int]
 """Degree of a local model and the number of samples that it is fitted to."""
 
-_GROUPS = 3  # of folds, held out in turn
-_AROUND = 60  # rows by which a node chooses, besides those that it speaks for
 _TURNS = 9  # rounds in which nodes reconsider
 _COLOURS = 3  # of which each node takes part in every third
-_CARE = 0.9  # power of what was there by which distances are shared: 0 none, 1 in full
-_PRICE = 0.01  # share of the distances by which another choice must mend them
+_SURE = 1.0  # standard errors by which another choice must win
 _RUN = 20  # neighbouring rows that may be repeats of each other
-_SURE = 2.0  # standard errors by which a local model must win over none
+_AROUND = 5  # rows whose median residual tells whether a row is calm
+_CALM = 0.99  # quantile of that median where the smooth part is right
+_HARM = 100.0  # weight of a calm row: what mends a defect must not spoil what is right beside it
 
 
 @dataclass(frozen=True, eq=False)
@@ -87,17 +86,10 @@ class NodeChoice:
         place[nodes] = np.arange(len(nodes))
         rows = np.flatnonzero((place[index] >= 0).any(axis=1))
         index, weight, gap = place[index[rows]], weight[rows], gap[rows]
-        weight = np.where(index >= 0, weight, 0.0)
         target, said = _held_out(motor, nodes, u, unseen, folds, rows, index, gap, shapes)
-        said = [each * weight[..., None] for each in said]
-        square = np.empty((len(shapes) + 1, len(rows)))
-        square[0] = np.einsum("no,no->n", target, target)
-        for k, each in enumerate(said):
-            gap = target - each.sum(axis=1)
-            square[k + 1] = np.einsum("no,no->n", gap, gap)
-        usual = 0 if common is None else list(shapes).index(common) + 1
-        chosen = _least(motor, nodes, u[rows], index, square, usual) - 1
-        chosen, remains = _settled(target, said, index, chosen, len(nodes))
+        usual = -1 if common is None else list(shapes).index(common)
+        calm = _calm(motor, u, unseen, folds, wrong)[rows]
+        chosen, remains = _settled(rows, target, said, index, weight, calm, len(nodes), usual)
         return NodeChoice(nodes, chosen, rows, remains)
 
     def remaining(self, rows: Index, otherwise: Array) -> Array:
@@ -125,7 +117,8 @@ def fit_each(
 ) -> LocalModels:
     """Local models of each node's own shape, (nodes,) indices into `shapes`, -1 for none.
 
-    A node that is far from all rows, or whose rows lie to one side of it, has none.
+    A node whose rows do not carry its polynomial has one of a lower degree, and one that is far
+    from all rows has none.
     Coefficients are those of the largest degree; a node of a lower one has zeros.
     """
     from ..body.basis import exponents
@@ -140,11 +133,9 @@ def fit_each(
     for k, (own, samples) in enumerate(shapes):
         nodes = np.flatnonzero(choice == k)
         if len(nodes):
-            around = Neighbourhood.of(motor.units[nodes], u, motor.scale, samples)
-            found = local.fit(motor.units[nodes], u, residual, motor.scale, own, samples, around)
-            firm = local.surrounded(motor.units[nodes], u, motor.scale, own, samples, around)
-            kept = np.where(firm[:, None, None], found.coefficients, 0.0)
-            coefficients[nodes, : kept.shape[1]] = kept
+            at, spacings = motor.units[nodes], motor.spacings[nodes]
+            found = local.fit(at, u, residual, motor.scale, own, samples, spacings=spacings)
+            coefficients[nodes, : found.coefficients.shape[1]] = found.coefficients
             radius[nodes] = found.radius
     coefficients *= local.near_rows(motor, u)[:, None, None]
     return LocalModels(degree, max(k for _, k in used), radius, coefficients)
@@ -160,105 +151,108 @@ def _held_out(
     index: Index,
     gap: Array,
     shapes: Sequence[Shape],
-) -> tuple[Array, list[Array]]:
-    """Residuals of the rows (m, o), and what each node says of them by shape (m, nodes, o)."""
+) -> tuple[Array, Array]:
+    """Residuals of the rows (m, o), and what each node says of them (1 + shapes, m, nodes, o)."""
     outputs = unseen[0].shape[1]
     target = np.empty((len(rows), outputs))
-    said = [np.zeros((*index.shape, outputs)) for _ in shapes]
+    said = np.zeros((1 + len(shapes), *index.shape, outputs))  # the first says nothing
     most = max(k for _, k in shapes)
-    for group in range(min(_GROUPS, len(folds))):
-        mine = folds[group::_GROUPS]
-        out = np.zeros(len(u), dtype=bool)
-        out[np.concatenate(mine)] = True
-        others, held = np.flatnonzero(~out), np.flatnonzero(out[rows])
-        for fold, unseen_fold in zip(mine, unseen[group::_GROUPS], strict=True):
-            inside = np.flatnonzero((rows >= fold[0]) & (rows <= fold[-1]))
-            target[inside] = unseen_fold[rows[inside]]
-        left = unseen[group][others]  # one smooth part for the whole group
-        around = Neighbourhood.of(motor.units[nodes], u[others], motor.scale, most)
+    for fold, left in zip(folds, unseen, strict=True):
+        held = np.flatnonzero((rows >= fold[0]) & (rows <= fold[-1]))
+        target[held] = left[rows[held]]
+        speak, place = np.unique(index[held], return_inverse=True)
+        at, spacings = motor.units[nodes[speak]], motor.spacings[nodes[speak]]
+        others = np.setdiff1d(np.arange(len(u)), fold, assume_unique=True)
+        around = Neighbourhood.of(at, u[others], motor.scale, most)
         for k, (degree, samples) in enumerate(shapes):
             models = local.fit(
-                motor.units[nodes], u[others], left, motor.scale, degree, samples, around
+                at, u[others], left[others], motor.scale, degree, samples, around, spacings
             )
-            said[k][held] = local.contributions(models, index[held], gap[held])
+            each = local.contributions(models, place.reshape(-1, index.shape[1]), gap[held])
+            said[k + 1, held] = np.where(index[held][..., None] >= 0, each, 0.0)
     return target, said
 
 
-def _least(motor: Map, nodes: Index, u: Array, index: Index, square: Array, usual: int) -> Index:
-    """Best choice of `square` (choices, m) for each node by the rows around it, or the usual."""
-    from scipy.sparse import csr_array
+def _calm(
+    motor: Map,
+    u: Array,
+    unseen: Sequence[Array],
+    folds: Sequence[Index],
+    wrong: NDArray[np.bool_],
+) -> NDArray[np.bool_]:
+    """Rows (n,) whose nearest ones show no more than where the smooth part is right.
 
-    near = min(_AROUND, len(u))
-    inside = np.where(motor.scale.periodic, motor.units[nodes] % 1.0, motor.units[nodes])
-    close = np.asarray(search_tree(u, motor.scale).query(inside, k=np.arange(1, near + 1))[1])
-    speaks = np.nonzero(index >= 0)
-    pairs = np.concatenate(
-        [
-            np.repeat(np.arange(len(nodes)), near) * len(u) + close.ravel(),
-            index[speaks] * len(u) + speaks[0],
-        ]
-    )
-    node, row = np.divmod(np.unique(pairs), len(u))
-    judge = csr_array((np.ones(len(node)), (node, row)), shape=(len(nodes), len(u)))
-    count = np.asarray(judge.sum(axis=1), dtype=float).ravel()
-    gain = square[usual] - square
-    mean = (judge @ gain.T) / count[:, None]
-    sure = mean > _SURE * _standard_errors(node, row, gain, mean, count)
-    score = np.where(sure, mean, 0.0)
-    best = score.argmax(axis=1)
-    return np.asarray(np.where(score.max(axis=1) > 0.0, best, usual), dtype=np.intp)
-
-
-def _standard_errors(node: Index, row: Index, gain: Array, mean: Array, count: Array) -> Array:
-    """Standard errors of the mean gains (nodes, choices): runs of rows count as one.
-
-    Neighbouring rows of a log can be near-repeats; sums within a run are compared, which of
-    rows in random order are the rows themselves.
+    A median of a few rows tells sooner on which side of a sharp edge a row lies than the mean
+    of many by which a defect is found.
     """
-    run, place = np.unique(node * (row.max() // _RUN + 1) + row // _RUN, return_inverse=True)
-    owner = run // (row.max() // _RUN + 1)
-    errors = np.empty_like(mean)
-    for k, each in enumerate(gain):
-        away = np.bincount(place, each[row] - mean[node, k], len(run))
-        errors[:, k] = np.sqrt(np.bincount(owner, away**2, len(mean))) / count
-    return errors
+    held = np.concatenate([part[fold] for part, fold in zip(unseen, folds, strict=True)])
+    tree = search_tree(u, motor.scale)
+    near = np.asarray(tree.query(u, k=np.arange(1, min(_AROUND, len(u)) + 1), workers=-1)[1])
+    middle = np.median(np.einsum("no,no->n", held, held)[near], axis=1)
+    if wrong.all():
+        return ~wrong
+    return np.asarray(middle <= np.quantile(middle[~wrong], _CALM))
 
 
 def _settled(
-    target: Array, said: Sequence[Array], index: Index, chosen: Index, nodes: int
+    rows: Index,
+    target: Array,
+    said: Array,
+    index: Index,
+    weight: Array,
+    calm: NDArray[np.bool_],
+    nodes: int,
+    usual: int,
 ) -> tuple[Index, Array]:
     """The choices (nodes,) once no node gains by another, and what remains (m, o).
 
-    Nodes were compared as if all had the same shape; here each is judged beside the others
-        as they are, by the distances that remain at the rows it speaks for, each as a share of
-    what was there: a calm row beside a defect counts as much as one within.  Only some may
-    change at a time, so that two neighbours do not both mend the same rows.
+    The cost of a row is log(1 + square / noise): to halve a large error counts the same
+    wherever it is.  Calm rows count more often.  Each node is judged beside the others as they
+    are; only some may change at a time, so that two neighbours do not both mend the same rows.
     """
-    every = np.stack([np.zeros_like(said[0]), *said])  # (1 + shapes, m, nodes of a row, o)
     row, column = np.nonzero(index >= 0)
-    node = index[row, column]
-    every = every[:, row, column]  # (1 + shapes, pairs, o)
-    chosen = chosen.copy()
-    size = np.linalg.norm(target, axis=1)
-    share = 1.0 / (size + np.median(size))[row] ** _CARE
+    node, own = index[row, column], weight[row, column]
+    every = said[:, row, column] * own[:, None]  # (1 + shapes, pairs, o)
+    total = np.maximum(weight.sum(axis=1), 1e-300)
+    square = np.einsum("mo,mo->m", target, target)
+    noise = max(float(np.mean(square[calm])) if calm.any() else float(np.median(square)), 1e-300)
+    care = np.where(calm, _HARM, 1.0)
+
+    # neighbouring rows of a log can be near-repeats: those of a run count as one
+    runs = rows.max() // _RUN + 1
+    run, place = np.unique(node * runs + rows[row] // _RUN, return_inverse=True)
+    owner = run // runs
+    several = np.bincount(owner, minlength=nodes)
+
+    def remains(sums: Array, speaks: Array, of: Index | slice) -> Array:
+        return np.asarray(target[of] - sums * local.heard(speaks / total[of])[:, None])
+
+    def cost(left: Array) -> Array:
+        return np.asarray(np.log1p(np.einsum("mo,mo->m", left, left) / noise))
+
+    def together(chosen: Index) -> tuple[Array, NDArray[np.bool_], Array, Array]:
+        now, talks = every[chosen[node] + 1, np.arange(len(node))], chosen[node] >= 0
+        sums = np.stack([np.bincount(row, c, len(target)) for c in now.T], axis=1)
+        return now, talks, sums, np.bincount(row, own * talks, len(target))
+
+    # all begin with the shape that serves the wrong rows best: one node alone is hardly heard
+    first = [remains(*together(np.full(nodes, k))[2:], slice(None)) for k in range(len(said) - 1)]
+    costs = [cost(left)[~calm].sum() for left in first]
+    chosen = np.full(nodes, int(np.argmin(costs)))
     for turn in range(_TURNS):
-        now = every[chosen[node] + 1, np.arange(len(node))]
-        remains = target - _per_row(row, now, len(target))
-        before = share * np.linalg.norm(remains, axis=1)[row]
-        gains = []
-        for new in every:
-            after = share * np.linalg.norm(remains[row] + now - new, axis=1)
-            gains.append(np.bincount(node, before - after, nodes))
-        score: Array = np.stack(gains).astype(float)
-        # the price keeps a choice that is as good but for chance; none is chosen without
-        score[1:] -= _PRICE * np.bincount(node, before, nodes)
-        best, gain = score.argmax(axis=0) - 1, score.max(axis=0)
-        moves = (gain > 0.0) & (best != chosen) & (np.arange(nodes) % _COLOURS == turn % _COLOURS)
-        chosen = np.where(moves, best, chosen)
-    now = every[chosen[node] + 1, np.arange(len(node))]
-    return chosen, target - _per_row(row, now, len(target))
-
-
-def _per_row(row: Index, values: Array, rows: int) -> Array:
-    """Sums of the values (pairs, o) of each row, (rows, o)."""
-    return np.stack([np.bincount(row, column, rows) for column in values.T], axis=1)
+        now, talks, sums, speaks = together(chosen)
+        others, silent = sums[row] - now, speaks[row] - own * talks
+        after = [
+            cost(remains(others + new, silent + own * (k > 0), row)) for k, new in enumerate(every)
+        ]
+        score = np.zeros((len(every), nodes))
+        for k, each in enumerate(after):
+            gain = after[usual + 1] - each
+            of_run, total_gain = np.bincount(place, gain), np.bincount(node, gain, nodes)
+            away = of_run - (total_gain / np.maximum(several, 1))[owner]
+            sure = total_gain > _SURE * np.sqrt(np.bincount(owner, away**2, nodes))
+            score[k] = np.where(sure, np.bincount(node, gain * care[row], nodes), 0.0)
+        best = score.argmax(axis=0) - 1
+        best = np.where(score.max(axis=0) > 0.0, best, usual)
+        chosen = np.where(np.arange(nodes) % _COLOURS == turn % _COLOURS, best, chosen)
+    return chosen, remains(*together(chosen)[2:], slice(None))

@@ -10,7 +10,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass, field
 
 from ..body.basis import exponents
-from .local_models import LocalModels, reach_of
+from .local_models import LocalModels, heard, reach_of
 from .map import Map
 from .node_cells import NodeCells
 
@@ -100,7 +100,11 @@ class NodeModels:
             shares.append(1.0 if beyond <= 0.0 else 0.0 if beyond >= 1.0 else (1 - beyond**2) ** 2)
         spoken = [w * share for w, share in zip(weights, shares, strict=True)]
         total = sum(spoken)
-        left = max(shares) / total if total > 0.0 else 0.0
+        if not total > 0.0:
+            return []
+        left = max(shares) / total
+        loud = sum(w for n, w in zip(nodes, spoken, strict=True) if self.nodes[n][2]) / total
+        left *= heard(loud)
         return [(n, w * left, z) for n, w, z in zip(nodes, spoken, places, strict=True)]
 
     def _at(self, n: int, u: Sequence[float]) -> list[float]:

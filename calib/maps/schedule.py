@@ -134,9 +134,9 @@ def growing(
 
 
 def _last_growing(lattice: Lattice) -> float:
-    """Last radius of the default varying density [nodes]: 0.4 up to 20 a side, 0.6 at 80."""
+    """Last radius of the default varying density [nodes]: 0.4 up to 20 a side, 0.8 at 70."""
     side = lattice.size ** (1 / lattice.dim)
-    return float(np.clip(_LAST + 0.1 * math.log2(side / 20), _LAST, 0.6))
+    return float(np.clip(_LAST + 0.22 * math.log2(side / 20), _LAST, 0.8))
 
 
 def _coarser(lattice: Lattice) -> list[Lattice]:

@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import NDArray
 
+from ..common.choices import RULES
 from ..common.parallel import one_blas_thread
 from ..common.scale import Scale
 from ..errors import LogError, OptionError
@@ -31,7 +32,6 @@ Progress = Callable[[float, float], None]
 """Called with the share of the work done and the current quantization error."""
 
 _MOST_EPOCHS = 1_000_000
-RULES = ("batch", "online")
 
 
 @dataclass(frozen=True)

@@ -68,6 +68,8 @@ class About:
         Columns of its log that have other names than what they hold.
     degrees : bool
         Whether its log has turning joints in degrees; later logs are read alike.
+    picture : (int, int) or None [px]
+        Width and height of the pictures of a camera that sees an arm in space.
     """
 
     robot: str
@@ -93,6 +95,7 @@ class About:
     notes: tuple[str, ...] = ()
     columns: Mapping[str, str] = field(default_factory=dict)
     degrees: bool = False
+    picture: tuple[int, int] | None = None
 
     @property
     def units_of_joints(self) -> tuple[str, ...]:
@@ -122,6 +125,8 @@ class About:
             values[name] = tuple(values[name])
         for name in ("lower", "upper"):
             values[name] = np.array(values[name], dtype=float)
+        if values.get("picture") is not None:
+            values["picture"] = tuple(values["picture"])
         return cls(**values)
 
 
@@ -168,6 +173,10 @@ def check_about(data: Mapping[str, Any]) -> None:
     columns = of_type("columns", data.get("columns", {}), dict)
     texts("columns", [*columns, *columns.values()])
     of_type("degrees", data.get("degrees", False), bool)
+    if data.get("picture") is not None:
+        if not all(0 < of_type("picture", side, int) < 1e6 for side in data["picture"]):
+            raise ValueError("picture: expected a width and a height [px]")
+        numbers("picture", list(data["picture"]), 2)
     if min(data["samples"], data["seed"], data["tested"], data["left_out"]) < 0:
         raise ValueError("samples, seed, tested, left_out: expected zero or more")
     for name in _OPTIONS:

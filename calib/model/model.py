@@ -2,47 +2,28 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field
-from functools import cached_property
-from typing import TYPE_CHECKING, Any
+from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from ..common.frozen import freeze
-from ..common.wording import one_line
-from ..errors import OptionError, QueryError
-from ..inverse.solver import Solver
-from ..maps.association import MAP_READOUTS, Association, check_readout
-from ..maps.linear_models import LinearModels
-from ..maps.local_models import NO_MODELS
-from ..maps.map import Map
-from ..maps.predictor import BodyInBox, Predictor, Smooth
+from ..errors import QueryError
 from . import answers
 from .answers import Answer, checked_rows
 from .doors import Doors
-from .rows import Rows
-from .single import Single
-from .trust import KNOWN, MOST_SHARE, STEEP, BetweenNodes, Trust
-
-if TYPE_CHECKING:
-    from scipy.sparse import csr_array
-
-    from ..body.approach import Approach
-    from ..body.belief import Body
-    from .about import About
-    from .baseline import Baseline
-    from .schemas import Schema
+from .parts import Parts
+from .trust import MOST_SHARE
 
 Array = NDArray[np.float64]
-
 
 MOST_BLENDED = 3
 """Joints up to which bounds are blended between the motor map's nodes."""
 
+_REPEATS = 16  # until the interpreter has adapted to a query's code
 
-@dataclass(frozen=True, eq=False)
-class Model(Doors):
+
+@dataclass(frozen=True, eq=False, repr=False)
+class Model(Parts, Doors):
     """A calibrated arm.
 
     Attributes
@@ -75,64 +56,9 @@ class Model(Doors):
         Other states of the same arm that were kept, such as with a tool mounted.
     approach : Approach or None
         Backlash, where the order of the samples showed that the direction counts.
+    photo : Photo or None
+        A picture by the camera that measured the arm, to draw the map over.
     """
-
-    about: About
-    association: Association
-    predictor: Predictor
-    bounds: Array
-    model_bounds: Array
-    visited: NDArray[np.bool_]
-    body: Body | None = None
-    rows: Rows | None = None
-    history: tuple[dict[str, Any], ...] = field(default=())
-    baseline: Baseline | None = field(default=None)
-    seconds: dict[str, float] = field(default_factory=dict)
-    schema: str = "schema 1"
-    schemas: tuple[Schema, ...] = ()
-    approach: Approach | None = None
-
-    def __post_init__(self) -> None:
-        freeze(self, "bounds", "model_bounds", "visited")
-
-    def __repr__(self) -> str:
-        """Say in three lines what it is a model of, what it has learned and how well."""
-        about = self.about
-        robot = about.robot or "a log"
-        maps = self.motor, self.sensory
-        nodes = " and ".join("x".join(map(str, each.lattice.shape)) for each in maps)
-        errors = about.errors.get(self.default_readout, {}).get("forward", {})
-        error = errors.get("distance", {}).get("mean")
-        known = "unknown" if error is None else f"{error:.3g} {about.unit}"
-        return one_line(f"Model of {robot}: {', '.join(about.joint_names)}") + (
-            f"\n  {about.samples:,} samples ({about.source}), maps of {nodes} nodes"
-            f"\n  mean error {known}, {len(self.history)} earlier states"
-        )
-
-    @property
-    def motor(self) -> Map:
-        """Motor map; its weights are joint values."""
-        return self.association.motor
-
-    @property
-    def sensory(self) -> Map:
-        """Sensory map; its weights are positions."""
-        return self.association.sensory
-
-    @property
-    def links(self) -> csr_array:
-        """Oja-Hebbian links, (motor nodes, sensory nodes)."""
-        return self.association.links
-
-    @cached_property
-    def solver(self) -> Solver:
-        """Solver of the inverse direction."""
-        return Solver(self.association, self.predictor)
-
-    @cached_property
-    def single(self) -> Single | None:
-        """Queries of one row in plain floats; None where only the batch path answers."""
-        return Single.of(self)
 
     def warm_up(self) -> Model:
         """Compile and fill everything that queries use, so that none of them is slow.
@@ -141,64 +67,22 @@ class Model(Doors):
         second longer than the following ones.
         """
         middle = (self.about.lower + self.about.upper) / 2
-        x = self.forward(middle)
-        self.expected_error(middle)
-        self.model_error(middle)
-        if np.isfinite(x).all():
-            self.inverse(x, near=middle)
-        self.forward(middle[None])
-        target = np.where(np.isfinite(x), x, self.sensory.weights[0])
+        x = self.forward(middle[None])[0]
+        known = bool(np.isfinite(x).all())
+        target = x if known else self.sensory.weights[0]
         self.inverse(target[None], near=middle[None])
         self.inverse_all(target[None])
+        if self.single is not None:
+            _ = self.single.cells
+        for _ in range(_REPEATS):
+            self.forward(middle)
+            self.expected_error(middle)
+            self.model_error(middle)
+            if known:
+                self.inverse(x, near=middle)
+                if self.about.urdf:
+                    self.correct(middle)
         return self
-
-    @cached_property
-    def body_solver(self) -> Solver:
-        """Solver of the inverse direction of the body alone."""
-        return Solver(self.association, Predictor(self.motor, self.smooth(), NO_MODELS))
-
-    @cached_property
-    def trust(self) -> Trust:
-        """Where answers are given, and how bounds grow away from what was learned."""
-        known = None
-        # a file of format 1 has no option `body`, and its bounds hold as they did
-        if self.body is None and self.baseline is not None and "body" in self.about.options:
-            known = np.where(self.visited, KNOWN * np.sqrt(self.baseline.motor), -1.0)
-        most, growth = MOST_SHARE * self.reach, STEEP * self.solver.extent
-        between = None if self.body is None else BetweenNodes(self.body, self.motor)
-        return Trust(self.motor, self.model_bounds, most, known, growth, between)
-
-    @cached_property
-    def reach(self) -> float:
-        """How far the tip can be from the middle of what it reaches [unit]."""
-        if self.body is not None:
-            return float(self.body.structure.extents[: self.body.structure.blocks[0]].max())
-        return 0.5 * self.solver.extent
-
-    @property
-    def axes(self) -> tuple[str, ...]:
-        """Names of a position's coordinates: x and y, and z for an arm in space."""
-        return ("x", "y", "z")[: self.sensory.units.shape[1]]
-
-    @property
-    def default_readout(self) -> str:
-        """``local``, the body and its local models; ``linear`` where maps and links stand alone."""
-        return "linear" if isinstance(self.predictor.smooth, LinearModels) else "local"
-
-    @property
-    def readouts(self) -> tuple[str, ...]:
-        """Readouts that differ, the default first."""
-        if self.default_readout == "linear":
-            return MAP_READOUTS
-        smooth = self.body is not None and self.predictor.models.degree >= 0
-        return ("local", *(("body",) if smooth else ()), *MAP_READOUTS)
-
-    def _readout(self, name: str | None) -> str:
-        """The readout that answers; ``local`` where the predictor does."""
-        check_readout(name or "local")
-        if name == "local" and self.default_readout == "linear":
-            raise OptionError("readout 'local': the model has no body, choose 'linear'")
-        return "local" if name in (None, self.default_readout) else str(name)
 
     def forward(
         self, q: ArrayLike, readout: str | None = None, *, approach: ArrayLike | None = None
@@ -254,12 +138,6 @@ class Model(Doors):
             else:
                 x[inside] = self.sensory.scale.from_unit(self.association.forward(u, readout))
         return x[0] if single else x
-
-    def smooth(self) -> Smooth:
-        """The body alone, without local models."""
-        if self.body is None:
-            raise OptionError("readout 'body': the model has no body, choose another readout")
-        return BodyInBox(self.body, self.motor.scale)
 
     def inverse(
         self,

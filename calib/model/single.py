@@ -7,9 +7,10 @@ them.  Everything is compiled when it is first asked for, or by `Model.warm_up`.
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Sequence
-from dataclasses import dataclass
+from collections.abc import Callable, Iterator, Sequence
+from dataclasses import dataclass, field
 from functools import cached_property
+from itertools import count
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -27,6 +28,7 @@ if TYPE_CHECKING:
 
 Array = NDArray[np.float64]
 
+_FEW = 20  # queries that take less than the cells take to make
 _SLACK = 1e-9  # as `Trust` has it
 _STEPS = 8  # of Newton; four lead from a wide start to rounding
 _MET = 1e-15  # share of the extent at which a target is met
@@ -46,6 +48,7 @@ class Single:
     """
 
     model: Model
+    _asked: Iterator[int] = field(default_factory=count)
 
     @staticmethod
     def of(model: Model) -> Single | None:
@@ -55,21 +58,31 @@ class Single:
             return None
         if not isinstance(smooth, BodyInBox) or smooth.body is not body:
             return None
-        single = Single(model)
-        local = model.predictor.models.degree >= 0
-        if (local or not single._everywhere) and single.cells is None:
-            return None
-        return single
+        return Single(model)
 
     @cached_property
     def cells(self) -> NodeCells | None:
         """Nodes by cells."""
         return NodeCells.of(self.model.motor)
 
+    def _has_cells(self) -> bool:
+        """Whether the cells are there; a few queries alone are not worth making them."""
+        if "cells" not in self.__dict__ and next(self._asked) < _FEW:
+            return False
+        return self.cells is not None
+
+    def _ready(self) -> bool:
+        """Whether positions are answered here: local models and gaps want cells."""
+        return self._smooth or self._has_cells()
+
+    @cached_property
+    def _smooth(self) -> bool:
+        return self._everywhere and self.model.predictor.models.degree < 0
+
     def forward(self, q: Any) -> Array | None:
         """Position (2,) for joint values (dof,); None where the batch path has to answer."""
         row = self._row(q)
-        if row is None:
+        if row is None or not self._ready():
             return None
         if not self._in_range(row):
             return np.full(2, np.nan)
@@ -80,10 +93,11 @@ class Single:
     def bound(self, q: Any, values: str) -> float | None:
         """Bound at joint values, from ``"bounds"`` or ``"model_bounds"``; None as above."""
         row = self._row(q)
-        if row is None or self.cells is None:
+        if row is None or not self._has_cells():
             return None
         if not self._in_range(row):
             return math.nan
+        assert self.cells is not None  # noqa: S101
         bound = self.cells.blend(self._unit(row), self._nodes[values])
         return bound if self._known(row) and bound <= self.model.trust.most else None
 
@@ -112,9 +126,11 @@ class Single:
 
     def _newton(self, target: Sequence[float], start: list[float]) -> list[float] | None:
         """Newton's steps of two joints from a start; None where they may lead elsewhere."""
+        if not self._ready():
+            return None
         a, b = start
         tx, ty = target
-        least = self._least
+        least, stalled = _MET * self._extent, _CLOSE * self._extent
         last = math.inf
         facing = 0.0
         for _ in range(_STEPS):
@@ -128,7 +144,7 @@ class Single:
                 facing = sine
             if sine * facing <= 0.0:
                 return None
-            if left <= least or (left >= 0.5 * last and left <= self._stalled):
+            if left <= least or (left >= 0.5 * last and left <= stalled):
                 room = _UNFOLDED * min(abs(sine), abs(facing))
                 moved_a, moved_b = abs(a - start[0]), abs(b - start[1])
                 far = max(moved_a / self._wide[0], moved_b / self._wide[1])
@@ -229,10 +245,7 @@ class Single:
 
     @cached_property
     def _nodes(self) -> dict[str, list[float]]:
-        return {
-            "bounds": self.model.bounds.tolist(),
-            "model_bounds": self.model.model_bounds.tolist(),
-        }
+        return {name: getattr(self.model, name).tolist() for name in ("bounds", "model_bounds")}
 
     @cached_property
     def _everywhere(self) -> bool:
@@ -240,18 +253,15 @@ class Single:
 
     @cached_property
     def _lower(self) -> list[float]:
-        lower: list[float] = self.model.motor.scale.lower.tolist()
-        return lower
+        return list(map(float, self.model.motor.scale.lower))
 
     @cached_property
     def _span(self) -> list[float]:
-        span: list[float] = self.model.motor.scale.span.tolist()
-        return span
+        return list(map(float, self.model.motor.scale.span))
 
     @cached_property
     def _turning(self) -> list[int]:
-        turning: list[int] = np.flatnonzero(self.model.motor.scale.periodic).tolist()
-        return turning
+        return list(map(int, np.flatnonzero(self.model.motor.scale.periodic)))
 
     @cached_property
     def _wide(self) -> list[float]:
@@ -269,12 +279,8 @@ class Single:
         ]
 
     @cached_property
-    def _least(self) -> float:
-        return _MET * self.model.solver.extent
-
-    @cached_property
-    def _stalled(self) -> float:
-        return _CLOSE * self.model.solver.extent
+    def _extent(self) -> float:
+        return self.model.solver.extent
 
 
 def _floats(values: Any, count: int) -> list[float] | None:

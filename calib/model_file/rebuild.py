@@ -13,6 +13,7 @@ from ..body.approach import Approach
 from ..common.checks import LARGEST, finite, numbers, of_type
 from ..common.scale import Scale
 from ..maps.association import Association
+from ..maps.compressed import Compressed
 from ..maps.graph import Graph
 from ..maps.lattice import Lattice
 from ..maps.linear_models import from_shifts
@@ -22,6 +23,7 @@ from ..maps.map import HISTORY, Map
 from ..maps.predictor import Predictor
 from ..model.about import About
 from ..model.baseline import Baseline
+from ..model.photo import Photo
 from ..model.rows import MOST, Rows
 from .smooth_part import build_smooth
 
@@ -39,8 +41,6 @@ def build(header: Mapping[str, Any], tensors: Mapping[str, NDArray[Any]]) -> Mod
     CalibError, AttributeError, IndexError, KeyError, OverflowError, TypeError, ValueError
         If they make no sense.
     """
-    from scipy.sparse import csr_array
-
     from ..model.model import Model
 
     _check_types(tensors)
@@ -67,8 +67,8 @@ def build(header: Mapping[str, Any], tensors: Mapping[str, NDArray[Any]]) -> Mod
     if not len(indices) or not (tensors["links.data"] > 0.0).all():
         raise ValueError("there are no links, or one is not above zero")
     indptr = np.concatenate([[0], np.cumsum(counts)]).astype(np.int32)
-    links = csr_array(
-        (tensors["links.data"].astype(float), indices, indptr), shape=(motor.size, sensory.size)
+    links = Compressed(
+        tensors["links.data"].astype(float), indices, indptr, (motor.size, sensory.size)
     )
     association = Association(
         motor,
@@ -116,6 +116,9 @@ def build(header: Mapping[str, Any], tensors: Mapping[str, NDArray[Any]]) -> Mod
     )
     if "approach" in header:
         model = replace(model, approach=_approach(header["approach"], tensors, motor.size, dof))
+    if "photo" in header:
+        left, right, low, high = numbers("photo", header["photo"], 4)
+        model = replace(model, photo=Photo(tensors["photo"].tobytes(), (left, right, low, high)))
     if "schemas" not in header:
         return model
     from . import schemas
@@ -133,7 +136,7 @@ def _check_types(tensors: Mapping[str, NDArray[Any]]) -> None:
             wanted: type = np.float32
         elif name.endswith(".shifts"):
             wanted = np.float16
-        elif name == "visited" or name.endswith(".periodic"):
+        elif name in ("visited", "photo") or name.endswith(".periodic"):
             wanted = np.uint8
         elif name.startswith(("links.", "body.")) or name.endswith(".edges"):
             continue

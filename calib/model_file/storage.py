@@ -92,6 +92,9 @@ def to_bytes(model: Model) -> bytes:
         header["schema"] = model.schema
         header["schemas"], kept = schemas.pack(model.schemas)
         tensors.update({name: np.ascontiguousarray(a) for name, a in kept.items()})
+    if model.photo is not None:
+        header["photo"] = list(model.photo.box)
+        tensors["photo"] = np.frombuffer(model.photo.jpeg, np.uint8)
     header["sha256"] = _checksum(tensors, header)
     return bytes(pack(tensors, metadata={_KEY: _canonical(header)}))
 
@@ -101,7 +104,7 @@ def _canonical(header: Mapping[str, Any]) -> str:
 
 
 def _tensors(model: Model) -> dict[str, NDArray[Any]]:
-    links = model.links
+    links = model.association.linked
     tensors: dict[str, NDArray[Any]] = {
         "links.data": links.data.astype(np.float32),
         "links.indices": links.indices.astype(_unsigned(model.sensory.size)),

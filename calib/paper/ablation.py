@@ -15,10 +15,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ..arm.planar_arm import PlanarArm
+from ..common.choices import MAP_READOUTS
 from ..common.parallel import one_blas_thread
 from ..common.scale import Scale
 from ..inverse.solver import Solver
-from ..maps.association import MAP_READOUTS, Association
+from ..maps.association import Association
 from ..maps.local_models import NO_MODELS
 from ..maps.model_selection import select
 from ..maps.node_bounds import blend_nodes, learn_bounds

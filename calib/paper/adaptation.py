@@ -9,7 +9,8 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import NDArray
 
-from ..change.follow import Step, follow
+from ..change.follow import follow
+from ..change.step import Step
 from ..training.train import train
 from .setting import NETWORKS, Setting
 from .tables import Result, Table

@@ -8,13 +8,14 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from ..common.choices import MAP_READOUTS
 from ..common.parallel import one_blas_thread
 from ..common.scale import Scale
 from ..maps.association import Association
 from ..maps.density import Gain
 from ..samples.samples import Samples
+from ..training.evaluate import Residuals, fresh_points, summarise
 from ..training.learn import Options, associate
-from ..training.train import train
 from .setting import Setting
 
 Array = NDArray[np.float64]
@@ -84,20 +85,24 @@ class Trial:
         return joined([self.errors(setting.babble(seed, n), seed) for seed in setting.seeds])
 
     def errors(self, samples: Samples, seed: int) -> dict[str, Any]:
-        """Errors of one seed as ``calib train`` reports them, with the samples' ranges."""
-        schedule = self.schedule
-        model = train(
-            samples,
-            size=self.side,
-            map=self.network,
-            rule=schedule.rule,
-            epochs=schedule.epochs,
-            sigma=schedule.radii(self.side),
-            links=schedule.links,
-            body="none",  # the paper has maps and links alone
-            seed=seed,
-        )
-        return {"errors": model.about.errors, "ranges": ranges(samples)}
+        """Errors of one seed: every readout of maps and links, in both directions.
+
+        The points are those on which ``calib train`` tests a model of this seed.
+        """
+        pair = association(samples, self.network, self.schedule, self.side, seed)
+        simulation = samples.simulation
+        assert simulation is not None  # noqa: S101
+        q, x = fresh_points(simulation, seed)
+        motor, sensory = pair.motor.scale, pair.sensory.scale
+        u, v = motor.to_unit(q), sensory.to_unit(x)
+        found = Residuals(q, x, {}, {}, {}, samples.joint_names, 0)
+        for readout in MAP_READOUTS:
+            found.forward[readout] = sensory.from_unit(pair.forward(u, readout)) - x
+            answer = np.clip(pair.inverse(v, u, readout), 0.0, 1.0)
+            found.inverse[readout] = motor.difference(answer, u) * motor.span
+            there = simulation.exact(motor.from_unit(answer))
+            found.distance[readout] = np.linalg.norm(there - x, axis=1)
+        return {"errors": summarise(found), "ranges": ranges(samples)}
 
 
 def ranges(samples: Samples) -> dict[str, float]:

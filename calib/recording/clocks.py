@@ -1,28 +1,22 @@
 """The camera's clock against the joints': offset and rate, or a refusal.
 
-A correlation of speeds alone is wrong by many seconds where an arm repeats itself. It only
-names candidates here. Each is judged by how well held-out blocks of joints predict the
-pixels, and the best must be clearly better than its rival.
+The best of the offsets that may fit must be clearly better than its rival.
 """
 
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import replace
 
 import numpy as np
 from numpy.typing import NDArray
 
 from ..common.parallel import one_blas_thread
 from ..errors import LogError
-from .chain_judge import fit_timing
-from .judge import Judge, softness, thinned
+from .clock_search import Clocks, Pair
 from .track import jumps
 
 Array = NDArray[np.float64]
-
-CANDIDATES = 15
-"""Peaks of the correlation of speeds that are judged."""
 
 CHAINS = 3
 """Candidates to which a chain is fitted."""
@@ -42,63 +36,14 @@ FITS = 0.25
 FASTEST = 0.012
 """Clocks whose rates differ by more are refused: a frame rate that is not the true one."""
 
-_GRID = 50.0  # [1/s]
 _APART = 0.3  # candidates further apart than this are rivals [s]
-_OVERLAP = 0.8  # of the shorter recording must have a counterpart
-_ROWS = (120, 300, 160)  # that judge candidates, refine the best, and fit a chain
-_STEP = 0.01  # over which the fit's velocity is taken [s]
-_FARTHEST = 0.15  # that a candidate moves from its peak [s]
 
 
 class ClockError(LogError):
     """Clocks of a video and its joints that no offset, or more than one, brings together."""
 
 
-@dataclass(frozen=True)
-class Clocks:
-    """Joints' time of camera time `t`: `t + offset + rate (t - middle)`.
-
-    Attributes
-    ----------
-    offset : float [s]
-        Joints' clock less the camera's, in the middle of the recording.
-    rate : float
-        How much faster the joints' clock runs.
-    middle : float [s]
-        That middle, by the camera's clock.
-    error : float [px]
-        Median distance that held-out blocks are predicted to.
-    rival : float [px]
-        The same of the best other offset; infinite if there is none.
-    doubt : float [s]
-        Standard deviation of the joints' time, at the recording's ends.
-    """
-
-    offset: float
-    rate: float = 0.0
-    middle: float = 0.0
-    error: float = np.nan
-    rival: float = np.inf
-    doubt: float = np.nan
-
-    def joints_time(self, time: Array) -> Array:
-        """Return the joints' times of camera times [s]."""
-        return np.asarray(time + self.offset + self.rate * (time - self.middle))
-
-    def words(self) -> str:
-        """Say it in a line."""
-        rate = f", rates differ by {100 * self.rate:+.3f} %" if abs(self.rate) > 5e-5 else ""
-        return (
-            f"clocks: joints are {self.offset:+.4f} s from the camera{rate}; they predict the tag "
-            f"to {self.error:.2g} px, with the next best offset to {self.rival:.2g} px"
-        )
-
-
-def joints_at(time: Array, joint_time: Array, q: Array) -> Array:
-    """Interpolate joints (m, joints) to times (n,) [s]."""
-    return np.stack([np.interp(time, joint_time, column) for column in q.T], axis=1)
-
-
+@one_blas_thread()
 def align_clocks(
     time: Array,
     pixels: Array,
@@ -126,17 +71,6 @@ def align_clocks(
     LogError
         If nothing moves, no offset fits, or more than one does.
     """
-    with one_blas_thread():
-        return _aligned(time, pixels, joint_time, q, revolute)
-
-
-def _aligned(
-    time: Array,
-    pixels: Array,
-    joint_time: Array,
-    q: Array,
-    revolute: Sequence[bool] | None,
-) -> Clocks:
     seen = np.isfinite(pixels[:, 0]) & ~jumps(pixels)
     t, x = time[seen], pixels[seen]
     if len(t) < 20:
@@ -144,18 +78,19 @@ def _aligned(
     spread = float(np.sqrt(((x - x.mean(0)) ** 2).sum(1).mean()))
     if spread < 5.0 or np.ptp(q, axis=0).max() < 0.02:
         raise ClockError("the arm never moves: nothing to match the clocks by; give `time_offset`")
-    peaks = _peaks(t, x, joint_time, q)
+    pair = Pair(t, x, joint_time, q)
+    peaks = pair.peaks()
     if not len(peaks):
         raise ClockError(
             "the recordings are too short to match the clocks by: expected 5 s of motion or more"
         )
-    judged = sorted((_candidate(peak, t, x, joint_time, q) for peak in peaks), key=_by_error)
+    judged = sorted(map(pair.candidate, peaks), key=_by_error)
     apart = [c for k, c in enumerate(judged) if all(_apart(c, d) for d in judged[:k])]
     kinds = tuple(revolute) if revolute is not None else (True,) * q.shape[1]
-    chains = [_chain(c, t, x, joint_time, q, kinds) for c in apart[:CHAINS]]
+    chains = [pair.chain(c, kinds) for c in apart[:CHAINS]]
     fitted = sorted((c for c in chains if c is not None), key=_by_error)
     if not fitted or not fitted[0].error < CHAIN_FITS * spread:
-        fitted = sorted((_refined(c, t, x, joint_time, q) for c in apart[:CHAINS]), key=_by_error)
+        fitted = sorted(map(pair.refined, apart[:CHAINS]), key=_by_error)
     clocks = fitted[0]
     rival = min((c.error for c in fitted[1:] if _apart(c, clocks)), default=np.inf)
     if not clocks.error < FITS * spread:
@@ -187,157 +122,5 @@ def _apart(one: Clocks, other: Clocks) -> bool:
     return abs(one.offset - other.offset) > _APART
 
 
-def _chain(
-    start: Clocks, t: Array, x: Array, joint_time: Array, q: Array, revolute: tuple[bool, ...]
-) -> Clocks | None:
-    """Fit a planar chain, the offset and, where it shows, the rate; None where none fits."""
-    _, seen, when = _matched(start, t, x, joint_time, q, _ROWS[2])
-    if len(when) < 16:
-        return None
-    timing = fit_timing(when, seen, lambda time: joints_at(time, joint_time, q), revolute)
-    if timing is None:
-        return None
-    # the rate was fitted about the middle of the rows that were used
-    shift = timing.rate * (start.middle + start.offset - 0.5 * (when[0] + when[-1]))
-    return replace(
-        start,
-        offset=start.offset + timing.offset + float(shift),
-        rate=timing.rate,
-        error=timing.error,
-        doubt=float(np.hypot(timing.doubt[0], timing.doubt[1] * 0.5 * np.ptp(t))),
-    )
-
-
 def _by_error(clocks: Clocks) -> float:
     return clocks.error
-
-
-def _peaks(t: Array, x: Array, joint_time: Array, q: Array) -> list[float]:
-    """Return the offsets of the highest peaks of the correlation of speeds [s]."""
-    camera = np.arange(t[0], t[-1], 1.0 / _GRID)
-    joints = np.arange(joint_time[0], joint_time[-1], 1.0 / _GRID)
-    if min(len(camera), len(joints)) < 2 * _GRID:
-        return []
-    a = _speed(camera, t, x)
-    b = _speed(joints, joint_time, q / np.maximum(q.std(0), 1e-9))
-    n, m = len(a), len(b)
-    need = int(_OVERLAP * min(n, m))
-    lags = np.arange(need - n, m - need + 1)
-    start, stop = np.maximum(0, lags), np.minimum(m, n + lags)  # of b
-    count = stop - start
-    size = 1 << int(np.ceil(np.log2(n + m)))
-
-    def sums(values: Array, low: NDArray[np.intp], high: NDArray[np.intp]) -> Array:
-        total = np.r_[0.0, np.cumsum(values)]
-        return np.asarray(total[high] - total[low])
-
-    a, b = a - a.mean(), b - b.mean()
-    both = np.fft.irfft(np.fft.rfft(b, size) * np.conj(np.fft.rfft(a, size)), size)
-    product = both[lags % size]
-    sa, saa = (sums(v, start - lags, stop - lags) for v in (a, a**2))
-    sb, sbb = (sums(v, start, stop) for v in (b, b**2))
-    scale = (saa - sa**2 / count) * (sbb - sb**2 / count)
-    c = (product - sa * sb / count) / np.sqrt(np.maximum(scale, 1e-12))
-    wide = np.pad(c, 10, mode="edge")
-    highest = np.max([wide[k : k + len(c)] for k in range(21)], axis=0)
-    top = np.flatnonzero(c >= highest)
-    top = top[np.argsort(-c[top], kind="stable")][:CANDIDATES]
-    return [float(joints[0] - camera[0] + lags[k] / _GRID) for k in top]
-
-
-def _speed(grid: Array, time: Array, values: Array) -> Array:
-    """Return smoothed speeds on a grid of times."""
-    along = np.gradient(joints_at(grid, time, values), 1.0 / _GRID, axis=0)
-    window = np.hanning(15)[1:-1]
-    return np.convolve(np.linalg.norm(along, axis=1), window / window.sum(), "same")
-
-
-def _matched(
-    clocks: Clocks, t: Array, x: Array, joint_time: Array, q: Array, rows: int
-) -> tuple[Array, Array, Array]:
-    """Return joints (n, joints), pixels (n, 2) and joints' times (n,) of some frames."""
-    when = clocks.joints_time(t)
-    inside = np.flatnonzero((when >= joint_time[0]) & (when <= joint_time[-1]))
-    some = inside[thinned(len(inside), rows)] if len(inside) else inside
-    return joints_at(when[some], joint_time, q), x[some], when[some]
-
-
-def _candidate(peak: float, t: Array, x: Array, joint_time: Array, q: Array) -> Clocks:
-    """Move a peak to the offset near it that fits best, and judge it."""
-    clocks = best = Clocks(peak, 0.0, _middle(t))
-    for _ in range(4):
-        there, seen, when = _matched(clocks, t, x, joint_time, q, _ROWS[0])
-        if len(there) < 16:
-            break
-        judge = Judge(there)
-        error = float(np.median(np.linalg.norm(judge.miss(seen), axis=1)))
-        if np.isnan(best.error) or error < best.error:
-            best = replace(clocks, error=error)
-        step = _step(judge, seen, when, joint_time, q, rate=False)[0][0]
-        offset = clocks.offset + float(np.clip(step, -0.06, 0.06))
-        clocks = replace(clocks, offset=float(np.clip(offset, peak - _FARTHEST, peak + _FARTHEST)))
-    return best if np.isfinite(best.error) else replace(best, error=np.inf)
-
-
-def _refined(start: Clocks, t: Array, x: Array, joint_time: Array, q: Array) -> Clocks:
-    """Fit the offset, and the rate where the rows show one, by Gauss and Newton's method."""
-    there, seen, _ = _matched(start, t, x, joint_time, q, _ROWS[1])
-    soft = softness(there, seen)
-    tried = []
-    for rate in (False, True):
-        clocks = start
-        for _ in range(8):
-            there, seen, when = _matched(clocks, t, x, joint_time, q, _ROWS[1])
-            judge = Judge(there, soft=soft)
-            error = float(np.median(np.linalg.norm(judge.miss(seen), axis=1)))
-            step, sd = _step(judge, seen, when, joint_time, q, rate=rate)
-            doubt = float(np.hypot(sd[0], sd[1] * 0.5 * np.ptp(t)))
-            clocks = replace(clocks, error=error, doubt=doubt)
-            if abs(step[0]) < 2e-5 and abs(step[1]) * np.ptp(t) < 4e-5:
-                break
-            clocks = replace(clocks, offset=clocks.offset + step[0], rate=clocks.rate + step[1])
-        tried.append((clocks, float(sd[1])))
-    (plain, _), (free, sd_rate) = tried
-    # a rate that is nothing but noise would spoil both ends
-    shown = abs(free.rate) > 4.0 * sd_rate and free.error < 0.97 * plain.error
-    return free if shown else plain
-
-
-def _middle(t: Array) -> float:
-    return float(0.5 * (t[0] + t[-1]))
-
-
-def _step(
-    judge: Judge,
-    seen: Array,
-    when: Array,
-    joint_time: Array,
-    q: Array,
-    *,
-    rate: bool,
-) -> tuple[Array, Array]:
-    """Return the change of offset and rate that the held-out misses ask for, and their sd.
-
-    Were the joints late by d, held-out blocks would miss by d times the tip's velocity, less
-    what the fit would have made of that: the same linear map takes both.
-    """
-    ahead, behind = (joints_at(when + h, joint_time, q) for h in (_STEP, -_STEP))
-    velocity = (judge.predict(ahead, seen) - judge.predict(behind, seen)) / (2.0 * _STEP)
-    miss = judge.miss(seen).ravel()
-    terms = [judge.miss(velocity).ravel()]
-    if rate:
-        terms.append(judge.miss(velocity * (when - when.mean())[:, None]).ravel())
-    A = np.stack(terms, 1)
-    weight: Array = np.ones(len(miss))
-    found = np.zeros(A.shape[1])
-    for _ in range(4):
-        B = A * weight[:, None]
-        found = np.asarray(np.linalg.lstsq(B, miss * weight, rcond=None)[0], float)
-        left = np.abs(miss - A @ found)
-        scale = 1.48 * float(np.median(left)) + 1e-9
-        weight[:] = np.sqrt(np.minimum(1.0, 2.0 * scale / np.maximum(left, 1e-12)))
-    B = A * weight[:, None]
-    # neighbouring rows err alike: about three of them say as much as one
-    covariance = 3.0 * scale**2 * np.linalg.pinv(B.T @ B)
-    sd = np.sqrt(np.diag(covariance))
-    return np.r_[found, 0.0][:2], np.r_[sd, 0.0][:2]

@@ -66,7 +66,6 @@ def _near(refined: Mapping[int, Array], corners: Mapping[int, Array]) -> dict[in
 def _once(
     grey: NDArray[np.uint8], places: Mapping[int, Array], board: Board
 ) -> dict[int, Array] | None:
-    part, low = blurred_part(grey, np.array(list(places.values())))
     width = board.columns - 1
     numbers, ahead = [], []
     for n, place in places.items():
@@ -78,8 +77,11 @@ def _once(
             ahead.append(steps)
     if not numbers:
         return {}
-    c = np.array([places[n] - low for n in numbers])
+    c = np.array([places[n] for n in numbers])
     d = np.array(ahead)  # (corners, 4, 2)
+    # the outer corners' edges run a square beyond them
+    part, low = blurred_part(grey, (c[:, None] + d).reshape(-1, 2))
+    c = c - low
     area = np.abs(d[:, 0, 0] * d[:, 2, 1] - d[:, 0, 1] * d[:, 2, 0])
     gap = 0.5 * (1.0 - board.marker / board.square) * area / np.linalg.norm(d, axis=2).max(1)
     reach = min(float(np.median(gap)) - _CLEAR, 4.0)
@@ -89,7 +91,8 @@ def _once(
     flat = base.reshape(-1, len(_ALONG), 2)
     points, spread = edge_points(part, flat, d.reshape(-1, 2), reach)
     points = points.reshape(base.shape)
-    there = spread.reshape(base.shape[:3]) > 0.05  # a flat grey has no edge
+    inside = ((base > 0.0) & (base < np.subtract(part.shape[::-1], 1))).all(-1)
+    there = inside & (spread.reshape(base.shape[:3]) > 0.05)  # a flat grey has no edge
     refined = {}
     for k, n in enumerate(numbers):
         level = _curve(points[k, :2], there[k, :2], c[k], d[k, 0] - d[k, 1])

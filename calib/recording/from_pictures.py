@@ -5,7 +5,6 @@ from __future__ import annotations
 import os
 from collections import Counter
 from collections.abc import Mapping, Sequence
-from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -20,10 +19,11 @@ from .judge import row_shift
 from .pictures import UnreadableError, list_pictures, match_rows, read_picture
 from .plane import square_pose
 from .recorded import Recorded, told
-from .reference import Marks, PlaneReference
-from .setting import Setting, told_motion
+from .reference import PlaneReference
+from .setting import Setting
 from .tags import Tag, TagFinder
 from .track import astray, check_motion, stuck
+from .watch import Marks
 
 Array = NDArray[np.float64]
 
@@ -69,6 +69,7 @@ def log_pictures(
     twice: list[str] = []
     damaged: list[str] = []
     size: tuple[int, int] | None = None
+    sample: list[NDArray[np.uint8]] = []
     for number, (_, path) in enumerate(pairs):
         try:
             grey = read_picture(path)
@@ -83,6 +84,8 @@ def log_pictures(
                 "expected one camera with one setting"
             )
         size = now
+        if number % max(1, len(pairs) // 12) == 0:
+            sample.append(grey)
         found = setting.finder.find(grey)
         if setting.layout is not None:
             marks.append((number, setting.marks(grey, found, boards)))
@@ -106,7 +109,8 @@ def log_pictures(
             f"({listed(twice, 3)}): cover one, or print another id for the tip"
         )
     if not tags:
-        raise LogError(no_tag(setting, [path for _, path in pairs], len(pairs)))
+        instead = seen_instead(setting, sample)
+        raise LogError(f"tag {setting.tag} is in none of {len(pairs)} pictures: {instead}")
     what = f"{len(tags)} pictures"
     index = np.array([pairs[number][0] for number in rows])
     q, pixels = joints.q[index], np.array([t.centre for t in tags])
@@ -121,17 +125,15 @@ def log_pictures(
     good[np.flatnonzero(good)[lost]] = False
     numbers = np.array(rows)[good]
     kept = [tag for tag, ok in zip(tags, good, strict=True) if ok]
-    watched = setting.watch(marks)
+    watched = setting.watch(marks, since)
     notes += watched.notes
-    if since is not None:
-        notes.append(told_motion(since, watched))
     return assemble(
         setting,
         watched.positions(pixels[good], numbers),
         joints.names,
         q[good],
         kept,
-        source={"source": "pictures", **setting.about(watched)},
+        source={"source": "pictures", "size": list(size), **setting.about(watched)},
         poses=watched.parts[-1],
         pictures=tuple(pairs[number][1].name for number in numbers),
         dropped={why: count for why, count in reasons.items() if count},
@@ -176,18 +178,6 @@ def assemble(
         dropped=dropped,
         notes=tuple(notes),
     )
-
-
-def no_tag(setting: Setting, paths: Sequence[Path], count: int) -> str:
-    """Say that a tag is in none of the pictures, and which tags are."""
-    some = paths[:: max(1, len(paths) // 12)]
-    greys = []
-    for path in some:
-        try:
-            greys.append(read_picture(path))
-        except UnreadableError:
-            continue
-    return f"tag {setting.tag} is in none of {count} pictures: {seen_instead(setting, greys)}"
 
 
 def seen_instead(setting: Setting, greys: Sequence[NDArray[np.uint8]]) -> str:

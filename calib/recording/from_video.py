@@ -12,11 +12,12 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ..errors import LogError, OptionError
-from .clocks import Clocks, align_clocks, joints_at
+from .clock_search import Clocks, joints_at
+from .clocks import align_clocks
 from .from_pictures import assemble, seen_instead
 from .joint_table import JointTable
 from .recorded import Recorded, told
-from .setting import Setting, told_motion
+from .setting import Setting
 from .tags import FLOOR, Tag
 from .track import check_motion, jumps
 from .video import follow
@@ -110,8 +111,9 @@ def log_video(
         raise LogError(f"tag {setting.tag} is in none of {len(pixels)} frames: {instead}")
     check_motion(q, pixels[seen], setting.tag, name)
     notes = list(track.notes)
-    clocks = _clocks(rows, track.time, pixels, joint_time, q, revolute)
+    clocks = Clocks(rows.time_offset or 0.0)
     if rows.time_offset is None:
+        clocks = align_clocks(track.time, pixels, joint_time, q, revolute)
         notes.append(clocks.words())
     when = clocks.joints_time(track.time)
     usable, reasons = _usable(when, pixels, joint_time, rows.max_gap)
@@ -142,10 +144,8 @@ def log_video(
             raise LogError(f"no frame of {name} is slower than `still={rows.still:g}`")
     tags = [_middle([tag for k in g if (tag := track.tags[k]) is not None]) for g in groups]
     centres = np.array([tag.centre for tag in tags])
-    watched = setting.watch(track.marks)
+    watched = setting.watch(track.marks, since)
     notes += watched.notes
-    if since is not None:
-        notes.append(told_motion(since, watched))
     time = np.array([np.median(when[g]) for g in groups])
     return assemble(
         setting,
@@ -155,6 +155,7 @@ def log_video(
         tags,
         source={
             "source": "video",
+            "size": list(track.sample[0].shape[1::-1]),
             "time_offset": clocks.offset,
             "rate": clocks.rate,
             **setting.about(watched),
@@ -164,19 +165,6 @@ def log_video(
         dropped={why: count for why, count in reasons.items() if count},
         notes=[*notes, *told(reasons, "frames")],
     )
-
-
-def _clocks(
-    rows: Rows,
-    time: Array,
-    pixels: Array,
-    joint_time: Array,
-    q: Array,
-    revolute: Sequence[bool] | None,
-) -> Clocks:
-    if rows.time_offset is not None:
-        return Clocks(rows.time_offset)
-    return align_clocks(time, pixels, joint_time, q, revolute)
 
 
 def _usable(

@@ -5,15 +5,13 @@ from __future__ import annotations
 import os
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
-from pathlib import Path
 
 import numpy as np
 from numpy.typing import NDArray
 
 from ..common.wording import listed
 from ..errors import LogError
-from ..samples.columns import Source, open_source, read_columns
-from ..samples.csv_rows import csv_rows
+from ..samples.columns import Source, open_source, read_columns, read_texts
 
 Array = NDArray[np.float64]
 
@@ -137,18 +135,8 @@ def _named(source: Source, names: Sequence[str]) -> str | None:
 
 
 def _texts(source: Source, column: str) -> list[str]:
-    """Read a column of text."""
+    """Read names of files; one may stand with its folder, of this system or another."""
     if column not in source.header:
         raise LogError(f"{source.label} has no column {column!r}; columns: {listed(source.header)}")
-    if not source.separator:
-        import polars as pl
-
-        cells = pl.read_parquet(source.path, columns=[column])[column].to_list()
-        return ["" if cell is None else Path(str(cell)).name for cell in cells]
-    k = source.header.index(column)
-    with source.path.open("rb") as file:
-        rows = [row for n, row in csv_rows(source.label, file, source.separator) if n > source.skip]
-    # a picture may be named with a folder, of this system or another
-    return [
-        row[k].strip().replace("\\", "/").rpartition("/")[2] if k < len(row) else "" for row in rows
-    ]
+    cells = read_texts(source, [column])[column].to_list()
+    return [str(cell or "").strip().replace("\\", "/").rpartition("/")[2] for cell in cells]

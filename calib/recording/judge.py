@@ -58,6 +58,10 @@ class Judge:
             miss[part] = np.linalg.solve(self._inverse[np.ix_(part, part)], weights[part])
         return miss
 
+    def error(self, x: Array) -> float:
+        """Return the median distance that values (n, d) are missed by."""
+        return float(np.median(np.linalg.norm(self.miss(x), axis=1)))
+
     def predict(self, q: Array, x: Array) -> Array:
         """Return what the fit to values (n, d) of all rows says at joints (m, joints)."""
         middle = x.mean(0)
@@ -81,14 +85,12 @@ def held_out(q: Array, x: Array, blocks: int = 8) -> Array:
     (n,) array [unit of x]
         Distances, with the softness that has the least median.
     """
-    tried = [np.linalg.norm(Judge(q, blocks, soft).miss(x), axis=1) for soft in _SOFT]
-    return min(tried, key=lambda distance: float(np.median(distance)))
+    return np.asarray(np.linalg.norm(Judge(q, blocks, softness(q, x, blocks)).miss(x), axis=1))
 
 
-def softness(q: Array, x: Array) -> float:
+def softness(q: Array, x: Array, blocks: int = 8) -> float:
     """Return the ridge with which held-out blocks are predicted best."""
-    medians = [np.median(np.linalg.norm(Judge(q, 8, s).miss(x), axis=1)) for s in _SOFT]
-    return _SOFT[int(np.argmin(medians))]
+    return min(_SOFT, key=lambda soft: Judge(q, blocks, soft).error(x))
 
 
 def row_shift(q: Array, x: Array, most: int = 3) -> tuple[int, float, float]:

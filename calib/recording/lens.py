@@ -8,7 +8,7 @@ from __future__ import annotations
 import json
 import os
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Any
 
@@ -46,6 +46,8 @@ class Lens:
         Rms distance of the calibration's corners from their places.
     pictures : int
         Pictures that it was calibrated from.
+    covariance : (9, 9) array
+        Of `parameters`; zero where a lens is taken for exact.
     """
 
     size: tuple[int, int]
@@ -54,6 +56,17 @@ class Lens:
     distortion: Array
     rms: float = 0.0
     pictures: int = 0
+    covariance: Array = field(default_factory=lambda: np.zeros((9, 9)))
+
+    @property
+    def parameters(self) -> Array:
+        """Focal lengths, principal point and distortion (9,), as `covariance` has them."""
+        return np.concatenate([self.focal, self.centre, self.distortion])
+
+    def moved(self, change: Array) -> Lens:
+        """Return the lens with a change (9,) of its parameters."""
+        p = self.parameters + change
+        return replace(self, focal=p[:2], centre=p[2:4], distortion=p[4:])
 
     @property
     def matrix(self) -> Array:
@@ -98,7 +111,32 @@ class Lens:
             "distortion": self.distortion.tolist(),
             "rms": self.rms,
             "pictures": self.pictures,
+            "covariance": self.covariance.tolist(),
         }
+
+    @classmethod
+    def from_json(cls, told: Mapping[str, Any]) -> Lens:
+        """Return the lens that `to_json` told.
+
+        Raises
+        ------
+        KeyError, TypeError, ValueError
+            If it is none.
+        """
+        width, height = (int(side) for side in told["size"])
+        lens = cls(
+            (width, height),
+            np.array(told["focal"], float).reshape(2),
+            np.array(told["centre"], float).reshape(2),
+            np.array(told["distortion"], float).reshape(5),
+            float(told.get("rms", 0.0)),
+            int(told.get("pictures", 0)),
+            np.array(told.get("covariance", np.zeros((9, 9))), float).reshape(9, 9),
+        )
+        known = np.isfinite(lens.parameters).all() and np.isfinite(lens.covariance).all()
+        if not known or (lens.focal <= 0).any() or min(lens.size) <= 0:
+            raise ValueError("the lens has impossible values")
+        return lens
 
     def save(self, path: str | os.PathLike[str]) -> None:
         """Write it as JSON."""
@@ -114,28 +152,16 @@ def read_lens(path: str | os.PathLike[str]) -> Lens:
         If the file is none.
     """
     try:
-        told = json.loads(Path(path).read_text(encoding="utf-8"))
-        lens = Lens(
-            (int(told["size"][0]), int(told["size"][1])),
-            np.array(told["focal"], float).reshape(2),
-            np.array(told["centre"], float).reshape(2),
-            np.array(told["distortion"], float).reshape(5),
-            float(told.get("rms", 0.0)),
-            int(told.get("pictures", 0)),
-        )
+        return Lens.from_json(json.loads(Path(path).read_text(encoding="utf-8")))
     except FileNotFoundError:
         raise LogError(f"there is no file {str(path)!r}: expected a lens or its pictures") from None
     except OSError as error:
         raise LogError(f"cannot read {str(path)!r}: {error.strerror}") from None
-    except (ValueError, KeyError, TypeError, IndexError):
+    except (ValueError, KeyError, TypeError):
         raise LogError(
             f"{path} is no lens: expected the lens.json of an earlier run, or a folder of "
             "pictures of the board"
         ) from None
-    finite = np.isfinite([*lens.focal, *lens.centre, *lens.distortion]).all()
-    if not finite or (lens.focal <= 0).any() or min(lens.size) <= 0:
-        raise LogError(f"{path}: the lens has impossible values; calibrate it again")
-    return lens
 
 
 def calibrate_lens(
@@ -177,34 +203,37 @@ def calibrate_lens(
     objects = [world[sorted(c)] for c in usable]
     images = [np.array([c[k] for k in sorted(c)], np.float32).reshape(-1, 1, 2) for c in usable]
     try:
-        rms, matrix, distortion, spread = _fit(objects, images, size)
+        lens, doubt = _fit(objects, images, size)
     except cv2.error:
         raise LogError(
             "the pictures of the board fit no lens: tilt the board this way and that between them"
         ) from None
-    focal = np.array([matrix[0, 0], matrix[1, 1]])
-    doubt = float(spread[0] / focal[0])
-    if not np.isfinite(focal).all() or doubt > 0.03 or (focal > 50 * max(size)).any():
+    if not np.isfinite(lens.parameters).all() or doubt > 0.03 or lens.focal.max() > 50 * max(size):
         raise LogError(
             f"the pictures of the board fix the focal length to {100 * doubt:.2g} % only, 3 % "
             "expected: tilt the board this way and that between them"
         )
-    notes = []
-    if rms > 1.0:
-        notes.append(
-            f"lens: the corners miss their places by {rms:.2g} px rms; is the board flat and "
-            "printed at its true size, and were the pictures sharp?"
-        )
-    lens = Lens(size, focal, matrix[:2, 2].copy(), distortion, rms, len(usable))
-    return lens, tuple(notes)
+    if lens.rms <= 1.0:
+        return lens, ()
+    return lens, (
+        f"lens: the corners miss their places by {lens.rms:.2g} px rms; is the board flat and "
+        "printed at its true size, and were the pictures sharp?",
+    )
 
 
 def _fit(
     objects: Sequence[Any], images: Sequence[Any], size: tuple[int, int]
-) -> tuple[float, Array, Array, Array]:
+) -> tuple[Lens, float]:
     """Fit lenses of one, two and four terms; a further term must lower Schwarz's criterion.
 
     Terms that the pictures do not need are free near the border, where no board was.
+
+    Returns
+    -------
+    lens : Lens
+        The best.
+    doubt : float
+        Standard deviation of its focal length, as a share of it.
     """
     cv2 = opencv()
     one = cv2.CALIB_FIX_K3 | cv2.CALIB_ZERO_TANGENT_DIST | cv2.CALIB_FIX_K2
@@ -214,8 +243,20 @@ def _fit(
     for flags, terms in choices[: 3 if len(images) >= _TANGENTIAL else 2]:
         fit = cv2.calibrateCameraExtended(objects, images, size, None, None, flags=flags)
         score = count * np.log(max(fit[0], 1e-3) ** 2) + terms * np.log(count)
-        fits.append((float(score), fit))
-    rms, matrix, distortion, _, _, spread = min(fits, key=lambda each: each[0])[1][:6]
-    terms5 = np.zeros(5)
-    terms5[: min(np.size(distortion), 5)] = np.ravel(distortion)[:5]
-    return float(rms), np.asarray(matrix, float), terms5, np.ravel(spread)
+        fits.append((float(score), terms, fit))
+    _, terms, (rms, matrix, distortion, turns, shifts, spread, *_) = min(fits, key=lambda f: f[0])
+    bent = np.zeros(5)
+    bent[: min(np.size(distortion), 5)] = np.ravel(distortion)[:5]
+    # of each picture's normal equations what remains once its pose is eliminated
+    free, precision = 4 + terms, np.zeros((4 + terms, 4 + terms))
+    for points, turn, shift in zip(objects, turns, shifts, strict=True):
+        J = cv2.projectPoints(points, turn, shift, matrix, bent)[1]
+        pose, lens = J[:, :6], J[:, 6 : 6 + free]
+        precision += lens.T @ (lens - pose @ np.linalg.lstsq(pose, lens, rcond=None)[0])
+    # rms is of distances: half of its square along each axis
+    variance = 0.5 * rms**2 * count / max(count - 6 * len(objects) - free, 1)
+    covariance = np.zeros((9, 9))
+    covariance[:free, :free] = np.linalg.pinv(precision) * variance
+    focal = np.array([matrix[0, 0], matrix[1, 1]])
+    made = Lens(size, focal, matrix[:2, 2].copy(), bent, float(rms), len(objects), covariance)
+    return made, float(np.ravel(spread)[0] / focal[0])

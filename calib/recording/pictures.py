@@ -7,6 +7,7 @@ import os
 import re
 import warnings
 from collections.abc import Sequence
+from glob import glob
 from pathlib import Path
 
 import numpy as np
@@ -20,15 +21,6 @@ Array = NDArray[np.float64]
 Picture = NDArray[np.uint8]
 
 SUFFIXES = (".jpg", ".jpeg", ".png", ".bmp", ".tif", ".tiff", ".webp", ".ppm", ".pgm")
-
-
-def _globbed(pattern: Path) -> list[Path]:
-    """Return what fits a pattern, relative or from a root."""
-    root = Path(pattern.anchor)
-    try:
-        return list(root.glob(str(pattern.relative_to(root))))
-    except (ValueError, NotImplementedError):
-        return []
 
 
 class UnreadableError(LogError):
@@ -56,7 +48,8 @@ def list_pictures(source: str | os.PathLike[str]) -> list[Path]:
     elif folder.is_file():
         found = [folder]
     elif any(mark in text for mark in "*?["):
-        found = [p for p in _globbed(folder) if p.is_file()]
+        named = map(Path, glob(text))  # noqa: PTH207 - a pattern may start at a root
+        found = [path for path in named if path.is_file()]
     else:
         raise LogError(f"there is no folder {text!r}: expected a folder of pictures or a pattern")
     found = [p for p in found if not p.name.startswith(".")]
@@ -131,9 +124,7 @@ def match_rows(
                 "expected one row for each picture in the order of names, or a column 'picture'"
             )
         return list(enumerate(pictures)), []
-    by_name: dict[str, Path] = {}
-    for path in pictures:
-        by_name.setdefault(path.stem, path)
+    by_name = {path.stem: path for path in reversed(pictures)}
     by_name |= {path.name: path for path in pictures}
     pairs = [(row, by_name[n]) for row, n in enumerate(table.pictures) if n in by_name]
     twice = {path.name for k, (_, path) in enumerate(pairs) if path in [p for _, p in pairs[:k]]}

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -13,7 +13,7 @@ from .opencv import opencv
 
 Array = NDArray[np.float64]
 
-_LEAST_NOISE = 0.02  # [px]; corners are credited with no less
+_LEAST_NOISE = 0.01  # [px]; corners are credited with no less
 
 
 @dataclass(frozen=True, eq=False)
@@ -26,8 +26,9 @@ class Pose:
         Frame to camera (x right, y down, z ahead).
     shift : (3,) array [m]
         The frame's origin in the camera's.
-    covariance : (6, 6) array
-        Of a small turn [rad] in the camera's axes, then of the shift [m].
+    covariance : (15, 15) array
+        Of a small turn [rad] in the camera's axes, of the shift [m], and of the lens's
+        parameters, which the pose was found with.
     rms : float [px]
         Rms distance of the points from where the pose puts them.
     """
@@ -42,9 +43,19 @@ class Pose:
         """The camera's place in the frame [m]."""
         return -self.rotation.T @ self.shift
 
-    def apply(self, points: ArrayLike) -> Array:
-        """Return points (n, 3) of the frame in the camera's [m]."""
-        return np.asarray(np.asarray(points, float) @ self.rotation.T + self.shift)
+    def moved(self, change: Array) -> Pose:
+        """Return the pose after a small turn and shift (6,)."""
+        turned = rotation_of(change[:3]) @ self.rotation
+        return replace(self, rotation=turned, shift=self.shift + change[3:])
+
+    @property
+    def doubt(self) -> tuple[float, float]:
+        """Standard deviations of the turn [rad] and of the camera's place [m], all axes."""
+        turn, (x, y, z) = self.covariance[:3, :3], self.shift
+        # a turn of the frame by w moves the camera in it by shift x w
+        A = np.c_[[[0, -z, y], [z, 0, -x], [-y, x, 0]], np.eye(3)]
+        place = A @ self.covariance[:6, :6] @ A.T
+        return float(np.sqrt(np.trace(turn))), float(np.sqrt(np.trace(place)))
 
 
 def rotation_of(turn: Array) -> Array:
@@ -92,7 +103,17 @@ def find_pose(lens: Lens, points: Array, pixels: Array) -> Pose:
     rms = float(np.sqrt((residual**2).sum(1).mean()))
     variance = float((residual**2).sum()) / max(residual.size - 6, 1)
     slopes = np.asarray(fit.jac)
-    covariance = np.linalg.pinv(slopes.T @ slopes) * max(variance, _LEAST_NOISE**2)
+    spread = np.linalg.pinv(slopes.T @ slopes) * max(variance, _LEAST_NOISE**2)
+    # where the lens is not as it was taken to be, the pose follows it
+    camera = points @ (rotation_of(fit.x[:3]) @ start).T + fit.x[3:]
+    flat = camera[:, :2] / camera[:, 2:]
+    steps = np.diag(np.maximum(1e-6 * np.abs(lens.parameters), 1e-7))
+    now = lens.distort(flat)
+    slope = [(lens.moved(d).distort(flat) - now).ravel() / d.max() for d in steps]
+    bent = np.stack(slope, axis=1)
+    follow = np.vstack([-np.linalg.lstsq(slopes, bent, rcond=None)[0], np.eye(9)])
+    covariance = follow @ lens.covariance @ follow.T
+    covariance[:6, :6] += spread
     return Pose(rotation_of(fit.x[:3]) @ start, fit.x[3:].copy(), covariance, rms)
 
 
@@ -114,27 +135,23 @@ def cut_plane(lens: Lens, pose: Pose, pixels: ArrayLike, height: float = 0.0) ->
     return np.asarray(x)
 
 
-def cut_noise(lens: Lens, pose: Pose, pixels: Array, height: float = 0.0) -> tuple[Array, Array]:
-    """Tell how far positions are off where pixels are, and where the pose is.
+def cut_noise(lens: Lens, pose: Pose, pixels: Array, height: float = 0.0) -> Array:
+    """Tell how far positions are off because pose and lens are known to their covariance.
 
     Returns
     -------
-    scale : (n,) array [m/px]
-        Standard deviation along each axis that one pixel's makes.
-    common : (n,) array [m]
-        Standard deviation along each axis that the pose's covariance makes: all
-        positions of a recording share it.
+    (n,) array [m]
+        Standard deviation along each axis; all positions of a recording share it.
     """
     base = cut_plane(lens, pose, pixels, height)
-    steps = [cut_plane(lens, pose, pixels + d, height) - base for d in ([0.5, 0.0], [0.0, 0.5])]
-    scale = 2.0 * np.sqrt(sum((s**2).sum(1) for s in steps) / 2.0)
     variance = np.zeros(len(base))
     values, vectors = np.linalg.eigh(pose.covariance)
     for value, vector in zip(values, vectors.T, strict=True):
         d = vector * np.sqrt(max(float(value), 0.0))
-        moved = Pose(rotation_of(d[:3]) @ pose.rotation, pose.shift + d[3:], pose.covariance, 0.0)
-        variance += ((cut_plane(lens, moved, pixels, height) - base) ** 2).sum(1) / 2.0
-    return np.asarray(scale), np.sqrt(variance)
+        if d.any():
+            moved = cut_plane(lens.moved(d[6:]), pose.moved(d[:6]), pixels, height)
+            variance += ((moved - base) ** 2).sum(1) / 2.0
+    return np.asarray(np.sqrt(variance))
 
 
 def square_pose(lens: Lens, corners: Array, size: float) -> Pose:

@@ -45,7 +45,7 @@ def draw_seen(photo: Picture, setting: Setting, places: Array) -> Picture:
     cv2 = opencv()
     grey = photo if photo.ndim == 2 else cv2.cvtColor(photo, cv2.COLOR_RGB2GRAY)
     canvas = cv2.cvtColor(photo, cv2.COLOR_GRAY2BGR if photo.ndim == 2 else cv2.COLOR_RGB2BGR)
-    thick = max(1, round(max(canvas.shape) / 900))
+    thick = max(1, round(max(canvas.shape) / 640))
     for place in places:
         cv2.circle(canvas, _fixed(place), 3 * thick << _FINE, _PLACES, -1, cv2.LINE_AA, _FINE)
     named = {setting.tag, *(setting.tags_at.points if setting.tags_at is not None else ())}

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import os
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Any
 
@@ -15,16 +15,8 @@ from ..errors import LogError, OptionError
 from .board import Board, BoardFinder
 from .lens import Lens, calibrate_lens, read_lens
 from .pictures import UnreadableError, list_pictures, read_picture
-from .reference import (
-    Layout,
-    Marks,
-    PixelReference,
-    Watch,
-    board_layout,
-    motion,
-    watch,
-)
 from .tags import DICTIONARY, Tag, TagFinder
+from .watch import Layout, Marks, Seen, Watch, board_layout, motion, watch
 
 Array = NDArray[np.float64]
 Picture = NDArray[np.uint8]
@@ -113,19 +105,12 @@ class Setting:
         counts = [t.number for t in tags]
         return {t.number: t.centre for t in tags if t.number in at and counts.count(t.number) == 1}
 
-    def watch(self, seen: Sequence[tuple[int, Marks]]) -> Watch:
-        """Find the reference over a recording."""
-        layout = self.layout
-        if layout is None:
-            return Watch((0,), (PixelReference(),), {})
-        found = [(number, marks) for number, marks in seen if len(marks) >= layout.least]
-        if not found:
-            most = max((len(marks) for _, marks in seen), default=0)
-            raise LogError(
-                f"{layout.what} is too small, hidden or not there: at most {most} found in a "
-                f"picture, {layout.least} expected"
-            )
-        return watch(layout, found, self.lens, self.tag_height)
+    def watch(self, seen: Seen, since: Mapping[str, Any] | None = None) -> Watch:
+        """Find the reference over a recording, and say how far it moved since an earlier log."""
+        found = watch(self.layout, seen, self.lens, self.tag_height)
+        if since is None:
+            return found
+        return replace(found, notes=(*found.notes, motion(since, found.parts[0])))
 
     def about(self, watched: Watch) -> dict[str, Any]:
         """Return what a log tells of its source, as plain values."""
@@ -157,8 +142,6 @@ def load_lens(
     notes : tuple of str
         What was found.
     """
-    if Path(path).is_file() and Path(path).suffix.lower() == ".json":
-        return read_lens(path), ()
     if not Path(path).is_dir() and not any(mark in str(path) for mark in "*?["):
         return read_lens(path), ()
     if board is None:
@@ -191,11 +174,3 @@ def load_lens(
         lens.save(output)
         notes.append(f"lens written to {os.fspath(output)}")
     return lens, (*notes, *doubts)
-
-
-def told_motion(about: Mapping[str, Any], watched: Watch) -> str:
-    """Say how far the camera moved since the recording of an earlier log."""
-    earlier = about.get("reference")
-    if not isinstance(earlier, Mapping):
-        raise LogError("the earlier log was not made by calib log: it names no reference")
-    return motion(earlier, watched.parts[0])

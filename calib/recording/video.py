@@ -15,9 +15,9 @@ from numpy.typing import NDArray
 from ..errors import LogError
 from .board import BoardFinder
 from .opencv import opencv
-from .reference import Marks
 from .setting import Setting
 from .tags import Tag
+from .watch import Marks
 
 Array = NDArray[np.float64]
 Picture = NDArray[np.uint8]

@@ -17,16 +17,11 @@ from numpy.typing import NDArray
 
 from ..common.wording import listed, suggestion
 from ..errors import LogError, OptionError
+from .bag_poses import POSITIONS, TF, Poses, stamped_poses, tf_poses
 
 Array = NDArray[np.float64]
 
 JOINT_STATE = "sensor_msgs/msg/JointState"
-POSITIONS = {
-    "geometry_msgs/msg/PointStamped": "point",
-    "geometry_msgs/msg/PoseStamped": "pose.position",
-    "geometry_msgs/msg/TransformStamped": "transform.translation",
-}
-
 MAX_GAP = 0.1
 """Joint states further apart than this are not interpolated between [s]."""
 
@@ -49,6 +44,8 @@ class Recording:
         Times of the positions, since the first.
     notes : tuple of str
         What was left out, and why.
+    quaternion : (n, 4) array, optional
+        Orientations as qx, qy, qz, qw, where they were published.
     """
 
     joint_names: tuple[str, ...]
@@ -56,6 +53,7 @@ class Recording:
     x: Array
     time: Array
     notes: tuple[str, ...]
+    quaternion: Array | None = None
 
 
 def read_bag(
@@ -67,8 +65,9 @@ def read_bag(
     max_gap: float = MAX_GAP,
     still: float | None = None,
     time_offset: float = 0.0,
+    frames: Sequence[str] | None = None,
 ) -> Recording:
-    """Read joint states and positions of the tip from a recording.
+    """Read joint states and positions, or poses, of the tip from a recording.
 
     Parameters
     ----------
@@ -84,6 +83,8 @@ def read_bag(
         Positions taken while a joint moved faster are left out.
     time_offset : float [s]
         Added to the times of the positions: the sensor's clock or latency.
+    frames : (str, str), optional
+        Of tf: the sensor's frame and the tip's, or what is fixed to it.
 
     Raises
     ------
@@ -97,16 +98,24 @@ def read_bag(
     with _reader(Path(path)) as reader:
         topics = {c.topic: c.msgtype for c in reader.connections}
         source = _topic(topics, joints_topic, (JOINT_STATE,), "joints_topic", "JointState")
-        target = _topic(
-            topics,
-            tip_topic,
-            tuple(POSITIONS),
-            "tip_topic",
-            "PointStamped, PoseStamped or TransformStamped",
-        )
         names, times, values = _joint_states(reader, source, joints)
-        stamps, x = _positions(reader, target, topics[target])
-    return _aligned(names, times, values, stamps + time_offset, x, max_gap, still)
+        poses = _poses(reader, topics, tip_topic, frames)
+    return _aligned(names, times, values, poses, time_offset, max_gap, still)
+
+
+def _poses(
+    reader: Any, topics: Mapping[str, str], chosen: str | None, frames: Sequence[str] | None
+) -> Poses:
+    """The tip's poses: of tf where frames are named, or where nothing else is published."""
+    tf = sorted(topic for topic, kind in topics.items() if kind == TF)
+    others = [topic for topic, kind in topics.items() if kind in POSITIONS]
+    if tf and (frames is not None or chosen in tf or (chosen is None and not others)):
+        return tf_poses((m for topic in tf for m in _messages(reader, topic)), frames)
+    if frames is not None:
+        raise LogError("`frames` names frames of tf, and the recording has no tf")
+    kinds = "PointStamped, PoseStamped, TransformStamped or TFMessage"
+    target = _topic(topics, chosen, tuple(POSITIONS), "tip_topic", kinds)
+    return stamped_poses(_messages(reader, target), topics[target], target)
 
 
 @contextmanager
@@ -164,8 +173,8 @@ def _messages(reader: Any, topic: str) -> Iterator[tuple[float, Any]]:
     connections = [c for c in reader.connections if c.topic == topic]
     for connection, recorded, raw in reader.messages(connections=connections):
         message = reader.deserialize(raw, connection.msgtype)
-        stamp = message.header.stamp
-        seconds = stamp.sec + 1e-9 * stamp.nanosec
+        header = getattr(message, "header", None)
+        seconds = 0.0 if header is None else header.stamp.sec + 1e-9 * header.stamp.nanosec
         yield (seconds if seconds > 0 else 1e-9 * recorded), message
 
 
@@ -191,26 +200,12 @@ def _joint_states(
     return names, np.array(times), np.array(rows, dtype=float)
 
 
-def _positions(reader: Any, topic: str, kind: str) -> tuple[Array, Array]:
-    times: list[float] = []
-    rows: list[tuple[float, float, float]] = []
-    for time, message in _messages(reader, topic):
-        point = message
-        for part in POSITIONS[kind].split("."):
-            point = getattr(point, part)
-        times.append(time)
-        rows.append((point.x, point.y, point.z))
-    if not rows:
-        raise LogError(f"topic {topic!r} has no messages")
-    return np.array(times), np.array(rows, dtype=float)
-
-
 def _aligned(
     names: tuple[str, ...],
     times: Array,
     values: Array,
-    stamps: Array,
-    x: Array,
+    poses: Poses,
+    time_offset: float,
     max_gap: float,
     still: float | None,
 ) -> Recording:
@@ -218,8 +213,9 @@ def _aligned(
     good = np.isfinite(values).all(axis=1)
     times, first = np.unique(times[good], return_index=True)  # in order, each time once
     values = values[good][first]
-    order = np.argsort(stamps, kind="stable")
-    stamps, x = stamps[order], x[order]
+    order = np.argsort(poses.time, kind="stable")
+    stamps, x = poses.time[order] + time_offset, poses.x[order]
+    turns = None if poses.quaternion is None else poses.quaternion[order]
     notes: list[str] = []
     if len(times) < 2:
         raise LogError("the recording has fewer than two joint states: nothing to interpolate")
@@ -249,4 +245,5 @@ def _aligned(
             parameter="max_gap",
             value=max_gap,
         )
-    return Recording(names, q[usable], x[usable], stamps[usable] - stamps[usable][0], tuple(notes))
+    stamps, turns = stamps[usable], None if turns is None else turns[usable]
+    return Recording(names, q[usable], x[usable], stamps - stamps[0], tuple(notes), turns)

@@ -7,19 +7,19 @@ import shutil
 import stat
 import sys
 import tempfile
-from collections.abc import Iterator, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass
 from difflib import get_close_matches
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Protocol
 
 import numpy as np
 from numpy.typing import NDArray
 
 from ..common.wording import clipped, quoted
 from ..errors import LogError
-from .csv_rows import COMMENT, csv_batches, csv_rows
-from .parquet import parquet_batches, parquet_errors, parquet_header
+from .csv_rows import open_csv
+from .parquet import open_parquet
 from .places import Place, find_place
 
 if TYPE_CHECKING:
@@ -30,7 +30,27 @@ Array = NDArray[np.float64]
 PARQUET = (".parquet", ".pq")
 
 _ENDLESS = tuple(map(Path, ("/dev/zero", "/dev/random", "/dev/urandom", "/dev/full")))
-_LONGEST_HEADER = 1 << 20  # [bytes]; a file without line ends must not fill the memory
+
+
+class Format(Protocol):
+    """A file of one format, of which the header is read."""
+
+    @property
+    def header(self) -> tuple[str, ...]:
+        """Names of the columns."""
+
+    def batches(self, places: Sequence[Place], *, lenient: bool) -> Iterator[Array]:
+        """Read places of the header as numbers, some rows at a time; see `read_batches`."""
+
+    def texts(self, names: Sequence[str]) -> dict[str, pl.Series]:
+        """Read columns as they are; see `read_texts`."""
+
+    def about(self) -> str:
+        """Return what the file says of all its rows, as JSON; "{}" if nothing."""
+
+
+_FORMATS: dict[bytes, Callable[[str, Path], Format]] = {b"PAR1": open_parquet}
+"""Formats by the first four bytes of their files; all others are taken for CSV."""
 
 
 @dataclass(frozen=True)
@@ -41,27 +61,20 @@ class Source:
     ----------
     label : str
         What messages call it.
-    path : Path
-        The file; of standard input a temporary copy.
-    header : tuple of str
-        Names of the columns.
-    separator : str
-        Between the fields of a CSV row; empty for Parquet.
-    skip : int
-        Lines of a CSV file up to the end of its header.
+    file : Format
+        Reads it; of standard input a temporary copy.
     keep : object
         Whatever has to live as long as the file is needed.
-    comments : tuple of str
-        Lines of comment above the header of a CSV file.
     """
 
     label: str
-    path: Path
-    header: tuple[str, ...]
-    separator: str = ""
-    skip: int = 1
+    file: Format
     keep: object = None
-    comments: tuple[str, ...] = ()
+
+    @property
+    def header(self) -> tuple[str, ...]:
+        """Names of the columns."""
+        return self.file.header
 
 
 def open_source(path: str | os.PathLike[str] | Source) -> Source:
@@ -95,30 +108,16 @@ def open_source(path: str | os.PathLike[str] | Source) -> Source:
             if _is_stream(file):
                 file, keep = _spooled(file)
         with file.open("rb") as opened:
-            start, comments = opened.readline(_LONGEST_HEADER), []
-            while start.startswith(COMMENT):
-                comments.append(start.decode("utf-8", "replace").strip())
-                start = opened.readline(_LONGEST_HEADER)
+            opener = _FORMATS.get(opened.read(4))
     except IsADirectoryError:
         raise LogError(f"{label} is a folder, expected a CSV or Parquet file") from None
     except FileNotFoundError:
         raise LogError(f"there is no file {label!r}") from None
     except (OSError, ValueError) as error:
         raise LogError(f"cannot read {label!r}: {error}") from None
-    if start.startswith(b"PAR1"):
-        return Source(label, file, parquet_header(label, file), keep=keep)
-    if file.suffix.lower() in PARQUET:
+    if opener is None and file.suffix.lower() in PARQUET:
         raise LogError(f"{label} is not a Parquet file; rename it to .csv if it is CSV")
-    if len(start) == _LONGEST_HEADER:
-        raise LogError(f"{label} has no line end in its first megabyte: expected CSV or Parquet")
-    separator = max(",;\t", key=lambda mark: start.count(mark.encode()))
-    with file.open("rb") as opened:
-        for _ in comments:
-            opened.readline()
-        for line, row in csv_rows(label, opened, separator, len(comments)):
-            header = tuple(name.strip() for name in row)
-            return Source(label, file, header, separator, line, keep, tuple(comments))
-    raise LogError(f"{label} is empty: expected a header with the names of the columns")
+    return Source(label, (opener or open_csv)(label, file), keep)
 
 
 def read_batches(source: Source, names: Sequence[str], *, lenient: bool = False) -> Iterator[Array]:
@@ -144,13 +143,7 @@ def read_batches(source: Source, names: Sequence[str], *, lenient: bool = False)
         If a column is missing or there twice, or a value is no number.
     """
     places = [_place(source, name) for name in names]
-    label, path = source.label, source.path
-    if not source.separator:
-        return parquet_batches(label, path, places, lenient=lenient)
-    index = [source.header.index(place.column) for place in places]
-    return csv_batches(
-        label, path, source.header, source.separator, source.skip, index, lenient=lenient
-    )
+    return source.file.batches(places, lenient=lenient)
 
 
 def read_columns(source: Source, names: Sequence[str], *, lenient: bool = False) -> Array:
@@ -161,22 +154,7 @@ def read_columns(source: Source, names: Sequence[str], *, lenient: bool = False)
 
 def read_texts(source: Source, names: Sequence[str]) -> dict[str, pl.Series]:
     """Read some columns as they are: text from CSV, whatever type from Parquet."""
-    import polars as pl
-
-    if not names:
-        return {}
-    if not source.separator:
-        with parquet_errors(source.label):
-            frame = pl.read_parquet(source.path, columns=list(names), glob=False)
-        return {name: frame[name] for name in names}
-    index = [source.header.index(name) for name in names]
-    texts: list[list[str]] = [[] for _ in names]
-    with source.path.open("rb") as file:
-        for line, row in csv_rows(source.label, file, source.separator):
-            if line > source.skip:
-                for cells, i in zip(texts, index, strict=True):
-                    cells.append(row[i] if i < len(row) else "")
-    return {n: pl.Series(n, cells, pl.String) for n, cells in zip(names, texts, strict=True)}
+    return source.file.texts(names) if names else {}
 
 
 def _place(source: Source, name: str) -> Place:
@@ -195,11 +173,6 @@ def _place(source: Source, name: str) -> Place:
     if count > 1:
         raise LogError(
             f"{source.label} has {count} columns {quoted(place.column)}: rename all but one"
-        )
-    if source.separator and place.element is not None:
-        raise LogError(
-            f"{source.label} is CSV, which has no lists: there is a column "
-            f"{quoted(place.column)} but none {quoted(name)}; lists are read from Parquet"
         )
     return place
 

@@ -6,14 +6,20 @@ import csv
 import io
 from array import array
 from collections.abc import Iterator, Sequence
+from dataclasses import dataclass
 from pathlib import Path
-from typing import IO
+from typing import IO, TYPE_CHECKING
 
 import numpy as np
 from numpy.typing import NDArray
 
+from ..common.wording import quoted
 from ..errors import LogError
 from .cells import parse_cell
+from .places import Place
+
+if TYPE_CHECKING:
+    import polars as pl
 
 Array = NDArray[np.float64]
 
@@ -23,67 +29,114 @@ BLOCK = 1 << 23
 COMMENT = b"# calib "
 """Begins a line above the header that says what holds for all rows."""
 
+_LONGEST_HEADER = 1 << 20  # [bytes]; a file without line ends must not fill the memory
 _ROWS = 1 << 16  # rows of a batch that is read cell by cell
 
 
-def csv_batches(
-    label: str,
-    path: Path,
-    header: Sequence[str],
-    separator: str,
-    skip: int,
-    index: Sequence[int],
-    *,
-    lenient: bool = False,
-) -> Iterator[Array]:
-    """Read some columns as numbers, some rows at a time.
+@dataclass(frozen=True)
+class CsvFile:
+    """A CSV file, of which the header is read.
 
-    Parameters
+    Attributes
     ----------
     label : str
         What errors call the file.
     path : Path
         The file.
-    header : sequence of str
-        Names of all columns.
+    header : tuple of str
+        Names of the columns.
     separator : str
         Between the fields of a row.
     skip : int
         Lines up to the end of the header.
-    index : sequence of int
-        The columns wanted.
-    lenient : bool
-        Whether text in a number's place is NaN rather than an error.
-
-    Yields
-    ------
-    (n, len(index)) array
-        The next rows, NaN where a value is missing. Blank lines are no rows.
+    comments : tuple of str
+        Lines of comment above the header.
     """
-    careful = _Careful(label, header, separator, index, lenient)
-    with path.open("rb") as file:
-        start = [file.readline() for _ in range(skip)]
-        comments = all(line.startswith(COMMENT) for line in start[:-1])
-        # a header of several lines, or one that only a carriage return ends
-        if not comments or b"\r" in start[-1].rstrip(b"\r\n"):
-            file.seek(0)
-            yield from careful.batches(file, 0, 0, skip)
-            return
-        rows, lines = 0, skip
-        while block := _next_block(label, file):
-            values = _read_plain(block, len(header), separator, index)
-            if values is not None:
-                yield values
-                rows += len(values)
-            elif b'"' in block:  # which may hold line ends: no later block begins a row for sure
-                file.seek(-len(block), io.SEEK_CUR)
-                yield from careful.batches(file, rows, lines)
+
+    label: str
+    path: Path
+    header: tuple[str, ...]
+    separator: str
+    skip: int
+    comments: tuple[str, ...]
+
+    def batches(self, places: Sequence[Place], *, lenient: bool) -> Iterator[Array]:
+        """Yield (n, len(places)) arrays, NaN where a value is missing; blank lines are no rows."""
+        for place in places:
+            if place.element is not None:
+                raise LogError(
+                    f"{self.label} is CSV, which has no lists: there is a column "
+                    f"{quoted(place.column)} but none {quoted(place.name)}; lists are read from "
+                    "Parquet"
+                )
+        return self._batches([self.header.index(place.column) for place in places], lenient)
+
+    def texts(self, names: Sequence[str]) -> dict[str, pl.Series]:
+        """Read columns as they are, as text."""
+        import polars as pl
+
+        index = [self.header.index(name) for name in names]
+        texts: list[list[str]] = [[] for _ in names]
+        with self.path.open("rb") as file:
+            for line, row in csv_rows(self.label, file, self.separator):
+                if line > self.skip:
+                    for cells, i in zip(texts, index, strict=True):
+                        cells.append(row[i] if i < len(row) else "")
+        return {n: pl.Series(n, cells, pl.String) for n, cells in zip(names, texts, strict=True)}
+
+    def about(self) -> str:
+        """Return what the comments say of all rows, as JSON."""
+        mark = COMMENT.decode()
+        return next((c[len(mark) :] for c in self.comments if c.startswith(mark)), "{}")
+
+    def _batches(self, index: Sequence[int], lenient: bool) -> Iterator[Array]:
+        careful = _Careful(self.label, self.header, self.separator, index, lenient)
+        with self.path.open("rb") as file:
+            start = [file.readline() for _ in range(self.skip)]
+            comments = all(line.startswith(COMMENT) for line in start[:-1])
+            # a header of several lines, or one that only a carriage return ends
+            if not comments or b"\r" in start[-1].rstrip(b"\r\n"):
+                file.seek(0)
+                yield from careful.batches(file, 0, 0, self.skip)
                 return
-            else:
-                for values in careful.batches(io.BytesIO(block), rows, lines):
+            rows, lines = 0, self.skip
+            while block := _next_block(self.label, file):
+                values = _read_plain(block, len(self.header), self.separator, index)
+                if values is not None:
                     yield values
                     rows += len(values)
-            lines += block.count(b"\n")
+                elif (
+                    b'"' in block
+                ):  # which may hold line ends: no later block begins a row for sure
+                    file.seek(-len(block), io.SEEK_CUR)
+                    yield from careful.batches(file, rows, lines)
+                    return
+                else:
+                    for values in careful.batches(io.BytesIO(block), rows, lines):
+                        yield values
+                        rows += len(values)
+                lines += block.count(b"\n")
+
+
+def open_csv(label: str, path: Path) -> CsvFile:
+    """Find the header of a CSV file, below its comments, and what stands between the fields."""
+    with path.open("rb") as file:
+        start, comments = file.readline(_LONGEST_HEADER), []
+        while start.startswith(COMMENT):
+            comments.append(start.decode("utf-8", "replace").strip())
+            start = file.readline(_LONGEST_HEADER)
+        if len(start) == _LONGEST_HEADER:
+            raise LogError(
+                f"{label} has no line end in its first megabyte: expected CSV or Parquet"
+            )
+        separator = max(",;\t", key=lambda mark: start.count(mark.encode()))
+        file.seek(0)
+        for _ in comments:
+            file.readline()
+        for line, row in csv_rows(label, file, separator, len(comments)):
+            header = tuple(name.strip() for name in row)
+            return CsvFile(label, path, header, separator, line, tuple(comments))
+    raise LogError(f"{label} is empty: expected a header with the names of the columns")
 
 
 def csv_rows(

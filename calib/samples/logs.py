@@ -6,37 +6,31 @@ import math
 import os
 from collections.abc import Mapping, Sequence
 from dataclasses import replace
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from numpy.typing import NDArray
 
 from ..errors import LogError, OptionError
-from .columns import Source, open_source, read_batches
+from .camera import camera_of
+from .columns import Source, open_source
 from .log_ranges import ChosenRange, JointColumn, Range
 from .measured_rows import MeasuredRows
 from .orientations import QUATERNION, from_angles, unit_quaternions
 from .places import find_place
 from .plausibility import check_against_robot, check_flat
-from .reservoir import Reservoir
-from .roles import check_names, find_roles
+from .reservoir import HELD_ROWS, Reservoir
+from .roles import PIXELS, check_names, find_roles, sees_pixels
 from .samples import Samples
-from .tables import unit_of, write_table
+from .tables import about_source, unit_of, write_table
 
 if TYPE_CHECKING:
     from ..arm.arm import Arm
 
 Array = NDArray[np.float64]
 
-MOST_ROWS = 200_000
-"""Rows of a log that are held; of a longer one so many are drawn."""
-
 _THICK = 0.02
 """Out-of-plane share of the positions' spread from which on an unknown arm moves in space."""
-
-_STANDS = {True: math.radians(5.0), False: 2e-2}  # further it takes part [rad, m]
-_SOME = 0.02  # share of rows in which it may do so: wrong readings
-_STILL = {True: math.radians(0.5), False: 1e-3}  # a locked joint may move [rad, m]
 
 
 def read_log(
@@ -49,10 +43,11 @@ def read_log(
     unit: str | None = None,
     ranges: Mapping[str, Range] | None = None,
     prismatic: Sequence[str] = (),
-    most: int = MOST_ROWS,
+    most: int = HELD_ROWS,
     seed: int = 0,
     usual: Mapping[str, str] | None = None,
     outputs: int | None = None,
+    lens: Mapping[str, Any] | None = None,
 ) -> Samples:
     """Read a measured log: one column for each joint, and x, y or x, y, z.
 
@@ -92,6 +87,8 @@ def read_log(
     outputs : {2, 3}, optional
         Coordinates that a position has, as a model of this arm has them; without it, and
         without an arm, x, y, z that lie in a plane become two.
+    lens : mapping, optional
+        The calibrated lens of a camera that sees an arm in space, as lens.json holds it.
 
     Returns
     -------
@@ -114,7 +111,11 @@ def read_log(
         raise OptionError(f"most is {most!r}, expected a whole number of rows, 2 or more")
     source = open_source(path)
     columns = {**_there(source, usual or {}), **(columns or {})}
-    unit = unit or unit_of(source)
+    about = about_source(source)
+    if sees_pixels(source.header, columns, arm.joint_names if arm else joints or ()):
+        columns |= PIXELS
+        unit = unit or "px"
+    unit = unit or unit_of(about)
     roles = find_roles(source, arm, joints, columns)
     names, axes = roles.joints, roles.axes
     if arm is not None and arm.outputs > len(axes) and unit != "px":  # a camera sees two
@@ -162,8 +163,8 @@ def read_log(
             degrees=degrees,
             rows=rows,
         )
-        q[:, k], (lower[k], upper[k]), said = column.settle()
-        notes += said
+        q[:, k], (lower[k], upper[k]), more = column.settle()
+        notes += more
     x = np.ascontiguousarray(values[:, len(names) : len(names) + len(axes)])
     orientation = _orientation(values[:, len(names) + len(axes) :], roles.turns, degrees, source)
     plane = rms = None
@@ -179,6 +180,12 @@ def read_log(
             f"plane fitted to x, y, z: x along {_vector(plane.x)}, y along {_vector(plane.y)}, "
             f"origin {_vector(plane.origin)}, out-of-plane rms {rms:.4g} {unit}"
         )
+    camera = None
+    if arm is not None and arm.outputs == 3 and len(axes) == 2:
+        camera = camera_of(about if lens is None else {"lens": lens}, x)
+        notes += [camera.note] if camera.note else []
+    elif lens is not None:
+        raise OptionError("`lens` is for pixels of an arm in space: expected columns u and v")
     if arm is not None:
         notes += check_against_robot(
             source.label, arm, q, x, unit, names, fitted_plane=plane is not None
@@ -197,8 +204,10 @@ def read_log(
         plane=plane,
         out_of_plane_rms=rms,
         orientation=None if plane is not None else orientation,
-        columns=dict(columns or {}),
+        columns=columns,
         degrees=degrees and any(revolute),
+        camera=camera,
+        source=about,
     )
 
 
@@ -227,78 +236,6 @@ def write_log(samples: Samples, path: str | os.PathLike[str]) -> None:
     turns = samples.orientation
     parts = {} if turns is None else {part: turns[:, k] for k, part in enumerate(QUATERNION)}
     write_table(path, {**joints, **positions, **parts})
-
-
-def locked_from_log(
-    path: str | os.PathLike[str] | Source,
-    names: Sequence[str],
-    *,
-    columns: Mapping[str, str] | None = None,
-    degrees: bool = False,
-    prismatic: Sequence[str] = (),
-) -> tuple[dict[str, float], tuple[str, ...]]:
-    """Find where the locked joints stood while a log was recorded.
-
-    Parameters
-    ----------
-    path : path-like or Source
-        CSV or Parquet.
-    names : sequence of str
-        Joints that are not active. Those without a column are passed over.
-    columns : mapping of str to str, optional
-        Other names of columns.
-    degrees : bool
-        Whether joints that turn are logged in degrees.
-    prismatic : sequence of str
-        Which of the joints slide.
-
-    Returns
-    -------
-    values : dict of str to float [rad or m]
-        The median of each joint's column, for `load_arm(..., lock=values)`.
-    notes : tuple of str
-        A warning for each joint that moved more than 0.5 deg or 1 mm from it.
-    """
-    source = open_source(path)
-    used = {name: (columns or {}).get(name, name) for name in names}
-    found = [name for name in names if used[name] != name or find_place(source.header, name)]
-    if not found:
-        return {}, ()
-    reservoirs = [Reservoir(MOST_ROWS, extremes=1) for _ in found]
-    row = 0
-    for batch in read_batches(source, [used[name] for name in found]):
-        numbers = np.arange(row, row + len(batch))
-        row += len(batch)
-        for reservoir, column in zip(reservoirs, batch.T, strict=True):
-            there = np.isfinite(column)
-            reservoir.add(column[there, None], numbers[there])
-    values, notes = {}, []
-    for name, reservoir in zip(found, reservoirs, strict=True):
-        recorded = reservoir.rows()[0].ravel()
-        if not len(recorded):
-            continue
-        turns = name not in prismatic
-        if turns and degrees:
-            recorded = np.deg2rad(recorded)
-        values[name] = float(np.median(recorded))
-        moved = float(np.abs(recorded - values[name]).max())
-        away = float(np.mean(np.abs(recorded - values[name]) > _STANDS[turns]))
-        if away > _SOME:
-            shown = f"{math.degrees(moved):.3g} deg" if turns else f"{1e3 * moved:.3g} mm"
-            raise LogError(
-                f"{source.label}: {name} is locked but moved by up to {shown} (row "
-                f"{_furthest(reservoir, values[name], turns and degrees)})",
-                hint="name it in `joints` too, or leave out the rows in which it moved",
-                parameter="joints",
-                value=name,
-            )
-        if moved > _STILL[turns]:
-            shown = f"{math.degrees(moved):.3g} deg" if turns else f"{1e3 * moved:.3g} mm"
-            notes.append(
-                f"{source.label}: {name} is taken as locked but moved by up to {shown}; "
-                "leave out those rows, or name it in `joints`"
-            )
-    return values, tuple(notes)
 
 
 def _in_space(x: Array, arm: Arm | None) -> bool:
@@ -331,13 +268,6 @@ def _revolute(arm: Arm | None, names: Sequence[str], prismatic: Sequence[str]) -
                 value=name,
             )
     return tuple(name not in prismatic for name in names)
-
-
-def _furthest(reservoir: Reservoir, middle: float, degrees: bool) -> int:
-    """Number of the row in which a joint is furthest from a value [rad or m]."""
-    values, numbers = reservoir.rows()
-    column = np.deg2rad(values[:, 0]) if degrees else values[:, 0]
-    return int(numbers[int(np.argmax(np.abs(column - middle)))]) + 1
 
 
 def _there(source: Source, usual: Mapping[str, str]) -> dict[str, str]:

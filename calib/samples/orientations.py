@@ -14,6 +14,8 @@ QUATERNION = ("qx", "qy", "qz", "qw")
 ANGLES = ("roll", "pitch", "yaw")
 #: A quaternion's length may differ from 1 by this much: files round to a few digits.
 _ROUNDING = 0.01
+#: Roll, pitch and yaw beyond it [rad] are in another unit.
+_MOST = 2 * np.pi + 0.1
 
 
 def unit_quaternions(values: Array, label: str) -> Array:
@@ -42,6 +44,18 @@ def from_angles(angles: Array) -> Array:
     """Unit quaternions (n, 4) of roll, pitch and yaw (n, 3) [rad].
 
     As in URDF: turns about the fixed x, then y, then z axis.
+
+    Raises
+    ------
+    LogError
+        If they are beyond a turn: they are in degrees.
     """
+    most = float(np.abs(angles).max(initial=0.0))
+    if most > _MOST:
+        raise LogError(
+            f"roll, pitch and yaw reach {most:.4g}, in rad more than a turn",
+            hint="convert them to rad, or give `degrees=True` if all angles are in degrees",
+            parameter="degrees",
+        )
     x, y, z = (exponential(angles[:, k, None] * np.eye(3)[k]) for k in range(3))
     return quaternion_of(z @ y @ x)

@@ -6,6 +6,7 @@ import os
 import sys
 from collections.abc import Iterator, Mapping, Sequence
 from contextlib import contextmanager, suppress
+from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -21,6 +22,9 @@ if TYPE_CHECKING:
 
 Array = NDArray[np.float64]
 
+KEY = "calib"
+"""Names the entry of the metadata that says what holds for all rows."""
+
 BATCH = 1 << 18
 """Rows of a Parquet file that are held at once."""
 
@@ -28,35 +32,53 @@ ELEMENTS = 1 << 24
 """Elements of a column of lists that are held at once."""
 
 
-def parquet_header(label: str, path: Path) -> tuple[str, ...]:
-    """Return the names of the columns."""
-    import polars as pl
+@dataclass(frozen=True)
+class ParquetFile:
+    """A Parquet file, of which the header is read; its columns may hold lists.
 
-    with parquet_errors(label):
-        return tuple(pl.read_parquet_schema(path))
-
-
-def parquet_batches(
-    label: str, path: Path, places: Sequence[Place], *, lenient: bool = False
-) -> Iterator[Array]:
-    """Read some columns as numbers, some rows at a time.
-
-    Parameters
+    Attributes
     ----------
     label : str
         What errors call the file.
     path : Path
         The file.
-    places : sequence of Place
-        The columns, or elements of lists, wanted; the columns exist.
-    lenient : bool
-        Whether text in a number's place is NaN rather than an error.
-
-    Yields
-    ------
-    (n, len(places)) array
-        The next rows, NaN where a value, or a whole list, is missing.
+    header : tuple of str
+        Names of the columns.
     """
+
+    label: str
+    path: Path
+    header: tuple[str, ...]
+
+    def batches(self, places: Sequence[Place], *, lenient: bool) -> Iterator[Array]:
+        """Yield (n, len(places)) arrays, NaN where a value, or a whole list, is missing."""
+        return _batches(self.label, self.path, places, lenient)
+
+    def texts(self, names: Sequence[str]) -> dict[str, pl.Series]:
+        """Read columns as they are, of whatever type."""
+        import polars as pl
+
+        with parquet_errors(self.label):
+            frame = pl.read_parquet(self.path, columns=list(names), glob=False)
+        return {name: frame[name] for name in names}
+
+    def about(self) -> str:
+        """Return what the file says of all its rows, as JSON."""
+        import polars as pl
+
+        read = getattr(pl, "read_parquet_metadata", None)  # of newer versions
+        return str(read(self.path).get(KEY, "{}")) if read else "{}"
+
+
+def open_parquet(label: str, path: Path) -> ParquetFile:
+    """Read the names of a Parquet file's columns."""
+    import polars as pl
+
+    with parquet_errors(label):
+        return ParquetFile(label, path, tuple(pl.read_parquet_schema(path)))
+
+
+def _batches(label: str, path: Path, places: Sequence[Place], lenient: bool) -> Iterator[Array]:
     import polars as pl
 
     with parquet_errors(label):

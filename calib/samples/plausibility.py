@@ -72,7 +72,8 @@ def check_against_robot(
     Raises
     ------
     LogError
-        For another unit of length than was said, and for exchanged columns of joints.
+        For another unit of length than was said, for exchanged columns of joints and, of an arm
+        in space, for a joint that counts the other way.
     """
     if len(q) < 8:
         return []
@@ -87,6 +88,8 @@ def check_against_robot(
     notes = []
     if own > _GOOD * extent:
         _check_order(label, arm, some, seen, own, names)
+        if arm.outputs == 3:  # the body of a planar arm learns the signs
+            _check_signs(label, arm, some, seen, own, names)
     own = max(own, 1e-12 * extent)
     flipped = nominal * np.where(np.arange(nominal.shape[1]) == 0, -1.0, 1.0)
     if unit == "m" and not fitted_plane and misfit(flipped, seen) < _CLEAR * own:
@@ -97,8 +100,9 @@ def check_against_robot(
     lag = lag_of(arm, q, x)
     if lag:
         side = "follow" if lag > 0 else "precede"
+        rows_apart = "1 row" if abs(lag) == 1 else f"{abs(lag)} rows"
         notes.append(
-            f"{label}: the positions {side} the joints by {abs(lag)} rows: align the two in time "
+            f"{label}: the positions {side} the joints by {rows_apart}: align the two in time "
             "before the log is written"
         )
     return notes
@@ -116,17 +120,21 @@ def misfit(a: Array, b: Array) -> float:
 
 
 def lag_of(arm: Arm, q: Array, x: Array) -> int:
-    """Return by how many rows positions follow the joints, 0 where no shift fits far better."""
+    """Return by how many rows positions follow the joints, 0 where no shift fits far better.
+
+    Rows along a path fit nearly as well a row later; poses in any order fit not at all.
+    """
     n = len(q)
     most = min(_LAGS, n // 5)
-    step = np.median(np.abs(np.diff(q, axis=0)), axis=0)
-    if most < 1 or float(np.max(step / np.maximum(np.ptp(q, axis=0), 1e-12))) > _PATH:
+    if most < 1:
         return 0
+    step = np.median(np.abs(np.diff(q, axis=0)), axis=0)
+    path = float(np.max(step / np.maximum(np.ptp(q, axis=0), 1e-12))) <= _PATH
     nominal = arm.forward(q)
     rows = np.linspace(most, n - 1 - most, min(n - 2 * most, _ROWS)).round().astype(np.intp)
     found = {shift: misfit(nominal[rows - shift], x[rows]) for shift in range(-most, most + 1)}
     best = min(found, key=lambda shift: (found[shift], abs(shift)))
-    return best if found[best] < 0.5 * found[0] else 0
+    return best if found[best] < (0.5 if path else _CLEAR) * found[0] else 0
 
 
 def check_flat(label: str, x: Array, distance: Array, unit: str, rows: NDArray[np.intp]) -> None:
@@ -203,3 +211,21 @@ def _check_order(
             parameter="columns",
             value=list(pairs),
         )
+
+
+def _check_signs(
+    label: str, arm: Arm, q: Array, x: Array, own: float, names: Sequence[str]
+) -> None:
+    """Refuse a log that fits once one or two joints count the other way."""
+    joints = range(q.shape[1])
+    for some in [(k,) for k in joints] + list(itertools.combinations(joints, 2)):
+        turned = q.copy()
+        turned[:, some] *= -1.0
+        if misfit(arm.forward(turned), x) < _CLEAR * own:
+            reversed_ones = " and ".join(names[k] for k in some)
+            raise LogError(
+                f"{label}: the log fits the robot only if {reversed_ones} counts the other way",
+                hint="its encoder or servo is reversed: change the sign of its column",
+                parameter="joints",
+                value=[names[k] for k in some],
+            )

@@ -8,6 +8,9 @@ from numpy.typing import NDArray
 Array = NDArray[np.float64]
 Numbers = NDArray[np.intp]
 
+HELD_ROWS = 200_000
+"""Rows of a log that are held in memory; of a longer one so many are drawn."""
+
 
 class Reservoir:
     """Keeps the rows with the smallest of random keys, and those where a column is extreme.

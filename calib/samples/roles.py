@@ -14,6 +14,8 @@ if TYPE_CHECKING:
     from ..arm.arm import Arm
 
 POSITION = ("x", "y", "z")
+#: Columns of pixels, where a log has no x and y.
+PIXELS = {"x": "u", "y": "v"}
 
 
 @dataclass(frozen=True)
@@ -110,6 +112,14 @@ def _orientation(
                 value=asked[0],
             )
     return ()
+
+
+def sees_pixels(
+    header: Sequence[str], columns: Mapping[str, str], joints: Sequence[str] = ()
+) -> bool:
+    """Whether positions are the columns u and v, because none is named x, y or z."""
+    others = set(POSITION) & {*header, *columns}
+    return not others and set(PIXELS.values()) <= {*header} - {*joints}
 
 
 def parse_columns(text: str) -> dict[str, str]:

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -16,6 +16,7 @@ from ..errors import LogError
 if TYPE_CHECKING:
     from ..arm.arm import Arm
     from ..arm.plane import Plane
+    from .camera import Camera
     from .simulation import Simulation
 
 Array = NDArray[np.float64]
@@ -61,6 +62,10 @@ class Samples:
         Columns of the log that have other names than what they hold.
     degrees : bool
         Whether the log has its turning joints in degrees; `q` is in rad all the same.
+    camera : Camera or None
+        Of pixels of an arm that moves in space, what is known of the camera.
+    source : dict
+        What the log says of itself, as `calib log` writes it above the columns.
 
     Raises
     ------
@@ -90,6 +95,8 @@ class Samples:
     orientation: Array | None = field(default=None, repr=False)
     columns: Mapping[str, str] = field(default_factory=dict, repr=False)
     degrees: bool = False
+    camera: Camera | None = field(default=None, repr=False)
+    source: Mapping[str, Any] = field(default_factory=dict, repr=False)
 
     def __post_init__(self) -> None:
         axes = ("x", "y", "z") if "z" in column_names(self.x) else ("x", "y")
@@ -119,6 +126,16 @@ class Samples:
     def axes(self) -> tuple[str, ...]:
         """Names of a position's coordinates: x and y, and z in space."""
         return ("x", "y", "z")[: self.x.shape[1]]
+
+    @property
+    def shared(self) -> float:
+        """Standard deviation along each axis that all rows share [unit].
+
+        Where a camera sees a board, that is how well the board was found.
+        """
+        value = self.source.get("noise_of_reference", 0.0)
+        known = isinstance(value, (int, float)) and 0.0 <= value < LARGEST
+        return float(value) if known else 0.0
 
     def take(self, index: ArrayLike | slice) -> Samples:
         """Return the rows that `index` picks, as a slice, row numbers or a mask of rows.

@@ -18,6 +18,7 @@ from ..common.atomic import atomic_write
 from ..common.wording import listed, printable
 from .columns import PARQUET, Source, open_source, read_columns, read_texts
 from .csv_rows import COMMENT
+from .parquet import KEY
 from .places import find_place
 
 if TYPE_CHECKING:
@@ -26,7 +27,6 @@ if TYPE_CHECKING:
 Array = NDArray[np.float64]
 
 _MARK = COMMENT.decode()
-_KEY = "calib"  # of the metadata
 
 
 @dataclass(frozen=True, eq=False)
@@ -164,7 +164,7 @@ def write_table(
     elif Path(path).suffix.lower() in PARQUET:
         # by way of memory: what Polars says of a full disk is no OSError
         content = io.BytesIO()
-        metadata = {_KEY: json.dumps(about, sort_keys=True)} if about else None
+        metadata = {KEY: json.dumps(about, sort_keys=True)} if about else None
         try:
             frame.write_parquet(content, metadata=metadata)
         except TypeError:  # an older Polars keeps none
@@ -185,24 +185,16 @@ def read_about(path: str | os.PathLike[str]) -> dict[str, Any]:
     return {} if os.fspath(path) == "-" else about_source(open_source(path))
 
 
-def unit_of(source: Source) -> str:
-    """Return the unit that a table states for its positions, else "m"."""
-    unit = about_source(source).get("unit")
+def unit_of(about: Mapping[str, Any]) -> str:
+    """Return the unit that a table states for its positions, else "m"; see `about_source`."""
+    unit = about.get("unit")
     return unit if isinstance(unit, str) and unit else "m"
 
 
 def about_source(source: Source) -> dict[str, Any]:
     """Return what holds for all rows of a table that is open; see `read_about`."""
-    if source.separator:
-        line = next((c for c in source.comments if c.startswith(_MARK)), _MARK + "{}")
-        text = line[len(_MARK) :]
-    else:
-        import polars as pl
-
-        read = getattr(pl, "read_parquet_metadata", None)  # of newer versions
-        text = read(source.path).get(_KEY, "{}") if read else "{}"
     try:
-        about = json.loads(text)
+        about = json.loads(source.file.about())
     except ValueError:
         return {}
     return about if isinstance(about, dict) else {}

@@ -11,6 +11,7 @@ from numpy.typing import NDArray
 if TYPE_CHECKING:
     from ..maps.map import Map
     from ..model.model import Model
+    from ..samples.samples import Samples
 
 Array = NDArray[np.float64]
 
@@ -134,3 +135,24 @@ def level_lines(x: Array, y: Array, values: Array, level: float) -> Array:
     if four.any():  # a saddle: join neighbouring sides
         pieces += [where[four][:, [0, 1]], where[four][:, [2, 3]]]
     return np.concatenate(pieces) if pieces else np.empty((0, 2, 2))
+
+
+def training_positions(model: Model, samples: Samples | None) -> tuple[Array, str]:
+    """Positions (n, m) that a model learned from, as far as they can be had."""
+    if samples is not None:
+        return np.asarray(samples.x), "rows of the log"
+    from ..training.evaluate import simulation_of
+
+    simulation = simulation_of(model)
+    if simulation is None:
+        return np.empty((0, len(model.axes))), ""
+    from ..samples.babbling import babble
+
+    drawn = babble(
+        simulation.arm,
+        model.about.samples,
+        seed=model.about.seed,
+        noise=simulation.noise,
+        changes=simulation.changes,
+    )
+    return np.asarray(drawn.x), "babbled positions"

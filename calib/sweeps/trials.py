@@ -10,7 +10,7 @@ from typing import Any
 
 import numpy as np
 
-from ..maps.association import READOUTS
+from ..common.choices import READOUTS
 
 _STATISTICS = ("mean", "p99", "max")
 

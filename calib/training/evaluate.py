@@ -9,7 +9,10 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import NDArray
 
+from ..arm.rotations import logarithm, matrix_of
+from ..body.poses import knows_orientation
 from ..errors import LogError, OptionError
+from ..model.space import Space
 
 if TYPE_CHECKING:
     from ..model.model import Model
@@ -130,8 +133,11 @@ def evaluate_residuals(
     )
 
 
-def summarise(residuals: Residuals) -> dict[str, Any]:
-    """Mean, largest and 99th percentile of the absolute errors, per readout and direction."""
+def summarise(residuals: Residuals, turned: Array | None = None) -> dict[str, Any]:
+    """Mean, largest and 99th percentile of the absolute errors, per readout and direction.
+
+    `turned` (k,) are errors of the orientation [rad], which the body predicts.
+    """
     table: dict[str, Any] = {}
     for readout, gap in residuals.forward.items():
         table[readout] = {
@@ -147,6 +153,8 @@ def summarise(residuals: Residuals) -> dict[str, Any]:
                 "distance": figures(residuals.distance[readout]),
             },
         }
+        if turned is not None and readout in ("local", "body"):
+            table[readout]["forward"]["orientation"] = figures(turned)
     return table
 
 
@@ -212,8 +220,9 @@ def evaluate(model: Model, samples: Samples | None = None) -> Evaluation:
             )
         residuals = evaluate_residuals(model, samples.q, samples.x, None)
         joined = Residuals.join([residuals])
+        turned = _turned(model, samples)
         return Evaluation(
-            summarise(joined), len(joined.q), joined.left_out, "measured rows of the log"
+            summarise(joined, turned), len(joined.q), joined.left_out, "measured rows of the log"
         )
     simulation = simulation_of(model)
     if simulation is None:
@@ -226,12 +235,27 @@ def evaluate(model: Model, samples: Samples | None = None) -> Evaluation:
     )
 
 
+def _turned(model: Model, samples: Samples) -> Array | None:
+    """Errors (n,) of the orientation [rad], None where it is not measured or not known."""
+    if samples.orientation is None or not knows_orientation(model.body):
+        return None
+    space = Space.of(model)
+    predicted = space.to_sensor(*space.evaluate(samples.q)[:2])[1]
+    left = matrix_of(samples.orientation) @ np.swapaxes(predicted, 1, 2)
+    known = np.isfinite(model.forward(samples.q)).all(axis=1)
+    return np.asarray(np.linalg.norm(logarithm(left[known]), axis=1))
+
+
 def fresh_residuals(model: Model, simulation: Simulation) -> Residuals:
     """Residuals on 10,000 true positions of the simulated arm that training never saw."""
-    stream = np.random.SeedSequence(model.about.seed, spawn_key=(_STREAM,))
-    rng = np.random.default_rng(stream)
+    return evaluate_residuals(model, *fresh_points(simulation, model.about.seed), simulation.exact)
+
+
+def fresh_points(simulation: Simulation, seed: int) -> tuple[Array, Array]:
+    """Joints (n, dof) and true positions (n, 2) of the 10,000 points that test a seed's models."""
+    rng = np.random.default_rng(np.random.SeedSequence(seed, spawn_key=(_STREAM,)))
     q = simulation.draw(_SAMPLES, rng)
-    return evaluate_residuals(model, q, simulation.true(q, rng), simulation.exact)
+    return q, simulation.true(q, rng)
 
 
 def simulation_of(model: Model) -> Simulation | None:

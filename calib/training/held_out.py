@@ -7,7 +7,7 @@ from dataclasses import replace
 import numpy as np
 from numpy.typing import NDArray
 
-from ..maps.association import MAP_READOUTS
+from ..common.choices import MAP_READOUTS
 from ..maps.model_selection import Selected
 from ..model.model import Model
 from ..samples.samples import Samples
@@ -75,6 +75,13 @@ def held_out_residuals(
 def tested_rows(part: SmoothPart) -> NDArray[np.intp]:
     """Rows of the smooth part that errors are measured on, evenly spread over the log."""
     return np.arange(0, len(part.rows), max(1, len(part.rows) // _TESTED))
+
+
+def turned_of(part: SmoothPart) -> Array | None:
+    """Held-out errors of orientation (k,) [rad] of those rows, None where it was not measured."""
+    if part.fit is None or part.fit.turned is None:
+        return None
+    return part.fit.turned[tested_rows(part)]
 
 
 def _answered(model: Model, q: Array, error: Array) -> tuple[Array, Array]:

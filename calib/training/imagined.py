@@ -12,12 +12,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 from .learn import Options
-from .smooth import SmoothPart
+from .smooth import LEARNED_ROWS, SmoothPart
 
 Array = NDArray[np.float64]
 
 _PER_NODE = 5  # imagined samples for each motor node
-_MOST_ROWS = 50_000  # measured rows that the maps learn from
 
 
 def with_imagined(u: Array, x: Array, part: SmoothPart, options: Options) -> tuple[Array, Array]:
@@ -38,7 +37,7 @@ def with_imagined(u: Array, x: Array, part: SmoothPart, options: Options) -> tup
     """
     if not options.taught or part.fit is None:
         return u, x
-    every = -(-len(u) // _MOST_ROWS)
+    every = -(-len(u) // LEARNED_ROWS)
     rng = np.random.default_rng(options.stream("imagined"))
     drawn = rng.random((_PER_NODE * math.prod(options.motor_size), u.shape[1]))
     seen = part.candidates[0].smooth.value(drawn)

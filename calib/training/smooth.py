@@ -6,31 +6,30 @@ varying density may need to know where it is wrong.
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
 
-from ..body.fitting import METRES, fit_body
+from ..body.fitting import fit_body
 from ..body.nominal import Nominal, nominal_of
-from ..body.posterior import BodyFit, fit_structure
-from ..body.telling import warnings_of
+from ..body.posterior import BodyFit
 from ..common.scale import Scale
 from ..errors import OptionError
 from ..maps.misfit import misfit
 from ..maps.model_selection import Candidate, of_body, of_trends
 from ..maps.predictor import BodyInBox, Both, Predictor
 from ..samples.samples import Samples
+from .in_space import fit_in_space, sees_from_anywhere
 
 Array = NDArray[np.float64]
 
-MOST_ROWS = 50_000
+LEARNED_ROWS = 50_000
 """Rows of a log that the smooth part and the local models rest on."""
 
 _RAYLEIGH = {2: 1.2533, 3: 1.5958}  # mean length of a Gaussian vector of standard deviation 1
 _NOISE_FLOOR = 1.2  # a held-out error within this factor of the noise leaves nothing to mend
 _EXACT = 3e-8  # share of the extent that is nothing to mend in a simulation without noise
-_SPATIAL_VIEWS = ("auto", "base", "rigid", "similarity")
 _NO_ARM = 0.02  # share of the extent: a body that is further off is compared with trends
 _EXACT_LOG = 1e-6  # share of the extent below which a log leaves nothing to mend
 _MUCH_BETTER = 0.2  # of a body's error: what a trend around it has to reach
@@ -75,7 +74,7 @@ def find_smooth_part(
     seed : int
         Chooses rows where there are many.
     """
-    every = -(-len(samples) // MOST_ROWS)
+    every = -(-len(samples) // LEARNED_ROWS)
     rows = np.arange(0, len(samples), every)
     q, x = samples.q[rows], samples.x[rows]
     u = scale.to_unit(q)
@@ -84,8 +83,8 @@ def find_smooth_part(
         return SmoothPart((), None, rows)  # the maps and their links stand alone
     simulation = samples.simulation
     fit = (
-        _in_space(samples, q, x, view, seed)
-        if x.shape[1] == 3
+        fit_in_space(samples, rows, view, seed)
+        if sees_from_anywhere(samples, view) or x.shape[1] == 3
         else _planar(samples, q, x, view, seed)
     )
     under = of_body(fit, scale, u, x)
@@ -105,6 +104,8 @@ def find_smooth_part(
             best = min((*around, *alone), key=_held_out_error)
             if _held_out_error(best) < _MUCH_BETTER * error:
                 return SmoothPart((best,), fit if any(best is c for c in around) else None, rows)
+            rivals = (replace(trend, rival=_MUCH_BETTER) for trend in alone)
+            return SmoothPart((under, *rivals), fit, rows)
         return SmoothPart((under,), fit, rows)
     better = [
         trend
@@ -150,38 +151,6 @@ def _planar(samples: Samples, q: Array, x: Array, view: str, seed: int) -> BodyF
     )
 
 
-def _in_space(samples: Samples, q: Array, x: Array, view: str, seed: int) -> BodyFit:
-    """Fit the body of an arm in space to rows (n, dof) and (n, 3).
-
-    A log's URDF is the prior of its geometry; without one, and in simulation, a chain of
-    which only the joints are known is found from the rows.
-    """
-    from ..arm.spatial_arm import SpatialArm
-    from ..body.spatial import structure_of
-    from ..body.spatial_random import unknown_structure
-
-    if view not in _SPATIAL_VIEWS:
-        raise OptionError(
-            f"view {view!r} is for planar arms; for x, y, z expected one of "
-            f"{', '.join(_SPATIAL_VIEWS)}",
-            parameter="view",
-            value=view,
-        )
-    metre = METRES.get(samples.unit, 1.0)
-    simulated = samples.simulation is not None
-    arm = samples.arm
-    extent = float(np.sqrt(((x - x.mean(axis=0)) ** 2).sum(axis=1).mean()))  # of the noise's floor
-    if isinstance(arm, SpatialArm) and not simulated:
-        kind = {"auto": "rigid" if samples.unit in METRES else "similarity"}.get(view, view)
-        template = structure_of(arm, kind, unit=samples.unit, metre=metre, extent=extent)
-    else:
-        template = unknown_structure(
-            samples.joint_names, samples.revolute, extent, samples.unit, metre
-        )
-    notes = warnings_of(q, samples.joint_names, samples.revolute, x, samples.lower, samples.upper)
-    return fit_structure(template, q, x, simulated=simulated, seed=seed, notes=notes)
-
-
 def wrong_around(part: SmoothPart, scale: Scale, samples: Samples, u: Array) -> Array | None:
     """How wrong the preferred smooth part is around points `u` (k, dof), None within noise.
 
@@ -192,12 +161,9 @@ def wrong_around(part: SmoothPart, scale: Scale, samples: Samples, u: Array) -> 
     if not part.candidates:
         return None
     candidate = part.candidates[0]
-    n = len(candidate.residual)
-    folds = np.array_split(np.arange(n), len(candidate.unseen))
-    held = np.concatenate([p[f] for p, f in zip(candidate.unseen, folds, strict=True)])
     x = samples.x[part.rows]
     extent = float(np.linalg.norm(np.ptp(x, axis=0)))
-    return misfit(scale, scale.to_unit(samples.q[part.rows]), held, extent, u)
+    return misfit(scale, scale.to_unit(samples.q[part.rows]), candidate.held_out, extent, u)
 
 
 def nominal_geometry(samples: Samples) -> Nominal | None:
@@ -213,10 +179,7 @@ def nominal_geometry(samples: Samples) -> Nominal | None:
 
 def _held_out_error(candidate: Candidate) -> float:
     """Mean distance of held-out rows to their predictions."""
-    n = len(candidate.residual)
-    folds = np.array_split(np.arange(n), len(candidate.unseen))
-    held = [part[fold] for part, fold in zip(candidate.unseen, folds, strict=True)]
-    return float(np.linalg.norm(np.concatenate(held), axis=1).mean())
+    return float(np.linalg.norm(candidate.held_out, axis=1).mean())
 
 
 def uses_body(predictor: Predictor) -> bool:

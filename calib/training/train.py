@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import NDArray
 
-from ..body.fitting import VIEWS
+from ..common.choices import BODIES, VIEWS
 from ..common.parallel import one_blas_thread, side_by_side
 from ..common.scale import Scale
 from ..errors import LogError, OptionError
@@ -29,7 +29,7 @@ from ..model.rows import Rows
 from ..samples.samples import Samples
 from .approach import corrected, play_of, simulated_approach, widened
 from .evaluate import Residuals, fresh_residuals, summarise
-from .held_out import held_out_residuals, tested_rows
+from .held_out import held_out_residuals, tested_rows, turned_of
 from .imagined import with_imagined
 from .learn import UNFOLD, Options, Progress, Stopwatch, both_maps, link
 from .log_bounds import node_bounds
@@ -41,9 +41,6 @@ if TYPE_CHECKING:
     from ..samples.simulation import Simulation
 
 Array = NDArray[np.float64]
-
-BODIES = ("auto", "none")
-"""Whether a kinematic model stands under the maps."""
 
 LEAST_ROWS = 10
 """Fewest rows that anything can be learned and checked from."""
@@ -97,9 +94,10 @@ def train(
     body : {"auto", "none"}
         ``auto`` fits a kinematic body under the maps; ``none`` learns from maps and links
         alone, as the paper does.
-    view : {"auto", "base", "rigid", "similarity", "affine", "homography"}
+    view : {"auto", "base", "rigid", "similarity", "affine", "homography", "pinhole"}
         What the sensor measures: ``base`` says that positions are in the robot's root frame,
-        ``auto`` is rigid for lengths and a homography for pixels.
+        ``auto`` is rigid for lengths, a homography for pixels, and for those of an arm in
+        space a pinhole camera that looks from anywhere.
     seed : int
         The same seed gives the same model, byte for byte.
     progress : callable, optional
@@ -143,7 +141,7 @@ def train(
         said = screening.notes()
         if screening.left_out:
             kept = screening.kept
-            samples = replace(samples, q=samples.q[kept], x=samples.x[kept])
+            samples = samples.take(kept)
     motor, sensory, notes = lattice_sizes(
         samples, size, motor_size, sensory_size, imagined=body != "none"
     )
@@ -256,7 +254,7 @@ class _Trainer:
         self.watch.seconds["total"] = time.perf_counter() - started
         about = replace(
             model.about,
-            errors=summarise(tested),
+            errors=summarise(tested, turned_of(part)),
             tested=len(tested.q),
             left_out=tested.left_out,
             notes=tuple(self.notes),
@@ -339,4 +337,5 @@ class _Trainer:
             urdf=arm.urdf if arm is not None else "",
             columns=samples.columns,
             degrees=samples.degrees,
+            picture=samples.camera.size if samples.camera is not None else None,
         )

@@ -6,7 +6,6 @@ Use it on what a controller that trusts its URDF is about to command.
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from typing import TYPE_CHECKING
 from weakref import WeakKeyDictionary
@@ -14,19 +13,15 @@ from weakref import WeakKeyDictionary
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from ..body.planar import PlanarStructure
-from ..body.spatial import SpatialStructure
 from ..common.rows import number_rows
 from ..common.scale import TURN
 from ..errors import OptionError, QueryError
-from ..model.alignment import Alignment
 from ..samples.joint_values import check_joint_values
 from ..samples.log_ranges import wrap
-from .geometry import fit_geometry, frame_is_free, frames, nominal_arm
-from .nominal import NominalArm, nominal_in_base, nominal_in_view
+from .geometry import frames, moves_in_space
+from .wanted import Wanted, wanted
 
 if TYPE_CHECKING:
-    from ..body.belief import Body
     from ..model.answers import Answer
     from ..model.model import Model
 
@@ -79,6 +74,9 @@ class Corrected:
         What was assumed.
     single : bool
         Whether one vector was given rather than rows.
+    angle : (n,) array [rad] or None
+        Between the tool's orientation, by the model's body, and that of the nominal arm; None
+        where positions alone are corrected.
     """
 
     q: Array
@@ -91,6 +89,7 @@ class Corrected:
     exceeded: NDArray[np.bool_]
     notes: tuple[str, ...] = ()
     single: bool = False
+    angle: Array | None = None
 
 
 def correct(
@@ -137,17 +136,17 @@ def correct(
     check_joint_values(
         rows, about.joint_names, about.lower, about.upper, about.revolute, error=QueryError
     )
-    nominal = _nominal(model, view, cause)
+    nominal = wanted(model, view, cause)
     limits = (
         np.array(_usual(model, view, cause))
         if limit is None
         else _checked_limit(limit, rows.shape[1])
     )
-    target, answer, found = _solved(model, nominal, rows)
+    target, answer, found = _solved(model, nominal, rows, limits)
     change = found - rows
     exceeded = answer.reachable & (np.abs(change) > limits).any(axis=1)
     notes = (FREE_FRAME,) if nominal.free else ()
-    if len(model.axes) == 3:
+    if moves_in_space(model) and nominal.pose is None:
         notes = (*notes, POSITIONS)
     if any(abs(frame.angle) > _TURNED for frame in frames(model, cause)):
         notes = (*notes, TURNED_FRAME)
@@ -162,6 +161,7 @@ def correct(
         exceeded,
         notes,
         single,
+        None if nominal.pose is None else nominal.pose.angle(rows, found),
     )
 
 
@@ -172,7 +172,7 @@ def correct_one(model: Model, q: ArrayLike) -> Array | None:
     """
     if model.single is None:
         return None
-    nominal = _nominal(model, "auto", "sensor")
+    nominal = wanted(model, "auto", "sensor")
     if nominal.single is None:
         return None
     found = model.single.towards(q, nominal.single)
@@ -203,7 +203,7 @@ def usual_limit(model: Model, view: str = "auto", cause: str = "sensor") -> Arra
     Three times the 95 % quantile of what correcting the motor map's own nodes changes; one
     limit for all joints that turn, another for those that slide.
     """
-    nominal = _nominal(model, view, cause)
+    nominal = wanted(model, view, cause)
     nodes = np.flatnonzero(model.visited)
     if len(nodes) > _NODES:
         nodes = np.sort(np.random.default_rng(0).choice(nodes, _NODES, replace=False))
@@ -219,96 +219,24 @@ def usual_limit(model: Model, view: str = "auto", cause: str = "sensor") -> Arra
     return limits
 
 
-@dataclass(frozen=True, eq=False)
-class _Nominal:
-    """The nominal arm and how its plane lies in the sensor's frame.
+def _solved(
+    model: Model, nominal: Wanted, q: Array, limit: Array | None = None
+) -> tuple[Array, Answer, Array]:
+    """Return targets (n, m), answers, and the joints (n, dof), on the turn that `q` is on.
 
-    Attributes
-    ----------
-    forward : callable
-        Joint values (n, dof) to positions (n, m) of the nominal arm.
-    frames : tuple of Alignment
-        What moves these positions into the sensor's frame.
-    free : bool
-        Whether the sensor's frame was fitted.
-    single : callable or None
-        `forward` for one row in plain floats.
+    Orientations are kept where no joint changes by more than `limit` (dof,).
     """
-
-    forward: Callable[[Array], Array]
-    frames: tuple[Alignment, ...]
-    free: bool
-    single: Callable[[Sequence[float]], tuple[float, float]] | None = None
-
-    def target(self, q: Array) -> Array:
-        """Where the nominal arm would be, in the sensor's frame, (n, m)."""
-        target = self.forward(q)
-        for frame in self.frames:
-            target = frame.apply(target)
-        return target
-
-
-_nominals: WeakKeyDictionary[Model, dict[str, _Nominal]] = WeakKeyDictionary()
-
-
-def _nominal(model: Model, view: str, cause: str) -> _Nominal:
-    """Return it, fitted once for a model: a controller corrects row by row."""
-    kept = _nominals.setdefault(model, {})
-    key = f"{view} {cause}"
-    if key not in kept:
-        kept[key] = _found(model, view, cause)
-    return kept[key]
-
-
-def _found(model: Model, view: str, cause: str) -> _Nominal:
-    free = frame_is_free(model, view)
-    planar = model.body is not None and isinstance(model.body.structure, PlanarStructure)
-    if planar and free and cause == "sensor":
-        # the body knows the sensor's frame, as it is after all adaptations
-        return _of_body(model, nominal_in_view(model), (), free)
-    if planar and not free:
-        return _of_body(model, nominal_in_base(model), tuple(frames(model, cause)), free)
-    if model.body is not None and isinstance(model.body.structure, SpatialStructure):
-        return _Nominal(_in_space(model, model.body, free), (), free)
-    own = (fit_geometry(model, view=view, cause=cause).frame,) if free else ()
-    return _Nominal(nominal_arm(model).forward, (*own, *frames(model, cause)), free)
-
-
-def _in_space(model: Model, body: Body, free: bool) -> Callable[[Array], Array]:
-    """Positions of the nominal arm in the sensor's frame, of an arm that moves in space."""
-    if not free:
-        from ..arm.loading import arm_from_urdf
-
-        about = model.about
-        arm = arm_from_urdf(about.urdf, about.joint_names, about.tip, lock=about.locked)
-        return arm.forward
-    structure = body.structure
-    assert isinstance(structure, SpatialStructure)  # noqa: S101
-    if not structure.informed:
-        raise OptionError(
-            "the model knows no URDF, so there is no nominal arm: train it with a robot and a log"
-        )
-    beta = structure.neutral().copy()
-    for group, indices in structure.groups.items():
-        if group.startswith(("view.", "tool", "lens")):  # the sensor's and the tip's place
-            beta[indices] = body.beta[indices]
-    return lambda q: structure.predict(q, beta)
-
-
-def _of_body(model: Model, arm: NominalArm, moved: tuple[Alignment, ...], free: bool) -> _Nominal:
-    assert model.body is not None  # noqa: S101
-    single = arm.compiled(model.body) if not moved else None
-    return _Nominal(arm.predict, moved, free, single)
-
-
-def _solved(model: Model, nominal: _Nominal, q: Array) -> tuple[Array, Answer, Array]:
-    """Return targets (n, 2), answers, and the joints (n, dof), on the turn that `q` is on."""
     about = model.about
     near = q.copy()
     for k, turns in enumerate(about.revolute):
         if turns:
             near[:, k] = wrap(q[:, k], float(about.lower[k]), float(about.upper[k]))
     target = nominal.target(near)
+    if nominal.pose is not None:
+        posed = nominal.pose.towards(near)
+        # beside a singularity an orientation may cost more than a correction should
+        small = np.abs(posed - near) <= np.asarray(np.inf if limit is None else limit)
+        near = np.where(np.all(small, axis=1, keepdims=True), posed, near)
     answer = model.solve(target, np.clip(near, about.lower, about.upper))
     found = np.where(answer.reachable[:, None], answer.q, np.nan)
     turning = np.array(about.revolute)

@@ -9,13 +9,20 @@ from typing import TYPE_CHECKING
 import numpy as np
 from numpy.typing import NDArray
 
+from ..body.basis import exponents
 from ..body.curves import HARMONICS
 from ..body.planar import PlanarStructure
+from ..body.spatial import SpatialStructure
+from ..body.views import cubic
 from ..common.wording import one_line
 from ..errors import OptionError
-from ..maps.local_models import blend_size
-from . import c_source as c
-from .nominal import nominal_in_view
+from ..maps.local_models import blend_size, predict, reach_of
+from ..maps.predictor import BodyInBox
+from ..model.model import MOST_BLENDED
+from . import c_planar, c_queries, c_spatial, c_spatial_tables
+from .c_source import HEAD, NODES, RANGE, array, filled, integers, number
+from .correct import usual_limit
+from .nominal import nominal_in_space, nominal_in_view
 
 if TYPE_CHECKING:
     from ..body.belief import Body
@@ -25,7 +32,7 @@ Array = NDArray[np.float64]
 
 _NAME = re.compile(r"[A-Za-z_][A-Za-z0-9_]{0,40}")
 _CALM = 1e-9  # damping of a Newton step, as a share of the Jacobian's power
-_ENOUGH = {False: 1e-13, True: 1e-6}  # of the extent: a corrected tip that is as close as this
+_ENOUGH = {False: 1e-12, True: 1e-6}  # of the extent: a corrected tip that is as close as this
 _CLOSE = {False: 1e-9, True: 1e-4}  # of the extent: what counts as corrected
 
 
@@ -54,7 +61,7 @@ def c_header(model: Model, *, prefix: str = "calib_", single: bool = False) -> C
     Parameters
     ----------
     model : Model
-        With a planar body.
+        With a body, planar or spatial.
     prefix : str
         Starts every name.
     single : bool
@@ -63,34 +70,35 @@ def c_header(model: Model, *, prefix: str = "calib_", single: bool = False) -> C
     Raises
     ------
     OptionError
-        If the model has no planar body, or the prefix is no C name.
+        If the model has no body, or the prefix is no C name.
 
     Notes
     -----
-    The header holds the body: local models of what it leaves over stay behind, and a note
-    says by how much they differ.
+    The header holds the body and, where there are some, the local models of what it leaves over.
+    Where a trend stands between them both stay behind, and a note says by how much they differ.
     """
     if not _NAME.fullmatch(prefix):
         raise OptionError(f"prefix {prefix!r}: expected a C name such as 'calib_'")
-    body = model.body
-    if body is None or not isinstance(body.structure, PlanarStructure):
+    if model.body is None:
         raise OptionError(
-            "the model has no planar body, which is what a C header is made of: train it with "
-            "body='auto'"
+            "the model has no body, which is what a C header is made of: train it with body='auto'"
         )
+    structure = model.body.structure
+    if (
+        isinstance(structure, PlanarStructure)
+        and structure.seen_as.bend is not cubic
+        and model.body.beta[8]
+    ):
+        raise OptionError(f"the lens of view {structure.view!r} has no C form")
+    writer = _Writer(model, model.body, prefix, single)
+    text, tables = writer.text()
     notes = []
-    if model.predictor.models.degree >= 0:
-        u = np.clip(model.motor.units, 0.0, 1.0)
-        apart = np.linalg.norm(model.predictor.value(u) - model.smooth().value(u), axis=1)
+    apart = writer.left_out()
+    if apart.max() > 1e-9 * model.solver.extent:
         notes.append(
-            "the header holds the body without the local models, which move positions by "
-            f"{apart.mean():.3g} {model.about.unit} on average, {apart.max():.3g} at most"
+            "the header holds the body without what was learned beyond it, which moves positions "
+            f"by {apart.mean():.3g} {model.about.unit} on average, {apart.max():.3g} at most"
         )
-    text = _Writer(model, body, body.structure, prefix, single).text()
-    size = 4 if single else 8
-    nodes = model.motor.size * (model.motor.units.shape[1] + 1)
-    curves = 2 * HARMONICS * body.structure.dof
-    tables = size * (nodes + curves + 2 * body.structure.size)
     return CHeader(text, tables, tuple(notes))
 
 
@@ -100,62 +108,84 @@ class _Writer:
 
     model: Model
     body: Body
-    structure: PlanarStructure
     prefix: str
     single: bool
 
-    def text(self) -> str:
-        """The whole header."""
-        words, p = self._words(), self.prefix
-        tables = self._tables()
-        trusted = bool((self.model.model_bounds <= self.model.trust.most).all())
-        words["trusted"] = (
-            ""
-            if trusted
-            else f" || !({p}blended({p}position_bound, q) <= {self._n(self.model.trust.most)})"
+    def text(self) -> tuple[str, int]:
+        """The whole header, and the bytes of its tables."""
+        structure, beta = self.body.structure, self.body.beta
+        words = self._words()
+        if isinstance(structure, PlanarStructure):
+            tables = c_planar.tables(structure, beta, self.single)
+            nominal = self._nominal_in_plane(structure)
+            parts = [c_planar.SOURCE, c_planar.WANTED]
+            words |= c_planar.words(structure, beta, self.single)
+            pose = ""
+        else:
+            assert isinstance(structure, SpatialStructure)  # noqa: S101
+            tables = c_spatial_tables.tables(structure, beta, self.single)
+            nominal = ""
+            if structure.informed:
+                own = nominal_in_space(structure, beta)
+                nominal = c_spatial_tables.arm("calib_nominal", structure, own, self.single)
+            parts, pose = [c_spatial.SOURCE, c_spatial.WANTED], c_spatial.POSE
+            words |= c_spatial_tables.words(structure, self.single)
+            keeps = bool(nominal) and structure.dof >= 6
+            words["limit"] = self._n(usual_limit(self.model).max() if keeps else 0.0)
+        tables = self._ranges() + tables + self._nodes() + nominal
+        local = c_queries.LOCAL if self._local else ""
+        parts = [HEAD, tables, RANGE, NODES, parts[0], local, c_queries.QUERIES, pose] + (
+            [parts[1], c_queries.CORRECT] if nominal else []
         )
-        parts = [c.HEAD, tables, c.HELPERS, c.NODES, c.QUERIES]
-        nominal = self._nominal()
-        if nominal is not None:
-            parts[1] += nominal
-            parts.append(c.CORRECT)
-        out = [part if k == 1 else part.format(**words) for k, part in enumerate(parts)]
-        return "".join(out) + f"\n#endif /* {words['guard']} */\n"
+        whole = "".join(parts) + "\n#endif /* @guard@ */\n"
+        return filled(whole, words, self.prefix, self.single), _bytes(tables, self.single)
+
+    @property
+    def _local(self) -> bool:
+        """Whether local models stand right on the body."""
+        own = isinstance(self.model.predictor.smooth, BodyInBox)
+        return own and self.model.predictor.models.degree >= 0
+
+    def left_out(self) -> Array:
+        """By how much (nodes,) the header differs from the model at the nodes [unit]."""
+        model = self.model
+        u = np.clip(model.motor.units, 0.0, 1.0)
+        held = model.smooth().value(u)
+        if self._local:
+            held = held + predict(model.predictor.models, model.motor, u)[0]
+        return np.asarray(np.linalg.norm(model.predictor.value(u) - held, axis=1))
 
     def _n(self, value: float) -> str:
-        return c.number(value, self.single)
+        return number(value, self.single)
 
     def _words(self) -> dict[str, object]:
-        lay, p, f = self.structure.layout, self.prefix, "f" if self.single else ""
-        extent = self.model.solver.extent
+        model = self.model
+        extent, dof = model.solver.extent, self.body.structure.dof
+        trusted = bool((model.model_bounds <= model.trust.most).all())
+        blended = f" || !(calib_blended(calib_position_bound, q) <= {self._n(model.trust.most)})"
+        models = model.predictor.models
         return {
-            "title": one_line(f"{self.model.about.robot or 'An arm'}, calibrated").replace(
-                "*/", ""
-            ),
-            "checksum": _checksum(self.model),
+            "title": one_line(f"{model.about.robot or 'An arm'}, calibrated").replace("*/", ""),
+            "checksum": _checksum(model),
             "facts": self._facts(),
-            "unit": _comment(self.model.about.unit),
-            "bound_of": _comment(self.model.about.bound_of),
-            "guard": f"{p.upper()}MODEL_H",
+            "unit": _comment(model.about.unit),
+            "bound_of": _comment(model.about.bound_of),
+            "how": ", blended between the motor map's nodes" if dof > MOST_BLENDED else "",
+            "guard": "CALIB_MODEL_H",
             "real": "float" if self.single else "double",
-            "p": p,
-            "P": p.upper(),
-            "dof": self.structure.dof,
-            "nodes": self.model.motor.size,
+            "dof": dof,
+            "out": len(model.axes),
+            "nodes": model.motor.size,
+            "near": min(blend_size(dof), model.motor.size - 1),
             "harmonics": HARMONICS,
-            "near": min(blend_size(self.structure.dof), self.model.motor.size - 1),
-            "gain": int(lay.gain[0]),
-            "offset": int(lay.offset[0]),
-            "length": int(lay.length[0]),
-            "elastic": int(lay.elastic[0]) if len(lay.elastic) else 0,
-            "curves": int(self._has_curves()),
-            "slide": self._n(self.structure.slide),
+            "trusted": "" if trusted else blended,
+            "local": "  calib_local(q, x, J);\n" if self._local else "",
+            "fades": int(models.fades),
+            "terms": models.coefficients.shape[1] if self._local else 1,
             "slack": self._n(-1e-6 if self.single else -1e-9),
-            "one": self._n(1.0),
             "calm": self._n(_CALM),
             "enough": self._n(_ENOUGH[self.single] * extent),
             "close": self._n(_CLOSE[self.single] * extent),
-            **{name: name + f for name in ("cos", "sin", "sqrt", "floor")},
         }
 
     def _facts(self) -> str:
@@ -165,72 +195,60 @@ class _Writer:
             lines.append(f" *   {_comment(name)}: {low:.6g} to {high:.6g}")
         return " * Joints, base to tip:\n" + "\n".join(lines) + "\n"
 
-    def _has_curves(self) -> bool:
-        return any(self.body.beta[ix].any() for ix in self.structure.layout.curve.values())
+    def _ranges(self) -> str:
+        scale = self.model.motor.scale
+        return (
+            "\n"
+            + array("calib_real", "calib_lower", ["CALIB_DOF"], scale.lower, self.single)
+            + array("calib_real", "calib_span", ["CALIB_DOF"], scale.span, self.single)
+            + integers("calib_periodic", "CALIB_DOF", scale.periodic)
+        )
 
-    def _tables(self) -> str:
-        p, real, one = self.prefix, f"{self.prefix}real", self.single
-        st, beta, motor = self.structure, self.body.beta, self.model.motor
-        dof, nodes = f"{p.upper()}DOF", f"{p.upper()}NODES"
-        matrix = st.matrix(beta)
-        view = np.concatenate([matrix.ravel(), beta[4:8]])
-        lens = np.concatenate([beta[8:11], st.centre, [1.5 * st.extent]])
-        zero = np.zeros(HARMONICS)
-        waves = [
-            np.split(beta[st.layout.curve[i]], 2) if i in st.layout.curve else (zero, zero)
-            for i in range(st.dof)
-        ]
-        geometry = beta.copy()
-        geometry[: st.layout.length[0]] = 0.0
-        short = int(max(st.layout.elastic, default=st.layout.gain[-1])) + 1
-        out = [
-            "\n",
-            c.array(real, f"{p}lower", [dof], motor.scale.lower, one),
-            c.array(real, f"{p}span", [dof], motor.scale.span, one),
-            c.integers(f"{p}periodic", dof, motor.scale.periodic),
-            c.integers(f"{p}turns", dof, st.revolute),
-            c.array(real, f"{p}sign", [dof], np.asarray(st.signs, dtype=float), one),
-            c.array(real, f"{p}beta", [str(short)], geometry[:short], one),
-            c.array(real, f"{p}view", ["8"], view, one),
-            c.array(real, f"{p}lens", ["6"], lens, one),
-            c.array(
-                real,
-                f"{p}curve_cos",
-                [dof, f"{p.upper()}HARMONICS"],
-                np.array([w[0] for w in waves]),
-                one,
-            ),
-            c.array(
-                real,
-                f"{p}curve_sin",
-                [dof, f"{p.upper()}HARMONICS"],
-                np.array([w[1] for w in waves]),
-                one,
-            ),
-            c.array(real, f"{p}node", [nodes, dof], motor.units, one),
-            c.array(real, f"{p}bound", [nodes], self.model.bounds, one),
-        ]
-        if not (self.model.model_bounds <= self.model.trust.most).all():
-            out.append(c.array(real, f"{p}position_bound", [nodes], self.model.model_bounds, one))
-        return "".join(out)
+    def _nodes(self) -> str:
+        """Nodes of the motor map, their bounds and their local models."""
+        model, one = self.model, self.single
+        nodes, dof, real = "CALIB_NODES", "CALIB_DOF", "calib_real"
+        out = array(real, "calib_node", [nodes, dof], model.motor.units, one)
+        out += array(real, "calib_bound", [nodes], model.bounds, one)
+        if not (model.model_bounds <= model.trust.most).all():
+            out += array(real, "calib_position_bound", [nodes], model.model_bounds, one)
+        if not self._local:
+            return out
+        models = model.predictor.models
+        terms = exponents(model.motor.units.shape[1], models.degree)
+        place = {tuple(term): k for k, term in enumerate(terms.tolist())}
+        along = [int(np.flatnonzero(term)[0]) if term.any() else 0 for term in terms]
+        unit = np.eye(terms.shape[1], dtype=int)
+        below = [[place.get(tuple((t - e).tolist()), 0) for e in unit] for t in terms]
+        parent = [row[k] for row, k in zip(below, along, strict=True)]
+        count = str(len(terms))
+        flat = models.coefficients.reshape(len(models.coefficients), -1)
+        return (
+            out
+            + array(real, "calib_radius", [nodes], models.radius, one)
+            + array(real, "calib_says", [nodes], reach_of(model.motor), one)
+            + array(real, "calib_local_terms", [nodes, str(flat.shape[1])], flat, one)
+            + integers("calib_parent", count, parent)
+            + integers("calib_along", count, along)
+            + integers("calib_power", str(terms.size), terms.ravel())
+            + integers("calib_below", str(terms.size), np.ravel(below))
+        )
 
-    def _nominal(self) -> str | None:
-        """Table of the nominal arm, None where the model knows no URDF."""
+    def _nominal_in_plane(self, structure: PlanarStructure) -> str:
+        """Table of the nominal arm, "" where the model knows no URDF."""
         try:
             nominal = nominal_in_view(self.model)
         except OptionError:
-            return None
-        if nominal.structure.signs != self.structure.signs:
-            return None  # a reversed joint: the wiring has to be mended first
-        lay = self.structure.layout
-        short = int(max(lay.elastic, default=lay.gain[-1])) + 1
-        return c.array(
-            f"{self.prefix}real",
-            f"{self.prefix}nominal",
-            [str(short)],
-            nominal.beta[:short],
-            self.single,
-        )
+            return ""
+        if nominal.structure.signs != structure.signs:
+            return ""  # a reversed joint: the wiring has to be mended first
+        return c_planar.beta_table("calib_nominal", structure, nominal.beta, self.single)
+
+
+def _bytes(tables: str, single: bool) -> int:
+    """Size of constant tables, from their numbers."""
+    found = re.findall(r"(?<=[\s{])-?\d[\d.e+-]*f?(?=[,}])", tables)
+    return sum((4 if single else 8) if re.search("[.e]", text) else 4 for text in found)
 
 
 def _comment(text: str) -> str:

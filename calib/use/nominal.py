@@ -17,6 +17,7 @@ from numpy.typing import NDArray
 from ..body.nominal import Nominal, nominal_of
 from ..body.planar import PlanarStructure
 from ..body.scalar import ScalarBody
+from ..body.spatial import SpatialStructure
 from ..errors import OptionError
 
 if TYPE_CHECKING:
@@ -81,6 +82,15 @@ def nominal_in_view(model: Model) -> NominalArm:
     for group in (lay.length, lay.offset, lay.gain, lay.elastic, *lay.curve.values()):
         beta[group] = mean[group]
     return NominalArm(structure, beta)
+
+
+def nominal_in_space(structure: SpatialStructure, beta: Array) -> Array:
+    """Parameters of the drawing's arm behind the sensor, and with the tool, of a body's `beta`."""
+    nominal = structure.neutral()
+    for group, indices in structure.groups.items():
+        if group.startswith(("view.", "tool", "lens")):
+            nominal[indices] = beta[indices]
+    return nominal
 
 
 def _planar(model: Model) -> tuple[PlanarStructure, Nominal]:

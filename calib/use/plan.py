@@ -4,17 +4,23 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
+from functools import partial
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from ..arm.arm import Arm
+from ..arm.spatial_arm import SpatialArm
+from ..body.most_telling import most_telling
 from ..errors import OptionError
+from .collisions import hits_itself
+from .geometry import moves_in_space
+from .information import most_telling_of_arm
 from .keep_inside import keep_of
 from .pose_space import Space, space_of
-from .routes import Route, dense, free_route, kept_route
-from .spread import candidates
+from .routes import Choose, Route, dense, free_route, kept_route
+from .spread import candidates, farthest
 from .tour import length
 
 if TYPE_CHECKING:
@@ -24,11 +30,13 @@ if TYPE_CHECKING:
     from ..samples.samples import Samples
 
 Array = NDArray[np.float64]
+Index = NDArray[np.intp]
 
 MOST_POSES = 1000
 """More are babbled, not planned."""
 
 _UNSEEN = "obstacles and self-collision are not looked at: go slowly the first time"
+_CHOICE, _CORNERS = 2500, 256  # poses that a posterior chooses from, the corners among them
 _ORDERS = 100  # random ones, to compare with
 
 
@@ -94,10 +102,11 @@ class Plan:
     def columns(self) -> dict[str, NDArray[Any]]:
         """Columns of the plan's table: the joints' names, then what is expected.
 
-        The positions are called `expected_x` and `expected_y`, so that a plan is not taken
-        for a log by mistake.
+        The positions are called `expected_x`, `expected_y` and in space `expected_z`, so that
+        a plan is not taken for a log by mistake.
         """
-        table: dict[str, NDArray[Any]] = {"expected_x": self.x[:, 0], "expected_y": self.x[:, 1]}
+        axes = zip("xyz", self.x.T, strict=False)
+        table: dict[str, NDArray[Any]] = {f"expected_{axis}": values for axis, values in axes}
         if self.expected_error is not None:
             table["expected_error"] = self.expected_error
         if self.via.any():
@@ -173,10 +182,12 @@ def plan(
     space = space_of(source, margin, ranges)
     rng = np.random.default_rng(seed)
     taken = _taken(space, measured)
+    choose, how, beside = _choice(source, space)
     begin = None if start is None else _in_unit(space, space.joints(start, "start"))
     neutral = _in_unit(space, np.clip(0.0, space.lower, space.upper))
-    notes = [_UNSEEN]
-    if measured is None and not isinstance(source, Arm):
+    points, seen = _apart(source, space, candidates(space, rng))
+    notes = [seen]
+    if measured is None and not isinstance(source, Arm) and choose.func is farthest:
         notes.append(
             "the model does not keep its samples: to improve it, give the log too, and the "
             "new poses go between them"
@@ -185,16 +196,56 @@ def plan(
         box = keep_of(space, keep)
         if begin is None and box.holds(neutral[None])[0]:
             begin = neutral
-        route = kept_route(box, n, begin, taken, dense(space, rng), rng)
+        route = kept_route(box, n, begin, taken, dense(space, rng), choose, rng)
         if begin is None:
             notes.append("the way begins at the first pose: give `start` to begin where the arm is")
     else:
         begin = neutral if begin is None else begin
-        route = free_route(space, n, begin, taken, candidates(space, rng))
-    how = "as far from each other as possible"
+        route = free_route(n, begin, taken, points, choose)
     if measured is not None:
-        how += f" and from the {len(measured)} measured ones"
+        how += f" {beside} the {len(measured)} measured ones"
     return _made(source, space, route, begin, how, notes)
+
+
+def _choice(source: Arm | Model, space: Space) -> tuple[partial[Index], str, str]:
+    """How poses are chosen, and what is said of it: by information where a belief is known."""
+    beside = "those that tell most of what the model does not know", "beside"
+    if isinstance(source, SpatialArm):
+        tell = partial(most_telling_of_arm, source)
+        return partial(_most_telling, space, tell), "those that tell most of the arm", "beside"
+    body = None if isinstance(source, Arm) else source.body
+    if body is not None and not body.simulated:  # exact samples leave nothing to learn
+        return partial(_most_telling, space, partial(most_telling, body)), *beside
+    return partial(farthest, space.scale), "as far from each other as possible", "and from"
+
+
+def _apart(source: Arm | Model, space: Space, points: Array) -> tuple[Array, str]:
+    """The candidates in which an arm in space does not hit itself, and what was looked at."""
+    about = source if isinstance(source, Arm) else source.about
+    wide = source.outputs == 3 if isinstance(source, Arm) else moves_in_space(source)
+    hits = None
+    if wide and about.urdf:
+        q = space.scale.from_unit(points)
+        hits = hits_itself(about.urdf, space.joint_names, about.locked, q)
+    if hits is None or hits.all():
+        return points, _UNSEEN
+    return points[~hits], (
+        f"{hits.mean():.1%} of the candidates were left out, in which the arm hits itself (by the "
+        "URDF's collision bodies, meshes apart); obstacles and the moves between poses are not "
+        "looked at: go slowly the first time"
+    )
+
+
+def _most_telling(space: Space, tell: Choose, points: Array, n: int, taken: Array) -> Index:
+    """Points (k, dof) in units of the joints' ranges that inform a belief most."""
+    few = np.arange(len(points))
+    if len(few) > _CHOICE:  # corners come first
+        few = np.unique(
+            np.append(few[:_CORNERS], np.linspace(0, len(few) - 1, _CHOICE).astype(int))
+        )
+    few = few if len(few) >= n else np.arange(len(points))
+    joints = space.scale.from_unit(points[few])
+    return few[tell(joints, n, space.scale.from_unit(taken))]
 
 
 def _made(

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import itertools
+from collections.abc import Callable
 from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
@@ -12,7 +13,7 @@ from numpy.typing import NDArray
 from ..errors import OptionError
 from .keep_inside import Keep, moves
 from .pose_space import Space
-from .spread import candidates, farthest
+from .spread import candidates
 from .tour import shortest_tour
 
 if TYPE_CHECKING:
@@ -20,6 +21,8 @@ if TYPE_CHECKING:
 
 Array = NDArray[np.float64]
 Index = NDArray[np.intp]
+Choose = Callable[[Array, int, Array], Index]
+"""Chooses n of some points (m, dof) beside those that are taken (k, dof), in unit ranges."""
 
 _DENSE = 12  # draws of candidates where the tip has to stay within a box
 _NODES = 3000  # poses that routes may lead through
@@ -50,12 +53,11 @@ class Route:
     notes: tuple[str, ...] = ()
 
 
-def free_route(space: Space, n: int, start: Array, taken: Array, points: Array) -> Route:
+def free_route(n: int, start: Array, taken: Array, points: Array, choose: Choose) -> Route:
     """Visit poses of a box of joint values: every straight move is allowed.
 
     Parameters
     ----------
-    space : Space
     n : int
         Number of poses.
     start : (dof,) array
@@ -64,8 +66,10 @@ def free_route(space: Space, n: int, start: Array, taken: Array, points: Array) 
         Poses that were measured before.
     points : (m, dof) array
         What to choose from.
+    choose : callable
+        Which of the points, n of them, given those taken.
     """
-    nodes = np.vstack([start, points[farthest(space.scale, points, n, taken)]])
+    nodes = np.vstack([start, points[choose(points, n, taken)]])
     away = moves(nodes[:, None], nodes[None])
     order = shortest_tour(away)
     return Route(nodes[order[1:]], np.zeros(n, dtype=bool), away[np.ix_(order, order)])
@@ -77,6 +81,7 @@ def kept_route(
     start: Array | None,
     taken: Array,
     points: Array,
+    choose: Choose,
     rng: np.random.Generator,
 ) -> Route:
     """Visit poses without the tip leaving a box, where need be through further poses.
@@ -87,12 +92,16 @@ def kept_route(
     Parameters
     ----------
     keep : Keep
-    n, taken
-        As for `free_route`.
+    n : int
+        Number of poses.
+    taken : (k, dof) array
+        Poses that were measured before.
     start : (dof,) array or None
         Where the way begins; None for any pose.
     points : (m, dof) array
         What to choose from; those outside of the box are passed over.
+    choose : callable
+        As for `free_route`.
     rng : Generator
         Thins the roadmap where points abound.
 
@@ -127,7 +136,7 @@ def kept_route(
     joined = joined[joined > 0] if start is not None else joined
     if len(joined) < n:
         raise OptionError(_too_few(keep, points, len(joined), n))
-    chosen = joined[farthest(space.scale, nodes[joined], n, taken)]
+    chosen = joined[choose(nodes[joined], n, taken)]
     terminals = chosen if start is None else np.append(0, chosen)
     away, before = _ways(keep, nodes, graph, terminals)
     order = shortest_tour(away)

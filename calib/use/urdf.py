@@ -14,10 +14,13 @@ from xml.parsers import expat
 import numpy as np
 from numpy.typing import NDArray
 
+from ..arm.rotations import exponential
 from ..arm.tree import Joint
 from ..arm.urdf import parse_urdf
 from ..errors import OptionError, RobotError
 from .geometry import Geometry
+from .origins import Moved
+from .spatial_geometry import SpatialGeometry
 
 Array = NDArray[np.float64]
 
@@ -27,12 +30,12 @@ MOST_UNEXPLAINED = 0.01
 _TINY = 1e-12  # [m or rad]; a smaller change is rounding
 
 
-def check_explained(geometry: Geometry, share: float = MOST_UNEXPLAINED) -> None:
+def check_explained(geometry: Geometry | SpatialGeometry, share: float = MOST_UNEXPLAINED) -> None:
     """Refuse a geometry that does not describe the model.
 
     Parameters
     ----------
-    geometry : Geometry
+    geometry : Geometry or SpatialGeometry
     share : float
         Largest residual, as a share of the arm's reach.
 
@@ -42,8 +45,9 @@ def check_explained(geometry: Geometry, share: float = MOST_UNEXPLAINED) -> None
         If the residual is larger.
     """
     if not geometry.residual <= share * geometry.reach:
+        factor, unit = (1e3, "mm") if geometry.unit == "m" else (1.0, geometry.unit)
         raise RobotError(
-            f"joint offsets and link placements leave {1e3 * geometry.residual:.4g} mm rms "
+            f"joint offsets and link placements leave {factor * geometry.residual:.4g} {unit} rms "
             f"unexplained, {100.0 * geometry.residual / geometry.reach:.3g} % of the reach "
             f"(at most {100.0 * share:g} %)",
             hint="check the joints, the tip and the unit of the log; a log in the robot's root "
@@ -53,16 +57,16 @@ def check_explained(geometry: Geometry, share: float = MOST_UNEXPLAINED) -> None
         )
 
 
-def corrected_urdf(geometry: Geometry, share: float = MOST_UNEXPLAINED) -> str:
+def corrected_urdf(geometry: Geometry | SpatialGeometry, share: float = MOST_UNEXPLAINED) -> str:
     """Text of the nominal URDF with corrected joint origins.
 
     A joint's offset becomes a turn of its origin about its axis (or a shift along it, if it
-    slides), a displacement in the plane a shift of the origin of the joint that it moves; the
-    tip's displacement that of the joint which carries the tip.
+    slides), a displacement a shift of the origin of the joint that it moves; the tip's
+    displacement that of the joint which carries the tip.
 
     Parameters
     ----------
-    geometry : Geometry
+    geometry : Geometry or SpatialGeometry
         What was fitted.
     share : float
         Largest residual that is accepted, as a share of the arm's reach.
@@ -73,14 +77,10 @@ def corrected_urdf(geometry: Geometry, share: float = MOST_UNEXPLAINED) -> str:
         If the residual is larger, or the tip has no joint of its own that could be moved.
     """
     check_explained(geometry, share)
-    arm = geometry.arm
+    arm, moved, tip = geometry.arm, geometry.origins(), geometry.tip()
     joints = parse_urdf(arm.urdf).path(arm.tip)
-    axes = np.stack([arm.plane.x, arm.plane.y])
-    shifts = dict(
-        zip(arm.joint_names, np.vstack([geometry.base, geometry.moved[:-1]]), strict=True)
-    )
     last = joints[-1]
-    if last.name in shifts and last.kind != "prismatic":
+    if last.name in moved and (tip.turn.any() or (tip.shift.any() and last.kind != "prismatic")):
         raise RobotError(
             f"the tip {arm.tip!r} is the origin of joint {last.name!r}: it has no place of its "
             "own that could be corrected",
@@ -88,19 +88,24 @@ def corrected_urdf(geometry: Geometry, share: float = MOST_UNEXPLAINED) -> str:
             parameter="tip",
             value=arm.tip,
         )
-    shifts[last.name] = shifts.get(last.name, np.zeros(2)) + geometry.moved[-1]
-    offsets = dict(zip(arm.joint_names, geometry.offsets.tolist(), strict=True))
     rotation = np.eye(3)
     changes: dict[str, dict[str, Array]] = {}
     for joint in joints:
-        origin = _origin(joint)
+        own = moved.get(joint.name, Moved())
+        origin, lock = _origin(joint), _motion(joint, arm.locked.get(joint.name, 0.0))
         change = np.eye(4)
-        change[:3, 3] = rotation.T @ (shifts.get(joint.name, np.zeros(2)) @ axes)
-        moved = change @ origin @ _motion(joint, offsets.get(joint.name, 0.0))
-        changes[joint.name] = _changed(joint, moved)
-        rotation = rotation @ origin[:3, :3]
-        if joint.revolute and joint.movable:
-            rotation = rotation @ _motion(joint, arm.locked.get(joint.name, 0.0))[:3, :3]
+        change[:3, :3] = exponential(rotation.T @ own.turn)
+        change[:3, 3] = rotation.T @ (own.shift + tip.shift * (joint is last))
+        new = origin.copy()
+        new[:3, :3] = change[:3, :3] @ origin[:3, :3]
+        new[:3, 3] += change[:3, 3]
+        new = new @ _motion(joint, own.value)
+        if joint is last and tip.turn.any():
+            turn = np.eye(4)
+            turn[:3, :3] = exponential(tip.turn)
+            new = new @ lock @ turn @ np.linalg.inv(lock)
+        changes[joint.name] = _changed(joint, new)
+        rotation = rotation @ origin[:3, :3] @ lock[:3, :3]
     return edited(arm.urdf, {name: change for name, change in changes.items() if change})
 
 

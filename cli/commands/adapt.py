@@ -7,17 +7,19 @@ from typing import Annotated
 
 import typer
 
+from calib.common.choices import METHODS
+
 from .. import options as o
 from .. import parsing
 from ..measurements import log_for
 from ..output import Notes, Table, note, number, show, show_json, tell
+from ..photo import photo_of_log
 from ..progress import progress_bar
 from ..translation import as_typed
 from ..units import for_people, units_of
 from .train import check_output
 
 NO = 3
-METHODS = ("few-shot", "online")
 
 
 def adapt(
@@ -80,6 +82,7 @@ def adapt(
         adapted = found.model
         if schema is not None:
             adapted = as_schema(adapted, loaded, schema)
+        adapted = photo_of_log(adapted, log, data, notes)
         adapted.save(path)
     if as_json:
         show_json(

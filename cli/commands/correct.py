@@ -83,6 +83,9 @@ def correct(
         for name, part in zip(names, parts, strict=False):
             columns[name][valid] = part
         columns["reachable"][valid] = found.reachable
+        if found.angle is not None:
+            columns["angle"] = np.full(n, np.nan)
+            columns["angle"][valid] = found.angle
     rows = np.flatnonzero(valid) + 1
     beyond = [] if found is None else rows[found.exceeded].tolist()
     missed = (np.flatnonzero(valid & (columns["reachable"] == 0)) + 1).tolist()

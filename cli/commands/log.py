@@ -11,6 +11,7 @@ from .. import camera as c
 from .. import options as o
 from .. import parsing
 from ..output import Notes, note, show_json, tell
+from ..parsing import Names
 from ..units import for_people
 
 NO = 3
@@ -47,7 +48,16 @@ def log(
         typer.Option(
             "--tip-topic",
             metavar="TOPIC",
-            help="PointStamped, PoseStamped or TransformStamped; found if only one.",
+            help="PointStamped, PoseStamped, TransformStamped or tf; found if only one.",
+        ),
+    ] = None,
+    frames: Annotated[
+        Names | None,
+        typer.Option(
+            "--frames",
+            parser=parsing.names("--frames"),
+            metavar="SENSOR,TIP",
+            help="Of tf: the sensor's frame and the tip's; found if only one transform moves.",
         ),
     ] = None,
     joints: o.JointsOption = None,
@@ -160,7 +170,8 @@ def log(
         picture,
     )
     if shooting or c.is_camera(bag):
-        for option, value in {"--joints-topic": joints_topic, "--tip-topic": tip_topic}.items():
+        of_bags = {"--joints-topic": joints_topic, "--tip-topic": tip_topic, "--frames": frames}
+        for option, value in of_bags.items():
             if value is not None:
                 raise parsing.BadOption(f"{option} is for bags, not for pictures and videos")
         if rests and still is not None:
@@ -179,9 +190,18 @@ def log(
             notes=notes,
         )
     else:
-        _from_bag(
-            bag, output, joints_topic, tip_topic, joints, max_gap, still, time_offset, as_json
-        )
+        if frames is not None and len(frames) != 2:
+            raise parsing.BadOption("--frames names two frames: expected SENSOR,TIP")
+        read = {
+            "joints_topic": joints_topic,
+            "tip_topic": tip_topic,
+            "joints": list(joints) if joints else None,
+            "max_gap": max_gap,
+            "still": still,
+            "time_offset": 0.0 if time_offset == "auto" else float(time_offset),
+            "frames": frames,
+        }
+        _from_bag(bag, output, as_json, **read)
 
 
 def _from_camera(
@@ -204,7 +224,8 @@ def _from_camera(
         raise typer.Exit(NO) from None
     made.write(output)
     if as_json:
-        show_json({"log": output, "joints": made.joint_names, "samples": len(made), **made.about()})
+        counted = {"log": output, "joints": made.joint_names, "samples": len(made)}
+        show_json({**counted, **made.about(), "units": _units(made.joint_names, made.unit)})
     elif output != "-":
         factor, unit = for_people(made.unit)
         tell(
@@ -213,35 +234,25 @@ def _from_camera(
         )
 
 
-def _from_bag(
-    bag: str,
-    output: str,
-    joints_topic: str | None,
-    tip_topic: str | None,
-    joints: Sequence[str] | None,
-    max_gap: float,
-    still: float | None,
-    time_offset: str,
-    as_json: bool,
-) -> None:
+def _from_bag(bag: str, output: str, as_json: bool, **options: Any) -> None:
     from calib.samples.bags import read_bag
+    from calib.samples.orientations import QUATERNION
     from calib.samples.tables import write_table
 
-    recording = read_bag(
-        bag,
-        joints_topic,
-        tip_topic,
-        joints=list(joints) if joints else None,
-        max_gap=max_gap,
-        still=still,
-        time_offset=0.0 if time_offset == "auto" else float(time_offset),
-    )
+    recording = read_bag(bag, **options)
     Notes().say(recording.notes)
     columns = {name: recording.q[:, k] for k, name in enumerate(recording.joint_names)}
     columns |= {axis: recording.x[:, k] for k, axis in enumerate("xyz")}
+    turns = recording.quaternion
+    columns |= {} if turns is None else dict(zip(QUATERNION, turns.T, strict=True))
     write_table(output, {**columns, "time": recording.time})
     if as_json:
-        show_json({"log": output, "joints": recording.joint_names, "samples": len(recording.q)})
+        counted = {"log": output, "joints": recording.joint_names, "samples": len(recording.q)}
+        show_json({**counted, "units": _units(recording.joint_names, "m")})
     elif output != "-":
-        names = ", ".join(recording.joint_names)
-        tell(f"{output}: {len(recording.q)} rows of {names}, x, y, z, time [rad, m, s]")
+        tell(f"{output}: {len(recording.q)} rows of {', '.join(columns)}, time [rad, m, s]")
+
+
+def _units(joints: Sequence[str], unit: str) -> dict[str, object]:
+    """Units of the numbers of a log."""
+    return {"joints": dict.fromkeys(joints, "rad"), "positions": unit, "time": "s"}

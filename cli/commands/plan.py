@@ -131,7 +131,7 @@ def plan(
     table |= {name: found.q[:, k] * typed[k] for k, name in enumerate(turning)}
     write_table(output, table)
     if as_json:
-        show_json(_document(found, output, seed))
+        show_json({**_document(found, output, seed), "units": _units_of(turning, found.unit)})
         return
     lines = [f"{len(found)} rows of {', '.join(table)} [{_units(turning, degrees, found.unit)}]"]
     lines += [*found.why, _travel(found, turning)]
@@ -231,6 +231,12 @@ def _units(turning: Mapping[str, bool], degrees: bool, unit: str) -> str:
     angle = ["deg" if degrees else "rad"] if any(turning.values()) else []
     slide = ["m"] if not all(turning.values()) else []
     return ", ".join(dict.fromkeys([*angle, *slide, unit]))
+
+
+def _units_of(turning: Mapping[str, bool], unit: str) -> dict[str, Any]:
+    """Units of the numbers in the JSON document, whatever the written table has."""
+    joints = {name: "rad" if turns else "m" for name, turns in turning.items()}
+    return {"joints": joints, "positions": unit}
 
 
 def _travel(found: Plan, turning: Mapping[str, bool]) -> str:

@@ -13,6 +13,7 @@ from .. import parsing
 from ..measurements import log_for
 from ..output import Notes, note, tell
 from ..parsing import BadOption
+from ..photo import NoPhotoOption, PhotoOption, shown
 
 if TYPE_CHECKING:
     from calib.model.model import Model
@@ -43,6 +44,8 @@ def preview(
     data: o.DataOption = None,
     columns: o.ColumnsOption = None,
     degrees: o.LogDegreesOption = None,
+    photo: PhotoOption = None,
+    no_photo: NoPhotoOption = False,
     meshes: MeshesOption = None,
     port: PortOption = 0,
     no_open: Annotated[
@@ -69,7 +72,9 @@ def preview(
         check_output(html)
     loaded = calib.load(model)
     notes = Notes()
-    scene = draw(loaded, samples=log_of(loaded, data, columns, degrees, notes), meshes=folder)
+    log = log_of(loaded, data, columns, degrees, notes)
+    loaded = shown(loaded, model, photo, no_photo, log, notes)
+    scene = draw(loaded, samples=log, meshes=folder)
     notes.say(scene.notes)
     page = page_of(scene, loaded, live=live)
     if html is not None:

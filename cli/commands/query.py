@@ -9,8 +9,9 @@ import typer
 
 from .. import options as o
 from ..output import Table, fixed, note, show, show_json
-from ..parsing import BadOption, bad_option, finite
+from ..parsing import BadOption, Numbers, bad_option, finite, height, numbers
 from ..units import JointFormat, for_people, one_each, units_of
+from .path import path
 
 if TYPE_CHECKING:
     import numpy as np
@@ -23,6 +24,7 @@ if TYPE_CHECKING:
 NO = 3
 
 query_app = typer.Typer(
+    add_completion=False,
     help="Ask a model for positions or for joint values.",
     rich_markup_mode=None,
 )
@@ -40,6 +42,7 @@ def forward(
     readout: o.ReadoutOption = None,
     input_: o.InputOption = None,
     output: o.AnswersOption = None,
+    frame: o.FrameOption = "sensor",
     degrees: o.DegreesOption = False,
     as_json: o.JsonOption = False,
 ) -> None:
@@ -52,7 +55,7 @@ def forward(
         from ..batch import Streams, forward_batch
 
         streams = Streams(input_, output, as_json)
-        raise typer.Exit(forward_batch(loaded, joints, streams, readout))
+        raise typer.Exit(forward_batch(loaded, joints, streams, readout, frame))
     _check_count(typed, loaded.about.joint_names, "joint value")
     q = [value / factor for value, factor in zip(typed, joints.typed, strict=True)]
     position = loaded.forward(q, readout)
@@ -60,20 +63,34 @@ def forward(
 
     expected, known = forward_bounds(loaded, q, position, readout)
     bounds = float(expected), float(known)
+    more: dict[str, float] = {}
+    if len(loaded.axes) == 3 or frame == "base":
+        from ..space import seen_forward
+
+        more = {k: float(v[0]) for k, v in seen_forward(loaded, [q], frame).items()}
+    if frame == "base":
+        import numpy as np
+
+        position = np.array([more[axis] for axis in "xyz"])
+        bounds = more["expected_error"], more["model_error"]
+    turn = [more[name] for name in ("qx", "qy", "qz", "qw")] if "qw" in more else None
     outside = loaded.outside(q)
     if as_json:
         document = {
             "joints": dict(zip(joints.names, q, strict=True)),
             "position": position,
+            **({} if turn is None else {"quaternion": turn}),
             "expected_error": bounds[0],
             "model_error": bounds[1],
         }
-        show_json({**document, **_kind_of_answer(loaded)})
+        show_json({**document, **_kind_of_answer(loaded, frame)})
     if outside is not None:
         note(f"no answer: {_why_outside(joints, loaded, q) or outside}")
         raise typer.Exit(NO)
     if not as_json:
-        _show(loaded, joints, [(q, position, None, *bounds)], "")
+        _show(loaded, joints, [(q, position, None, *bounds)], "", frame)
+        if turn is not None:
+            print("quaternion " + " ".join(fixed(value, 6) for value in turn))
 
 
 @query_app.command(context_settings=_NEGATIVE)
@@ -88,6 +105,38 @@ def inverse(
     readout: o.ReadoutOption = None,
     input_: o.InputOption = None,
     output: o.AnswersOption = None,
+    frame: o.FrameOption = "sensor",
+    quaternion: Annotated[
+        Numbers | None,
+        typer.Option(
+            "--quaternion",
+            parser=numbers("--quaternion"),
+            metavar="QX,QY,QZ,QW",
+            help="Of an arm in space: the orientation wanted too.",
+        ),
+    ] = None,
+    rpy: Annotated[
+        Numbers | None,
+        typer.Option(
+            "--rpy",
+            parser=numbers("--rpy"),
+            metavar="R,P,Y",
+            help="The same as roll, pitch and yaw, as in a URDF [rad].",
+        ),
+    ] = None,
+    keep: Annotated[
+        bool,
+        typer.Option("--keep-orientation", help="Turn the tool as little as possible from --near."),
+    ] = False,
+    on: Annotated[
+        float | None,
+        typer.Option(
+            "--on",
+            parser=height,
+            metavar="z=H",
+            help="The pixel X Y lies on this plane of the base frame [m].",
+        ),
+    ] = None,
     degrees: o.DegreesOption = False,
     as_json: o.JsonOption = False,
 ) -> None:
@@ -101,6 +150,15 @@ def inverse(
     loaded = _load(model)
     joints = JointFormat(loaded.about, degrees)
     anchor = _anchor(loaded, near, joints)
+    if frame == "base" or keep or on is not None or quaternion is not None or rpy is not None:
+        if input_ is not None or readout is not None:
+            raise BadOption("--input and --readout are for positions in the sensor's frame alone")
+        from ..space import Asked, answer_inverse
+
+        asked = Asked(frame, quaternion, rpy, keep, on)
+        raise typer.Exit(
+            answer_inverse(loaded, joints, asked, typed, anchor, every=every, as_json=as_json)
+        )
     if input_ is not None:
         from ..batch import Streams, inverse_batch
 
@@ -132,6 +190,10 @@ def inverse(
         # a coarser readout can miss a target that the arm reaches
         note(f"missed: {missed} is {away}" if other else f"out of reach: the {missed} is {away}")
         raise typer.Exit(NO)
+    if loaded.body is not None and loaded.body.structure.kind == "spatial":
+        from ..space import free_of, say_free
+
+        say_free(joints, free_of(loaded, answer.q[0]), near is not None)
 
 
 def _load(path: str) -> Model:
@@ -202,8 +264,11 @@ def _solutions(answer: Answer) -> list[tuple[Any, Any, float, float, float]]:
     return list(zip(answer.q, answer.position, *(n.tolist() for n in numbers), strict=True))
 
 
-def _kind_of_answer(model: Model) -> dict[str, Any]:
+def _kind_of_answer(model: Model, frame: str = "sensor") -> dict[str, Any]:
     about = model.about
+    if frame == "base":
+        units = units_of(about, frame)
+        return {"frame": frame, "unit": "m", "bound_of": "true position", "units": units}
     return {"unit": about.unit, "bound_of": about.bound_of, "units": units_of(about)}
 
 
@@ -229,12 +294,14 @@ def _show(
     joints: JointFormat,
     answers: Sequence[tuple[Any, Any, float | None, float, float]],
     title: str,
+    frame: str = "sensor",
 ) -> None:
     """Print answers, one line each: joints, position, distance and expected error."""
-    factor, unit = for_people(model.about.unit)
+    factor, unit = for_people("m" if frame == "base" else model.about.unit)
     with_distance = answers[0][2] is not None
-    both = model.about.source == "log"  # of a simulation they are the same
-    header = [*joints.header, *(f"{axis} [{unit}]" for axis in model.axes)]
+    both = model.about.source == "log" and frame == "sensor"  # of others they are the same
+    axes = ("x", "y", "z") if frame == "base" else model.axes
+    header = [*joints.header, *(f"{axis} [{unit}]" for axis in axes)]
     header += [f"distance [{unit}]"] if with_distance else []
     rows = []
     for q, position, distance, bound, error in answers:
@@ -245,3 +312,6 @@ def _show(
         rows.append([*row, *(fixed(value * factor, 4) for value in bounds)])
     header += [f"expected error [{unit}]", *([f"model error [{unit}]"] if both else [])]
     show(Table(header, rows, title, left=0))
+
+
+query_app.command()(path)

@@ -10,6 +10,7 @@ import typer
 from .. import options as o
 from ..output import Notes, tell
 from ..parsing import BadOption
+from ..photo import NoPhotoOption, PhotoOption, shown
 from .preview import log_of
 
 
@@ -26,6 +27,8 @@ def report(
     data: o.DataOption = None,
     columns: o.ColumnsOption = None,
     degrees: o.LogDegreesOption = None,
+    photo: PhotoOption = None,
+    no_photo: NoPhotoOption = False,
 ) -> None:
     """Write figures and tables that explain a calibration."""
     import calib
@@ -37,7 +40,9 @@ def report(
     if output is not None:
         check_output(output)
     loaded = calib.load(model)
-    log = log_of(loaded, data, columns, degrees, Notes())
+    notes = Notes()
+    log = log_of(loaded, data, columns, degrees, notes)
+    loaded = shown(loaded, model, photo, no_photo, log, notes)
     from calib.common.atomic import atomic_write
     from calib.show.report.page import pictures
     from calib.show.report.page import report as report_of

@@ -107,6 +107,7 @@ def reproduce(
             for key, result in _RUNS[name](setting, folder, drawn):
                 document[key] = result.data
                 _keep(result, folder, shown=not as_json)
+    document["units"] = {"joints": "rad", "positions": "m", "seconds": "s"}
     document["seconds"] = time.perf_counter() - started
     document["files"] = sorted(str(path) for path in folder.iterdir())
     if as_json:

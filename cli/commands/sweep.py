@@ -10,6 +10,8 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
+from calib.common.choices import MAPS, READOUTS, RULES
+
 from .. import options as o
 from .. import parsing
 from ..comparison import document, failures, summary, tables
@@ -64,18 +66,18 @@ def sweep(
         Values | None,
         typer.Option(
             "--map",
-            parser=several("--map", parsing.kind_of_map(o.MAPS)),
+            parser=several("--map", parsing.kind_of_map(MAPS)),
             metavar="A,B,..",
-            help=f"Kinds of map, of {', '.join(o.MAPS)}.",
+            help=f"Kinds of map, of {', '.join(MAPS)}.",
         ),
     ] = None,
     rule: Annotated[
         Values | None,
         typer.Option(
             "--rule",
-            parser=several("--rule", parsing.one_of("--rule", o.RULES)),
+            parser=several("--rule", parsing.one_of("--rule", RULES)),
             metavar="A,B",
-            help=f"Training rules, of {', '.join(o.RULES)}.",
+            help=f"Training rules, of {', '.join(RULES)}.",
         ),
     ] = None,
     epochs: Annotated[
@@ -147,7 +149,7 @@ def sweep(
         Values | None,
         typer.Option(
             "--readout",
-            parser=several("--readout", parsing.one_of("--readout", o.READOUTS)),
+            parser=several("--readout", parsing.one_of("--readout", READOUTS)),
             metavar="A,B,..",
             help="Readouts to print a table for (default all); files and JSON hold them all.",
         ),
@@ -220,7 +222,7 @@ def sweep(
     if as_json:
         show_json(document(found, output))
     elif output != "-":
-        for table in tables(found, readout or o.READOUTS):
+        for table in tables(found, readout or READOUTS):
             show(table)
         tell(summary(found, output))
     if found.failed:

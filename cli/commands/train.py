@@ -13,6 +13,7 @@ import typer
 from .. import options as o
 from ..output import Notes, show, show_json, tell
 from ..parsing import BadOption
+from ..photo import NoPhotoOption, PhotoOption, photo_of_log, with_photo
 from ..progress import progress_bar
 from ..samples import Selection, babbled, measured
 from ..sketch import show_sketch
@@ -66,12 +67,22 @@ def train(
     columns: o.ColumnsOption = None,
     unit: o.UnitOption = None,
     prismatic: o.PrismaticOption = None,
+    lens: Annotated[
+        str | None,
+        typer.Option(
+            "--lens",
+            metavar="lens.json",
+            help="The calibrated lens of a camera that sees an arm in space (default: fitted).",
+        ),
+    ] = None,
     no_rows: Annotated[
         bool,
         typer.Option(
             "--no-rows", help="Keep no rows of the log in the model (default up to 5000)."
         ),
     ] = False,
+    photo: PhotoOption = None,
+    no_photo: NoPhotoOption = False,
     degrees: o.DegreesOption = False,
     as_json: o.JsonOption = False,
 ) -> None:
@@ -80,7 +91,10 @@ def train(
 
     simulated = {"--samples": samples, "--noise": noise, "--motion": motion, "--change": change}
     of_logs = {"--columns": columns, "--unit": unit, "--prismatic": prismatic}
+    of_logs |= {"--lens": lens, "--photo": photo}
     _check_source(robot, data, simulated, of_logs)
+    if photo is not None and no_photo:
+        raise BadOption("--photo and --no-photo are given: expected one of them")
     if output is not None:
         check_output(output)
     selection = Selection(robot, joints, tip, lock or (), ranges or (), degrees, planar)
@@ -104,6 +118,7 @@ def train(
             prismatic=prismatic or (),
             seed=seed,
             notes=notes,
+            lens=lens,
         )
     path = output or f"{_file_name(_stem(robot or data))}.calib"
     check_output(path)
@@ -127,6 +142,10 @@ def train(
     notes.say(model.about.notes)
     if no_rows:
         model = replace(model, rows=None)
+    if photo is not None:
+        model = with_photo(model, photo, log)
+    elif data is not None and not no_photo:
+        model = photo_of_log(model, log, data, notes)
     model.save(path)
     if as_json:
         show_json(summary(model, path, model.about.errors, model.seconds))

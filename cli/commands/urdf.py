@@ -13,6 +13,7 @@ from ..units import for_people, units_of
 
 if TYPE_CHECKING:
     from calib.use.geometry import Geometry
+    from calib.use.spatial_geometry import SpatialGeometry
 
 NO = 3
 
@@ -27,6 +28,13 @@ def urdf(
     move_base: Annotated[
         bool,
         typer.Option("--move-base", help="Fit the place of the first joint as well."),
+    ] = False,
+    move_tip: Annotated[
+        bool,
+        typer.Option(
+            "--move-tip",
+            help="Write the sensed point of a spatial arm as its tip; else it is a probe or a tag.",
+        ),
     ] = False,
     residual: Annotated[
         float | None,
@@ -46,14 +54,14 @@ def urdf(
     """
     import calib
     from calib.common.atomic import atomic_write, check_writable
-    from calib.use.geometry import fit_geometry
+    from calib.use.geometry import Geometry, fit_geometry
     from calib.use.urdf import MOST_UNEXPLAINED, check_output, corrected_urdf
 
     share = MOST_UNEXPLAINED if residual is None else residual
     check_writable(output)
     loaded = calib.load(model)
     check_output(output, loaded.about.urdf)
-    geometry = fit_geometry(loaded, view=view, cause=cause, move_base=move_base)
+    geometry = fit_geometry(loaded, view=view, cause=cause, move_base=move_base, move_tip=move_tip)
     explained = geometry.residual <= share * geometry.reach
     if explained:
         atomic_write(output, corrected_urdf(geometry, share).encode())
@@ -62,19 +70,20 @@ def urdf(
             {
                 "urdf": output if explained else None,
                 **geometry.to_json(),
-                "unit": "m",
-                "units": {**units_of(loaded.about), "positions": "m"},
+                "unit": geometry.unit,
+                "units": {**units_of(loaded.about), "positions": geometry.unit},
             }
         )
     else:
-        show(_table(geometry))
+        show(_table(geometry) if isinstance(geometry, Geometry) else _in_space(geometry))
     if geometry.free:
         note(
             "note: the sensor's frame is fitted too, so the first joint's offset is taken as zero; "
             "--view base says that the log is in the robot's root frame"
         )
     left = 100.0 * geometry.residual / geometry.reach
-    rms = f"{number(1e3 * geometry.residual)} mm rms ({left:.3g} % of the reach)"
+    factor, unit = for_people(geometry.unit)
+    rms = f"{number(factor * geometry.residual)} {unit} rms ({left:.3g} % of the reach)"
     if not explained:
         note(
             f"offsets and placements leave {rms} unexplained, more than {100.0 * share:g} %: "
@@ -82,7 +91,8 @@ def urdf(
         )
         raise typer.Exit(NO)
     if not as_json:
-        tell(f"{output}: residual {rms}, with the nominal URDF {number(1e3 * geometry.before)} mm")
+        before = f"{number(factor * geometry.before)} {unit}"
+        tell(f"{output}: residual {rms}, with the nominal URDF {before}")
 
 
 def _table(geometry: Geometry) -> Table:
@@ -100,6 +110,31 @@ def _table(geometry: Geometry) -> Table:
         for axis, label in enumerate(("along x", "along y")):
             value, width = geometry.base[axis], geometry.interval_base[axis]
             rows.append(_row("" if axis else "base", label, 1e3, "mm", value, width))
+    return Table(["joint", "change of", "unit", "value", "+-"], rows, "against the URDF", left=3)
+
+
+def _in_space(geometry: SpatialGeometry) -> Table:
+    structure, beta, half = geometry.structure, geometry.beta, 1.96 * geometry.sd
+    groups, layout, revolute = structure.groups, structure.layout, geometry.arm.revolute
+    found = []
+    for k, name in enumerate(geometry.arm.joint_names):
+        kind = "rad" if revolute[k] else "m"
+        found.append((name, "offset", kind, groups["offset"][[k]]))
+    for i, name in enumerate(geometry.places):
+        found.append((name, "origin along {}", "m", layout.shifts[i]))
+        found.append((name, "origin about {}", "rad", layout.turns[i]))
+    written = "" if geometry.move_tip else ", not written"
+    found.append((f"sensed point{written}", "along {}", "m", groups["tool"]))
+    found.append((f"sensed point{written}", "about {}", "rad", groups["tool.rotation"]))
+    rows, last = [], ""
+    for name, what, kind, indices in found:
+        if not half[indices].any():
+            continue
+        factor, unit = for_people(kind)
+        for axis, index in zip("xyz", indices.tolist(), strict=False):
+            shown = "" if name == last else name
+            last = name
+            rows.append(_row(shown, what.format(axis), factor, unit, beta[index], half[index]))
     return Table(["joint", "change of", "unit", "value", "+-"], rows, "against the URDF", left=3)
 
 

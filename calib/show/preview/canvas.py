@@ -63,6 +63,19 @@ class Canvas:
         material = self._material("MeshPhong", colour, opacity)
         self._object(path, "Mesh", self._geometry(vertices, colour, faces), material)
 
+    def image(self, path: str, corners: ArrayLike, address: str) -> None:
+        """A picture (a data: address) between its lower left, lower right, ... corners (4, 3)."""
+        geometry = self._geometry(corners, "#ffffff", [[0, 1, 2], [0, 2, 3]])
+        uv = np.array([[0, 0], [1, 0], [1, 1], [0, 1]], dtype=np.float32)
+        geometry["data"]["attributes"]["uv"] = _attribute(uv, 2)
+        material = self._material("MeshBasic", "#ffffff", 0.999)  # the maps are drawn after it
+        scene = self._object(path, "Mesh", geometry, material, order=-1)
+        scene["materials"][0]["map"] = texture = f"texture-{self._count}"
+        scene["images"] = [{"uuid": f"image-{self._count}", "url": address}]
+        scene["textures"] = [
+            {"uuid": texture, "image": f"image-{self._count}", "wrap": [1001, 1001]}
+        ]
+
     def box(self, path: str, size: Sequence[float], colour: str, opacity: float = 1.0) -> None:
         """A box of this size [m] along x, y and z."""
         geometry = dict(zip(("width", "height", "depth"), map(float, size), strict=True))
@@ -148,10 +161,10 @@ class Canvas:
         geometry: dict[str, Any],
         material: dict[str, Any],
         order: int = 0,
-    ) -> None:
+    ) -> dict[str, Any]:
         self._count += 1
         names = {part: f"{part}-{self._count}" for part in ("object", "geometry", "material")}
-        scene = {
+        scene: dict[str, Any] = {
             "metadata": {"version": 4.5, "type": "Object"},
             "geometries": [{"uuid": names["geometry"], **geometry}],
             "materials": [{"uuid": names["material"], **material}],
@@ -165,6 +178,7 @@ class Canvas:
             },
         }
         self._commands.append({"type": "set_object", "path": path, "object": scene})
+        return scene
 
     def _geometry(
         self,

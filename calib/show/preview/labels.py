@@ -27,10 +27,12 @@ def labels(model: Model, placement: Placement, panel: Panel) -> list[dict[str, A
         which of its ends is there.
     """
     about, dim = model.about, len(panel.edges)
-    weights = model.sensory.weights
-    highest = weights[np.argmax(weights[:, 1])] + np.array([0.0, _OFF * extent(model)])
-    found = [("Sensory map", "sensory map", placement.lift(highest), "middle")]
-    above = np.ones(dim)
+    points = placement.lift(model.sensory.weights)
+    up = placement.frame[1]
+    size = extent(model) * float(np.linalg.norm(placement.axes[1]))
+    highest = points[np.argmax(points @ up)] + _OFF * size * up
+    found = [("Sensory map", "sensory map", highest, "middle")]
+    above = np.zeros(dim)
     above[:2] = 0.5, 1.0 + 1.5 * _OFF
     found.append(("Motor map", "motor map", panel.lift(above[None])[0], "middle"))
     for axis in range(dim):
@@ -38,6 +40,8 @@ def labels(model: Model, placement: Placement, panel: Panel) -> list[dict[str, A
             at = np.full(dim, -_OFF)
             at[2:] = 0.0
             at[axis] = share
+            if axis == 2:  # along the other side, where no other joint's words are
+                at[0] = 1.0 + 2.0 * _OFF
             value = about.lower[axis] + share * (about.upper[axis] - about.lower[axis])
             turns = about.revolute[axis]
             end = f"{math.degrees(value):.4g}°" if turns else f"{1e3 * value:.4g} mm"

@@ -81,8 +81,11 @@ def drive(model: Model) -> Motion:
         [np.cos((1 + k // 2) * t - (k % 2) * np.pi / 2 + 0.7 * k) for k in range(dof)], axis=1
     )
     q = target = np.empty((0, 2))
+    low, high = np.zeros(dof), np.ones(dof)
+    if model.rows is not None and len(model.axes) == 3:  # measured postures fill but a part
+        low, high = np.quantile(scale.to_unit(model.rows.q), (0.05, 0.95), axis=0)
     for width in _WIDTHS:
-        q = scale.from_unit(0.5 + width * wave)
+        q = scale.from_unit(low + (high - low) * (0.5 + width * wave))
         target = model.forward(q)
         if np.isfinite(target).all():
             break

@@ -9,6 +9,8 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from ...arm.plane import Plane, fit_plane
+from ...body.spatial import SpatialStructure
+from ...body.spatial_words import camera_place
 from ...errors import CalibError
 from ..workspace import downwards, extent
 
@@ -21,39 +23,54 @@ Array = NDArray[np.float64]
 _TRUSTED = 0.15  # a sensor that differs less [share of the extent] is drawn where it says
 _SIZES = (0.05, 20.0)  # extents [m] that are drawn as they are
 _DRAWN = 0.6  # extent of all others
+_AZIMUTH = np.radians(-60.0)  # from where a scene in space is seen
 
 
 @dataclass(frozen=True, eq=False)
 class Placement:
-    """An affine map from the sensor's plane into the scene.
+    """An affine map from the sensor's plane, or its space, into the scene.
 
     Attributes
     ----------
     origin : (3,) array
         Where the sensor's (0, 0) is.
-    axes : (2, 3) array
-        Where its x and y lead, for one unit.
+    axes : (2, 3) or (3, 3) array
+        Where its x and y, and in space its z, lead, for one unit.
     scale : float
         Size of the scene over that of the world, not 1 only for very small or large arms
         and for sensors with units of their own.
     note : str
         What the user should be told, or "".
+    up : float
+        Sign of y that leads up a picture: -1 where it counts downwards, as pixels do.
     """
 
     origin: Array
     axes: Array
     scale: float
     note: str = ""
+    up: float = 1.0
 
     def lift(self, x: ArrayLike) -> Array:
-        """Points (n, 3) of the scene for positions (n, 2) [unit]."""
+        """Points (n, 3) of the scene for positions (n, 2) or (n, 3) [unit]."""
         return np.asarray(self.origin + np.asarray(x, dtype=float) @ self.axes)
 
     @property
     def frame(self) -> Array:
-        """Rows x, y and normal of the drawn plane, unit vectors (3, 3)."""
+        """Rows x, y (upwards) and normal of the drawn plane, unit vectors (3, 3).
+
+        In space it is the upright plane that the viewer faces, from the front and the right.
+        """
+        if len(self.axes) == 3:
+            return np.array(
+                [
+                    [-np.sin(_AZIMUTH), np.cos(_AZIMUTH), 0.0],
+                    [0.0, 0.0, 1.0],
+                    [np.cos(_AZIMUTH), np.sin(_AZIMUTH), 0.0],
+                ]
+            )
         x = self.axes[0] / np.linalg.norm(self.axes[0])
-        normal = np.cross(self.axes[0], self.axes[1])
+        normal = np.cross(self.axes[0], self.up * self.axes[1])
         normal /= np.linalg.norm(normal)
         return np.stack([x, np.cross(normal, x), normal])
 
@@ -66,11 +83,17 @@ def place(model: Model, body: Body | None) -> Placement:
     robot by the similarity that fits best, with a note.
     """
     about, size = model.about, extent(model)
+    if len(model.axes) == 3:
+        return _in_space(model, body)
+    if model.body is not None and body is not None and model.body.structure.view == "pinhole":
+        return _picture(model, body)
+    up = -1.0 if downwards(about.unit) else 1.0
     if body is None:
         scale = 1.0 if _SIZES[0] <= size <= _SIZES[1] else _DRAWN / size
         plane = _stated(about.plane)
-        y = -plane.y if downwards(about.unit) else plane.y  # as the camera sees it
-        return Placement(scale * plane.origin, scale * np.stack([plane.x, y]), scale)
+        # as the camera sees it
+        axes = scale * np.stack([plane.x, up * plane.y])
+        return Placement(scale * plane.origin, axes, scale, up=up)
     scale = 1.0
     nodes = model.motor.scale.from_unit(np.clip(model.motor.units[model.visited], 0.0, 1.0))
     nodes = nodes[:: max(1, len(nodes) // 2000)]
@@ -94,7 +117,39 @@ def place(model: Model, body: Body | None) -> Placement:
             "fit (turn, mirror, scale, shift) brings them"
         )
     basis = np.stack([plane.x, plane.y])
-    return Placement(scale * plane.lift(shift), scale * linear @ basis, scale, note)
+    return Placement(scale * plane.lift(shift), scale * linear @ basis, scale, note, up)
+
+
+def _in_space(model: Model, body: Body | None) -> Placement:
+    """The sensor's frame as the model's body knows it; without one it is the scene's."""
+    size, own = extent(model), model.body
+    if body is None or own is None or not getattr(own.structure, "informed", False):
+        scale = 1.0 if _SIZES[0] <= size <= _SIZES[1] else _DRAWN / size
+        return Placement(np.zeros(3), scale * np.eye(3), scale if body is not None else 1.0)
+    structure = own.structure
+    assert isinstance(structure, SpatialStructure)  # noqa: S101
+    sensor = structure.sensor(own.beta)
+    # x = scale R p + shift, seen from the root link
+    axes = sensor.rotation / sensor.scale
+    note = ""
+    if structure.view != "base":
+        note = "the sensor's frame is not the robot's: positions are drawn in the robot's"
+    scale = 1.0 if _SIZES[0] <= size / sensor.scale <= _SIZES[1] else _DRAWN * sensor.scale / size
+    return Placement(-scale * sensor.shift @ axes, scale * axes, scale, note)
+
+
+def _picture(model: Model, body: Body) -> Placement:
+    """A camera's picture where it would show the arm at its true size: as far as the tip is."""
+    own = model.body
+    assert own is not None  # noqa: S101
+    assert isinstance(own.structure, SpatialStructure)  # noqa: S101
+    place, turn = camera_place(own.structure, own.beta)
+    f, u, v, _ = own.beta[own.structure.groups["lens"]]
+    nodes = model.motor.scale.from_unit(np.clip(model.motor.units[model.visited], 0.0, 1.0))
+    depth = float(np.mean((body.tips(nodes) - place) @ turn[:, 2]))
+    axes = depth / f * turn[:, :2].T
+    note = "the picture is drawn as far from the camera as the tip is on average"
+    return Placement(place + depth * turn[:, 2] - u * axes[0] - v * axes[1], axes, 1.0, note, -1.0)
 
 
 def similarity(source: Array, target: Array) -> tuple[Array, Array]:

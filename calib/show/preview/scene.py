@@ -12,12 +12,20 @@ from numpy.typing import NDArray
 
 from ..colours import colours, rgb, stops
 from ..error_scale import ErrorScale, length_in_words
-from ..planar import planar_only
-from ..workspace import border, drawn_edges, extent, motor_errors, sensory_errors
+from ..workspace import (
+    border,
+    drawn_edges,
+    extent,
+    motor_errors,
+    sensory_errors,
+    training_positions,
+)
 from . import arm as arm_layer
+from . import photo as photo_layer
 from .body import Body
 from .camera import Camera
 from .canvas import POINT, Canvas
+from .cloud import Cloud, cloud
 from .labels import labels
 from .lattices import panel_beside, strongest_partners, telling_node
 from .motion import FPS, Motion, drive
@@ -77,7 +85,6 @@ def draw(model: Model, *, samples: Samples | None = None, meshes: Path | None = 
     meshes : Path, optional
         The folder that the URDF's mesh files may be taken from.
     """
-    planar_only(model, "preview")
     return _Drawing(model, samples, meshes).run()
 
 
@@ -92,16 +99,20 @@ class _Drawing:
         self.body = Body.of(model.about)
         self.placement = place(model, self.body)
         self.size = extent(model) * float(np.linalg.norm(self.placement.axes[0]))
+        self.in_space = len(model.axes) == 3
+        self.cloud = cloud(model) if self.in_space else None
 
     def run(self) -> Scene:
         model, placement, canvas = self.model, self.placement, self.canvas
         motion = drive(model)
-        line = border(model)
+        line = np.empty((0, 2, 2)) if self.in_space else border(model)
         around = placement.lift(line.reshape(-1, 2) if len(line) else model.sensory.weights)
         poses: dict[str, Array] = {}
         if self.body is not None:
             poses = self.body.poses(motion.q)
             around = np.concatenate([around, placement.scale * self.body.skeleton(motion.q[:1])[0]])
+        photo = photo_layer.corners(model, placement)
+        around = np.concatenate([around, photo])
         frame = placement.frame
         if (around @ frame[0]).max() - (around @ frame[0]).min() == 0:
             frame = np.eye(3)
@@ -111,11 +122,19 @@ class _Drawing:
         self.front = 0.006 * self.size * camera.direction
         scale = self._errors()
 
+        if len(photo):
+            self._layer(photo_layer.LAYER, "", "by the camera that measured the arm")
+            behind = 0.01 * self.size * camera.direction
+            photo_layer.draw_photo(canvas, model, photo - behind)
         self._arm(poses)
         self._maps(scale)
         self._links(motion)
-        self._border(line)
+        if self.cloud is not None:
+            self._cloud(self.cloud, scale)
+        else:
+            self._border(line)
         self._samples()
+        self._residuals()
         self._path(motion, poses)
         if placement.note:
             self.notes.append(placement.note)
@@ -127,8 +146,9 @@ class _Drawing:
     def _errors(self) -> ErrorScale:
         model = self.model
         self.motor_errors, self.sensory_errors = motor_errors(model), sensory_errors(model)
+        more = () if self.cloud is None else (self.cloud.errors,)
         return ErrorScale.of(
-            np.concatenate([self.motor_errors, self.sensory_errors]),
+            np.concatenate([self.motor_errors, self.sensory_errors, *more]),
             model.about.unit,
             extent(model),
         )
@@ -154,9 +174,12 @@ class _Drawing:
         model, canvas = self.model, self.canvas
         sensory = self.placement.lift(model.sensory.weights)
         motor = self.panel.lift(np.asarray(model.motor.units))
+        over = (
+            "over the joints' ranges" if len(model.about.joint_names) < 4 else "over three joints"
+        )
         parts = (
             ("Sensory map", model.sensory, sensory, self.sensory_errors, "where they stand"),
-            ("Motor map", model.motor, motor, self.motor_errors, "over the joints' ranges"),
+            ("Motor map", model.motor, motor, self.motor_errors, over),
         )
         self.nodes = {"sensory": sensory, "motor": motor}
         for name, part, points, errors, text in parts:
@@ -166,7 +189,7 @@ class _Drawing:
             canvas.lines(f"{name}/lattice", points, edges, tint)
             ends = points[edges]
             spacing = float(np.median(np.linalg.norm(ends[:, 0] - ends[:, 1], axis=1)))
-            width = 0.5 if part.units.shape[1] == 2 else 0.25
+            width = 0.12 if self.in_space else 0.5 if part.units.shape[1] == 2 else 0.25
             canvas.points(f"{name}/nodes", points, tint, width * max(spacing, 0.003 * self.size))
         corners, pairs = self.panel.outline
         canvas.lines("Motor map/range", corners, pairs, FRAME)
@@ -192,8 +215,17 @@ class _Drawing:
         pairs = np.arange(len(points)).reshape(-1, 2)
         self.canvas.lines("Workspace border/line", points, pairs, BORDER)
 
+    def _cloud(self, found: Cloud, scale: ErrorScale) -> None:
+        """Where the tip can be, coloured by the bound on its true position, and two cuts."""
+        lift, dot = self.placement.lift, 0.007 * self.size
+        name = self._layer("Error cloud", "scale", "bound on the true position, over all postures")
+        self.canvas.points(f"{name}/points", lift(found.x), colours(scale.share(found.errors)), dot)
+        points, errors = found.cuts(lift, self.placement.frame)
+        name = self._layer("Slices", "scale", "the same, cut upright and level", shown=False)
+        self.canvas.points(f"{name}/points", points, colours(scale.share(errors)), 1.5 * dot)
+
     def _samples(self) -> None:
-        x, what = _training_positions(self.model, self.samples)
+        x, what = training_positions(self.model, self.samples)
         if not len(x):
             return
         shown = x[:: max(1, math.ceil(len(x) / _MOST_SAMPLES))]
@@ -202,6 +234,13 @@ class _Drawing:
         self.canvas.points(
             f"{name}/positions", self.placement.lift(shown), SAMPLE, 0.006 * self.size
         )
+
+    def _residuals(self) -> None:
+        found = photo_layer.arrows(self.model, self.samples)
+        if found is not None:
+            self._layer(photo_layer.ARROWS, photo_layer.ARROW, found.words)
+            seen, ends = (self.placement.lift(x) + self.front for x in (found.seen, found.ends))
+            photo_layer.draw_arrows(self.canvas, seen, ends, 0.012 * self.size)
 
     def _path(self, motion: Motion, poses: dict[str, Array]) -> None:
         lift, canvas, n = self.placement.lift, self.canvas, len(motion.q)
@@ -258,35 +297,20 @@ class _Drawing:
                 "edges": self.panel.edges.tolist(),
             },
             "plane": {
-                "point": self.placement.origin.tolist(),
+                "point": self._middle().tolist(),
                 "normal": self.placement.frame[2].tolist(),
             },
             "size": self.size,
             "dot": 0.022 * self.size * POINT,
         }
 
+    def _middle(self) -> Array:
+        """A point of the plane in which a target is dragged."""
+        if not self.in_space:
+            return self.placement.origin
+        return np.asarray(self.placement.lift(self.model.sensory.weights).mean(axis=0))
+
 
 def _shape(part: Any) -> str:
     lattice = getattr(part, "lattice", None)
     return "x".join(map(str, lattice.shape)) if lattice is not None else f"{part.size:,}"
-
-
-def _training_positions(model: Model, samples: Samples | None) -> tuple[Array, str]:
-    """Positions (n, 2) that a model learned from, as far as they can be had."""
-    if samples is not None:
-        return np.asarray(samples.x), "rows of the log"
-    from ...training.evaluate import simulation_of
-
-    simulation = simulation_of(model)
-    if simulation is None:
-        return np.empty((0, 2)), ""
-    from ...samples.babbling import babble
-
-    drawn = babble(
-        simulation.arm,
-        model.about.samples,
-        seed=model.about.seed,
-        noise=simulation.noise,
-        changes=simulation.changes,
-    )
-    return np.asarray(drawn.x), "babbled positions"

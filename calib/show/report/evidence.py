@@ -15,7 +15,6 @@ from ...training.evaluate import (
     simulation_of,
     summarise,
 )
-from ..planar import planar_only
 from ..workspace import extent
 
 if TYPE_CHECKING:
@@ -69,7 +68,6 @@ class Evidence:
 
 def gather(model: Model, samples: Samples | None = None) -> Evidence:
     """Evaluate a model, on a log or on fresh samples of the simulated arm."""
-    planar_only(model, "report")
     about = model.about
     simulation = simulation_of(model)
     residuals, source = None, "rows held out in contiguous blocks while it was trained"
@@ -99,7 +97,7 @@ def gather(model: Model, samples: Samples | None = None) -> Evidence:
         q, x = model.rows.q, model.rows.x
         residuals = Residuals.join([evaluate_residuals(model, q, x, None)])
     else:
-        q, x = np.empty((0, len(about.joint_names))), np.empty((0, 2))
+        q, x = np.empty((0, len(about.joint_names))), np.empty((0, len(model.axes)))
     noise = None if simulation is None else simulation.noise
     u = model.motor.scale.to_unit(np.array(q))
     v = model.sensory.scale.to_unit(np.array(x))

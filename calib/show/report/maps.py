@@ -45,7 +45,7 @@ def heat_maps(evidence: Evidence, direction: str) -> Any:
         errors = found[readout]
         scale = ErrorScale.of(errors, evidence.unit, evidence.extent)
         factor, unit = figure_unit(evidence.unit)
-        image = _heat(row[0], residuals.x * factor, errors, scale)
+        image = heat(row[0], residuals.x * factor, errors, scale)
         row[0].set(
             xlabel=f"x [{unit}]",
             ylabel=f"y [{unit}]",
@@ -55,7 +55,7 @@ def heat_maps(evidence: Evidence, direction: str) -> Any:
         if downwards(about.unit):
             row[0].invert_yaxis()
         factors, names = zip(*(joint_axis(about, k) for k in (0, 1)), strict=True)
-        _heat(row[1], residuals.q[:, :2] * np.array(factors), errors, scale)
+        heat(row[1], residuals.q[:, :2] * np.array(factors), errors, scale)
         row[1].set(xlabel=names[0], ylabel=names[1], title=f"{readout}: joint space")
         colour_bar(figure, image, row, scale)
     return figure
@@ -152,7 +152,7 @@ def _norm() -> Any:
     return Normalize(0.0, 1.0)
 
 
-def _heat(ax: Any, points: Array, errors: Array, scale: ErrorScale) -> Any:
+def heat(ax: Any, points: Array, errors: Array, scale: ErrorScale) -> Any:
     """Mean error in the cells of a grid over points (n, 2)."""
     low, high = points.min(axis=0), points.max(axis=0)
     span = np.where(high > low, high - low, 1.0)

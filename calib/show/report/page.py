@@ -10,10 +10,12 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from ...use.geometry import moves_in_space
 from ..error_scale import length_in_words
-from . import curves, maps
+from . import curves, maps, space
 from .changes import adaptation_table, drift_text, history_table
 from .evidence import Evidence, gather
+from .over_photo import over_photo
 from .style import settings, to_png, to_svg
 from .tables import errors_in_html, fact_list, facts, is_papers_arm
 
@@ -21,7 +23,7 @@ if TYPE_CHECKING:
     from ...model.model import Model
     from ...samples.samples import Samples
 
-_RAYLEIGH = 1.2533  # mean distance over the standard deviation along an axis
+_MEAN = {2: 1.2533, 3: 1.5958}  # mean distance over the standard deviation along an axis
 _ROUNDING = "All errors are rounding (below 1 nm): there is nothing to draw."
 _POLICY = "default-src 'none'; style-src 'unsafe-inline'; img-src data:"
 
@@ -40,27 +42,67 @@ class Section:
         How to read it.
     draw : callable
         Draws it; None where there is nothing to draw it from.
+    when : callable
+        Whether it is of a model at all.
     """
 
     name: str
     title: str
     text: str
     draw: Callable[[Evidence], Any]
+    when: Callable[[Model], bool] = lambda _: True
+
+
+def heat_maps(evidence: Evidence, direction: str) -> Any:
+    """Errors over the workspace, of an arm in a plane or in space."""
+    draw = space.projections if space.in_space(evidence.model) else maps.heat_maps
+    return draw(evidence, direction)
 
 
 SECTIONS = (
     Section(
+        "photo",
+        "The map over a photo",
+        "The sensory map as the camera sees the arm, and where the tip was seen and is predicted.",
+        over_photo,
+        lambda model: model.photo is not None,
+    ),
+    Section(
         "forward",
         "Forward error: where is the tip?",
         "Mean distance between predicted and true position of the test samples in each cell, "
-        "over the positions and over the joints that they belong to.",
-        lambda e: maps.heat_maps(e, "forward"),
+        "over the positions; in a plane also over the joints that they belong to.",
+        lambda e: heat_maps(e, "forward"),
     ),
     Section(
         "inverse",
         "Inverse error: how to get there?",
         "Distance from each target to where the answered joints lead.",
-        lambda e: maps.heat_maps(e, "inverse"),
+        lambda e: heat_maps(e, "inverse"),
+    ),
+    Section(
+        "vectors",
+        "Residual vectors",
+        "Measured minus predicted positions, enlarged. Arrows that "
+        "point alike in one region are an error that is not noise.",
+        space.residual_vectors,
+        space.in_space,
+    ),
+    Section(
+        "joints",
+        "Error by joint",
+        "Distance between predicted and measured position over the value of each joint: the mean "
+        "and the 95 % quantile of each part of its range.",
+        space.by_joint,
+        moves_in_space,
+    ),
+    Section(
+        "curves",
+        "Joint curves",
+        "What a joint turns beyond its reading, with the 95 % interval, over the measured part of "
+        "its range. Gears and encoders repeat such errors every turn.",
+        space.joint_curves,
+        space.has_curves,
     ),
     Section(
         "histogram",
@@ -133,6 +175,8 @@ def report(model: Model, samples: Samples | None = None) -> str:
         parts += [_heading("Does the log still fit?"), drift_text(model.check(samples))]
     with settings():
         for section in SECTIONS:
+            if not section.when(model):
+                continue
             figure = section.draw(evidence)
             if figure is None and evidence.residuals is None:
                 continue  # a section that could only say what it lacks
@@ -161,7 +205,7 @@ def pictures(model: Model, samples: Samples | None = None) -> dict[str, bytes]:
     """Return the figures of a report as PNG, by name."""
     evidence = gather(model, samples)
     with settings(paper=True):
-        drawn = {section.name: section.draw(evidence) for section in SECTIONS}
+        drawn = {s.name: s.draw(evidence) for s in SECTIONS if s.when(model)}
         return {name: to_png(figure) for name, figure in drawn.items() if figure is not None}
 
 
@@ -181,10 +225,8 @@ def _verdict(evidence: Evidence) -> str:
     text = f"The tip is predicted to <strong>{mean}</strong> on average"
     text += "" if mean == most else f", to {most} in 99 of 100 cases"
     if evidence.noise:
-        text += (
-            "; a single reading of its sensor is off by "
-            f"{html.escape(length_in_words(evidence.noise * _RAYLEIGH, unit))} on average"
-        )
+        reading = length_in_words(evidence.noise * _MEAN[len(evidence.model.axes)], unit)
+        text += f"; a single reading of its sensor is off by {html.escape(reading)} on average"
     return f"{text}.{_own_error(evidence)}"
 
 
@@ -193,7 +235,8 @@ def _own_error(evidence: Evidence) -> str:
     model, unit = evidence.model, evidence.unit
     if model.about.bound_of != "sensor reading" or model.body is None:
         return ""
-    noise = float(np.sqrt(np.mean(model.body.noise[:2] ** 2))) * _RAYLEIGH
+    axes = len(model.axes)
+    noise = float(np.sqrt(np.mean(model.body.noise[:axes] ** 2))) * _MEAN[axes]
     own = float(np.nanmedian(model.model_bounds[model.visited]))
     if not (np.isfinite(noise) and np.isfinite(own)):
         return ""

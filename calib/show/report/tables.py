@@ -7,7 +7,7 @@ import math
 from collections.abc import Iterable, Sequence
 from typing import TYPE_CHECKING
 
-from ...maps.association import READOUTS
+from ...common.choices import READOUTS
 from ...paper.published import TABLE1
 from ..error_scale import length_in_words
 from .style import plain_text

@@ -1,0 +1,63 @@
+"""Most telling poses: where a measurement would reduce what a belief does not know.
+
+Greedy choice by the gain of information, the logarithm of the predicted covariance over the
+noise (D-optimal; maximum entropy sampling, Shewry and Wynn 1987).  The residual that the body
+leaves over keeps poses apart from each other and from those that were measured.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import NDArray
+
+from .belief import Body
+from .likeness import kernel, lengths_of
+from .structure import Array
+
+_MEASURED = 300  # measured rows that the residual is compared with, evenly spread
+
+
+def most_telling(body: Body, q: Array, n: int, measured: Array) -> NDArray[np.intp]:
+    """Choose poses one by one, each the most informative beside those chosen before.
+
+    Parameters
+    ----------
+    body : Body
+        Its posterior holds the measured rows already.
+    q : (k, dof) array [rad or m]
+        Poses to choose from.
+    n : int
+        How many, at most k.
+    measured : (l, dof) array [rad or m]
+        Joints of rows that were measured.
+
+    Returns
+    -------
+    (n,) int array
+        Rows of `q`, in the order of choice.
+    """
+    p = body.structure.blocks[0]
+    noise = body.noise[:p]
+    _, x = body.structure.linearise(q, body.beta, body.active)
+    known = x[:, :p] @ body.root * (body.kappa / noise[:, None])  # (k, p, parameters)
+    own = np.diag((body.tau[:p] / noise) ** 2)
+    lengths = lengths_of(body, q)
+    rows = measured[:: max(1, -(-len(measured) // _MEASURED))]
+    alike = kernel(rows, rows, lengths) + np.eye(len(rows)) / max(float(own.max()), 1e-12)
+    seen = np.linalg.solve(np.linalg.cholesky(alike), kernel(rows, q, lengths)).T  # (k, l)
+    left = np.maximum(1.0 - (seen**2).sum(axis=1), 0.0)
+    spread = known @ np.swapaxes(known, 1, 2) + left[:, None, None] * own
+    told = np.zeros((len(q), p, n * p))
+    chosen = np.empty(n, dtype=np.intp)
+    for k in range(n):
+        gain = np.linalg.slogdet(np.eye(p) + spread)[1]
+        gain[chosen[:k]] = -1.0
+        chosen[k] = best = int(gain.argmax())
+        common = kernel(q, q[best : best + 1], lengths)[:, 0] - seen @ seen[best]
+        between = known @ known[best].T + common[:, None, None] * own
+        between -= told[:, :, : k * p] @ told[best, :, : k * p].T
+        root = np.linalg.cholesky(np.eye(p) + spread[best])
+        new = np.swapaxes(np.linalg.solve(root, np.swapaxes(between, 1, 2)), 1, 2)
+        told[:, :, k * p : (k + 1) * p] = new
+        spread -= new @ np.swapaxes(new, 1, 2)
+    return chosen

@@ -1,0 +1,111 @@
+"""Sensor: where a fitted camera or tracker stands in the arm's base frame, and how sure that is."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+
+from ..arm.rotations import cross_matrix, quaternion_of
+from .belief import Body
+from .structure import Array
+
+
+@dataclass(frozen=True, eq=False)
+class SensorPose:
+    """A sensor in the base frame of an arm in space.
+
+    The first joint's offset is zero by convention where it turns: the sensor turned about that
+    joint's axis, and the offset the other way, give the same readings. The spreads leave that
+    turn out.
+
+    Attributes
+    ----------
+    position : (3,) array [m]
+    rotation : (3, 3) array
+        Its columns are the sensor's axes; a camera's are x (right), y (down) and z (ahead).
+    position_sd, turn_sd : (3,) array [m, rad]
+        Along and about the base's axes.
+    depth_sd : float [m]
+        Along the sensor's z.
+    first : str or None
+        The joint whose offset is zero by convention.
+    """
+
+    position: Array
+    rotation: Array
+    position_sd: Array
+    turn_sd: Array
+    depth_sd: float
+    first: str | None
+
+    @staticmethod
+    def of(body: Body | None) -> SensorPose | None:
+        """The sensor of a body in space; None in the plane, and without a drawing of the arm."""
+        structure: Any = body.structure if body is not None else None
+        if body is None or structure.kind != "spatial" or not structure.informed:
+            return None
+        groups, sensor = structure.groups, structure.sensor(body.beta)
+        back = sensor.rotation.T
+        position = -back @ sensor.shift / sensor.scale
+        index = np.concatenate([groups[f"view.{part}"] for part in ("rotation", "shift", "scale")])
+        held = np.flatnonzero(np.isin(index, body.active))
+        covariance = np.zeros((7, 7))
+        place = np.searchsorted(body.active, index[held])
+        covariance[np.ix_(held, held)] = body.covariance[np.ix_(place, place)]
+        # position = -R' t / s, and R turned by d on its left moves it by R' (d x t) / s
+        slope = -np.hstack([back @ cross_matrix(sensor.shift), back]) / sensor.scale
+        slope = np.hstack([slope, -position[:, None]])
+        spread = slope @ covariance @ slope.T
+        ahead = back[:, 2]
+        free = structure.view != "base" and structure.turning[0]
+        return SensorPose(
+            position,
+            back,
+            np.sqrt(np.diag(spread)),
+            np.sqrt(np.diag(back @ covariance[:3, :3] @ back.T)),
+            float(np.sqrt(ahead @ spread @ ahead)),
+            structure.joint_names[0] if free else None,
+        )
+
+    @property
+    def quaternion(self) -> Array:
+        """The rotation as qx, qy, qz, qw."""
+        return quaternion_of(self.rotation)
+
+    def to_json(self) -> dict[str, Any]:
+        """Position [m] and quaternion in the base frame with 95 % intervals, and the convention."""
+        half = 1.96 * self.position_sd
+        about = {"joint": self.first, "offset": 0.0, "interval": [-np.pi, np.pi]}
+        return {
+            "frame": "base",
+            "position": self.position.tolist(),
+            "interval": np.stack([self.position - half, self.position + half], axis=1).tolist(),
+            "quaternion": self.quaternion.tolist(),
+            "turn_95": (1.96 * self.turn_sd).tolist(),
+            "convention": about if self.first else None,
+        }
+
+    def words(self, what: str) -> list[str]:
+        """Lines on where it stands; `what` it is."""
+        x, y, z = self.position
+        sx, sy, sz = 1e3 * 1.96 * self.position_sd
+        quaternion = ", ".join(f"{v:.5f}" for v in self.quaternion)
+        lines = [
+            f"{what} at ({x:.4f} ± {sx:.1f} mm, {y:.4f} ± {sy:.1f} mm, {z:.4f} ± {sz:.1f} mm) in "
+            f"the base frame [m], turned within {np.degrees(1.96 * self.turn_sd.max()):.2g} deg, "
+            f"quaternion ({quaternion})"
+        ]
+        if what == "camera":
+            lines.append(f"  it looks along {_direction(self.rotation[:, 2])} of the base")
+        if self.first:
+            lines.append(
+                f"  its turn about {self.first} cannot be told from that joint's offset, which is "
+                "zero by convention"
+            )
+        return lines
+
+
+def _direction(vector: Array) -> str:
+    return "(" + ", ".join(f"{value + 0.0:.3f}" for value in vector) + ")"

@@ -1,0 +1,73 @@
+"""Kinds of sensors: what each fits of itself, and how its lens bends; add a new one here."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+from typing import Any
+
+Law = Callable[[float, Any], tuple[Any, Any, Any]]
+
+
+def cubic(k: float, r2: Any) -> tuple[Any, Any, Any]:
+    """Law of a lens of the third order: its bend is b = k r^2."""
+    return k, r2, r2
+
+
+@dataclass(frozen=True)
+class ViewKind:
+    """A kind of sensor.
+
+    Attributes
+    ----------
+    groups : tuple of str
+        Groups of parameters that every member fits.
+    outputs : int
+        2 positions in a plane or pixels, 3 positions in space, 6 of a pose.
+    least : int
+        Fewest rows that place the sensor in front of an arm in space.
+    lens : bool
+        Whether the gate may fit a planar arm's lens by default.
+    bend : callable
+        The lens's law: of its radial parameter k and the square r^2 of the distance from its
+        centre, b' = db / d(r^2), b / b' and db / dk.  A point u from the centre is seen at
+        (1 + b) u, and b is 0 where k is.  It takes arrays and plain floats.
+    """
+
+    groups: tuple[str, ...] = ()
+    outputs: int = 2
+    least: int = 2
+    lens: bool = False
+    bend: Law = cubic
+
+    @property
+    def scaled(self) -> bool:
+        """Whether it has a scale of its own."""
+        return "view.scale" in self.groups
+
+    @property
+    def tilted(self) -> bool:
+        """Whether it may look at a plane from the side."""
+        return "view.shear" in self.groups
+
+
+_FRAME = ("view.rotation", "view.shift")
+_AFFINE = (*_FRAME, "view.scale", "view.shear")
+
+PLANAR = {
+    "base": ViewKind(),
+    "rigid": ViewKind(_FRAME),
+    "similarity": ViewKind((*_FRAME, "view.scale")),
+    "affine": ViewKind(_AFFINE),
+    "homography": ViewKind((*_AFFINE, "view.tilt"), lens=True),
+}
+"""Sensors of a planar arm; users choose among :data:`calib.common.choices.VIEWS`."""
+
+SPATIAL = {
+    "base": ViewKind(("tool",), 3, least=2),
+    "rigid": ViewKind((*_FRAME, "tool"), 3, least=4),
+    "similarity": ViewKind((*_FRAME, "tool", "view.scale"), 3, least=4),
+    "pose": ViewKind((*_FRAME, "tool", "tool.rotation"), 6, least=3),
+    "pinhole": ViewKind((*_FRAME, "tool"), 2, least=6),
+}
+"""Sensors of an arm in space; where there are two outputs, a camera sees it."""

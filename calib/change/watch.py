@@ -1,0 +1,123 @@
+"""A watch over a stream: whether distortion, links or positions leave what is usual (eq. 9)."""
+
+from __future__ import annotations
+
+import math
+from typing import TYPE_CHECKING
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ..maps.map import Map, search_tree
+
+if TYPE_CHECKING:
+    from ..model.model import Model
+
+Array = NDArray[np.float64]
+
+WINDOW = 200.0
+"""Samples that a running mean remembers."""
+
+_FIRED = 4.0  # standard deviations of a running mean that are no chance
+_SETTLED = 1.2  # a re-formed map has settled within this factor of a trained one
+_JUMP = 3.0  # an error that rises by this factor while the maps re-form: another change
+_NEIGHBOURS = 4  # earlier samples that a sample is compared with
+_LOOSE = 1.5  # what a settled map's own distortion must be exceeded by
+_TRACKING = 0.05  # share by which a settled map's usual means follow, per block
+
+
+class Watch:
+    """Running means of a stream, and what they may be.
+
+    Parameters
+    ----------
+    model : Model
+        Its baseline is what is usual.
+
+    Attributes
+    ----------
+    mean, block : dict of str to float
+        ``motor`` and ``sensory`` distortion and ``error``: running means and those of the
+        latest block.
+    usual : dict of str to float
+        The running means of maps that have settled after a change.
+    """
+
+    def __init__(self, model: Model) -> None:
+        self._model = model
+        self._noise = model.baseline.noise if model.baseline else 0.0
+        self._seen = 0
+        self._apart = math.nan  # running mean of the distance to earlier samples
+        self.mean: dict[str, float] = {}
+        self.block: dict[str, float] = {}
+        self.usual: dict[str, float] = {}
+
+    def look(
+        self, motor: Map, sensory: Map, u: Array, v: Array, error: float, reformed: bool
+    ) -> float:
+        """Update the means; return the sensory distortion that is to be expected.
+
+        Parameters
+        ----------
+        motor, sensory : Map
+        u, v : (n, dof), (n, m) array
+            Samples in the unit boxes.
+        error : float [unit]
+            Mean distance of the links' readout.
+        reformed : bool
+            Whether the maps have re-formed since training.
+        """
+        model = self._model
+        self._seen += len(u)
+        share = min(1.0, len(u) / WINDOW)
+        distance, winner = (part[:, 0] for part in sensory.nearest(v))
+        self.block = {
+            "motor": float(np.mean(motor.nearest(u)[0] ** 2)),
+            "sensory": float(np.mean(distance**2)),
+            "error": error,
+        }
+        for name, value in self.block.items():
+            self.mean[name] = (1 - share) * self.mean.get(name, value) + share * value
+        if model.baseline is None:
+            return math.inf
+        chance = _FIRED * math.sqrt(model.baseline.spread[1] / WINDOW)
+        # distances scale with the lattice: a larger arm's nodes stand further apart
+        size = (sensory.spacing / model.sensory.spacing) ** 2 * (_SETTLED if reformed else 1.0)
+        expected = float(model.baseline.sensory[winner].mean()) * size * (1.0 + chance)
+        # a map that follows is not trained anew: its own distortion is usual to it
+        return max(expected, _LOOSE * self.usual.get("sensory", 0.0) * (1.0 + chance))
+
+    def fired(self, expected: float) -> bool:
+        """Whether the distortion (eq. 9) or the links' residual left what is usual."""
+        errors = self._model.about.errors
+        trained = errors["activity"]["forward"]["distance"]["mean"] if errors else math.inf
+        usual = max(trained, self.usual.get("error", 0.0))
+        return self._seen >= WINDOW / 2 and (
+            self.mean["sensory"] > expected or self.mean["error"] > 2.0 * (usual + self._noise)
+        )
+
+    def settle(self) -> None:
+        """A settled map goes on at its last rates: what is usual to it follows slowly."""
+        usual = self.usual or self.mean
+        self.usual = {n: v + _TRACKING * (self.mean[n] - v) for n, v in usual.items()}
+
+    def jumped(self, q: Array, x: Array, u: Array, v: Array) -> bool:
+        """Whether positions contradict those of the nearest joints (k, dof), (k, m) before.
+
+        It tells another change even while the links, which lag behind, are far off.
+        """
+        motor, sensory = self._model.motor.scale, self._model.sensory.scale
+        _, near = search_tree(motor.to_unit(q), motor).query(u, k=np.arange(1, _NEIGHBOURS + 1))
+        said = x[near].mean(axis=1)
+        block = float(np.linalg.norm(said - sensory.from_unit(v), axis=1).mean())
+        jump = block > _JUMP * self._apart + 2.0 * self._noise  # never where it is unknown
+        if not jump:
+            known = math.isfinite(self._apart)
+            self._apart = 0.5 * (self._apart + block) if known else block
+        return jump
+
+    def reset(self) -> None:
+        """A change was noticed: the latest block is all that counts."""
+        self._apart = math.nan
+        self.usual.clear()
+        self.mean = dict(self.block)

@@ -1,0 +1,37 @@
+"""Names that users choose by: the library checks them and the command line offers them.
+
+Plain tuples without any import, so that `calib --help` loads nothing that is heavy.
+"""
+
+MAPS = ("vdsom", "som", "dsom", "gng")
+"""Networks that the command line offers; :data:`calib.maps.density.GAINS` knows their variants."""
+
+RULES = ("batch", "online")
+"""Training rules of a map."""
+
+MAP_READOUTS = ("linear", "activity", "winner")
+"""Readouts of maps and links alone."""
+
+READOUTS = ("local", "body", *MAP_READOUTS)
+"""Every readout; ``body`` only where there is one."""
+
+BODIES = ("auto", "none")
+"""Whether a kinematic model stands under the maps."""
+
+VIEWS = ("auto", "base", "rigid", "similarity", "affine", "homography", "pinhole")
+"""What a sensor measures; ``auto`` goes by the unit, ``pinhole`` is for arms in space."""
+
+FRAMES = ("sensor", "base")
+"""Whose coordinates a query is asked and answered in."""
+
+LOG_FRAMES = ("auto", "base")
+"""Whether a log is in the robot's root frame."""
+
+CAUSES = ("sensor", "joints")
+"""What a user may know of a change."""
+
+METHODS = ("few-shot", "online")
+"""How a model adapts."""
+
+MOTIONS = ("uniform", "halton", "sobol", "smooth")
+"""How a simulated arm babbles."""

@@ -1,0 +1,154 @@
+"""Parts: what a model is made of, and what follows from it without a query."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+from functools import cached_property
+from typing import TYPE_CHECKING, Any, cast
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ..common.choices import MAP_READOUTS
+from ..common.frozen import freeze
+from ..common.wording import one_line
+from ..errors import OptionError
+from ..inverse.solver import Solver
+from ..maps.association import Association, check_readout
+from ..maps.linear_models import LinearModels
+from ..maps.local_models import NO_MODELS
+from ..maps.map import Map
+from ..maps.predictor import BodyInBox, Predictor, Smooth
+from .rows import Rows
+from .single import Single
+from .trust import KNOWN, MOST_SHARE, STEEP, BetweenNodes, Trust
+
+if TYPE_CHECKING:
+    from scipy.sparse import csr_array
+
+    from ..body.approach import Approach
+    from ..body.belief import Body
+    from .about import About
+    from .baseline import Baseline
+    from .model import Model
+    from .photo import Photo
+    from .schemas import Schema
+
+Array = NDArray[np.float64]
+
+
+@dataclass(frozen=True, eq=False, repr=False)
+class Parts:
+    """The fields of a :class:`calib.Model`, see there."""
+
+    about: About
+    association: Association
+    predictor: Predictor
+    bounds: Array
+    model_bounds: Array
+    visited: NDArray[np.bool_]
+    body: Body | None = None
+    rows: Rows | None = None
+    history: tuple[dict[str, Any], ...] = field(default=())
+    baseline: Baseline | None = field(default=None)
+    seconds: dict[str, float] = field(default_factory=dict)
+    schema: str = "schema 1"
+    schemas: tuple[Schema, ...] = ()
+    approach: Approach | None = None
+    photo: Photo | None = None
+
+    def __post_init__(self) -> None:
+        freeze(self, "bounds", "model_bounds", "visited")
+
+    def __repr__(self) -> str:
+        """Say in three lines what it is a model of, what it has learned and how well."""
+        about = self.about
+        robot = about.robot or "a log"
+        maps = self.motor, self.sensory
+        nodes = " and ".join("x".join(map(str, each.lattice.shape)) for each in maps)
+        errors = about.errors.get(self.default_readout, {}).get("forward", {})
+        error = errors.get("distance", {}).get("mean")
+        known = "unknown" if error is None else f"{error:.3g} {about.unit}"
+        return one_line(f"Model of {robot}: {', '.join(about.joint_names)}") + (
+            f"\n  {about.samples:,} samples ({about.source}), maps of {nodes} nodes"
+            f"\n  mean error {known}, {len(self.history)} earlier states"
+        )
+
+    @property
+    def motor(self) -> Map:
+        """Motor map; its weights are joint values."""
+        return self.association.motor
+
+    @property
+    def sensory(self) -> Map:
+        """Sensory map; its weights are positions."""
+        return self.association.sensory
+
+    @property
+    def links(self) -> csr_array:
+        """Oja-Hebbian links, (motor nodes, sensory nodes)."""
+        return self.association.links
+
+    @cached_property
+    def solver(self) -> Solver:
+        """Solver of the inverse direction."""
+        return Solver(self.association, self.predictor)
+
+    @cached_property
+    def single(self) -> Single | None:
+        """Queries of one row in plain floats; None where only the batch path answers."""
+        return Single.of(cast("Model", self))
+
+    @cached_property
+    def body_solver(self) -> Solver:
+        """Solver of the inverse direction of the body alone."""
+        return Solver(self.association, Predictor(self.motor, self.smooth(), NO_MODELS))
+
+    @cached_property
+    def trust(self) -> Trust:
+        """Where answers are given, and how bounds grow away from what was learned."""
+        known = None
+        # a file of format 1 has no option `body`, and its bounds hold as they did
+        if self.body is None and self.baseline is not None and "body" in self.about.options:
+            known = np.where(self.visited, KNOWN * np.sqrt(self.baseline.motor), -1.0)
+        most, growth = MOST_SHARE * self.reach, STEEP * self.solver.extent
+        between = None if self.body is None else BetweenNodes(self.body, self.motor)
+        return Trust(self.motor, self.model_bounds, most, known, growth, between)
+
+    @cached_property
+    def reach(self) -> float:
+        """How far the tip can be from the middle of what it reaches [unit]."""
+        if self.body is not None:
+            return float(self.body.structure.extents[: self.body.structure.blocks[0]].max())
+        return 0.5 * self.solver.extent
+
+    @property
+    def axes(self) -> tuple[str, ...]:
+        """Names of a position's coordinates: x and y, and z for an arm in space."""
+        return ("x", "y", "z")[: self.sensory.units.shape[1]]
+
+    @property
+    def default_readout(self) -> str:
+        """``local``, the body and its local models; ``linear`` where maps and links stand alone."""
+        return "linear" if isinstance(self.predictor.smooth, LinearModels) else "local"
+
+    @property
+    def readouts(self) -> tuple[str, ...]:
+        """Readouts that differ, the default first."""
+        if self.default_readout == "linear":
+            return MAP_READOUTS
+        smooth = self.body is not None and self.predictor.models.degree >= 0
+        return ("local", *(("body",) if smooth else ()), *MAP_READOUTS)
+
+    def smooth(self) -> Smooth:
+        """The body alone, without local models."""
+        if self.body is None:
+            raise OptionError("readout 'body': the model has no body, choose another readout")
+        return BodyInBox(self.body, self.motor.scale)
+
+    def _readout(self, name: str | None) -> str:
+        """The readout that answers; ``local`` where the predictor does."""
+        check_readout(name or "local")
+        if name == "local" and self.default_readout == "linear":
+            raise OptionError("readout 'local': the model has no body, choose 'linear'")
+        return "local" if name in (None, self.default_readout) else str(name)

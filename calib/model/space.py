@@ -1,0 +1,348 @@
+"""Space: what the chain of an arm in space answers, in its base frame: poses, pixels on a plane.
+
+Positions in the sensor's frame are answered by the model itself, see `calib.Model.solve`. This
+is for questions that need the kinematic chain: a position and an orientation, positions near
+joints, and positions in the base frame of a model whose sensor is a camera or a tracker.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from ..arm.rotations import logarithm, matrix_of, quaternion_of
+from ..body.belief import Body
+from ..body.poses import knows_orientation
+from ..errors import QueryError
+from ..inverse.near import position_near
+from ..inverse.pixel import on_plane
+from ..inverse.pose import Joints, pose_branches, reach_poses
+from ..inverse.self_motions import free_directions
+from .answers import checked_rows
+
+if TYPE_CHECKING:
+    from .model import Model
+
+Array = NDArray[np.float64]
+
+#: A turn of the tool beside a motion of the joints, for `keep`.
+KEEP = 10.0
+#: A pose or a position counts as reached within this share of the arm's length.
+REACHED = 1e-6
+_STARTS = 64
+
+
+@dataclass(frozen=True, eq=False)
+class Reached:
+    """Joint values that answer one target.
+
+    Attributes
+    ----------
+    q : (k, dof) array [rad or m]
+        The preferred one first.
+    position, rotation : (k, 3) and (k, 3, 3) arrays [m]
+        Where they put the tip, in the base frame.
+    away : (k,) array [m]
+        Distance from the position asked for.
+    turned : (k,) array [rad]
+        Turn from the orientation asked for, 0 where none was.
+    reachable : bool
+    """
+
+    q: Array
+    position: Array
+    rotation: Array
+    away: Array
+    turned: Array
+    reachable: bool
+
+
+@dataclass(frozen=True, eq=False)
+class Space:
+    """The arm of a model in its base frame.
+
+    Attributes
+    ----------
+    model : Model
+    body : Body
+        The body in the view "base", in m.
+    joints : Joints
+    length : float [m]
+        The arm's length.
+    """
+
+    model: Model
+    body: Body
+    joints: Joints
+    length: float
+
+    @staticmethod
+    def of(model: Model) -> Space:
+        """The arm of a model.
+
+        Raises
+        ------
+        QueryError
+            If the model knows no chain in space: of a planar arm, or one found from rows alone.
+        """
+        about = model.about
+        body = _in_base(model.body) if model.body is not None else None
+        if body is None and about.source == "simulation":
+            body = _drawn(model)
+        if body is None:
+            raise QueryError(
+                "the model knows no arm in space in its base frame: expected one that was learned "
+                "from a log together with the robot that it is of"
+            )
+        structure: Any = body.structure
+        joints = Joints(about.lower, about.upper, about.revolute)
+        return Space(model, body, joints, max(structure.chain.reach, 1e-9))
+
+    def evaluate(self, q: Array) -> tuple[Array, Array, Array]:
+        """Position (n, 3) [m], orientation (n, 3, 3) and Jacobian (n, 6, dof) of the tip."""
+        structure: Any = self.body.structure
+        position, rotation = structure.pose(q, self.body.beta)
+        return position, rotation, structure.with_view("pose").slope(q, self.body.beta)
+
+    def forward(self, q: ArrayLike) -> tuple[Array, Array]:
+        """Position (n, 3) [m] and quaternion (n, 4) of the tip; NaN where the model has none."""
+        rows, _ = checked_rows(q, self.model.about.joint_names, "joint values")
+        structure: Any = self.body.structure
+        position, rotation = structure.pose(rows, self.body.beta)
+        unknown = np.isnan(self.model.forward(rows)[:, :1])
+        return (
+            np.where(unknown, np.nan, position),
+            np.where(unknown, np.nan, quaternion_of(rotation)),
+        )
+
+    def bound(self, q: ArrayLike) -> Array:
+        """95 % bound (n,) on the position in the base frame [m].
+
+        The first joint's offset counts as known: it is zero by convention.
+        """
+        return self.body.bound(np.atleast_2d(np.asarray(q, dtype=float)), noise=False)
+
+    def orientation_bound(self, q: ArrayLike) -> Array:
+        """95 % bound (n,) on the orientation in the sensor's frame [rad]."""
+        own = self.model.body
+        structure: Any = own.structure if own is not None else None
+        if own is None or not knows_orientation(own):
+            return np.full(len(np.atleast_2d(q)), np.nan)
+        six = replace(own, structure=structure.with_view("pose"), noise=np.zeros(6),
+                      residual=np.zeros(6), second=None)  # fmt: skip
+        return six.bound(np.atleast_2d(np.asarray(q, dtype=float)), noise=False, block=1)
+
+    def to_sensor(self, position: Array, rotation: Array) -> tuple[Array, Array]:
+        """Positions (n, 3) [unit] and orientations (n, 3, 3) in the sensor's frame."""
+        turn, shift, scale = self.sensor
+        return scale * position @ turn.T + shift, turn @ rotation
+
+    def to_base(self, position: Array, rotation: Array) -> tuple[Array, Array]:
+        """Positions (n, 3) [m] and orientations (n, 3, 3) in the base frame."""
+        turn, shift, scale = self.sensor
+        return (position - shift) @ turn / scale, turn.T @ rotation
+
+    def pixels_on_plane(self, pixels: ArrayLike, height: float) -> Array:
+        """Points (n, 3) [m] of the plane z = height of the base frame that pixels (n, 2) show.
+
+        Raises
+        ------
+        QueryError
+            If the model is of no camera, or a line of sight meets the plane nowhere before it.
+        """
+        rows, _ = checked_rows(pixels, ("x", "y"), "pixels")
+        if not self.camera:
+            raise QueryError("a pixel on a plane needs a model that was learned from pixels u, v")
+        turn, shift, _ = self.sensor
+        own: Any = self.model.body
+        lens = own.beta[own.structure.groups["lens"]]
+        points = on_plane(rows, turn, shift, lens, np.array([0.0, 0.0, 1.0]), height)
+        if not np.isfinite(points).all():
+            row = int(np.argmin(np.isfinite(points).all(axis=1)))
+            raise QueryError(
+                f"pixel {rows[row].round(1).tolist()} shows no point of the plane z = {height:g} m "
+                "in front of the camera: its line of sight runs along the plane or away from it"
+            )
+        return points
+
+    @property
+    def camera(self) -> bool:
+        """Whether the sensor is a camera, so that its readings are pixels."""
+        return self.model.body is not None and self.model.body.structure.view == "pinhole"
+
+    @property
+    def sensor(self) -> tuple[Array, Array, float]:
+        """Rotation, shift and scale of the sensor: it sees ``scale rotation point + shift``."""
+        own: Any = self.model.body
+        if own is None or own.structure.kind != "spatial" or not own.structure.informed:
+            return np.eye(3), np.zeros(3), 1.0  # a simulated sensor is in the base frame
+        placed = own.structure.sensor(own.beta)
+        return placed.rotation, placed.shift, placed.scale
+
+    def reach_pose(
+        self, position: ArrayLike, quaternion: ArrayLike, near: Sequence[float] | None = None
+    ) -> Reached:
+        """Joint values for a pose in the base frame: every branch, that nearest to `near` first.
+
+        Where none reaches it, the one that comes nearest; an arm of more than six joints has
+        infinitely many, of which the nearest to `near` stands first.
+        """
+        p, r = np.asarray(position, dtype=float), matrix_of(np.asarray(quaternion, dtype=float))
+        middle = 0.5 * (self.joints.lower + self.joints.upper)
+        anchor = middle if near is None else np.asarray(near, dtype=float)
+        found = pose_branches(self.evaluate, p, r, self.joints, self.length, starts=anchor[None])
+        if len(found) and len(anchor) > 6:
+            found = np.vstack([self._slid(found[self._order(found, anchor)[:4]], p, r, anchor)])
+        if not len(found):
+            starts = np.vstack([anchor, self.joints.draw(_STARTS, np.random.default_rng(0))])
+            n = len(starts)
+            q, _ = reach_poses(
+                self.evaluate, starts, np.tile(p, (n, 1)), np.tile(r, (n, 1, 1)), self.length
+            )
+            q, _ = self.joints.within(q)
+            left = self._answer(q, p, r)
+            best = int(np.argmin(left.away + self.length * left.turned))
+            return self._answer(q[[best]], p, r)
+        return self._answer(found[self._order(found, anchor)], p, r)
+
+    def reach_position(
+        self, position: ArrayLike, near: Sequence[float] | None = None, *, keep: bool = False
+    ) -> Reached:
+        """Joint values nearest to `near` for a position in the base frame.
+
+        Without `near`, nearest to the middle of the ranges. `keep` holds the orientation that
+        the tip has at `near` as far as the joints allow.
+        """
+        p = np.asarray(position, dtype=float)
+        middle = 0.5 * (self.joints.lower + self.joints.upper)
+        anchor = middle if near is None else np.asarray(near, dtype=float)
+        starts = anchor[None]
+        q, left = self._near(p, starts, keep)
+        if left[0] > REACHED * self.length:  # the way from there may end at a limit
+            starts = self.joints.draw(_STARTS, np.random.default_rng(0))
+            q, left = self._near(p, starts, False)
+            good = left <= max(REACHED * self.length, 1.001 * left.min())
+            again, kept = self._slide_home(q[good], p, anchor, keep)
+            q = again[[int(np.argmin(kept))]]
+        return self._answer(q, p, None)
+
+    def free(self, q: Array, rows: int) -> Array:
+        """Directions (k, dof) that leave the answer at q (dof,); `rows` is 3, or 6 for a pose."""
+        jacobian = self.evaluate(q[None])[2][0, :rows].copy()
+        jacobian[:3] /= self.length
+        return free_directions(jacobian)
+
+    def sees(self, position: Array) -> bool:
+        """Whether a camera's picture shows a point (3,) of the base frame."""
+        own: Any = self.model.body
+        if not self.camera:
+            return True
+        turn, shift, _ = self.sensor
+        point = turn @ position + shift
+        if point[2] <= 0:
+            return False
+        f, u, v, k1 = own.beta[own.structure.groups["lens"]]
+        n = point[:2] / point[2]
+        pixel = f * n * (1 + k1 * (n @ n)) + (u, v)
+        size = self.model.about.picture or (2 * u, 2 * v)
+        return bool((pixel >= 0).all() and (pixel <= size).all() and 1 + 3 * k1 * (n @ n) > 0)
+
+    def _near(self, p: Array, starts: Array, keep: bool) -> tuple[Array, Array]:
+        n = len(starts)
+        return position_near(
+            self.evaluate, np.tile(p, (n, 1)), starts, self.joints, self.length,
+            keep=KEEP if keep else 0.0,
+        )  # fmt: skip
+
+    def _slide_home(self, q: Array, p: Array, anchor: Array, keep: bool) -> tuple[Array, Array]:
+        """Move solutions (n, dof) towards the anchor in halves; their distances from it (n,)."""
+        for _ in range(6):
+            tried, left = self._near(p, 0.5 * (q + anchor), keep)
+            nearer = self.joints.apart(tried, anchor) < self.joints.apart(q, anchor)
+            nearer &= left <= REACHED * self.length
+            q = np.where(nearer[:, None], tried, q)
+        return q, np.asarray(np.linalg.norm(q - anchor, axis=1))
+
+    def _slid(self, q: Array, p: Array, r: Array, anchor: Array) -> Array:
+        """Solutions (n, dof) of a redundant arm moved along their self-motion to the anchor."""
+        n = len(q)
+        targets = np.tile(p, (n, 1)), np.tile(r, (n, 1, 1))
+        for _ in range(30):
+            jacobian = self.evaluate(q)[2]
+            jacobian[:, :3] /= self.length
+            wish = anchor - q
+            inverse = np.linalg.pinv(jacobian, rcond=1e-6)
+            step = wish - np.einsum("nij,nj->ni", inverse @ jacobian, wish)
+            step *= np.minimum(1, 0.3 / np.maximum(np.abs(step).max(axis=1), 1e-12))[:, None]
+            moved, left = reach_poses(self.evaluate, q + step, *targets, self.length)
+            moved, inside = self.joints.within(moved)
+            better = inside & (left < 1e-8 * self.length)
+            better &= np.linalg.norm(moved - anchor, axis=1) < np.linalg.norm(q - anchor, axis=1)
+            q = np.where(better[:, None], moved, q)
+            if not better.any():
+                break
+        return q
+
+    def _order(self, q: Array, anchor: Array) -> NDArray[np.intp]:
+        span = self.joints.upper - self.joints.lower
+        away = q - anchor
+        whole = 2 * np.pi * np.round(away / (2 * np.pi))
+        away = away - np.where(self.model.motor.scale.periodic, whole, 0.0)
+        return np.argsort(np.linalg.norm(away / span, axis=1), kind="stable")
+
+    def _answer(self, q: Array, p: Array, r: Array | None) -> Reached:
+        position, rotation, _ = self.evaluate(q)
+        away = np.linalg.norm(position - p, axis=1)
+        turned = np.zeros(len(q))
+        if r is not None:
+            turned = np.linalg.norm(logarithm(r @ np.swapaxes(rotation, 1, 2)), axis=1)
+        good = (away <= REACHED * self.length) & (turned <= 10 * REACHED)
+        return Reached(q, position, rotation, away, turned, bool(good.any()))
+
+
+def _in_base(body: Body) -> Body | None:
+    """The body with its sensor left out: outputs are the tip in the base frame [m]."""
+    structure: Any = body.structure
+    if structure.kind != "spatial" or not structure.informed:
+        return None
+    base = structure.with_view("base", unit="m", metre=1.0, extent=structure.chain.reach)
+    sensor = ("view.rotation", "view.shift", "view.scale", "lens")
+    index = np.concatenate([structure.groups[group] for group in sensor])
+    neutral = structure.neutral()
+
+    def without(beta: Array, active: NDArray[np.intp], covariance: Array) -> dict[str, Any]:
+        own = beta.copy()
+        own[index] = neutral[index]
+        kept = ~np.isin(active, index)
+        return {"beta": own, "active": active[kept], "covariance": covariance[np.ix_(kept, kept)]}
+
+    none, second = np.zeros(3), body.second
+    if second is not None:
+        own = without(second.beta, second.active, second.covariance)
+        second = replace(second, **own, noise=none, packed=None)
+    own = without(body.beta, body.active, body.covariance)
+    return replace(
+        body, structure=base, **own, noise=none, tau=none, residual=none, second=second, packed=None
+    )
+
+
+def _drawn(model: Model) -> Body | None:
+    """The drawn arm of a simulation whose arm and sensor were not changed."""
+    from ..arm.loading import arm_from_urdf
+    from ..arm.spatial_arm import SpatialArm
+    from ..body.spatial import structure_of
+
+    about = model.about
+    if not about.urdf or (about.simulation or {}).get("changes"):
+        return None
+    arm = arm_from_urdf(about.urdf, about.joint_names, about.tip, lock=about.locked)
+    if not isinstance(arm, SpatialArm):
+        return None
+    structure, none = structure_of(arm, "base"), np.zeros(3)
+    active, covariance = structure.groups["tool"], np.zeros((3, 3))
+    return Body(structure, structure.neutral(), active, covariance, none, 1.0, none, none,
+                np.inf, 1.0, simulated=True)  # fmt: skip

@@ -1,0 +1,127 @@
+"""A photo for a model: scaled, and where positions are metres seen from straight above."""
+
+from __future__ import annotations
+
+import io
+import os
+from collections.abc import Mapping
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ..errors import LogError
+from ..model.photo import Photo
+from .pictures import SUFFIXES, read_picture
+from .reference import PixelReference, Reference, read_reference
+
+Array = NDArray[np.float64]
+Picture = NDArray[np.uint8]
+
+WIDEST = 1000
+"""Pixels along a kept photo's longer side, at most."""
+
+_AROUND = 0.12  # of the workspace's sides, shown beyond it
+_QUALITY = 82
+
+
+def take_photo(
+    path: str | os.PathLike[str], x: Array, unit: str, about: Mapping[str, Any] | None = None
+) -> Photo:
+    """Read a photo so that positions can be drawn over it.
+
+    Parameters
+    ----------
+    path : path-like
+        A picture or a video, whose first frame is taken, by the camera that made the log.
+    x : (n, 2) array [unit]
+        Positions that should be in it.
+    unit : str
+        Their unit, "px" or "m".
+    about : mapping, optional
+        What the log tells of its source (`read_about`): for metres where its camera was.
+
+    Raises
+    ------
+    LogError
+        If it cannot be read, is of another camera, or shows none of the positions.
+    """
+    about = about or {}
+    picture, name = read_photo(Path(path)), Path(path).name
+    size = about.get("size")
+    if size is not None and size != [picture.shape[1], picture.shape[0]]:
+        were = "x".join(map(str, size)) if isinstance(size, list) else size
+        raise LogError(
+            f"{name} is {picture.shape[1]}x{picture.shape[0]}, the log's pictures were {were}: "
+            "expected one by the same camera"
+        )
+    if x.shape[1] != 2:
+        raise LogError("positions in space are not drawn over a photo: expected x and y")
+    reference: Reference = PixelReference()
+    if unit != "px":
+        reference = read_reference(about)
+        if reference.unit != unit:
+            raise LogError(f"positions in {unit}: expected px, or m with a board")
+    seen = reference.pixels(x)
+    inside = ((seen > -0.5) & (seen < np.array(picture.shape[1::-1]) - 0.5)).all(axis=1)
+    if inside.mean() < 0.25:
+        raise LogError(
+            f"{name} shows {100 * inside.mean():.0f} % of the positions only: expected a picture "
+            "by the camera that made the log"
+        )
+    if unit == "px":
+        height, width = picture.shape[:2]
+        return Photo(_packed(picture), (-0.5, width - 0.5, height - 0.5, -0.5))
+    return _from_above(picture, reference, x[inside])
+
+
+def read_photo(path: Path) -> Picture:
+    """Return a picture, or the first frame of a video, as red, green, blue."""
+    from .video import Video
+
+    if not path.is_file():
+        raise LogError(f"there is no photo {os.fspath(path)!r}")
+    if path.suffix.lower() in SUFFIXES:
+        return read_picture(path, colour=True)
+    grey = next((frame for _, frame in Video(path).frames()), None)
+    if grey is None:
+        raise LogError(f"{path.name} has no frame that can be read")
+    return np.repeat(grey[:, :, None], 3, axis=2)
+
+
+def _packed(picture: Picture) -> bytes:
+    """Return a JPEG of at most `WIDEST` pixels a side."""
+    from PIL import Image
+
+    image = Image.fromarray(picture)
+    image.thumbnail((WIDEST, WIDEST), Image.Resampling.LANCZOS)
+    buffer = io.BytesIO()
+    image.save(buffer, "JPEG", quality=_QUALITY, optimize=True)
+    return buffer.getvalue()
+
+
+def _from_above(picture: Picture, reference: Reference, x: Array) -> Photo:
+    """Return the plane of the positions as a camera straight above would see it."""
+    from .opencv import opencv
+
+    low, high = x.min(axis=0), x.max(axis=0)
+    margin = _AROUND * (high - low).max()
+    low, high = low - margin, high + margin
+    step = (high - low).max() / WIDEST
+    along = [np.arange(low[k] + 0.5 * step, high[k], step) for k in range(2)]
+    plane = np.stack(np.meshgrid(along[0], along[1][::-1]), axis=-1)
+    shape = plane.shape[:2]
+    seen = reference.pixels(plane.reshape(-1, 2)).reshape(*shape, 2).astype(np.float32)
+    cv2 = opencv()
+    above = cv2.remap(
+        picture,
+        seen[..., 0],
+        seen[..., 1],
+        cv2.INTER_LINEAR,
+        borderMode=cv2.BORDER_CONSTANT,
+        borderValue=(255, 255, 255),
+    )
+    left, bottom = (float(side[0] - 0.5 * step) for side in along)
+    right, top = (float(side[-1] + 0.5 * step) for side in along)
+    return Photo(_packed(np.asarray(above, np.uint8)), (left, right, bottom, top))

@@ -1,0 +1,217 @@
+"""The reference over a recording: marks at known places, found anew, and whether they moved.
+
+A camera that was bumped changes where the board appears and leaves positions on it as they
+were, up to the uncertainty of finding it again, which is told too.
+"""
+
+from __future__ import annotations
+
+import os
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ..errors import LogError, OptionError
+from ..samples.columns import open_source, read_columns
+from .board import LEAST_CORNERS, Board
+from .lens import Lens
+from .plane import apply_homography, find_pose, homography
+from .reference import FlatReference, PixelReference, PlaneReference, Reference, read_reference
+
+Array = NDArray[np.float64]
+Marks = Mapping[int, Array]
+Seen = Sequence[tuple[int, Marks]]
+
+_MOVED = 0.7  # [px]; marks further off than this show that the camera was bumped
+_CLEAR = 3.0  # standard deviations that a motion between recordings must have
+
+
+@dataclass(frozen=True, eq=False)
+class Layout:
+    """Marks at known places of a flat frame: a board's corners, or tags on a desk.
+
+    Attributes
+    ----------
+    what : str
+        What messages call it.
+    points : mapping of int to (2,) array [m]
+        Places by number.
+    least : int
+        Marks that must be seen.
+    """
+
+    what: str
+    points: Marks
+    least: int
+
+    def reference(self, seen: Marks, lens: Lens | None, height: float) -> Reference:
+        """Fit the reference to the marks of a recording."""
+        numbers = [n for n in self.points if n in seen]
+        flat = np.array([self.points[n] for n in numbers])
+        pixels = np.array([seen[n] for n in numbers])
+        if lens is None:
+            matrix = homography(pixels, flat)
+            miss = apply_homography(matrix, pixels) - flat
+            free = max(miss.size - 8, 1)
+            return FlatReference(matrix, float(np.sqrt((miss**2).sum() / free)))
+        return PlaneReference(lens, find_pose(lens, np.c_[flat, 0.0 * flat[:, 0]], pixels), height)
+
+
+def board_layout(board: Board) -> Layout:
+    """Return the corners of a board as a layout."""
+    return Layout("the board", dict(enumerate(board.corners()[:, :2])), LEAST_CORNERS)
+
+
+def read_layout(path: str | os.PathLike[str]) -> Layout:
+    """Read tags at known places: a table with the columns `tag`, `x`, `y` [m].
+
+    Raises
+    ------
+    LogError
+        If there are fewer than four, or a tag has two places.
+    """
+    source = open_source(path)
+    rows = read_columns(source, ["tag", "x", "y"])
+    if not np.isfinite(rows).all() or (rows[:, 0] % 1 != 0).any() or (rows[:, 0] < 0).any():
+        raise LogError(f"{source.label}: expected whole ids under 'tag' and metres under 'x', 'y'")
+    points = {int(row[0]): row[1:] for row in rows}
+    if len(points) < 4 or len(points) < len(rows):
+        raise LogError(
+            f"{source.label} has {len(rows)} rows of {len(points)} tags, expected four tags or "
+            "more, each once, around the workspace"
+        )
+    if np.abs(rows[:, 1:]).max() > 20.0:
+        raise LogError(f"{source.label}: a tag is {np.abs(rows[:, 1:]).max():g} m off; in mm?")
+    return Layout("the frame of tags", points, 4)
+
+
+@dataclass(frozen=True, eq=False)
+class Watch:
+    """The reference over a recording, which may have been bumped on the way.
+
+    Attributes
+    ----------
+    starts : tuple of int
+        First picture of each part.
+    parts : tuple of Reference
+        The reference of each.
+    notes : tuple of str
+        What moved.
+    """
+
+    starts: tuple[int, ...]
+    parts: tuple[Reference, ...]
+    notes: tuple[str, ...] = ()
+
+    def positions(self, pixels: Array, numbers: Array) -> tuple[Array, Array, Array]:
+        """Return positions (n, 2), noise of a pixel (n,) and shared noise (n,) [unit].
+
+        Parameters
+        ----------
+        pixels : (n, 2) array [px]
+            What was seen.
+        numbers : (n,) array of int
+            In which pictures.
+        """
+        x = np.empty_like(pixels)
+        scale, common = np.empty(len(pixels)), np.empty(len(pixels))
+        which = np.searchsorted(self.starts, numbers, side="right") - 1
+        for k, part in enumerate(self.parts):
+            rows = np.maximum(which, 0) == k
+            if rows.any():
+                x[rows] = part.positions(pixels[rows])
+                scale[rows], common[rows] = part.noise(pixels[rows])
+        return x, scale, common
+
+
+def watch(layout: Layout | None, seen: Seen, lens: Lens | None, height: float = 0.0) -> Watch:
+    """Find the reference in a recording, and whether it moved within it.
+
+    Parameters
+    ----------
+    layout : Layout or None
+        Where the marks are; positions are pixels without.
+    seen : sequence of (int, marks)
+        Numbers of pictures, in order, and what they show of it.
+    lens : Lens or None
+        The camera; without one a homography is fitted.
+    height : float [m]
+        Of the tag's plane over the layout's.
+    """
+    if layout is None:
+        return Watch((0,), (PixelReference(),))
+    if lens is None and height:
+        raise OptionError(
+            f"`tag_height={height:g}` needs `lens`: rays are cut with the tag's plane"
+        )
+    most = max((len(marks) for _, marks in seen), default=0)
+    if most < layout.least:
+        raise LogError(
+            f"{layout.what} is too small, hidden or not there: at most {most} found in a "
+            f"picture, {layout.least} expected"
+        )
+    groups: list[list[tuple[int, Marks]]] = [[]]
+    doubtful: list[tuple[int, Marks]] = []
+    for number, marks in seen:
+        if len(marks) < layout.least:
+            continue
+        if not groups[-1] or _shift(_middle(groups[-1]), marks) < _MOVED:
+            groups[-1].append((number, marks))
+            doubtful = []
+            continue
+        doubtful.append((number, marks))  # a hand in the picture is gone in the next
+        if len(doubtful) >= 2 and _shift(doubtful[0][1], marks) < _MOVED:
+            groups.append(doubtful)
+            doubtful = []
+    middles = [_middle(group) for group in groups]
+    parts = tuple(layout.reference(middle, lens, height) for middle in middles)
+    notes = [
+        f"the reference moved by {_shift(before, after):.1f} px about picture {group[0][0] + 1}: "
+        "the camera or what lies on the desk was bumped; it was found again from there on"
+        for before, after, group in zip(middles, middles[1:], groups[1:], strict=False)
+    ]
+    starts = tuple(group[0][0] if k else 0 for k, group in enumerate(groups))
+    return Watch(starts, parts, tuple(notes))
+
+
+def motion(about: Mapping[str, Any], now: Reference) -> str:
+    """Say how far the camera moved over its reference since an earlier recording.
+
+    Parameters
+    ----------
+    about : mapping
+        What the earlier log tells of itself.
+    now : Reference
+        The reference of the later one.
+    """
+    then = read_reference(about)
+    if not isinstance(then, PlaneReference) or not isinstance(now, PlaneReference):
+        return "the earlier recording has no reference of the same kind to compare with"
+    far = float(np.linalg.norm(now.pose.camera - then.pose.camera))
+    between = now.pose.rotation @ then.pose.rotation.T
+    angle = float(np.arccos(np.clip((np.trace(between) - 1.0) / 2.0, -1.0, 1.0)))
+    doubt_angle, doubt = np.hypot(then.pose.doubt, now.pose.doubt)
+    told = (
+        f"by {1e3 * far:.2g} mm and turned by {np.degrees(angle):.2g} deg over its reference "
+        f"(found again to {1e3 * doubt:.2g} mm and {np.degrees(doubt_angle):.1g} deg)"
+    )
+    if far < _CLEAR * doubt and angle < _CLEAR * doubt_angle:
+        return f"since the earlier recording the camera did not move; it seems off {told}"
+    return f"since the earlier recording the camera moved {told}"
+
+
+def _middle(group: Seen) -> dict[int, Array]:
+    """Return the median place of each mark."""
+    numbers = sorted({n for _, marks in group for n in marks})
+    return {n: np.median([m[n] for _, m in group if n in m], axis=0) for n in numbers}
+
+
+def _shift(one: Marks, other: Marks) -> float:
+    """Return how far the marks that both show moved, the median of them [px]."""
+    both = [n for n in one if n in other]
+    if len(both) < 3:
+        return 0.0
+    return float(np.median([np.linalg.norm(one[n] - other[n]) for n in both]))

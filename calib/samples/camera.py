@@ -1,0 +1,129 @@
+"""Camera: what is known, before anything is fitted, of the camera that pixels come from.
+
+A pinhole's centre and focal length are guessed from the size of its pictures; a lens that was
+calibrated before replaces the guess. The model is ``pixel = f n (1 + k1 |n|^2) + centre`` for a
+direction n = (x/z, y/z).
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from ..common.checks import numbers
+from ..errors import LogError
+
+Array = NDArray[np.float64]
+
+#: Widths and heights [px] that a camera's pictures usually have.
+SIZES = ((640, 480), (800, 600), (1280, 720), (1280, 960), (1920, 1080), (2560, 1440), (3840, 2160))
+#: A lens that nobody calibrated: mean and sd of the focal length, sd of the centre [widths], of k1.
+FOCAL, FOCAL_SD, CENTRE_SD, K1_SD = 0.7, 0.24, 0.04, 0.3
+#: A calibrated lens that bends otherwise than k1 can say by more than this [px] is fitted again.
+_BENT = 0.3
+
+
+@dataclass(frozen=True)
+class Camera:
+    """The camera of a log of pixels.
+
+    Attributes
+    ----------
+    size : (int, int) [px]
+        Width and height of its pictures.
+    lens : (float, float, float, float)
+        Focal length, centre u, v [px] and k1.
+    lens_sd : (float, float, float, float)
+        How sure each is; all 0 for a lens that is known.
+    note : str
+        What was assumed.
+    """
+
+    size: tuple[int, int]
+    lens: tuple[float, float, float, float]
+    lens_sd: tuple[float, float, float, float] = (0.0, 0.0, 0.0, 0.0)
+    note: str = ""
+
+    @property
+    def known(self) -> bool:
+        """Whether the lens is known."""
+        return not any(self.lens_sd)
+
+    @staticmethod
+    def of_size(width: int, height: int, note: str = "") -> Camera:
+        """A camera of which only the size of its pictures is known."""
+        sd = (FOCAL_SD * width, CENTRE_SD * width, CENTRE_SD * width, K1_SD)
+        return Camera((width, height), (FOCAL * width, width / 2, height / 2, 0.0), sd, note)
+
+    @staticmethod
+    def of_lens(told: Mapping[str, Any]) -> Camera:
+        """A camera with a lens as `calib.recording.lens.Lens.to_json` writes it.
+
+        One number k1 replaces its distortion. Where that is more than 0.3 px wrong within the
+        picture, or fx is not fy, the lens is a prior with that doubt.
+
+        Raises
+        ------
+        LogError
+            If a value is impossible.
+        """
+        try:
+            width, height = (int(side) for side in told["size"])
+            (fx, fy), centre = numbers("focal", told["focal"], 2), numbers("c", told["centre"], 2)
+            k1, k2, p1, p2, k3 = numbers("distortion", told["distortion"], 5)
+            if min(width, height, fx, fy) <= 0:
+                raise ValueError("not above zero")
+        except (KeyError, TypeError, ValueError):
+            raise LogError(
+                "the lens has impossible values: expected size, focal, centre and distortion of a "
+                "calibration"
+            ) from None
+        grid = np.stack(np.meshgrid([0, 0.25, 0.5, 0.75, 1], [0, 0.5, 1]), axis=-1).reshape(-1, 2)
+        n = (grid * (width, height) - centre) / (fx, fy) * 0.9
+        x, y = n.T
+        r2 = (n**2).sum(axis=1)
+        radial = 1 + r2 * (k1 + r2 * (k2 + r2 * k3))
+        bent = np.stack([x * radial + 2 * p1 * x * y + p2 * (r2 + 2 * x * x),
+                         y * radial + 2 * p2 * x * y + p1 * (r2 + 2 * y * y)], axis=1)  # fmt: skip
+        pixels = bent * (fx, fy)
+        columns = np.stack([n.ravel(), (n * r2[:, None]).ravel()], axis=1)
+        (f, fk), *_ = np.linalg.lstsq(columns, pixels.ravel(), rcond=None)
+        wrong = float(np.abs(columns @ (f, fk) - pixels.ravel()).max())
+        lens = (float(f), float(centre[0]), float(centre[1]), float(fk / f))
+        if wrong <= _BENT:
+            return Camera((width, height), lens)
+        note = f"the lens bends by up to {wrong:.2g} px otherwise than k1 says: it is fitted again"
+        share = wrong / width
+        return Camera((width, height), lens, (2 * share * f, wrong, wrong, 4 * share), note)
+
+
+def camera_of(about: Mapping[str, Any], pixels: ArrayLike) -> Camera:
+    """Return the camera of pixels (n, 2), from what their log says of it or from their extent.
+
+    Raises
+    ------
+    LogError
+        If pixels lie outside of the picture that is stated.
+    """
+    pixels = np.asarray(pixels, dtype=float)
+    low, high = pixels.min(axis=0), pixels.max(axis=0)
+    if "lens" in about:
+        camera = Camera.of_lens(about["lens"])
+    elif isinstance(size := about.get("size"), list) and len(size) == 2:
+        camera = Camera.of_size(int(size[0]), int(size[1]))
+    else:
+        width, height = next((s for s in SIZES if (high < s).all()), np.ceil(high).astype(int) + 1)
+        said = f"the camera's pictures are taken to be {width}x{height} px; a known lens says more"
+        return Camera.of_size(max(int(width), 1), max(int(height), 1), said)
+    if (low < -0.5 * np.array(camera.size)).any() or (high > 1.5 * np.array(camera.size)).any():
+        raise LogError(
+            f"pixels reach from {low.round().tolist()} to {high.round().tolist()}, the camera's "
+            f"pictures are {camera.size[0]}x{camera.size[1]}: the lens is of another camera or "
+            "size of pictures",
+            parameter="lens",
+        )
+    return camera

@@ -1,0 +1,97 @@
+"""Locked joints of a log: where the joints that are not learned stood, and whether they moved."""
+
+from __future__ import annotations
+
+import math
+import os
+from collections.abc import Mapping, Sequence
+
+import numpy as np
+
+from ..errors import LogError
+from .columns import Source, open_source, read_batches
+from .places import find_place
+from .reservoir import HELD_ROWS, Reservoir
+
+_STANDS = {True: math.radians(5.0), False: 2e-2}  # further it takes part [rad, m]
+_SOME = 0.02  # share of rows in which it may do so: wrong readings
+_STILL = {True: math.radians(0.5), False: 1e-3}  # a locked joint may move [rad, m]
+
+
+def locked_from_log(
+    path: str | os.PathLike[str] | Source,
+    names: Sequence[str],
+    *,
+    columns: Mapping[str, str] | None = None,
+    degrees: bool = False,
+    prismatic: Sequence[str] = (),
+) -> tuple[dict[str, float], tuple[str, ...]]:
+    """Find where the locked joints stood while a log was recorded.
+
+    Parameters
+    ----------
+    path : path-like or Source
+        CSV or Parquet.
+    names : sequence of str
+        Joints that are not active. Those without a column are passed over.
+    columns : mapping of str to str, optional
+        Other names of columns.
+    degrees : bool
+        Whether joints that turn are logged in degrees.
+    prismatic : sequence of str
+        Which of the joints slide.
+
+    Returns
+    -------
+    values : dict of str to float [rad or m]
+        The median of each joint's column, for `load_arm(..., lock=values)`.
+    notes : tuple of str
+        A warning for each joint that moved more than 0.5 deg or 1 mm from it.
+    """
+    source = open_source(path)
+    used = {name: (columns or {}).get(name, name) for name in names}
+    found = [name for name in names if used[name] != name or find_place(source.header, name)]
+    if not found:
+        return {}, ()
+    reservoirs = [Reservoir(HELD_ROWS, extremes=1) for _ in found]
+    row = 0
+    for batch in read_batches(source, [used[name] for name in found]):
+        numbers = np.arange(row, row + len(batch))
+        row += len(batch)
+        for reservoir, column in zip(reservoirs, batch.T, strict=True):
+            there = np.isfinite(column)
+            reservoir.add(column[there, None], numbers[there])
+    values, notes = {}, []
+    for name, reservoir in zip(found, reservoirs, strict=True):
+        recorded = reservoir.rows()[0].ravel()
+        if not len(recorded):
+            continue
+        turns = name not in prismatic
+        if turns and degrees:
+            recorded = np.deg2rad(recorded)
+        values[name] = float(np.median(recorded))
+        moved = float(np.abs(recorded - values[name]).max())
+        away = float(np.mean(np.abs(recorded - values[name]) > _STANDS[turns]))
+        if away > _SOME:
+            shown = f"{math.degrees(moved):.3g} deg" if turns else f"{1e3 * moved:.3g} mm"
+            raise LogError(
+                f"{source.label}: {name} is locked but moved by up to {shown} (row "
+                f"{_furthest(reservoir, values[name], turns and degrees)})",
+                hint="name it in `joints` too, or leave out the rows in which it moved",
+                parameter="joints",
+                value=name,
+            )
+        if moved > _STILL[turns]:
+            shown = f"{math.degrees(moved):.3g} deg" if turns else f"{1e3 * moved:.3g} mm"
+            notes.append(
+                f"{source.label}: {name} is taken as locked but moved by up to {shown}; "
+                "leave out those rows, or name it in `joints`"
+            )
+    return values, tuple(notes)
+
+
+def _furthest(reservoir: Reservoir, middle: float, degrees: bool) -> int:
+    """Number of the row in which a joint is furthest from a value [rad or m]."""
+    values, numbers = reservoir.rows()
+    column = np.deg2rad(values[:, 0]) if degrees else values[:, 0]
+    return int(numbers[int(np.argmax(np.abs(column - middle)))]) + 1

@@ -1,0 +1,68 @@
+"""Cloud: where the tip of an arm in space can be, and how well the model knows it there."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+from typing import TYPE_CHECKING
+
+import numpy as np
+from numpy.typing import NDArray
+
+if TYPE_CHECKING:
+    from ...model.model import Model
+
+Array = NDArray[np.float64]
+
+_POSTURES, _SHOWN, _CUT = 40_000, 3_000, 1_500
+_THICK = 0.01  # half the thickness of a cut, as a share of the cloud's extent
+
+
+@dataclass(frozen=True, eq=False)
+class Cloud:
+    """Positions of random postures over the learned range.
+
+    Attributes
+    ----------
+    x : (n, 3) array [unit]
+    errors : (n,) array [unit]
+        95 % bounds on the true position in the sensor's frame.
+    q : (m, dof) array [rad or m]
+        More postures, for cuts.
+    positions : (m, 3) array [unit]
+        Theirs.
+    model : Model
+    """
+
+    x: Array
+    errors: Array
+    q: Array
+    positions: Array
+    model: Model
+
+    def cuts(self, lift: Callable[[Array], Array], frame: Array) -> tuple[Array, Array]:
+        """Points (k, 3) of the scene near two planes through its middle, and their errors (k,).
+
+        One plane faces the viewer, one is level; `frame` has x, y and normal of the first.
+        """
+        points = lift(self.positions)
+        away = points - np.median(points, axis=0)
+        half = _THICK * float(np.ptp(away, axis=0).max())
+        found, errors = [], []
+        for normal in frame[[2, 1]]:
+            height = away @ normal
+            chosen = np.flatnonzero(np.abs(height) < half)[:_CUT]
+            found.append(points[chosen] - np.outer(height[chosen], normal))
+            errors.append(self.model.model_error(self.q[chosen]))
+        return np.concatenate(found), np.concatenate(errors)
+
+
+def cloud(model: Model) -> Cloud:
+    """Postures spread evenly over the learned range, without those that the model refuses."""
+    about = model.about
+    rng = np.random.default_rng(0)
+    q = rng.uniform(about.lower, about.upper, (_POSTURES, len(about.joint_names)))
+    x = model.forward(q)
+    known = np.isfinite(x).all(axis=1)
+    q, x = q[known], x[known]
+    return Cloud(x[:_SHOWN], model.model_error(q[:_SHOWN]), q, x, model)

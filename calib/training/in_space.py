@@ -1,0 +1,96 @@
+"""Fit the body of an arm in space: from positions, poses or a camera's pixels."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ..arm.rotations import logarithm, matrix_of
+from ..arm.spatial_arm import SpatialArm
+from ..body.fitting import METRES
+from ..body.poses import positions_of, refuse_misfit
+from ..body.posterior import BodyFit, fit_structure
+from ..body.spatial import structure_of
+from ..body.spatial_random import unknown_structure
+from ..body.telling import warnings_of
+from ..errors import OptionError
+from ..samples.samples import Samples
+
+Array = NDArray[np.float64]
+
+VIEWS = ("auto", "base", "rigid", "similarity")
+
+
+def sees_from_anywhere(samples: Samples, view: str) -> bool:
+    """Whether samples are pixels of an arm in space, seen by a pinhole camera.
+
+    Raises
+    ------
+    OptionError
+        If `view` asks for that and the samples are others, or the other way round.
+    """
+    fits = samples.camera is not None and isinstance(samples.arm, SpatialArm)
+    if view == "pinhole" and not fits:
+        raise OptionError(
+            "view 'pinhole' needs a log of pixels u, v and the robot that they are of, which moves "
+            "in space",
+            hint="for planar arms give `view='homography'`",
+            parameter="view",
+            value=view,
+        )
+    if fits and view not in ("auto", "pinhole"):
+        raise OptionError(
+            f"view {view!r} is not that of pixels of an arm in space: expected pinhole",
+            parameter="view",
+            value=view,
+        )
+    return fits
+
+
+def fit_in_space(samples: Samples, rows: NDArray[np.intp], view: str, seed: int) -> BodyFit:
+    """Fit the body of an arm in space to some rows of samples.
+
+    A log's URDF is the prior of its geometry; without one, and in simulation, a chain of
+    which only the joints are known is found from the rows.
+    """
+    q, x = samples.q[rows], samples.x[rows]
+    extent = float(np.sqrt(((x - x.mean(axis=0)) ** 2).sum(axis=1).mean()))  # of the noise's floor
+    notes = warnings_of(q, samples.joint_names, samples.revolute, x, samples.lower, samples.upper)
+    arm, camera = samples.arm, samples.camera
+    if camera is not None and isinstance(arm, SpatialArm) and x.shape[1] == 2:
+        from ..body.camera import told_by
+
+        template = structure_of(
+            arm, "pinhole", unit="px", extent=extent, lens=camera.lens, lens_sd=camera.lens_sd
+        )
+        fit = fit_structure(template, q, x, seed=seed, notes=notes)
+        said = told_by(fit, q, x, samples.lower, samples.upper)
+        return replace(fit, notes=(*fit.notes, *said))
+    if view not in VIEWS:
+        raise OptionError(
+            f"view {view!r} is for planar arms; for x, y, z expected one of {', '.join(VIEWS)}",
+            parameter="view",
+            value=view,
+        )
+    metre = METRES.get(samples.unit, 1.0)
+    simulated = samples.simulation is not None
+    if isinstance(arm, SpatialArm) and not simulated:
+        kind = {"auto": "rigid" if samples.unit in METRES else "similarity"}.get(view, view)
+        template = structure_of(arm, kind, unit=samples.unit, metre=metre, extent=extent)
+        if samples.orientation is not None and kind == "rigid":
+            turns = samples.orientation[rows]
+            refuse_misfit(template, q, x, turns)
+            poses = np.hstack([x, logarithm(matrix_of(turns))])
+            found = fit_structure(template.with_view("pose"), q, poses, seed=seed, notes=notes)
+            return positions_of(found)
+        if samples.orientation is not None:
+            notes = (*notes, f"orientations are not used with the view {kind!r}")
+    else:
+        if samples.orientation is not None:
+            notes = (*notes, "orientations are used together with the robot's URDF: give `robot`")
+        template = unknown_structure(
+            samples.joint_names, samples.revolute, extent, samples.unit, metre
+        )
+    return fit_structure(template, q, x, simulated=simulated, seed=seed, notes=notes)

@@ -1,0 +1,117 @@
+"""Tables and words of the C source of a spatial body."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ..arm.rotations import exponential
+from ..body.curves import HARMONICS
+from .c_source import array, integers, number
+from .c_spatial import LINEAR, PINHOLE
+
+if TYPE_CHECKING:
+    from ..body.spatial import SpatialStructure
+
+Array = NDArray[np.float64]
+
+_NEAREST = 1e-3  # a point nearer to the camera's plane than this [m] is held there
+_POSES, _POSE_CALM = 2, 1e-6  # steps towards a pose, and their damping
+
+
+def words(structure: SpatialStructure, single: bool) -> dict[str, object]:
+    """Numbers and lines that stand in the source itself."""
+    lever = structure.chain.reach
+    return {
+        "view": _pinhole(single) if structure.view == "pinhole" else LINEAR,
+        "poses": _POSES,
+        "pose_calm": number(_POSE_CALM, single),
+        "lever": number(lever, single),
+        "half_lever": number(lever / 2, single),
+    }
+
+
+def _pinhole(single: bool) -> str:
+    return PINHOLE.replace("@nearest@", number(_NEAREST, single))
+
+
+def tables(structure: SpatialStructure, beta: Array, single: bool) -> str:
+    """Constant tables of a spatial body: the chain, its loads, its curves and the sensor."""
+    chain, sensor = structure.chain, structure.sensor(beta)
+    real, waves = "calib_real", np.zeros((2, HARMONICS, structure.dof))
+    for k in range(structure.dof):
+        curve = structure.groups[f"curve.{k}"]
+        if len(curve):
+            waves[:, :, k] = beta[curve].reshape(2, HARMONICS)
+    weighed = chain.masses if len(chain.masses) else np.zeros(chain.joints)
+    middle = chain.centres - chain.points if len(chain.masses) else np.zeros((chain.joints, 3))
+    gravity = np.asarray(structure.gravity) / structure.torque
+    rows, dof = "CALIB_CHAIN", "CALIB_DOF"
+    return (
+        f"\nenum {{ CALIB_CHAIN = {chain.joints} }};\n"
+        + integers("calib_bends", rows, chain.revolute)
+        + array(real, "calib_axis", [rows, "3"], chain.axes, single)
+        + array(real, "calib_stride", [rows, "3"], _strides(structure), single)
+        + array(real, "calib_coupling", [rows, dof], chain.coupling, single)
+        + array(real, "calib_bias", [rows], chain.bias, single)
+        + array(real, "calib_mass", [rows], weighed, single)
+        + array(real, "calib_centre", [rows, "3"], middle, single)
+        + array(real, "calib_gravity", ["3"], gravity, single)
+        + array(real, "calib_curve_cos", ["CALIB_HARMONICS", dof], waves[0], single)
+        + array(real, "calib_curve_sin", ["CALIB_HARMONICS", dof], waves[1], single)
+        + array(real, "calib_view", ["9"], sensor.scale * sensor.rotation, single)
+        + array(real, "calib_aim", ["9"], sensor.rotation, single)
+        + array(real, "calib_shift", ["3"], sensor.shift, single)
+        + array(real, "calib_lens", ["4"], sensor.lens, single)
+        + _ARM
+        + arm("calib_body", structure, beta, single)
+    )
+
+
+_ARM = """
+/* An arm: joint values are gain q + offset + curve, and bend under gravity. */
+typedef struct {
+  calib_real gain[CALIB_DOF], offset[CALIB_DOF], bending[CALIB_CHAIN];
+  calib_real stride[CALIB_CHAIN][3], turned[CALIB_CHAIN][9], tip[3], tip_turn[9];
+  int curves, elastic;
+} calib_arm;
+"""
+
+
+def arm(name: str, structure: SpatialStructure, beta: Array, single: bool) -> str:
+    """The constant of one arm: the body, or the nominal one."""
+    chain, groups, moved = structure.chain, structure.groups, structure.deviations(beta)
+    elastic = np.zeros(chain.joints)
+    if len(groups["elastic"]):
+        elastic = beta[groups["elastic"]]
+    last = chain.points[-1]
+    parts = (
+        beta[groups["gain"]],
+        beta[groups["offset"]],
+        elastic,
+        _strides(structure) + moved.shifts,
+        exponential(moved.turns).reshape(-1, 9),
+        chain.tip - last + chain.rotation @ moved.tool,
+        (chain.rotation @ exponential(moved.tool_turn)).ravel(),
+    )
+    curves = any(
+        beta[groups[f"curve.{k}"]].any() for k in range(structure.dof) if len(groups[f"curve.{k}"])
+    )
+    words = [_braces(np.asarray(part), single) for part in parts]
+    flags = f"{int(curves)}, {int(elastic.any())}"
+    return f"\nstatic const calib_arm {name} = {{\n  " + ",\n  ".join([*words, flags]) + "\n};\n"
+
+
+def _braces(values: Array, single: bool) -> str:
+    """Numbers in the braces of a C constant, row by row."""
+    if values.ndim == 2:
+        return "{" + ",\n   ".join(_braces(row, single) for row in values) + "}"
+    return "{" + ", ".join(number(v, single) for v in values) + "}"
+
+
+def _strides(structure: SpatialStructure) -> Array:
+    """From each joint's origin of the nominal chain to the next (m, 3) [m]."""
+    points = structure.chain.points
+    return np.asarray(np.diff(points, axis=0, prepend=np.zeros((1, 3))))

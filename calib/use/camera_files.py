@@ -1,0 +1,83 @@
+"""Camera files: a fitted camera for ROS, as camera_info YAML and as a static transform.
+
+Use them where other programs need the camera of an arm: image pipelines and tf.
+"""
+
+from __future__ import annotations
+
+import json
+from typing import TYPE_CHECKING, Any
+
+from ..arm.urdf import parse_urdf
+from ..body.sensor import SensorPose
+from ..errors import OptionError
+
+if TYPE_CHECKING:
+    from ..model.model import Model
+
+
+def camera_info(model: Model) -> str:
+    """The lens as the YAML that ROS's camera_info_manager reads.
+
+    Raises
+    ------
+    OptionError
+        If the model was not learned from pixels of an arm in space.
+    """
+    structure: Any = model.body.structure if model.body is not None else None
+    if model.body is None or structure.kind != "spatial" or structure.view != "pinhole":
+        raise OptionError(
+            "the model has no camera: expected one that was learned from pixels of an arm in space"
+        )
+    f, u, v, k1 = model.body.beta[structure.groups["lens"]].tolist()
+    width, height = model.about.picture or (round(2 * u), round(2 * v))
+    matrix = [f, 0.0, u, 0.0, f, v, 0.0, 0.0, 1.0]
+    projection = [f, 0.0, u, 0.0, 0.0, f, v, 0.0, 0.0, 0.0, 1.0, 0.0]
+    eye = [1.0, 0.0, 0.0, 0.0, 1.0, 0.0, 0.0, 0.0, 1.0]
+    return "\n".join(
+        [
+            f"image_width: {width}",
+            f"image_height: {height}",
+            "camera_name: camera",
+            *_matrix("camera_matrix", 3, 3, matrix),
+            "distortion_model: plumb_bob",
+            *_matrix("distortion_coefficients", 1, 5, [k1, 0.0, 0.0, 0.0, 0.0]),
+            *_matrix("rectification_matrix", 3, 3, eye),
+            *_matrix("projection_matrix", 3, 4, projection),
+            "",
+        ]
+    )
+
+
+def static_transform(model: Model) -> str:
+    """The sensor's place as a geometry_msgs/TransformStamped in JSON, from the robot's root link.
+
+    A camera's frame is optical: x right, y down, z ahead.
+
+    Raises
+    ------
+    OptionError
+        If the model knows no sensor in space.
+    """
+    sensor = SensorPose.of(model.body)
+    if sensor is None:
+        raise OptionError(
+            "the model knows no sensor's pose: expected one that was learned from a log of an arm "
+            "in space and its robot"
+        )
+    structure: Any = model.body and model.body.structure
+    root = parse_urdf(model.about.urdf, model.about.robot).root
+    child = "camera_optical_frame" if structure.view == "pinhole" else "sensor_frame"
+    names = zip("xyz", sensor.position.tolist(), strict=True)
+    turns = zip("xyzw", sensor.quaternion.tolist(), strict=True)
+    document = {
+        "header": {"frame_id": root},
+        "child_frame_id": child,
+        "transform": {"translation": dict(names), "rotation": dict(turns)},
+    }
+    return json.dumps(document, indent=2) + "\n"
+
+
+def _matrix(name: str, rows: int, columns: int, data: list[float]) -> list[str]:
+    numbers = ", ".join(repr(float(value)) for value in data)
+    return [f"{name}:", f"  rows: {rows}", f"  cols: {columns}", f"  data: [{numbers}]"]

@@ -1,0 +1,194 @@
+"""The geometry of a spatial arm that fits a model best: joint offsets, joint origins and the tip.
+
+`calib urdf` writes it into a copy of the URDF.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ..arm.spatial_arm import SpatialArm
+from ..arm.urdf import parse_urdf
+from ..body.belief import Body
+from ..body.fit import Fit, maximise
+from ..body.fitting import METRES
+from ..body.spatial import SpatialStructure, structure_of
+from ..body.spatial_prior import frame_groups
+from ..body.spatial_start import frame
+from ..body.structure import Prior
+from .origins import Moved
+
+Array = NDArray[np.float64]
+
+_NU = 6.0  # degrees of freedom of the residuals: a few rows may be grossly wrong
+_FLOOR = 1e-7  # of the extent: a residual below is rounding
+_STEPS = 15
+
+
+@dataclass(frozen=True, eq=False)
+class SpatialGeometry:
+    """A fitted geometry of a spatial arm.
+
+    Attributes
+    ----------
+    arm : SpatialArm
+        The nominal arm.
+    structure : SpatialStructure
+        Its chain and view.
+    beta, sd : (d,) array
+        Parameters and their posterior standard deviations, 0 where nothing was fitted.
+    free : bool
+        Whether the sensor's frame was fitted; the first joint's offset and place are nominal
+        then, by convention.
+    move_tip : bool
+        Whether the tip's fitted place belongs to the arm; else it is the sensor's: a probe, a tag.
+    residual, before : float [m; px]
+        Root mean square distance that this geometry, and the nominal one, do not explain, each
+        with the sensor and the tip where they fit best.
+    reach : float [m; px]
+        Furthest distance of the tip from the middle of its positions.
+    """
+
+    arm: SpatialArm
+    structure: SpatialStructure
+    beta: Array
+    sd: Array
+    free: bool
+    move_tip: bool
+    residual: float
+    before: float
+    reach: float
+
+    @property
+    def unit(self) -> str:
+        """Unit of `residual`, `before` and `reach`."""
+        return self.structure.unit if self.structure.view == "pinhole" else "m"
+
+    @property
+    def places(self) -> tuple[str, ...]:
+        """Joints whose origins are fitted, mimic joints included, as the URDF names them."""
+        path = parse_urdf(self.arm.urdf).path(self.arm.tip)
+        return tuple(j.name for j in path if j.movable and j.name not in self.arm.locked)
+
+    def origins(self) -> dict[str, Moved]:
+        """What is written of each joint."""
+        layout, chain = self.structure.layout, self.structure.chain
+        values = chain.coupling @ self.beta[self.structure.groups["offset"]]
+        parts = (self.beta[layout.shifts], self.beta[layout.turns], values.tolist())
+        return {
+            name: Moved(*part)
+            for name, part in zip(self.places, zip(*parts, strict=True), strict=True)
+        }
+
+    def tip(self) -> Moved:
+        """What is written of the tip: a shift in the root's axes and a turn in its own."""
+        if not self.move_tip:
+            return Moved()
+        groups = self.structure.groups
+        shift = self.structure.chain.rotation @ self.beta[groups["tool"]]
+        return Moved(shift, self.beta[groups["tool.rotation"]])
+
+    def to_json(self) -> dict[str, Any]:
+        """Plain data; intervals are half widths of 95 %."""
+        groups, layout = self.structure.groups, self.structure.layout
+
+        def told(index: Any) -> dict[str, Any]:
+            return {
+                "value": self.beta[index].tolist(),
+                "interval": (1.96 * self.sd[index]).tolist(),
+            }
+
+        joints = zip(self.arm.joint_names, groups["offset"], strict=True)
+        places = zip(self.places, layout.shifts, layout.turns, strict=True)
+        return {
+            "offsets": {name: told(k) for name, k in joints},
+            "places": {n: {"shift": told(s), "turn": told(t)} for n, s, t in places},
+            "tip": {
+                "shift": told(groups["tool"]),
+                "turn": told(groups["tool.rotation"]),
+                "written": self.move_tip,
+            },
+            "frame_fitted": self.free,
+            "residual": self.residual,
+            "before": self.before,
+            "reach": self.reach,
+        }
+
+
+def fit_spatial(
+    arm: SpatialArm,
+    body: Body | None,
+    q: Array,
+    x: Array,
+    *,
+    unit: str,
+    free: bool,
+    move_base: bool,
+    move_tip: bool,
+) -> SpatialGeometry:
+    """Fit offsets, joint origins and the tip to positions `x` (n, m) at joints `q` (n, dof).
+
+    The prior is that of a body: joint origins to 1 mm and 0.1 deg, or as many times that as the
+    evidence takes. What the rows do not tell apart is within the intervals.
+    """
+    structure = _structure(arm, body, x, unit, free)
+    start = _known(body, structure)
+    start = frame(structure, q, x) if start is None else start
+    groups = frame_groups(structure)
+    nominal = _fit(structure, q, x, start, structure.prior(groups))
+    first = np.concatenate([structure.layout.shifts[0], structure.layout.turns[0]])
+    prior = structure.prior((*groups, "placement", "offset"))
+    prior = _held(prior, first[:0] if move_base else first)
+    fitted = _fit(structure, q, x, nominal.beta, prior)
+    sd = np.zeros(structure.size)
+    sd[fitted.active] = np.sqrt(np.diag(fitted.covariance))
+    metre = 1.0 if structure.view == "pinhole" else structure.metre
+    middle = x - x.mean(axis=0)
+    reach = float(np.linalg.norm(middle, axis=1).max()) / metre
+    left, before = (
+        float(np.sqrt((fit.residual**2).sum(axis=1).mean())) / metre for fit in (fitted, nominal)
+    )
+    return SpatialGeometry(arm, structure, fitted.beta, sd, free, move_tip, left, before, reach)
+
+
+def _structure(
+    arm: SpatialArm, body: Body | None, x: Array, unit: str, free: bool
+) -> SpatialStructure:
+    """The nominal arm as the model's sensor sees it."""
+    own = None if body is None else body.structure
+    if isinstance(own, SpatialStructure) and own.informed:
+        view = own.view if free else "base"
+        return replace(own, view="rigid" if view == "pose" else view)
+    size = float(np.sqrt(((x - x.mean(axis=0)) ** 2).sum(axis=1).mean()))
+    view = "base" if not free else "rigid" if unit in METRES else "similarity"
+    return structure_of(arm, view, unit=unit, metre=METRES.get(unit, 1.0), extent=size)
+
+
+def _known(body: Body | None, structure: SpatialStructure) -> Array | None:
+    """The body's own parameters, where they are of this structure."""
+    own = None if body is None else body.structure
+    if body is None or not isinstance(own, SpatialStructure) or not own.informed:
+        return None
+    return body.beta if own.view == structure.view else None
+
+
+def _held(prior: Prior, still: NDArray[np.intp]) -> Prior:
+    """The prior with some parameters held at their mean."""
+    sd = prior.sd.copy()
+    sd[still] = 0.0
+    hypers = []
+    # offsets first: what an offset explains, turned and shifted origins would explain too
+    for hyper in sorted(prior.hypers, key=lambda h: not h.name.startswith("offset")):
+        kept = ~np.isin(hyper.indices, still)
+        if kept.any():
+            hypers.append(replace(hyper, indices=hyper.indices[kept], shape=hyper.shape[kept]))
+    return Prior(prior.mean, sd, tuple(hypers))
+
+
+def _fit(structure: SpatialStructure, q: Array, x: Array, beta: Array, prior: Prior) -> Fit:
+    floor = _FLOOR * structure.extents
+    return maximise(structure, q, x, beta, prior, nu=_NU, floor=floor, steps=_STEPS, tolerance=1e-3)

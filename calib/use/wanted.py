@@ -1,0 +1,121 @@
+"""Wanted: where the nominal arm would be, in the sensor's frame, as a correction aims for it."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+from typing import TYPE_CHECKING
+from weakref import WeakKeyDictionary
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ..body.planar import PlanarStructure
+from ..body.spatial import SpatialStructure
+from ..model.alignment import Alignment
+from .geometry import (
+    Geometry,
+    fit_geometry,
+    frame_is_free,
+    frames,
+    is_simulated,
+    moves_in_space,
+    nominal_arm,
+)
+from .nominal import NominalArm, nominal_in_base, nominal_in_space, nominal_in_view
+from .nominal_pose import NominalPose
+from .spatial_geometry import SpatialGeometry
+
+if TYPE_CHECKING:
+    from ..model.model import Model
+
+Array = NDArray[np.float64]
+
+
+@dataclass(frozen=True, eq=False)
+class Wanted:
+    """Where a nominal arm would be.
+
+    Attributes
+    ----------
+    forward : callable
+        Joint values (n, dof) to positions (n, m) of the nominal arm.
+    frames : tuple of Alignment
+        What moves these positions into the sensor's frame.
+    free : bool
+        Whether the sensor's frame was fitted.
+    single : callable or None
+        `forward` for one row in plain floats.
+    pose : NominalPose or None
+        Of an arm in space with six joints or more.
+    """
+
+    forward: Callable[[Array], Array]
+    frames: tuple[Alignment, ...]
+    free: bool
+    single: Callable[[Sequence[float]], tuple[float, float]] | None = None
+    pose: NominalPose | None = None
+
+    def target(self, q: Array) -> Array:
+        """Where the nominal arm would be, in the sensor's frame, (n, m)."""
+        target = self.forward(q)
+        for frame in self.frames:
+            target = frame.apply(target)
+        return target
+
+
+_kept: WeakKeyDictionary[Model, dict[str, Wanted]] = WeakKeyDictionary()
+
+
+def wanted(model: Model, view: str, cause: str) -> Wanted:
+    """Return it, fitted once for a model: a controller corrects row by row."""
+    kept = _kept.setdefault(model, {})
+    key = f"{view} {cause}"
+    if key not in kept:
+        kept[key] = _found(model, view, cause)
+    return kept[key]
+
+
+def _found(model: Model, view: str, cause: str) -> Wanted:
+    free = frame_is_free(model, view)
+    planar = model.body is not None and isinstance(model.body.structure, PlanarStructure)
+    if planar and free and cause == "sensor":
+        # the body knows the sensor's frame, as it is after all adaptations
+        return _of_body(model, nominal_in_view(model), (), free)
+    if planar and not free:
+        return _of_body(model, nominal_in_base(model), tuple(frames(model, cause)), free)
+    moved = tuple(frames(model, cause))
+    if moves_in_space(model):
+        return _in_space(model, view, cause, free)
+    geometry = fit_geometry(model, view=view, cause=cause) if free else None
+    own = (geometry.frame,) if isinstance(geometry, Geometry) else ()
+    return Wanted(nominal_arm(model).forward, (*own, *moved), free)
+
+
+def _in_space(model: Model, view: str, cause: str, free: bool) -> Wanted:
+    """The nominal arm of a model whose arm moves in space, with the sensed point at its tip."""
+    body, moved = model.body, tuple(frames(model, cause))
+    pose = None
+    own = None if body is None else body.structure
+    if is_simulated(model):
+        return Wanted(nominal_arm(model).forward, moved, free)
+    if (
+        body is not None
+        and isinstance(own, SpatialStructure)
+        and own.informed
+        and (free or own.view == "base")
+    ):
+        structure, beta, moved = own, nominal_in_space(own, body.beta), ()
+        pose = NominalPose.of(own, body.beta, beta)
+    else:
+        geometry = fit_geometry(model, view=view, cause=cause)
+        assert isinstance(geometry, SpatialGeometry)  # noqa: S101
+        structure = geometry.structure
+        beta = nominal_in_space(structure, geometry.beta)
+    return Wanted(lambda q: structure.predict(q, beta), moved, free, pose=pose)
+
+
+def _of_body(model: Model, arm: NominalArm, moved: tuple[Alignment, ...], free: bool) -> Wanted:
+    assert model.body is not None  # noqa: S101
+    single = arm.compiled(model.body) if not moved else None
+    return Wanted(arm.predict, moved, free, single)

@@ -1,0 +1,107 @@
+"""Commands on demand: a command line imports the module of the command that it runs, no other."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator, MutableMapping
+from functools import partial
+from importlib import import_module
+from typing import Any, get_args, get_origin
+
+import typer
+from typer.main import get_command
+
+COMMANDS = {
+    "robots": "List the bundled robots.",
+    "plan": "Plan poses to measure: well spread, within the limits.",
+    "train": "Learn a model from simulated babbling or from a measured log.",
+    "query": "Ask a model for positions or for joint values.",
+    "evaluate": "Print the errors of a model, on fresh samples or on a log.",
+    "sweep": "Train with every combination of options, on all cores.",
+    "check": "Compare a model with new samples: is it still calibrated?",
+    "adapt": "Re-calibrate a model from a few new samples.",
+    "correct": "Correct joint values so that the real arm goes where they lead.",
+    "urdf": "Write a copy of the URDF with what the model has learned.",
+    "export": "Write a model as one C99 header for controllers without Python.",
+    "babble": "Write a log of simulated babbling [rad, m].",
+    "log": "Turn a ROS bag, pictures or a video into a log.",
+    "tag": "Write a tag for the arm's tip, or a board for the desk.",
+    "preview": "Show the arm and its learned maps in a browser.",
+    "report": "Write figures and tables that explain a calibration.",
+    "reproduce": "Redo the paper's tables, figures and experiments.",
+    "info": "Say what a model is and where it came from.",
+    "nodes": "List the nodes of a model's map with their bounds.",
+}
+"""What the command line can do, in the order of its use, and what ``calib --help`` says of it."""
+
+
+class OnDemand(MutableMapping[str, Any]):
+    """The commands by name, each imported when it is first asked for."""
+
+    def __init__(self) -> None:
+        self._loaded: dict[str, Any] = {}
+
+    def __getitem__(self, name: str) -> Any:
+        if name not in self._loaded:
+            if name not in COMMANDS:
+                raise KeyError(name)
+            module = import_module(f".commands.{name}", __package__)
+            app = getattr(module, f"{name}_app", None)  # a command of several
+            if app is None:
+                app = typer.Typer(add_completion=False, rich_markup_mode=None)
+                app.command(name)(getattr(module, name))
+            command = get_command(app)
+            command.name = name
+            for each in (command, *getattr(command, "commands", {}).values()):
+                each.get_params = partial(_params, each.get_params)
+            self._loaded[name] = command
+        return self._loaded[name]
+
+    def __setitem__(self, name: str, command: Any) -> None:
+        self._loaded[name] = command
+
+    def __delitem__(self, name: str) -> None:
+        del self._loaded[name]
+
+    def __iter__(self) -> Iterator[str]:
+        return iter(COMMANDS)
+
+    def __len__(self) -> int:
+        return len(COMMANDS)
+
+
+def _params(usual: Callable[[Any], list[Any]], context: Any) -> list[Any]:
+    return plainly_read(usual(context))
+
+
+def plainly_read(parameters: list[Any]) -> list[Any]:
+    """Let parameters read text by themselves: Typer imports Pydantic for it, a tenth of a second.
+
+    What is more than text, a default or absent is left to Typer, and so are its words for errors.
+    """
+    for parameter in parameters:
+        described = getattr(parameter, "type_descriptor", None)
+        if described is not None:  # an older Typer does not know Pydantic
+            parameter.process_value = partial(
+                _process, parameter, described, type(parameter).process_value
+            )
+    return parameters
+
+
+def _process(parameter: Any, described: Any, usual: Any, context: Any, value: Any) -> Any:
+    """Value of a parameter from what was typed."""
+    kind, many = described.annotation, parameter.multiple or parameter.nargs == -1
+    leaf = get_args(kind)[0] if get_origin(kind) is list else kind
+    parser = described.parameter_info.parser or (str if leaf is str else None)
+    texts = value if many else (value,)
+    if value is None and not parameter.required:
+        value = () if many else None
+    elif parser and texts and all(isinstance(text, str) for text in texts):
+        try:
+            found = [parser(text) for text in texts]
+        except ValueError:
+            return usual(parameter, context, value)
+        value = found if many else found[0]
+    elif value is None or value is not parameter.default:
+        return usual(parameter, context, value)
+    callback = parameter.callback
+    return value if callback is None else callback(context, parameter, value)

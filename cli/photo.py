@@ -1,0 +1,76 @@
+"""The photo that a map is drawn over: where it comes from, and whether the model keeps it."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated
+
+import typer
+
+from .output import Notes
+from .parsing import BadOption
+
+if TYPE_CHECKING:
+    from calib.model.model import Model
+    from calib.samples.samples import Samples
+
+PhotoOption = Annotated[
+    str | None,
+    typer.Option(
+        "--photo",
+        metavar="FILE",
+        help="A picture, or a video, by the camera that made the log: the map is drawn over it.",
+    ),
+]
+NoPhotoOption = Annotated[
+    bool, typer.Option("--no-photo", help="Keep no photo in the model, and draw over none.")
+]
+
+
+def photo_of_log(model: Model, log: Samples, data: str, notes: Notes) -> Model:
+    """Return a model with the picture that its log names, if it lies beside or below the log."""
+    named = log.source.get("photo")
+    if not isinstance(named, str) or data == "-":
+        return model
+    folder = Path(data).resolve().parent
+    try:
+        path = (folder / named).resolve()
+        there = path.is_relative_to(folder) and path.is_file()
+    except (OSError, ValueError):  # no name of a file
+        return model
+    if not there:
+        return model
+    from calib.errors import CalibError
+
+    try:
+        made = with_photo(model, str(path), log)
+    except CalibError as error:
+        notes.say([f"no photo is kept in the model: {error}"])
+        return model
+    notes.say([f"{path.name} is kept in the model as its photo; --no-photo leaves it out"])
+    return made
+
+
+def shown(
+    model: Model, path: str, photo: str | None, no_photo: bool, log: Samples | None, notes: Notes
+) -> Model:
+    """Return a model as it is to be drawn; a photo that was typed is kept in its file."""
+    if photo is None:
+        return replace(model, photo=None) if no_photo else model
+    made = with_photo(model, photo, log)
+    if not no_photo:
+        made.save(path)
+        notes.say([f"{photo} is kept in {path}; --no-photo leaves it out"])
+    return made
+
+
+def with_photo(model: Model, path: str, log: Samples | None) -> Model:
+    """Return a model with a photo; for metres `log` says where its camera was."""
+    from calib.recording.photo import take_photo
+
+    if len(model.axes) != 2:
+        raise BadOption("--photo: positions in space are not drawn over a photo")
+    about = None if log is None else log.source
+    unit = model.about.unit
+    return replace(model, photo=take_photo(path, model.sensory.weights, unit, about))

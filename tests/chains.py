@@ -1,0 +1,44 @@
+"""URDF texts of small chains, for the tests of arms."""
+
+from __future__ import annotations
+
+
+def chain_urdf(*joints: str, tip: str = "0.2 0 0") -> str:
+    """A serial robot: joints j1, j2, ... given by the inside of their elements, and a tip."""
+    text = '<robot name="chain"><link name="l0"/>'
+    for k, inside in enumerate(joints, 1):
+        kind = "prismatic" if "<!--slide-->" in inside else "revolute"
+        if "<!--endless-->" in inside:
+            kind = "continuous"
+        text += (
+            f'<link name="l{k}"/><joint name="j{k}" type="{kind}"><parent link="l{k - 1}"/>'
+            f'<child link="l{k}"/>{inside}</joint>'
+        )
+    return text + (
+        f'<link name="tip"/><joint name="mount" type="fixed"><parent link="l{len(joints)}"/>'
+        f'<child link="tip"/><origin xyz="{tip}"/></joint></robot>'
+    )
+
+
+def turning(axis="0 0 1", xyz="0.3 0 0", lower="-1", upper="1", more="") -> str:
+    return (
+        f'<origin xyz="{xyz}"/><axis xyz="{axis}"/>'
+        f'<limit lower="{lower}" upper="{upper}" effort="1" velocity="1"/>{more}'
+    )
+
+
+SLIDE, ENDLESS = "<!--slide-->", "<!--endless-->"
+
+
+NO_TIP = chain_urdf(turning(), turning(), tip="0 0 0")
+
+
+def branching(inside: str, *names: str, kind: str = "revolute") -> str:
+    """Two joints and a tip; further links of these names hang on the second joint's link."""
+    text = chain_urdf(turning(), turning()).removesuffix("</robot>")
+    for name in names:
+        text += (
+            f'<link name="{name}_link"/><joint name="{name}" type="{kind}">'
+            f'<parent link="l2"/><child link="{name}_link"/>{inside}</joint>'
+        )
+    return text + "</robot>"

@@ -1,0 +1,241 @@
+"""Which arm of a robot is chosen, and what is told where none can be."""
+
+from __future__ import annotations
+
+import sys
+
+import numpy as np
+import pytest
+from calib_cli.translation import as_typed
+from chains import NO_TIP, SLIDE, chain_urdf, turning
+from reference import random_joints
+
+from calib.arm.loading import arm_from_urdf, load_arm
+from calib.errors import CalibError, RobotError
+
+
+def test_the_order_of_the_joints_does_not_matter():
+    arm = load_arm("three_link", ["wrist", "shoulder", "elbow"])
+    assert arm.joint_names == ("shoulder", "elbow", "wrist")
+    assert load_arm("three_link", "elbow,shoulder").joint_names == ("shoulder", "elbow")
+
+
+def test_other_joints_are_locked_at_neutral_or_where_told():
+    arm = load_arm("three_link", ["shoulder", "wrist"])
+    assert arm.locked == {"elbow": pytest.approx(np.deg2rad(15))}  # 0 clipped into its limits
+    assert any("elbow=0.2618" in note for note in arm.notes)
+    told = load_arm("three_link", ["shoulder", "wrist"], lock={"elbow": 1.0})
+    assert told.locked == {"elbow": 1.0}
+    full = load_arm("three_link")
+    expected = full.forward([0.3, 1.0, -0.2])
+    np.testing.assert_allclose(told.forward([0.3, -0.2]), expected, atol=1e-15)
+
+
+def test_a_locked_joint_is_not_chosen():
+    arm = load_arm("three_link", lock={"wrist": 0.5})
+    assert arm.joint_names == ("shoulder", "elbow")
+    assert arm.locked == {"wrist": 0.5}
+
+
+def test_a_follower_is_held_where_its_leader_is():
+    mimic = '<mimic joint="j2" multiplier="-2" offset="0.1"/>'
+    text = chain_urdf(turning(), turning(), turning(more=mimic), turning())
+    arm = arm_from_urdf(text, ["j1", "j4"], lock={"j2": 0.2})
+    assert arm.locked == {"j2": 0.2, "j3": pytest.approx(-0.3)}
+
+
+def test_an_arm_is_preferred_to_its_fingers():
+    text = chain_urdf(
+        turning(xyz="0 0 0.1"),
+        turning(axis="0 1 0"),
+        turning(axis="0 1 0"),
+        turning(xyz="0.25 0 0", axis="1 0 0"),
+        turning(xyz="0.02 0 0", axis="0 0 1"),
+        tip="0.04 0 0",
+    )
+    assert arm_from_urdf(text, planar=True).joint_names == ("j2", "j3")
+
+
+def test_two_slides_make_a_plane():
+    arm = arm_from_urdf(chain_urdf(turning(axis="1 0 0") + SLIDE, turning(axis="0 2 0") + SLIDE))
+    assert arm.revolute == (False, False)
+    np.testing.assert_allclose(arm.forward([0.1, 0.2]), [0.6 + 0.2 + 0.1, 0.2], atol=1e-15)
+    np.testing.assert_allclose(arm.jacobian([0.1, 0.2]), np.eye(2), atol=1e-15)
+
+
+def test_what_had_to_be_chosen_is_said_aloud():
+    text = chain_urdf(turning(), turning(), turning(axis="0 1 0"))
+    assert arm_from_urdf(text, ["j1", "j2"]).notes == (
+        "tip 'tip' was chosen (`tip` changes it)",
+        "locked at neutral: j3=0 (`lock` changes it)",
+    )
+    assert arm_from_urdf(text, ["j1", "j2"], "tip", lock={"j3": 9}).notes == (
+        "`lock={'j3': 9}` lies outside the joint's limits -1:1 [rad]",
+    )
+    assert load_arm("two_link", ["shoulder", "elbow"]).notes == ()
+
+
+def test_a_robot_without_a_name_is_called_as_its_file(tmp_path):
+    text = load_arm("two_link").urdf
+    named = tmp_path / "left_arm.urdf"
+    named.write_text(text)
+    assert load_arm(named).name == "two_link"
+    nameless = tmp_path / "right_arm.urdf"
+    nameless.write_text(text.replace('name="two_link"', ""))
+    arm = load_arm(nameless)
+    assert arm.name == "right_arm"
+    assert any("right_arm is used" in note for note in arm.notes)
+    assert arm_from_urdf(nameless.read_text()).name == "robot"
+
+
+def test_a_note_is_one_printable_line_whatever_the_joints_are_called():
+    text = chain_urdf(turning(), turning(), turning(axis="0 1 0")).replace('"j3"', '"a&#13;b"')
+    assert arm_from_urdf(text, ["j1", "j2"], "tip").notes == (
+        "locked at neutral: a\\rb=0 (`lock` changes it)",
+    )
+
+
+def test_axes_may_point_to_either_side_of_the_plane():
+    same = arm_from_urdf(chain_urdf(turning(), turning()))
+    for axes, signs in ((("0 0 1", "0 0 -1"), (1, -1)), (("0 0 -1", "0 0 1"), (-1, 1))):
+        arm = arm_from_urdf(chain_urdf(*(turning(axis=axis) for axis in axes)))
+        q = np.array([0.3, -0.7])
+        np.testing.assert_allclose(arm.forward(q), same.forward(q * signs), atol=1e-15)
+
+
+def test_a_tip_may_be_named_by_its_joint():
+    assert load_arm("two_link", tip="tip_mount").tip == "tip"
+
+
+def test_an_arm_can_be_built_again_from_its_own_text():
+    arm = load_arm("scara", ranges={"elbow": (0.1, 1)})
+    ranges = dict(zip(arm.joint_names, zip(arm.lower, arm.upper, strict=True), strict=True))
+    again = arm_from_urdf(arm.urdf, arm.joint_names, arm.tip, lock=arm.locked, ranges=ranges)
+    q = random_joints(arm, 10)
+    np.testing.assert_array_equal(again.forward(q), arm.forward(q))
+    np.testing.assert_array_equal(again.lower, arm.lower)
+    np.testing.assert_array_equal(again.upper, arm.upper)
+
+
+@pytest.mark.parametrize(
+    ("options", "words"),
+    [
+        ({"joints": ["sholder", "elbow"]}, ["'sholder'", "did you mean shoulder?"]),
+        ({"joints": ["shoulder", "tip_mount"]}, ["'tip_mount' is fixed", "shoulder, elbow"]),
+        ({"joints": ["elbow"]}, ["two or more"]),
+        ({"joints": []}, ["two or more"]),
+        ({"joints": ["elbow", "elbow"]}, ["'elbow' twice"]),
+        ({"tip": "tp"}, ["'tp'", "did you mean tip?"]),
+        ({"tip": "upper_arm"}, ["'upper_arm'", "shoulder"]),
+        ({"joints": ["shoulder", "elbow"], "tip": "upper_arm"}, ["'elbow'", "'upper_arm'"]),
+        ({"joints": ["shoulder", "elbow"], "tip": "forearm"}, ["'elbow'", "'forearm'", "axis"]),
+        ({"lock": {"nope": 1}}, ["`lock`", "'nope'"]),
+        ({"lock": {"elbow": np.inf}, "joints": ["shoulder", "elbow"]}, ["elbow", "inf"]),
+        ({"lock": {"elbow": 1.0}, "joints": ["shoulder", "elbow"]}, ["active and locked"]),
+        ({"lock": {"elbow": 1.0}}, ["no planar arm", "shoulder, elbow"]),
+    ],
+)
+def test_joints_and_tips_that_cannot_be_are_told_in_one_line(options, words):
+    with pytest.raises(CalibError) as caught:
+        load_arm("two_link", **options)
+    message = str(caught.value)
+    assert "\n" not in message
+    for word in words:
+        assert word in message
+
+
+STUCK_CHAIN = chain_urdf(turning(lower="0", upper="0"), turning())
+
+
+SIDE_BY_SIDE = (
+    '<robot name="r"><link name="o"/><link name="l"/><link name="m"/>'
+    f'<joint name="a" type="revolute"><parent link="o"/><child link="l"/>{turning()}</joint>'
+    f'<joint name="b" type="revolute"><parent link="o"/><child link="m"/>{turning()}</joint>'
+    "</robot>"
+)
+
+
+@pytest.mark.parametrize(
+    ("text", "options", "words"),
+    [
+        # two joints, but whatever the last one carries lies on its axis
+        (NO_TIP, {}, ["'j2'", "lies on its axis", "add a tip link"]),
+        (NO_TIP, {"tip": "tip"}, ["'tip' lies on its axis", "add a tip link"]),
+        (chain_urdf(turning(), turning()), {"tip": "l2"}, ["'l2' lies on its axis", "from tip"]),
+        # two joints side by side
+        (SIDE_BY_SIDE, {}, ["in one chain", "a, b"]),
+        # limits that leave no room: named only where they are the reason
+        (STUCK_CHAIN, {}, ["j1", "no room (0 to 0)", "`ranges={'j1': (LOWER, UPPER)}`"]),
+        (STUCK_CHAIN, {"lock": {"j2": 0.0}}, ["in one chain", "j2 is locked"]),
+    ],
+)
+def test_the_reason_for_finding_no_arm_is_the_true_one(text, options, words):
+    with pytest.raises(RobotError) as caught:
+        arm_from_urdf(text, **options)
+    for word in words:
+        assert word in str(caught.value)
+    assert "\n" not in str(caught.value)
+
+
+def test_joints_that_their_limits_hold_move_once_they_are_given_a_range():
+    arm = arm_from_urdf(STUCK_CHAIN, ranges={"j1": (-1, 1)})
+    assert arm.joint_names == ("j1", "j2")
+    assert arm.lower[0] == -1
+
+
+def test_an_arm_that_is_not_planar_is_refused_naming_the_joint_and_its_axis():
+    text = chain_urdf(turning(), turning(axis="0 1 0"), turning())
+    with pytest.raises(RobotError, match=r"not planar: joint 'j2' has the axis \(0, 1, 0\)"):
+        arm_from_urdf(text, ["j1", "j2", "j3"], planar=True)
+    sliding = chain_urdf(turning(), turning() + SLIDE)
+    with pytest.raises(RobotError, match=r"'j2' has the axis \(0, 0, 1\).*perpendicular"):
+        arm_from_urdf(sliding, ["j1", "j2"], planar=True)
+    in_line = chain_urdf(turning() + SLIDE, turning() + SLIDE)
+    with pytest.raises(RobotError, match="all slide along"):
+        arm_from_urdf(in_line, ["j1", "j2"])
+
+
+@pytest.mark.parametrize(("angle", "planar"), [(0.9e-4, True), (1.1e-4, False)])
+def test_axes_may_differ_by_a_ten_thousandth(angle, planar):
+    text = chain_urdf(turning(), turning(axis=f"{np.sin(angle)} 0 {-np.cos(angle)}"))
+    if planar:
+        assert arm_from_urdf(text, ["j1", "j2"]).joint_names == ("j1", "j2")
+    else:
+        assert arm_from_urdf(text, ["j1", "j2"]).outputs == 3
+        with pytest.raises(RobotError, match="not planar"):
+            arm_from_urdf(text, ["j1", "j2"], planar=True)
+
+
+def test_like_arms_are_listed_and_every_suggestion_works():
+    text = '<robot name="pair"><link name="base"/>'
+    for side in "lr":
+        one = chain_urdf(turning(), turning()).removeprefix('<robot name="chain">')
+        one = one.removesuffix("</robot>").replace('name="', f'name="{side}_')
+        text += one.replace('link="', f'link="{side}_') + (
+            f'<joint name="{side}_base" type="fixed"><parent link="base"/>'
+            f'<child link="{side}_l0"/></joint>'
+        )
+    text += "</robot>"
+    with pytest.raises(RobotError) as caught:
+        arm_from_urdf(text)
+    assert "--joints l_j1,l_j2 --tip l_tip; --joints r_j1,r_j2 --tip r_tip" in as_typed(
+        str(caught.value)
+    )
+    assert arm_from_urdf(text, ["r_j1", "r_j2"], "r_tip").joint_names == ("r_j1", "r_j2")
+    assert arm_from_urdf(text, tip="l_tip").joint_names == ("l_j1", "l_j2")
+
+
+def test_an_active_follower_or_leader_is_refused():
+    mimic = '<mimic joint="j2"/>'
+    text = chain_urdf(turning(), turning(), turning(more=mimic))
+    with pytest.raises(RobotError, match=r"'j3' mimics 'j2' and cannot move on its own"):
+        arm_from_urdf(text, ["j1", "j3"])
+    for joints in (["j1", "j2"], None):
+        with pytest.raises(RobotError, match=r"'j3' mimics the active 'j2'"):
+            arm_from_urdf(text, joints, planar=True)
+
+
+def test_without_pinocchio_the_remedy_is_told(monkeypatch):
+    monkeypatch.setitem(sys.modules, "pinocchio", None)
+    with pytest.raises(RobotError, match="pip install pin"):
+        load_arm("two_link")

@@ -1,0 +1,337 @@
+"""Arms in space on the command line, against Pinocchio and a projection of its own."""
+
+from __future__ import annotations
+
+import csv
+import io
+import json
+from pathlib import Path
+
+import numpy as np
+import pinocchio as pin
+import pytest
+
+import calib
+from calib.samples.camera import Camera, camera_of
+
+EYE, FOCAL, CENTRE, K1 = np.array([0.35, -1.1, 0.55]), 880.0, np.array([633.0, 371.0]), -0.09
+MOVED = np.array([0.02, 0.03, -0.01])
+OFFSETS = {"spatial_three": np.radians([0.0, 2.0, -3.0]), "six_axis": np.zeros(6)}
+
+
+class Truth:
+    """An arm as Pinocchio moves it, with offsets that its log does not know."""
+
+    def __init__(self, robot: str, seed: int) -> None:
+        self.arm = calib.load_arm(robot)
+        self.model = pin.buildModelFromUrdf(
+            str(Path(calib.__file__).parents[1] / f"robots/{robot}.urdf")
+        )
+        self.data, self.frame = self.model.createData(), self.model.getFrameId(self.arm.tip)
+        self.index = [self.model.idx_qs[self.model.getJointId(n)] for n in self.arm.joint_names]
+        self.offset, self.rng = OFFSETS[robot], np.random.default_rng(seed)
+
+    def pose(self, q):
+        places, turns = [], []
+        for row in np.atleast_2d(q):
+            full = pin.neutral(self.model)
+            full[self.index] = row + self.offset
+            pin.framesForwardKinematics(self.model, self.data, full)
+            places.append(self.data.oMf[self.frame].translation.copy())
+            turns.append(self.data.oMf[self.frame].rotation.copy())
+        return np.array(places), np.array(turns)
+
+    def draw(self, n):
+        return self.rng.uniform(self.arm.lower, self.arm.upper, (n, self.arm.dof))
+
+
+def looking(at):
+    """Axes of a camera at EYE that looks at a point: rows right, down, ahead."""
+    z = (at - EYE) / np.linalg.norm(at - EYE)
+    x = np.cross(z, (0, 0, 1.0))
+    x /= np.linalg.norm(x)
+    return np.stack([x, np.cross(z, x), z])
+
+
+CAMERA = looking(np.array([0.1, 0.0, 0.2]))
+
+
+def project(places):
+    point = (places - EYE) @ CAMERA.T
+    n = point[:, :2] / point[:, 2:]
+    return FOCAL * n * (1 + K1 * (n**2).sum(axis=1, keepdims=True)) + CENTRE
+
+
+def table(path, names, rows):
+    np.savetxt(path, rows, delimiter=",", header=",".join(names), comments="", fmt="%.12g")
+    return path
+
+
+def read(text):
+    rows = list(csv.DictReader(io.StringIO(text)))
+    return {name: np.array([float(row[name]) for row in rows]) for name in rows[0]}
+
+
+@pytest.fixture(scope="module")
+def pictures(run, tmp_path_factory):
+    """The truth, a folder, and a model of 45 pictures at 0.3 px."""
+    folder, truth = tmp_path_factory.mktemp("pictures"), Truth("spatial_three", 0)
+    q = truth.draw(45)
+    pixels = project(truth.pose(q)[0]) + truth.rng.normal(0, 0.3, (45, 2))
+    names = [*truth.arm.joint_names, "u", "v"]
+    table(folder / "log.csv", names, np.c_[q, pixels])
+    table(folder / "mirrored.csv", names, np.c_[q, 1280 - pixels[:, :1], pixels[:, 1:]])
+    done = run("train", "spatial_three", "--data", folder / "log.csv", "--size", 5, "-o",
+               folder / "m.calib")  # fmt: skip
+    assert done.code == 0, done.err
+    assert "1280x720" in done.err
+    return truth, folder, q
+
+
+def test_the_camera_is_where_it_stands(run, pictures):
+    _, folder, _ = pictures
+    view = run("info", folder / "m.calib", "--json").document["view"]
+    assert view["kind"] == "pinhole"
+    camera = view["camera"]
+    assert np.linalg.norm(np.array(camera["position"]) - EYE) < 3e-3
+    turn = pin.Quaternion(np.array(camera["quaternion"])).matrix()  # columns: right, down, ahead
+    assert np.degrees(np.linalg.norm(pin.log3(turn @ CAMERA))) < 0.2
+    assert camera["convention"]["joint"] == "shoulder_pan"
+    assert view["lens"]["focal"] == pytest.approx(FOCAL, rel=5e-3)
+    assert view["focal"]["unit"] == "px"
+    words = run("info", folder / "m.calib").out
+    assert "camera at (" in words
+    assert "cannot be told from that joint's offset" in words
+
+
+def test_pixels_and_the_tip_in_the_base_frame_are_those_of_the_truth(run, pictures):
+    truth, folder, _ = pictures
+    q = truth.draw(60)
+    places, names = truth.pose(q)[0], truth.arm.joint_names
+    table(folder / "q.csv", names, q)
+    forward = ("query", "forward", folder / "m.calib", "--input", folder / "q.csv")
+    seen, base = read(run(*forward).out), read(run(*forward, "--in", "base").out)
+    assert np.hypot(*(np.c_[seen["x"], seen["y"]] - project(places)).T).mean() < 0.4
+    miss = np.linalg.norm(np.c_[base["x"], base["y"], base["z"]] - places, axis=1)
+    assert miss.mean() < 5e-4
+    assert (miss <= base["expected_error"]).mean() >= 0.95
+    order = ["x", "y", "z", "qx", "qy", "qz", "qw", "expected_error", "model_error"]
+    assert list(base) == [*names, *order]
+    one = run("query", "forward", folder / "m.calib", *q[0], "--in", "base", "--json").document
+    assert one["unit"] == one["units"]["positions"] == "m"
+    assert one["position"] == pytest.approx([base[axis][0] for axis in "xyz"])
+
+
+def test_a_pixel_on_a_plane_gives_a_point_and_joints_that_stand_there(run, pictures):
+    truth, folder, _ = pictures
+    point = truth.pose([0.3, 0.9, -1.4])[0][0]
+    u, v = project(point[None])[0]
+    ask = ("query", "inverse", folder / "m.calib")
+    found = run(*ask, u, v, "--on", f"z={point[2]}", "--json").document
+    assert found["on_plane"]["position"] == pytest.approx(point, abs=1e-3)
+    joints = list(found["solutions"][0]["joints"].values())
+    assert np.linalg.norm(truth.pose(joints)[0][0] - point) < 1e-3
+    up = run(*ask, *CENTRE, "--on", "z=2")  # the plane is above a camera that looks down
+    assert (up.code, up.err.count("\n")) == (1, 1)
+    assert "in front of the camera" in up.err
+    assert run(*ask, u, v, "--on", "x=1").code == 2
+    behind = run(*ask, 0.3, -2.0, 0.3, "--in", "base")
+    assert behind.code == 3
+    assert "does not show the target" in behind.err
+    alone = run(*ask, u, v, "--near", "0,0.5,-1", "--keep-orientation")
+    assert (alone.code, alone.err.count("\n")) == (1, 1)
+    assert "--on z=H" in alone.err
+
+
+def test_a_mirrored_picture_and_a_view_of_another_arm_are_told_in_one_line(run, pictures):
+    _, folder, _ = pictures
+    out = ("-o", folder / "no.calib")
+    done = run("train", "spatial_three", "--data", folder / "mirrored.csv", "--size", 5, *out)
+    assert done.code == 1
+    assert "mirrored picture" in done.err.splitlines()[-1]
+    done = run("train", "two_link", "-n", 50, "--size", 5, "--view", "pinhole", *out)
+    assert done.code == 1
+    assert "pinhole" in done.err.splitlines()[-1]
+    assert not (folder / "no.calib").exists()
+
+
+def test_the_camera_goes_to_ros(run, pictures):
+    _, folder, _ = pictures
+    files = {"--camera": folder / "camera.yaml", "--transform": folder / "camera.json"}
+    done = run("export", folder / "m.calib", *(part for pair in files.items() for part in pair))
+    assert done.code == 0, done.err
+    info = dict(line.split(": ", 1) for line in files["--camera"].read_text().splitlines()
+                if ": " in line and not line.startswith(" "))  # fmt: skip
+    assert (info["image_width"], info["distortion_model"]) == ("1280", "plumb_bob")
+    place = json.loads(files["--transform"].read_text())
+    assert place["header"]["frame_id"] == "base"
+    assert list(place["transform"]["translation"].values()) == pytest.approx(EYE, abs=3e-3)
+    assert run("export", folder / "m.calib").code == 2
+
+
+def test_poses_that_show_no_depth_are_told_with_the_poses_that_would(run, pictures):
+    truth, folder, _ = pictures
+    q = np.array([0.2, 0.6, -0.9]) + truth.rng.uniform(-0.04, 0.04, (40, 3))
+    pixels = project(truth.pose(q)[0]) + truth.rng.normal(0, 0.3, (40, 2))
+    path = table(folder / "still.csv", [*truth.arm.joint_names, "u", "v"], np.c_[q, pixels])
+    done = run("train", "spatial_three", "--data", path, "--size", 4, "-o", folder / "s.calib")
+    (told,) = (line for line in done.err.splitlines() if "hardly tell how far" in line)
+    assert "add poses nearer to the camera" in told
+    assert "--lens" in told
+
+
+def test_check_and_adapt_follow_a_camera_that_was_moved(run, pictures):
+    truth, folder, _ = pictures
+    q = truth.draw(30)
+    pixels = project(truth.pose(q)[0] - MOVED) + truth.rng.normal(0, 0.3, (30, 2))
+    path = table(folder / "moved.csv", [*truth.arm.joint_names, "u", "v"], np.c_[q, pixels])
+    assert run("check", folder / "m.calib", "--data", path).code == 3
+    assert run("adapt", folder / "m.calib", "--data", path, "-o", folder / "a.calib").code == 0
+    camera = run("info", folder / "a.calib", "--json").document["view"]["camera"]
+    assert camera["position"] == pytest.approx(EYE + MOVED, abs=3e-3)
+
+
+def test_the_size_of_pictures_is_known_from_the_log_its_lens_or_its_pixels():
+    inside = np.array([[5.0, 6.0], [610.0, 400.0]])
+    assert camera_of({}, inside).size == (640, 480)
+    assert camera_of({"size": [1920, 1080]}, inside).lens[1:3] == (960, 540)
+    lens = {"size": [640, 480], "focal": [500, 500], "centre": [318, 242],
+            "distortion": [-0.1, 0, 0, 0, 0]}  # fmt: skip
+    known = camera_of({"lens": lens}, inside)
+    assert known.known
+    assert known.lens == pytest.approx((500, 318, 242, -0.1))
+    askew = Camera.of_lens({**lens, "distortion": [-0.1, 0.3, 0.01, 0, 0]})
+    assert not askew.known
+    assert "fitted again" in askew.note
+    for wrong in ({"size": [0, 480]}, {"focal": [500]}, {"distortion": None}):
+        with pytest.raises(calib.LogError, match="impossible values"):
+            Camera.of_lens({**lens, **wrong})
+    with pytest.raises(calib.LogError, match="another camera"):
+        camera_of({"lens": lens}, 4 * inside)
+
+
+X, SHIFT = pin.exp3(np.array([-0.4, 0.9, 2.0])), np.array([2.0, -1.0, 0.5])
+TOOL = pin.exp3(np.array([0.3, -0.5, 0.8]))
+
+
+def quaternions(turns):
+    return np.array([pin.Quaternion(turn).coeffs() for turn in turns])
+
+
+@pytest.fixture(scope="module")
+def tracked(run, tmp_path_factory):
+    """The truth, a folder, and a model of 60 poses in a tracker's frame."""
+    folder, truth = tmp_path_factory.mktemp("tracked"), Truth("six_axis", 1)
+    q = truth.draw(60)
+    places, turns = seen(truth, q)
+    places = places + truth.rng.normal(0, 5e-5, places.shape)
+    turns = np.array([pin.exp3(truth.rng.normal(0, 3e-4, 3)) @ turn for turn in turns])
+    names = [*truth.arm.joint_names, "x", "y", "z", "qx", "qy", "qz", "qw"]
+    rows = np.c_[q, places, quaternions(turns)]
+    table(folder / "log.csv", names, rows)
+    table(folder / "wxyz.csv", names, rows[:, [*range(9), 12, 9, 10, 11]])
+    table(folder / "inverted.csv", names, rows * np.r_[np.ones(9), -1, -1, -1, 1])
+    angles = np.array([pin.rpy.matrixToRpy(turn) for turn in turns])
+    table(folder / "degrees.csv", [*names[:9], "roll", "pitch", "yaw"],
+          np.c_[rows[:, :9], np.degrees(angles)])  # fmt: skip
+    done = run("train", "six_axis", "--data", folder / "log.csv", "--size", 4, "-o",
+               folder / "m.calib", "--json")  # fmt: skip
+    assert done.code == 0, done.err
+    return truth, folder, done.document
+
+
+def seen(truth, q):
+    places, turns = truth.pose(q)
+    return places @ X.T + SHIFT, X @ turns @ TOOL
+
+
+def test_orientations_are_learned_and_answered(run, tracked):
+    truth, folder, document = tracked
+    assert document["view"]["kind"] == "pose"
+    assert document["errors"]["local"]["forward"]["orientation"]["mean"] < 2e-3
+    assert "orientation" not in document["errors"]["winner"]["forward"]
+    q = truth.draw(40)
+    places, turns = seen(truth, q)
+    table(folder / "q.csv", truth.arm.joint_names, q)
+    found = read(run("query", "forward", folder / "m.calib", "--input", folder / "q.csv").out)
+    said = np.stack([found[name] for name in ("qx", "qy", "qz", "qw")], axis=1)
+    away = 2 * np.arccos(np.minimum(1, np.abs((said * quaternions(turns)).sum(axis=1))))
+    assert np.degrees(away).max() < 0.05
+    assert np.linalg.norm(np.c_[found["x"], found["y"], found["z"]] - places, axis=1).max() < 2e-4
+    evaluated = run("evaluate", folder / "m.calib", "--data", folder / "log.csv").out
+    assert "orientation" in evaluated
+
+
+def test_a_pose_is_answered_by_every_branch(run, tracked):
+    truth, folder, _ = tracked
+    q = np.array([0.4, -1.0, 1.2, 0.5, 0.8, -0.3])
+    places, turns = seen(truth, q)
+    quaternion = ",".join(repr(v) for v in quaternions(turns)[0].tolist())
+    ask = ("query", "inverse", folder / "m.calib", *places[0], "--quaternion", quaternion)
+    found = run(*ask, "--all", "--json").document["solutions"]
+    joints = np.array([list(each["joints"].values()) for each in found])
+    again, turned = seen(truth, joints)
+    assert len(found) >= 4
+    assert np.abs(again - places).max() < 3e-4
+    assert max(np.linalg.norm(pin.log3(turn.T @ turns[0])) for turn in turned) < 2e-3
+    near = run(*ask, "--near", ",".join(map(str, q)), "--json").document["solutions"]
+    assert list(near[0]["joints"].values()) == pytest.approx(q, abs=5e-3)
+    rpy = ",".join(repr(v) for v in pin.rpy.matrixToRpy(turns[0]).tolist())
+    same = run(*ask[:6], "--rpy", rpy, "--near", ",".join(map(str, q)), "--json").document
+    assert same["solutions"][0]["joints"] == pytest.approx(near[0]["joints"], abs=1e-6)
+
+
+def test_a_redundant_position_keeps_the_orientation_and_says_what_is_free(run, tracked):
+    truth, folder, _ = tracked
+    q = np.array([0.4, -1.0, 1.2, 0.5, 0.8, -0.3])
+    target = seen(truth, q + 0.05)[0][0]
+    ask = ("query", "inverse", folder / "m.calib", *target, "--near", ",".join(map(str, q)))
+    kept = run(*ask, "--keep-orientation", "--json").document
+    assert len(kept["free"]) == 3
+    joints = np.array(list(kept["solutions"][0]["joints"].values()))
+    places, turns = seen(truth, joints)
+    assert np.linalg.norm(places[0] - target) < 3e-4
+    free = seen(
+        truth, np.array(list(run(*ask, "--json").document["solutions"][0]["joints"].values()))
+    )
+    was = seen(truth, q)[1][0]
+    turned = [np.linalg.norm(pin.log3(was.T @ each[0])) for each in (turns, free[1])]
+    assert turned[0] < 0.5 * turned[1]
+    assert "free: " in run(*ask, "--keep-orientation").err
+
+
+@pytest.mark.parametrize(
+    ("log", "words"),
+    [
+        ("wxyz.csv", "--columns qx=qy,qy=qz,qz=qw,qw=qx"),
+        ("inverted.csv", "inverted"),
+        ("degrees.csv", "give --degrees"),
+    ],
+)
+def test_orientations_that_are_none_are_told_in_one_line(run, tracked, log, words):
+    _, folder, _ = tracked
+    out = folder / "no.calib"
+    done = run("train", "six_axis", "--data", folder / log, "--size", 4, "-o", out)
+    assert (done.code, out.exists()) == (1, False)
+    assert words in done.err.splitlines()[-1]
+
+
+def test_what_cannot_be_asked_is_wrong_usage(run, tracked, model):
+    _, folder, _ = tracked
+    ask = ("query", "inverse", folder / "m.calib", 2, -1, 0.5)
+    for options in (
+        ("--quaternion", "1,2,3,4"),
+        ("--quaternion", "0,0,1"),
+        ("--rpy", "1,2"),
+        ("--rpy", "0,0,0", "--quaternion", "0,0,0,1"),
+        ("--keep-orientation",),
+        ("--quaternion", "0,0,0,1", "--readout", "body"),
+    ):
+        done = run(*ask, *options)
+        assert (done.code, done.err.count("\n")) == (2, 1), options
+    assert "degrees" in run(*ask, "--rpy", "90,0,0").err
+    planar = run("query", "inverse", model, 0.3, 0.3, "--in", "base")
+    assert (planar.code, planar.err.count("\n")) == (1, 1)
+    away = run("query", "inverse", folder / "m.calib", 9, 9, 9, "--quaternion", "0,0,0,1")
+    assert away.code == 3
+    assert "nearest attainable pose" in away.err

@@ -1,0 +1,220 @@
+"""Columns of a log: found by name, renamed, elements of lists."""
+
+import numpy as np
+import polars as pl
+import pytest
+from hypothesis import HealthCheck, given, settings
+from hypothesis import strategies as st
+from log_files import GOOD, refused
+
+from calib.arm.loading import load_arm
+from calib.errors import CalibError, OptionError
+from calib.samples import parquet
+from calib.samples.columns import open_source, read_batches
+from calib.samples.logs import read_log
+from calib.samples.roles import parse_columns
+
+
+@pytest.fixture(scope="module")
+def arm():
+    return load_arm("two_link")  # shoulder 0..90, elbow 15..150 deg
+
+
+def test_columns_are_found_by_name_in_any_order_and_others_are_ignored(file):
+    path = file("\ufeffy, x ,note,b,a\r\n2,1, text,0.2,0.1\r\n4,3,,0.4,0.2\r\n")
+    log = read_log(path, joints=["a", "b"], unit="px")
+    assert log.q.tolist() == [[0.1, 0.2], [0.2, 0.4]]
+    assert log.x.tolist() == [[1, 2], [3, 4]]
+    assert log.unit == "px"
+    assert log.lower.tolist() == [0.1, 0.2]
+    assert log.upper.tolist() == [0.2, 0.4]
+
+
+def test_columns_with_other_names(file):
+    path = file("j1,b,cam_u,cam_v,x\n1,2,3,4,9\n2,4,6,8,9\n")
+    mapping = parse_columns("x=cam_u, y=cam_v,a=j1")
+    log = read_log(path, joints="a,b", columns=mapping)
+    assert log.joint_names == ("a", "b")
+    assert log.q.tolist() == [[1, 2], [2, 4]]
+    assert log.x.tolist() == [[3, 4], [6, 8]]
+    refused(path, "'q' is neither", OptionError, columns={"q": "j1"})
+    refused(path, "taken twice", OptionError, columns={"a": "b"})
+
+
+@pytest.mark.parametrize("text", ["", "x", "x=", "=x", "x=u,,y=v", "x=u,x=v"])
+def test_column_names_that_say_nothing(text):
+    with pytest.raises(OptionError, match="columns"):
+        parse_columns(text)
+
+
+@pytest.mark.parametrize("mark", [";", "\t"])
+def test_other_separators(file, mark):
+    assert len(read_log(file(GOOD.replace(",", mark)), joints=["a", "b"])) == 3
+
+
+def test_the_arms_order_holds_and_its_joints_are_the_log(arm, file):
+    path = file("elbow,shoulder,x,y\n0.5,0.1,1,2\n0.6,0.2,3,4\n")
+    assert read_log(path, arm).q.tolist() == [[0.1, 0.5], [0.2, 0.6]]
+    assert read_log(path, arm, joints=["elbow", "shoulder"]).joint_names == ("shoulder", "elbow")
+    with pytest.raises(OptionError, match="loaded with"):
+        read_log(path, arm, joints=["elbow"])
+
+
+def test_without_joints_the_choices_are_listed(file):
+    path = file("b,a,x,y,t\n1,2,3,4,5\n")
+    refused(path, "choices: 'b', 'a', 't'; name them in .joints", OptionError, joints=None)
+    refused(path, "'b' is given 2 times", OptionError, joints=["b", "b"])
+    refused(path, "cannot be told", OptionError, joints=["b", "x"])
+    refused(path, "'c' is named as sliding", OptionError, prismatic=["c"])
+
+
+NUMBERS = pl.List(pl.Float64)
+
+
+PLACES = {"a": "state[0]", "b": "state[2]", "x": "tip[1]", "y": "tip[0]"}
+
+
+def write_lists(path, state, tip, kind=NUMBERS, **others):
+    """Write columns of lists; `kind` is the type of the first."""
+    frame = pl.DataFrame(
+        {"state": state, "tip": tip, **others}, schema_overrides={"state": NUMBERS}
+    )
+    frame.cast({"state": kind}).write_parquet(path)
+
+
+@pytest.mark.parametrize("batch", [1, 7, 16, 1 << 18])
+@pytest.mark.parametrize(
+    "kind",
+    [NUMBERS, pl.Array(pl.Float64, 3), pl.List(pl.Float32), pl.List(pl.Int16)],
+    ids=str,
+)
+def test_an_element_of_a_list_is_a_column(tmp_path, monkeypatch, kind, batch):
+    monkeypatch.setattr(parquet, "BATCH", batch)
+    rng = np.random.default_rng(0)
+    state = rng.integers(-99, 99, (50, 3)).astype(float)
+    tip = rng.standard_normal((50, 2))
+    holes = state.tolist()
+    holes[0], holes[20], holes[33][0] = None, None, None
+    holes[34][1] = None  # which nobody asked for
+    write_lists(tmp_path / "log.parquet", holes, tip.tolist(), kind)
+    path, joints = tmp_path / "log.parquet", ["a", "b"]
+    log = read_log(path, joints=joints, columns=PLACES, prismatic=joints)
+    there = np.delete(np.arange(50), [0, 20, 33])
+    assert (log.q == state[there][:, [0, 2]]).all()
+    assert (log.x == tip[there][:, [1, 0]]).all()
+    assert log.dropped == 3
+    assert "row 1, column 'state[0]'" in log.notes[0]
+
+
+def test_a_column_named_like_an_element_goes_first(tmp_path):
+    path = tmp_path / "log.parquet"
+    state = [[1.0, 2.0, 3.0], [4.0, 5.0, 7.0]]
+    write_lists(path, state, state, x=[1, 2], y=[3, 4], **{"state[0]": [8, 9]})
+    log = read_log(path, joints=["state[0]", "state[2]"])
+    assert log.q.tolist() == [[8, 3], [9, 7]]
+    path = tmp_path / "log.csv"
+    path.write_text("s,s[0],b,x,y\n1,2,3,4,5\n2,3,5,6,7\n")
+    assert read_log(path, joints=["s[0]", "b"]).q.tolist() == [[2, 3], [3, 5]]
+
+
+@pytest.mark.parametrize("batch", [1, 1 << 18])
+@pytest.mark.parametrize(
+    ("state", "place", "message"),
+    [
+        ([[1.0, 2.0]] * 3, "state[2]", r"lists of 2, counted from 0: there is no 'state\[2\]'"),
+        ([[1.0, 2.0]] * 3, "state[999999999]", "lists of 2, counted from 0"),
+        ([[], [], []], "state[0]", "lists of 0, counted from 0"),
+        (
+            [[1.0, 2.0], None, [1.0]],
+            "state[0]",
+            "row 3, column 'state': a list of 1 after lists of",
+        ),
+        ([[1.0], [1.0, 2.0], [1.0]], "state[1]", "row 2, column 'state': a list of 2|lists of 1"),
+        ([None, [1.0], []], "state[0]", "row 3, column 'state': a list of 0 after lists of 1"),
+        ([None, None, None], "state[0]", r"column 'state\[0\]' has no finite value"),
+        ([1.0, 2.0, 3.0], "state[0]", "'state' holds Float64, expected lists"),
+        (["1", "2", "3"], "state[0]", "'state' holds String, expected lists"),
+        (
+            [[[1.0]], [[2.0]], [[3.0]]],
+            "state[0]",
+            r"'state\[0\]' holds List\(Float64\), expected num",
+        ),
+        ([["1"], ["two"], ["3"]], "state[0]", r"row 2, column 'state\[0\]': 'two'"),
+        ([[1.0]] * 3, "state", r"name one element, such as state\[0\]"),
+        ([[1.0]] * 3, "stat[0]", r"no column 'stat\[0\]': did you mean 'state'"),
+        ([[1.0]] * 3, "state[0][0]", "no column"),
+        ([[1.0]] * 3, "[0]", "no column"),
+        ([[1.0]] * 3, "state[-1]", "'-1' is no place in a list, expected a whole number"),
+        ([[1.0]] * 3, "state[]", "'' is no place"),
+        ([[1.0]] * 3, "state[00]", "'00' is no place"),
+        ([[1.0]] * 3, "state[1.0]", "'1.0' is no place"),
+        ([[1.0]] * 3, "state[\u0661]", "is no place"),
+        ([[1.0]] * 3, f"state[{'9' * 5000}]", "is no place"),
+    ],
+)
+def test_elements_that_are_none(tmp_path, monkeypatch, batch, state, place, message):
+    monkeypatch.setattr(parquet, "BATCH", batch)
+    path = tmp_path / "log.parquet"
+    pl.DataFrame({"state": state, "b": [1, 2, 3], "x": [1, 2, 4], "y": [1, 3, 4]}).write_parquet(
+        path
+    )
+    refused(path, message, CalibError, columns={"a": place})
+
+
+def test_csv_has_no_lists(file):
+    refused(
+        file(GOOD), r"is CSV, which has no lists: .* 'b' but none 'b\[0\]'", columns={"a": "b[0]"}
+    )
+    refused(file(GOOD), r"no column 'c\[0\]'", columns={"a": "c[0]"})
+
+
+def test_long_lists_are_read_a_few_rows_at_a_time(tmp_path, monkeypatch):
+    monkeypatch.setattr(parquet, "ELEMENTS", 50)
+    path = tmp_path / "log.parquet"
+    write_lists(path, np.arange(400.0).reshape(40, 10).tolist(), [[0.0, 1.0]] * 40)
+    parts = list(read_batches(open_source(path), ["state[3]", "tip[1]"]))
+    assert max(map(len, parts)) == 5
+    assert np.concatenate(parts).tolist() == [[10.0 * row + 3, 1] for row in range(40)]
+
+
+def test_only_the_columns_asked_for_are_read(tmp_path):
+    path = tmp_path / "log.parquet"
+    frame = pl.DataFrame({"state": [[1.0, 2.0], [3.0, 5.0]], "x": [1, 2], "y": [4, 3]})
+    frame = frame.with_columns(note=pl.Series(["unread", "unread"]))
+    frame.write_parquet(path, compression="uncompressed", statistics=False)
+    content = path.read_bytes()
+    assert b"unread" in content
+    path.write_bytes(content.replace(b"unread", b"\xff" * 6))
+    with pytest.raises(pl.exceptions.PolarsError):
+        pl.read_parquet(path)
+    log = read_log(path, joints=["state[0]", "state[1]"])
+    assert log.q.tolist() == [[1, 2], [3, 5]]
+
+
+@given(st.data())
+@settings(suppress_health_check=[HealthCheck.function_scoped_fixture], max_examples=40)
+def test_damaged_lists_are_a_log_or_a_one_line_error(tmp_path, capfd, data):
+    path = tmp_path / "log.parquet"
+    rows = np.random.default_rng(0).standard_normal((30, 3))
+    write_lists(path, rows.tolist(), rows.tolist())
+    content = bytearray(path.read_bytes())
+    for _ in range(data.draw(st.integers(1, 5))):
+        content[data.draw(st.integers(4, len(content) - 1))] ^= data.draw(st.integers(1, 255))
+    path.write_bytes(content)
+    error = ""
+    try:
+        assert np.isfinite(read_log(path, joints=["a", "b"], columns=PLACES).q).all()
+    except CalibError as caught:
+        error = str(caught)
+    assert len(error.splitlines()) <= 1
+    assert capfd.readouterr().err == ""
+
+
+def test_rows_without_a_finite_value_are_left_out_and_counted(file):
+    rows = "1,2,3,4,\n2,,3,4,\n3,4,nan,5,\n4,5,1e999,2,\n\n5,6,NA,2,\n5,6,1e300,2,\n7,8,1,9,\n\n"
+    path = file("a,b,x,y,t\n" + rows)
+    log = read_log(path, joints=["a", "b"])
+    assert log.q.tolist() == [[1, 2], [7, 8]]
+    assert log.dropped == 5
+    assert log.notes[0].startswith("5 of 7 rows dropped")
+    assert "row 2, column 'b'" in log.notes[0]

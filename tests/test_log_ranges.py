@@ -1,0 +1,132 @@
+"""Joint values of a log: degrees, limits, turns."""
+
+import math
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+from log_files import GOOD, refused
+
+from calib.arm.loading import load_arm
+from calib.errors import OptionError
+from calib.samples.log_ranges import one_turn
+from calib.samples.logs import read_log
+
+TURN = 2 * math.pi
+
+
+@pytest.fixture(scope="module")
+def arm():
+    return load_arm("two_link")  # shoulder 0..90, elbow 15..150 deg
+
+
+def table(joints, n=40):
+    """A log of these joint columns and of positions that move."""
+    names = list(joints)
+    rows = np.column_stack([*joints.values(), np.linspace(0, 1, n), np.linspace(0, 1, n) ** 2])
+    body = "\n".join(",".join(map(repr, row)) for row in rows.tolist())
+    return ",".join([*names, "x", "y"]) + "\n" + body + "\n"
+
+
+def test_degrees(arm, file):
+    q = np.deg2rad([[10, 20], [80, 140], [90, 150], [0, 15]])
+    text = "shoulder,elbow,x,y\n10,20,1,2\n80,140,2,3\n90,150,2,5\n0,15,6,6\n"
+    log = read_log(file(text), arm, degrees=True)
+    np.testing.assert_allclose(log.q, q, atol=1e-15)
+    assert log.notes == ()
+    np.testing.assert_allclose([log.lower, log.upper], [arm.lower, arm.upper], atol=1e-12)
+    refused(file(text), "give `degrees=True`", arm=arm, joints=None)
+    refused(file(text), "14.3 turns; if the log is in degrees.*3.14", joints=["shoulder"])
+
+
+def test_sliding_joints_are_never_in_degrees(file):
+    log = read_log(file(GOOD), joints="a,b", degrees=True, prismatic=["b"])
+    np.testing.assert_allclose(log.q[:, 0], np.deg2rad([0.1, 0.2, 0.3]))
+    assert log.q[:, 1].tolist() == [0.2, 0.4, 0.1]
+    assert log.revolute == (True, False)
+    assert "leave out `degrees`" in log.notes[0]
+
+
+def test_values_just_beyond_the_limits_widen_the_range_aloud(arm, file):
+    rows = "shoulder,elbow,x,y\n-0.05,0.5,1,2\n1.5708,1,2,3\n1,{},3,4\n"
+    log = read_log(file(rows.format(2.0)), arm)
+    assert log.lower[0] == -0.05
+    assert log.upper[0] == 1.5708
+    assert log.arm.lower[0] == -0.05
+    assert len(log.notes) == 1
+    assert "shoulder: the log goes beyond" in log.notes[0]
+    refused(
+        file(rows.format(3.0)), "row 3: elbow is 3 rad.*ranges={'elbow': ", arm=arm, joints=None
+    )
+
+
+def test_the_row_that_is_named_counts_the_rows_left_out(arm, file):
+    rows = "shoulder,elbow,x,y\n,0.5,1,2\n1,1,2,3\n1.1,3,3,4\n"
+    refused(file(rows), "row 3: elbow", arm=arm, joints=None)
+
+
+def test_a_chosen_range_goes_before_the_limits(arm, file):
+    rows = "shoulder,elbow,x,y\n0.1,0.5,1,2\n0.2,1,2,3\n0.3,3,3,4\n0.4,7,3,5\n"
+    log = read_log(file(rows), arm, ranges={"elbow": (0.6, 3.1)})
+    np.testing.assert_allclose(log.q[:, 1], [1, 3, 7 - TURN])
+    assert log.q[:, 0].tolist() == [0.2, 0.3, 0.4]
+    assert (log.lower[1], log.upper[1]) == (0.6, 3.1)
+    assert any("1 rows dropped: elbow outside" in note for note in log.notes)
+    assert any("1 values wrapped" in note for note in log.notes)
+    for bad in ((1.0, 0.6), (0.0, 9.0), (0.0, math.nan)):
+        refused(file(rows), "range elbow", OptionError, arm=arm, joints=None, ranges={"elbow": bad})
+    refused(file(rows), "no value of 'elbow'", arm=arm, joints=None, ranges={"elbow": (4, 5)})
+
+
+def test_whole_turns_are_taken_off_where_that_meets_the_limits(arm, file):
+    elbow = np.linspace(0.3, 2.6, 40)
+    path = file(table({"shoulder": np.linspace(0, 1.5, 40), "elbow": elbow + TURN}))
+    log = read_log(path, arm)
+    np.testing.assert_allclose(log.q[:, 1], elbow, atol=1e-12)
+    assert "elbow: 40 values wrapped" in log.notes[0]
+
+
+def test_more_than_one_turn_becomes_one(file):
+    a = np.linspace(-4.0, 4.0, 400)
+    log = read_log(file(table({"a": a, "b": np.cos(a)}, 400)), joints=["a", "b"])
+    assert (log.lower[0], log.upper[0]) == (-math.pi, math.pi)
+    np.testing.assert_allclose(np.exp(1j * log.q[:, 0]), np.exp(1j * a), atol=1e-12)
+    assert "wrapped" in log.notes[0]
+    inside = np.abs(a) <= math.pi
+    assert (log.q[inside, 0] == a[inside]).all()
+
+
+def test_a_joint_that_works_across_the_seam_gets_a_range_without_the_gap(file):
+    a = np.linspace(2.0, 4.5, 60)
+    wrapped = np.angle(np.exp(1j * a))
+    log = read_log(file(table({"a": wrapped, "b": np.cos(a)}, 60)), joints=["a", "b"])
+    np.testing.assert_allclose(log.q[:, 0], a - TURN, atol=1e-12)
+    assert log.lower[0] == pytest.approx(2.0 - TURN)
+    assert log.upper[0] == pytest.approx(4.5 - TURN)
+
+
+def test_a_joint_of_the_arm_that_turns_all_round_has_its_turn_about_the_log(arm, file):
+    free = replace(arm, lower=[0, -math.pi], upper=[1.6, math.pi])
+    elbow = np.linspace(-4.0, -1.0, 40)
+    log = read_log(file(table({"shoulder": np.linspace(0, 1.5, 40), "elbow": elbow})), free)
+    assert (log.q[:, 1] == elbow).all()
+    assert log.lower[1] == pytest.approx(-2.5 - math.pi)
+    assert log.upper[1] - log.lower[1] == pytest.approx(TURN)
+    elbow = np.linspace(-3.0, 3.0, 40)
+    log = read_log(file(table({"shoulder": np.linspace(0, 1.5, 40), "elbow": elbow})), free)
+    assert (log.lower[1], log.upper[1]) == (-math.pi, math.pi)
+
+
+@given(st.lists(st.floats(-40, 40), min_size=1, max_size=30))
+def test_one_turn_moves_angles_by_whole_turns_into_one(angles):
+    angles = np.array(angles)
+    wrapped, (low, high), gap = one_turn(angles)
+    assert high - low == pytest.approx(TURN)
+    assert abs((low + high) / 2) <= math.pi + 1e-9
+    assert (wrapped >= low).all()
+    assert (wrapped <= high).all()
+    turns = (wrapped - angles) / TURN
+    np.testing.assert_allclose(turns, np.round(turns), atol=1e-9)
+    assert 0 < gap <= TURN + 1e-9

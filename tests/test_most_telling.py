@@ -1,0 +1,63 @@
+"""Most telling poses: the greedy gain of information, against what direct algebra says."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from calib.body import fit_body
+from calib.body.likeness import kernel, lengths_of
+from calib.body.most_telling import most_telling
+
+NONE = np.zeros((0, 2))
+
+
+@pytest.fixture(scope="module")
+def body():
+    """A body from 40 rows of one corner of an arm's range."""
+    rng = np.random.default_rng(0)
+    q = rng.uniform([0.0, 0.5], [0.6, 1.2], (40, 2))
+    angle = np.cumsum(q, axis=1)
+    x = np.stack([np.cos(angle) @ [0.3, 0.25], np.sin(angle) @ [0.3, 0.25]], axis=1)
+    x += 2e-4 * rng.standard_normal(x.shape)
+    return fit_body(q, x, joint_names=("a", "b"), revolute=(True, True)).body
+
+
+def information(body, q):
+    """Nats that rows (k, dof) tell, from the whole covariance of their positions."""
+    _, x = body.structure.linearise(q, body.beta, body.active)
+    flat = (x / body.noise[:, None]).reshape(2 * len(q), -1)
+    total = np.eye(2 * len(q)) + body.kappa**2 * flat @ body.covariance @ flat.T
+    total += np.kron(kernel(q, q, lengths_of(body, CHOICE)), np.diag((body.tau / body.noise) ** 2))
+    return np.linalg.slogdet(total)[1]
+
+
+CHOICE = np.random.default_rng(1).uniform([0.0, 0.3], [1.5, 2.6], (60, 2))
+
+
+def test_each_pose_is_the_most_informative_beside_those_before(body):
+    chosen = most_telling(body, CHOICE, 4, NONE)
+    assert len(set(chosen.tolist())) == 4
+    for k in range(4):
+        gain = [information(body, CHOICE[[*chosen[:k], other]]) for other in range(60)]
+        taken = chosen[:k]
+        assert np.argmax(np.where(np.isin(np.arange(60), taken), -np.inf, gain)) == chosen[k]
+
+
+def test_poses_lie_where_nothing_was_measured(body):
+    chosen = CHOICE[most_telling(body, CHOICE, 5, NONE)]
+    outside = (chosen[:, 0] > 0.6) | (chosen[:, 1] > 1.2)
+    assert outside.all()
+    random = np.random.default_rng(2)
+    others = [information(body, CHOICE[random.permutation(60)[:5]]) for _ in range(20)]
+    assert information(body, chosen) > max(others)
+
+
+def test_measured_poses_are_not_measured_again(body):
+    residual = np.full(2, 20.0) * body.noise  # what the body leaves over is all there is
+    from dataclasses import replace
+
+    sure = replace(body, covariance=1e-12 * body.covariance, tau=residual)
+    first = most_telling(sure, CHOICE, 10, NONE)
+    again = most_telling(sure, CHOICE, 10, CHOICE[first])
+    assert not set(first.tolist()) & set(again.tolist())

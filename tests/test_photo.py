@@ -1,0 +1,199 @@
+"""The map over a photo: what is kept in the model, and that positions are where they were seen."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+pytest.importorskip("cv2")
+from calib_cli.app import app
+from calib_cli.output import Notes
+from calib_cli.photo import photo_of_log, shown
+from PIL import Image
+from rendering import Camera, Desk
+from typer.testing import CliRunner
+
+import calib
+from calib.errors import CalibError
+from calib.model.photo import Photo
+from calib.model_file.storage import from_bytes, to_bytes
+from calib.recording.lens import Lens
+from calib.recording.photo import WIDEST, take_photo
+from calib.recording.plane import Pose
+from calib.recording.reference import FlatReference, PlaneReference
+from calib.samples.tables import write_table
+from calib.show.arrows import Arrows, magnification
+from calib.show.preview.scene import draw
+from calib.show.report.evidence import gather
+from calib.show.report.over_photo import over_photo
+from calib.show.report.page import SECTIONS
+from calib.show.report.style import settings
+
+CAMERA = Camera(size=(1280, 720))
+DESK = Desk(CAMERA, lengths=(0.18, 0.16), offsets=(0.0, 0.0))
+LENS = Lens(
+    CAMERA.size, np.full(2, CAMERA.focal), CAMERA.centre, np.array([CAMERA.k1, 0.0, 0.0, 0.0, 0.0])
+)
+POSE = Pose(CAMERA.rotation, -CAMERA.rotation @ np.array(CAMERA.position), np.zeros((15, 15)), 0.0)
+SOURCE = {"unit": "px", "size": [1280, 720], "reference": {"kind": "pixels"}, "photo": "seen.png"}
+
+
+def marked(pixels: np.ndarray, path) -> None:
+    """Write a grey picture with a white spot at each pixel."""
+    y, x = np.mgrid[: CAMERA.size[1], : CAMERA.size[0]]
+    grey = np.full(x.shape, 60.0)
+    for u, v in pixels:
+        grey += 190.0 * np.exp(-((x - u) ** 2 + (y - v) ** 2) / 60.0)
+    Image.fromarray(np.clip(grey, 0, 255).astype(np.uint8)).save(path)
+
+
+def spot(photo: Photo, near: np.ndarray) -> np.ndarray:
+    """Return where the bright spot near a position is, by the photo's own borders."""
+    pixels = photo.pixels().astype(float)[..., 0]
+    left, right, low, high = photo.box
+    rows, columns = pixels.shape
+    x = left + (np.arange(columns) + 0.5) * (right - left) / columns
+    y = high + (np.arange(rows) + 0.5) * (low - high) / rows
+    reach = 12 * (right - left) / columns
+    close = (np.abs(x - near[0]) < reach)[None] & (np.abs(y - near[1]) < reach)[:, None]
+    weight = np.where(close, np.maximum(pixels - 90.0, 0.0), 0.0)
+    return np.array([(weight.sum(0) * x).sum(), (weight.sum(1) * y).sum()]) / weight.sum()
+
+
+@pytest.fixture(scope="module")
+def made(tmp_path_factory):
+    """A small model of pixels, its log, and a photo with spots where three tips were seen."""
+    folder = tmp_path_factory.mktemp("photo")
+    rng = np.random.default_rng(0)
+    q = rng.uniform([0.0, 0.2], [1.3, 1.6], (40, 2))
+    x = DESK.tip_pixels(q) + rng.normal(0, 0.05, (40, 2))
+    columns = {"a": q[:, 0], "b": q[:, 1], "x": x[:, 0], "y": x[:, 1]}
+    write_table(folder / "log.csv", columns, about=SOURCE)
+    marked(x[:3], folder / "seen.png")
+    model = calib.train(calib.read_log(folder / "log.csv", joints=["a", "b"]), size=8)
+    return folder, model, x
+
+
+def with_photo(made) -> calib.Model:
+    folder, model, x = made
+    return replace(model, photo=take_photo(folder / "seen.png", x, "px", SOURCE))
+
+
+def test_a_kept_photo_shows_each_pixel_where_it_was(made):
+    photo = with_photo(made).photo
+    assert max(photo.pixels().shape) == WIDEST
+    for place in made[2][:3]:
+        assert np.allclose(spot(photo, place), place, atol=0.3)
+
+
+def test_metres_are_seen_from_straight_above(made, tmp_path):
+    """Against the renderer's own projection; the tag's plane is 20 mm above the board."""
+    rng = np.random.default_rng(1)
+    x = rng.uniform([0.05, 0.0], [0.35, 0.2], (30, 2))
+    marked(CAMERA.project(np.c_[x[:3], np.full(3, 0.02)]), tmp_path / "p.png")
+    plane = PlaneReference(LENS, POSE, 0.02)
+    assert np.allclose(plane.pixels(x), CAMERA.project(np.c_[x, np.full(30, 0.02)]), atol=1e-9)
+    assert np.allclose(plane.positions(plane.pixels(x)), x, atol=1e-9)
+    about = {"size": [1280, 720], "reference": plane.told(), "lens": LENS.to_json()}
+    photo = take_photo(tmp_path / "p.png", x, "m", about)
+    left, right, low, high = photo.box
+    assert left < right
+    assert low < high
+    for place in x[:3]:
+        assert np.allclose(spot(photo, place), place, atol=3e-4)
+    flat = FlatReference(np.array([[1e-3, 0, 0.1], [0, -1e-3, 0.2], [0, 1e-5, 1.0]]), 0.0)
+    assert np.allclose(flat.positions(flat.pixels(x)), x, atol=1e-12)
+
+
+def test_the_model_keeps_its_photo(made):
+    model = with_photo(made)
+    data = to_bytes(model)
+    again = from_bytes(data)
+    assert again.photo == model.photo
+    assert to_bytes(model) == data
+    assert 0 < len(data) - len(to_bytes(made[1])) - len(model.photo.jpeg) < 500
+    with pytest.raises(CalibError, match="photo cannot be read"):
+        Photo(b"\xff\xd8\xff and no more", (0, 1, 0, 1)).pixels()
+    for jpeg, box in ((b"GIF89a", (0, 1, 0, 1)), (b"\xff\xd8\xff", (1, 0, 0, 1))):
+        with pytest.raises(ValueError, match=r"JPEG|no box"):
+            Photo(jpeg, box)
+
+
+@pytest.mark.parametrize(
+    ("change", "unit", "match"),
+    [
+        ({"size": [640, 480]}, "px", "by the same camera"),
+        ({"reference": None}, "m", "does not say where its camera was"),
+        ({"reference": {"kind": "flat", "matrix": [0] * 9}}, "m", "does not say where its camera"),
+        ({"shift": 5000.0}, "px", "shows 0 % of the positions only"),
+        ({"file": "none.png"}, "px", "there is no photo"),
+        ({"file": "log.csv"}, "px", "no video that OpenCV can read"),
+    ],
+)
+def test_photos_that_do_not_belong(made, change, unit, match):
+    folder, _, x = made
+    name = change.pop("file", "seen.png")
+    shift = change.pop("shift", 0.0)
+    with pytest.raises(CalibError, match=match) as caught:
+        take_photo(folder / name, x + shift, unit, SOURCE | change)
+    assert "\n" not in str(caught.value)
+
+
+def test_arrows_lead_from_seen_to_predicted(made):
+    _, model, x = made
+    q = model.rows.q
+    found = Arrows.of(model, q, model.rows.x, 1280.0)
+    miss = model.forward(q) - x
+    times = magnification(float(np.quantile(np.linalg.norm(miss, axis=1), 0.95)), 1280.0)
+    assert times > 10
+    assert np.allclose(found.ends - found.seen, times * miss)
+    assert f"{times:,} times as long" in found.words
+    assert Arrows.of(model, q[:0], x[:0], 1280.0) is None
+
+
+def test_report_and_preview_draw_over_it(made):
+    model = with_photo(made)
+    with settings(paper=True):
+        figure = over_photo(gather(model))
+    ax = figure.axes[0]
+    assert ax.get_xlim() == (-0.5, 1279.5)
+    assert ax.get_ylim() == (719.5, -0.5)  # y down, clipped to the picture
+    assert over_photo(gather(made[1])) is None
+    assert SECTIONS[0].draw is over_photo
+    scene = draw(model)
+    names = [layer["name"] for layer in scene.page["layers"]]
+    assert names[0] == "Photo"
+    assert "Residuals" in names
+    assert "Photo" not in [layer["name"] for layer in draw(made[1]).page["layers"]]
+    # the picture's first row is up, seen from where the camera of the page is
+    frame = scene.placement.frame
+    low, high = scene.placement.lift([[0.0, 700.0], [0.0, 0.0]])
+    assert (high - low) @ frame[1] > 0
+    assert np.allclose(frame[2], [0, 0, 1])
+
+
+def test_the_commands_remember_it_unless_told_not_to(made, tmp_path):
+    folder, model, _ = made
+    data, seen, path = folder / "log.csv", str(folder / "seen.png"), str(tmp_path / "m.calib")
+    notes, log = Notes(), calib.read_log(data, joints=["a", "b"])
+    assert photo_of_log(model, log, str(data), notes).photo is not None
+    outside = replace(log, source={**SOURCE, "photo": "../seen.png"})
+    assert photo_of_log(model, outside, str(data), notes).photo is None
+    assert photo_of_log(model, log, "-", notes).photo is None
+    metres = replace(model, about=replace(model.about, unit="m"))
+    for spoilt in ({"photo": "a\0b"}, {"photo": 7}, {"size": 7}, {"reference": 7, "unit": "m"}):
+        odd = replace(log, source=SOURCE | spoilt)
+        assert photo_of_log(metres, odd, str(data), notes).photo is None
+    model.save(path)
+    assert shown(model, path, seen, True, log, notes).photo is not None
+    assert calib.load(path).photo is None
+    assert shown(model, path, seen, False, None, notes).photo is not None
+    kept = calib.load(path)
+    assert kept.photo is not None
+    assert shown(kept, path, None, True, None, notes).photo is None
+    assert shown(kept, path, None, False, None, notes).photo == kept.photo
+    photo = ("--photo", seen, "--no-photo")
+    line = ("train", "--data", data, "--joints", "a,b", "-o", path, *photo)
+    assert CliRunner().invoke(app, list(map(str, line))).exit_code == 2

@@ -1,0 +1,68 @@
+"""An arm in space: `check` and `adapt` name what changed, in numbers and words."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from scipy.spatial.transform import Rotation
+
+import calib
+from calib.samples.samples import Samples
+
+NOISE = 2e-4
+FRAME = np.array([[0.0, -1.0, 0.0], [1.0, 0.0, 0.0], [0.0, 0.0, 1.0]])
+
+
+@pytest.fixture(scope="module")
+def arm():
+    return calib.load_arm("spatial_three")
+
+
+def log_of(arm, seed, n=150, turn=FRAME, shift=(1.0, 0.5, 0.2), tool=(0.0, 0.0, 0.0), offset=0.0):
+    rng = np.random.default_rng(seed)
+    q = rng.uniform(arm.lower, arm.upper, (n, len(arm.lower)))
+    position, quaternion = arm.pose(q + np.array([0.0, offset, 0.0]))
+    x = (position + Rotation.from_quat(quaternion).apply(tool)) @ np.transpose(turn) + shift
+    x += rng.normal(0.0, NOISE, x.shape)
+    return Samples(
+        q=q, x=x, joint_names=arm.joint_names, lower=arm.lower, upper=arm.upper,
+        revolute=arm.revolute, unit="m", arm=arm,
+    )  # fmt: skip
+
+
+@pytest.fixture(scope="module")
+def model(arm):
+    return calib.train(log_of(arm, 0), size=6, motor_size=6)
+
+
+def test_an_unchanged_arm_is_still_calibrated(arm, model):
+    found = calib.check(model, log_of(arm, 1))
+    assert not found.drifted
+    assert NOISE < found.smallest < 20 * NOISE
+
+
+def test_a_bent_tool_is_noticed_and_named(arm, model):
+    found = calib.check(model, log_of(arm, 2, tool=(0.0, 0.004, -0.003)))
+    assert found.drifted
+    assert any(cause.cause.startswith("tool") for cause in found.causes), found.causes
+
+
+def test_an_offset_is_named_with_its_joint(arm, model):
+    found = calib.check(model, log_of(arm, 3, offset=np.radians(1.0)))
+    assert found.drifted
+    assert found.causes[0].cause == f"offset:{arm.joint_names[1]}"
+    assert np.degrees(found.causes[0].value) == pytest.approx(1.0, abs=0.1)
+
+
+def test_a_tracker_that_stands_elsewhere_is_told_by_its_turn_and_its_shift(arm, model):
+    log = log_of(arm, 4, turn=np.eye(3), shift=(0.0, 3.0, 0.0))
+    found = calib.check(model, log)
+    assert [cause.cause for cause in found.causes] == ["sensor"]
+    assert "turned 90 deg about (0.00, 0.00, -1.00), shifted by (" in found.causes[0].words
+    assert found.causes[0].value == pytest.approx(np.pi / 2, abs=1e-3)
+    adapted = calib.adapt(model, log)
+    fresh = log_of(arm, 5, turn=np.eye(3), shift=(0.0, 3.0, 0.0))
+    miss = np.linalg.norm(adapted.model.forward(fresh.q) - fresh.x, axis=1)
+    assert miss.mean() < 3 * NOISE
+    assert "the lens" not in adapted.kept
+    assert adapted.coverage > 0.3

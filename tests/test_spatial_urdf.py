@@ -1,0 +1,100 @@
+"""The URDF that is written of a spatial arm is the fitted geometry, and nothing else changes."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from models import in_pixels, in_space
+from test_spatial_arm import FOLLOWED, MIXED, pinocchio_pose
+
+from calib.arm.loading import arm_from_urdf, load_arm
+from calib.body.spatial import structure_of
+from calib.errors import OptionError, RobotError
+from calib.use.geometry import fit_geometry
+from calib.use.spatial_geometry import SpatialGeometry
+from calib.use.urdf import corrected_urdf
+
+LOCKED = MIXED.replace('name="lift"', 'name="held"')
+
+
+def moved_somehow(arm, *, move_tip=True):
+    """A geometry with every parameter of the chain off."""
+    structure, rng = structure_of(arm, "base"), np.random.default_rng(1)
+    beta = structure.neutral()
+    for group in ("tool", "tool.rotation", "placement", "offset"):
+        beta[structure.groups[group]] = rng.normal(0, 0.05, len(structure.groups[group]))
+    zero = np.zeros(structure.size)
+    return SpatialGeometry(arm, structure, beta, zero, False, move_tip, 0.0, 0.0, 1.0)
+
+
+@pytest.mark.parametrize("source", ["six_axis", "spatial_three", "mixed", "followed", "locked"])
+def test_pinocchio_reads_the_fitted_geometry(source):
+    texts = {"mixed": MIXED, "followed": FOLLOWED, "locked": LOCKED}
+    lock = {"held": 0.4} if source == "locked" else {}
+    arm = arm_from_urdf(texts[source], lock=lock) if source in texts else load_arm(source)
+    geometry = moved_somehow(arm)
+    q = np.random.default_rng(0).uniform(arm.lower, arm.upper, (20, arm.dof))
+    points, turns = geometry.structure.pose(q, geometry.beta)
+    again = arm_from_urdf(corrected_urdf(geometry), arm.joint_names, arm.tip, lock=arm.locked)
+    if source == "followed":  # Pinocchio alone does not know what follows what
+        places, matrices = again.chain.poses(q)
+    else:
+        places, matrices, _ = pinocchio_pose(again, q)
+    np.testing.assert_allclose(places, points, atol=1e-9)
+    np.testing.assert_allclose(matrices, turns, atol=1e-9)
+
+
+def test_the_tip_stays_unless_it_is_moved():
+    arm = load_arm("spatial_three")
+    kept, moved = (corrected_urdf(moved_somehow(arm, move_tip=m)) for m in (False, True))
+    last = arm.urdf.index('<joint name="tip')
+    line = arm.urdf[last:].split("<origin", 1)[1].split("/>", 1)[0]
+    assert line in kept
+    assert line not in moved
+    ends = load_arm("spatial_three", tip="forearm")
+    with pytest.raises(RobotError, match="no place of its own"):
+        corrected_urdf(moved_somehow(ends))
+
+
+def test_a_fit_beats_the_drawing_and_holds_the_first_joint(tmp_path, run):
+    model = in_space()
+    geometry = fit_geometry(model)
+    assert geometry.free
+    assert geometry.residual < 0.5 * geometry.before
+    layout = geometry.structure.layout
+    assert not geometry.beta[layout.shifts[0]].any()
+    assert geometry.sd[layout.shifts[1]].all()
+    model.save(tmp_path / "m.calib")
+    done = run("urdf", tmp_path / "m.calib", "-o", tmp_path / "c.urdf", "--json")
+    assert done.code == 0
+    assert done.document["places"]["shoulder_pan"]["shift"]["interval"][0] == 0.0
+    assert done.document["residual"] == pytest.approx(geometry.residual)
+    told = run("urdf", tmp_path / "m.calib", "-o", tmp_path / "c.urdf")
+    assert "sensed point, not written" in told.out
+    before, after = model.about.urdf.splitlines(), (tmp_path / "c.urdf").read_text().splitlines()
+    changed = [a for a, b in zip(before, after, strict=True) if a != b]
+    assert changed
+    assert all("<origin" in line for line in changed)
+
+
+def test_what_is_not_this_arm_is_refused(tmp_path, run):
+    model = in_space()
+    far = replace(model, rows=replace(model.rows, x=model.rows.x[::-1] * [1, 1, -1]))
+    far.save(tmp_path / "m.calib")
+    done = run("urdf", tmp_path / "m.calib", "-o", tmp_path / "c.urdf")
+    assert done.code == 3
+    assert not (tmp_path / "c.urdf").exists()
+    with pytest.raises(OptionError, match="view='base'"):
+        fit_geometry(model, move_base=True)
+
+
+def test_pixels_tell_offsets():
+    geometry = fit_geometry(in_pixels())
+    offsets = geometry.beta[geometry.structure.groups["offset"]]
+    assert geometry.unit == "px"
+    assert geometry.residual < 0.6 < 2.0 < geometry.before
+    # an offset and a turn of the joint's origin about its axis are one
+    turned = geometry.beta[geometry.structure.layout.turns] * geometry.structure.chain.axes
+    assert (offsets + turned.sum(axis=1))[1:] == pytest.approx([0.03, -0.02], abs=3e-3)
