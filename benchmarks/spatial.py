@@ -15,44 +15,37 @@ import json
 import sys
 import time
 from collections.abc import Callable, Iterator
-from dataclasses import dataclass, fields, replace
 from pathlib import Path
-from typing import Any
 
 import numpy as np
-import pinocchio
 from threadpoolctl import threadpool_limits
 
 import calib
-from calib.arm.rotations import logarithm
-from calib.body import Body
-from calib.body.fitting import BodyFit, fit_structure
+from calib.body.fitting import fit_structure
 from calib.body.remount import remount
 from calib.body.spatial import SpatialStructure, structure_of
 from calib.body.spatial_random import unknown_structure
-from calib.body.spatial_words import camera_place
-from calib.inverse.pose import Joints, pose_branches
+from calib.body.spatial_start import frame
 
-sys.path.insert(0, str(Path(__file__).parents[1] / "tests"))
-from closed_form import closed_form
-
-ROBOTS = Path(pinocchio.__file__).parents[4] / "share/example-robot-data/robots"
-UR10 = ROBOTS / "ur_description/urdf/ur10_robot.urdf"
-SO101 = ROBOTS / "so_arm_description/urdf/so101.urdf"
-MM = 1e3
-
-Row = dict[str, Any]
+sys.path.insert(0, str(Path(__file__).parent))
+from spatial_simulated import (
+    MM,
+    UR10,
+    Row,
+    UpTo,
+    distance,
+    fit,
+    measure_camera,
+    measure_poses,
+    measure_straight,
+    spread,
+)
 
 
 def series(folder: Path, name: str) -> tuple[np.ndarray, np.ndarray]:
     """Joints (n, 6) [rad] and positions (n, 3) [m] of a series."""
     table = np.loadtxt(folder / f"full_{name}.csv", delimiter=",", skiprows=1)
     return table[:, :6], table[:, 6:9]
-
-
-def spread(z: np.ndarray) -> float:
-    """Rms distance of rows from their mean."""
-    return float(np.sqrt(((z - z.mean(axis=0)) ** 2).sum(axis=1).mean()))
 
 
 def split(n: int, rows: int, draws: int) -> Iterator[tuple[np.ndarray, np.ndarray]]:
@@ -77,34 +70,6 @@ def summary(errors: list[np.ndarray], bounds: list[np.ndarray]) -> Row:
         "covered": round(100 * float((e <= b).mean()), 1),
         "blocks": [round(MM * float(part.mean()), 3) for part in errors],
     }
-
-
-@dataclass(frozen=True)
-class UpTo(SpatialStructure):
-    """A structure whose gate goes no further than one member: "frame" is the nominal arm."""
-
-    last: str = "chain"
-
-    @classmethod
-    def of(cls, structure: SpatialStructure, last: str) -> UpTo:
-        """Return the same structure with fewer members."""
-        own = {f.name: getattr(structure, f.name) for f in fields(structure)}
-        return cls(**own, last=last)
-
-    def members(self) -> tuple[tuple[str, tuple[str, ...]], ...]:
-        """The gate's members from simple to rich, up to the last."""
-        names = [name for name, _ in super().members()]
-        return super().members()[: names.index(self.last) + 1]
-
-
-def fit(structure: SpatialStructure, q: np.ndarray, z: np.ndarray) -> BodyFit:
-    """Fit a structure whose extent is that of the rows."""
-    return fit_structure(replace(structure, extent=spread(z)), q, z)
-
-
-def distance(body: Body, q: np.ndarray, z: np.ndarray) -> np.ndarray:
-    """Distances (n,) of rows from what a body predicts."""
-    return np.linalg.norm(body.structure.residual(z, body.predict(q)), axis=1)
 
 
 def measure_rows(args: argparse.Namespace) -> Iterator[Row]:
@@ -187,134 +152,8 @@ def _nominal(
     structure: SpatialStructure, q: np.ndarray, z: np.ndarray
 ) -> Callable[[np.ndarray], np.ndarray]:
     """The nominal arm with the frames that fit rows best."""
-    from calib.body.spatial_start import frame
-
     beta = frame(structure, q, z)
     return lambda q: structure.predict(q, beta)
-
-
-def measure_straight(args: argparse.Namespace) -> Iterator[Row]:
-    """A simulated arm without joint curves: what the gate takes, against geometry alone."""
-    arm = calib.load_arm(UR10)
-    structure = structure_of(arm)
-    for noise in (5e-5, 1e-3):
-        for rows in (30, 100):
-            ratios = []
-            for draw in range(args.draws):
-                rng = np.random.default_rng(draw)
-                beta = structure.neutral()
-                beta[structure.layout.shifts[1:]] = rng.normal(0, 1e-3, (5, 3))
-                beta[structure.layout.turns[1:]] = rng.normal(0, 2e-3, (5, 3))
-                q, fresh = (rng.uniform(arm.lower, arm.upper, (n, 6)) for n in (rows, 500))
-                z = structure.predict(q, beta) + rng.normal(0, noise, (rows, 3))
-                true = structure.predict(fresh, beta)
-                both = [
-                    structure,
-                    _Geometry(**{f: getattr(structure, f) for f in structure.__dataclass_fields__}),
-                ]
-                errors = [distance(fit(each, q, z).body, fresh, true).mean() for each in both]
-                ratios.append(float(errors[0] / errors[1]))
-            yield {
-                "noise_mm": MM * noise,
-                "rows": rows,
-                "ratio": round(float(np.mean(ratios)), 3),
-                "worst": round(max(ratios), 3),
-            }
-
-
-class _Geometry(SpatialStructure):
-    """The same structure, of which the gate knows frames and placements only."""
-
-    def members(self) -> tuple[tuple[str, tuple[str, ...]], ...]:
-        """Frames, then placements."""
-        return tuple(each for each in super().members() if each[0] in ("frame", "chain"))
-
-
-def measure_camera(args: argparse.Namespace) -> Iterator[Row]:
-    """A simulated SO-101 in 60 pictures of an unknown camera, 0.3 px."""
-    for exact in (True, False):
-        for seed in range(args.draws):
-            yield _camera(seed, exact)
-
-
-def _camera(seed: int, exact: bool) -> Row:
-    arm = calib.load_arm(SO101)
-    structure = structure_of(arm, "pinhole", unit="px")
-    rng, groups, layout = np.random.default_rng(seed), structure.groups, structure.layout
-    beta = structure.neutral()
-    beta[groups["offset"][1:]] = np.deg2rad(rng.uniform(-5, 5, arm.dof - 1))
-    if not exact:
-        beta[layout.shifts[1:]] = rng.normal(0, 1e-3, (arm.dof - 1, 3))
-        beta[layout.turns[1:]] = np.deg2rad(rng.normal(0, 0.2, (arm.dof - 1, 3)))
-        beta[groups["tool"]] = rng.normal(0, 2e-3, 3)
-    eye, ahead = np.array([0.15, -0.75, 0.35]) + rng.normal(0, 0.05, 3), np.array([0.15, 0, 0.12])
-    z = (ahead - eye) / np.linalg.norm(ahead - eye)
-    x = np.cross(z, (0.0, 0.0, 1.0))
-    x /= np.linalg.norm(x)
-    turn = np.stack([x, np.cross(z, x), z])
-    beta[groups["view.rotation"]], beta[groups["view.shift"]] = logarithm(turn), -turn @ eye
-    middle = (640 + rng.normal(0, 8), 360 + rng.normal(0, 8))
-    beta[groups["lens"]] = (900 * rng.uniform(0.9, 1.1), *middle, -0.1 + rng.normal(0, 0.05))
-
-    def seen(n: int) -> np.ndarray:
-        rows: list[np.ndarray] = []
-        while len(rows) < n:
-            q = rng.uniform(arm.lower, arm.upper, (200, arm.dof))
-            place, pixels = structure.pose(q, beta)[0], structure.predict(q, beta)
-            depth = (place @ turn.T - turn @ eye)[:, 2]
-            inside = ((pixels > 20) & (pixels < (1260, 700))).all(axis=1)
-            rows += list(q[inside & (place[:, 2] > 0.02) & (depth > 0.2)])
-        return np.array(rows[:n])
-
-    q, fresh = seen(60), seen(1000)
-    pixels = structure.predict(q, beta) + rng.normal(0, 0.3, (60, 2))
-    body = fit(structure, q, pixels).body
-    error = np.linalg.norm(body.predict(fresh) - structure.predict(fresh, beta), axis=1)
-    bound = body.bound(fresh, noise=False)
-    found, true = structure.pose(fresh, body.beta)[0], structure.pose(fresh, beta)[0]
-    a, b = found - found.mean(axis=0), true - true.mean(axis=0)
-    u, s, vt = np.linalg.svd(b.T @ a)
-    scale = s.sum() / (a**2).sum()
-    up_to = np.linalg.norm(b - scale * a @ (u @ vt).T, axis=1)
-    place, frame = camera_place(structure, body.beta)
-    return {
-        "placements": "exact" if exact else "off by 1 mm, 0.2 deg",
-        "seed": seed,
-        "member": body.member,
-        "pixels": round(float(error.mean()), 3),
-        "covered": round(100 * float((error <= bound).mean()), 1),
-        "tip_mm": round(MM * float(np.linalg.norm(found - true, axis=1).mean()), 3),
-        "tip_up_to_similarity_mm": round(MM * float(up_to.mean()), 3),
-        "camera_mm": round(MM * float(np.linalg.norm(place - eye)), 2),
-        "camera_deg": round(float(np.degrees(np.linalg.norm(logarithm(frame @ turn)))), 3),
-    }
-
-
-def measure_poses(args: argparse.Namespace) -> Iterator[Row]:
-    """Branches of the bundled six-axis arm against its closed form."""
-    arm = calib.load_arm("six_axis")
-    joints = Joints(arm.lower, arm.upper, arm.revolute)
-    rng = np.random.default_rng(0)
-    known = missed = invented = 0
-    began = time.process_time()
-    targets = 20 * args.draws
-    for q in rng.uniform(arm.lower, arm.upper, (targets, arm.dof)):
-        (p,), (r,) = arm.chain.poses(q[None])
-        expected, inside = joints.within(closed_form(p, r, arm.chain.rotation))
-        expected = expected[inside]
-        found = pose_branches(
-            lambda q: (*arm.chain.poses(q), arm.chain.jacobian(q)), p, r, joints, arm.chain.reach
-        )
-        known += len(expected)
-        missed += sum(int(not len(found) or joints.apart(found, e).min() > 1e-4) for e in expected)
-        invented += sum(int(joints.apart(expected, f).min() > 1e-4) for f in found)
-    yield {
-        "targets": targets,
-        "branches": known,
-        "missed": missed,
-        "invented": invented,
-        "ms_per_target": round(1e3 * (time.process_time() - began) / targets, 1),
-    }
 
 
 def measure_time(args: argparse.Namespace) -> Iterator[Row]:

@@ -8,6 +8,7 @@ from .bound import autocorrelation_time
 from .fitted import Fit, by_block
 from .normal import (
     Factor,
+    Sums,
     first_noise,
     information_factor,
     negative_log_likelihood,
@@ -53,6 +54,7 @@ class _Search:
         self.nu, self.floor = nu, floor
         self.fixed = weight
         self.blocks = structure.blocks
+        self.sums: list[Sums] = []
         if noise is None:
             r = structure.residual(z, structure.predict(q, self.beta))
             noise = first_noise(r, floor, self.blocks)

@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 from .bound import radius_95
 from .fitted import Fit
 from .normal import Factor, information_factor, slices
-from .structure import Array
+from .structure import Array, Indices
 
 WORK = 5e5
 """Rows times parameters beyond which only some rows, evenly spaced, get a predicted spread."""
@@ -51,7 +51,7 @@ class HeldOut:
     residual: Array
     error: Array
     score: Array
-    edges: Array
+    edges: Indices
     ratios: dict[int, Array]
     common: NDArray[np.bool_]
 

@@ -19,6 +19,7 @@ from ..arm.spatial_chain import GRAVITY, SpatialChain
 from .curves import curve_value
 from .spatial_layout import SpatialLayout
 from .spatial_motion import Deviations, Motion, move
+from .spatial_slopes import by_joints, by_parameters
 from .spatial_view import Placed, View, compose, look
 from .structure import Array, Indices, Label, Prior, Structure
 from .views import SPATIAL, ViewKind
@@ -163,8 +164,6 @@ class SpatialStructure:
         self, q: Array, beta: Array, active: Indices | None = None
     ) -> tuple[Array, Array]:
         """Outputs (n, m) and their derivative (n, m, k) by the parameters `active` (or all)."""
-        from .spatial_slopes import by_parameters
-
         return by_parameters(self, q, beta, active)
 
     def slope(self, q: Array, beta: Array) -> Array:
@@ -173,8 +172,6 @@ class SpatialStructure:
 
     def predict_and_slope(self, q: Array, beta: Array) -> tuple[Array, Array]:
         """Outputs (n, m) and their derivative (n, m, dof) by the joint values."""
-        from .spatial_slopes import by_joints
-
         return by_joints(self, q, beta)
 
     def retract(self, beta: Array, delta: Array) -> Array:

@@ -1,9 +1,8 @@
-"""Derivatives of a spatial body's outputs: by its parameters for a fit, by its joints for queries."""
+"""Derivatives of what a spatial body predicts: by its parameters, and by its joints."""
 
 from __future__ import annotations
 
-from collections.abc import Callable
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
@@ -100,7 +99,7 @@ class _Columns:
         """Whether one of some parameters is asked for."""
         return bool((self._place[indices] >= 0).any())
 
-    def put(self, index: int, column: Callable[[], Array]) -> None:
+    def put(self, index: int, column: Any) -> None:
         """Set the column (outputs, n) of a parameter, if it is asked for."""
         place = self._place[index]
         if place >= 0:
