@@ -18,8 +18,9 @@ from calib.change.lag import lag_of
 from calib.change.members import as_built, drift, freedom, members_of
 from calib.change.own_residual import own_residual
 from calib.change.reference import kept_reference, reference_of
-from calib.change.rows import thinned, weighted
+from calib.change.rows import weighted
 from calib.change.update import settled, updated
+from calib.common.thinning import thinned
 
 LOWER, UPPER = np.radians([0.0, 15.0]), np.radians([90.0, 150.0])
 L1, L2 = 0.30, 0.25

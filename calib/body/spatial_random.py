@@ -14,6 +14,7 @@ import numpy as np
 
 from ..arm.rotations import exponential, logarithm
 from ..arm.spatial_chain import SpatialChain
+from ..common.thinning import thinned
 from .structure import Array, Structure
 
 if TYPE_CHECKING:
@@ -84,7 +85,7 @@ def chains(structure: SpatialStructure, q: Array, z: Array) -> Sequence[tuple[St
     """Chains that fit rows, the best first: structures at whose origins the parameters are zero."""
     from .spatial_start import settle
 
-    rows = np.unique(np.linspace(0, len(q) - 1, min(len(q), ROWS)).round().astype(int))
+    rows = thinned(len(q), ROWS)
     q, z = q[rows], z[rows]
     rng = np.random.default_rng(0)
     free = structure.prior(("placement", "tool"))

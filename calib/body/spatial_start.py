@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from ..arm.rotations import exponential, logarithm
+from ..common.thinning import thinned
 from ..errors import LogError
 from .structure import Array, Indices, Structure
 
@@ -44,7 +45,7 @@ def starts(structure: SpatialStructure, q: Array, z: Array) -> Sequence[tuple[St
         )
     if float(np.ptp(z, axis=0).max()) <= 1e-9 * max(float(np.abs(z).max()), 1e-12):
         raise LogError("the positions are the same in every row: the sensor saw no motion")
-    rows = np.unique(np.linspace(0, len(q) - 1, min(len(q), ROWS)).round().astype(int))
+    rows = thinned(len(q), ROWS)
     q, z = q[rows], z[rows]
     if not structure.informed:
         from .spatial_random import chains

@@ -13,6 +13,7 @@ from ..body.most_telling import most_telling
 from ..body.structure import Array
 from ..common.choices import METHODS
 from ..common.parallel import one_blas_thread
+from ..common.thinning import thinned
 from ..errors import OptionError
 from ..model.model import Model
 from ..training.evaluate import figures
@@ -28,7 +29,6 @@ from .explain import Explanation
 from .members import NOTHING
 from .own_residual import OwnResidual, own_residual
 from .parameter_causes import frame_between
-from .rows import thinned
 from .update import MOST_ROWS, settled, updated
 
 if TYPE_CHECKING:

@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from ..body.structure import Array
+from ..common.thinning import thinned
 from ..model.alignment import Alignment
 from ..model.baseline import learn_baseline
 from ..model.model import Model
@@ -16,7 +17,6 @@ from ..model.rows import Rows
 from ..training.evaluate import evaluate_residuals, summarise
 from .cause import Cause
 from .comparison import Comparison
-from .rows import thinned
 
 if TYPE_CHECKING:
     from ..samples.samples import Samples

@@ -5,6 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from ..body.structure import Array
+from ..common.thinning import thinned
 from .reference import Reference, rigid_misfit
 
 MOST = 30
@@ -33,7 +34,7 @@ def lag_of(reference: Reference, q: Array, z: Array) -> int:
     for shift in range(-most, most + 1):
         # positive: the position of a row belongs to joints of some rows before
         a, b = (q[: n - shift], z[shift:]) if shift >= 0 else (q[-shift:], z[: n + shift])
-        rows = np.linspace(0, len(a) - 1, min(len(a), 60)).round().astype(int)
+        rows = thinned(len(a), 60)
         said = reference.structure.predict(a[rows], reference.beta)
         found[shift] = rigid_misfit(said[:, :places], b[rows, :places], scaled=False)[0]
     best = min(found, key=lambda k: (found[k], abs(k)))

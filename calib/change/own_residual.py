@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 
 from ..body.likeness import kernel
 from ..body.structure import Array
-from .rows import thinned
+from ..common.thinning import thinned
 
 MOST_ROWS = 400
 

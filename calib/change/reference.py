@@ -15,6 +15,7 @@ from numpy.typing import NDArray
 
 from ..body.belief import Body
 from ..body.structure import Array, Indices, Structure
+from ..common.thinning import thinned
 from .members import FRAME
 
 _FAR = 0.05  # misfit, of the extents, from which another frame is looked for
@@ -83,7 +84,7 @@ def reference_of(body: Body, q: Array, z: Array, unit: str | None = None) -> Ref
     """
     kept = kept_reference(body)
     places = body.structure.blocks[0]
-    rows = np.linspace(0, len(q) - 1, min(len(q), _ROWS)).round().astype(int)
+    rows = thinned(len(q), _ROWS)
     q, z = q[rows], z[rows]
     seen = body.structure.predict(q, body.beta)
     extent = float(np.asarray(body.structure.extents)[0])

@@ -8,6 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ..body.structure import Array
+from ..common.thinning import thinned
 from .members import drift, freedom, members_of
 from .reference import Reference
 from .whitening import scaled
@@ -41,11 +42,6 @@ class Log:
         """At most so many rows, evenly spread."""
         rows = thinned(len(self.q), most)
         return Log(self.q[rows], self.z[rows], self.weight[rows], self.shared)
-
-
-def thinned(n: int, most: int) -> NDArray[np.intp]:
-    """At most `most` rows of n, evenly spread, in order."""
-    return np.unique(np.linspace(0, n - 1, min(n, most)).round().astype(np.intp))
 
 
 def weighted(

@@ -17,10 +17,11 @@ from ..body.bound import radius_95
 from ..body.likeness import kernel, lengths_of
 from ..body.normal import Factor
 from ..body.structure import Array, Indices
+from ..common.thinning import thinned
 from .explain import Explanation
 from .members import drift
 from .reference import Reference
-from .rows import Log, thinned
+from .rows import Log
 from .whitening import nuisance_sd, scaled
 
 MOST_ROWS = 600

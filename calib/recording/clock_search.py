@@ -11,8 +11,9 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
+from ..common.thinning import thinned
 from .chain_judge import fit_timing
-from .judge import Judge, softness, thinned
+from .judge import Judge, softness
 
 Array = NDArray[np.float64]
 

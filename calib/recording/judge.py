@@ -9,6 +9,8 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
+from ..common.thinning import thinned
+
 Array = NDArray[np.float64]
 
 MOST = 240
@@ -24,11 +26,6 @@ def kernel(q: Array, other: Array) -> Array:
         c = np.cos(a[:, None] - b[None])
         result *= 0.45 + 0.45 * c + 0.1 * (2.0 * c**2 - 1.0)
     return result
-
-
-def thinned(count: int, most: int = MOST) -> NDArray[np.intp]:
-    """Return so many row numbers of `count`, evenly."""
-    return np.unique(np.linspace(0, count - 1, min(count, most)).round().astype(np.intp))
 
 
 class Judge:
@@ -110,7 +107,7 @@ def row_shift(q: Array, x: Array, most: int = 3) -> tuple[int, float, float]:
     medians = {}
     for shift in range(-most, most + 1):
         rows = np.arange(n)[some] + shift
-        take = thinned(len(rows))
+        take = thinned(len(rows), MOST)
         medians[shift] = float(np.median(held_out(q[rows][take], x[some][take])))
     best = min(medians, key=lambda s: medians[s])
     own = medians[0]

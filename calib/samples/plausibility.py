@@ -13,6 +13,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 from numpy.typing import NDArray
 
+from ..common.thinning import thinned
 from ..errors import LogError
 
 if TYPE_CHECKING:
@@ -77,7 +78,7 @@ def check_against_robot(
     """
     if len(q) < 8:
         return []
-    rows = np.linspace(0, len(q) - 1, min(len(q), _ROWS)).round().astype(np.intp)
+    rows = thinned(len(q), _ROWS)
     some, seen = q[rows], x[rows]
     nominal = arm.forward(some)
     if nominal.shape != seen.shape or not np.isfinite(nominal).all():
