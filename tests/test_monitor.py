@@ -8,6 +8,8 @@ import numpy as np
 import pytest
 from drifting import log, model
 
+import calib
+
 
 def last(monitor, samples):
     for q, x in zip(samples.q, samples.x, strict=True):
@@ -82,3 +84,20 @@ def test_memory_is_constant():
     before = size()
     last(monitor, log(n=2000, seed=5))
     assert size() <= before + 64
+
+
+def test_in_space_every_axis_counts_as_noise():
+    arm = calib.load_arm("spatial_three")
+    trained = calib.train(calib.babble(arm, 400, seed=0), size=15)
+    calm = calib.babble(arm, 800, seed=2)
+    shaken = calm.x + np.random.default_rng(0).normal(scale=[0.0, 0.0, 6e-3], size=calm.x.shape)
+    before, after = trained.monitor(), trained.monitor()
+    for q, x, seen in zip(calm.q, calm.x, shaken, strict=True):
+        calmly, state = before.update(q, x), after.update(q, seen)
+    # what the nodes' Taylor series leave over is there without noise as well
+    assert state.noise**2 - calmly.noise**2 == pytest.approx(6e-3**2 / 3, rel=0.25)
+
+
+def test_a_sample_of_another_width_is_refused():
+    with pytest.raises(calib.QueryError, match="3 joint values: expected 2"):
+        model(1e-3).monitor().update([0.1, 0.2, 0.3], [0.1, 0.1])
