@@ -39,14 +39,14 @@ def closest(newton: Newton, u: Array, x: Array) -> tuple[Array, Array]:
     """
     u = u.copy()
     position, slope = newton.predictor.value_and_slope(u)
-    left = np.linalg.norm(x - position, axis=1)
+    distance = np.linalg.norm(x - position, axis=1)
     share = np.ones(len(u))
     rows = np.arange(len(u))
     for _ in range(_STEPS):
         if not len(rows):
             break
         gap = x[rows] - position[rows]
-        gap *= np.minimum(1.0, newton.extent / np.maximum(left[rows], 1e-300))[:, None]
+        gap *= np.minimum(1.0, newton.extent / np.maximum(distance[rows], 1e-300))[:, None]
         step = _step(newton, u[rows], slope[rows], gap) * share[rows, None]
         trial = newton.clip(u[rows] + step)
         there, tilt = newton.predictor.value_and_slope(trial)
@@ -56,10 +56,10 @@ def closest(newton: Newton, u: Array, x: Array) -> tuple[Array, Array]:
         moved = np.abs(newton.scale.difference(trial, u[rows])).max(axis=1)
         taken = rows[better]
         u[taken], position[taken], slope[taken] = trial[better], there[better], tilt[better]
-        left[taken] = np.linalg.norm(x[taken] - position[taken], axis=1)
+        distance[taken] = np.linalg.norm(x[taken] - position[taken], axis=1)
         share[rows] = np.where(better, np.minimum(1.0, 2 * share[rows]), share[rows] / 4)
         rows = rows[(moved > _STILL) & (share[rows] > 1e-6)]
-    return u, left
+    return u, distance
 
 
 def _step(newton: Newton, u: Array, slope: Array, gap: Array) -> Array:

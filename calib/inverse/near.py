@@ -48,7 +48,7 @@ def position_near(
     -------
     q : (n, dof) array [rad or m]
         Within the ranges.
-    left : (n,) array [m]
+    distance : (n,) array [m]
         Distance of the tip from the position; not small where it is out of reach.
 
     Notes
@@ -61,7 +61,7 @@ def position_near(
     n, dof = q.shape
     share = np.ones(n)
     p, r, jacobian = evaluate(q)
-    left = np.linalg.norm(position - p, axis=1)
+    distance = np.linalg.norm(position - p, axis=1)
     merit = _merit(q, near, r, wanted, keep)
     for _ in range(STEPS):
         free = np.ones((n, dof), dtype=bool)
@@ -75,17 +75,17 @@ def position_near(
         away = np.linalg.norm(position - moved[0], axis=1)
         cost = _merit(trial, near, moved[1], wanted, keep)
         close = away <= TOLERANCE * length
-        better = (away < left) | (close & (cost <= merit))
+        better = (away < distance) | (close & (cost <= merit))
         settled = close & (np.abs(trial - q).max(axis=1) < 1e-10)
         q = np.where(better[:, None], trial, q)
         p = np.where(better[:, None], moved[0], p)
         r = np.where(better[:, None, None], moved[1], r)
         jacobian = np.where(better[:, None, None], moved[2], jacobian)
-        left, merit = np.where(better, away, left), np.where(better, cost, merit)
+        distance, merit = np.where(better, away, distance), np.where(better, cost, merit)
         share = np.where(better, np.minimum(1.0, 2 * share), share / 3)
         if (settled | (share < 1e-9)).all():
             break
-    return q, left
+    return q, distance
 
 
 def _merit(q: Array, near: Array, r: Array, wanted: Array, keep: float) -> Array:

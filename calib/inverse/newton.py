@@ -79,12 +79,12 @@ class Newton:
         u, x = self._clip(start.T.copy()), target.T
         value, slope = self._evaluate(u)
         gap = x - value
-        left = _length(gap)
+        distance = _length(gap)
         met, rounding = tolerance * self.extent, max(tolerance, 1e-12) * self.extent
-        rows = np.flatnonzero(left > met)
-        best_u, best_left = u, left.copy()
-        if len(rows) < len(left):
-            u, x, gap, left, slope = (part[..., rows] for part in (u, x, gap, left, slope))
+        rows = np.flatnonzero(distance > met)
+        best_u, best_distance = u, distance.copy()
+        if len(rows) < len(distance):
+            u, x, gap, distance, slope = (part[..., rows] for part in (u, x, gap, distance, slope))
         else:
             u = u.copy()
         damping = np.full(len(rows), 1e-9)
@@ -96,33 +96,35 @@ class Newton:
             trial_gap = x - value
             now = _length(trial_gap)
             if now.max() <= met:
-                u, left = trial, now
+                u, distance = trial, now
                 break
             moved = np.abs(trial - u).max(axis=0)
-            better = now < left
-            stalled = (left - now < 1e-9 * left) & (better | (left < rounding))
+            better = now < distance
+            stalled = (distance - now < 1e-9 * distance) & (better | (distance < rounding))
             if better.all():
-                u, gap, left, slope = trial, trial_gap, now, trial_slope
+                u, gap, distance, slope = trial, trial_gap, now, trial_slope
                 damping *= 1 / 30
             else:
                 u = np.where(better, trial, u)
                 gap = np.where(better, trial_gap, gap)
-                left = np.where(better, now, left)
+                distance = np.where(better, now, distance)
                 slope = np.where(better, trial_slope, slope)
                 damping = np.where(better, damping / 30, np.maximum(damping * 30, 1e-6))
             damping = np.maximum(damping, 1e-12)
-            done = stalled | (left < met) | (moved < 1e-15) | (damping > 1e3)
+            done = stalled | (distance < met) | (moved < 1e-15) | (damping > 1e3)
             if done.all():
                 break
             if done.any():
-                best_u[:, rows[done]], best_left[rows[done]] = u[:, done], left[done]
+                best_u[:, rows[done]], best_distance[rows[done]] = u[:, done], distance[done]
                 keep = np.flatnonzero(~done)
                 rows, damping = rows[keep], damping[keep]
-                u, x, gap, left, slope = (part[..., keep] for part in (u, x, gap, left, slope))
-        if len(rows) == len(best_left):
-            return u.T, left
-        best_u[:, rows], best_left[rows] = u, left
-        return best_u.T, best_left
+                u, x, gap, distance, slope = (
+                    part[..., keep] for part in (u, x, gap, distance, slope)
+                )
+        if len(rows) == len(best_distance):
+            return u.T, distance
+        best_u[:, rows], best_distance[rows] = u, distance
+        return best_u.T, best_distance
 
     def _step(self, u: Array, slope: Array, gap: Array, damping: Array) -> Array:
         """J' (J J' + damping)^-1 gap, with the joints that may move, (dof, n)."""
@@ -165,9 +167,9 @@ class Newton:
         """
         if u.shape[1] <= x.shape[1]:
             return self.refine(u, x)
-        u, left = self.refine(u, x, CLOSE)
+        u, distance = self.refine(u, x, CLOSE)
         u = u.copy()
-        rows = np.flatnonzero(left <= CLOSE * self.extent)
+        rows = np.flatnonzero(distance <= CLOSE * self.extent)
         at, share = u[rows], np.ones(len(rows))
         pull = self.tangent(at, self.scale.difference(near[rows], at))
         for _ in range(_SLIDES):

@@ -81,7 +81,7 @@ def reach_poses(
     Returns
     -------
     q : (n, dof) array
-    left : (n,) array [m]
+    distance : (n,) array [m]
         What is left of the position and, times `length`, of the orientation.
     """
     scale = np.r_[np.ones(3), np.full(3, length)][:, None]
@@ -93,7 +93,7 @@ def reach_poses(
         return e, jacobian * scale, np.linalg.norm(e, axis=1)
 
     rows = np.arange(len(q))
-    out, left = q.copy(), np.full(len(q), np.inf)
+    out, distance = q.copy(), np.full(len(q), np.inf)
     damping = np.full(len(q), 1e-5)
     e, jacobian, size = misfit(q)
     for _ in range(steps):
@@ -111,13 +111,13 @@ def reach_poses(
         jacobian = np.where(better[:, None, None], jacobian_new, jacobian)
         size = np.where(better, size_new, size)
         damping = np.where(better, np.maximum(damping / 10, 1e-15), np.minimum(damping * 10, 1e3))
-        out[rows], left[rows] = q, size
+        out[rows], distance[rows] = q, size
         going = (size > 1e-3 * TOLERANCE * length) & (damping < 1e3)
         if not going.any():
             break
         rows, q, e, size, damping = rows[going], q[going], e[going], size[going], damping[going]
         jacobian = jacobian[going]
-    return out, left
+    return out, distance
 
 
 def pose_branches(
@@ -163,13 +163,13 @@ def pose_branches(
     quiet = 0
     for _ in range(rounds):
         n = len(tried)
-        q, left = reach_poses(
+        q, distance = reach_poses(
             evaluate, tried, np.tile(position, (n, 1)), np.tile(rotation, (n, 1, 1)), length
         )
         q, inside = joints.within(q) if n else (q, np.empty(0, dtype=bool))
         fresh = []
         for row, ok in zip(
-            q[left < TOLERANCE * length], inside[left < TOLERANCE * length], strict=True
+            q[distance < TOLERANCE * length], inside[distance < TOLERANCE * length], strict=True
         ):
             if not len(known) or joints.apart(known, row).min() > APART:
                 known = np.vstack([known, row])

@@ -70,8 +70,8 @@ def representatives(newton: Newton, target: Index, u: Array, x: Array) -> tuple[
     order = np.lexsort((away, label))
     chosen = np.sort(order[np.append(True, np.diff(label[order]) > 0)])
     target, u = target[chosen], u[chosen]
-    settled, left = newton.settle(u, x[target], middle[chosen], longest=_STEP)
-    return target, np.where((left <= CLOSE * newton.extent)[:, None], settled, u)
+    settled, distance = newton.settle(u, x[target], middle[chosen], longest=_STEP)
+    return target, np.where((distance <= CLOSE * newton.extent)[:, None], settled, u)
 
 
 def _pairs(newton: Newton, target: Index, u: Array) -> tuple[Index, Index, Array]:
@@ -102,10 +102,10 @@ def _walk(newton: Newton, start: Array, goal: Array, x: Array) -> NDArray[np.boo
         move = newton.tangent(u, wish)
         length = np.linalg.norm(move, axis=1)
         move *= np.minimum(1.0, _STEP / np.maximum(length, 1e-300))[:, None]
-        trial, left = newton.refine(u + move, x[rows], CLOSE)
+        trial, distance = newton.refine(u + move, x[rows], CLOSE)
         moved = np.linalg.norm(newton.scale.difference(trial, u), axis=1)
         now = np.linalg.norm(newton.scale.difference(goal[rows], trial), axis=1)
-        going = (length > _STUCK * ahead) & (left <= CLOSE * newton.extent)
+        going = (length > _STUCK * ahead) & (distance <= CLOSE * newton.extent)
         going &= (moved < 2 * _STEP) & (now < ahead)
         rows, u = rows[going], trial[going]
     return arrived

@@ -86,16 +86,16 @@ class Solver:
             What is left to the target.
         """
         if not self.redundant:
-            u, left = self._from_starts(x, near)
+            u, distance = self._from_starts(x, near)
         else:
             # redundant joints: from the wished ones on; the links where that leads far away
-            u, left = self.newton.settle(self.clip(near), x, near)
+            u, distance = self.newton.settle(self.clip(near), x, near)
             away = np.linalg.norm(self.scale.difference(u, near), axis=1)
-            unsure = (left > CLOSE * self.extent) | (away > _ALIKE * self._spacing)
+            unsure = (distance > CLOSE * self.extent) | (away > _ALIKE * self._spacing)
             rows = np.flatnonzero(unsure)
             if len(rows):
-                self._take_better(u, left, rows, *self._from_starts(x[rows], near[rows]), near)
-        return self._rescued(u, left, x, near)
+                self._take_better(u, distance, rows, *self._from_starts(x[rows], near[rows]), near)
+        return self._rescued(u, distance, x, near)
 
     def _from_starts(self, x: Array, near: Array) -> tuple[Array, Array]:
         """Solutions from the starts that are closest to the joints wished for."""
@@ -106,38 +106,44 @@ class Solver:
         away[np.isnan(away)] = np.inf
         rows = np.arange(n)
         first = away.argmin(axis=1)
-        u, left = self.newton.settle(start[rows, first], x, near)
+        u, distance = self.newton.settle(start[rows, first], x, near)
         # a second start that may lead closer, because a start is not yet a solution
         nearest, doubt = away[rows, first], step[rows, first]
         away[rows, first] = np.inf
         second = away.argmin(axis=1)
         margin = self._spacing * (1.0 + doubt + step[rows, second] if dof <= outputs else _ALIKE)
-        met = left <= CLOSE * self.extent
+        met = distance <= CLOSE * self.extent
         again = np.flatnonzero((away[rows, second] < nearest + margin) | ~met)
         again = again[np.isfinite(away[again, second[again]])]
         if len(again):
             other = self.newton.settle(start[again, second[again]], x[again], near[again])
-            self._take_better(u, left, again, *other, near)
+            self._take_better(u, distance, again, *other, near)
         away[rows, second] = np.inf
-        missed = np.flatnonzero(left > CLOSE * self.extent)
+        missed = np.flatnonzero(distance > CLOSE * self.extent)
         if len(missed):
             row, column = np.nonzero(np.isfinite(away[missed]))
             row = missed[row]
             found = self.newton.settle(start[row, column], x[row], near[row])
-            self._take_better(u, left, row, *found, near)
+            self._take_better(u, distance, row, *found, near)
         folds = np.flatnonzero(folded)
         if len(folds):
             row, twin = twins(self.newton, u[folds], self._spacing)
             owner = folds[row]
-            self._take_better(u, left, owner, *self.newton.refine(twin, x[owner]), near)
-        return u, left
+            self._take_better(u, distance, owner, *self.newton.refine(twin, x[owner]), near)
+        return u, distance
 
     @property
     def _spacing(self) -> float:
         return self.association.motor.spacing
 
     def _take_better(
-        self, u: Array, left: Array, rows: Index, found: Array, found_left: Array, near: Array
+        self,
+        u: Array,
+        distance: Array,
+        rows: Index,
+        found: Array,
+        found_distance: Array,
+        near: Array,
     ) -> None:
         """Replace answers in place: a met target before a missed one, then closer joints.
 
@@ -146,18 +152,21 @@ class Solver:
         every = np.concatenate([np.arange(len(u)), rows]) if len(rows) else np.arange(len(u))
         asked = np.zeros(len(u), dtype=bool)
         asked[rows] = True
-        every_u, every_left = np.concatenate([u, found]), np.concatenate([left, found_left])
+        every_u, every_distance = (
+            np.concatenate([u, found]),
+            np.concatenate([distance, found_distance]),
+        )
         use = np.flatnonzero(asked[every])
-        met = every_left[use] <= CLOSE * self.extent
+        met = every_distance[use] <= CLOSE * self.extent
         away = np.linalg.norm(self.scale.difference(every_u[use], near[every[use]]), axis=1)
-        order = use[np.lexsort((np.where(met, away, every_left[use]), ~met, every[use]))]
+        order = use[np.lexsort((np.where(met, away, every_distance[use]), ~met, every[use]))]
         owner = every[order]
         best = order[np.append(True, owner[1:] != owner[:-1])] if len(order) else order
-        u[every[best]], left[every[best]] = every_u[best], every_left[best]
+        u[every[best]], distance[every[best]] = every_u[best], every_distance[best]
 
-    def _rescued(self, u: Array, left: Array, x: Array, near: Array) -> tuple[Array, Array]:
+    def _rescued(self, u: Array, distance: Array, x: Array, near: Array) -> tuple[Array, Array]:
         """Answers whose targets were missed, tried again from more places."""
-        missed = np.flatnonzero(left > CLOSE * self.extent)
+        missed = np.flatnonzero(distance > CLOSE * self.extent)
         if len(missed):
             for target, start in (
                 self.starts.propose(x[missed], _WIDE),
@@ -165,10 +174,10 @@ class Solver:
             ):
                 row = missed[target]
                 found = self.newton.settle(start, x[row], near[row])
-                self._take_better(u, left, row, *found, near)
-            missed = np.flatnonzero(left > CLOSE * self.extent)
-            u[missed], left[missed] = closest(self.newton, u[missed], x[missed])
-        return u, left
+                self._take_better(u, distance, row, *found, near)
+            missed = np.flatnonzero(distance > CLOSE * self.extent)
+            u[missed], distance[missed] = closest(self.newton, u[missed], x[missed])
+        return u, distance
 
     def solve_all(self, x: Array) -> tuple[Index, Array, Array]:
         """Every distinct solution of each target.
@@ -189,16 +198,16 @@ class Solver:
         distance : (m,) array
             What is left to the target.
         """
-        target, u, left = self.solutions(x)
+        target, u, distance = self.solutions(x)
         if self.redundant and len(u):
             target, u = representatives(self.newton, target, u, x)
-            left = np.linalg.norm(self.predictor.value(u) - x[target], axis=1)
+            distance = np.linalg.norm(self.predictor.value(u) - x[target], axis=1)
         lost = np.setdiff1d(np.arange(len(x)), target)
         if len(lost):
-            found, found_left = self.solve(x[lost], np.full((len(lost), u.shape[1]), 0.5))
+            found, found_distance = self.solve(x[lost], np.full((len(lost), u.shape[1]), 0.5))
             target = np.concatenate([target, lost])
-            u, left = np.concatenate([u, found]), np.concatenate([left, found_left])
-        return self._by_middle(target, u, left)
+            u, distance = np.concatenate([u, found]), np.concatenate([distance, found_distance])
+        return self._by_middle(target, u, distance)
 
     def solutions(self, x: Array) -> tuple[Index, Array, Array]:
         """Solutions of each target as `solve_all` finds them, many of each family."""
@@ -209,22 +218,22 @@ class Solver:
             # where branches meet they can change much between neighbouring nodes
             row, more = self.starts.propose(x[folded], _WIDE)
             target, u = np.append(target, np.flatnonzero(folded)[row]), np.concatenate([u, more])
-        u, left = self.newton.refine(u, x[target])
+        u, distance = self.newton.refine(u, x[target])
         if u.shape[1] == x.shape[1] == 2:
             row, other = twins(self.newton, u, self._spacing)
-            other, other_left = self.newton.refine(other, x[target[row]])
+            other, other_distance = self.newton.refine(other, x[target[row]])
             target = np.concatenate([target, target[row]])
-            u, left = np.concatenate([u, other]), np.concatenate([left, other_left])
-        met = left <= CLOSE * self.extent
-        target, u, left = self._by_middle(target[met], u[met], left[met])
+            u, distance = np.concatenate([u, other]), np.concatenate([distance, other_distance])
+        met = distance <= CLOSE * self.extent
+        target, u, distance = self._by_middle(target[met], u[met], distance[met])
         keep = self._distinct(target, u)
-        return target[keep], u[keep], left[keep]
+        return target[keep], u[keep], distance[keep]
 
-    def _by_middle(self, target: Index, u: Array, left: Array) -> tuple[Index, Array, Array]:
+    def _by_middle(self, target: Index, u: Array, distance: Array) -> tuple[Index, Array, Array]:
         """Solutions sorted by target and distance to the middle of the ranges."""
         away = np.linalg.norm(self.scale.difference(u, np.full_like(u, 0.5)), axis=1)
         order = np.lexsort((away, target))
-        return target[order], u[order], left[order]
+        return target[order], u[order], distance[order]
 
     def _distinct(self, target: Index, u: Array) -> NDArray[np.bool_]:
         """Which solutions, sorted by target, repeat no earlier one of the same target."""

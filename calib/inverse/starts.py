@@ -117,16 +117,16 @@ class Starts:
         sensory = self.association.sensory
         x = sensory.scale.from_unit(sensory.units[nodes])
         target, u = self.propose(x)
-        u, left = self.newton.refine(u, x[target], CLOSE)
-        order = np.lexsort((left, target))
-        target, u, left = target[order], u[order], left[order]
+        u, distance = self.newton.refine(u, x[target], CLOSE)
+        order = np.lexsort((distance, target))
+        target, u, distance = target[order], u[order], distance[order]
         place = np.arange(len(target)) - np.searchsorted(target, target)
         width, dof = int(place.max()) + 1, u.shape[1]
         table, missed = (
             np.full((len(nodes), width, dof), np.nan),
             np.full((len(nodes), width), np.inf),
         )
-        table[target, place], missed[target, place] = u, left
+        table[target, place], missed[target, place] = u, distance
         kept = self._distinct(table, missed)
         # the best of each node first, as many as there is room for
         row, column = np.nonzero(kept)

@@ -140,10 +140,10 @@ def _step(solver: Solver, u: Array, x: Array, must_meet: bool) -> tuple[Array, N
     """One small step of the target; whether joints moved by little and met it, (n,)."""
     newton = solver.newton
     targets = np.broadcast_to(x, (len(u), len(x)))
-    trial, left = newton.refine(u, targets)
+    trial, distance = newton.refine(u, targets)
     moved = np.linalg.norm(newton.scale.difference(trial, u), axis=1)
     smooth = moved <= _SMOOTH
-    met = left <= CLOSE * solver.extent
+    met = distance <= CLOSE * solver.extent
     if must_meet:
         smooth &= met
     if u.shape[1] > 2:

@@ -136,7 +136,7 @@ class Single:
         for _ in range(_STEPS):
             x, y, (xa, xb), (ya, yb) = self._sloped((a, b))
             gx, gy = tx - x, ty - y
-            left = math.sqrt(gx * gx + gy * gy)
+            distance = math.sqrt(gx * gx + gy * gy)
             det = xa * yb - xb * ya
             size = math.sqrt((xa * xa + ya * ya) * (xb * xb + yb * yb))
             sine = det / size if size > 0.0 else 0.0
@@ -144,7 +144,7 @@ class Single:
                 facing = sine
             if sine * facing <= 0.0:
                 return None
-            if left <= least or (left >= 0.5 * last and left <= stalled):
+            if distance <= least or (distance >= 0.5 * last and distance <= stalled):
                 room = _UNFOLDED * min(abs(sine), abs(facing))
                 moved_a, moved_b = abs(a - start[0]), abs(b - start[1])
                 far = max(moved_a / self._wide[0], moved_b / self._wide[1])
@@ -153,9 +153,9 @@ class Single:
                 if self._across((a, b)) or not self._known([a, b]):
                     return None
                 return [a, b]
-            if left > 2.0 * last:
+            if distance > 2.0 * last:
                 return None
-            last = left
+            last = distance
             a += (yb * gx - xb * gy) / det
             b += (xa * gy - ya * gx) / det
             if not self._in_range((a, b)):
