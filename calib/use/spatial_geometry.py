@@ -14,7 +14,8 @@ from numpy.typing import NDArray
 from ..arm.spatial_arm import SpatialArm
 from ..arm.urdf import parse_urdf
 from ..body.belief import Body
-from ..body.fit import Fit, maximise
+from ..body.fit import maximise
+from ..body.fitted import Fit
 from ..body.fitting import METRES
 from ..body.spatial import SpatialStructure, structure_of
 from ..body.spatial_prior import frame_groups
