@@ -31,6 +31,9 @@ WIDE = (200.0, 3e-3)
 LEAST_SHARE = 0.5
 """Of the second fit's spread: so much stays, however small the held-out errors are."""
 
+FEW = 1000
+"""Rows from which on the second fit's spread is no more scaled by its held-out errors."""
+
 STUDENT = 6.0
 """Degrees of freedom of the noise of a log."""
 
@@ -248,8 +251,8 @@ def _second(
         steps=4,
     )
     # Few rows of a drawn arm tell how large its curves are altogether, if not where.
-    drawn = getattr(fit.structure, "informed", False)
-    share = np.clip(leave_blocks_out(made).ratio(), LEAST_SHARE, 1.0) if drawn else 1.0
+    few = getattr(fit.structure, "informed", False) and len(q) < FEW
+    share = np.clip(leave_blocks_out(made).ratio(), LEAST_SHARE, 1.0) if few else 1.0
     packed = pack(float(share) ** 2 * made.covariance)
     return Second(made.beta, made.active, unpack(packed, len(made.active)), made.noise, packed)
 
