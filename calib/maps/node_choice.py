@@ -231,8 +231,8 @@ def _settled(
 
     def together(chosen: Index) -> tuple[Array, NDArray[np.bool_], Array, Array]:
         now, talks = every[chosen[node] + 1, np.arange(len(node))], chosen[node] >= 0
-        sums = np.stack([np.bincount(row, c, len(target)) for c in now.T], axis=1)
-        return now, talks, sums, np.bincount(row, own * talks, len(target))
+        sums = np.stack([np.bincount(row, c, len(target)) for c in now.T], axis=1, dtype=float)
+        return now, talks, sums, np.bincount(row, own * talks, len(target)).astype(float)
 
     # all begin with the shape that serves the wrong rows best: one node alone is hardly heard
     first = [remains(*together(np.full(nodes, k))[2:], slice(None)) for k in range(len(said) - 1)]
