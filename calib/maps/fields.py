@@ -78,13 +78,7 @@ def checked_gain(gain: Gain) -> Gain:
     """A user's gain whose answers are checked whenever it is asked."""
 
     def ask(visit: Visit) -> Array:
-        found = _array("gain", gain(visit))
-        if found.shape != visit.winners.shape:
-            raise OptionError(
-                f"the gain returned an array of shape {found.shape}, expected "
-                f"{visit.winners.shape}: one factor for each sample"
-            )
-        _not_negative("gain", found)
+        found = _checked("gain", gain(visit), visit.winners.shape, "one factor for each sample")
         if not found.any():
             raise OptionError("the gain returned zeros alone: no sample would be learned")
         return found
@@ -107,13 +101,8 @@ def lattice_steps(lattice: Lattice) -> tuple[Array, NDArray[np.intp]]:
 
 def checked_h(neighbourhood: Neighbourhood, around: Surroundings) -> Array:
     """What a neighbourhood says of the nodes around a winner, checked."""
-    h = _array("neighbourhood", neighbourhood(around))
-    if h.shape != around.distance.shape:
-        raise OptionError(
-            f"the neighbourhood returned an array of shape {h.shape}, expected "
-            f"{around.distance.shape}: one value for each node"
-        )
-    _not_negative("neighbourhood", h)
+    shape = around.distance.shape
+    h = _checked("neighbourhood", neighbourhood(around), shape, "one value for each node")
     if not (h[around.distance == 0.0] > 0.0).all():
         raise OptionError("the neighbourhood is 0 at the winner itself, expected above 0")
     return h
@@ -121,30 +110,27 @@ def checked_h(neighbourhood: Neighbourhood, around: Surroundings) -> Array:
 
 def checked_links(rule: LinkRule, pairs: Pairs) -> Array:
     """What a rule says of pairs of nodes, checked."""
-    found = _array("rule of the links", rule(pairs))
-    if found.shape != pairs.together.shape:
-        raise OptionError(
-            f"the rule of the links returned an array of shape {found.shape}, expected "
-            f"{pairs.together.shape}: one strength for each pair"
-        )
-    _not_negative("rule of the links", found)
+    shape = pairs.together.shape
+    found = _checked("rule of the links", rule(pairs), shape, "one strength for each pair")
     if not found.any():
         raise OptionError("the rule of the links returned zeros alone: nothing would be linked")
     return found
 
 
-def _array(what: str, value: object) -> Array:
+def _checked(what: str, value: object, shape: tuple[int, ...], of_each: str) -> Array:
+    """A user's answer as an array of this shape, finite and not negative."""
     try:
-        return np.asarray(value, dtype=float)
+        found = np.asarray(value, dtype=float)
     except (TypeError, ValueError):
         raise OptionError(f"the {what} returned {value!r:.60}, expected an array") from None
-
-
-def _not_negative(what: str, found: Array) -> None:
-    if np.isfinite(found).all() and (found >= 0.0).all():
-        return
-    wrong = found[~(np.isfinite(found) & (found >= 0.0))].ravel()
-    raise OptionError(
-        f"the {what} returned {wrong[0]:g} for {len(wrong)} of {found.size}: expected finite "
-        "numbers, 0 or more"
-    )
+    if found.shape != shape:
+        raise OptionError(
+            f"the {what} returned an array of shape {found.shape}, expected {shape}: {of_each}"
+        )
+    bad = found[~(np.isfinite(found) & (found >= 0.0))].ravel()
+    if len(bad):
+        raise OptionError(
+            f"the {what} returned {bad[0]:g} for {len(bad)} of {found.size}: expected finite "
+            "numbers, 0 or more"
+        )
+    return found

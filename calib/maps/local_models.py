@@ -47,6 +47,8 @@ class LocalModels:
         Coefficients of the monomials of (u - w) / radius, in the unit of the positions.
     fades : bool
         Whether a node's say ends beyond its cell; not in models of file format 1.
+    votes : bool
+        Whether silent nodes are heard, see :func:`heard`; not in files that do not say so.
     """
 
     degree: int
@@ -54,6 +56,7 @@ class LocalModels:
     radius: Array
     coefficients: Array
     fades: bool = True
+    votes: bool = True
 
     def degrees(self, dof: int) -> NDArray[np.intp]:
         """Degree of each node's own model, (nodes,), -1 for none."""
@@ -270,9 +273,10 @@ def predict(
     """Blended correction at the points `u` (n, d), (n, 2), and its slope (n, 2, d)."""
     if models.fades:
         index, weight, gap = speaking(motor, u)
-        own = np.where((models.coefficients != 0.0).any(axis=(1, 2))[index], weight, 0.0)
-        share = own.sum(axis=1) / np.maximum(weight.sum(axis=1), 1e-300)
-        weight = own * heard(share)[:, None]
+        if models.votes:
+            own = np.where((models.coefficients != 0.0).any(axis=(1, 2))[index], weight, 0.0)
+            share = own.sum(axis=1) / np.maximum(weight.sum(axis=1), 1e-300)
+            weight = own * heard(share)[:, None]
     else:
         index, weight = blend(motor, u, blend_size(u.shape[1]))
         gap = motor.scale.difference(u[:, None], motor.units[index])

@@ -31,12 +31,15 @@ class NodeModels:
         Axes whose ends meet.
     reach : list of float or None
         How far each node speaks in full, in the unit box; None where it always does.
+    votes : bool
+        Whether silent nodes are heard.
     """
 
     cells: NodeCells
     nodes: list[tuple[list[float], float, list[Term]]] = field(repr=False)
     periodic: tuple[bool, ...]
     reach: list[float] | None = field(default=None, repr=False)
+    votes: bool = True
 
     @staticmethod
     def of(models: LocalModels, motor: Map, cells: NodeCells) -> NodeModels:
@@ -49,7 +52,8 @@ class NodeModels:
             terms = [(e, x, y) for e, (x, y) in zip(powers, rows, strict=True) if x or y]
             nodes.append((w, radius, terms))
         reach = reach_of(motor).tolist() if models.fades else None
-        return NodeModels(cells, nodes, tuple(bool(p) for p in motor.scale.periodic), reach)
+        periodic = tuple(bool(p) for p in motor.scale.periodic)
+        return NodeModels(cells, nodes, periodic, reach, models.votes)
 
     def value(self, u: Sequence[float]) -> tuple[float, float]:
         """Blended correction at a point of the unit box."""
@@ -104,7 +108,7 @@ class NodeModels:
             return []
         left = max(shares) / total
         loud = sum(w for n, w in zip(nodes, spoken, strict=True) if self.nodes[n][2]) / total
-        left *= heard(loud)
+        left *= heard(loud) if self.votes else 1.0
         return [(n, w * left, z) for n, w, z in zip(nodes, spoken, places, strict=True)]
 
     def _at(self, n: int, u: Sequence[float]) -> list[float]:

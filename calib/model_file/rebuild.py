@@ -85,7 +85,8 @@ def build(header: Mapping[str, Any], tensors: Mapping[str, NDArray[Any]]) -> Mod
         int(header["local"]["samples"]),
         tensors["local.radius"],
         tensors["local.coefficients"],
-        of_type("fades", header["local"].get("fades", False), bool),  # no word of it in format 1
+        # no word of these in format 1
+        *(of_type(name, header["local"].get(name, False), bool) for name in ("fades", "votes")),
     )
     if degree >= 0:
         from ..body.basis import exponents

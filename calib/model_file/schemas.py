@@ -55,7 +55,11 @@ def pack(schemas: Sequence[Schema]) -> tuple[list[dict[str, Any]], dict[str, NDA
                 "samples": schema.samples,
                 "most": schema.most,
                 "smooth": smooth_header(schema.predictor.smooth),
-                "local": {"degree": models.degree, "samples": models.samples},
+                "local": {
+                    "degree": models.degree,
+                    "samples": models.samples,
+                    **({"votes": True} if models.votes else {}),
+                },
                 "baseline": None if schema.baseline is None else schema.baseline.to_json(),
             }
         )
@@ -155,7 +159,9 @@ def _schema(model: Model, state: dict[str, Any], tensors: Tensors, prefix: str) 
             raise ValueError(f"a radius of schema {name!r} is not above zero")
         terms = len(exponents(dof, order))
         coefficients = take("local", (nodes, terms, width))
-        models = LocalModels(order, _small(local["samples"], 10**9), radius, coefficients)
+        votes = of_type("votes", local.get("votes", False), bool)
+        samples = _small(local["samples"], 10**9)
+        models = LocalModels(order, samples, radius, coefficients, votes=votes)
     bounds, model_bounds = take("bounds", (nodes,)), take("model_bounds", (nodes,))
     most = finite("most", state["most"])
     visited = np.unpackbits(take("visited", (-(-nodes // 8),), np.uint8), count=nodes) > 0

@@ -83,6 +83,7 @@ def to_bytes(model: Model) -> bytes:
             "degree": model.predictor.models.degree,
             "samples": model.predictor.models.samples,
             "fades": model.predictor.models.fades,
+            **({"votes": True} if model.predictor.models.votes else {}),
         },
     }
     if model.approach is not None:

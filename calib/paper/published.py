@@ -17,39 +17,22 @@ COLUMNS = ("x", "y", "shoulder", "elbow")
 
 UNITS = {"x": "mm", "y": "mm", "shoulder": "deg", "elbow": "deg"}
 
+
+def _row(*figures: float) -> dict[str, Printed]:
+    """Means and largest errors, in turn, of the four columns."""
+    pairs = zip(figures[::2], figures[1::2], strict=True)
+    return {name: Printed(*pair) for name, pair in zip(COLUMNS, pairs, strict=True)}
+
+
 TABLE1 = {
-    "som": dict(
-        zip(
-            COLUMNS,
-            (Printed(2.6, 26.0), Printed(2.9, 29.0), Printed(0.37, 3.45), Printed(0.61, 6.70)),
-            strict=True,
-        )
-    ),
-    "vdsom": dict(
-        zip(
-            COLUMNS,
-            (Printed(1.15, 11.7), Printed(1.26, 15.0), Printed(0.31, 2.25), Printed(0.44, 5.36)),
-            strict=True,
-        )
-    ),
+    "som": _row(2.6, 26.0, 2.9, 29.0, 0.37, 3.45, 0.61, 6.70),
+    "vdsom": _row(1.15, 11.7, 1.26, 15.0, 0.31, 2.25, 0.44, 5.36),
 }
 """SOM and VDSOM of 70x70 nodes."""
 
 TABLE2 = {
-    30: dict(
-        zip(
-            COLUMNS,
-            (Printed(4.16, 36.3), Printed(3.93, 21.1), Printed(0.91, 4.60), Printed(1.53, 7.62)),
-            strict=True,
-        )
-    ),
-    50: dict(
-        zip(
-            COLUMNS,
-            (Printed(2.13, 13.5), Printed(2.11, 15.3), Printed(0.52, 2.80), Printed(0.80, 5.05)),
-            strict=True,
-        )
-    ),
+    30: _row(4.16, 36.3, 3.93, 21.1, 0.91, 4.60, 1.53, 7.62),
+    50: _row(2.13, 13.5, 2.11, 15.3, 0.52, 2.80, 0.80, 5.05),
     70: TABLE1["vdsom"],
 }
 """VDSOM by the nodes along each side of its lattices."""
