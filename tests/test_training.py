@@ -373,3 +373,14 @@ def test_maps_that_did_not_unfold_are_refused_in_one_line():
     samples = calib.babble(calib.load_arm("two_link"), 100, seed=0)
     with pytest.raises(OptionError, match=r"map.*`size`"):
         calib.train(samples, size=4, rule="online", map="vdsom:border")
+
+
+def test_positions_that_no_planar_arm_explains_are_told():
+    rng = np.random.default_rng(0)
+    arm = calib.load_arm("spatial_three")
+    q = rng.uniform(arm.lower, arm.upper, (60, 3))
+    x = arm.forward(q)
+    seen = 900 * x[:, :2] / (x[:, 2:] + 3.0)  # a camera above an arm in space
+    log = calib.Samples(q, seen, arm.joint_names, arm.lower, arm.upper, (True,) * 3, unit="px")
+    notes = calib.train(log, size=4).about.notes
+    assert any("no planar arm explains the positions" in note for note in notes), notes

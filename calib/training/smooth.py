@@ -49,11 +49,14 @@ class SmoothPart:
         The body's fit, where there is a body.
     rows : (k,) int array
         Rows of the samples that the candidates rest on.
+    notes : tuple of str
+        What the user should be told besides the notes of the fit.
     """
 
     candidates: tuple[Candidate, ...]
     fit: BodyFit | None
     rows: NDArray[np.intp]
+    notes: tuple[str, ...] = ()
 
 
 def find_smooth_part(
@@ -107,14 +110,20 @@ def find_smooth_part(
             rivals = (replace(trend, rival=_MUCH_BETTER) for trend in alone)
             return SmoothPart((under, *rivals), fit, rows)
         return SmoothPart((under,), fit, rows)
-    better = [
+    better = tuple(
         trend
         for trend in of_trends(scale, turning, u, x)
         if _held_out_error(trend) < _FAR_BETTER * error
-    ]
-    if better:
-        return SmoothPart(tuple(better), None, rows)
-    return SmoothPart((under,), fit, rows)
+    )
+    kind, remedy = "arm", ""
+    if x.shape[1] == 2 and samples.arm is None:
+        kind, remedy = "planar arm", "; if the arm moves in space, give its URDF"
+    share = 100 * error / extent
+    unlike = (
+        f"no {kind} explains the positions: held-out rows are missed by {share:.2g} % of their "
+        f"extent{remedy}"
+    )
+    return SmoothPart(better or (under,), None if better else fit, rows, (unlike,))
 
 
 def _fills_box(u: Array) -> bool:

@@ -208,6 +208,7 @@ class _Trainer:
                 self.notes.append(_play_words(samples, play))
         if part.fit is not None:
             self.notes += part.fit.notes
+        self.notes += part.notes
         u = scale.to_unit(samples.q)
         seen_u, seen_x = with_imagined(u, samples.x, part, options)
         motor, sensory = both_maps(
