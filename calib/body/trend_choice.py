@@ -95,8 +95,10 @@ class _Moments:
         for fold, rows in enumerate(folds):
             features = self.basis.values(self.u[rows])
             for (degree, ridge), errors in result.items():
-                said = features[:, : self.basis.terms(degree)] @ self.solve(degree, ridge, fold)
-                errors.append(float(np.linalg.norm(x[rows] - said, axis=1).mean()))
+                predicted = features[:, : self.basis.terms(degree)] @ self.solve(
+                    degree, ridge, fold
+                )
+                errors.append(float(np.linalg.norm(x[rows] - predicted, axis=1).mean()))
         return {choice: np.array(errors) for choice, errors in result.items()}
 
 

@@ -113,7 +113,7 @@ def _few_shot(found: Comparison, log: Samples, report: Progress) -> Adaptation:
     after = after[kept]
     explained = found.explained or _followed(found, own)
     improved = explained and _improves(found, body, own, changed, before, after)
-    causes, said = find_causes(found, changed or not found.explained)
+    causes, unsettled = find_causes(found, changed or not found.explained)
     made = Adaptation(
         model,
         improved,
@@ -125,7 +125,7 @@ def _few_shot(found: Comparison, log: Samples, report: Progress) -> Adaptation:
         tuple(c for c in causes if c.cause != "noise"),
         _left(found, chosen[0][1]) if changed else ("the arm and the sensor",),
         measured_share(model, found.q),
-        tuple(_notes(found, body, causes, said, improved)),
+        tuple(_notes(found, body, causes, unsettled, improved)),
     )
     if not improved:
         return made
@@ -191,8 +191,8 @@ def _carried(found: Comparison, body: Body, own: OwnResidual | None) -> Model:
         added = model.predictor.value(u) - found.body.predict(q)
         if np.any(added):
             added = carried(found.body, body, body.beta, q, added)
-        said = body.predict(q) + added
-        return said if own is None else said + own.value(q)
+        predicted = body.predict(q) + added
+        return predicted if own is None else predicted + own.value(q)
 
     fresh = carry(model, body if model.body is not None else None, value)
     nodes = scale.from_unit(np.clip(fresh.motor.units, 0.0, 1.0))
@@ -236,13 +236,13 @@ def _notes(
     found: Comparison,
     body: Body,
     causes: tuple[Cause, ...],
-    said: tuple[str, ...],
+    unsettled: tuple[str, ...],
     improved: bool,
 ) -> list[str]:
     notes = [*found.rows.notes, *outlier_note(found.outliers)]
     # what nobody may miss: another unit, a mirror, a joint that turns round or not at all
     notes += [c.words for c in causes if c.cause.split(":")[0] in _LOUD]
-    notes += said
+    notes += unsettled
     if not found.explained:
         notes.append(found.why_not())
     elif improved:
@@ -261,11 +261,11 @@ def _notes(
 def _poses(found: Comparison, body: Body) -> str:
     """Three poses that tell most of what the members disagree about, in words."""
     about = found.model.about
-    said = []
+    unsettled = []
     for q in found.probes[most_telling(body, found.probes, 3, found.q)]:
         parts = [
             f"{name} {np.degrees(v):.0f} deg" if turns else f"{name} {v:.3f} m"
             for name, v, turns in zip(about.joint_names, q, about.revolute, strict=True)
         ]
-        said.append(", ".join(parts))
-    return "; ".join(said)
+        unsettled.append(", ".join(parts))
+    return "; ".join(unsettled)

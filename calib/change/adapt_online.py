@@ -41,7 +41,7 @@ def adapt_online(found: Comparison, log: Samples, report: Progress) -> Adaptatio
     notes = [*found.rows.notes, *outlier_note(found.outliers)]
     if shown > len(learned):
         notes.append(f"{len(learned)} samples were shown {shown // len(learned)} times")
-    causes, said = find_causes(found, found.changed or not found.explained)
+    causes, unsettled = find_causes(found, found.changed or not found.explained)
     made = Adaptation(
         model,
         better(after, before) and bool(known.mean() > 0.5),
@@ -53,7 +53,7 @@ def adapt_online(found: Comparison, log: Samples, report: Progress) -> Adaptatio
         tuple(c for c in causes if c.cause != "noise"),
         (),
         measured_share(model, found.q),
-        (*notes, *said),
+        (*notes, *unsettled),
     )
     if not made.improved:
         return made

@@ -48,9 +48,9 @@ def find_causes(comparison: Comparison, drifted: bool) -> tuple[tuple[Cause, ...
         elif not found:
             found += _of_tests(comparison)
         more, notes = same_as_first_joint(comparison, found)
-        scaled, said = same_as_scale(comparison, found)
+        scaled, unsettled = same_as_scale(comparison, found)
         found += [*more, *scaled]
-        notes += said
+        notes += unsettled
         if not found:
             words = "no single change of the sensor, a joint or a link explains it"
             found.append(Cause("unknown", "", None, None, "", words))

@@ -165,10 +165,10 @@ def _drift(found: Comparison, tolerance: float | None) -> Drift:
     if found.reference.new or score > 1.0 or _far(found):
         score = max(score, _misfit_score(found))
     drifted: bool | None = score > 1.0
-    causes, said = find_causes(found, bool(drifted))
+    causes, unsettled = find_causes(found, bool(drifted))
     if not drifted and tolerance is not None and tested.smallest > tolerance:
         drifted = None
-    notes = [*found.rows.notes, *outlier_note(found.outliers), *said]
+    notes = [*found.rows.notes, *outlier_note(found.outliers), *unsettled]
     return Drift(
         drifted,
         len(found.q),

@@ -162,16 +162,16 @@ class Comparison:
 
     def why_not(self) -> str:
         """One line on a log that no member explains."""
-        said = (
+        told = (
             f"nothing explains the log: its positions are {100 * self.misfit:.0f} % of their "
             "spread away from any change of the arm or the sensor"
         )
         if self.lag:
             return (
-                f"{said}; they follow the joints by {self.lag} rows: align the clocks of both, or "
+                f"{told}; they follow the joints by {self.lag} rows: align the clocks of both, or "
                 f"shift the columns by {self.lag} rows"
             )
-        return f"{said}; are the rows of joints and positions in the same order, of this arm?"
+        return f"{told}; are the rows of joints and positions in the same order, of this arm?"
 
 
 def compare(model: Model, log: Samples, cause: str | None = None) -> Comparison:

@@ -35,7 +35,7 @@ def lag_of(reference: Reference, q: Array, z: Array) -> int:
         # positive: the position of a row belongs to joints of some rows before
         a, b = (q[: n - shift], z[shift:]) if shift >= 0 else (q[-shift:], z[: n + shift])
         rows = thinned(len(a), 60)
-        said = reference.structure.predict(a[rows], reference.beta)
-        found[shift] = rigid_misfit(said[:, :places], b[rows, :places], scaled=False)[0]
+        predicted = reference.structure.predict(a[rows], reference.beta)
+        found[shift] = rigid_misfit(predicted[:, :places], b[rows, :places], scaled=False)[0]
     best = min(found, key=lambda k: (found[k], abs(k)))
     return best if found[best] < _BETTER * found[0] else 0

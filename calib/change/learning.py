@@ -72,8 +72,8 @@ class Learning:
         self._x.append(x)
         self.samples += len(u)
         if self._made is not None:
-            said = self._made.predictor.value(u)
-            self._judged.append(np.linalg.norm(x - said, axis=1))
+            predicted = self._made.predictor.value(u)
+            self._judged.append(np.linalg.norm(x - predicted, axis=1))
         block = _FIRST if not self._fed else BLOCK
         last = self.samples >= self._horizon
         if self.samples - self._fed >= block or last:

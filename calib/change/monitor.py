@@ -151,8 +151,8 @@ class Monitor:
         row = self._rows[node].copy()
         power, place = 0.0, len(u)
         for k, value in enumerate(v):
-            said = sum(map(mul, known[place : place + len(terms)], terms))
-            residual = self._origin[k] + value * self._size[k] - said
+            predicted = sum(map(mul, known[place : place + len(terms)], terms))
+            residual = self._origin[k] + value * self._size[k] - predicted
             row[k, -1] = residual
             power += residual * residual
             place += len(terms)

@@ -124,13 +124,13 @@ def _of_sensor(
         return []
     before, after = _seen_before_and_after(comparison, best.beta)
     if before.shape[1] == 3:
-        value, said = _rigid_motion(before, after, comparison.unit)
+        value, motion = _rigid_motion(before, after, comparison.unit)
         half = 1.96 * float(np.linalg.norm(deviation[: len(turn)]))
     else:
         value, half = float(change[0]), 1.96 * float(deviation[0])
         value = (value + math.pi) % (2 * math.pi) - math.pi
-        said = Alignment.between(before, after).words(comparison.unit)
-    words = f"the sensor's frame moved: {said}"
+        motion = Alignment.between(before, after).words(comparison.unit)
+    words = f"the sensor's frame moved: {motion}"
     where = np.searchsorted(every, both)
     moved = math.inf if new else float(np.linalg.norm(change * size[where]))
     cause = Cause("sensor", "view.rotation", value, (value - half, value + half), "rad", words)

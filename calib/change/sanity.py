@@ -123,8 +123,8 @@ def _check_swapped(model: Model, q: Array, u: Array, x: Array) -> None:
         inside = np.isfinite(model.expected_error(columns))
         if np.mean(inside) < 0.9:
             return float("inf")
-        said = model.predictor.value(model.motor.scale.to_unit(columns[inside]))
-        features = np.concatenate([said, np.ones((len(said), 1))], axis=1)
+        predicted = model.predictor.value(model.motor.scale.to_unit(columns[inside]))
+        features = np.concatenate([predicted, np.ones((len(predicted), 1))], axis=1)
         gap = x[inside] - features @ robust_solve(features, x[inside])
         return float(np.median(np.linalg.norm(gap, axis=1)))
 

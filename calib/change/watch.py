@@ -108,8 +108,8 @@ class Watch:
         """
         motor, sensory = self._model.motor.scale, self._model.sensory.scale
         _, near = search_tree(motor.to_unit(q), motor).query(u, k=np.arange(1, _NEIGHBOURS + 1))
-        said = x[near].mean(axis=1)
-        block = float(np.linalg.norm(said - sensory.from_unit(v), axis=1).mean())
+        predicted = x[near].mean(axis=1)
+        block = float(np.linalg.norm(predicted - sensory.from_unit(v), axis=1).mean())
         jump = block > _JUMP * self._apart + 2.0 * self._noise  # never where it is unknown
         if not jump:
             known = math.isfinite(self._apart)

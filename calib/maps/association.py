@@ -115,9 +115,9 @@ class Association:
         a = self.wiring.activity(self.motor, u)
         # sum_i a_i c_ij w_j / sum_i a_i c_ij
         total = a @ self._strength
-        said = (a @ self._weighted) / np.where(total > 0, total, 1.0)[:, None]
+        predicted = (a @ self._weighted) / np.where(total > 0, total, 1.0)[:, None]
         winner = self.sensory.units[self._strongest_partner[self.motor.nearest(u)[1][:, 0]]]
-        return np.where(total[:, None] > 0, said, winner)
+        return np.where(total[:, None] > 0, predicted, winner)
 
     def inverse(self, v: Array, near: Array, readout: str) -> Array:
         """Joints in the unit box (n, dof) for positions `v` (n, 2) in theirs.
@@ -161,8 +161,10 @@ class Association:
         means = motor.units if self.motor_means is None else self.motor_means
         partners = self._weighted / np.where(strength > 0, strength, 1.0)[:, None]
         inside = np.where(motor.scale.periodic, motor.units % 1.0, motor.units)
-        said = self.sensory.scale.from_unit(partners)
-        return LinearModels.of(motor, means, said, strength, self.wiring.activity(motor, inside))
+        predicted = self.sensory.scale.from_unit(partners)
+        return LinearModels.of(
+            motor, means, predicted, strength, self.wiring.activity(motor, inside)
+        )
 
     @cached_property
     def _strength(self) -> Array:

@@ -59,8 +59,8 @@ def learn_bounds(motor: Map, u: Array, errors: Array, doubt: Array | None = None
     # both groups' nodes speak for samples between them: again, until both fit
     for _ in range(_PASSES):
         for members, rows in groups:
-            said = np.einsum("nm,nm->n", weight[rows], bound[index[rows]])
-            ratio = np.sort(errors[rows] / said)
+            stated = np.einsum("nm,nm->n", weight[rows], bound[index[rows]])
+            ratio = np.sort(errors[rows] / stated)
             # the finite-sample quantile of conformal prediction
             rank = min(len(ratio) - 1, int(np.ceil((len(ratio) + 1) * COVERAGE)) - 1)
             bound[members] *= max(ratio[rank], _LEAST)

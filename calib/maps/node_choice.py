@@ -86,10 +86,10 @@ class NodeChoice:
         place[nodes] = np.arange(len(nodes))
         rows = np.flatnonzero((place[index] >= 0).any(axis=1))
         index, weight, gap = place[index[rows]], weight[rows], gap[rows]
-        target, said = _held_out(motor, nodes, u, unseen, folds, rows, index, gap, shapes)
+        target, predicted = _held_out(motor, nodes, u, unseen, folds, rows, index, gap, shapes)
         usual = -1 if common is None else list(shapes).index(common)
         calm = _calm(motor, u, unseen, folds, wrong)[rows]
-        chosen, remains = _settled(rows, target, said, index, weight, calm, len(nodes), usual)
+        chosen, remains = _settled(rows, target, predicted, index, weight, calm, len(nodes), usual)
         return NodeChoice(nodes, chosen, rows, remains)
 
     def remaining(self, rows: Index, otherwise: Array) -> Array:
@@ -155,7 +155,7 @@ def _held_out(
     """Residuals of the rows (m, o), and what each node says of them (1 + shapes, m, nodes, o)."""
     outputs = unseen[0].shape[1]
     target = np.empty((len(rows), outputs))
-    said = np.zeros((1 + len(shapes), *index.shape, outputs))  # the first says nothing
+    predicted = np.zeros((1 + len(shapes), *index.shape, outputs))  # the first says nothing
     most = max(k for _, k in shapes)
     for fold, left in zip(folds, unseen, strict=True):
         held = np.flatnonzero((rows >= fold[0]) & (rows <= fold[-1]))
@@ -169,8 +169,8 @@ def _held_out(
                 at, u[others], left[others], motor.scale, degree, samples, around, spacings
             )
             each = local.contributions(models, place.reshape(-1, index.shape[1]), gap[held])
-            said[k + 1, held] = np.where(index[held][..., None] >= 0, each, 0.0)
-    return target, said
+            predicted[k + 1, held] = np.where(index[held][..., None] >= 0, each, 0.0)
+    return target, predicted
 
 
 def _calm(
@@ -197,7 +197,7 @@ def _calm(
 def _settled(
     rows: Index,
     target: Array,
-    said: Array,
+    predicted: Array,
     index: Index,
     weight: Array,
     calm: NDArray[np.bool_],
@@ -212,7 +212,7 @@ def _settled(
     """
     row, column = np.nonzero(index >= 0)
     node, own = index[row, column], weight[row, column]
-    every = said[:, row, column] * own[:, None]  # (1 + shapes, pairs, o)
+    every = predicted[:, row, column] * own[:, None]  # (1 + shapes, pairs, o)
     total = np.maximum(weight.sum(axis=1), 1e-300)
     square = np.einsum("mo,mo->m", target, target)
     noise = max(float(np.mean(square[calm])) if calm.any() else float(np.median(square)), 1e-300)
@@ -237,7 +237,9 @@ def _settled(
         return now, talks, np.asarray(sums, dtype=np.float64), heard
 
     # all begin with the shape that serves the wrong rows best: one node alone is hardly heard
-    first = [remains(*together(np.full(nodes, k))[2:], slice(None)) for k in range(len(said) - 1)]
+    first = [
+        remains(*together(np.full(nodes, k))[2:], slice(None)) for k in range(len(predicted) - 1)
+    ]
     costs = [cost(left)[~calm].sum() for left in first]
     chosen = np.full(nodes, int(np.argmin(costs)))
     for turn in range(_TURNS):

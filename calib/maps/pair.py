@@ -190,5 +190,5 @@ def _error(
     total = strength.sum(axis=1, keepdims=True)
     if not (total > 0.0).any():
         return float("nan")
-    said = sensory.scale.from_unit(strength @ sensory.units / np.maximum(total, 1e-30))
-    return float(np.linalg.norm(said - x[rows], axis=1).mean())
+    predicted = sensory.scale.from_unit(strength @ sensory.units / np.maximum(total, 1e-30))
+    return float(np.linalg.norm(predicted - x[rows], axis=1).mean())

@@ -79,9 +79,9 @@ def follow_path(
     x, waypoint = _lines(corners, float(step))
     first = None if start is None else answers.anchor(model, start, 1)[0]
     track = follow(model.solver, answers.in_sight(model, x), first)
-    said = answers.answer(model, track.u, x, None)
+    answered = answers.answer(model, track.u, x, None)
     jumps = np.array(track.jumps, dtype=np.intp)
-    return Path(x, *said, waypoint, jumps)
+    return Path(x, *answered, waypoint, jumps)
 
 
 def _lines(corners: Array, step: float) -> tuple[Array, NDArray[np.intp]]:

@@ -128,8 +128,8 @@ class Schema:
         known = self.trust.covers(u)
         ratio, distance, bound = (np.full(len(u), np.nan) for _ in range(3))
         if known.any():
-            said = self.predictor.value(u[known])
-            distance[known] = np.linalg.norm(x[known] - said, axis=1)
+            predicted = self.predictor.value(u[known])
+            distance[known] = np.linalg.norm(x[known] - predicted, axis=1)
             square = blend_nodes(motor, self.bounds, u[known]) ** 2
             square += (self.radius * self.noise) ** 2  # of the sensor, on top
             floor = _GRAIN * float(np.linalg.norm(self.sensory.scale.span))

@@ -190,8 +190,8 @@ def measure(case: Case, trained: Trained) -> dict[str, float | None]:
     v = pair.sensory.scale.to_unit(x)
     for readout in MAP_READOUTS:
         if readout != "linear":  # that of the maps that stand alone is above
-            said = pair.sensory.scale.from_unit(pair.forward(u, readout))
-            figures |= _forward(readout, np.linalg.norm(said - x, axis=1), inside)
+            predicted = pair.sensory.scale.from_unit(pair.forward(u, readout))
+            figures |= _forward(readout, np.linalg.norm(predicted - x, axis=1), inside)
         maps = trained.alone if readout == "linear" else pair
         answer = np.clip(maps.inverse(v, near, readout), 0.0, 1.0)
         figures[f"{readout} inverse"] = _degrees(scale, answer, u)

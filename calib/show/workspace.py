@@ -39,8 +39,8 @@ def sensory_errors(model: Model) -> Array:
     """
     known = np.where(model.visited, model.bounds, 0.0)
     total = np.asarray(model.links.T @ model.visited.astype(float))
-    said = np.asarray(model.links.T @ known)
-    return np.where(total > 0, said / np.where(total > 0, total, 1.0), np.nan)
+    weighted = np.asarray(model.links.T @ known)
+    return np.where(total > 0, weighted / np.where(total > 0, total, 1.0), np.nan)
 
 
 def motor_errors(model: Model) -> Array:

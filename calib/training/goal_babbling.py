@@ -171,7 +171,7 @@ def _own_error(
     for k in (0, 1):
         seen, held = half != k, half == k
         other = Association.learn(pair.motor, u[seen], pair.sensory, v[seen], wiring)
-        said = pair.sensory.scale.from_unit(other.forward(u[held], "linear"))
-        error[held] = np.linalg.norm(said - x[held], axis=1)
+        predicted = pair.sensory.scale.from_unit(other.forward(u[held], "linear"))
+        error[held] = np.linalg.norm(predicted - x[held], axis=1)
     near = search_tree(u, scale).query(u, k=min(_AROUND, len(u)))[1]
     return np.asarray(error[near].mean(axis=1) + 1e-12)

@@ -66,8 +66,8 @@ def fit_in_space(samples: Samples, rows: NDArray[np.intp], view: str, seed: int)
             arm, "pinhole", unit="px", extent=extent, lens=camera.lens, lens_sd=camera.lens_sd
         )
         fit = fit_structure(template, q, x, seed=seed, notes=notes)
-        said = told_by(fit, q, x, samples.lower, samples.upper)
-        return replace(fit, notes=(*fit.notes, *said))
+        doubts = told_by(fit, q, x, samples.lower, samples.upper)
+        return replace(fit, notes=(*fit.notes, *doubts))
     if view not in VIEWS:
         raise OptionError(
             f"view {view!r} is for planar arms; for x, y, z expected one of {', '.join(VIEWS)}",

@@ -134,11 +134,11 @@ def train(
         raise OptionError(f"body {body!r}: expected one of {', '.join(BODIES)}")
     if view not in VIEWS:
         raise OptionError(f"view {view!r}: expected one of {', '.join(VIEWS)}")
-    said: list[str] = []
+    notes_of_screening: list[str] = []
     if samples.simulation is None:
         with one_blas_thread():
             screening = screen(samples)
-        said = screening.notes()
+        notes_of_screening = screening.notes()
         if screening.left_out:
             kept = screening.kept
             samples = samples.take(kept)
@@ -152,7 +152,9 @@ def train(
     )
     # a BLAS that splits sums over threads would change the last bits
     with one_blas_thread():
-        return _Trainer(samples, options, said + notes, progress or (lambda *_: None)).run()
+        return _Trainer(
+            samples, options, notes_of_screening + notes, progress or (lambda *_: None)
+        ).run()
 
 
 def on_limits(samples: Samples, q: Array, rng: np.random.Generator) -> Array:
@@ -169,13 +171,13 @@ def on_limits(samples: Samples, q: Array, rng: np.random.Generator) -> Array:
 
 def _play_words(samples: Samples, play: Array) -> str:
     """One line about the backlash that the order of the rows shows."""
-    said = [
+    backlash = [
         f"{name} {np.degrees(2 * h):.3g} deg" if turns else f"{name} {2 * h:.3g} m"
         for name, h, turns in zip(samples.joint_names, play, samples.revolute, strict=True)
         if h > 0.0
     ]
     return (
-        f"the direction of approach counts, backlash of {', '.join(said)}: give it to forward "
+        f"the direction of approach counts, backlash of {', '.join(backlash)}: give it to forward "
         "for smaller errors, else the expected error covers both sides"
     )
 

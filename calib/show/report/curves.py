@@ -108,10 +108,10 @@ def calibration(evidence: Evidence) -> Any:
     figure = new_figure(WIDE, 3.0)
     left, right = figure.subplots(1, 2)
     groups = np.array_split(np.argsort(bound, kind="stable"), min(_GROUPS, len(bound)))
-    said = np.array([np.median(bound[g]) for g in groups]) * factor
+    stated = np.array([np.median(bound[g]) for g in groups]) * factor
     seen = np.array([np.quantile(error[g], COVERAGE) for g in groups]) * factor
-    left.plot(said, seen, "o", color=SERIES["local"], label="a tenth of the samples each")
-    ends = np.array([min(said.min(), seen.min()), max(said.max(), seen.max())])
+    left.plot(stated, seen, "o", color=SERIES["local"], label="a tenth of the samples each")
+    ends = np.array([min(stated.min(), seen.min()), max(stated.max(), seen.max())])
     left.plot(ends, ends, "-", color=_ink(), linewidth=0.8, label="as promised")
     left.set(
         xscale="log",

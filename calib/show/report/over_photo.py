@@ -59,8 +59,8 @@ def over_photo(evidence: Evidence) -> Any:
     around = LineCollection(list(border(model)), colors=BORDER, linewidths=2.2, capstyle="round")
     ax.add_collection(around, autolim=False)
     words = {"what the learned range reaches": Line2D([], [], color=BORDER, lw=2.2)}
-    if said := _arrows(ax, evidence, photo):
-        words[said] = Line2D([], [], color=ARROW, lw=1.4, marker="o", **_DOT)
+    if label := _arrows(ax, evidence, photo):
+        words[label] = Line2D([], [], color=ARROW, lw=1.4, marker="o", **_DOT)
     figure.legend(words.values(), words, loc="outside lower left", ncols=1)
     colour_bar(figure, lines, [ax], scale, "expected error")
     return figure
