@@ -32,6 +32,10 @@ _CALM = 0.99  # quantile of that median where the smooth part is right
 _HARM = 100.0  # weight of a calm row: what mends a defect must not spoil what is right beside it
 
 
+_LESS = 0.99  # share of the careful choice's error that a free one has to reach
+_SPOILT = 1.01  # share of what it leaves of calm rows that a free choice may leave
+
+
 @dataclass(frozen=True, eq=False)
 class NodeChoice:
     """What the nodes that speak where the smooth part is wrong have chosen.
@@ -89,7 +93,16 @@ class NodeChoice:
         target, predicted = _held_out(motor, nodes, u, unseen, folds, rows, index, gap, shapes)
         usual = -1 if common is None else list(shapes).index(common)
         calm = _calm(motor, u, unseen, folds, wrong)[rows]
-        chosen, remains = _settled(rows, target, predicted, index, weight, calm, len(nodes), usual)
+        careful, free = (
+            _settled(rows, target, predicted, index, weight, calm, len(nodes), usual, harm)
+            for harm in (_HARM, 1.0)
+        )
+        # what mends more, and spoils nothing that the careful choice left as it was
+        better = _mean(free[1]) < _LESS * _mean(careful[1])
+        harmless = not calm.any() or _mean(free[1][calm]) <= _SPOILT * _mean(careful[1][calm])
+        chosen, remains = free if better and harmless else careful
+        import os
+        if os.environ.get("DBG"): print("A", _mean(target), _mean(careful[1]), _mean(free[1]), calm.mean(), _mean(target[calm]), _mean(careful[1][calm]), _mean(free[1][calm]))
         return NodeChoice(nodes, chosen, rows, remains)
 
     def remaining(self, rows: Index, otherwise: Array) -> Array:
@@ -203,6 +216,7 @@ def _settled(
     calm: NDArray[np.bool_],
     nodes: int,
     usual: int,
+    harm: float,
 ) -> tuple[Index, Array]:
     """The choices (nodes,) once no node gains by another, and what remains (m, o).
 
@@ -216,7 +230,7 @@ def _settled(
     total = np.maximum(weight.sum(axis=1), 1e-300)
     square = np.einsum("mo,mo->m", target, target)
     noise = max(float(np.mean(square[calm])) if calm.any() else float(np.median(square)), 1e-300)
-    care = np.where(calm, _HARM, 1.0)
+    care = np.where(calm, harm, 1.0)
 
     # neighbouring rows of a log can be near-repeats: those of a run count as one
     runs = rows.max() // _RUN + 1
@@ -259,3 +273,8 @@ def _settled(
         best = np.where(score.max(axis=0) > 0.0, best, usual)
         chosen = np.where(np.arange(nodes) % _COLOURS == turn % _COLOURS, best, chosen)
     return chosen, remains(*together(chosen)[2:], slice(None))
+
+
+def _mean(residual: Array) -> float:
+    """Mean distance of residuals (n, o)."""
+    return float(np.linalg.norm(residual, axis=1).mean())
