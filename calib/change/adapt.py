@@ -25,6 +25,7 @@ from .cause import KEPT, Cause
 from .causes import find_causes
 from .check import outlier_note
 from .comparison import UNEXPLAINED, Comparison, carried, compare
+from .drawing import fit_from_drawing
 from .explain import Explanation
 from .members import NOTHING
 from .own_residual import OwnResidual, own_residual
@@ -111,6 +112,12 @@ def _few_shot(found: Comparison, log: Samples, report: Progress) -> Adaptation:
     predicted = model.predictor.value(model.motor.scale.to_unit(found.q))
     before = np.linalg.norm(found.x - predicted, axis=1)[some][kept]
     after = after[kept]
+    moved = body
+    fit = fit_from_drawing(found, float(after.mean())) if found.explained else None
+    if fit is not None:
+        place = np.cumsum(found.kept) - 1  # of each row among those that were fitted
+        body, own = fit.body, None
+        after = np.linalg.norm(fit.held_out, axis=1)[place[some][kept]]
     explained = found.explained or _followed(found, own)
     improved = explained and _improves(found, body, own, changed, before, after)
     causes, unsettled = find_causes(found, changed or not found.explained)
@@ -130,8 +137,8 @@ def _few_shot(found: Comparison, log: Samples, report: Progress) -> Adaptation:
     if not improved:
         return made
     report(0.8, "maps", float("nan"))
-    fresh = _carried(found, body, own)
-    frame = frame_between(found, body.beta) if chosen[0][1].member.framed else None
+    fresh = _carried(found, body, own, anew=fit is not None)
+    frame = frame_between(found, moved.beta) if chosen[0][1].member.framed else None
     report(1.0, "done", float(after.mean()))
     return replace(made, model=finished(found, log, made, fresh, after, "few-shot", frame))
 
@@ -182,13 +189,18 @@ def _expected(found: Comparison, body: Body) -> float:
     return float(np.sqrt(spread + own.sum()))
 
 
-def _carried(found: Comparison, body: Body, own: OwnResidual | None) -> Model:
-    """The model with the updated body, maps that follow it, and new bounds."""
+def _carried(found: Comparison, body: Body, own: OwnResidual | None, *, anew: bool) -> Model:
+    """The model with the updated body, maps that follow it, and new bounds.
+
+    A body that was fitted `anew` holds all that is known: nothing of the maps is carried over.
+    """
     model, scale = found.model, found.model.motor.scale
 
     def value(u: Array) -> Array:
         q = scale.from_unit(u)
         added = model.predictor.value(u) - found.body.predict(q)
+        if anew:
+            return body.predict(q)
         if np.any(added):
             added = carried(found.body, body, body.beta, q, added)
         predicted = body.predict(q) + added

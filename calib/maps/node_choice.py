@@ -101,8 +101,6 @@ class NodeChoice:
         better = _mean(free[1]) < _LESS * _mean(careful[1])
         harmless = not calm.any() or _mean(free[1][calm]) <= _SPOILT * _mean(careful[1][calm])
         chosen, remains = free if better and harmless else careful
-        import os
-        if os.environ.get("DBG"): print("A", _mean(target), _mean(careful[1]), _mean(free[1]), calm.mean(), _mean(target[calm]), _mean(careful[1][calm]), _mean(free[1][calm]))
         return NodeChoice(nodes, chosen, rows, remains)
 
     def remaining(self, rows: Index, otherwise: Array) -> Array:
