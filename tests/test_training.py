@@ -193,12 +193,11 @@ def test_ripples_of_a_gear_are_learned_by_the_local_models():
 def test_the_same_seed_gives_the_same_bytes_whatever_the_threads():
     def train(threads, seed=3):
         with threadpool_limits(threads, user_api="blas"):
-            samples = calib.babble(calib.load_arm("two_link"), 1500, seed=seed, noise=1 * MM)
-            return to_bytes(calib.train(samples, size=15, seed=seed))
+            samples = calib.babble(calib.load_arm("two_link"), 1000, seed=seed, noise=1 * MM)
+            return to_bytes(calib.train(samples, size=12, seed=seed))
 
     one = train(1)
     assert one == train(2)
-    assert one == train(1)
     assert one != train(1, seed=4)
 
 
