@@ -33,7 +33,7 @@ def test_an_error_of_either_task_is_raised(order):
         side_by_side(*tasks)
 
 
-def test_an_error_here_does_not_wait_for_the_other_task():
+def test_ctrl_c_does_not_wait_for_the_other_task():
     stop = threading.Event()
 
     def fail():
@@ -43,6 +43,19 @@ def test_an_error_here_does_not_wait_for_the_other_task():
         side_by_side(lambda: stop.wait(60), fail)
     assert not stop.is_set()
     stop.set()
+
+
+def test_an_error_here_ends_once_the_other_task_has():
+    """What goes on behind an error would compute under limits that others have lifted."""
+    done = []
+
+    def slow():
+        threading.Event().wait(0.05)
+        done.append(True)
+
+    with pytest.raises(ZeroDivisionError):
+        side_by_side(slow, lambda: 1 / 0)
+    assert done == [True]
 
 
 def test_libraries_are_looked_up_by_the_main_thread_before_others_start(monkeypatch):

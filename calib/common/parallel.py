@@ -15,8 +15,8 @@ def side_by_side(aside: Callable[[], S], here: Callable[[], T]) -> tuple[S, T]:
     """Results of two independent tasks that run at the same time.
 
     `aside` runs in a thread, `here` in the calling one, so that only the latter may report
-    progress and that Ctrl-C ends the work at once: a thread left behind ends by itself and
-    never keeps the program alive.  NumPy's and SciPy's loops release the interpreter's
+    progress and that Ctrl-C ends the work at once: a thread that it leaves behind ends by itself
+    and never keeps the program alive.  NumPy's and SciPy's loops release the interpreter's
     lock, so two cores are used.  What each computes cannot depend on the other's pace.
 
     Parameters
@@ -27,7 +27,11 @@ def side_by_side(aside: Callable[[], S], here: Callable[[], T]) -> tuple[S, T]:
     task = _Aside(aside)
     thread = threading.Thread(target=task.run, daemon=True)
     thread.start()
-    result = here()
+    try:
+        result = here()
+    except Exception:
+        thread.join()  # nothing goes on behind an error, under limits that others have lifted
+        raise
     thread.join()
     return task.result(), result
 

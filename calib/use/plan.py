@@ -183,7 +183,8 @@ def plan(
     choose, how, beside = _choice(source, space)
     begin = None if start is None else _in_unit(space, space.joints(start, "start"))
     neutral = _in_unit(space, np.clip(0.0, space.lower, space.upper))
-    points, seen = apart(source, space, candidates(space, rng))
+    drawn = dense(space, rng) if keep else candidates(space, rng)
+    points, seen = apart(source, space, drawn)
     notes = [seen]
     if measured is None and not isinstance(source, Arm) and choose.func is farthest:
         notes.append(
@@ -194,7 +195,7 @@ def plan(
         box = keep_of(space, keep)
         if begin is None and box.holds(neutral[None])[0]:
             begin = neutral
-        route = kept_route(box, n, begin, taken, dense(space, rng), choose, rng)
+        route = kept_route(box, n, begin, taken, points, choose, rng)
         if begin is None:
             notes.append("the way begins at the first pose: give `start` to begin where the arm is")
     else:
@@ -207,13 +208,13 @@ def plan(
 
 def _choice(source: Arm | Model, space: Space) -> tuple[partial[Index], str, str]:
     """How poses are chosen, and what is said of it: by information where a belief is known."""
-    beside = "those that tell most of what the model does not know", "beside"
     if isinstance(source, SpatialArm):
         tell = partial(most_telling_of_arm, source)
         return partial(_most_telling, space, tell), "those that tell most of the arm", "beside"
     body = None if isinstance(source, Arm) else source.body
     if body is not None and not body.simulated:  # exact samples leave nothing to learn
-        return partial(_most_telling, space, partial(most_telling, body)), *beside
+        how = "those that tell most of what the model does not know"
+        return partial(_most_telling, space, partial(most_telling, body)), how, "beside"
     return partial(farthest, space.scale), "as far from each other as possible", "and from"
 
 
