@@ -89,23 +89,23 @@ def _columns(names: Sequence[str]) -> str:
 def read_batch(path: str | os.PathLike[str], names: Sequence[str]) -> Batch:
     """Read a batch of queries and all that stands beside them; see `read_table`."""
     source = open_source(path)
-    values = read_columns(source, names, lenient=True)
-    invalid = np.logical_not(np.isfinite(values).all(axis=1))
-    values[invalid] = np.nan
+    values, invalid = read_table(source, names)
     taken = {place.column for name in names if (place := find_place(source.header, name))}
     rest = [name for name in dict.fromkeys(source.header) if name not in taken]
     others = [name for name in rest if name and source.header.count(name) == 1]
     return Batch(
         values,
         tuple(names),
-        tuple((np.flatnonzero(invalid) + 1).tolist()),
+        invalid,
         source.header,
         read_texts(source, others),
         tuple(name for name in rest if name not in others),
     )
 
 
-def read_table(path: str | os.PathLike[str], names: Sequence[str]) -> tuple[Array, tuple[int, ...]]:
+def read_table(
+    path: str | os.PathLike[str] | Source, names: Sequence[str]
+) -> tuple[Array, tuple[int, ...]]:
     """Read a batch of queries; rows that are no numbers do not stop it.
 
     Parameters
@@ -125,8 +125,7 @@ def read_table(path: str | os.PathLike[str], names: Sequence[str]) -> tuple[Arra
     """
     values = read_columns(open_source(path), names, lenient=True)
     invalid = np.logical_not(np.isfinite(values).all(axis=1))
-    if invalid.any():
-        values[invalid] = np.nan
+    values[invalid] = np.nan
     return values, tuple((np.flatnonzero(invalid) + 1).tolist())
 
 
