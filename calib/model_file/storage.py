@@ -152,12 +152,7 @@ def _checksum(tensors: Mapping[str, NDArray[Any]], header: Mapping[str, Any]) ->
 def load(path: str | os.PathLike[str], *, warm: bool = False) -> Model:
     """Read a model from its file; neither Pinocchio nor yourdfpy is needed.
 
-    Parameters
-    ----------
-    path : str or path
-        What `calib train` or :meth:`Model.save` wrote.
-    warm : bool
-        Whether to call :meth:`Model.warm_up`, for a control loop.
+    Where `warm`, :meth:`Model.warm_up` is called, for a control loop.
 
     Raises
     ------

@@ -41,8 +41,6 @@ class Change:
 
     Attributes
     ----------
-    part : {"joint", "tip", "sensor"}
-        What is changed.
     joint : str
         The joint's name; empty for the tip and the sensor.
     what : str
@@ -51,8 +49,6 @@ class Change:
         One number, or two for `tip.offset` and `sensor.shift` [rad, m or 1]. For
         `sensor.mirror` the factors of x and y, such as (-1, 1). Where `relative`, the
         factor itself: 1.2 for +20%.
-    relative : bool
-        Whether `values` is a factor of what there was.
     text : str
         The change as typed.
     """
@@ -74,24 +70,12 @@ class Change:
 
 
 def parse_change(text: str, *, degrees: Collection[str] = ()) -> Change:
-    """Read one change.
+    """Read one change, such as `elbow.length=+20%`, `tip.offset=0.01,0.02` or `sensor.mirror=x`.
 
     The last dot before the last `=` divides the name from what is changed, so a joint's
     name may hold dots, and a joint may even be called `sensor` or `tip`: a joint's
-    changes differ from a sensor's, and the tip's offset has two numbers.
-
-    Parameters
-    ----------
-    text : str
-        Such as `elbow.length=+20%`, `wrist.offset=0.05`, `tip.offset=0.01,0.02` or
-        `sensor.mirror=x` (the sign of x turns).
-    degrees : collection of str
-        The joints whose offset, noise, backlash and lock are typed in degrees.
-
-    Returns
-    -------
-    Change
-        In SI units; its text too.
+    changes differ from a sensor's, and the tip's offset has two numbers.  Offset, noise, backlash
+    and lock of the joints in `degrees` are typed in degrees; the answer is in SI units.
 
     Raises
     ------

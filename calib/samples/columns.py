@@ -78,18 +78,10 @@ class Source:
 
 
 def open_source(path: str | os.PathLike[str] | Source) -> Source:
-    """Find the header of a CSV or Parquet file.
+    """Find the header of a CSV or Parquet file; no row is read yet.
 
-    Parameters
-    ----------
-    path : path-like or Source
-        The file; `-` reads CSV from standard input.  A table that is open stays as it is, so
-        that a pipe, which can be read only once, serves several readers.
-
-    Returns
-    -------
-    Source
-        The table, of which no row was read yet.
+    `-` reads CSV from standard input.  A table that is open stays as it is, so that a pipe, which
+    can be read only once, serves several readers.
 
     Raises
     ------
@@ -118,21 +110,10 @@ def open_source(path: str | os.PathLike[str] | Source) -> Source:
 
 
 def read_batches(source: Source, names: Sequence[str], *, lenient: bool = False) -> Iterator[Array]:
-    """Read some columns as numbers, some rows at a time: a file of any length fits.
+    """Yield some columns as numbers (n, names), some rows at a time: a file of any length fits.
 
-    Parameters
-    ----------
-    source : Source
-        The table.
-    names : sequence of str
-        The columns wanted; of a Parquet file's lists one element, as in `state[0]`.
-    lenient : bool
-        Whether text in a number's place is NaN rather than an error.
-
-    Yields
-    ------
-    (n, len(names)) array
-        The next rows, NaN where a value is missing. Blank lines are no rows.
+    Of a Parquet file's lists a name is one element, as in `state[0]`. NaN is a missing value, where
+    `lenient` also text in a number's place. Blank lines are no rows.
 
     Raises
     ------

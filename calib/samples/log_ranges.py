@@ -26,19 +26,13 @@ class JointColumn:
 
     Attributes
     ----------
-    label : str
-        What messages call the log.
-    joint : str
-        The joint's name.
+    label, joint : str
+        What messages call the log, and the joint's name.
     values : (n,) array [rad or m]
         What was recorded.
-    revolute : bool
-        Whether the joint turns.
-    limits : (float, float) or None [rad or m]
-        The arm's range of this joint; None without an arm.
-    chosen : (float, float) or None [rad or m]
-        The range that the user asked for, which goes before the limits; all values lie
-        in it, see `ChosenRange`.
+    limits, chosen : (float, float) or None [rad or m]
+        The arm's range of this joint, where there is an arm; the range that the user asked for,
+        which goes before it: all values lie in it, see `ChosenRange`.
     degrees : bool
         Whether the log and the messages are in degrees.
     rows : (n,) array of int or None
@@ -169,18 +163,9 @@ class JointColumn:
 
 @dataclass
 class ChosenRange:
-    """A joint's range that the user chose, and what of a log lies in it.
+    """A joint's range that the user chose, and how many values of a log were `outside` so far.
 
-    Attributes
-    ----------
-    label, joint : str
-        What messages call the log, and the joint's name.
-    limits : (float, float) [rad or m]
-        The range.
-    revolute, degrees : bool
-        Whether the joint turns, and whether the messages are in degrees.
-    outside : int
-        Values outside of the range so far.
+    See `JointColumn` for the attributes that both have.
     """
 
     label: str

@@ -36,15 +36,11 @@ class Batch:
     Attributes
     ----------
     values : (n, k) array
-        The columns that were asked for; NaN throughout a row that has no number for each.
-    names : tuple of str
-        What they were asked for as.
+        The columns asked for as `names`; NaN throughout a row that has no number for each.
     invalid : tuple of int
         Numbers of the rows that are NaN; 1 is the first below the header.
-    header : tuple of str
-        All columns of the table, in their order.
     others : dict of str to Series
-        The other columns, as they are in the file.
+        The other columns of the `header`, as they are in the file.
     dropped : tuple of str
         Other columns that cannot go along: their name is empty or there twice.
     """
@@ -106,14 +102,7 @@ def read_batch(path: str | os.PathLike[str], names: Sequence[str]) -> Batch:
 def read_table(
     path: str | os.PathLike[str] | Source, names: Sequence[str]
 ) -> tuple[Array, tuple[int, ...]]:
-    """Read a batch of queries; rows that are no numbers do not stop it.
-
-    Parameters
-    ----------
-    path : path-like
-        CSV or Parquet; `-` reads CSV from standard input.
-    names : sequence of str
-        The columns wanted.
+    """Read a batch of queries from CSV or Parquet; rows that are no numbers do not stop it.
 
     Returns
     -------
