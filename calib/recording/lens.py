@@ -108,15 +108,13 @@ class Lens:
             If it is none.
         """
         width, height = (int(side) for side in told["size"])
-        lens = cls(
-            (width, height),
-            np.array(told["focal"], float).reshape(2),
-            np.array(told["centre"], float).reshape(2),
-            np.array(told["distortion"], float).reshape(5),
-            float(told.get("rms", 0.0)),
-            int(told.get("pictures", 0)),
-            np.array(told.get("covariance", np.zeros((9, 9))), float).reshape(9, 9),
+        focal, centre, distortion = (
+            np.array(told[name], float).reshape(count)
+            for name, count in (("focal", 2), ("centre", 2), ("distortion", 5))
         )
+        rms, pictures = float(told.get("rms", 0.0)), int(told.get("pictures", 0))
+        covariance = np.array(told.get("covariance", np.zeros((9, 9))), float).reshape(9, 9)
+        lens = cls((width, height), focal, centre, distortion, rms, pictures, covariance)
         known = np.isfinite(lens.parameters).all() and np.isfinite(lens.covariance).all()
         if not known or (lens.focal <= 0).any() or min(lens.size) <= 0:
             raise ValueError("the lens has impossible values")

@@ -21,6 +21,13 @@ _SLACK = 0.05  # share of a range by which values may leave it
 _MOST_TURNS = 4.0  # further from zero a joint value is in degrees, or not reset for long
 
 
+def unit_of_joint(revolute: bool, degrees: bool) -> tuple[float, str]:
+    """Return the unit that messages tell a joint's values in, and what makes them of rad or m."""
+    if not revolute:
+        return 1.0, "m"
+    return (math.degrees(1.0), "deg") if degrees else (1.0, "rad")
+
+
 def in_degrees(values: Array, low: float, high: float) -> bool:
     """Whether values (n,) leave a range [rad] but lie within it once taken as degrees."""
     return beyond(values, low, high) > _SLACK and beyond(np.deg2rad(values), low, high) <= _SLACK
@@ -89,7 +96,7 @@ as degrees it fits: give `degrees=True`
         fits = in_degrees(q[:, k], low, high)
         if not (many_turns(q[:, k]) or (fits and float(np.abs(q[:, k]).max()) > TURN)):
             continue
-        unit, factor = ("deg", math.degrees(1.0)) if degrees else ("rad", 1.0)
+        factor, unit = unit_of_joint(True, degrees)
         if degrees:
             hint = "values in rad are given without `degrees`"
         elif fits:
