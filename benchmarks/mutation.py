@@ -56,8 +56,10 @@ def main() -> int:
         cwd=folder, env={**os.environ, **one_thread}, stdout=subprocess.PIPE, text=True,
     )  # fmt: skip
     # its spinner rewrites one line
-    print("\n".join(line.rpartition("\r")[2] for line in done.stdout.splitlines()[-3:]))
-    subprocess.run([*mutmut, "results"], cwd=folder, check=False)
+    said = done.stdout.replace("\r", "\n").splitlines()
+    print("\n".join(said[-3:]), flush=True)
+    if done.returncode == 0:
+        subprocess.run([*mutmut, "results"], cwd=folder, check=False)
     print(f"cd {folder}; mutmut show NAME")
     return done.returncode
 
