@@ -8,7 +8,7 @@ import pytest
 from calib.errors import LogError
 from calib.recording.clock_search import Clocks, joints_at
 from calib.recording.clocks import SURE, ClockError, align_clocks
-from calib.recording.judge import Judge, held_out, kernel, row_shift
+from calib.recording.judge import Judge, held_out, kernel, row_shift, unrelated
 from calib.recording.track import astray, check_motion, jumps, stuck
 
 LENGTHS = np.array([0.18, 0.14, 0.09])
@@ -132,6 +132,15 @@ def test_a_picture_that_is_missing_in_the_middle_is_noticed(lost):
     assert row_shift(q[:57], x)[:2] == (lost, 1)
     more = np.insert(pixels(q), lost, pixels(q[:1] + 0.5), axis=0)[:58]  # one that came on top
     assert row_shift(q, more)[1] == -1
+
+
+def test_the_joints_of_other_pictures_are_noticed():
+    rng = np.random.default_rng(13)
+    q = rng.uniform(-1, 1, (40, 3))
+    x = pixels(q) + rng.normal(0, 0.05, (40, 2))
+    assert not unrelated(q, x)
+    assert unrelated(rng.uniform(-1, 1, (40, 3)), x)
+    assert not unrelated(rng.uniform(-1, 1, (29, 3)), x[:29])  # too few to say
 
 
 def test_a_second_tag_is_told_from_the_tip():

@@ -109,3 +109,17 @@ def row_shift(q: Array, x: Array, most: int = 3) -> tuple[int, int, float, float
     # of the same rows: one wrong row at the end is not mended by leaving it out
     other, own = tried[start, shift], error(start, shift, moved=False)
     return (start, shift, own, other) if other < 0.4 * own else (0, 0, own, other)
+
+
+def unrelated(q: Array, x: Array) -> bool:
+    """Whether joints predict what was seen no better than those of other rows would.
+
+    Less than ten rows for each joint may be too few to tell.  From there on six joints at 60
+    random postures miss by 0.8 of what the joints of other rows do, the worst of 45 such arms.
+    """
+    some = thinned(len(q), MOST)
+    q, x = q[some], x[some]
+    if len(q) < 10 * q.shape[1]:
+        return False
+    own, other = (held_out(joints, x).mean() for joints in (q, np.roll(q, len(q) // 2, axis=0)))
+    return bool(own > 0.9 * other)
