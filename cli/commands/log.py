@@ -147,6 +147,15 @@ def log(
         str | None,
         typer.Option("--picture", metavar="seen.png", help="Draw what was seen over a photo."),
     ] = None,
+    camera: Annotated[
+        str | None,
+        typer.Option(
+            "--camera",
+            metavar="DEVICE",
+            help="Take the pictures now, into PICTURES: one for each line of joints on standard "
+            "input, below a line with their names.",
+        ),
+    ] = None,
     degrees: o.DegreesOption = False,
     prismatic: o.PrismaticOption = None,
     as_json: o.JsonOption = False,
@@ -168,6 +177,7 @@ def log(
         pose,
         since,
         picture,
+        camera,
     )
     if shooting or c.is_camera(bag):
         of_bags = {"--joints-topic": joints_topic, "--tip-topic": tip_topic, "--frames": frames}
