@@ -10,7 +10,7 @@ import typer
 from .. import options as o
 from ..output import Table, fixed, note, show, show_json
 from ..parsing import BadOption, Numbers, bad_option, finite, height, numbers
-from ..units import JointFormat, for_people, one_each, units_of
+from ..units import JointFormat, for_people, one_each, units_of, why_outside
 from .path import path
 
 if TYPE_CHECKING:
@@ -85,7 +85,7 @@ def forward(
         }
         show_json({**document, **_kind_of_answer(loaded, frame)})
     if outside is not None:
-        note(f"no answer: {_why_outside(joints, loaded, q) or outside}")
+        note(f"no answer: {why_outside(joints, loaded, q) or outside}")
         raise typer.Exit(NO)
     if not as_json:
         _show(loaded, joints, [(q, position, None, *bounds)], "", frame)
@@ -242,7 +242,8 @@ def _anchor(model: Model, near: Sequence[float] | None, joints: JointFormat) -> 
         slack = 1e-9 * (about.upper[k] - about.lower[k])
         inside = about.lower[k] - slack <= value <= about.upper[k] + slack
         if not (inside or turns_round[k]):
-            raise bad_option("--near", joints.value(k, value), joints.learned_range(k))
+            expected = joints.learned_range(k) + joints.hint(k, value)
+            raise bad_option("--near", joints.value(k, value), expected)
     return q
 
 
@@ -270,23 +271,6 @@ def _kind_of_answer(model: Model, frame: str = "sensor") -> dict[str, Any]:
         units = units_of(about, frame)
         return {"frame": frame, "unit": "m", "bound_of": "true position", "units": units}
     return {"unit": about.unit, "bound_of": about.bound_of, "units": units_of(about)}
-
-
-def _why_outside(joints: JointFormat, model: Model, q: Sequence[float]) -> str | None:
-    """Name the joint that is furthest beyond its learned range, in the units typed."""
-    from calib.model.trust import ROUNDED
-
-    about = model.about
-    excess = [
-        0.0 if turns_round else max(low - value, value - high) / (high - low)
-        for value, low, high, turns_round in zip(
-            q, about.lower, about.upper, model.motor.scale.periodic, strict=True
-        )
-    ]
-    k = max(range(len(q)), key=lambda i: excess[i])
-    if excess[k] <= ROUNDED:
-        return None
-    return f"{joints.value(k, q[k])} is outside of the learned range {joints.learned_range(k)}"
 
 
 def _show(
