@@ -263,12 +263,11 @@ def _notes(
     elif improved:
         second = [e for _, e in found.likely[1:] if e.member.name != found.likely[0][1].member.name]
         if found.changed and second:
-            names = " or ".join(
-                dict.fromkeys([found.likely[0][1].member.name, *(e.member.name for e in second)])
-            )
+            names = dict.fromkeys(e.member.name for e in (found.likely[0][1], *second))
+            rivals = " or ".join(f"({name.replace(', ', ' + ')})" for name in names)
             notes.append(
-                f"the log does not settle what changed ({names}): measure three more poses, such "
-                f"as {_poses(found, body)}, or those that calib plan proposes"
+                f"more than one change explains the log: {rivals}; three more poses tell which, "
+                f"such as {_poses(found, body)}, or those that calib plan proposes"
             )
     return notes
 

@@ -9,6 +9,7 @@ import math
 from typing import TYPE_CHECKING
 
 from ..model.alignment import Alignment
+from ..samples.plausibility import unit_hint
 from .alike import same_as_first_joint, same_as_scale
 from .cause import Cause
 from .members import NOTHING
@@ -77,8 +78,7 @@ def _of_frame(comparison: Comparison) -> list[Cause]:
     if reference.scale != 1.0:
         ratio = reference.scale
         words = f"the log's positions are {ratio:.4g} times the model's"
-        if abs(ratio / 1e3 - 1.0) < 0.1:
-            words += "; if they are mm, `unit='mm'` converts them"
+        words += unit_hint(ratio)
         found.append(Cause("scale", "view.scale", ratio, None, "1", words))
     return found
 

@@ -8,6 +8,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any, cast
 
 from .. import options as o
+from ..measurements import log_for
 from ..output import Notes, note, show_json, tell
 from ..parsing import Margin, Numbers, Side, margin, numbers, side, whole
 from ..samples import Selection
@@ -186,6 +187,8 @@ def _measured(
     """Read the log of what was measured already."""
     import calib
 
+    if isinstance(known, calib.Model):  # which remembers columns, unit and degrees of its log
+        return log_for(known, data, columns, degrees or None, None, notes)
     facts = _facts(known)
     sliding = [n for n, turns in zip(facts.joint_names, facts.revolute, strict=True) if not turns]
     log = calib.read_log(
