@@ -118,19 +118,17 @@ class JointColumn:
             f"{self.label}, row {number}: {self.joint} is {factor * self.values[row]:g} {unit}, "
             f"outside of its limits {self._show(limits)}"
         )
-        if self.revolute and not self.degrees and in_degrees(self.values, *limits):
-            return LogError(
-                message,
-                hint="as degrees the log fits: give `degrees=True`",
-                parameter="degrees",
-                value=self.degrees,
-            )
-        return LogError(
-            message,
-            hint=f"if the joint really goes there, give `ranges={{{self.joint!r}: (LOW, HIGH)}}`",
-            parameter="ranges",
-            value=float(self.values[row]),
-        )
+        # small angles of another column look like degrees too
+        far = float(np.abs(self.values).max()) > TURN
+        if self.revolute and not self.degrees and far and in_degrees(self.values, *limits):
+            hint = "as degrees the log fits: give `degrees=True`"
+            return LogError(message, hint=hint, parameter="degrees", value=self.degrees)
+        hint = f"if the joint really goes there, give `ranges={{{self.joint!r}: (LOW, HIGH)}}`"
+        if beyond(-self.values, *limits) <= _SLACK:
+            hint = "with the opposite sign it fits: change the sign of its column"
+        else:
+            hint = f"check that the column is of this joint and in its unit; {hint}"
+        return LogError(message, hint=hint, parameter="ranges", value=float(self.values[row]))
 
     def _refuse_many_turns(self) -> None:
         if not many_turns(self.values):
