@@ -20,9 +20,7 @@ _ENDS = 0.09  # share of a side that is left out at each end: corners are round
 _BLUR = 0.6  # [px]
 
 
-def refine_square(
-    grey: NDArray[np.uint8], corners: Array, cells: int = 8
-) -> tuple[Array, float, float]:
+def refine_square(grey: NDArray[np.uint8], corners: Array, cells: int = 8) -> tuple[Array, float]:
     """Fit lines to the four sides of a dark square on white, and cross them.
 
     Parameters
@@ -36,27 +34,26 @@ def refine_square(
     -------
     corners : (4, 2) array [px]
         The refined corners, in the same order.
-    roughness, width : float [px]
-        Of the worst side: rms distance of its points from its line, and the standard deviation
-        of the blurred edge across it.
+    roughness : float [px]
+        Rms distance of the worst side's points from its line.
     """
     part, low = blurred_part(grey, corners)
     c = corners - low
     side = float(np.linalg.norm(np.roll(c, -1, 0) - c, axis=1).min())
     reach = float(np.clip(0.6 * side / cells, 1.5, 4.0))
     along = np.linspace(_ENDS, 1.0 - _ENDS, _POINTS)[:, None]
-    roughness = width = 0.0
+    roughness = 0.0
     for _ in range(2):
         ahead = np.roll(c, -1, 0) - c
-        points, spread = edge_points(part, c[:, None] + along * ahead[:, None], ahead, reach)
+        points, _ = edge_points(part, c[:, None] + along * ahead[:, None], ahead, reach)
         lines, rough = zip(*map(_line, points), strict=True)
-        roughness, width = max(rough), float(np.median(spread, axis=1).max())
+        roughness = max(rough)
         crossed = np.cross(np.roll(lines, 1, axis=0), lines)
         with np.errstate(divide="ignore", invalid="ignore"):
             c = crossed[:, :2] / crossed[:, 2:]
         if not np.isfinite(c).all():
-            return corners, np.inf, np.inf
-    return c + low, roughness, width
+            return corners, np.inf
+    return c + low, roughness
 
 
 def blurred_part(grey: NDArray[np.uint8], points: Array) -> tuple[NDArray[np.float32], Array]:

@@ -55,7 +55,7 @@ def read_log(
     are left out, counted in `Samples.dropped` and described in `Samples.notes`. Positions may be
     in the sensor's own unit and axes; of x, y, z the plane is fitted. A log is read in batches and
     may be of any length; of one with more than `most` rows so many are drawn at random, and
-    those with each joint's least and largest value.
+    those with each joint's least and largest value. Rows stay in the order of the file.
 
     Parameters
     ----------
@@ -87,11 +87,6 @@ def read_log(
         without an arm, x, y, z that lie in a plane become two.
     lens : mapping, optional
         The calibrated lens of a camera that sees an arm in space, as lens.json holds it.
-
-    Returns
-    -------
-    Samples
-        Rows in the order of the file; of a long log those that were drawn.
 
     Raises
     ------
@@ -141,10 +136,8 @@ def read_log(
     notes = measured.notes()
     values, rows = reservoir.rows()
     if len(rows) < count:
-        notes.append(
-            f"{count:,} rows: {len(rows):,} of them, drawn evenly, are held; other counts of "
-            "values are of these"
-        )
+        held = f"{len(rows):,} of them, drawn evenly, are held"
+        notes.append(f"{count:,} rows: {held}; other counts of values are of these")
     _check_values(source, values, names, axes)
     q = np.ascontiguousarray(values[:, : len(names)])
     if degrees:
