@@ -7,9 +7,9 @@ from collections.abc import Sequence
 from typing import TYPE_CHECKING, Any
 
 from calib.common.choices import READOUTS
+from calib.common.units import for_people
 
 from .output import Table, fixed, number
-from .units import for_people
 
 if TYPE_CHECKING:
     from calib import Sweep, Trial

@@ -6,9 +6,10 @@ from collections.abc import Mapping
 from typing import TYPE_CHECKING, Any
 
 from calib.common.choices import READOUTS
+from calib.common.units import for_people
 
 from .output import Table, number
-from .units import for_people, units_of
+from .units import units_of
 
 if TYPE_CHECKING:
     from calib import Model
@@ -130,14 +131,6 @@ def compact_table(model: Model, errors: Errors, title: str) -> Table:
         row.insert(2, _scaled(errors[readouts[0]][direction][name], "max", factor))
         rows.append(row)
     return Table(["mean, and max", readouts[0], "max", *readouts[1:]], rows, title)
-
-
-def size_in_words(model: Model) -> str:
-    """Return the lattices as `motor 70x70, sensory 70x70`."""
-    motor, sensory = (
-        "x".join(map(str, part.lattice.shape)) for part in (model.motor, model.sensory)
-    )
-    return f"motor {motor}, sensory {sensory}"
 
 
 def _ordered(errors: Errors) -> list[str]:

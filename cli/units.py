@@ -6,6 +6,9 @@ import math
 from collections.abc import Iterable, Mapping, Sequence
 from typing import TYPE_CHECKING, Any
 
+from calib.common.units import for_people
+from calib.show.facts import learned_range
+
 from .output import fixed
 from .parsing import JointRange, JointValue
 from .usage import BadOption, bad_option
@@ -14,18 +17,6 @@ if TYPE_CHECKING:
     from calib.arm.arm import Arm
     from calib.model.about import About
     from calib.samples.changes import Change
-
-
-def for_people(unit: str) -> tuple[float, str]:
-    """Return the factor from a unit to the one that tables print, and its name.
-
-    Metres become mm and radians degrees; the sensor's own unit stays.
-    """
-    if unit == "m":
-        return 1e3, "mm"
-    if unit == "rad":
-        return math.degrees(1.0), "deg"
-    return 1.0, unit
 
 
 def units_of(about: About, frame: str = "sensor") -> dict[str, Any]:
@@ -88,10 +79,7 @@ class JointFormat:
 
     def learned_range(self, k: int) -> str:
         """Return the learned range of joint `k` in words."""
-        factor = self.typed[k]
-        unit = "deg" if self._turned(k) else self._about.units_of_joints[k]
-        low, high = self._about.lower[k] * factor, self._about.upper[k] * factor
-        return f"{low:.6g} to {high:.6g} {unit}"
+        return learned_range(self._about, k, degrees=self.degrees)
 
     def value(self, k: int, value: float) -> str:
         """Return a value of joint `k` [rad or m] in words."""

@@ -7,11 +7,13 @@ from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any, cast
 
+from calib.common.units import for_people
+
 from .. import options as o
 from ..output import Notes, note, show_json, tell
 from ..parsing import Margin, Numbers, Side, margin, numbers, side, whole
 from ..samples import Selection
-from ..units import for_people, one_each, ranges_in_si
+from ..units import one_each, ranges_in_si
 from ..usage import BadOption, argument, one_document, option, refuse
 
 if TYPE_CHECKING:

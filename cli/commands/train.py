@@ -7,13 +7,15 @@ from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
+from calib.show.facts import size_in_words
+
 from .. import options as o
 from ..output import Notes, show, show_json, tell
 from ..photo import NoPhotoOption, PhotoOption, photo_of_log, with_photo
 from ..progress import progress_bar
 from ..samples import Selection, babbled, check_sources, measured
 from ..sketch import show_sketch
-from ..summary import compact_table, size_in_words, summary
+from ..summary import compact_table, summary
 from ..usage import BadOption, argument, flag, option
 
 if TYPE_CHECKING:
