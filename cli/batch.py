@@ -67,7 +67,7 @@ def forward_batch(
     """Answer a table of joint values with positions in a frame; return the exit code."""
     batch = read_batch(streams.source, joints.names)
     q: Array = batch.values / np.array(joints.typed)
-    valid: NDArray[np.bool_] = np.isfinite(batch.values).all(axis=1)
+    valid = np.asarray(np.isfinite(batch.values).all(axis=1))
     check_joints(model, q, joints)
     x, bounds = np.full((len(q), len(model.axes)), np.nan), np.full((2, len(q)), np.nan)
     if valid.any():
