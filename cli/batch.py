@@ -146,15 +146,8 @@ def _finish(
 def check_joints(model: Model, q: Array, joints: JointFormat) -> None:
     """Refuse joint values (n, dof) [rad or m] that can only be of another unit."""
     about = model.about
-    check_joint_values(
-        q,
-        about.joint_names,
-        about.lower,
-        about.upper,
-        about.revolute,
-        degrees=joints.degrees,
-        error=QueryError,
-    )
+    ranges = (about.joint_names, about.lower, about.upper, about.revolute)
+    check_joint_values(q, *ranges, degrees=joints.degrees, error=QueryError)
 
 
 def numbered(numbers: Sequence[int]) -> str:

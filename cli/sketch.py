@@ -24,16 +24,9 @@ def show_sketch(model: Model) -> None:
 
 
 def sketch(model: Model, shades: str = SHADES, width: int = _WIDTH) -> list[str]:
-    """Return the lines of a picture of the workspace and a legend.
+    """Return the lines of a picture of the workspace, some `width` characters wide, and a legend.
 
-    Parameters
-    ----------
-    model : Model
-        The model; its sensory nodes tell where the workspace is.
-    shades : str
-        Characters from the least to the greatest error.
-    width : int
-        Characters of the workspace's longer side, or so.
+    `shades` are characters from the least to the greatest error.
     """
     import numpy as np
 

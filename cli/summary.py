@@ -23,19 +23,7 @@ _NONE = dict.fromkeys(STATISTICS)  # of what a readout does not answer
 def summary(
     model: Model, path: str, errors: Errors, seconds: Mapping[str, float]
 ) -> dict[str, Any]:
-    """Return what `train`, `evaluate` and `info` print as JSON.
-
-    Parameters
-    ----------
-    model : Model
-        The model.
-    path : str
-        Its file, as typed.
-    errors : mapping
-        Errors per readout.
-    seconds : mapping of str to float
-        How long it took, "total" among them.
-    """
+    """Return what `train`, `evaluate` and `info` print as JSON; `seconds` have a "total"."""
     about = model.about
     return {
         "model": path,

@@ -132,38 +132,35 @@ def kinds_of_joints(robot: str) -> dict[str, bool]:
 
 
 def ranges_in_si(
-    ranges: Iterable[JointRange], turns: Mapping[str, bool], degrees: bool
+    ranges: Sequence[JointRange], turns: Mapping[str, bool], degrees: bool
 ) -> dict[str, tuple[float, float]]:
-    """Return ranges as typed in SI units, by joint.
+    """Return ranges as typed in SI units, by joint; `turns` tells which joints turn.
 
-    Parameters
-    ----------
-    ranges : iterable of JointRange
-        As typed.
-    turns : mapping of str to bool
-        Whether a joint turns; unknown ones are told by whoever knows the arm.
-    degrees : bool
-        Whether the ranges of joints that turn are in degrees.
+    Joints that it does not know are told by whoever knows the arm.
     """
-    result: dict[str, tuple[float, float]] = {}
-    for joint, low, high in ranges:
-        if joint in result:
-            raise BadOption(f"--range {joint!r} is given twice: expected one range for each joint")
-        factor = math.radians(1.0) if degrees and turns.get(joint, True) else 1.0
-        result[joint] = (low * factor, high * factor)
-    return result
+    _check_once("--range", [joint for joint, *_ in ranges], "range")
+    factors = {joint: _in_si(joint, turns, degrees) for joint, *_ in ranges}
+    return {joint: (low * factors[joint], high * factors[joint]) for joint, low, high in ranges}
 
 
 def locks_in_si(
-    locks: Iterable[JointValue], turns: Mapping[str, bool], degrees: bool
+    locks: Sequence[JointValue], turns: Mapping[str, bool], degrees: bool
 ) -> dict[str, float]:
     """Return locked joints and their values in SI units; see `ranges_in_si`."""
-    result: dict[str, float] = {}
-    for joint, value in locks:
-        if joint in result:
-            raise BadOption(f"--lock {joint!r} is given twice: expected one value for each joint")
-        result[joint] = math.radians(value) if degrees and turns.get(joint, True) else value
-    return result
+    _check_once("--lock", [joint for joint, _ in locks], "value")
+    return {joint: value * _in_si(joint, turns, degrees) for joint, value in locks}
+
+
+def _in_si(joint: str, turns: Mapping[str, bool], degrees: bool) -> float:
+    return math.radians(1.0) if degrees and turns.get(joint, True) else 1.0
+
+
+def _check_once(option: str, joints: Sequence[str], what: str) -> None:
+    for joint in joints:
+        if joints.count(joint) > 1:
+            raise BadOption(
+                f"{option} {joint!r} is given twice: expected one {what} for each joint"
+            )
 
 
 def changes_in_si(texts: Iterable[str], arm: Arm, degrees: bool) -> tuple[Change, ...]:

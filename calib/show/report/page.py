@@ -159,7 +159,7 @@ def report(model: Model, samples: Samples | None = None) -> str:
         '<p class="soft">What calib has learned, from what, and how far to trust it.</p>',
         f'<p class="lead">{_verdict(evidence)}</p>',
         _heading("What was learned from what"),
-        fact_list(facts(model)),
+        fact_list({**facts(model), "links": f"{model.links.nnz:,}"}),
         *(f'<p class="soft">Note: {html.escape(note)}</p>' for note in about.notes),
         _heading("Errors"),
         _error_text(evidence),
