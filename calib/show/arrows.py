@@ -73,4 +73,4 @@ def round_factor(wanted: float) -> int:
     (1, 20, 500)
     """
     power = 10 ** int(np.floor(np.log10(max(wanted, 1.0))))
-    return power * max(step for step in (1, 2, 5) if step * power <= max(wanted, 1.0))
+    return int(power * max(step for step in (1, 2, 5) if step * power <= max(wanted, 1.0)))

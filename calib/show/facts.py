@@ -5,8 +5,6 @@ from __future__ import annotations
 import math
 from typing import TYPE_CHECKING
 
-from .error_scale import length_in_words
-
 if TYPE_CHECKING:
     from ..model.about import About
     from ..model.model import Model
@@ -52,6 +50,8 @@ def size_in_words(model: Model) -> str:
 
 
 def _source(about: About) -> str:
+    from .error_scale import length_in_words  # brings NumPy, which the command line's help spares
+
     words = [f"{about.samples} {'simulated samples' if about.simulation else 'rows of a log'}"]
     words.append(f"seed {about.seed}")
     if about.simulation:
