@@ -223,6 +223,7 @@ def _trim(members: list[Joint], normal: Array, tip: str, posture: Posture) -> Ca
         weakest = int(np.argmin(levers))
         small = levers[weakest] < max(MIN_SHARE * levers.sum(), MIN_LEVER)
         if not small and len(members) <= MOST_JOINTS:
+            # two links a, b sweep the ring pi ((a + b)^2 - (a - b)^2) = 4 pi a b
             pairs = combinations(levers, 2)
             return Candidate(tuple(members), tip, float(4 * np.pi * sum(a * b for a, b in pairs)))
         del members[weakest]

@@ -14,6 +14,7 @@ if TYPE_CHECKING:
     from ..samples.samples import Samples
 
 Array = NDArray[np.float64]
+Shape = tuple[int, int]
 
 _INSIDE = 25_000  # joint values spread over the whole range
 _EDGE = 240  # joint values along each edge of the range
@@ -37,6 +38,7 @@ def sensory_errors(model: Model) -> Array:
     The mean of its motor partners' bounds, weighted by the links; NaN for nodes without
     partners that samples have visited.
     """
+    # bounds of nodes without samples are extrapolated: they take no part
     known = np.where(model.visited, model.bounds, 0.0)
     total = np.asarray(model.links.T @ model.visited.astype(float))
     weighted = np.asarray(model.links.T @ known)
@@ -55,6 +57,19 @@ def drawn_edges(part: Map) -> NDArray[np.intp]:
         return edges
     gap = np.abs(part.units[edges[:, 0]] - part.units[edges[:, 1]])
     return np.asarray(edges[~((gap > 0.5) & part.scale.periodic).any(axis=1)])
+
+
+def cell_means(points: Array, values: Array, low: Array, size: Array, shape: Shape) -> Array:
+    """Mean of values (n,) at points (n, 2) in the cells of a grid, (rows, columns); NaN if none.
+
+    Cells have a `size` (2,) and begin at `low` (2,); `shape` counts rows (y) and columns (x).
+    """
+    cell = ((points - low) / size).astype(int)
+    cell = np.minimum(cell, np.array(shape[::-1]) - 1)  # the upper border belongs to the last
+    index = cell[:, 1] * shape[1] + cell[:, 0]
+    count = np.bincount(index, minlength=shape[0] * shape[1])
+    total = np.bincount(index, values, shape[0] * shape[1])
+    return np.where(count > 0, total / np.maximum(count, 1), np.nan).reshape(shape)
 
 
 def reached_positions(model: Model) -> Array:
@@ -105,6 +120,7 @@ def level_lines(x: Array, y: Array, values: Array, level: float) -> Array:
     """Pieces (m, 2, 2) of the line where `values` (len(x), len(y)) cross a level."""
     from contourpy import contour_generator
 
+    # contourpy has x along the columns
     lines: Any = contour_generator(x, y, values.T).lines(level)
     pieces = [np.stack([line[:-1], line[1:]], axis=1) for line in lines]
     return np.concatenate([np.empty((0, 2, 2)), *pieces])

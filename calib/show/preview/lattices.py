@@ -134,6 +134,7 @@ def strongest_partners(model: Model) -> tuple[NDArray[np.int64], NDArray[np.uint
     links = model.links.T.tocsr()
     width = min(_MOST, max(_FEWEST, _LINKS // links.shape[0]))
     rows = np.repeat(np.arange(links.shape[0]), np.diff(links.indptr))
+    # sorted within each row by strength; `rank` counts from the row's start
     order = np.lexsort((-links.data, rows))
     rank = np.arange(len(rows)) - links.indptr[rows]
     keep = rank < width
@@ -152,6 +153,7 @@ def telling_node(model: Model, among: NDArray[np.intp]) -> int:
     units = model.motor.units
     total = np.asarray(links.sum(axis=1)).ravel()
     total = np.where(total > 0, total, np.inf)
+    # variance of the partners about their mean, E|u|^2 - |E u|^2
     mean = (links @ units) / total[:, None]
     spread = np.asarray(links @ (units**2)).sum(axis=1) / total - (mean**2).sum(axis=1)
     return int(among[np.argmax(spread)])
