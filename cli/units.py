@@ -42,14 +42,14 @@ class JointFormat:
 
     Parameters
     ----------
-    about : About
+    about : About or Arm
         Which joints there are, and which of them turn.
     degrees : bool
         Whether those that turn are in degrees, else in rad. What slides is typed in m
         and printed in mm.
     """
 
-    def __init__(self, about: About, degrees: bool) -> None:
+    def __init__(self, about: About | Arm, degrees: bool) -> None:
         self.names = about.joint_names
         self._about = about
         self.degrees = degrees

@@ -162,6 +162,11 @@ class Arm:
         return len(self.joint_names)
 
     @property
+    def units_of_joints(self) -> tuple[str, ...]:
+        """Unit of each joint's value."""
+        return tuple("rad" if turns else "m" for turns in self.revolute)
+
+    @property
     def periodic(self) -> tuple[bool, ...]:
         """Whether each joint's range is a full turn, so that its ends meet."""
         widths = self.upper - self.lower

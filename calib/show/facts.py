@@ -3,11 +3,16 @@
 from __future__ import annotations
 
 import math
-from typing import TYPE_CHECKING
+from collections.abc import Mapping
+from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
+    from ..arm.arm import Arm
     from ..model.about import About
     from ..model.model import Model
+
+Quantity = tuple[str, str, str]
+"""Direction, name and unit of an error."""
 
 
 def facts(model: Model, *, degrees: bool = True) -> dict[str, str]:
@@ -34,11 +39,22 @@ def facts(model: Model, *, degrees: bool = True) -> dict[str, str]:
     return found
 
 
-def learned_range(about: About, k: int, *, degrees: bool) -> str:
+def learned_range(about: About | Arm, k: int, *, degrees: bool) -> str:
     """Return the learned range of joint `k` in words."""
     turned = degrees and about.revolute[k]
     factor, unit = (math.degrees(1.0), "deg") if turned else (1.0, about.units_of_joints[k])
     return f"{about.lower[k] * factor:.6g} to {about.upper[k] * factor:.6g} {unit}"
+
+
+def quantities(about: About, errors: Mapping[str, Mapping[str, Any]]) -> list[Quantity]:
+    """Return direction, name and unit of each error of one readout, in their order."""
+    joints = dict(zip(about.joint_names, about.units_of_joints, strict=True))
+    units = {"forward": {"orientation": "rad"}, "inverse": joints}
+    return [
+        (direction, name, units[direction].get(name, about.unit))
+        for direction in units
+        for name in errors[direction]
+    ]
 
 
 def size_in_words(model: Model) -> str:

@@ -10,6 +10,7 @@ from typing import TYPE_CHECKING
 from ...common.choices import READOUTS
 from ...common.units import for_people
 from ...paper.published import TABLE1
+from ..facts import quantities
 from .style import plain_text
 
 if TYPE_CHECKING:
@@ -42,20 +43,14 @@ def errors_in_html(evidence: Evidence) -> str:
     readouts = [r for r in READOUTS if r in errors]
     paper = TABLE1["vdsom"] if is_papers_arm(about) else {}
     header = ["mean (largest)", *readouts, *(["paper"] if paper else [])]
-    units = dict(zip(about.joint_names, about.units_of_joints, strict=True))
-    quantities = [
-        ("forward", name, about.unit)
-        for name in (*"xyz"[: len(errors[readouts[0]]["forward"]) - 1], "distance")
-    ]
-    quantities += [("inverse", name, unit) for name, unit in units.items()]
-    quantities.append(("inverse", "distance", about.unit))
     rows = []
-    for direction, name, unit in quantities:
+    for direction, name, unit in quantities(about, errors[readouts[0]]):
         factor, shown = for_people(unit)
         row = [f"{direction}, {name} [{shown}]"]
         for readout in readouts:
-            entry = errors[readout][direction][name]
-            row.append(f"{_digits(entry['mean'], factor)} ({_digits(entry['max'], factor)})")
+            entry = errors[readout][direction].get(name)  # of orientations only some have it
+            digits = entry and [_digits(entry[key], factor) for key in ("mean", "max")]
+            row.append(f"{digits[0]} ({digits[1]})" if digits else "")
         if paper:
             printed = paper.get(name)
             row.append(f"{printed.mean:g} ({printed.max:g})" if printed else "")
