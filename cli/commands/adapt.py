@@ -17,8 +17,7 @@ from ..photo import photo_of_log
 from ..progress import progress_bar
 from ..translation import as_typed
 from ..units import units_of
-from ..usage import choice, option
-from .train import check_output
+from ..usage import check_output, choice, option
 
 
 def adapt(

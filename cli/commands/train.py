@@ -16,7 +16,7 @@ from ..progress import progress_bar
 from ..samples import Selection, babbled, check_sources, measured
 from ..sketch import show_sketch
 from ..summary import compact_table, summary
-from ..usage import BadOption, argument, flag, option
+from ..usage import BadOption, argument, check_output, flag, option
 
 if TYPE_CHECKING:
     from calib import Model, Samples
@@ -141,15 +141,6 @@ def train(
         show_json(summary(model, path, model.about.errors, model.seconds))
     else:
         _report(model, path)
-
-
-def check_output(path: str) -> None:
-    """Refuse an output that cannot be written before the work starts."""
-    from calib.common.atomic import check_writable
-
-    if path == "-":
-        raise BadOption("--output '-': expected a file name, a model cannot be printed as text")
-    check_writable(path)
 
 
 def _report(model: Model, path: str) -> None:
