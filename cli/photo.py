@@ -6,8 +6,10 @@ from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
+from .measurements import log_for
 from .output import Notes
-from .usage import BadOption, flag, option
+from .parsing import Columns
+from .usage import BadOption, flag, option, refuse
 
 if TYPE_CHECKING:
     from calib.model.model import Model
@@ -47,6 +49,27 @@ def photo_of_log(model: Model, log: Samples, data: str, notes: Notes) -> Model:
         return model
     notes.say([f"{path.name} is kept in the model as its photo; --no-photo leaves it out"])
     return made
+
+
+def to_draw(
+    path: str,
+    data: str | None,
+    columns: Columns | None,
+    degrees: bool | None,
+    photo: str | None,
+    no_photo: bool,
+    notes: Notes,
+) -> tuple[Model, Samples | None]:
+    """Load a model as it is to be drawn, and a log of its own arm where one is given."""
+    import calib
+
+    model, log = calib.load(path), None
+    if data is None:
+        of_logs = {"--columns": columns, "--degrees": degrees}
+        refuse(of_logs, "applies to a log: expected --data LOG too")
+    else:
+        log = log_for(model, data, columns, degrees, None, notes)
+    return shown(model, path, photo, no_photo, log, notes), log
 
 
 def shown(

@@ -5,12 +5,13 @@ from __future__ import annotations
 from collections.abc import Sequence
 from typing import Annotated, Any
 
+from calib.common.units import for_people
+
 from .. import camera as c
 from .. import options as o
 from .. import parsing
 from ..output import Notes, show_json, tell
 from ..parsing import Names
-from ..units import for_people
 from ..usage import BadOption, argument, flag, option, refuse
 
 

@@ -8,15 +8,12 @@ from typing import TYPE_CHECKING, Annotated
 
 from .. import options as o
 from .. import parsing
-from ..measurements import log_for
 from ..output import Notes, note, tell
-from ..parsing import Columns
-from ..photo import NoPhotoOption, PhotoOption, shown
-from ..usage import BadOption, flag, option, refuse
+from ..photo import NoPhotoOption, PhotoOption, to_draw
+from ..usage import BadOption, check_output, flag, option
 
 if TYPE_CHECKING:
     from calib.model.model import Model
-    from calib.samples.samples import Samples
 
 MeshesOption = Annotated[
     str | None,
@@ -46,7 +43,6 @@ def preview(
     ] = False,
 ) -> None:
     """Show the arm and its learned maps in a browser, with meshcat."""
-    import calib
     from calib.show.preview.page import html as page_of
     from calib.show.preview.scene import draw
 
@@ -54,13 +50,9 @@ def preview(
         raise BadOption("--live needs a running preview: expected it without --html")
     folder = checked_folder(meshes)
     if html is not None:
-        from .train import check_output
-
         check_output(html)
-    loaded = calib.load(model)
     notes = Notes()
-    log = log_of(loaded, data, columns, degrees, notes)
-    loaded = shown(loaded, model, photo, no_photo, log, notes)
+    loaded, log = to_draw(model, data, columns, degrees, photo, no_photo, notes)
     scene = draw(loaded, samples=log, meshes=folder)
     notes.say(scene.notes)
     page = page_of(scene, loaded, live=live)
@@ -101,18 +93,3 @@ def checked_folder(meshes: str | None) -> Path | None:
     if not folder.is_dir():
         raise BadOption(f"--meshes {meshes!r}: expected the folder of the URDF's mesh files")
     return folder
-
-
-def log_of(
-    model: Model,
-    data: str | None,
-    columns: Columns | None,
-    degrees: bool | None,
-    notes: Notes,
-) -> Samples | None:
-    """Read a log of a model's own arm, None where none is given."""
-    if data is None:
-        of_logs = {"--columns": columns, "--degrees": degrees}
-        refuse(of_logs, "applies to a log: expected --data LOG too")
-        return None
-    return log_for(model, data, columns, degrees, None, notes)
