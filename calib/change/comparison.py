@@ -76,6 +76,12 @@ class Comparison:
         """Positions (n, m) without what maps add to the body [unit]."""
         return self.x - self.offset
 
+    @property
+    def unit_seen(self) -> str:
+        """Unit of the positions; "sensor" where their scale shows that it is not the model's."""
+        told = self.unit != self.model.about.unit or self.reference.scale == 1.0
+        return self.unit if told else "sensor"
+
     @cached_property
     def belief(self) -> Body:
         """The belief that a changed arm starts from."""

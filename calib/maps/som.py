@@ -96,6 +96,13 @@ class SOM:
     def __post_init__(self) -> None:
         check_wiring(self.links)
         kind = kind_of(self.map)
+        whole = isinstance(self.size, (tuple, list)) and self.size
+        if not whole or not all(isinstance(n, (int, np.integer)) for n in self.size):
+            raise OptionError(
+                f"size {self.size!r}: expected whole numbers of nodes such as (9, 9)",
+                parameter="size",
+                value=self.size,
+            )
         if self.neighbourhood is not None and kind != "som":
             raise OptionError(
                 f"map {self.map!r} has a neighbourhood of its own: give one with 'som' or 'vdsom'"

@@ -104,7 +104,7 @@ def adapt(
             }
         )
     else:
-        factor, name = for_people(loaded.about.unit)
+        factor, name = for_people(found.model.about.unit)
         rows = [
             [when, *(number(factor * error[key]) for key in ("mean", "p99", "max"))]
             for when, error in (("before", found.before), ("after", found.after))
@@ -112,6 +112,8 @@ def adapt(
         title = f"distance to held-out rows [{name}], corrected: {found.correction}"
         show(Table(["", "mean", "p99", "max"], rows, title))
         for change in found.changed:
+            if change.cause == "unknown":  # a note told it
+                continue
             tell(f"changed: {as_typed(change.words)}")
         if found.kept:
             tell(f"left as it was: {', '.join(found.kept)}")

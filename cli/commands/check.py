@@ -59,6 +59,7 @@ def check(
     log = log_for(loaded, data, columns, degrees, unit, notes)
     drift = calib.check(loaded, log, cause=cause, tolerance=tolerance)
     notes.say(drift.notes)
+    unit_seen = "sensor" if _of_another_scale(drift) else loaded.about.unit
     known = calib.recognise(loaded, log) if loaded.schemas else None
     if as_json:
         show_json(
@@ -66,12 +67,12 @@ def check(
                 "model": model,
                 **drift.to_json(),
                 **({"schema": known.name} if known is not None else {}),
-                "unit": loaded.about.unit,
-                "units": units_of(loaded.about),
+                "unit": unit_seen,
+                "units": {**units_of(loaded.about), "positions": unit_seen},
             }
         )
     else:
-        factor, name = for_people(loaded.about.unit)
+        factor, name = for_people(unit_seen)
         _show(drift, f"{model}: {drift.samples} samples of {data}", factor, name)
         if known is not None:
             tell(known.words)
@@ -79,10 +80,14 @@ def check(
         raise typer.Exit(NO)
 
 
+def _of_another_scale(drift: Drift) -> bool:
+    return any(cause.cause == "scale" and cause.interval is None for cause in drift.causes)
+
+
 def _remedy(drift: Drift) -> str:
     if any(cause.cause == "unknown" and not cause.group for cause in drift.causes[:1]):
         return "check the log and the arm before calib adapt"
-    if any(cause.cause == "scale" and cause.interval is None for cause in drift.causes):
+    if _of_another_scale(drift):
         return "check the log's unit before calib adapt, which learns the new scale"
     return "calib adapt re-calibrates it"
 
