@@ -10,14 +10,13 @@ import typer
 
 from .. import options as o
 from .. import parsing
-from ..measurements import log_for
+from ..measurements import log_of
 from ..output import Notes, note, tell
 from ..parsing import BadOption
 from ..photo import NoPhotoOption, PhotoOption, shown
 
 if TYPE_CHECKING:
     from calib.model.model import Model
-    from calib.samples.samples import Samples
 
 MeshesOption = Annotated[
     str | None,
@@ -43,6 +42,7 @@ def preview(
     ] = None,
     data: o.DataOption = None,
     columns: o.ColumnsOption = None,
+    unit: o.UnitOption = None,
     degrees: o.LogDegreesOption = None,
     photo: PhotoOption = None,
     no_photo: NoPhotoOption = False,
@@ -72,7 +72,7 @@ def preview(
         check_output(html)
     loaded = calib.load(model)
     notes = Notes()
-    log = log_of(loaded, data, columns, degrees, notes)
+    log = log_of(loaded, data, columns, degrees, unit, notes)
     loaded = shown(loaded, model, photo, no_photo, log, notes)
     scene = draw(loaded, samples=log, meshes=folder)
     notes.say(scene.notes)
@@ -114,19 +114,3 @@ def checked_folder(meshes: str | None) -> Path | None:
     if not folder.is_dir():
         raise BadOption(f"--meshes {meshes!r}: expected the folder of the URDF's mesh files")
     return folder
-
-
-def log_of(
-    model: Model,
-    data: str | None,
-    columns: parsing.Columns | None,
-    degrees: bool | None,
-    notes: Notes,
-) -> Samples | None:
-    """Read a log of a model's own arm, None where none is given."""
-    if data is None:
-        for option, value in (("--columns", columns), ("--degrees", degrees)):
-            if value is not None:
-                raise BadOption(f"{option} applies to a log: expected --data LOG too")
-        return None
-    return log_for(model, data, columns, degrees, None, notes)

@@ -8,10 +8,10 @@ from typing import Annotated
 import typer
 
 from .. import options as o
+from ..measurements import log_of
 from ..output import Notes, tell
 from ..parsing import BadOption
 from ..photo import NoPhotoOption, PhotoOption, shown
-from .preview import log_of
 
 
 def report(
@@ -26,6 +26,7 @@ def report(
     ] = None,
     data: o.DataOption = None,
     columns: o.ColumnsOption = None,
+    unit: o.UnitOption = None,
     degrees: o.LogDegreesOption = None,
     photo: PhotoOption = None,
     no_photo: NoPhotoOption = False,
@@ -41,7 +42,7 @@ def report(
         check_output(output)
     loaded = calib.load(model)
     notes = Notes()
-    log = log_of(loaded, data, columns, degrees, notes)
+    log = log_of(loaded, data, columns, degrees, unit, notes)
     loaded = shown(loaded, model, photo, no_photo, log, notes)
     from calib.common.atomic import atomic_write
     from calib.show.report.page import pictures
