@@ -34,7 +34,8 @@ JointsOption = Annotated[
         "--joints",
         parser=parsing.names("--joints"),
         metavar="A,B",
-        help="Active joints; the others are locked. Found where only one choice makes sense.",
+        help="Active joints; the others are locked. Found automatically where only one choice "
+        "makes sense.",
     ),
 ]
 TipOption = Annotated[
@@ -62,7 +63,7 @@ RangeOption = Annotated[
         "--range",
         parser=parsing.joint_range,
         metavar="JOINT=LO:HI",
-        help="Babble and learn only this part of a joint's range [rad or m]; repeatable.",
+        help="Use only this part of a joint's range [rad or m]; repeatable.",
     ),
 ]
 
@@ -109,7 +110,7 @@ BodyOption = Annotated[
         "--body",
         parser=parsing.one_of("--body", BODIES),
         metavar="|".join(BODIES),
-        help="auto fits a kinematic model under the maps, none learns from maps and links alone.",
+        help="auto fits a kinematic body under the maps; none learns maps and Hebbian links alone.",
     ),
 ]
 SensorViewOption = Annotated[
@@ -184,7 +185,7 @@ ChangeOption = Annotated[
     typer.Option(
         "--change",
         metavar="JOINT.WHAT=VALUE",
-        help="Alter the simulated arm or sensor, such as elbow.length=+20%, "
+        help="Change the simulated arm or sensor, such as elbow.length=+20%, "
         "shoulder.offset=0.05, sensor.rotate=0.14 or sensor.mirror=x; repeatable.",
     ),
 ]
@@ -194,7 +195,7 @@ SeedOption = Annotated[
         "--seed",
         parser=parsing.whole("--seed", 0),
         metavar="K",
-        help="Seed of all that is random.",
+        help="Seed of the random numbers.",
     ),
 ]
 
@@ -212,12 +213,16 @@ ColumnsOption = Annotated[
         "--columns",
         parser=parsing.columns,
         metavar="x=U,y=V",
-        help="Other names of the log's columns; of Parquet lists one element: x=tip[0],y=tip[1].",
+        help="Columns of the log that have other names; an element of a Parquet list is tip[0].",
     ),
 ]
 UnitOption = Annotated[
     str | None,
-    typer.Option("--unit", metavar="m|mm|px|..", help="Unit of the log's positions (default m)."),
+    typer.Option(
+        "--unit",
+        metavar="m|mm|px|..",
+        help="Unit of the log's positions (default m, or that of the model).",
+    ),
 ]
 CauseOption = Annotated[
     str | None,
@@ -225,7 +230,7 @@ CauseOption = Annotated[
         "--cause",
         parser=parsing.one_of("--cause", CAUSES),
         metavar="|".join(CAUSES),
-        help="What is known of a change: the sensor's, or the arm's joints and links.",
+        help="What changed, if known: the sensor, or the arm's joints and links.",
     ),
 ]
 PrismaticOption = Annotated[
@@ -254,7 +259,7 @@ BlameOption = Annotated[
         "--cause",
         parser=parsing.one_of("--cause", CAUSES),
         metavar="|".join(CAUSES),
-        help="What changed, where a turned sensor and the first joint's offset look the same.",
+        help="What changed, if a turned sensor and an offset of the first joint look the same.",
     ),
 ]
 
@@ -264,8 +269,8 @@ ReadoutOption = Annotated[
         "--readout",
         parser=parsing.one_of("--readout", READOUTS),
         metavar="|".join(READOUTS),
-        help="How the query is answered (default local, the body and its local models; of a "
-        "model without a body linear, maps and links alone).",
+        help="Readout of the query (default local: body and local models; without a body linear: "
+        "maps and Hebbian links alone).",
     ),
 ]
 NearOption = Annotated[
@@ -290,24 +295,28 @@ AllOption = Annotated[bool, typer.Option("--all", help="Answer with every branch
 InputOption = Annotated[
     str | None,
     typer.Option(
-        "--input", metavar="FILE", help="Many queries at once, a CSV file (- standard input)."
+        "--input", metavar="FILE", help="Answer every row of this CSV file (- for standard input)."
     ),
 ]
 AnswersOption = Annotated[
     str | None,
     typer.Option(
-        "--output", metavar="FILE", help="Where their answers go, as CSV (default standard output)."
+        "--output",
+        metavar="FILE",
+        help="Write the answers to this CSV file (default standard output).",
     ),
 ]
 DegreesOption = Annotated[
     bool,
-    typer.Option("--degrees", help="Joint values are in degrees as typed, read and printed."),
+    typer.Option(
+        "--degrees", help="Joint values are typed, read and printed in degrees (default rad)."
+    ),
 ]
 LogDegreesOption = Annotated[
     bool | None,
     typer.Option(
         "--degrees/--radians",
-        help="Unit of the log's joint values; as in the model's own log if not given.",
+        help="Unit of the log's joint values (default: that of the log the model was made from).",
     ),
 ]
 JsonOption = Annotated[

@@ -24,7 +24,7 @@ PhotoOption = Annotated[
     ),
 ]
 NoPhotoOption = Annotated[
-    bool, typer.Option("--no-photo", help="Keep no photo in the model, and draw over none.")
+    bool, typer.Option("--no-photo", help="Keep no photo in the model and draw none.")
 ]
 
 

@@ -89,6 +89,13 @@ def view_of(model: Model) -> dict[str, Any]:
     return view
 
 
+READ_OUT = (
+    "local: body and local models; body: the body alone; linear, activity, winner: the maps and "
+    "their Hebbian links alone"
+)
+"""What the readouts are, below tables that name them."""
+
+
 def error_table(model: Model, errors: Errors, title: str) -> Table:
     """Return all errors, a line for each readout, direction and quantity."""
     about = model.about
@@ -108,7 +115,9 @@ def error_table(model: Model, errors: Errors, title: str) -> Table:
                 values = [_scaled(error, key, factor) for key in STATISTICS]
                 rows.append([label, heading, name, unit, *values])
                 label = heading = ""
-    return Table(["readout", "direction", "error of", "unit", *STATISTICS], rows, title, left=4)
+    return Table(
+        ["readout", "direction", "error of", "unit", *STATISTICS], rows, title, 4, READ_OUT
+    )
 
 
 def compact_table(model: Model, errors: Errors, title: str) -> Table:
@@ -129,7 +138,7 @@ def compact_table(model: Model, errors: Errors, title: str) -> Table:
         row += [_scaled(each, "mean", factor) for each in found]
         row.insert(2, _scaled(errors[readouts[0]][direction][name], "max", factor))
         rows.append(row)
-    return Table(["mean, and max", readouts[0], "max", *readouts[1:]], rows, title)
+    return Table(["mean, and max", readouts[0], "max", *readouts[1:]], rows, title, foot=READ_OUT)
 
 
 def size_in_words(model: Model) -> str:

@@ -231,7 +231,7 @@ def _growth(found: Comparison, fresh: Model, own: OwnResidual, nodes: Array) -> 
 
 
 def _named(best: Explanation, own: OwnResidual | None, changed: bool) -> str:
-    name = best.member.name if changed else "nothing new, rows added"
+    name = best.member.name if changed else "nothing changed, rows added"
     return name if own is None else f"{name}, and a smooth residual near the rows"
 
 

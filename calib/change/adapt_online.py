@@ -49,7 +49,7 @@ def adapt_online(found: Comparison, report: Progress) -> Adaptation:
         found.outliers,
         figures(before),
         figures(after),
-        "maps and links re-formed online",
+        "maps and Hebbian links trained online",
         tuple(c for c in causes if c.cause != "noise"),
         (),
         measured_share(model, found.q),

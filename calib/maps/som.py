@@ -208,7 +208,7 @@ class SOM:
         wiring = wiring_of(self.links)
         if self.rule == "online" and kind_of(self.map) == "som":
             if wiring.rule is not None:
-                raise OptionError("a rule of the links of your own needs rule='batch'")
+                raise OptionError("a link rule of your own needs rule='batch'")
             lattice, around = Lattice(self.size), None
             if self.neighbourhood is not None:
                 around = online.Around(lattice, self.neighbourhood)

@@ -44,7 +44,8 @@ def adapt(
             "--method",
             parser=parsing.one_of("--method", METHODS),
             metavar="|".join(METHODS),
-            help="An update of the body from a few rows, or the paper's rule on thousands of them.",
+            help="few-shot updates the body from a few rows; online applies the paper's rule to "
+            "thousands of rows.",
         ),
     ] = "few-shot",
     schema: Annotated[
@@ -52,7 +53,7 @@ def adapt(
         typer.Option(
             "--schema",
             metavar="NAME",
-            help="Name of the new state; the old one is kept in the file, see calib check.",
+            help="Name of the new state; the old state is kept in the same file.",
         ),
     ] = None,
     cause: o.CauseOption = None,

@@ -19,6 +19,12 @@ NO = 3
 MOST = 8
 """Groups that are printed."""
 
+GROUPS = (
+    "found: test statistic of a change of these parameters, above its threshold it fired; "
+    "smallest: the smallest change that these rows could have shown"
+)
+ZETA = "zeta: mean squared distance of the rows to their winning nodes, in the unit box (eq. 9)"
+
 SIGNALS = {
     "motor": "motor map, zeta",
     "sensory": "sensory map, zeta",
@@ -43,7 +49,7 @@ def check(
         typer.Option(
             "--tolerance",
             metavar="S",
-            help="Exit 3 too where the rows could not have shown a change of this size [m].",
+            help="Also exit 3 if the rows could not have shown a change of this size [m].",
         ),
     ] = None,
     columns: o.ColumnsOption = None,
@@ -106,13 +112,13 @@ def _show(drift: Drift, title: str, factor: float, name: str) -> None:
         for group in groups
     ]
     header = ["what may have changed", "found", "threshold", f"smallest [{name}]", ""]
-    show(Table(header, rows, title, left=1))
+    show(Table(header, rows, title, left=1, foot=GROUPS))
     rows = [
         [SIGNALS[key], factor_unit, number(size * found.value), number(size * found.threshold)]
         for key, found in drift.distortion.items()
         for size, factor_unit in [(factor, name) if key == "links" else (1e6, "1e-6")]
     ]
-    show(Table(["on the maps", "unit", "found", "usual"], rows, "", left=2))
+    show(Table(["on the maps", "unit", "found", "usual"], rows, "", left=2, foot=ZETA))
     for text in drift.explanations:
         tell(as_typed(text))
     verdict = "still calibrated"

@@ -29,7 +29,9 @@ def correct(
     ],
     output: Annotated[
         str | None,
-        typer.Option("--output", metavar="FILE", help="Corrected joint values, as CSV."),
+        typer.Option(
+            "--output", metavar="FILE", help="File of the corrected joint values, as CSV."
+        ),
     ] = None,
     limit: Annotated[
         float | None,

@@ -9,7 +9,7 @@ from typing import Annotated, Any
 import typer
 
 from .. import options as o
-from ..output import Notes, show_json
+from ..output import Notes, show_json, tell
 from ..parsing import BadOption
 
 
@@ -22,7 +22,7 @@ def export(
         bool, typer.Option("--float", help="Single precision, for microcontrollers.")
     ] = False,
     prefix: Annotated[
-        str, typer.Option("--prefix", metavar="NAME", help="Starts every name in the header.")
+        str, typer.Option("--prefix", metavar="NAME", help="Prefix of every name in the header.")
     ] = "calib_",
     camera: Annotated[
         str | None,
@@ -33,7 +33,7 @@ def export(
         typer.Option(
             "--transform",
             metavar="FILE.json",
-            help="Write where the camera or tracker stands as a static transform from the base.",
+            help="Write the pose of the camera or tracker in the base frame as a static transform.",
         ),
     ] = None,
     as_json: o.JsonOption = False,
@@ -69,12 +69,12 @@ def export(
         if not as_json:
             kind = "float" if single else "double"
             kilobytes = f"tables of {header.tables / 1024:.1f} kB, {size / 1e3:.0f} kB text"
-            print(f"{output}: {kind}, {kilobytes}")
+            tell(f"{output}: {kind}, {kilobytes}")
     for option, text in texts.items():
         atomic_write(paths[option], text.encode())
         document[option.removeprefix("--")] = paths[option]
         if not as_json:
             what = "camera_info" if option == "--camera" else "static transform"
-            print(f"{paths[option]}: {what}")
+            tell(f"{paths[option]}: {what}")
     if as_json:
         show_json(document)

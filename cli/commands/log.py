@@ -41,14 +41,19 @@ def log(
     ],
     joints_topic: Annotated[
         str | None,
-        typer.Option("--joints-topic", metavar="TOPIC", help="JointState; found if only one."),
+        typer.Option(
+            "--joints-topic",
+            metavar="TOPIC",
+            help="Topic of the JointState messages; found if there is one only.",
+        ),
     ] = None,
     tip_topic: Annotated[
         str | None,
         typer.Option(
             "--tip-topic",
             metavar="TOPIC",
-            help="PointStamped, PoseStamped, TransformStamped or tf; found if only one.",
+            help="Topic of the positions (PointStamped, PoseStamped, TransformStamped or tf); "
+            "found if there is one only.",
         ),
     ] = None,
     frames: Annotated[
@@ -57,7 +62,7 @@ def log(
             "--frames",
             parser=parsing.names("--frames"),
             metavar="SENSOR,TIP",
-            help="Of tf: the sensor's frame and the tip's; found if only one transform moves.",
+            help="For tf: frames of the sensor and of the tip; found if one transform only moves.",
         ),
     ] = None,
     joints: o.JointsOption = None,
@@ -67,7 +72,7 @@ def log(
             "--max-gap",
             parser=_above_zero("--max-gap"),
             metavar="S",
-            help="Leave out positions between joint states further apart [s].",
+            help="Drop positions between joint states that are further apart than this [s].",
         ),
     ] = 0.1,
     still: Annotated[
@@ -76,7 +81,7 @@ def log(
             "--still",
             parser=_above_zero("--still"),
             metavar="SPEED",
-            help="Leave out positions taken while a joint moved faster [rad/s or m/s].",
+            help="Drop positions taken while a joint moved faster than this [rad/s or m/s].",
         ),
     ] = None,
     time_offset: Annotated[
@@ -85,26 +90,30 @@ def log(
             "--time-offset",
             parser=c.offset_or_auto,
             metavar="auto|S",
-            help="Added to the times of the positions [s]; of a video found if not given, of a "
-            "bag 0.",
+            help="Added to the times of the positions [s]; auto finds it for a video and is 0 "
+            "for a bag.",
         ),
     ] = "auto",
     rests: Annotated[
         bool,
-        typer.Option("--rests", help="Of a video take the median of each rest: the default."),
+        typer.Option("--rests", help="For a video, take the median of each rest (the default)."),
     ] = False,
     joints_file: Annotated[
         str | None,
         typer.Option(
             "--joints-file",
             metavar="FILE",
-            help="Joints of pictures (column picture, or in order) or of a video (column time).",
+            help="Joint values of the pictures (column picture, or in their order) or of the "
+            "video (column time).",
         ),
     ] = None,
     tag: Annotated[
         int | None,
         typer.Option(
-            "--tag", parser=parsing.whole("--tag", 0), metavar="ID", help="The tag on the tip."
+            "--tag",
+            parser=parsing.whole("--tag", 0),
+            metavar="ID",
+            help="Number of the tag on the tip.",
         ),
     ] = None,
     dictionary: c.DictionaryOption = c.DICTIONARY,
@@ -120,7 +129,8 @@ def log(
         typer.Option(
             "--lens",
             metavar="SHOTS|lens.json",
-            help="Pictures of the board to calibrate the camera from, or what that wrote.",
+            help="Pictures of the board that calibrate the camera, or the lens.json of an "
+            "earlier run.",
         ),
     ] = None,
     tag_size: Annotated[
@@ -130,7 +140,9 @@ def log(
     tag_height: Annotated[
         str | None,
         typer.Option(
-            "--tag-height", metavar="25mm", help="The tip's tag above the board or the tags."
+            "--tag-height",
+            metavar="25mm",
+            help="Height of the tip's tag above the board or the tags.",
         ),
     ] = None,
     pose: Annotated[
@@ -140,12 +152,12 @@ def log(
     since: Annotated[
         str | None,
         typer.Option(
-            "--since", metavar="LOG", help="An earlier log: tell how far the camera moved."
+            "--since", metavar="LOG", help="An earlier log; prints how far the camera moved since."
         ),
     ] = None,
     picture: Annotated[
         str | None,
-        typer.Option("--picture", metavar="seen.png", help="Draw what was seen over a photo."),
+        typer.Option("--picture", metavar="seen.png", help="Draw the detections over a photo."),
     ] = None,
     degrees: o.DegreesOption = False,
     prismatic: o.PrismaticOption = None,
@@ -153,7 +165,7 @@ def log(
 ) -> None:
     """Turn a ROS bag, pictures or a video into a log of joints and positions.
 
-    Exit code 3 if no offset brings the clocks of a video and its joints together, or several do.
+    Exit code 3 if no clock offset, or more than one, fits a video to its joints.
     """
     notes = Notes()
     shooting = c.Shooting(

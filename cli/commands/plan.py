@@ -76,7 +76,7 @@ def plan(
             "--from",
             parser=numbers("--from"),
             metavar="Q1,Q2",
-            help="Where the joints are before the first pose; neutral if not given.",
+            help="Joint values before the first pose; neutral if not given.",
         ),
     ] = None,
     keep: Annotated[
@@ -92,7 +92,9 @@ def plan(
     data: Annotated[
         str | None,
         typer.Option(
-            "--data", metavar="LOG", help="What was measured already: plan what it leaves out."
+            "--data",
+            metavar="LOG",
+            help="A log of what was measured already; the plan covers the rest.",
         ),
     ] = None,
     columns: o.ColumnsOption = None,
@@ -102,7 +104,7 @@ def plan(
 ) -> None:
     """Plan poses to measure: within the limits, well spread, with short moves between them.
 
-    Obstacles and self-collision are not looked at: try the poses slowly first.
+    Obstacles and self-collision are not checked: move slowly the first time.
     """
     if as_json and output == "-":
         raise BadOption("--json and --output '-' both want standard output: expected one of them")

@@ -23,13 +23,16 @@ MeshesOption = Annotated[
     typer.Option(
         "--meshes",
         metavar="FOLDER",
-        help="Where the mesh files are that the URDF names; nothing outside of it is read.",
+        help="Folder of the URDF's mesh files; nothing outside of it is read.",
     ),
 ]
 PortOption = Annotated[
     int,
     typer.Option(
-        "--port", parser=parsing.whole("--port", 0), metavar="N", help="Port (default any)."
+        "--port",
+        parser=parsing.whole("--port", 0),
+        metavar="N",
+        help="Port of the page (default: any free port).",
     ),
 ]
 
@@ -38,7 +41,11 @@ def preview(
     model: o.ModelArgument,
     html: Annotated[
         str | None,
-        typer.Option("--html", metavar="FILE", help="Write the page, which needs no network."),
+        typer.Option(
+            "--html",
+            metavar="FILE",
+            help="Write the page into a file, which needs no network, and end.",
+        ),
     ] = None,
     data: o.DataOption = None,
     columns: o.ColumnsOption = None,
@@ -53,7 +60,9 @@ def preview(
     ] = False,
     live: Annotated[
         bool,
-        typer.Option("--live", help="A target to drag, with every way of reaching it."),
+        typer.Option(
+            "--live", help="Show a target that can be dragged, and every inverse solution for it."
+        ),
     ] = False,
 ) -> None:
     """Show the arm and its learned maps in a browser, with meshcat."""

@@ -37,7 +37,7 @@ SUBJECTS = (
 SubjectArgument = Annotated[
     str,
     typer.Argument(
-        parser=parsing.one_of("WHAT", SUBJECTS), metavar="|".join(SUBJECTS), help="What to redo."
+        parser=parsing.one_of("WHAT", SUBJECTS), metavar="|".join(SUBJECTS), help="What to repeat."
     ),
 ]
 
@@ -48,7 +48,7 @@ def reproduce(
         str, typer.Option("--output", "-o", metavar="DIR", help="Folder of the CSV files, figures.")
     ] = "reproduced",
     quick: Annotated[
-        bool, typer.Option("--quick", help="Small lattices and few samples: does it all run?")
+        bool, typer.Option("--quick", help="Use small lattices and few samples, for a quick trial.")
     ] = False,
     data: Annotated[
         str | None,
@@ -56,7 +56,7 @@ def reproduce(
     ] = None,
     robot: Annotated[
         str | None,
-        typer.Option("--robot", metavar="ROBOT", help="Another arm of two joints that turn."),
+        typer.Option("--robot", metavar="ROBOT", help="Another arm with two revolute joints."),
     ] = None,
     ranges: o.RangeOption = None,
     lengths: Annotated[
@@ -71,14 +71,14 @@ def reproduce(
             "--format",
             parser=parsing.one_of("FORMAT", FORMATS),
             metavar="|".join(FORMATS),
-            help="Of the figures; repeatable (default png).",
+            help="File type of the figures; repeatable (default png).",
         ),
     ] = None,
     degrees: o.DegreesOption = False,
     seed: o.SeedOption = 0,
     as_json: o.JsonOption = False,
 ) -> None:
-    """Redo the paper's tables, figures and experiments, its figures beside ours."""
+    """Repeat the paper's tables, figures and experiments, with its numbers beside ours."""
     from calib.paper.setting import ROBOT, Setting
 
     folder = Path(output)

@@ -33,7 +33,7 @@ def sweep(
         list[str] | None,
         typer.Argument(
             metavar="ROBOT...",
-            help="URDF files or bundled robots (calib robots). Not needed with --data.",
+            help="URDF files or bundled robots (calib robots). Optional with --data.",
         ),
     ] = None,
     data: Annotated[
@@ -124,7 +124,7 @@ def sweep(
             "--seeds",
             parser=parsing.whole("--seeds", 1, _MOST_SEEDS),
             metavar="K",
-            help="Train each combination so many times, with the seeds 0, 1, 2 and so on.",
+            help="Train each combination this many times, with the seeds 0, 1, 2 and so on.",
         ),
     ] = 1,
     jobs: Annotated[
@@ -142,7 +142,8 @@ def sweep(
             "--backend",
             parser=parsing.one_of("--backend", BACKENDS),
             metavar="|".join(BACKENDS),
-            help="Where they run: processes or threads of this machine, or a Dask or Ray cluster.",
+            help="Run the trainings in processes or threads of this machine, or on a Dask or Ray "
+            "cluster.",
         ),
     ] = "loky",
     readout: Annotated[

@@ -17,7 +17,7 @@ def tag(
     ],
     number: Annotated[
         int | None,
-        typer.Argument(metavar="ID", parser=parsing.whole("ID", 0), help="Which tag."),
+        typer.Argument(metavar="ID", parser=parsing.whole("ID", 0), help="Number of the tag."),
     ] = None,
     size: Annotated[
         str,
