@@ -7,7 +7,8 @@ from collections.abc import Iterable, Mapping, Sequence
 from typing import TYPE_CHECKING, Any
 
 from .output import fixed
-from .parsing import BadOption, JointRange, JointValue, bad_option
+from .parsing import JointRange, JointValue
+from .usage import BadOption, bad_option
 
 if TYPE_CHECKING:
     from calib.arm.arm import Arm
@@ -36,6 +37,14 @@ def units_of(about: About, frame: str = "sensor") -> dict[str, Any]:
     joints = dict(zip(about.joint_names, about.units_of_joints, strict=True))
     unit = "m" if frame == "base" else about.unit
     return {"joints": joints, "positions": unit, "seconds": "s"}
+
+
+def meaning(about: About, frame: str = "sensor") -> dict[str, Any]:
+    """What the numbers of an answer mean, for JSON: their units, and what a bound is of."""
+    if frame == "base":
+        units = units_of(about, frame)
+        return {"frame": frame, "unit": "m", "bound_of": "true position", "units": units}
+    return {"unit": about.unit, "bound_of": about.bound_of, "units": units_of(about)}
 
 
 class JointFormat:

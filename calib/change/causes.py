@@ -12,6 +12,7 @@ from ..model.alignment import Alignment
 from ..samples.plausibility import unit_hint
 from .alike import same_as_first_joint, same_as_scale
 from .cause import Cause
+from .members import NOTHING
 from .parameter_causes import SIGNIFICANT, of_parameters, single
 from .whitening import scaled
 
@@ -44,7 +45,7 @@ def find_causes(comparison: Comparison, drifted: bool) -> tuple[tuple[Cause, ...
     elif drifted:
         found += _of_frame(comparison)
         best = comparison.explanations[0]
-        if comparison.changed:
+        if comparison.changed and best.member != NOTHING:
             found += of_parameters(comparison, best)
         elif not found:
             found += _of_tests(comparison)

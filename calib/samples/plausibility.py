@@ -55,21 +55,10 @@ def check_against_robot(
         What messages call the log.
     arm : Arm
         Its kinematics are nominal: errors of some percent are none.
-    q : (n, dof) array [rad or m]
-        Joint values in the order of the log.
-    x : (n, m) array [unit]
-        Positions.
-    unit : str
-        Unit that was said of the positions.
-    names : sequence of str
-        The joints.
+    q, x : (n, dof) array [rad or m], (n, m) array [unit]
+        Joint values and positions in the order of the log.
     fitted_plane : bool
         Whether the axes of the positions are those of a plane that was fitted to x, y, z.
-
-    Returns
-    -------
-    list of str
-        What the user should be told.
 
     Raises
     ------

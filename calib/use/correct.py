@@ -183,19 +183,32 @@ def correct_one(model: Model, q: ArrayLike) -> Array | None:
 
     The answer is that of :func:`correct` with its own limit; NaN beyond it.
     """
-    if model.single is None:
+    single = model.single
+    if single is None:
         return None
-    nominal = wanted(model, "auto", "sensor")
-    if nominal.single is None:
+    nominal, limits = wanted(model, "auto", "sensor"), _usual(model)
+    target, near = nominal.single, nominal.near_one
+    if target is None:
         return None
-    found = model.single.towards(q, nominal.single)
+
+    def solve(row: list[float]) -> list[float] | None:
+        if near is not None:
+            there = near(row)
+            if there is None or nominal.pose is None or not _beyond(there, row, limits):
+                return there
+        return single.reach(target(row), row)
+
+    found = single.beside(q, solve)
     if found is None:
         return None
     asked: list[float] = np.asarray(q, dtype=float).tolist()
-    for new, old, limit in zip(found, asked, _usual(model), strict=True):
-        if abs(new - old) > limit:
-            return np.full(len(found), np.nan)
-    return np.array(found)
+    return np.full(len(found), np.nan) if _beyond(found, asked, limits) else np.array(found)
+
+
+def _beyond(found: list[float], asked: list[float], limits: list[float]) -> bool:
+    """Whether a joint changes by more than its limit."""
+    parts = zip(found, asked, limits, strict=True)
+    return any(abs(new - old) > limit for new, old, limit in parts)
 
 
 _limits: WeakKeyDictionary[Model, dict[str, list[float]]] = WeakKeyDictionary()

@@ -8,14 +8,15 @@ import typer
 
 from .. import options as o
 from ..measurements import log_for
-from ..output import Notes, Table, number, show, show_json, tell
+from ..output import NO, Notes, Table, number, show, show_json, tell
+from ..parsing import number as number_of
 from ..translation import as_typed
 from ..units import for_people, units_of
+from ..usage import option
 
 if TYPE_CHECKING:
     from calib import Drift
 
-NO = 3
 MOST = 8
 """Groups that are printed."""
 
@@ -35,21 +36,14 @@ SIGNALS = {
 
 def check(
     model: o.ModelArgument,
-    data: Annotated[
-        str,
-        typer.Option(
-            "--data",
-            metavar="LOG",
-            help="New samples: CSV or Parquet with the joints' columns and x, y.",
-        ),
-    ],
+    data: o.NewLogOption,
     cause: o.CauseOption = None,
     tolerance: Annotated[
         float | None,
-        typer.Option(
-            "--tolerance",
-            metavar="S",
-            help="Also exit 3 if the rows could not have shown a change of this size [m].",
+        option(
+            "--tolerance S",
+            "Exit 3 too where the rows could not have shown a change of this size [m].",
+            number_of("a number [m]"),
         ),
     ] = None,
     columns: o.ColumnsOption = None,

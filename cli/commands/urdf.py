@@ -8,41 +8,36 @@ import typer
 
 from .. import options as o
 from .. import parsing
-from ..output import Notes, Table, fixed, note, number, show, show_json, tell
+from ..output import NO, Notes, Table, fixed, note, number, show, show_json, tell
 from ..units import for_people, units_of
+from ..usage import flag, option
 
 if TYPE_CHECKING:
     from calib.use.geometry import Geometry
     from calib.use.spatial_geometry import SpatialGeometry
 
-NO = 3
-
 
 def urdf(
     model: o.ModelArgument,
-    output: Annotated[
-        str, typer.Option("--output", "-o", metavar="URDF", help="The corrected description.")
-    ],
+    output: Annotated[str, option("--output -o URDF", "The corrected description.")],
     view: o.ViewOption = "auto",
     cause: o.BlameOption = "sensor",
     move_base: Annotated[
-        bool,
-        typer.Option("--move-base", help="Fit the place of the first joint as well."),
+        bool, flag("--move-base", "Fit the place of the first joint as well.")
     ] = False,
     move_tip: Annotated[
         bool,
-        typer.Option(
+        flag(
             "--move-tip",
-            help="Write the sensed point of a spatial arm as its tip; else it is a probe or a tag.",
+            "Write the sensed point of a spatial arm as its tip; else it is a probe or a tag.",
         ),
     ] = False,
     residual: Annotated[
         float | None,
-        typer.Option(
-            "--residual",
-            parser=parsing.percent("--residual"),
-            metavar="P%",
-            help="Largest residual that is accepted, as a share of the arm's reach (default 1%).",
+        option(
+            "--residual P%",
+            "Largest residual that is accepted, as a share of the arm's reach (default 1%).",
+            parsing.percent,
         ),
     ] = None,
     as_json: o.JsonOption = False,
