@@ -6,7 +6,7 @@ from collections.abc import Mapping
 from typing import TYPE_CHECKING
 
 from .output import Notes
-from .parsing import BadOption
+from .usage import refuse
 
 if TYPE_CHECKING:
     from calib.model.model import Model
@@ -92,9 +92,8 @@ def log_of(
 ) -> Samples | None:
     """Read a log to look at, with a note where it does not fit the model; None for none."""
     if path is None:
-        for option, value in (("--columns", columns), ("--degrees", degrees), ("--unit", unit)):
-            if value is not None:
-                raise BadOption(f"{option} applies to a log: expected --data LOG too")
+        of_logs = {"--columns": columns, "--degrees": degrees, "--unit": unit}
+        refuse(of_logs, "applies to a log: expected --data LOG too")
         return None
     log = log_for(model, path, columns, degrees, unit, notes)
     notes.say(doubt(model, log))
@@ -125,5 +124,5 @@ def doubt(model: Model, log: Samples) -> list[str]:
     times = f"; its positions extend over {ratio:.4g} times the model's{hint}" if hint else ""
     return [
         "the log does not fit the model: the median distance from predicted to measured position "
-        f"is {typical / size:.2g} of their spread{times}; calib check names the cause"
+        f"is {typical / size:.2g} times their spread{times}; calib check names the cause"
     ]

@@ -20,9 +20,7 @@ PhotoOption = Annotated[
         "A picture, or a video, by the camera that made the log: the map is drawn over it.",
     ),
 ]
-NoPhotoOption = Annotated[
-    bool, flag("--no-photo", "Keep no photo in the model, and draw over none.")
-]
+NoPhotoOption = Annotated[bool, flag("--no-photo", "Keep no photo in the model and draw none.")]
 
 
 def photo_of_log(model: Model, log: Samples, data: str, notes: Notes) -> Model:

@@ -231,7 +231,7 @@ def _growth(found: Comparison, fresh: Model, own: OwnResidual, nodes: Array) -> 
 
 
 def _named(best: Explanation, own: OwnResidual | None, changed: bool) -> str:
-    name = "nothing new, rows added"
+    name = "nothing changed, rows added"
     if changed:
         shape = "waves of the joints" if best.waves > CREEP else "a smooth residual"
         name = shape if best.member == NOTHING else best.member.name

@@ -31,14 +31,15 @@ def adapt(
         choice(
             "--method",
             METHODS,
-            "An update of the body from a few rows, or the paper's rule on thousands of them.",
+            "few-shot updates the body from a few rows; online applies the paper's rule to "
+            "thousands of rows.",
         ),
     ] = "few-shot",
     schema: Annotated[
         str | None,
         option(
             "--schema NAME",
-            "Name of the new state; the old one is kept in the file, see calib check.",
+            "Name of the new state; the old state is kept in the same file.",
         ),
     ] = None,
     cause: o.CauseOption = None,

@@ -42,7 +42,7 @@ def check(
         float | None,
         option(
             "--tolerance S",
-            "Exit 3 too where the rows could not have shown a change of this size [m].",
+            "Also exit 3 if the rows could not have shown a change of this size [m].",
             number_of("a number [m]"),
         ),
     ] = None,

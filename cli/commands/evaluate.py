@@ -9,7 +9,6 @@ from ..measurements import log_of
 from ..output import Notes, show, show_json
 from ..sketch import show_sketch
 from ..summary import error_table, summary
-from ..usage import refuse
 
 
 def evaluate(
@@ -23,8 +22,6 @@ def evaluate(
     """Print the errors of a model, on fresh samples or on a log."""
     import calib
 
-    if data is None:
-        refuse({"--columns": columns}, "applies to a log: expected --data LOG too")
     loaded = calib.load(model)
     log = log_of(loaded, data, columns, degrees, unit, Notes())
     started = time.perf_counter()

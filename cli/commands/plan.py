@@ -52,7 +52,7 @@ def plan(
         Numbers | None,
         option(
             "--from Q1,Q2",
-            "Where the joints are before the first pose; neutral if not given.",
+            "Joint values before the first pose; neutral if not given.",
             numbers,
         ),
     ] = None,
@@ -66,7 +66,8 @@ def plan(
         ),
     ] = None,
     data: Annotated[
-        str | None, option("--data LOG", "What was measured already: plan what it leaves out.")
+        str | None,
+        option("--data LOG", "A log of what was measured already; the plan covers the rest."),
     ] = None,
     columns: o.ColumnsOption = None,
     seed: o.SeedOption = 0,

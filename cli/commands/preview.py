@@ -10,9 +10,8 @@ from .. import options as o
 from .. import parsing
 from ..measurements import log_of
 from ..output import Notes, note, tell
-from ..parsing import Columns
 from ..photo import NoPhotoOption, PhotoOption, shown
-from ..usage import BadOption, flag, option, refuse
+from ..usage import BadOption, flag, option
 
 if TYPE_CHECKING:
     from calib.model.model import Model
@@ -21,16 +20,19 @@ MeshesOption = Annotated[
     str | None,
     option(
         "--meshes FOLDER",
-        "Where the mesh files are that the URDF names; nothing outside of it is read.",
+        "Folder of the URDF's mesh files; nothing outside of it is read.",
     ),
 ]
-PortOption = Annotated[int, option("--port N", "Port (default any).", parsing.whole(0, 65535))]
+PortOption = Annotated[
+    int, option("--port N", "Port of the page (default: any free port).", parsing.whole(0, 65535))
+]
 
 
 def preview(
     model: o.ModelArgument,
     html: Annotated[
-        str | None, option("--html FILE", "Write the page, which needs no network.")
+        str | None,
+        option("--html FILE", "Write the page into a file, which needs no network, and end."),
     ] = None,
     data: o.DataOption = None,
     columns: o.ColumnsOption = None,
@@ -42,7 +44,8 @@ def preview(
     port: PortOption = 0,
     no_open: Annotated[bool, flag("--no-open", "Print the address and open no browser.")] = False,
     live: Annotated[
-        bool, flag("--live", "A target to drag, with every way of reaching it.")
+        bool,
+        flag("--live", "Show a target that can be dragged, and every inverse solution for it."),
     ] = False,
 ) -> None:
     """Show the arm and its learned maps in a browser, with meshcat."""
@@ -101,18 +104,3 @@ def checked_folder(meshes: str | None) -> Path | None:
     if not folder.is_dir():
         raise BadOption(f"--meshes {meshes!r}: expected the folder of the URDF's mesh files")
     return folder
-
-
-def log_of(
-    model: Model,
-    data: str | None,
-    columns: Columns | None,
-    degrees: bool | None,
-    notes: Notes,
-) -> Samples | None:
-    """Read a log of a model's own arm, None where none is given."""
-    if data is None:
-        of_logs = {"--columns": columns, "--degrees": degrees}
-        refuse(of_logs, "applies to a log: expected --data LOG too")
-        return None
-    return log_for(model, data, columns, degrees, None, notes)

@@ -10,7 +10,6 @@ from ..measurements import log_of
 from ..output import Notes, tell
 from ..photo import NoPhotoOption, PhotoOption, shown
 from ..usage import BadOption, option
-from .preview import log_of
 
 
 def report(
