@@ -6,7 +6,7 @@ from pathlib import Path
 from typing import Annotated, Any
 
 from .. import options as o
-from ..output import Notes, show_json
+from ..output import Notes, show_json, tell
 from ..usage import BadOption, flag, option
 
 
@@ -69,4 +69,5 @@ def export(
     if as_json:
         show_json(document)
     else:
-        print("\n".join(told))
+        for line in told:
+            tell(line)
