@@ -79,6 +79,13 @@ def view_of(model: Model) -> dict[str, Any]:
     return view
 
 
+READ_OUT = (
+    "local: body and local models; body: the body alone; linear, activity, winner: the maps and "
+    "their Hebbian links alone"
+)
+"""What the readouts are, below tables that name them."""
+
+
 def error_table(model: Model, errors: Errors, title: str) -> Table:
     """Return all errors, a line for each readout, direction and quantity."""
     rows = []
@@ -90,7 +97,8 @@ def error_table(model: Model, errors: Errors, title: str) -> Table:
             values = [_scaled(errors[readout][direction][name], k, factor) for k in STATISTICS]
             rows.append([labels[0], shown, name, unit, *values])
             labels = ["", direction]
-    return Table(["readout", "direction", "error of", "unit", *STATISTICS], rows, title, left=4)
+    header = ["readout", "direction", "error of", "unit", *STATISTICS]
+    return Table(header, rows, title, left=4, foot=READ_OUT)
 
 
 def compact_table(model: Model, errors: Errors, title: str) -> Table:
@@ -106,7 +114,7 @@ def compact_table(model: Model, errors: Errors, title: str) -> Table:
             for k in ("mean", "max")
         )
         rows.append([f"{direction} {name} [{unit}]", means[0], largest[0], *means[1:]])
-    return Table(["mean, and max", best, "max", *others], rows, title)
+    return Table(["mean, and max", best, "max", *others], rows, title, foot=READ_OUT)
 
 
 def _ordered(errors: Errors) -> list[str]:

@@ -89,11 +89,11 @@ def adapt(
     with one_blas_thread():
         found = compare(model, log, cause)
         if method == "online":
-            return adapt_online(found, log, progress or (lambda *_: None))
-        return _few_shot(found, log, progress or (lambda *_: None))
+            return adapt_online(found, progress or (lambda *_: None))
+        return _few_shot(found, progress or (lambda *_: None))
 
 
-def _few_shot(found: Comparison, log: Samples, report: Progress) -> Adaptation:
+def _few_shot(found: Comparison, report: Progress) -> Adaptation:
     model, reference = found.model, found.reference
     report(0.0, "members", float("nan"))
     changed = found.changed and found.explained
@@ -140,7 +140,7 @@ def _few_shot(found: Comparison, log: Samples, report: Progress) -> Adaptation:
     fresh = _carried(found, body, own, anew=fit is not None)
     frame = frame_between(found, moved.beta) if chosen[0][1].member.framed else None
     report(1.0, "done", float(after.mean()))
-    return replace(made, model=finished(found, log, made, fresh, after, "few-shot", frame))
+    return replace(made, model=finished(found, made, fresh, after, "few-shot", frame))
 
 
 def _followed(found: Comparison, own: OwnResidual | None) -> bool:
@@ -231,7 +231,7 @@ def _growth(found: Comparison, fresh: Model, own: OwnResidual, nodes: Array) -> 
 
 
 def _named(best: Explanation, own: OwnResidual | None, changed: bool) -> str:
-    name = "nothing new, rows added"
+    name = "nothing changed, rows added"
     if changed:
         shape = "waves of the joints" if best.waves > CREEP else "a smooth residual"
         name = shape if best.member == NOTHING else best.member.name

@@ -19,7 +19,7 @@ from .cause import Cause
 from .comparison import Comparison
 
 if TYPE_CHECKING:
-    from ..samples.samples import Samples
+    pass
 
 _CELLS = 5  # along each joint, for the share of the range that a log measured
 _BASELINE = 6000  # imagined samples that tell what is usual after an adaptation
@@ -70,7 +70,6 @@ class Adaptation:
 
 def finished(
     found: Comparison,
-    log: Samples,
     made: Adaptation,
     fresh: Model,
     after: Array,
@@ -104,9 +103,7 @@ def finished(
             "mean": usual.get("mean"),
         },
     }
-    unit = log.unit
-    if log.unit == old.about.unit and found.reference.scale != 1.0:
-        unit = "sensor"
+    unit = found.unit_seen
     about = replace(
         old.about,
         source="log",

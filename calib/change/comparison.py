@@ -76,6 +76,12 @@ class Comparison:
         """Positions (n, m) without what maps add to the body [unit]."""
         return self.x - self.offset
 
+    @property
+    def unit_seen(self) -> str:
+        """Unit of the positions; "sensor" where their scale shows that it is not the model's."""
+        told = self.unit != self.model.about.unit or self.reference.scale == 1.0
+        return self.unit if told else "sensor"
+
     @cached_property
     def belief(self) -> Body:
         """The belief that a changed arm starts from."""
@@ -171,7 +177,9 @@ class Comparison:
                 f"{told}; they follow the joints by {self.lag} rows: align the clocks of both, or "
                 f"shift the columns by {self.lag} rows"
             )
-        return f"{told}; are the rows of joints and positions in the same order, of this arm?"
+        return (
+            f"{told}; check that joints and positions of a row belong together and are of this arm"
+        )
 
 
 def compare(model: Model, log: Samples, cause: str | None = None) -> Comparison:
@@ -194,7 +202,7 @@ def compare(model: Model, log: Samples, cause: str | None = None) -> Comparison:
     """
     if model.baseline is None or "body" not in model.about.options:
         raise ModelError(
-            "the model is of an older format and keeps no belief about its arm: train it again"
+            "the model has an older format without a posterior of its body: train it again"
         )
     rows = comparable(model, log)
     q = model.motor.scale.from_unit(rows.u)
