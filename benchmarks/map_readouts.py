@@ -56,19 +56,31 @@ def table(networks: list[tuple[str, int, float | None]], n: int, seeds: int) -> 
 
 
 def small(seeds: int) -> None:
-    """Errors of the default varying density over those of the plain map on small lattices."""
+    """Errors of the default varying density over those of the plain map on small lattices.
+
+    Each seed gives one ratio, of the same samples and test points; their mean and its standard
+    error are printed, forward and of the joints.
+    """
     print("| nodes | rows | " + " | ".join(f"{r} x, y; joints" for r in MAP_READOUTS) + " |")
     for side in (6, 8, 10, 14, 20, 30):
         for n in (500, 2000, 20_000):
-            ratio = []
-            for readout in MAP_READOUTS:
-                parts = {}
-                for network in ("som", "vdsom"):
-                    runs = [trained(network, side, n, seed) for seed in range(seeds)]
-                    e = np.mean([errors(p, u, v, readout).mean(axis=0) for p, u, v, _ in runs], 0)
-                    parts[network] = np.array([e[:2].sum(), e[2:].sum()])
-                ratio.append("{:.2f}; {:.2f}".format(*(parts["vdsom"] / parts["som"])))
-            print(f"| {side}x{side} | {n} | " + " | ".join(ratio) + " |", flush=True)
+            ratio = np.array([_ratio(side, n, seed) for seed in range(seeds)])
+            mean, error = ratio.mean(axis=0), ratio.std(axis=0, ddof=1) / np.sqrt(seeds)
+            cells = [
+                "; ".join(f"{m:.3f} +- {e:.3f}" for m, e in zip(*both, strict=True))
+                for both in zip(mean, error, strict=True)
+            ]
+            print(f"| {side}x{side} | {n} | " + " | ".join(cells) + " |", flush=True)
+
+
+def _ratio(side: int, n: int, seed: int) -> np.ndarray:
+    """Mean errors (readouts, 2) of the varying density over those of the plain map."""
+    found = []
+    for network in ("vdsom", "som"):
+        pair, u, v, _ = trained(network, side, n, seed)
+        each = [errors(pair, u, v, readout).mean(axis=0) for readout in MAP_READOUTS]
+        found.append([(e[:2].sum(), e[2:].sum()) for e in each])
+    return np.divide(*found)
 
 
 def joints() -> None:
