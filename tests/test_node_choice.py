@@ -81,19 +81,6 @@ def test_the_defect_is_followed_and_nothing_is_said_far_from_it(defective):
     assert gap[far].max() == 0.0
 
 
-def test_a_sharp_edge_is_not_carried_over_into_calm_rows():
-    """Steep waves in a strip end at once: a polynomial that follows them would swing beyond."""
-    u, noise = rows()
-    strip = (u[:, 1] > 0.4) & (u[:, 1] < 0.6)
-    waves = np.where(strip, 5e-3 * np.sin(62.8 * (u[:, 1] - 0.4)), 0.0)
-    motor = grid(15)
-    selected = chosen(u, noise + waves[:, None], motor)
-    fresh = np.random.default_rng(1).random((4000, 2))
-    beside = np.abs(np.abs(fresh[:, 1] - 0.5) - 0.15) < 0.04  # 0.01 to 0.09 from the edge
-    said = np.linalg.norm(selected.predictor.value(fresh[beside]), axis=1)
-    assert said.mean() < 0.02 * 5e-3
-
-
 def test_held_out_errors_are_those_of_the_mixed_models(defective):
     """Rows were unseen: what remains is at least the noise, and less than the defect."""
     selected, _ = defective
