@@ -91,6 +91,9 @@ def ripple(arm: PlanarArm, amplitude: float = _RIPPLE, window: Array = _WINDOW) 
     return truth, inside
 
 
+_SHAPES: dict[str, Callable[..., Defect]] = {"bump": bump, "ripple": ripple}
+
+
 def simulated(
     name: str,
     n: int,
@@ -116,7 +119,7 @@ def simulated(
     """
     from ..arm.loading import load_arm
 
-    defect = defect or {"bump": bump, "ripple": ripple}.get(name)
+    defect = defect or _SHAPES.get(name)
     arm = load_arm(ROBOT if defect is None else "two_link")
     assert isinstance(arm, PlanarArm)  # noqa: S101
     rng = np.random.default_rng(np.random.SeedSequence(seed, spawn_key=(_STREAM,)))
