@@ -15,6 +15,7 @@ from numpy.typing import NDArray
 from calib.arm.rotations import matrix_of, quaternion_of
 from calib.errors import QueryError
 from calib.inverse.self_motions import free_directions
+from calib.model.poses import described, first_of
 from calib.model.space import Reached, Space
 from calib.samples.orientations import QUATERNION, from_angles
 
@@ -105,8 +106,11 @@ def answer_inverse(
         found = space.reach_pose(target, turn, near)
     else:
         found = space.reach_position(target, near, keep=asked.keep)
-    kept = len(found.q) if every else 1
-    rows = _rows(space, found, kept, in_base)
+    kept = first_of(found, len(found.q) if every else 1)
+    told = described(space, [kept], "base" if in_base else "sensor")
+    numbers = told.distance, told.turned, told.expected_error, told.model_error
+    columns = told.q, told.position, told.quaternion, *(each.tolist() for each in numbers)
+    rows = list(zip(*columns, strict=True))
     free = space.free(found.q[0], 6 if turn is not None else 3)[: 9 if found.reachable else 0]
     if as_json:
         document: dict[str, Any] = {"target": list(typed), "frame": "base" if in_base else "sensor"}
@@ -165,20 +169,6 @@ def _target(space: Space, asked: Asked, typed: Sequence[float]) -> Array:
     return np.asarray(
         (position if asked.frame == "base" else space.to_base(position, np.eye(3))[0])[0]
     )
-
-
-def _rows(space: Space, found: Reached, kept: int, in_base: bool) -> list[tuple[Any, ...]]:
-    """Joints, position, quaternion, distance, turn and both bounds of each answer."""
-    q, model = found.q[:kept], space.model
-    if in_base:
-        x, turns, scale = found.position[:kept], found.rotation[:kept], 1.0
-        bound = error = space.bound(q)
-    else:
-        x, turns = space.to_sensor(found.position[:kept], found.rotation[:kept])
-        scale = space.sensor[2]
-        bound, error = model.expected_error(q), model.model_error(q)
-    numbers = scale * found.away[:kept], found.turned[:kept], bound, error
-    return list(zip(q, x, quaternion_of(turns), *(n.tolist() for n in numbers), strict=True))
 
 
 def _say_missed(found: Reached, dof: int, *, posed: bool) -> None:
