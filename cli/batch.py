@@ -19,8 +19,8 @@ from calib.samples.orientations import QUATERNION
 from calib.samples.tables import Batch, read_batch, write_table
 
 from .output import Notes, note, show_json
-from .parsing import BadOption
-from .units import JointFormat, units_of
+from .units import JointFormat, meaning
+from .usage import BadOption
 
 if TYPE_CHECKING:
     from calib import Model
@@ -195,9 +195,7 @@ def _finish(
             "rows": n,
             "invalid": invalid,
             "out_of_reach": refused,
-            "unit": "m" if frame == "base" else model.about.unit,
-            "units": units_of(model.about, frame),
-            "bound_of": "true position" if frame == "base" else model.about.bound_of,
+            **meaning(model.about, frame),
         }
         if streams.target is None:
             document["answers"] = joints.in_si(columns)

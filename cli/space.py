@@ -19,9 +19,10 @@ from calib.model.poses import described, first_of
 from calib.model.space import Reached, Space
 from calib.samples.orientations import QUATERNION, from_angles
 
-from .output import Table, fixed, note, show, show_json
-from .parsing import BadOption
-from .units import JointFormat, for_people, units_of
+from .answers import answers, show_answers
+from .output import note, show_json
+from .units import JointFormat, meaning
+from .usage import BadOption
 
 if TYPE_CHECKING:
     from calib import Model
@@ -106,43 +107,31 @@ def answer_inverse(
         found = space.reach_pose(target, turn, near)
     else:
         found = space.reach_position(target, near, keep=asked.keep)
-    kept = first_of(found, len(found.q) if every else 1)
-    told = described(space, [kept], "base" if in_base else "sensor")
-    numbers = told.distance, told.turned, told.expected_error, told.model_error
-    columns = told.q, told.position, told.quaternion, *(each.tolist() for each in numbers)
-    rows = list(zip(*columns, strict=True))
+    frame = "base" if in_base else "sensor"
+    told = described(space, [first_of(found, len(found.q) if every else 1)], frame)
+    names = ("position", "quaternion", "distance", "turned", "expected_error", "model_error")
+    solutions = answers(joints, told.q, **{name: getattr(told, name) for name in names})
     free = space.free(found.q[0], 6 if turn is not None else 3)[: 9 if found.reachable else 0]
     if as_json:
-        document: dict[str, Any] = {"target": list(typed), "frame": "base" if in_base else "sensor"}
+        document: dict[str, Any] = {"target": list(typed), "frame": frame}
         if asked.height is not None:
             document["on_plane"] = {"z": asked.height, "position": target.tolist(), "unit": "m"}
         if wanted is not None:
             document["quaternion"] = wanted.tolist()
         document |= {
             "reachable": found.reachable,
-            "solutions": [
-                {
-                    "joints": dict(zip(joints.names, q, strict=True)),
-                    "position": x,
-                    "quaternion": quaternion,
-                    "distance": away,
-                    "turned": turned,
-                    "expected_error": bound,
-                    "model_error": error,
-                }
-                for q, x, quaternion, away, turned, bound, error in rows
-            ],
+            "solutions": solutions,
             "free": [dict(zip(joints.names, row, strict=True)) for row in free],
-            "unit": "m" if in_base else model.about.unit,
-            "bound_of": "true position" if in_base else model.about.bound_of,
-            "units": units_of(model.about, "base" if in_base else "sensor"),
+            **meaning(model.about, frame),
         }
         show_json(document)
     else:
         if asked.height is not None:
             x, y, z = 1e3 * target
             note(f"the pixel shows ({x:.2f}, {y:.2f}, {z:.2f}) mm of the base frame")
-        _show(model, joints, rows, in_base, posed=turn is not None)
+        shown = ["distance", *(["turned"] if turn is not None else []), "expected_error"]
+        unit = "m" if in_base else model.about.unit
+        show_answers(joints, solutions, unit, "xyz", shown)
     if in_base and not space.sees(target):
         note("the camera's picture does not show the target")
     if not found.reachable:
@@ -202,21 +191,6 @@ def free_of(model: Model, q: Any) -> Array:
     u = model.motor.scale.to_unit(np.asarray(q, dtype=float)[None])
     slope = model.predictor.value_and_slope(u)[1][0] / model.motor.scale.span
     return free_directions(slope)
-
-
-def _show(
-    model: Model, joints: JointFormat, rows: Sequence[Any], in_base: bool, *, posed: bool
-) -> None:
-    factor, unit = for_people("m" if in_base else model.about.unit)
-    header = [*joints.header, *(f"{axis} [{unit}]" for axis in "xyz"), f"distance [{unit}]"]
-    header += [*(["turned [deg]"] if posed else []), f"expected error [{unit}]"]
-    cells = []
-    for q, x, _, away, turned, bound, _ in rows:
-        row = [joints.cell(k, value) for k, value in enumerate(q)]
-        row += [fixed(value * factor, 4) for value in (*x, away)]
-        row += [fixed(np.degrees(turned), 4)] if posed else []
-        cells.append([*row, fixed(bound * factor, 4)])
-    show(Table(header, cells, "", left=0))
 
 
 def seen_forward(model: Model, values: Any, frame: str) -> dict[str, Array]:

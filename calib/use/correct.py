@@ -37,6 +37,11 @@ FREE_FRAME = (
     "the log is in the robot's root frame, give `view='base'`"
 )
 
+CAUSE_OF_NOTHING = (
+    "`cause='joints'` applies to what an adaptation found; this frame was fitted to the model's "
+    "own log, so the first joint's offset stays zero"
+)
+
 TURNED_FRAME = (
     "an adaptation found that the sensor's frame turned, which is not corrected; an offset of the "
     "first joint looks the same: if the sensor stayed, give `cause='joints'`"
@@ -145,10 +150,11 @@ def correct(
     target, answer, found = _solved(model, nominal, rows, limits)
     change = found - rows
     exceeded = answer.reachable & (np.abs(change) > limits).any(axis=1)
-    notes = (FREE_FRAME,) if nominal.free else ()
+    turned = frames(model, cause)
+    notes = free_frame(model, cause) if nominal.free else ()
     if (moves_in_space(model) or nominal.near is not None) and nominal.pose is None:
         notes = (*notes, POSITIONS)
-    if any(abs(frame.angle) > _TURNED for frame in frames(model, cause)):
+    if any(abs(frame.angle) > _TURNED for frame in turned):
         notes = (*notes, TURNED_FRAME)
     return Corrected(
         found,
@@ -163,6 +169,12 @@ def correct(
         single,
         None if nominal.pose is None else nominal.pose.angle(rows, found),
     )
+
+
+def free_frame(model: Model, cause: str) -> tuple[str, ...]:
+    """Return what is assumed where the sensor's frame is fitted to the model's own log."""
+    useless = cause == "joints" and not frames(model)
+    return (FREE_FRAME, CAUSE_OF_NOTHING) if useless else (FREE_FRAME,)
 
 
 def correct_one(model: Model, q: ArrayLike) -> Array | None:
