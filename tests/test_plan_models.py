@@ -9,9 +9,10 @@ import pytest
 from models import in_space, trained
 
 import calib
+from calib.body.most_telling import greedy
 from calib.common.scale import Scale
 from calib.use.collisions import hits_itself
-from calib.use.information import most_telling, tells
+from calib.use.information import tells
 from calib.use.pose_space import space_of
 from calib.use.spread import candidates, farthest
 
@@ -83,7 +84,7 @@ def test_the_most_telling_poses_are_those_of_the_posterior():
         volumes = [np.linalg.slogdet(precision + told[k].T @ told[k])[1] for k in left]
         chosen.append(left.pop(int(np.argmax(volumes))))
         precision = precision + told[chosen[-1]].T @ told[chosen[-1]]
-    assert most_telling(told, 5).tolist() == chosen
+    assert greedy(told, 5).tolist() == chosen
 
 
 def test_a_plan_in_space_tells_more_than_a_spread_one():
