@@ -25,7 +25,7 @@ def words(structure: SpatialStructure, single: bool) -> dict[str, object]:
     """Numbers and lines that stand in the source itself."""
     lever = structure.chain.reach
     return {
-        "view": _pinhole(single) if structure.view == "pinhole" else LINEAR,
+        "view": _pinhole(structure, single) if structure.camera else LINEAR,
         "poses": _POSES,
         "pose_calm": number(_POSE_CALM, single),
         "lever": number(lever, single),
@@ -33,8 +33,9 @@ def words(structure: SpatialStructure, single: bool) -> dict[str, object]:
     }
 
 
-def _pinhole(single: bool) -> str:
-    return PINHOLE.replace("@nearest@", number(_NEAREST, single))
+def _pinhole(structure: SpatialStructure, single: bool) -> str:
+    law = PINHOLE.replace("@law@", structure.seen_as.source)
+    return law.replace("@nearest@", number(_NEAREST, single))
 
 
 def tables(structure: SpatialStructure, beta: Array, single: bool) -> str:

@@ -12,6 +12,7 @@ from numpy.typing import NDArray
 
 from ..body.planar import PlanarStructure
 from ..body.spatial import SpatialStructure
+from ..body.views import is_camera
 from ..inverse.near import position_near
 from ..model.alignment import Alignment
 from ..model.space import REACHED, Space
@@ -123,7 +124,7 @@ def _in_space(model: Model, view: str, cause: str, free: bool) -> Wanted:
 
 
 def _camera(model: Model) -> bool:
-    return model.body is not None and model.body.structure.view == "pinhole"
+    return model.body is not None and is_camera(model.body.structure.view)
 
 
 def _near(
