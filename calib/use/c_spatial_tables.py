@@ -48,7 +48,7 @@ def tables(structure: SpatialStructure, beta: Array, single: bool) -> str:
             waves[:, :, k] = beta[curve].reshape(2, HARMONICS)
     weighed = chain.masses if len(chain.masses) else np.zeros(chain.joints)
     middle = chain.centres - chain.points if len(chain.masses) else np.zeros((chain.joints, 3))
-    gravity = np.asarray(structure.gravity) / structure.torque
+    gravity = np.asarray(structure.gravity) / structure.loads.torque
     rows, dof = "CALIB_CHAIN", "CALIB_DOF"
     return (
         f"\nenum {{ CALIB_CHAIN = {chain.joints} }};\n"
