@@ -119,10 +119,7 @@ class Space:
         return np.where(known, position, np.nan), np.where(known, quaternion_of(rotation), np.nan)
 
     def bound(self, q: ArrayLike) -> Array:
-        """95 % bound (n,) on the position in the base frame [m].
-
-        The first joint's offset counts as known: it is zero by convention.
-        """
+        """95 % bound (n,) in the base frame [m], where the first offset is zero by convention."""
         return self.body.bound(np.atleast_2d(np.asarray(q, dtype=float)), noise=False)
 
     def orientation_bound(self, q: ArrayLike) -> Array:
