@@ -21,7 +21,7 @@ from calib.errors import CalibError
 
 from .interrupts import received
 from .on_demand import COMMANDS, OnDemand, plainly_read
-from .output import note, show_json, tell
+from .output import NO, note, show_json, tell
 from .translation import as_typed, option_of
 
 USAGE, INTERRUPTED = 2, 130
@@ -138,7 +138,9 @@ def describe_error(error: Exception) -> ErrorReport:
         hint = None if error.hint is None else as_typed(error.hint)
         option = option_of(error.parameter)
         kind = type(error).__name__
-        return ErrorReport(kind, as_typed(error.message), 1, hint, option, error.value)
+        # clocks that no offset brings together are an answer about the recording
+        code = NO if kind == "ClockError" else 1
+        return ErrorReport(kind, as_typed(error.message), code, hint, option, error.value)
     text, code = _text_and_code(error)
     kind = "UsageError" if code == USAGE else type(error).__name__
     option, value = getattr(error, "option", None), getattr(error, "value", None)

@@ -18,7 +18,7 @@ from calib.samples.joint_values import check_joint_values
 from calib.samples.tables import Batch, read_batch, write_table
 
 from .output import Notes, note, show_json
-from .units import JointFormat, units_of
+from .units import JointFormat, meaning
 
 if TYPE_CHECKING:
     from calib import Model
@@ -156,9 +156,7 @@ def _finish(
             "rows": n,
             "invalid": invalid,
             "out_of_reach": refused,
-            "unit": "m" if frame == "base" else model.about.unit,
-            "units": units_of(model.about, frame),
-            "bound_of": model.about.bound_of,
+            **meaning(model.about, frame),
         }
         if streams.target is None:
             document["answers"] = joints.in_si(columns)

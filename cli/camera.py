@@ -7,10 +7,9 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
-import typer
-
 from .output import Notes
-from .parsing import BadOption, bad_option, finite
+from .parsing import expects, finite
+from .usage import BadOption, option
 
 if TYPE_CHECKING:
     from calib.recording.recorded import Recorded
@@ -20,15 +19,11 @@ DICTIONARY = "apriltag_36h11"
 VIDEOS = (".mp4", ".mov", ".avi", ".mkv", ".webm", ".m4v", ".mpg", ".mpeg", ".wmv")
 PICTURES = (".jpg", ".jpeg", ".png", ".bmp", ".tif", ".tiff", ".webp", ".ppm", ".pgm")
 
-DictionaryOption = Annotated[
-    str, typer.Option("--dictionary", metavar="NAME", help="Dictionary of the tags.")
-]
+DictionaryOption = Annotated[str, option("--dictionary NAME", "Dictionary of the tags.")]
 BoardOption = Annotated[
     str | None,
-    typer.Option(
-        "--board",
-        metavar="COLSxROWS:SQUARE:MARKER:DICT",
-        help="A ChArUco board, such as 7x5:24mm:18mm:5x5_100.",
+    option(
+        "--board COLSxROWS:SQUARE:MARKER:DICT", "A ChArUco board, such as 7x5:24mm:18mm:5x5_100."
     ),
 ]
 
@@ -98,13 +93,10 @@ def is_camera(path: str) -> bool:
     return suffix in VIDEOS + PICTURES or any(mark in path for mark in "*?[")
 
 
-def offset_or_auto(typed: object) -> str:
+@expects("a number of seconds, or auto")
+def offset_or_auto(text: str) -> str:
     """Read a number of seconds, or `auto`."""
-    text = str(typed).strip()
-    try:
-        return text if text == "auto" else repr(finite(text))
-    except ValueError:
-        raise bad_option("--time-offset", text, "a number of seconds, or auto") from None
+    return "auto" if text.strip() == "auto" else repr(finite(text))
 
 
 def record(

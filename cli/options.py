@@ -4,8 +4,6 @@ from __future__ import annotations
 
 from typing import Annotated
 
-import typer
-
 from calib.common.choices import (
     BODIES,
     CAUSES,
@@ -20,296 +18,206 @@ from calib.common.choices import (
 
 from . import parsing
 from .parsing import Columns, JointRange, JointValue, Names, Numbers, Sigma, Size
+from .usage import argument, choice, flag, option
 
-RobotArgument = Annotated[
-    str, typer.Argument(metavar="ROBOT", help="A URDF file, or a bundled robot (calib robots).")
-]
-ModelArgument = Annotated[
-    str, typer.Argument(metavar="MODEL", help="A model file, as written by calib train.")
-]
+RobotArgument = Annotated[str, argument("ROBOT", "A URDF file, or a bundled robot (calib robots).")]
+ModelArgument = Annotated[str, argument("MODEL", "A model file, as written by calib train.")]
 
 JointsOption = Annotated[
     Names | None,
-    typer.Option(
-        "--joints",
-        parser=parsing.names("--joints"),
-        metavar="A,B",
-        help="Active joints; the others are locked. Found where only one choice makes sense.",
+    option(
+        "--joints A,B",
+        "Active joints; the others are locked. Found where only one choice makes sense.",
+        parsing.names,
     ),
 ]
-TipOption = Annotated[
-    str | None,
-    typer.Option("--tip", metavar="FRAME", help="The frame whose position is sensed."),
-]
+TipOption = Annotated[str | None, option("--tip FRAME", "The frame whose position is sensed.")]
 PlanarOption = Annotated[
-    bool,
-    typer.Option(
-        "--planar", help="Take the planar part of a robot that moves in space: positions x, y."
-    ),
+    bool, flag("--planar", "Take the planar part of a robot that moves in space: positions x, y.")
 ]
 LockOption = Annotated[
     list[JointValue] | None,
-    typer.Option(
-        "--lock",
-        parser=parsing.joint_value,
-        metavar="JOINT=VALUE",
-        help="Hold another joint at this value [rad or m]; repeatable. Neutral if not given.",
+    option(
+        "--lock JOINT=VALUE",
+        "Hold another joint at this value [rad or m]; repeatable. Neutral if not given.",
+        parsing.joint_value,
     ),
 ]
 RangeOption = Annotated[
     list[JointRange] | None,
-    typer.Option(
-        "--range",
-        parser=parsing.joint_range,
-        metavar="JOINT=LO:HI",
-        help="Babble and learn only this part of a joint's range [rad or m]; repeatable.",
+    option(
+        "--range JOINT=LO:HI",
+        "Babble and learn only this part of a joint's range [rad or m]; repeatable.",
+        parsing.joint_range,
     ),
 ]
 
 MapOption = Annotated[
     str,
-    typer.Option(
-        "--map",
-        parser=parsing.kind_of_map(MAPS),
-        metavar="|".join(MAPS),
-        help="Kind of map; vdsom:error and the like name a reading of the paper's rule.",
+    option(
+        f"--map {'|'.join(MAPS)}",
+        "Kind of map; vdsom:error and the like name a reading of the paper's rule.",
+        parsing.kind_of_map(MAPS),
     ),
 ]
 SizeOption = Annotated[
     Size | None,
-    typer.Option(
-        "--size",
-        parser=parsing.size("--size"),
-        metavar="N|NxN|NxNxN",
-        help="Nodes of both maps: 70 or 70x70 if not given, for three joints 17x17x17 in the "
+    option(
+        "--size N|NxN|NxNxN",
+        "Nodes of both maps: 70 or 70x70 if not given, for three joints 17x17x17 in the "
         "motor map; a log chooses its own.",
+        parsing.size,
     ),
 ]
 MotorSizeOption = Annotated[
     Size | None,
-    typer.Option(
-        "--motor-size",
-        parser=parsing.size("--motor-size"),
-        metavar="N|NxN",
-        help="Nodes of the motor map, where they differ.",
-    ),
+    option("--motor-size N|NxN", "Nodes of the motor map, where they differ.", parsing.size),
 ]
 SensorySizeOption = Annotated[
     Size | None,
-    typer.Option(
-        "--sensory-size",
-        parser=parsing.size("--sensory-size"),
-        metavar="N|NxN",
-        help="Nodes of the sensory map, where they differ.",
-    ),
+    option("--sensory-size N|NxN", "Nodes of the sensory map, where they differ.", parsing.size),
 ]
 BodyOption = Annotated[
     str,
-    typer.Option(
+    choice(
         "--body",
-        parser=parsing.one_of("--body", BODIES),
-        metavar="|".join(BODIES),
-        help="auto fits a kinematic model under the maps, none learns from maps and links alone.",
+        BODIES,
+        "auto fits a kinematic model under the maps, none learns from maps and links alone.",
     ),
 ]
 SensorViewOption = Annotated[
     str,
-    typer.Option(
+    choice(
         "--view",
-        parser=parsing.one_of("--view", VIEWS),
-        metavar="|".join(VIEWS),
-        help="What the sensor measures: base is the robot's root frame; auto is rigid for "
+        VIEWS,
+        "What the sensor measures: base is the robot's root frame; auto is rigid for "
         "lengths, homography for pixels, pinhole for pixels of an arm in space.",
     ),
 ]
-RuleOption = Annotated[
-    str,
-    typer.Option(
-        "--rule",
-        parser=parsing.one_of("--rule", RULES),
-        metavar="|".join(RULES),
-        help="Training rule.",
-    ),
-]
+RuleOption = Annotated[str, choice("--rule", RULES, "Training rule.")]
 EpochsOption = Annotated[
     int | None,
-    typer.Option(
-        "--epochs",
-        parser=parsing.whole("--epochs", 1),
-        metavar="N",
-        help="Passes over the samples; the full lattice alone is trained then.",
+    option(
+        "--epochs N",
+        "Passes over the samples; the full lattice alone is trained then.",
+        parsing.whole(1),
     ),
 ]
 SigmaOption = Annotated[
     Sigma | None,
-    typer.Option(
-        "--sigma",
-        parser=parsing.sigma,
-        metavar="START:END",
-        help="Neighbourhood radius at the start and the end [nodes]; the full lattice alone "
+    option(
+        "--sigma START:END",
+        "Neighbourhood radius at the start and the end [nodes]; the full lattice alone "
         "is trained then.",
+        parsing.sigma,
     ),
 ]
 
 SamplesOption = Annotated[
     int | None,
-    typer.Option(
-        "--samples",
-        "-n",
-        parser=parsing.whole("--samples", 1),
-        metavar="N",
-        help="How many samples to babble (default 20000).",
-    ),
+    option("--samples -n N", "How many samples to babble (default 20000).", parsing.whole(1)),
 ]
 NoiseOption = Annotated[
     float | None,
-    typer.Option(
-        "--noise",
-        parser=parsing.at_least_zero("--noise", "m"),
-        metavar="S",
-        help="Standard deviation of the simulated sensor along each axis [m] (default 0).",
+    option(
+        "--noise S",
+        "Standard deviation of the simulated sensor along each axis [m] (default 0).",
+        parsing.at_least_zero("m"),
     ),
 ]
 MotionOption = Annotated[
-    str | None,
-    typer.Option(
-        "--motion",
-        parser=parsing.one_of("--motion", MOTIONS),
-        metavar="|".join(MOTIONS),
-        help="How the simulated arm babbles (default uniform).",
-    ),
+    str | None, choice("--motion", MOTIONS, "How the simulated arm babbles (default uniform).")
 ]
 ChangeOption = Annotated[
     list[str] | None,
-    typer.Option(
-        "--change",
-        metavar="JOINT.WHAT=VALUE",
-        help="Alter the simulated arm or sensor, such as elbow.length=+20%, "
+    option(
+        "--change JOINT.WHAT=VALUE",
+        "Alter the simulated arm or sensor, such as elbow.length=+20%, "
         "shoulder.offset=0.05, sensor.rotate=0.14 or sensor.mirror=x; repeatable.",
     ),
 ]
-SeedOption = Annotated[
-    int,
-    typer.Option(
-        "--seed",
-        parser=parsing.whole("--seed", 0),
-        metavar="K",
-        help="Seed of all that is random.",
-    ),
-]
+SeedOption = Annotated[int, option("--seed K", "Seed of all that is random.", parsing.whole(0))]
 
 DataOption = Annotated[
     str | None,
-    typer.Option(
-        "--data",
-        metavar="LOG",
-        help="A measured log: CSV or Parquet with the joints' columns and x, y.",
-    ),
+    option("--data LOG", "A measured log: CSV or Parquet with the joints' columns and x, y."),
+]
+NewLogOption = Annotated[
+    str, option("--data LOG", "New samples: CSV or Parquet with the joints' columns and x, y.")
 ]
 ColumnsOption = Annotated[
     Columns | None,
-    typer.Option(
-        "--columns",
-        parser=parsing.columns,
-        metavar="x=U,y=V",
-        help="Other names of the log's columns; of Parquet lists one element: x=tip[0],y=tip[1].",
+    option(
+        "--columns x=U,y=V",
+        "Other names of the log's columns; of Parquet lists one element: x=tip[0],y=tip[1].",
+        parsing.columns,
     ),
 ]
 UnitOption = Annotated[
-    str | None,
-    typer.Option("--unit", metavar="m|mm|px|..", help="Unit of the log's positions (default m)."),
+    str | None, option("--unit m|mm|px|..", "Unit of the log's positions (default m).")
 ]
 CauseOption = Annotated[
     str | None,
-    typer.Option(
-        "--cause",
-        parser=parsing.one_of("--cause", CAUSES),
-        metavar="|".join(CAUSES),
-        help="What is known of a change: the sensor's, or the arm's joints and links.",
+    choice(
+        "--cause", CAUSES, "What is known of a change: the sensor's, or the arm's joints and links."
     ),
 ]
 PrismaticOption = Annotated[
     Names | None,
-    typer.Option(
-        "--prismatic",
-        parser=parsing.names("--prismatic"),
-        metavar="A,B",
-        help="For a log without ROBOT: the joints that slide.",
-    ),
+    option("--prismatic A,B", "For a log without ROBOT: the joints that slide.", parsing.names),
 ]
 
 ViewOption = Annotated[
     str,
-    typer.Option(
+    choice(
         "--view",
-        parser=parsing.one_of("--view", LOG_FRAMES),
-        metavar="|".join(LOG_FRAMES),
-        help="base: the log is in the robot's root frame; auto: the sensor's frame is free.",
+        LOG_FRAMES,
+        "base: the log is in the robot's root frame; auto: the sensor's frame is free.",
     ),
 ]
 
 BlameOption = Annotated[
     str,
-    typer.Option(
+    choice(
         "--cause",
-        parser=parsing.one_of("--cause", CAUSES),
-        metavar="|".join(CAUSES),
-        help="What changed, where a turned sensor and the first joint's offset look the same.",
+        CAUSES,
+        "What changed, where a turned sensor and the first joint's offset look the same.",
     ),
 ]
 
 ReadoutOption = Annotated[
     str | None,
-    typer.Option(
+    choice(
         "--readout",
-        parser=parsing.one_of("--readout", READOUTS),
-        metavar="|".join(READOUTS),
-        help="How the query is answered (default local, the body and its local models; of a "
+        READOUTS,
+        "How the query is answered (default local, the body and its local models; of a "
         "model without a body linear, maps and links alone).",
     ),
 ]
 NearOption = Annotated[
     Numbers | None,
-    typer.Option(
-        "--near",
-        parser=parsing.numbers("--near"),
-        metavar="Q1,Q2",
-        help="Answer with the branch nearest to these joint values.",
+    option(
+        "--near Q1,Q2", "Answer with the branch nearest to these joint values.", parsing.numbers
     ),
 ]
 FrameOption = Annotated[
-    str,
-    typer.Option(
-        "--in",
-        parser=parsing.one_of("--in", FRAMES),
-        metavar="|".join(FRAMES),
-        help="Frame of positions: what the sensor reads, or the arm's base [m].",
-    ),
+    str, choice("--in", FRAMES, "Frame of positions: what the sensor reads, or the arm's base [m].")
 ]
-AllOption = Annotated[bool, typer.Option("--all", help="Answer with every branch.")]
+AllOption = Annotated[bool, flag("--all", "Answer with every branch.")]
 InputOption = Annotated[
-    str | None,
-    typer.Option(
-        "--input", metavar="FILE", help="Many queries at once, a CSV file (- standard input)."
-    ),
+    str | None, option("--input FILE", "Many queries at once, a CSV file (- standard input).")
 ]
 AnswersOption = Annotated[
-    str | None,
-    typer.Option(
-        "--output", metavar="FILE", help="Where their answers go, as CSV (default standard output)."
-    ),
+    str | None, option("--output FILE", "Where their answers go, as CSV (default standard output).")
 ]
 DegreesOption = Annotated[
-    bool,
-    typer.Option("--degrees", help="Joint values are in degrees as typed, read and printed."),
+    bool, flag("--degrees", "Joint values are in degrees as typed, read and printed.")
 ]
 LogDegreesOption = Annotated[
     bool | None,
-    typer.Option(
+    flag(
         "--degrees/--radians",
-        help="Unit of the log's joint values; as in the model's own log if not given.",
+        "Unit of the log's joint values; as in the model's own log if not given.",
     ),
 ]
-JsonOption = Annotated[
-    bool, typer.Option("--json", help="One JSON document on standard output, in SI units.")
-]
+JsonOption = Annotated[bool, flag("--json", "One JSON document on standard output, in SI units.")]

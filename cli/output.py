@@ -19,6 +19,7 @@ from .translation import as_typed
 
 # what is below a nanometre or a millionth of a degree is rounding
 _LEAST, _TINY = 1e-6, "<1e-6"
+NO = 3  # exit code of a result that a script should act on; each command says which
 _HUGE = 1e12  # written out it would be wider than its column
 
 

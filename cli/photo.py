@@ -6,10 +6,8 @@ from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
-import typer
-
 from .output import Notes
-from .parsing import BadOption
+from .usage import BadOption, flag, option
 
 if TYPE_CHECKING:
     from calib.model.model import Model
@@ -17,14 +15,13 @@ if TYPE_CHECKING:
 
 PhotoOption = Annotated[
     str | None,
-    typer.Option(
-        "--photo",
-        metavar="FILE",
-        help="A picture, or a video, by the camera that made the log: the map is drawn over it.",
+    option(
+        "--photo FILE",
+        "A picture, or a video, by the camera that made the log: the map is drawn over it.",
     ),
 ]
 NoPhotoOption = Annotated[
-    bool, typer.Option("--no-photo", help="Keep no photo in the model, and draw over none.")
+    bool, flag("--no-photo", "Keep no photo in the model, and draw over none.")
 ]
 
 

@@ -7,8 +7,9 @@ from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any
 
 from .output import Notes
-from .parsing import BadOption, JointRange, JointValue
+from .parsing import JointRange, JointValue
 from .units import changes_in_si, kinds_of_joints, locks_in_si, ranges_in_si
+from .usage import BadOption, refuse
 
 if TYPE_CHECKING:
     from calib import Samples
@@ -70,6 +71,33 @@ class Selection:
         return kinds_of_joints(str(self.robot)) if typed else {}
 
 
+def check_sources(
+    robots: Sequence[str],
+    logged: bool,
+    simulated: Mapping[str, object],
+    of_logs: Mapping[str, object],
+) -> None:
+    """Refuse that there is nothing to learn from, and options that would be without effect.
+
+    Parameters
+    ----------
+    robots : sequence of str
+        As typed.
+    logged : bool
+        Whether logs were given.
+    simulated, of_logs : mapping of str to object
+        Options of simulated babbling and of logs, and what was given for them.
+    """
+    if not robots and not logged:
+        raise BadOption("no source to learn from: expected ROBOT, --data LOG, or both")
+    if logged:
+        refuse(simulated, "applies to simulated babbling, which --data replaces")
+    else:
+        refuse(of_logs, "applies to a log: expected --data LOG too")
+    if robots and of_logs["--prismatic"] is not None:
+        raise BadOption("--prismatic applies to a log without ROBOT; ROBOT defines its joints")
+
+
 def babbled(
     selection: Selection,
     *,
@@ -86,26 +114,19 @@ def babbled(
 
     arm = selection.load()
     notes.say(arm.notes)
+    shared: dict[str, Any] = {
+        "n": SAMPLES if samples is None else samples,
+        "seed": seed,
+        "noise": noise or 0.0,
+        "changes": changes_in_si(changes, arm, selection.degrees),
+    }
     if strategy == "goal":
         from calib.training.goal_babbling import goal_babble
 
         if motion is not None:
             raise BadOption("--motion says how joints babble, --strategy goal picks positions")
-        return goal_babble(
-            arm,
-            SAMPLES if samples is None else samples,
-            seed=seed,
-            noise=noise or 0.0,
-            changes=changes_in_si(changes, arm, selection.degrees),
-        )
-    log = calib.babble(
-        arm,
-        SAMPLES if samples is None else samples,
-        seed=seed,
-        noise=noise or 0.0,
-        method=motion or "uniform",
-        changes=changes_in_si(changes, arm, selection.degrees),
-    )
+        return goal_babble(arm, **shared)
+    log = calib.babble(arm, **shared, method=motion or "uniform")
     notes.say(log.notes)
     return log
 

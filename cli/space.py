@@ -18,9 +18,10 @@ from calib.inverse.self_motions import free_directions
 from calib.model.space import Reached, Space
 from calib.samples.orientations import QUATERNION, from_angles
 
-from .output import Table, fixed, note, show, show_json
-from .parsing import BadOption
-from .units import JointFormat, for_people, units_of
+from .answers import Answer, answers, show_answers
+from .output import note, show_json
+from .units import JointFormat, meaning
+from .usage import BadOption
 
 if TYPE_CHECKING:
     from calib import Model
@@ -106,39 +107,29 @@ def answer_inverse(
     else:
         found = space.reach_position(target, near, keep=asked.keep)
     kept = len(found.q) if every else 1
-    rows = _rows(space, found, kept, in_base)
+    solutions = _solutions(space, joints, found, kept, in_base)
+    frame = "base" if in_base else "sensor"
     free = space.free(found.q[0], 6 if turn is not None else 3)[: 9 if found.reachable else 0]
     if as_json:
-        document: dict[str, Any] = {"target": list(typed), "frame": "base" if in_base else "sensor"}
+        document: dict[str, Any] = {"target": list(typed), "frame": frame}
         if asked.height is not None:
             document["on_plane"] = {"z": asked.height, "position": target.tolist(), "unit": "m"}
         if wanted is not None:
             document["quaternion"] = wanted.tolist()
         document |= {
             "reachable": found.reachable,
-            "solutions": [
-                {
-                    "joints": dict(zip(joints.names, q, strict=True)),
-                    "position": x,
-                    "quaternion": quaternion,
-                    "distance": away,
-                    "turned": turned,
-                    "expected_error": bound,
-                    "model_error": error,
-                }
-                for q, x, quaternion, away, turned, bound, error in rows
-            ],
+            "solutions": solutions,
             "free": [dict(zip(joints.names, row, strict=True)) for row in free],
-            "unit": "m" if in_base else model.about.unit,
-            "bound_of": "true position" if in_base else model.about.bound_of,
-            "units": units_of(model.about, "base" if in_base else "sensor"),
+            **meaning(model.about, frame),
         }
         show_json(document)
     else:
         if asked.height is not None:
             x, y, z = 1e3 * target
             note(f"the pixel shows ({x:.2f}, {y:.2f}, {z:.2f}) mm of the base frame")
-        _show(model, joints, rows, in_base, posed=turn is not None)
+        shown = ["distance", *(["turned"] if turn is not None else []), "expected_error"]
+        unit = "m" if in_base else model.about.unit
+        show_answers(joints, solutions, unit, "xyz", shown)
     if in_base and not space.sees(target):
         note("the camera's picture does not show the target")
     if not found.reachable:
@@ -167,7 +158,9 @@ def _target(space: Space, asked: Asked, typed: Sequence[float]) -> Array:
     )
 
 
-def _rows(space: Space, found: Reached, kept: int, in_base: bool) -> list[tuple[Any, ...]]:
+def _solutions(
+    space: Space, joints: JointFormat, found: Reached, kept: int, in_base: bool
+) -> list[Answer]:
     """Joints, position, quaternion, distance, turn and both bounds of each answer."""
     q, model = found.q[:kept], space.model
     if in_base:
@@ -177,8 +170,16 @@ def _rows(space: Space, found: Reached, kept: int, in_base: bool) -> list[tuple[
         x, turns = space.to_sensor(found.position[:kept], found.rotation[:kept])
         scale = space.sensor[2]
         bound, error = model.expected_error(q), model.model_error(q)
-    numbers = scale * found.away[:kept], found.turned[:kept], bound, error
-    return list(zip(q, x, quaternion_of(turns), *(n.tolist() for n in numbers), strict=True))
+    return answers(
+        joints,
+        q,
+        position=x,
+        quaternion=quaternion_of(turns),
+        distance=scale * found.away[:kept],
+        turned=found.turned[:kept],
+        expected_error=bound,
+        model_error=error,
+    )
 
 
 def _say_missed(found: Reached, dof: int, *, posed: bool) -> None:
@@ -212,21 +213,6 @@ def free_of(model: Model, q: Any) -> Array:
     u = model.motor.scale.to_unit(np.asarray(q, dtype=float)[None])
     slope = model.predictor.value_and_slope(u)[1][0] / model.motor.scale.span
     return free_directions(slope)
-
-
-def _show(
-    model: Model, joints: JointFormat, rows: Sequence[Any], in_base: bool, *, posed: bool
-) -> None:
-    factor, unit = for_people("m" if in_base else model.about.unit)
-    header = [*joints.header, *(f"{axis} [{unit}]" for axis in "xyz"), f"distance [{unit}]"]
-    header += [*(["turned [deg]"] if posed else []), f"expected error [{unit}]"]
-    cells = []
-    for q, x, _, away, turned, bound, _ in rows:
-        row = [joints.cell(k, value) for k, value in enumerate(q)]
-        row += [fixed(value * factor, 4) for value in (*x, away)]
-        row += [fixed(np.degrees(turned), 4)] if posed else []
-        cells.append([*row, fixed(bound * factor, 4)])
-    show(Table(header, cells, "", left=0))
 
 
 def seen_forward(model: Model, values: Any, frame: str) -> dict[str, Array]:

@@ -7,7 +7,7 @@ import math
 import pytest
 from calib_cli import parsing
 from calib_cli.output import Table, fixed, number, plain
-from calib_cli.parsing import BadOption
+from calib_cli.usage import BadOption, option
 from hypothesis import given
 from hypothesis import strategies as st
 
@@ -20,17 +20,17 @@ def test_finite_numbers_come_back(value):
 
 
 @given(st.text())
-def test_parsers_answer_or_say_what_they_expected(text):
-    parsers = [
-        parsing.whole("--n", 0), parsing.at_least_zero("--noise", "m"), parsing.size("--size"),
-        parsing.sigma, parsing.names("--joints"), parsing.numbers("--near"), parsing.columns,
-        parsing.joint_value, parsing.joint_range, parsing.one_of("--rule", ("batch", "online")),
-        parsing.kind_of_map(("vdsom", "som")),
+def test_readers_answer_or_say_what_they_expected(text):
+    readers = [
+        parsing.whole(0), parsing.at_least_zero("m"), parsing.above_zero("m"), parsing.size,
+        parsing.sigma, parsing.names, parsing.numbers, parsing.columns, parsing.joint_value,
+        parsing.joint_range, parsing.one_of(("batch", "online")), parsing.height, parsing.side,
+        parsing.margin, parsing.percent, parsing.kind_of_map(("vdsom", "som")),
     ]  # fmt: skip
     told = []
-    for parse in parsers:
+    for read in readers:
         try:
-            parse(text)
+            option("--thing X", "", read).parser(text)
         except BadOption as error:
             told.append(error.format_message())
     assert all(line.startswith("--") for line in told)
@@ -38,7 +38,7 @@ def test_parsers_answer_or_say_what_they_expected(text):
 
 @given(st.lists(st.integers(2, 999), min_size=1, max_size=4))
 def test_sizes_come_back(sides):
-    size = parsing.size("--size")("x".join(map(str, sides)))
+    size = parsing.size("x".join(map(str, sides)))
     assert size == tuple(sides)
     assert size.plain() == (sides[0] if len(sides) == 1 else tuple(sides))
 
@@ -49,18 +49,21 @@ def test_ranges_come_back(low, high):
     if low < high:
         assert parsing.joint_range(text) == ("a=b", low, high)
     else:
-        with pytest.raises(BadOption, match="LOW below HIGH"):
+        with pytest.raises(parsing.ReadingError) as error:
             parsing.joint_range(text)
+        assert "LOW below HIGH" in error.value.expected
 
 
 def test_other_values():
     assert parsing.sigma("5:0.5") == (5.0, 0.5)
-    assert parsing.names("--joints")(" a, b ") == ("a", "b")
-    assert parsing.numbers("--near")("-1,2e-3") == (-1.0, 0.002)
+    assert parsing.names(" a, b ") == ("a", "b")
+    assert parsing.numbers("-1,2e-3") == (-1.0, 0.002)
     assert parsing.joint_value("wrist=-1") == ("wrist", -1.0)
     assert parsing.columns("x=u,elbow=j 2") == {"x": "u", "elbow": "j 2"}
     assert parsing.kind_of_map(("vdsom", "som"))("vdsom:error") == "vdsom:error"
-    assert parsing.whole("--seed", 0)(7) == 7
+    assert parsing.margin("2%") == (0.02, True)
+    assert parsing.percent("1%") == 0.01
+    assert option("--seed K", "", parsing.whole(0)).parser(7) == 7
 
 
 @pytest.mark.parametrize(

@@ -1,8 +1,8 @@
-"""Arm: what planar and spatial arms share: joints, ranges, checks of joint values."""
+"""Arm: what planar and spatial arms share: joints, ranges, kinematics of a folded chain."""
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass, replace
 from typing import TypeVar
 
@@ -13,9 +13,16 @@ from ..common.rows import number_rows
 from ..common.wording import quoted, suggestion
 from ..errors import OptionError, QueryError
 from .ranges import TURN, Range, checked_range, cut_to_one_turn, notes_of_turns
+from .rotations import quaternion_of
+from .spatial_chain import SpatialChain
 
 Array = NDArray[np.float64]
 _A = TypeVar("_A", bound="Arm")
+
+MIN_LENGTH = 1e-9
+"""A link shorter than this [m] has no direction in which it could be lengthened."""
+
+_CACHED = 65_536  # rows whose intermediate arrays stay in the processor's cache
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)
@@ -42,6 +49,8 @@ class Arm:
         What was assumed or mended, for the user.
     limits : tuple of (float, float) [rad or m]
         What each joint can mechanically reach; `lower` and `upper` lie within.
+    chain : SpatialChain
+        The folded transforms, mimic joints included, in the root link's frame.
     """
 
     name: str
@@ -54,6 +63,7 @@ class Arm:
     urdf: str
     notes: tuple[str, ...]
     limits: tuple[Range, ...]
+    chain: SpatialChain
 
     def __post_init__(self) -> None:
         """Freeze the arrays."""
@@ -67,18 +77,84 @@ class Arm:
         """Number of coordinates of a position: 2 in a plane, 3 in space."""
         raise NotImplementedError
 
-    @property
-    def link_lengths(self) -> dict[str, float]:
-        """Length of the link that each joint moves [m]."""
-        raise NotImplementedError
-
     def forward(self, q: ArrayLike) -> Array:
         """Positions (n, outputs) or (outputs,) [m] at joint values (n, dof) or (dof,)."""
-        raise NotImplementedError
+        return self._by_rows(q, self.chain.positions)
+
+    def jacobian(self, q: ArrayLike) -> Array:
+        """Return the derivatives by the joint values (n, dof) or (dof,) [rad or m].
+
+        Returns
+        -------
+        (n, k, dof) or (k, dof) array
+            Of the position [m/rad or m/m]; of a spatial arm k is 6, and rows 3 to 5 give the
+            angular velocity of the tip's frame.
+        """
+        return self._by_rows(q, self.chain.jacobian)
+
+    def pose(self, q: ArrayLike) -> tuple[Array, Array]:
+        """Return the tip's position and orientation in space.
+
+        Parameters
+        ----------
+        q : (n, dof) or (dof,) array [rad or m]
+
+        Returns
+        -------
+        positions : (n, 3) or (3,) array [m]
+        quaternions : (n, 4) or (4,) array
+            As qx, qy, qz, qw, in the root link's frame.
+        """
+
+        def together(rows: Array) -> Array:
+            positions, matrices = self.chain.poses(rows)
+            return np.hstack([positions, quaternion_of(matrices)])
+
+        found = self._by_rows(q, together)
+        return found[..., :3], found[..., 3:]
+
+    def points(self, q: ArrayLike) -> Array:
+        """Return the joints' origins and the tip in space, to draw the arm.
+
+        Parameters
+        ----------
+        q : (n, dof) or (dof,) array [rad or m]
+
+        Returns
+        -------
+        (n, m + 1, 3) or (m + 1, 3) array [m]
+            In the root link's frame; m joints, mimic joints included.
+        """
+        return self._by_rows(q, self.chain.skeleton)
+
+    @property
+    def link_lengths(self) -> dict[str, float]:
+        """Distance [m] from each joint to the next, the last to the tip, at zero."""
+        lengths = np.linalg.norm(self._links(), axis=1)
+        return dict(zip(self.joint_names, map(float, lengths), strict=True))
 
     def with_link_length(self: _A, joint: str, length: float) -> _A:
-        """Return the arm with the link that a joint moves at a new length [m]."""
-        raise NotImplementedError
+        """Return the arm with the link from a joint to the next (or the tip) at a new length [m].
+
+        The link is stretched along itself; all that lies beyond is carried along.
+        """
+        k = self._index(joint, "length")
+        if not np.isfinite(length) or length < 0:
+            raise OptionError(f"link length {length:g} m: expected a finite number, 0 or more")
+        link, chain, own = self._links()[k], self.chain, self._own
+        old = float(np.linalg.norm(link))
+        if old < MIN_LENGTH:
+            raise OptionError(
+                f"the link of joint {quoted(joint)} has no length: nothing can be stretched; "
+                "change another joint's link"
+            )
+        shift = (length / old - 1.0) * link
+        points, centres = chain.points.copy(), chain.centres.copy()
+        beyond = own[k + 1] if k + 1 < self.dof else chain.joints
+        points[beyond:] += shift
+        centres[beyond:] += shift
+        chain = replace(chain, points=points, centres=centres, tip=chain.tip + shift)
+        return replace(self, chain=chain)
 
     @property
     def dof(self) -> int:
@@ -101,18 +177,45 @@ class Arm:
         ----------
         ranges : mapping of str to (lower, upper) [rad or m]
         """
-        lower, upper = self.lower.copy(), self.upper.copy()
-        cut: dict[str, Range] = {}
+        checked = {}
         for name, chosen in ranges.items():
             k = self._index(name, "ranges")
             unit = "rad" if self.revolute[k] else "m"
-            lower[k], upper[k] = checked_range(name, chosen, self.limits[k], unit)
+            checked[name] = checked_range(name, chosen, self.limits[k], unit)
+        return self.spanning(checked)
+
+    def spanning(self: _A, ranges: Mapping[str, Range]) -> _A:
+        """Return the arm with ranges that are known to be within limits, cut to one turn each."""
+        lower, upper = self.lower.copy(), self.upper.copy()
+        cut: dict[str, Range] = {}
+        for name, chosen in ranges.items():
+            k, turn, more = self.joint_names.index(name), chosen, False
             if self.revolute[k]:
-                turn, more = cut_to_one_turn((lower[k], upper[k]))
-                lower[k], upper[k] = turn
-                if more:
-                    cut[name] = turn
+                turn, more = cut_to_one_turn(chosen)
+            lower[k], upper[k] = turn
+            if more:
+                cut[name] = turn
         return replace(self, lower=lower, upper=upper, notes=(*self.notes, *notes_of_turns(cut)))
+
+    def _links(self) -> Array:
+        """Vectors (dof, 3) [m] from each active joint to the next, the last to the tip, at zero."""
+        return np.diff(np.vstack([self.chain.points[self._own], self.chain.tip]), axis=0)
+
+    @property
+    def _own(self) -> list[int]:
+        """Chain joints that are the active ones themselves, not their followers."""
+        own: list[int] = []
+        for unit in np.eye(self.dof):
+            same = (self.chain.coupling == unit).all(axis=1) & (self.chain.bias == 0)
+            own.append(int(np.flatnonzero(same)[0]))
+        return own
+
+    def _by_rows(self, q: ArrayLike, compute: Callable[[Array], Array]) -> Array:
+        """Compute something of joint values, some rows at a time; of one vector its only row."""
+        rows, single = self._rows(q)
+        starts = range(0, max(len(rows), 1), _CACHED)
+        out = np.concatenate([compute(rows[start : start + _CACHED]) for start in starts])
+        return np.asarray(out[0] if single else out)
 
     def _index(self, joint: str, what: str) -> int:
         if joint not in self.joint_names:

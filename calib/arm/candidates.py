@@ -6,7 +6,7 @@ reaches over the largest area is an arm; fingers, wrists and wheels reach over l
 
 from __future__ import annotations
 
-from collections.abc import Collection, Sequence
+from collections.abc import Collection, Iterable, Sequence
 from dataclasses import dataclass
 from itertools import combinations
 
@@ -15,7 +15,6 @@ from numpy.typing import NDArray
 
 from ..common.wording import listed, quoted
 from ..errors import RobotError
-from .chain import lever_lengths
 from .planarity import MIN_LEVER, PARALLEL, common_normal, fits, frames_moved
 from .posture import Posture
 from .ranges import full_range, limits_fault, ranges_wanted
@@ -36,14 +35,36 @@ _TIP_NAMES = ("tool0", "tcp", "tool", "tip", "ee_link", "ee", "end_effector", "g
 
 @dataclass(frozen=True)
 class Candidate:
-    """A planar arm: joints from base to tip, its tip link, and the area it reaches over [m2]."""
+    """An arm within a robot: joints from base to tip, and how large it is.
+
+    The size is the area that a planar arm reaches over [m2], of others the reach [m].
+    """
 
     joints: tuple[Joint, ...]
     tip: str
-    area: float
+    size: float
+
+    @property
+    def names(self) -> tuple[str, ...]:
+        """Names of the joints."""
+        return tuple(joint.name for joint in self.joints)
 
     def __str__(self) -> str:
-        return f"`joints={[joint.name for joint in self.joints]}` `tip={self.tip!r}`"
+        return f"`joints={list(self.names)}` `tip={self.tip!r}`"
+
+
+def largest(candidates: Iterable[Candidate]) -> list[Candidate]:
+    """Return the largest candidate of each set of joints, the largest of all first."""
+    best: dict[tuple[str, ...], Candidate] = {}
+    for found in candidates:
+        if found.names not in best or best[found.names].size < found.size:
+            best[found.names] = found
+    return sorted(best.values(), key=lambda found: (-round(found.size, 6), str(found)))
+
+
+def alternatives(candidates: Sequence[Candidate], most: int) -> str:
+    """Return the options that name each candidate, the first `most` of them."""
+    return "; ".join(map(str, candidates[:most])) + ("; ..." if len(candidates) > most else "")
 
 
 def find_tip(urdf: Urdf, link: str) -> str:
@@ -89,7 +110,7 @@ def find_candidates(
     joints = [joint for joint in urdf.joints if joint.movable and not joint.mimic]
     usable = {joint.name for joint in joints if joint.name not in excluded}
     tips = [tip] if tip else sorted({find_tip(urdf, joint.child) for joint in joints})
-    best: dict[tuple[str, ...], Candidate] = {}
+    found: list[Candidate] = []
     for link in tips:
         path = [joint for joint in urdf.path(link) if joint.name in usable]
         for members, normal in _planar_sets(path, posture):
@@ -98,10 +119,8 @@ def find_candidates(
                 continue
             if tip is None and find_tip(urdf, candidate.joints[-1].child) != link:
                 continue
-            key = tuple(joint.name for joint in candidate.joints)
-            if key not in best or best[key].area < candidate.area:
-                best[key] = candidate
-    return sorted(best.values(), key=lambda found: (-round(found.area, 9), str(found)))
+            found.append(candidate)
+    return largest(found)
 
 
 def choose(candidates: Sequence[Candidate]) -> tuple[Candidate, str | None]:
@@ -113,14 +132,13 @@ def choose(candidates: Sequence[Candidate]) -> tuple[Candidate, str | None]:
         If there are several of like reach, with the options that name each.
     """
     best = candidates[0]
-    rivals = [found for found in candidates if found.area >= RIVAL * best.area]
+    rivals = [found for found in candidates if found.size >= RIVAL * best.size]
     if len(rivals) > 1:
-        shown = "; ".join(map(str, rivals[:6])) + ("; ..." if len(rivals) > 6 else "")
+        shown = alternatives(rivals, 6)
         raise RobotError(f"the robot has {len(rivals)} planar arms, choose one: {shown}")
     if len(candidates) == 1:
         return best, None
-    others = "; ".join(map(str, candidates[1:4])) + ("; ..." if len(candidates) > 4 else "")
-    return best, f"chosen by reach: {best} (others: {others})"
+    return best, f"chosen by reach: {best} (others: {alternatives(candidates[1:], 3)})"
 
 
 def nothing_found(
@@ -212,7 +230,7 @@ def _trim(members: list[Joint], normal: Array, tip: str, posture: Posture) -> Ca
     members = list(members)
     while len(members) >= 2:
         points = np.array([posture.points[joint.name] for joint in members])
-        levers = lever_lengths(points, posture.links[tip], normal)
+        levers = _lever_lengths(points, posture.links[tip], normal)
         for k, joint in enumerate(members):
             if not joint.revolute:
                 lower, upper = (0.0, 1.0) if limits_fault(joint) else full_range(joint)
@@ -224,3 +242,10 @@ def _trim(members: list[Joint], normal: Array, tip: str, posture: Posture) -> Ca
             return Candidate(tuple(members), tip, float(4 * np.pi * sum(a * b for a, b in pairs)))
         del members[weakest]
     return None
+
+
+def _lever_lengths(points: Array, tip: Array, normal: Array) -> Array:
+    """Distances (n,) [m] across a normal from each of n points to the next, the last to a tip."""
+    vectors = np.diff(np.vstack([points, tip]), axis=0)
+    flat = vectors - np.outer(vectors @ normal, normal)
+    return np.asarray(np.linalg.norm(flat, axis=1))

@@ -9,13 +9,12 @@ from __future__ import annotations
 
 import re
 from collections.abc import Collection, Sequence
-from dataclasses import dataclass
 
 import numpy as np
 
 from ..common.wording import listed, quoted
 from ..errors import RobotError
-from .candidates import find_tip
+from .candidates import Candidate, alternatives, find_tip, largest
 from .posture import Posture
 from .ranges import full_range, limits_fault
 from .tree import Joint, Urdf
@@ -31,21 +30,9 @@ EQUAL = 0.01
 _FINGER_NAME = re.compile(r"(gripper|finger|jaw|claw|thumb)(_(left|right|joint|\d+))*$", re.I)
 
 
-@dataclass(frozen=True)
-class Reaching:
-    """A chain: its active joints from base to tip, its tip link and its reach [m]."""
-
-    joints: tuple[Joint, ...]
-    tip: str
-    reach: float
-
-    def __str__(self) -> str:
-        return f"`joints={[joint.name for joint in self.joints]}` `tip={self.tip!r}`"
-
-
 def find_chains(
     urdf: Urdf, posture: Posture, tip: str | None, excluded: Collection[str]
-) -> list[Reaching]:
+) -> list[Candidate]:
     """Return the chains of two joints or more, the one that reaches furthest first.
 
     Parameters
@@ -60,31 +47,27 @@ def find_chains(
     """
     movable = [joint for joint in urdf.joints if joint.movable and not joint.mimic]
     tips = [tip] if tip else sorted({_arm_tip(urdf, posture, joint) for joint in movable})
-    found: dict[tuple[str, ...], Reaching] = {}
+    found: list[Candidate] = []
     for link in tips:
         usable = [j for j in urdf.path(link) if j in movable and j.name not in excluded]
-        if len(usable) < 2:
-            continue
-        reach = _reach(usable, link, posture)
-        usable = usable[-MOST_JOINTS:]
-        chain = Reaching(tuple(usable), link, reach)
-        key = tuple(joint.name for joint in usable)
-        if key not in found or found[key].reach < chain.reach:
-            found[key] = chain
-    chains = [
+        if len(usable) >= 2:
+            reach = _reach(usable, link, posture)
+            found.append(Candidate(tuple(usable[-MOST_JOINTS:]), link, reach))
+    chains = largest(found)
+    longer = [chain.names for chain in chains]
+    return [
         chain
-        for key, chain in found.items()
-        if not any(other[: len(key)] == key and other != key for other in found)
+        for chain in chains
+        if not any(other[: len(chain.names)] == chain.names != other for other in longer)
     ]
-    return sorted(chains, key=lambda chain: (-round(chain.reach, 6), str(chain)))
 
 
-def choose_chain(chains: Sequence[Reaching], *, strict: bool) -> tuple[Reaching, str | None]:
+def choose_chain(chains: Sequence[Candidate], *, strict: bool) -> tuple[Candidate, str | None]:
     """Return the chain that reaches furthest, and what to say about it.
 
     Parameters
     ----------
-    chains : sequence of Reaching
+    chains : sequence of Candidate
         From `find_chains`.
     strict : bool
         Whether equals are refused: a log was measured on one of them only. In simulation the
@@ -96,17 +79,15 @@ def choose_chain(chains: Sequence[Reaching], *, strict: bool) -> tuple[Reaching,
         If several reach alike, with the options that name each.
     """
     best = chains[0]
-    equals = [chain for chain in chains if chain.reach >= (1 - EQUAL) * best.reach]
+    equals = [chain for chain in chains if chain.size >= (1 - EQUAL) * best.size]
     if len(equals) == 1:
         return best, None
     if strict:
-        shown = "; ".join(map(str, equals[:6])) + ("; ..." if len(equals) > 6 else "")
+        shown = alternatives(equals, 6)
         raise RobotError(f"the robot has {len(equals)} arms of one reach, choose one: {shown}")
-    others = "; ".join(map(str, equals[1:4])) + ("; ..." if len(equals) > 4 else "")
-    return (
-        best,
-        f"chosen, as the first of {len(equals)} arms of one reach: {best} (others: {others})",
-    )
+    others = alternatives(equals[1:], 3)
+    first = f"chosen, as the first of {len(equals)} arms of one reach"
+    return best, f"{first}: {best} (others: {others})"
 
 
 def no_chain(

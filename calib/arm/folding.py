@@ -9,7 +9,6 @@ from numpy.typing import NDArray
 
 from ..common.wording import quoted
 from ..errors import RobotError
-from .chain import Chain
 from .posture import Posture
 from .spatial_chain import SpatialChain
 from .tree import Joint, Urdf
@@ -56,28 +55,18 @@ def refuse_followers(path: Sequence[Joint], active: Sequence[Joint]) -> None:
             )
 
 
-def planar_chain(active: Sequence[Joint], tip: str, posture: Posture) -> Chain:
-    """Return the chain of a planar arm; `posture` has its active joints at zero."""
-    return Chain(
-        axes=np.array([posture.axes[joint.name] for joint in active]),
-        points=np.array([posture.points[joint.name] for joint in active]),
-        tip=posture.links[tip],
-        revolute=tuple(joint.revolute for joint in active),
-    )
-
-
-def spatial_chain(
+def folded(
     moving: Sequence[Joint],
     active: Sequence[Joint],
     following: Following,
     tip: str,
     posture: Posture,
-    masses: Array,
-    centres: Array,
+    *masses: Array,
 ) -> SpatialChain:
-    """Return the chain of a spatial arm; `posture` has its moving joints at zero.
+    """Return the chain of an arm; `posture` has its moving joints at zero.
 
-    `moving` are the active joints and their followers, base to tip.
+    `moving` are the active joints and their followers, base to tip; `masses` those that they
+    carry and their centres, see `carried`, none where gravity does not matter.
     """
     columns = {joint.name: k for k, joint in enumerate(active)}
     coupling, bias = np.zeros((len(moving), len(active))), np.zeros(len(moving))
@@ -85,13 +74,12 @@ def spatial_chain(
         leader, scale, bias[i] = following.get(joint.name, (joint.name, 1.0, 0.0))
         coupling[i, columns[leader]] = scale
     return SpatialChain(
-        axes=np.array([posture.axes[joint.name] for joint in moving]),
-        points=np.array([posture.points[joint.name] for joint in moving]),
-        tip=posture.links[tip],
-        rotation=posture.rotations[tip],
-        revolute=tuple(joint.revolute for joint in moving),
-        coupling=coupling,
-        bias=bias,
-        masses=masses,
-        centres=centres,
+        np.array([posture.axes[joint.name] for joint in moving]),
+        np.array([posture.points[joint.name] for joint in moving]),
+        posture.links[tip],
+        posture.rotations[tip],
+        tuple(joint.revolute for joint in moving),
+        coupling,
+        bias,
+        *masses,
     )

@@ -8,7 +8,6 @@ arm. Joints that are not active are locked.
 from __future__ import annotations
 
 from collections.abc import Collection, Mapping, Sequence
-from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -19,7 +18,7 @@ from ..errors import OptionError, RobotError
 from .candidates import find_tip
 from .choosing import MOST_JOINTS
 from .finding import Choice, find_arm, in_line, is_planar
-from .folding import followers, planar_chain, refuse_followers, spatial_chain
+from .folding import folded, followers, refuse_followers
 from .inertia import carried
 from .planar_arm import PlanarArm
 from .planarity import check_tip, common_normal
@@ -28,10 +27,8 @@ from .posture import Kinematics, Posture
 from .ranges import (
     Range,
     check_limits,
-    cut_to_one_turn,
     full_range,
     neutral,
-    notes_of_turns,
     travel,
     unit_of,
 )
@@ -158,37 +155,18 @@ def arm_from_urdf(
         "notes": tuple(map(one_line, notes)),
         "limits": tuple(travel(joint) for joint in active),
     }
+    masses = () if flat else carried(text, urdf, posture, moving)
+    shared["chain"] = folded(moving, active, following, tip, posture, *masses)
     if flat:
         check_tip(active[-1], tip, urdf, posture)
-        chain = planar_chain(active, tip, posture)
-        plane = plane_of(common_normal(active, posture), chain.tip)
-        arm = PlanarArm(**shared, plane=plane, chain=chain, rotation=posture.rotations[tip])
+        plane = plane_of(common_normal(active, posture), posture.links[tip])
+        arm = PlanarArm(**shared, plane=plane)
     else:
-        masses, centres = carried(text, urdf, posture, moving)
-        arm = SpatialArm(
-            **shared, chain=spatial_chain(moving, active, following, tip, posture, masses, centres)
-        )
-    return _with_ranges(arm, active, ranges)
-
-
-def _with_ranges(
-    arm: PlanarArm | SpatialArm, active: Sequence[Joint], ranges: Mapping[str, Range]
-) -> PlanarArm | SpatialArm:
-    """Return the arm with the ranges that were chosen, or else its joints' limits."""
+        arm = SpatialArm(**shared)
     arm = arm.with_range(ranges)
-    check_limits([joint for joint in active if joint.name not in ranges])
-    lower, upper = arm.lower.copy(), arm.upper.copy()
-    cut: dict[str, Range] = {}
-    for k, joint in enumerate(active):
-        if joint.name in ranges:
-            continue
-        lower[k], upper[k] = full_range(joint)
-        if joint.revolute:
-            turn, more = cut_to_one_turn((lower[k], upper[k]))
-            lower[k], upper[k] = turn
-            if more:
-                cut[joint.name] = turn
-    return replace(arm, lower=lower, upper=upper, notes=(*arm.notes, *notes_of_turns(cut)))
+    others = [joint for joint in active if joint.name not in ranges]
+    check_limits(others)
+    return arm.spanning({joint.name: full_range(joint) for joint in others})
 
 
 def _select(

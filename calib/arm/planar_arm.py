@@ -1,38 +1,31 @@
-"""Planar arm: joints, ranges, plane and kinematics of an arm that moves within one plane."""
+"""Planar arm: an arm that moves within one plane, whose positions are x and y there."""
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, replace
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
 from ..errors import OptionError
-from .arm import Arm
-from .chain import Chain, chunks
+from .arm import MIN_LENGTH, Arm, Array
 from .plane import Plane
-from .rotations import quaternion_of
-
-Array = NDArray[np.float64]
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)
 class PlanarArm(Arm):
     """A planar arm: joints, limits, tip, plane and kinematics.
 
+    Nothing is assumed planar but the positions: a joint that is not quite parallel to the
+    others moves as it really does.
+
     Attributes
     ----------
     plane : Plane
         Where the tip moves, in the root link's frame.
-    chain : Chain
-        The folded transforms.
-    rotation : (3, 3) array
-        Orientation of the tip's frame where all joints are zero, in the root link's frame.
     """
 
     plane: Plane
-    chain: Chain
-    rotation: Array = field(default_factory=lambda: np.eye(3))
 
     @property
     def view(self) -> str:
@@ -44,89 +37,29 @@ class PlanarArm(Arm):
         """Number of coordinates of a position."""
         return 2
 
-    @property
-    def link_lengths(self) -> dict[str, float]:
-        """In-plane distance [m] from each joint to the next, the last to the tip, at zero."""
-        lengths = np.linalg.norm(self.chain.links(self.plane), axis=1)
-        return dict(zip(self.joint_names, map(float, lengths), strict=True))
-
     def forward(self, q: ArrayLike) -> Array:
-        """Return the tip's position in the plane.
-
-        Parameters
-        ----------
-        q : (n, dof) or (dof,) array [rad or m]
-
-        Returns
-        -------
-        (n, 2) or (2,) array [m]
-        """
-        rows, single = self._rows(q)
-        out = np.empty((len(rows), 2))
-        for part in chunks(len(rows)):
-            out[part] = self.plane.project(self.chain.positions(rows[part]).T)
-        return out[0] if single else out
+        """Positions in the plane (n, 2) or (2,) [m] at joint values (n, dof) or (dof,)."""
+        return self._by_rows(q, lambda rows: self.plane.project(self.chain.positions(rows)))
 
     def jacobian(self, q: ArrayLike) -> Array:
-        """Return the derivatives of the position by the joint values.
-
-        Parameters
-        ----------
-        q : (n, dof) or (dof,) array [rad or m]
-
-        Returns
-        -------
-        (n, 2, dof) or (2, dof) array [m/rad or m/m]
-        """
-        rows, single = self._rows(q)
+        """Derivatives of the position by the joint values, (n, 2, dof) or (2, dof)."""
         axes = np.stack([self.plane.x, self.plane.y])
-        out = np.empty((len(rows), 2, self.dof))
-        for part in chunks(len(rows)):
-            out[part] = np.einsum("ij,jnk->nik", axes, self.chain.velocities(rows[part]))
-        return out[0] if single else out
+        return self._by_rows(q, lambda rows: axes @ self.chain.jacobian(rows)[:, :3])
 
-    def pose(self, q: ArrayLike) -> tuple[Array, Array]:
-        """Return the tip's position and orientation in space.
-
-        Parameters
-        ----------
-        q : (n, dof) or (dof,) array [rad or m]
-
-        Returns
-        -------
-        positions : (n, 3) or (3,) array [m]
-        quaternions : (n, 4) or (4,) array
-            As qx, qy, qz, qw, in the root link's frame.
-        """
-        rows, single = self._rows(q)
-        positions = self.chain.positions(rows).T
-        quaternions = quaternion_of(self.chain.rotations(rows) @ self.rotation)
-        return (positions[0], quaternions[0]) if single else (positions.copy(), quaternions)
-
-    def points(self, q: ArrayLike) -> Array:
-        """Return the joints' origins and the tip in space, to draw the arm.
-
-        Parameters
-        ----------
-        q : (n, dof) or (dof,) array [rad or m]
-
-        Returns
-        -------
-        (n, dof + 1, 3) or (dof + 1, 3) array [m]
-            In the root link's frame.
-        """
-        rows, single = self._rows(q)
-        out = self.chain.skeleton(rows)
-        return out[0] if single else out
-
-    def with_link_length(self, joint: str, length: float) -> PlanarArm:
-        """Return the arm with the link that a joint carries at a new in-plane length [m]."""
-        chain = self.chain.with_link_length(self._index(joint, "length"), length, self.plane)
-        return replace(self, chain=chain)
+    def _links(self) -> Array:
+        """Vectors within the plane, at zero (dof, 3) [m]."""
+        links, normal = super()._links(), self.plane.normal
+        return links - np.outer(links @ normal, normal)
 
     def with_tip_offset(self, dx: float, dy: float) -> PlanarArm:
-        """Return the arm with its tip moved along (dx) and to the left of (dy) its last link."""
-        offset = np.array([dx, dy], dtype=float)
-        if not np.isfinite(offset).all():
+        """Return the arm with its tip moved along (dx) and to the left of (dy) its last link.
+
+        Where that link has no length in the plane, the plane's own axes at zero are used.
+        """
+        if not np.isfinite([dx, dy]).all():
             raise OptionError(f"tip offset {dx}, {dy}: expected two finite numbers [m]")
-        return replace(self, chain=self.chain.with_tip_offset(offset, self.plane))
+        along = self._links()[-1]
+        length = float(np.linalg.norm(along))
+        along = along / length if length >= MIN_LENGTH else self.plane.x
+        left = np.cross(self.plane.normal, along)
+        return replace(self, chain=replace(self.chain, tip=self.chain.tip + dx * along + dy * left))

@@ -10,49 +10,35 @@ import typer
 from calib.common.choices import METHODS
 
 from .. import options as o
-from .. import parsing
 from ..measurements import log_for
-from ..output import Notes, Table, note, number, show, show_json, tell
+from ..output import NO, Notes, Table, note, number, show, show_json, tell
 from ..photo import photo_of_log
 from ..progress import progress_bar
 from ..translation import as_typed
 from ..units import for_people, units_of
+from ..usage import choice, option
 from .train import check_output
-
-NO = 3
 
 
 def adapt(
     model: o.ModelArgument,
-    data: Annotated[
-        str,
-        typer.Option(
-            "--data",
-            metavar="LOG",
-            help="New samples: CSV or Parquet with the joints' columns and x, y.",
-        ),
-    ],
+    data: o.NewLogOption,
     output: Annotated[
-        str | None,
-        typer.Option(
-            "--output", "-o", metavar="MODEL", help="The new file (default MODEL.adapted.calib)."
-        ),
+        str | None, option("--output -o MODEL", "The new file (default MODEL.adapted.calib).")
     ] = None,
     method: Annotated[
         str,
-        typer.Option(
+        choice(
             "--method",
-            parser=parsing.one_of("--method", METHODS),
-            metavar="|".join(METHODS),
-            help="An update of the body from a few rows, or the paper's rule on thousands of them.",
+            METHODS,
+            "An update of the body from a few rows, or the paper's rule on thousands of them.",
         ),
     ] = "few-shot",
     schema: Annotated[
         str | None,
-        typer.Option(
-            "--schema",
-            metavar="NAME",
-            help="Name of the new state; the old one is kept in the file, see calib check.",
+        option(
+            "--schema NAME",
+            "Name of the new state; the old one is kept in the file, see calib check.",
         ),
     ] = None,
     cause: o.CauseOption = None,
@@ -112,7 +98,7 @@ def adapt(
         title = f"distance to held-out rows [{name}], corrected: {found.correction}"
         show(Table(["", "mean", "p99", "max"], rows, title))
         for change in found.changed:
-            tell(f"changed: {change.words}")
+            tell(f"changed: {as_typed(change.words)}")
         if found.kept:
             tell(f"left as it was: {', '.join(found.kept)}")
         tell(f"the log measured {100 * found.coverage:.0f} % of the learned range")

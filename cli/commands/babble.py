@@ -4,12 +4,10 @@ from __future__ import annotations
 
 from typing import Annotated
 
-import typer
-
 from .. import options as o
 from ..output import Notes, note, show_json, tell
-from ..parsing import BadOption, one_of
 from ..samples import Selection, babbled
+from ..usage import choice, one_document, option
 
 STRATEGIES = ("uniform", "goal")
 
@@ -17,10 +15,7 @@ STRATEGIES = ("uniform", "goal")
 def babble(
     robot: o.RobotArgument,
     output: Annotated[
-        str,
-        typer.Option(
-            "--output", "-o", metavar="LOG", help="CSV, or Parquet by its name (- standard output)."
-        ),
+        str, option("--output -o LOG", "CSV, or Parquet by its name (- standard output).")
     ],
     samples: o.SamplesOption = None,
     joints: o.JointsOption = None,
@@ -34,11 +29,10 @@ def babble(
     change: o.ChangeOption = None,
     strategy: Annotated[
         str,
-        typer.Option(
+        choice(
             "--strategy",
-            parser=one_of("--strategy", STRATEGIES),
-            metavar="|".join(STRATEGIES),
-            help="Next joints at random, or next targets where the map's own error is largest.",
+            STRATEGIES,
+            "Next joints at random, or next targets where the map's own error is largest.",
         ),
     ] = "uniform",
     degrees: o.DegreesOption = False,
@@ -47,8 +41,7 @@ def babble(
     """Write a log of simulated babbling [rad, m]."""
     import calib
 
-    if as_json and output == "-":
-        raise BadOption("--json and --output '-' both want standard output: expected one of them")
+    one_document(output, as_json)
     log = babbled(
         Selection(robot, joints, tip, lock or (), ranges or (), degrees, planar),
         samples=samples,

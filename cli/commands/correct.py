@@ -8,37 +8,33 @@ import typer
 
 from .. import options as o
 from .. import parsing
-from ..output import Notes, note, number, show_json, tell
+from ..output import NO, Notes, note, number, show_json, tell
 from ..units import JointFormat, units_of
+from ..usage import option
 
 if TYPE_CHECKING:
     from calib.use.correct import Corrected
-
-NO = 3
 
 
 def correct(
     model: o.ModelArgument,
     input_: Annotated[
         str,
-        typer.Option(
-            "--input",
-            metavar="FILE",
-            help="Joint values that are right for the nominal arm: a CSV file (- standard input).",
+        option(
+            "--input FILE",
+            "Joint values that are right for the nominal arm: a CSV file (- standard input).",
         ),
     ],
     output: Annotated[
-        str | None,
-        typer.Option("--output", metavar="FILE", help="Corrected joint values, as CSV."),
+        str | None, option("--output FILE", "Corrected joint values, as CSV.")
     ] = None,
     limit: Annotated[
         float | None,
-        typer.Option(
-            "--limit",
-            parser=parsing.above_zero("--limit", "rad or m"),
-            metavar="L",
-            help="Largest change of a joint that is accepted [rad or m]; three times what the "
+        option(
+            "--limit L",
+            "Largest change of a joint that is accepted [rad or m]; three times what the "
             "model usually corrects if not given.",
+            parsing.above_zero("rad or m"),
         ),
     ] = None,
     view: o.ViewOption = "auto",
@@ -103,7 +99,7 @@ def correct(
                 "change": None if found is None else _change(found, joints),
                 "unit": loaded.about.unit,
                 "units": units_of(loaded.about),
-                **({} if output is not None or beyond else {"answers": table}),
+                **({} if output is not None or beyond else {"answers": joints.in_si(table)}),
             }
         )
     notes.say(batch.notes(names))

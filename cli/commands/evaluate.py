@@ -7,9 +7,9 @@ import time
 from .. import options as o
 from ..measurements import log_for
 from ..output import Notes, show, show_json
-from ..parsing import BadOption
 from ..sketch import show_sketch
 from ..summary import error_table, summary
+from ..usage import refuse
 
 
 def evaluate(
@@ -22,8 +22,8 @@ def evaluate(
     """Print the errors of a model, on fresh samples or on a log."""
     import calib
 
-    if columns is not None and data is None:
-        raise BadOption("--columns applies to a log: expected --data LOG too")
+    if data is None:
+        refuse({"--columns": columns}, "applies to a log: expected --data LOG too")
     loaded = calib.load(model)
     log = None
     if data is not None:

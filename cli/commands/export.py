@@ -2,38 +2,27 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
 from pathlib import Path
 from typing import Annotated, Any
 
-import typer
-
 from .. import options as o
 from ..output import Notes, show_json
-from ..parsing import BadOption
+from ..usage import BadOption, flag, option
 
 
 def export(
     model: o.ModelArgument,
-    output: Annotated[
-        str | None, typer.Option("--output", "-o", metavar="FILE.h", help="The C header to write.")
-    ] = None,
-    single: Annotated[
-        bool, typer.Option("--float", help="Single precision, for microcontrollers.")
-    ] = False,
-    prefix: Annotated[
-        str, typer.Option("--prefix", metavar="NAME", help="Starts every name in the header.")
-    ] = "calib_",
+    output: Annotated[str | None, option("--output -o FILE.h", "The C header to write.")] = None,
+    single: Annotated[bool, flag("--float", "Single precision, for microcontrollers.")] = False,
+    prefix: Annotated[str, option("--prefix NAME", "Starts every name in the header.")] = "calib_",
     camera: Annotated[
-        str | None,
-        typer.Option("--camera", metavar="FILE.yaml", help="Write the lens as ROS camera_info."),
+        str | None, option("--camera FILE.yaml", "Write the lens as ROS camera_info.")
     ] = None,
     transform: Annotated[
         str | None,
-        typer.Option(
-            "--transform",
-            metavar="FILE.json",
-            help="Write where the camera or tracker stands as a static transform from the base.",
+        option(
+            "--transform FILE.json",
+            "Write where the camera or tracker stands as a static transform from the base.",
         ),
     ] = None,
     as_json: o.JsonOption = False,
@@ -46,18 +35,16 @@ def export(
     paths = {option: path for option, path in wanted.items() if path is not None}
     if not paths:
         raise BadOption("nothing to write: expected -o FILE.h, --camera FILE or --transform FILE")
-    for option, path in paths.items():
+    for name, path in paths.items():
         if path == "-":
-            raise BadOption(f"{option} '-': expected a file")
+            raise BadOption(f"{name} '-': expected a file")
         check_writable(path)
-    loaded, document = calib.load(model), dict[str, Any](model=model)
+    loaded, document, told = calib.load(model), dict[str, Any](model=model), list[str]()
     from calib.use.camera_files import camera_info, static_transform
 
-    kinds: dict[str, Callable[[Any], str]] = {
-        "--camera": camera_info,
-        "--transform": static_transform,
-    }
-    texts = {option: kinds[option](loaded) for option in paths if option in kinds}
+    # all of it is made before anything is written
+    camera_text = camera_info(loaded) if camera is not None else ""
+    transform_text = static_transform(loaded) if transform is not None else ""
     if output is not None:
         from calib.use.export_c import c_header
 
@@ -66,15 +53,18 @@ def export(
         atomic_write(output, header.text.encode("ascii", "replace"))
         size = Path(output).stat().st_size
         document |= {"output": output, "bytes": size, "table_bytes": header.tables}
-        if not as_json:
-            kind = "float" if single else "double"
-            kilobytes = f"tables of {header.tables / 1024:.1f} kB, {size / 1e3:.0f} kB text"
-            print(f"{output}: {kind}, {kilobytes}")
-    for option, text in texts.items():
-        atomic_write(paths[option], text.encode())
-        document[option.removeprefix("--")] = paths[option]
-        if not as_json:
-            what = "camera_info" if option == "--camera" else "static transform"
-            print(f"{paths[option]}: {what}")
+        kind = "float" if single else "double"
+        kilobytes = f"tables of {header.tables / 1024:.1f} kB, {size / 1e3:.0f} kB text"
+        told.append(f"{output}: {kind}, {kilobytes}")
+    if camera is not None:
+        atomic_write(camera, camera_text.encode())
+        document["camera"] = camera
+        told.append(f"{camera}: camera_info")
+    if transform is not None:
+        atomic_write(transform, transform_text.encode())
+        document["transform"] = transform
+        told.append(f"{transform}: static transform")
     if as_json:
         show_json(document)
+    else:
+        print("\n".join(told))

@@ -5,147 +5,105 @@ from __future__ import annotations
 from collections.abc import Sequence
 from typing import Annotated, Any
 
-import typer
-
 from .. import camera as c
 from .. import options as o
 from .. import parsing
-from ..output import Notes, note, show_json, tell
+from ..output import Notes, show_json, tell
 from ..parsing import Names
 from ..units import for_people
-
-NO = 3
-
-
-def _above_zero(option: str) -> object:
-    def parse(typed: object) -> float:
-        value = parsing.at_least_zero(option, "s")(typed)
-        if value == 0.0:
-            raise parsing.bad_option(option, str(typed), "a number above zero")
-        return value
-
-    return parse
+from ..usage import BadOption, argument, flag, option, refuse
 
 
 def log(
     bag: Annotated[
         str,
-        typer.Argument(
-            metavar="BAG|PICTURES|VIDEO",
-            help="A ROS 1 .bag, the folder of a ROS 2 bag or an .mcap file; a folder or pattern of "
+        argument(
+            "BAG|PICTURES|VIDEO",
+            "A ROS 1 .bag, the folder of a ROS 2 bag or an .mcap file; a folder or pattern of "
             "pictures; a video.",
         ),
     ],
-    output: Annotated[
-        str, typer.Option("--output", "-o", metavar="LOG", help="The log: CSV or Parquet.")
-    ],
+    output: Annotated[str, option("--output -o LOG", "The log: CSV or Parquet.")],
     joints_topic: Annotated[
-        str | None,
-        typer.Option("--joints-topic", metavar="TOPIC", help="JointState; found if only one."),
+        str | None, option("--joints-topic TOPIC", "JointState; found if only one.")
     ] = None,
     tip_topic: Annotated[
         str | None,
-        typer.Option(
-            "--tip-topic",
-            metavar="TOPIC",
-            help="PointStamped, PoseStamped, TransformStamped or tf; found if only one.",
+        option(
+            "--tip-topic TOPIC",
+            "PointStamped, PoseStamped, TransformStamped or tf; found if only one.",
         ),
     ] = None,
     frames: Annotated[
         Names | None,
-        typer.Option(
-            "--frames",
-            parser=parsing.names("--frames"),
-            metavar="SENSOR,TIP",
-            help="Of tf: the sensor's frame and the tip's; found if only one transform moves.",
+        option(
+            "--frames SENSOR,TIP",
+            "Of tf: the sensor's frame and the tip's; found if only one transform moves.",
+            parsing.names,
         ),
     ] = None,
     joints: o.JointsOption = None,
     max_gap: Annotated[
         float,
-        typer.Option(
-            "--max-gap",
-            parser=_above_zero("--max-gap"),
-            metavar="S",
-            help="Leave out positions between joint states further apart [s].",
+        option(
+            "--max-gap S",
+            "Leave out positions between joint states further apart [s].",
+            parsing.above_zero("s"),
         ),
     ] = 0.1,
     still: Annotated[
         float | None,
-        typer.Option(
-            "--still",
-            parser=_above_zero("--still"),
-            metavar="SPEED",
-            help="Leave out positions taken while a joint moved faster [rad/s or m/s].",
+        option(
+            "--still SPEED",
+            "Leave out positions taken while a joint moved faster [rad/s or m/s].",
+            parsing.above_zero("rad/s or m/s"),
         ),
     ] = None,
     time_offset: Annotated[
         str,
-        typer.Option(
-            "--time-offset",
-            parser=c.offset_or_auto,
-            metavar="auto|S",
-            help="Added to the times of the positions [s]; of a video found if not given, of a "
-            "bag 0.",
+        option(
+            "--time-offset auto|S",
+            "Added to the times of the positions [s]; of a video found if not given, of a bag 0.",
+            c.offset_or_auto,
         ),
     ] = "auto",
     rests: Annotated[
-        bool,
-        typer.Option("--rests", help="Of a video take the median of each rest: the default."),
+        bool, flag("--rests", "Of a video take the median of each rest: the default.")
     ] = False,
     joints_file: Annotated[
         str | None,
-        typer.Option(
-            "--joints-file",
-            metavar="FILE",
-            help="Joints of pictures (column picture, or in order) or of a video (column time).",
+        option(
+            "--joints-file FILE",
+            "Joints of pictures (column picture, or in order) or of a video (column time).",
         ),
     ] = None,
-    tag: Annotated[
-        int | None,
-        typer.Option(
-            "--tag", parser=parsing.whole("--tag", 0), metavar="ID", help="The tag on the tip."
-        ),
-    ] = None,
+    tag: Annotated[int | None, option("--tag ID", "The tag on the tip.", parsing.whole(0))] = None,
     dictionary: c.DictionaryOption = c.DICTIONARY,
     board: c.BoardOption = None,
     tags_at: Annotated[
-        str | None,
-        typer.Option(
-            "--tags-at", metavar="FILE", help="Tags on the desk: a table of tag, x, y [m]."
-        ),
+        str | None, option("--tags-at FILE", "Tags on the desk: a table of tag, x, y [m].")
     ] = None,
     lens: Annotated[
         str | None,
-        typer.Option(
-            "--lens",
-            metavar="SHOTS|lens.json",
-            help="Pictures of the board to calibrate the camera from, or what that wrote.",
+        option(
+            "--lens SHOTS|lens.json",
+            "Pictures of the board to calibrate the camera from, or what that wrote.",
         ),
     ] = None,
     tag_size: Annotated[
-        str | None,
-        typer.Option("--tag-size", metavar="40mm", help="Side of the tip's tag, for --pose."),
+        str | None, option("--tag-size 40mm", "Side of the tip's tag, for --pose.")
     ] = None,
     tag_height: Annotated[
-        str | None,
-        typer.Option(
-            "--tag-height", metavar="25mm", help="The tip's tag above the board or the tags."
-        ),
+        str | None, option("--tag-height 25mm", "The tip's tag above the board or the tags.")
     ] = None,
     pose: Annotated[
-        bool,
-        typer.Option("--pose", help="Write z and qx, qy, qz, qw of the tag too, for spatial arms."),
+        bool, flag("--pose", "Write z and qx, qy, qz, qw of the tag too, for spatial arms.")
     ] = False,
     since: Annotated[
-        str | None,
-        typer.Option(
-            "--since", metavar="LOG", help="An earlier log: tell how far the camera moved."
-        ),
+        str | None, option("--since LOG", "An earlier log: tell how far the camera moved.")
     ] = None,
     picture: Annotated[
-        str | None,
-        typer.Option("--picture", metavar="seen.png", help="Draw what was seen over a photo."),
+        str | None, option("--picture seen.png", "Draw what was seen over a photo.")
     ] = None,
     degrees: o.DegreesOption = False,
     prismatic: o.PrismaticOption = None,
@@ -171,11 +129,9 @@ def log(
     )
     if shooting or c.is_camera(bag):
         of_bags = {"--joints-topic": joints_topic, "--tip-topic": tip_topic, "--frames": frames}
-        for option, value in of_bags.items():
-            if value is not None:
-                raise parsing.BadOption(f"{option} is for bags, not for pictures and videos")
+        refuse(of_bags, "is for bags, not for pictures and videos")
         if rests and still is not None:
-            raise parsing.BadOption("--rests and --still are given: expected one of them")
+            raise BadOption("--rests and --still are given: expected one of them")
         _from_camera(
             bag,
             output,
@@ -191,37 +147,29 @@ def log(
         )
     else:
         if frames is not None and len(frames) != 2:
-            raise parsing.BadOption("--frames names two frames: expected SENSOR,TIP")
-        read = {
-            "joints_topic": joints_topic,
-            "tip_topic": tip_topic,
-            "joints": list(joints) if joints else None,
-            "max_gap": max_gap,
-            "still": still,
-            "time_offset": 0.0 if time_offset == "auto" else float(time_offset),
-            "frames": frames,
-        }
-        _from_bag(bag, output, as_json, **read)
+            raise BadOption("--frames names two frames: expected SENSOR,TIP")
+        _from_bag(
+            bag,
+            output,
+            as_json,
+            joints_topic=joints_topic,
+            tip_topic=tip_topic,
+            joints=list(joints) if joints else None,
+            max_gap=max_gap,
+            still=still,
+            time_offset=0.0 if time_offset == "auto" else float(time_offset),
+            frames=frames,
+        )
 
 
 def _from_camera(
     source: str, output: str, shooting: c.Shooting, as_json: bool, **options: Any
 ) -> None:
     from calib.common.atomic import check_writable
-    from calib.recording.clocks import ClockError
 
     if output != "-":
         check_writable(output)
-    try:
-        made = c.record(source, output, shooting, **options)
-    except ClockError as error:
-        from ..app import describe_error
-
-        told = describe_error(error)
-        if as_json:
-            show_json({"error": told.to_json()})
-        note(told.line)
-        raise typer.Exit(NO) from None
+    made = c.record(source, output, shooting, **options)
     made.write(output)
     if as_json:
         counted = {"log": output, "joints": made.joint_names, "samples": len(made)}

@@ -4,20 +4,16 @@ from __future__ import annotations
 
 from typing import Annotated
 
-import typer
-
 from .. import options as o
+from ..usage import option
 
 
 def nodes(
     model: o.ModelArgument,
     output: Annotated[
         str,
-        typer.Option(
-            "--output",
-            "-o",
-            metavar="FILE",
-            help="A CSV or, by its ending, Parquet file (default standard output).",
+        option(
+            "--output -o FILE", "A CSV or, by its ending, Parquet file (default standard output)."
         ),
     ] = "-",
 ) -> None:

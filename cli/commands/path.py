@@ -8,52 +8,42 @@ from typing import TYPE_CHECKING, Annotated, Any
 import typer
 
 from .. import options as o
-from ..output import note, show_json
-from ..parsing import BadOption, Numbers, bad_option, finite, numbers
-from ..units import JointFormat, for_people, one_each, units_of
+from ..output import NO, note, show_json
+from ..parsing import Numbers, expects, finite, numbers, require
+from ..units import JointFormat, for_people, meaning, one_each
+from ..usage import one_document, option
 
 if TYPE_CHECKING:
     from calib import Path
 
-NO = 3
 
-
-def _step(typed: object) -> float:
-    """Parse a length greater than zero, or `inf`."""
-    if isinstance(typed, str):
-        try:
-            value = math.inf if typed.strip().lower() == "inf" else finite(typed)
-        except ValueError:
-            value = 0.0
-        if value > 0.0:
-            return value
-    raise bad_option("--step", str(typed), "a length greater than zero, or inf")
+@expects("a length greater than zero, or inf")
+def _step(text: str) -> float:
+    """Read a length greater than zero, or `inf`."""
+    value = math.inf if text.strip().lower() == "inf" else finite(text)
+    require(value > 0.0)
+    return value
 
 
 def path(
     model: o.ModelArgument,
-    input_: Annotated[
-        str,
-        typer.Option("--input", metavar="FILE", help="Waypoints: a CSV file with columns x,y."),
-    ],
+    input_: Annotated[str, option("--input FILE", "Waypoints: a CSV file with columns x,y.")],
     output: o.AnswersOption = None,
     start: Annotated[
         Numbers | None,
-        typer.Option(
-            "--from",
-            parser=numbers("--from"),
-            metavar="Q1,Q2",
-            help="Start near these joint values; without it on the branch that goes furthest.",
+        option(
+            "--from Q1,Q2",
+            "Start near these joint values; without it on the branch that goes furthest.",
+            numbers,
         ),
     ] = None,
     step: Annotated[
         float | None,
-        typer.Option(
-            "--step",
-            parser=_step,
-            metavar="S",
-            help="Longest way of the tip between two rows [m, or the sensor's unit]; inf for the "
+        option(
+            "--step S",
+            "Longest way of the tip between two rows [m, or the sensor's unit]; inf for the "
             "waypoints alone; 1 % of the workspace's extent if not given.",
+            _step,
         ),
     ] = None,
     degrees: o.DegreesOption = False,
@@ -63,8 +53,7 @@ def path(
 
     Exit code 3 if the joints have to jump between branches or a point is out of reach.
     """
-    if as_json and output == "-":
-        raise BadOption("--json and --output '-' both want standard output: expected one of them")
+    one_document(output, as_json)
     import numpy as np
 
     import calib
@@ -95,9 +84,7 @@ def path(
             "invalid": invalid,
             "jumps": (found.jumps + 1).tolist(),
             "out_of_reach": (np.flatnonzero(~found.reachable) + 1).tolist(),
-            "unit": loaded.about.unit,
-            "units": units_of(loaded.about),
-            "bound_of": loaded.about.bound_of,
+            **meaning(loaded.about),
         }
         if output is None:
             document["path"] = joints.in_si(columns)

@@ -7,22 +7,13 @@ from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any, cast
 
-import typer
-
 from .. import options as o
+from ..measurements import log_for
 from ..output import Notes, note, show_json, tell
-from ..parsing import (
-    BadOption,
-    Margin,
-    Numbers,
-    Side,
-    margin,
-    numbers,
-    side,
-    whole,
-)
+from ..parsing import Margin, Numbers, Side, margin, numbers, side, whole
 from ..samples import Selection
 from ..units import for_people, one_each, ranges_in_si
+from ..usage import BadOption, argument, one_document, option, refuse
 
 if TYPE_CHECKING:
     from calib import Model, Plan, Samples
@@ -33,27 +24,16 @@ if TYPE_CHECKING:
 def plan(
     source: Annotated[
         str,
-        typer.Argument(
-            metavar="ROBOT|MODEL",
-            help="A URDF file or a bundled robot, to be measured for the first time; or a model, "
+        argument(
+            "ROBOT|MODEL",
+            "A URDF file or a bundled robot, to be measured for the first time; or a model, "
             "to be improved or checked.",
         ),
     ],
     output: Annotated[
-        str,
-        typer.Option(
-            "--output",
-            "-o",
-            metavar="FILE",
-            help="CSV, or Parquet by its name (- for standard output).",
-        ),
+        str, option("--output -o FILE", "CSV, or Parquet by its name (- for standard output).")
     ],
-    poses: Annotated[
-        int,
-        typer.Option(
-            "--poses", "-n", parser=whole("--poses", 1, 1000), metavar="N", help="How many poses."
-        ),
-    ] = 60,
+    poses: Annotated[int, option("--poses -n N", "How many poses.", whole(1, 1000))] = 60,
     joints: o.JointsOption = None,
     tip: o.TipOption = None,
     planar: o.PlanarOption = False,
@@ -61,38 +41,32 @@ def plan(
     ranges: o.RangeOption = None,
     margins: Annotated[
         Margin | None,
-        typer.Option(
-            "--margin",
-            parser=margin,
-            metavar="M|P%",
-            help="Distance from the joints' limits [rad or m], or a share of each range; 1 deg, "
+        option(
+            "--margin M|P%",
+            "Distance from the joints' limits [rad or m], or a share of each range; 1 deg, "
             "but at most 2 %, if not given.",
+            margin,
         ),
     ] = None,
     start: Annotated[
         Numbers | None,
-        typer.Option(
-            "--from",
-            parser=numbers("--from"),
-            metavar="Q1,Q2",
-            help="Where the joints are before the first pose; neutral if not given.",
+        option(
+            "--from Q1,Q2",
+            "Where the joints are before the first pose; neutral if not given.",
+            numbers,
         ),
     ] = None,
     keep: Annotated[
         list[Side] | None,
-        typer.Option(
-            "--keep",
-            parser=side,
-            metavar="x|y=LO:HI",
-            help="Keep the tip within these bounds, at poses and along the straight moves between "
+        option(
+            "--keep x|y=LO:HI",
+            "Keep the tip within these bounds, at poses and along the straight moves between "
             "them [m, or the sensor's unit]; repeatable.",
+            side,
         ),
     ] = None,
     data: Annotated[
-        str | None,
-        typer.Option(
-            "--data", metavar="LOG", help="What was measured already: plan what it leaves out."
-        ),
+        str | None, option("--data LOG", "What was measured already: plan what it leaves out.")
     ] = None,
     columns: o.ColumnsOption = None,
     seed: o.SeedOption = 0,
@@ -103,10 +77,9 @@ def plan(
 
     Obstacles and self-collision are not looked at: try the poses slowly first.
     """
-    if as_json and output == "-":
-        raise BadOption("--json and --output '-' both want standard output: expected one of them")
-    if columns is not None and data is None:
-        raise BadOption("--columns applies to a log: expected --data LOG too")
+    one_document(output, as_json)
+    if data is None:
+        refuse({"--columns": columns}, "applies to a log: expected --data LOG too")
     import calib
     from calib.samples.tables import write_table
 
@@ -150,13 +123,9 @@ def _load(selection: Selection) -> Arm | Model:
     source = str(selection.robot)
     if not _is_model(source):
         return selection.load()
-    for option, value in (
-        ("--joints", selection.joints),
-        ("--tip", selection.tip),
-        ("--lock", selection.lock),
-    ):
-        if value:
-            raise BadOption(f"{option} is for ROBOT: a model has its joints and its tip already")
+    of_robots: dict[str, object] = {"--joints": selection.joints, "--tip": selection.tip}
+    of_robots["--lock"] = selection.lock or None
+    refuse(of_robots, "is for ROBOT: a model has its joints and its tip already")
     return calib.load(source)
 
 
@@ -218,6 +187,8 @@ def _measured(
     """Read the log of what was measured already."""
     import calib
 
+    if isinstance(known, calib.Model):  # which remembers columns, unit and degrees of its log
+        return log_for(known, data, columns, degrees or None, None, notes)
     facts = _facts(known)
     sliding = [n for n, turns in zip(facts.joint_names, facts.revolute, strict=True) if not turns]
     log = calib.read_log(

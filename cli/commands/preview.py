@@ -6,14 +6,13 @@ import webbrowser
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
-import typer
-
 from .. import options as o
 from .. import parsing
 from ..measurements import log_for
 from ..output import Notes, note, tell
-from ..parsing import BadOption
+from ..parsing import Columns
 from ..photo import NoPhotoOption, PhotoOption, shown
+from ..usage import BadOption, flag, option, refuse
 
 if TYPE_CHECKING:
     from calib.model.model import Model
@@ -21,25 +20,18 @@ if TYPE_CHECKING:
 
 MeshesOption = Annotated[
     str | None,
-    typer.Option(
-        "--meshes",
-        metavar="FOLDER",
-        help="Where the mesh files are that the URDF names; nothing outside of it is read.",
+    option(
+        "--meshes FOLDER",
+        "Where the mesh files are that the URDF names; nothing outside of it is read.",
     ),
 ]
-PortOption = Annotated[
-    int,
-    typer.Option(
-        "--port", parser=parsing.whole("--port", 0), metavar="N", help="Port (default any)."
-    ),
-]
+PortOption = Annotated[int, option("--port N", "Port (default any).", parsing.whole(0, 65535))]
 
 
 def preview(
     model: o.ModelArgument,
     html: Annotated[
-        str | None,
-        typer.Option("--html", metavar="FILE", help="Write the page, which needs no network."),
+        str | None, option("--html FILE", "Write the page, which needs no network.")
     ] = None,
     data: o.DataOption = None,
     columns: o.ColumnsOption = None,
@@ -48,12 +40,9 @@ def preview(
     no_photo: NoPhotoOption = False,
     meshes: MeshesOption = None,
     port: PortOption = 0,
-    no_open: Annotated[
-        bool, typer.Option("--no-open", help="Print the address and open no browser.")
-    ] = False,
+    no_open: Annotated[bool, flag("--no-open", "Print the address and open no browser.")] = False,
     live: Annotated[
-        bool,
-        typer.Option("--live", help="A target to drag, with every way of reaching it."),
+        bool, flag("--live", "A target to drag, with every way of reaching it.")
     ] = False,
 ) -> None:
     """Show the arm and its learned maps in a browser, with meshcat."""
@@ -63,8 +52,6 @@ def preview(
 
     if live and html is not None:
         raise BadOption("--live needs a running preview: expected it without --html")
-    if port > 65535:
-        raise BadOption(f"--port {port}: expected 0 to 65535")
     folder = checked_folder(meshes)
     if html is not None:
         from .train import check_output
@@ -119,14 +106,13 @@ def checked_folder(meshes: str | None) -> Path | None:
 def log_of(
     model: Model,
     data: str | None,
-    columns: parsing.Columns | None,
+    columns: Columns | None,
     degrees: bool | None,
     notes: Notes,
 ) -> Samples | None:
     """Read a log of a model's own arm, None where none is given."""
     if data is None:
-        for option, value in (("--columns", columns), ("--degrees", degrees)):
-            if value is not None:
-                raise BadOption(f"{option} applies to a log: expected --data LOG too")
+        of_logs = {"--columns": columns, "--degrees": degrees}
+        refuse(of_logs, "applies to a log: expected --data LOG too")
         return None
     return log_for(model, data, columns, degrees, None, notes)

@@ -3,14 +3,16 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from typing import TYPE_CHECKING, Annotated, Any
+from typing import TYPE_CHECKING, Annotated
 
 import typer
 
 from .. import options as o
-from ..output import Table, fixed, note, show, show_json
-from ..parsing import BadOption, Numbers, bad_option, finite, height, numbers
-from ..units import JointFormat, for_people, one_each, units_of
+from ..answers import answers, show_answers
+from ..output import NO, fixed, note, show_json
+from ..parsing import Numbers, finite, height, numbers
+from ..units import JointFormat, for_people, meaning, one_each, why_outside
+from ..usage import BadOption, argument, bad_option, flag, one_document, option
 from .path import path
 
 if TYPE_CHECKING:
@@ -21,7 +23,6 @@ if TYPE_CHECKING:
 
     Array = NDArray[np.float64]
 
-NO = 3
 
 query_app = typer.Typer(
     add_completion=False,
@@ -36,8 +37,7 @@ _NEGATIVE = {"ignore_unknown_options": True}  # -0.1 is a number, not an option
 def forward(
     model: o.ModelArgument,
     values: Annotated[
-        list[str] | None,
-        typer.Argument(metavar="Q1 Q2", help="Joint values, base to tip [rad or m]."),
+        list[str] | None, argument("Q1 Q2", "Joint values, base to tip [rad or m].")
     ] = None,
     readout: o.ReadoutOption = None,
     input_: o.InputOption = None,
@@ -75,20 +75,23 @@ def forward(
         bounds = more["expected_error"], more["model_error"]
     turn = [more[name] for name in ("qx", "qy", "qz", "qw")] if "qw" in more else None
     outside = loaded.outside(q)
+    (answer,) = answers(
+        joints,
+        [q],
+        position=[position],
+        **({} if turn is None else {"quaternion": [turn]}),
+        expected_error=[bounds[0]],
+        model_error=[bounds[1]],
+    )
     if as_json:
-        document = {
-            "joints": dict(zip(joints.names, q, strict=True)),
-            "position": position,
-            **({} if turn is None else {"quaternion": turn}),
-            "expected_error": bounds[0],
-            "model_error": bounds[1],
-        }
-        show_json({**document, **_kind_of_answer(loaded, frame)})
+        show_json({**answer, **meaning(loaded.about, frame)})
     if outside is not None:
-        note(f"no answer: {_why_outside(joints, loaded, q) or outside}")
+        note(f"no answer: {why_outside(joints, loaded, q) or outside}")
         raise typer.Exit(NO)
     if not as_json:
-        _show(loaded, joints, [(q, position, None, *bounds)], "", frame)
+        in_base = frame == "base"
+        unit, axes = ("m", "xyz") if in_base else (loaded.about.unit, loaded.axes)
+        show_answers(joints, [answer], unit, axes, _bounds(loaded, frame))
         if turn is not None:
             print("quaternion " + " ".join(fixed(value, 6) for value in turn))
 
@@ -97,8 +100,7 @@ def forward(
 def inverse(
     model: o.ModelArgument,
     target: Annotated[
-        list[str] | None,
-        typer.Argument(metavar="X Y [Z]", help="Position wanted [m, or the sensor's unit]."),
+        list[str] | None, argument("X Y [Z]", "Position wanted [m, or the sensor's unit].")
     ] = None,
     near: o.NearOption = None,
     every: o.AllOption = False,
@@ -108,34 +110,20 @@ def inverse(
     frame: o.FrameOption = "sensor",
     quaternion: Annotated[
         Numbers | None,
-        typer.Option(
-            "--quaternion",
-            parser=numbers("--quaternion"),
-            metavar="QX,QY,QZ,QW",
-            help="Of an arm in space: the orientation wanted too.",
+        option(
+            "--quaternion QX,QY,QZ,QW", "Of an arm in space: the orientation wanted too.", numbers
         ),
     ] = None,
     rpy: Annotated[
         Numbers | None,
-        typer.Option(
-            "--rpy",
-            parser=numbers("--rpy"),
-            metavar="R,P,Y",
-            help="The same as roll, pitch and yaw, as in a URDF [rad].",
-        ),
+        option("--rpy R,P,Y", "The same as roll, pitch and yaw, as in a URDF [rad].", numbers),
     ] = None,
     keep: Annotated[
-        bool,
-        typer.Option("--keep-orientation", help="Turn the tool as little as possible from --near."),
+        bool, flag("--keep-orientation", "Turn the tool as little as possible from --near.")
     ] = False,
     on: Annotated[
         float | None,
-        typer.Option(
-            "--on",
-            parser=height,
-            metavar="z=H",
-            help="The pixel X Y lies on this plane of the base frame [m].",
-        ),
+        option("--on z=H", "The pixel X Y lies on this plane of the base frame [m].", height),
     ] = None,
     degrees: o.DegreesOption = False,
     as_json: o.JsonOption = False,
@@ -167,23 +155,23 @@ def inverse(
     _check_count(typed, loaded.axes, "coordinate")
     answer = _branches(loaded, typed, anchor) if every else loaded.solve(typed, anchor, readout)
     reachable = bool(answer.reachable.any())
+    solutions = answers(
+        joints,
+        answer.q,
+        position=answer.position,
+        distance=answer.distance,
+        expected_error=answer.expected_error,
+        model_error=answer.model_error,
+    )
     if as_json:
-        solutions = [
-            {
-                "joints": dict(zip(joints.names, q, strict=True)),
-                "position": position,
-                "distance": distance,
-                "expected_error": bound,
-                "model_error": error,
-            }
-            for q, position, distance, bound, error in _solutions(answer)
-        ]
         document = {"target": typed, "reachable": reachable, "solutions": solutions}
-        show_json({**document, **_kind_of_answer(loaded)})
+        show_json({**document, **meaning(loaded.about)})
     other = readout is not None and readout != loaded.default_readout
     missed = f"the answer of readout '{readout}'" if other else "nearest attainable point"
     if not as_json:
-        _show(loaded, joints, _solutions(answer), "" if reachable else missed)
+        quantities = ["distance", *_bounds(loaded)]
+        title = "" if reachable else missed
+        show_answers(joints, solutions, loaded.about.unit, loaded.axes, quantities, title)
     if not reachable:
         factor, unit = for_people(loaded.about.unit)
         away = f"{float(answer.distance.min()) * factor:.4g} {unit} away"
@@ -222,8 +210,7 @@ def _check_streams(
         raise BadOption(f"--input {input_!r} and {len(typed)} values: expected one of them")
     if output is not None and input_ is None:
         raise BadOption(f"--output {output!r} is for many queries: expected --input FILE too")
-    if as_json and output == "-":
-        raise BadOption("--json and --output '-' both want standard output: expected one of them")
+    one_document(output, as_json)
 
 
 def _check_count(typed: Sequence[float], names: Sequence[str], what: str) -> None:
@@ -242,7 +229,8 @@ def _anchor(model: Model, near: Sequence[float] | None, joints: JointFormat) -> 
         slack = 1e-9 * (about.upper[k] - about.lower[k])
         inside = about.lower[k] - slack <= value <= about.upper[k] + slack
         if not (inside or turns_round[k]):
-            raise bad_option("--near", joints.value(k, value), joints.learned_range(k))
+            expected = joints.learned_range(k) + joints.hint(k, value)
+            raise bad_option("--near", joints.value(k, value), expected)
     return q
 
 
@@ -259,59 +247,10 @@ def _branches(model: Model, target: Sequence[float], anchor: Sequence[float] | N
     return answer.take(order)
 
 
-def _solutions(answer: Answer) -> list[tuple[Any, Any, float, float, float]]:
-    numbers = answer.distance, answer.expected_error, answer.model_error
-    return list(zip(answer.q, answer.position, *(n.tolist() for n in numbers), strict=True))
-
-
-def _kind_of_answer(model: Model, frame: str = "sensor") -> dict[str, Any]:
-    about = model.about
-    if frame == "base":
-        units = units_of(about, frame)
-        return {"frame": frame, "unit": "m", "bound_of": "true position", "units": units}
-    return {"unit": about.unit, "bound_of": about.bound_of, "units": units_of(about)}
-
-
-def _why_outside(joints: JointFormat, model: Model, q: Sequence[float]) -> str | None:
-    """Name the joint that is furthest beyond its learned range, in the units typed."""
-    from calib.model.trust import ROUNDED
-
-    about = model.about
-    excess = [
-        0.0 if turns_round else max(low - value, value - high) / (high - low)
-        for value, low, high, turns_round in zip(
-            q, about.lower, about.upper, model.motor.scale.periodic, strict=True
-        )
-    ]
-    k = max(range(len(q)), key=lambda i: excess[i])
-    if excess[k] <= ROUNDED:
-        return None
-    return f"{joints.value(k, q[k])} is outside of the learned range {joints.learned_range(k)}"
-
-
-def _show(
-    model: Model,
-    joints: JointFormat,
-    answers: Sequence[tuple[Any, Any, float | None, float, float]],
-    title: str,
-    frame: str = "sensor",
-) -> None:
-    """Print answers, one line each: joints, position, distance and expected error."""
-    factor, unit = for_people("m" if frame == "base" else model.about.unit)
-    with_distance = answers[0][2] is not None
-    both = model.about.source == "log" and frame == "sensor"  # of others they are the same
-    axes = ("x", "y", "z") if frame == "base" else model.axes
-    header = [*joints.header, *(f"{axis} [{unit}]" for axis in axes)]
-    header += [f"distance [{unit}]"] if with_distance else []
-    rows = []
-    for q, position, distance, bound, error in answers:
-        row = [joints.cell(k, value) for k, value in enumerate(q)]
-        row += [fixed(value * factor, 4) for value in position]
-        row += [fixed(distance * factor, 4)] if distance is not None else []
-        bounds = (bound, error) if both else (bound,)
-        rows.append([*row, *(fixed(value * factor, 4) for value in bounds)])
-    header += [f"expected error [{unit}]", *([f"model error [{unit}]"] if both else [])]
-    show(Table(header, rows, title, left=0))
+def _bounds(model: Model, frame: str = "sensor") -> list[str]:
+    """Bounds that are printed: of a simulation, and in the base frame, both are the same."""
+    both = model.about.source == "log" and frame == "sensor"
+    return ["expected_error", "model_error"] if both else ["expected_error"]
 
 
 query_app.command()(path)

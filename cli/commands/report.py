@@ -5,24 +5,20 @@ from __future__ import annotations
 from pathlib import Path
 from typing import Annotated
 
-import typer
-
 from .. import options as o
 from ..output import Notes, tell
-from ..parsing import BadOption
 from ..photo import NoPhotoOption, PhotoOption, shown
+from ..usage import BadOption, option
 from .preview import log_of
 
 
 def report(
     model: o.ModelArgument,
     output: Annotated[
-        str | None,
-        typer.Option("--output", "-o", metavar="FILE.html", help="The report, in one file."),
+        str | None, option("--output -o FILE.html", "The report, in one file.")
     ] = None,
     png: Annotated[
-        str | None,
-        typer.Option("--png", metavar="DIR", help="Write its figures as PNG into this folder."),
+        str | None, option("--png DIR", "Write its figures as PNG into this folder.")
     ] = None,
     data: o.DataOption = None,
     columns: o.ColumnsOption = None,

@@ -3,76 +3,61 @@
 from __future__ import annotations
 
 import time
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
-import typer
-
 from .. import options as o
 from .. import parsing
 from ..output import Table, note, number, show, show_json
-from ..parsing import BadOption
+from ..parsing import JointValue
 from ..progress import progress_bar
 from ..units import kinds_of_joints, ranges_in_si
+from ..usage import argument, choice, flag, option
 
 if TYPE_CHECKING:
     from calib.paper.setting import Setting
     from calib.paper.tables import Result
 
-Formats = tuple[str, ...]
+_LONGEST = 1e3  # of a link [m]
 FORMATS = ("png", "svg", "pdf")
-SUBJECTS = (
-    "table1",
-    "table2",
-    "figures",
-    "adaptation",
-    "networks",
-    "experiments",
-    "ablation",
-    "all",
-)
+SUBJECTS = ("table1", "table2", "figures", "adaptation", "networks", "experiments", "ablation")
+CHOICES = (*SUBJECTS, "all")
 
-SubjectArgument = Annotated[
-    str,
-    typer.Argument(
-        parser=parsing.one_of("WHAT", SUBJECTS), metavar="|".join(SUBJECTS), help="What to redo."
-    ),
-]
+
+@parsing.expects("JOINT=METRES such as elbow=0.3")
+def _length(text: str) -> JointValue:
+    """Read the length of the link that a joint moves."""
+    joint, _, value = text.partition("=")
+    length = parsing.finite(value)
+    parsing.require(bool(joint) and 0.0 < length < _LONGEST)
+    return JointValue(joint, length)
 
 
 def reproduce(
-    what: SubjectArgument = "all",
+    what: Annotated[
+        str, argument("|".join(CHOICES), "What to redo.", parsing.one_of(CHOICES))
+    ] = "all",
     output: Annotated[
-        str, typer.Option("--output", "-o", metavar="DIR", help="Folder of the CSV files, figures.")
+        str, option("--output -o DIR", "Folder of the CSV files, figures.")
     ] = "reproduced",
     quick: Annotated[
-        bool, typer.Option("--quick", help="Small lattices and few samples: does it all run?")
+        bool, flag("--quick", "Small lattices and few samples: does it all run?")
     ] = False,
     data: Annotated[
-        str | None,
-        typer.Option("--data", metavar="DIR", help="Folder of real logs, for the ablation."),
+        str | None, option("--data DIR", "Folder of real logs, for the ablation.")
     ] = None,
     robot: Annotated[
-        str | None,
-        typer.Option("--robot", metavar="ROBOT", help="Another arm of two joints that turn."),
+        str | None, option("--robot ROBOT", "Another arm of two joints that turn.")
     ] = None,
     ranges: o.RangeOption = None,
     lengths: Annotated[
-        list[str] | None,
-        typer.Option(
-            "--length", metavar="JOINT=M", help="Length of the link that a joint moves; repeatable."
-        ),
+        list[JointValue] | None,
+        option("--length JOINT=M", "Length of the link that a joint moves; repeatable.", _length),
     ] = None,
     formats: Annotated[
-        list[str] | None,
-        typer.Option(
-            "--format",
-            parser=parsing.one_of("FORMAT", FORMATS),
-            metavar="|".join(FORMATS),
-            help="Of the figures; repeatable (default png).",
-        ),
+        list[str] | None, choice("--format", FORMATS, "Of the figures; repeatable (default png).")
     ] = None,
     degrees: o.DegreesOption = False,
     seed: o.SeedOption = 0,
@@ -99,12 +84,14 @@ def reproduce(
             report=report,
             robot=arm,
             ranges=typed,
-            lengths=_lengths(lengths or ()),
+            lengths=dict(lengths or ()),
         )
         setting = replace(setting, data=None if data is None else Path(data))
         drawn = tuple(dict.fromkeys(formats or ("png",)))
-        for name in _ALL if what == "all" else (what,):
-            for key, result in _RUNS[name](setting, folder, drawn):
+        # the figures bring the adaptation along
+        names = [name for name in SUBJECTS if name != "adaptation"] if what == "all" else [what]
+        for name in names:
+            for key, result in _run(name, setting, folder, drawn):
                 document[key] = result.data
                 _keep(result, folder, shown=not as_json)
     document["units"] = {"joints": "rad", "positions": "m", "seconds": "s"}
@@ -116,87 +103,31 @@ def reproduce(
         note(f"{output}: {len(document['files'])} files, {document['seconds']:.0f} s")
 
 
-def _lengths(typed: Sequence[str]) -> dict[str, float]:
-    """Lengths of links by their joints."""
-    found = {}
-    for text in typed:
-        joint, equals, value = text.partition("=")
-        try:
-            length = float(value)
-        except ValueError:
-            length = -1.0
-        if not (joint and equals and 0.0 < length < _LONGEST):
-            raise BadOption(f"--length {text!r}: expected JOINT=METRES such as elbow=0.3")
-        found[joint] = length
-    return found
-
-
-def _table1(setting: Setting, _folder: Path, _: Formats) -> list[tuple[str, Result]]:
-    from calib.paper.tables import table1
-
-    return [("table1", table1(setting))]
-
-
-def _table2(setting: Setting, _folder: Path, _: Formats) -> list[tuple[str, Result]]:
-    from calib.paper.tables import table2
-
-    return [("table2", table2(setting))]
-
-
-def _networks(setting: Setting, _folder: Path, _: Formats) -> list[tuple[str, Result]]:
-    from calib.paper.experiments import networks
-
-    return [("networks", networks(setting))]
-
-
-def _experiments(setting: Setting, _folder: Path, _: Formats) -> list[tuple[str, Result]]:
-    from calib.paper import experiments as e
-
-    runs = (e.resampling, e.perturbation, e.directions)
-    return [(run.__name__, run(setting)) for run in runs]
-
-
-def _ablation(setting: Setting, _folder: Path, _formats: Formats) -> list[tuple[str, Result]]:
-    from calib.paper.ablation import ablation
-
-    return [("ablation", ablation(setting))]
-
-
-def _figures(setting: Setting, folder: Path, formats: Formats) -> list[tuple[str, Result]]:
-    from calib.paper.figures import lattice_figure
-
-    lattice_figure(setting, folder / "lattices.png", formats)
-    return _adaptation(setting, folder, formats)
-
-
-def _adaptation(setting: Setting, folder: Path, formats: Formats) -> list[tuple[str, Result]]:
+def _run(
+    name: str, setting: Setting, folder: Path, formats: Sequence[str]
+) -> Iterator[tuple[str, Result]]:
+    """Redo one subject: draw its figures, and yield its results by name."""
+    from calib.paper import ablation, experiments, figures, tables
     from calib.paper.adaptation import adaptation
-    from calib.paper.figures import changed_figure, curves_figure
 
-    result, episodes = adaptation(setting)
-    changed_figure(episodes, folder / "changed.png", formats)
-    curves_figure(episodes, folder / "adaptation.png", formats)
-    return [("adaptation", result)]
+    runs: dict[str, tuple[Callable[[Setting], Result], ...]] = {
+        "table1": (tables.table1,),
+        "table2": (tables.table2,),
+        "networks": (experiments.networks,),
+        "experiments": (experiments.resampling, experiments.perturbation, experiments.directions),
+        "ablation": (ablation.ablation,),
+    }
+    if name == "figures":
+        figures.lattice_figure(setting, folder / "lattices.png", formats)
+    if name in ("figures", "adaptation"):
+        result, episodes = adaptation(setting)
+        figures.changed_figure(episodes, folder / "changed.png", formats)
+        figures.curves_figure(episodes, folder / "adaptation.png", formats)
+        yield "adaptation", result
+    for run in runs.get(name, ()):
+        yield run.__name__, run(setting)
 
 
-_RUNS: dict[str, Callable[[Setting, Path, Formats], list[tuple[str, Result]]]] = {
-    "table1": _table1,
-    "table2": _table2,
-    "figures": _figures,
-    "adaptation": _adaptation,
-    "networks": _networks,
-    "experiments": _experiments,
-    "ablation": _ablation,
-}
-_LONGEST = 1e3  # of a link [m]
-_ALL = (
-    "table1",
-    "table2",
-    "figures",
-    "networks",
-    "experiments",
-    "ablation",
-)  # figures: adaptation too
 _LONG = ("schedules", "adaptation_curves", "ablation")  # for the CSV files only
 
 

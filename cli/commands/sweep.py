@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import glob
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Sequence
 from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
@@ -16,9 +16,10 @@ from .. import options as o
 from .. import parsing
 from ..comparison import document, failures, summary, tables
 from ..output import Notes, note, show, show_json, tell
-from ..parsing import BadOption, Values, several
+from ..parsing import Values, several
 from ..progress import progress_bar
-from ..samples import Selection, measured
+from ..samples import Selection, check_sources, measured
+from ..usage import BadOption, argument, choice, one_document, option
 
 if TYPE_CHECKING:
     from calib import Samples
@@ -31,127 +32,104 @@ _MOST_SEEDS = 1000
 def sweep(
     robots: Annotated[
         list[str] | None,
-        typer.Argument(
-            metavar="ROBOT...",
-            help="URDF files or bundled robots (calib robots). Not needed with --data.",
+        argument(
+            "ROBOT...", "URDF files or bundled robots (calib robots). Not needed with --data."
         ),
     ] = None,
     data: Annotated[
         list[str] | None,
-        typer.Option(
-            "--data",
-            metavar="LOG",
-            help="A measured log, or several by a quoted pattern such as 'logs/*.csv'; repeatable.",
+        option(
+            "--data LOG",
+            "A measured log, or several by a quoted pattern such as 'logs/*.csv'; repeatable.",
         ),
     ] = None,
     output: Annotated[
         str | None,
-        typer.Option(
-            "--output",
-            "-o",
-            metavar="FILE",
-            help="A row for each training, as CSV, or Parquet by its name (- for standard output).",
+        option(
+            "--output -o FILE",
+            "A row for each training, as CSV, or Parquet by its name (- for standard output).",
         ),
     ] = None,
     size: Annotated[
-        Values | None,
-        typer.Option(
-            "--size",
-            parser=several("--size", parsing.size("--size")),
-            metavar="N,NxN,..",
-            help="Nodes of both maps.",
-        ),
+        Values | None, option("--size N,NxN,..", "Nodes of both maps.", several(parsing.size))
     ] = None,
     map_: Annotated[
         Values | None,
-        typer.Option(
-            "--map",
-            parser=several("--map", parsing.kind_of_map(MAPS)),
-            metavar="A,B,..",
-            help=f"Kinds of map, of {', '.join(MAPS)}.",
+        option(
+            "--map A,B,..",
+            f"Kinds of map, of {', '.join(MAPS)}.",
+            several(parsing.kind_of_map(MAPS)),
         ),
     ] = None,
     rule: Annotated[
         Values | None,
-        typer.Option(
-            "--rule",
-            parser=several("--rule", parsing.one_of("--rule", RULES)),
-            metavar="A,B",
-            help=f"Training rules, of {', '.join(RULES)}.",
+        option(
+            "--rule A,B", f"Training rules, of {', '.join(RULES)}.", several(parsing.one_of(RULES))
         ),
     ] = None,
     epochs: Annotated[
         Values | None,
-        typer.Option(
-            "--epochs",
-            parser=several("--epochs", parsing.whole("--epochs", 1)),
-            metavar="N,N,..",
-            help="Passes over the samples; the full lattice alone is trained then.",
+        option(
+            "--epochs N,N,..",
+            "Passes over the samples; the full lattice alone is trained then.",
+            several(parsing.whole(1)),
         ),
     ] = None,
     sigma: Annotated[
         Values | None,
-        typer.Option(
-            "--sigma",
-            parser=several("--sigma", parsing.sigma),
-            metavar="START:END,..",
-            help="Neighbourhood radii at the start and the end [nodes]; the full lattice alone "
+        option(
+            "--sigma START:END,..",
+            "Neighbourhood radii at the start and the end [nodes]; the full lattice alone "
             "is trained then.",
+            several(parsing.sigma),
         ),
     ] = None,
     samples: Annotated[
         Values | None,
-        typer.Option(
-            "--samples",
-            "-n",
-            parser=several("--samples", parsing.whole("--samples", 1)),
-            metavar="N,N,..",
-            help="How many samples to babble (default 20000).",
+        option(
+            "--samples -n N,N,..",
+            "How many samples to babble (default 20000).",
+            several(parsing.whole(1)),
         ),
     ] = None,
     noise: Annotated[
         Values | None,
-        typer.Option(
-            "--noise",
-            parser=several("--noise", parsing.at_least_zero("--noise", "m")),
-            metavar="S,S,..",
-            help="Standard deviations of the simulated sensor along each axis [m] (default 0).",
+        option(
+            "--noise S,S,..",
+            "Standard deviations of the simulated sensor along each axis [m] (default 0).",
+            several(parsing.at_least_zero("m")),
         ),
     ] = None,
     seeds: Annotated[
         int,
-        typer.Option(
-            "--seeds",
-            parser=parsing.whole("--seeds", 1, _MOST_SEEDS),
-            metavar="K",
-            help="Train each combination so many times, with the seeds 0, 1, 2 and so on.",
+        option(
+            "--seeds K",
+            "Train each combination so many times, with the seeds 0, 1, 2 and so on.",
+            parsing.whole(1, _MOST_SEEDS),
         ),
     ] = 1,
     jobs: Annotated[
         int | None,
-        typer.Option(
-            "--jobs",
-            parser=parsing.whole("--jobs", 1, 10_000),
-            metavar="N",
-            help="How many trainings at the same time (default all cores).",
+        option(
+            "--jobs N",
+            "How many trainings at the same time (default all cores).",
+            parsing.whole(1, 10_000),
         ),
     ] = None,
     backend: Annotated[
         str,
-        typer.Option(
+        choice(
             "--backend",
-            parser=parsing.one_of("--backend", BACKENDS),
-            metavar="|".join(BACKENDS),
-            help="Where they run: processes or threads of this machine, or a Dask or Ray cluster.",
+            BACKENDS,
+            "Where they run: processes or threads of this machine, or a Dask or Ray cluster.",
         ),
     ] = "loky",
     readout: Annotated[
         Values | None,
-        typer.Option(
-            "--readout",
-            parser=several("--readout", parsing.one_of("--readout", READOUTS)),
-            metavar="A,B,..",
-            help="Readouts to print a table for (default all); files and JSON hold them all.",
+        option(
+            "--readout A,B,..",
+            "Readouts to print a table for (default all); files and JSON hold them all.",
+            several(parsing.one_of(READOUTS)),
         ),
     ] = None,
     joints: o.JointsOption = None,
@@ -172,11 +150,11 @@ def sweep(
     from calib.samples.tables import write_table
     from calib.sweeps.sweep import sweep as run
 
-    if as_json and output == "-":
-        raise BadOption("--json and --output '-' both want standard output: expected one of them")
+    one_document(output, as_json)
     simulated = {"--samples": samples, "--noise": noise}
     of_logs = {"--columns": columns, "--unit": unit, "--prismatic": prismatic}
-    _check_sources(robots or (), data, simulated, of_logs)
+    check_sources(robots or (), bool(data), simulated, of_logs)
+    _check_lists(robots or (), data or ())
     if output not in (None, "-"):
         check_writable(str(output))
     notes = Notes()
@@ -235,34 +213,18 @@ def _arm(selection: Selection, notes: Notes) -> Arm:
     return arm
 
 
-def _check_sources(
-    robots: Sequence[str],
-    data: Sequence[str] | None,
-    simulated: Mapping[str, object],
-    of_logs: Mapping[str, object],
-) -> None:
-    """Refuse options that would be without effect."""
-    if not robots and not data:
-        raise BadOption("no source to learn from: expected ROBOT, --data LOG, or both")
+def _check_lists(robots: Sequence[str], data: Sequence[str]) -> None:
+    """Refuse lists of robots and logs that do not go together."""
     if data and len(robots) > 1:
         raise BadOption(
             f"--data with {len(robots)} robots: expected one ROBOT or none; repeat --data for "
             "each log, or quote a pattern such as 'logs/*.csv'"
         )
-    if data and "-" in data:
+    if "-" in data:
         raise BadOption("--data '-': expected files, standard input holds one log")
     for name in robots:
         if robots.count(name) > 1:
             raise BadOption(f"ROBOT {name!r} is given twice: expected each once")
-    for options, wrong, remedy in (
-        (simulated, bool(data), "applies to simulated babbling, which --data replaces"),
-        (of_logs, not data, "applies to a log: expected --data LOG too"),
-    ):
-        for name, value in options.items():
-            if wrong and value is not None:
-                raise BadOption(f"{name} {remedy}")
-    if robots and of_logs["--prismatic"] is not None:
-        raise BadOption("--prismatic applies to a log without ROBOT; ROBOT defines its joints")
 
 
 def _logs(typed: Sequence[str]) -> list[str]:

@@ -4,25 +4,16 @@ from __future__ import annotations
 
 from typing import Annotated
 
-import typer
-
 from .. import camera as c
 from .. import parsing
 from ..output import tell
+from ..usage import BadOption, argument, option
 
 
 def tag(
-    output: Annotated[
-        str, typer.Option("--output", "-o", metavar="FILE.svg", help="The page to print.")
-    ],
-    number: Annotated[
-        int | None,
-        typer.Argument(metavar="ID", parser=parsing.whole("ID", 0), help="Which tag."),
-    ] = None,
-    size: Annotated[
-        str,
-        typer.Option("--size", metavar="40mm", help="Side of the black square."),
-    ] = "40mm",
+    output: Annotated[str, option("--output -o FILE.svg", "The page to print.")],
+    number: Annotated[int | None, argument("ID", "Which tag.", parsing.whole(0))] = None,
+    size: Annotated[str, option("--size 40mm", "Side of the black square.")] = "40mm",
     dictionary: c.DictionaryOption = c.DICTIONARY,
     board: c.BoardOption = None,
 ) -> None:
@@ -33,7 +24,7 @@ def tag(
     from calib.recording.printing import print_board, print_tag
 
     if (number is None) == (board is None):
-        raise parsing.BadOption("expected the ID of a tag, or --board, and not both")
+        raise BadOption("expected the ID of a tag, or --board, and not both")
     if board is not None:
         made = Board.parse(board)
         page = print_board(made)

@@ -3,21 +3,18 @@
 from __future__ import annotations
 
 import re
-from collections.abc import Mapping
 from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
-import typer
-
 from .. import options as o
 from ..output import Notes, show, show_json, tell
-from ..parsing import BadOption
 from ..photo import NoPhotoOption, PhotoOption, photo_of_log, with_photo
 from ..progress import progress_bar
-from ..samples import Selection, babbled, measured
+from ..samples import Selection, babbled, check_sources, measured
 from ..sketch import show_sketch
 from ..summary import compact_table, size_in_words, summary
+from ..usage import BadOption, argument, flag, option
 
 if TYPE_CHECKING:
     from calib import Model, Samples
@@ -26,24 +23,19 @@ if TYPE_CHECKING:
 def train(
     robot: Annotated[
         str | None,
-        typer.Argument(
-            metavar="ROBOT",
-            help="A URDF file, or a bundled robot (calib robots). Not needed with --data.",
+        argument(
+            "ROBOT", "A URDF file, or a bundled robot (calib robots). Not needed with --data."
         ),
     ] = None,
     data: o.DataOption = None,
     output: Annotated[
         str | None,
-        typer.Option(
-            "--output",
-            "-o",
-            metavar="MODEL",
-            help="The model's file (default ROBOT.calib, without ROBOT LOG.calib).",
+        option(
+            "--output -o MODEL", "The model's file (default ROBOT.calib, without ROBOT LOG.calib)."
         ),
     ] = None,
     force: Annotated[
-        bool,
-        typer.Option("--force", help="Replace a model of another robot or log by that name."),
+        bool, flag("--force", "Replace a model of another robot or log by that name.")
     ] = False,
     joints: o.JointsOption = None,
     tip: o.TipOption = None,
@@ -69,17 +61,13 @@ def train(
     prismatic: o.PrismaticOption = None,
     lens: Annotated[
         str | None,
-        typer.Option(
-            "--lens",
-            metavar="lens.json",
-            help="The calibrated lens of a camera that sees an arm in space (default: fitted).",
+        option(
+            "--lens lens.json",
+            "The calibrated lens of a camera that sees an arm in space (default: fitted).",
         ),
     ] = None,
     no_rows: Annotated[
-        bool,
-        typer.Option(
-            "--no-rows", help="Keep no rows of the log in the model (default up to 5000)."
-        ),
+        bool, flag("--no-rows", "Keep no rows of the log in the model (default up to 5000).")
     ] = False,
     photo: PhotoOption = None,
     no_photo: NoPhotoOption = False,
@@ -92,7 +80,7 @@ def train(
     simulated = {"--samples": samples, "--noise": noise, "--motion": motion, "--change": change}
     of_logs = {"--columns": columns, "--unit": unit, "--prismatic": prismatic}
     of_logs |= {"--lens": lens, "--photo": photo}
-    _check_source(robot, data, simulated, of_logs)
+    check_sources([robot] if robot else [], data is not None, simulated, of_logs)
     if photo is not None and no_photo:
         raise BadOption("--photo and --no-photo are given: expected one of them")
     if output is not None:
@@ -160,26 +148,6 @@ def check_output(path: str) -> None:
     if path == "-":
         raise BadOption("--output '-': expected a file name, a model cannot be printed as text")
     check_writable(path)
-
-
-def _check_source(
-    robot: str | None,
-    data: str | None,
-    simulated: Mapping[str, object],
-    of_logs: Mapping[str, object],
-) -> None:
-    """Refuse options that would be without effect."""
-    if robot is None and data is None:
-        raise BadOption("no source to learn from: expected ROBOT, --data LOG, or both")
-    for options, wrong, remedy in (
-        (simulated, data is not None, "applies to simulated babbling, which --data replaces"),
-        (of_logs, data is None, "applies to a log: expected --data LOG too"),
-    ):
-        for name, value in options.items():
-            if wrong and value is not None:
-                raise BadOption(f"{name} {remedy}")
-    if robot is not None and of_logs["--prismatic"] is not None:
-        raise BadOption("--prismatic applies to a log without ROBOT; ROBOT defines its joints")
 
 
 def _report(model: Model, path: str) -> None:

@@ -8,41 +8,36 @@ import typer
 
 from .. import options as o
 from .. import parsing
-from ..output import Table, fixed, note, number, show, show_json, tell
+from ..output import NO, Notes, Table, fixed, note, number, show, show_json, tell
 from ..units import for_people, units_of
+from ..usage import flag, option
 
 if TYPE_CHECKING:
     from calib.use.geometry import Geometry
     from calib.use.spatial_geometry import SpatialGeometry
 
-NO = 3
-
 
 def urdf(
     model: o.ModelArgument,
-    output: Annotated[
-        str, typer.Option("--output", "-o", metavar="URDF", help="The corrected description.")
-    ],
+    output: Annotated[str, option("--output -o URDF", "The corrected description.")],
     view: o.ViewOption = "auto",
     cause: o.BlameOption = "sensor",
     move_base: Annotated[
-        bool,
-        typer.Option("--move-base", help="Fit the place of the first joint as well."),
+        bool, flag("--move-base", "Fit the place of the first joint as well.")
     ] = False,
     move_tip: Annotated[
         bool,
-        typer.Option(
+        flag(
             "--move-tip",
-            help="Write the sensed point of a spatial arm as its tip; else it is a probe or a tag.",
+            "Write the sensed point of a spatial arm as its tip; else it is a probe or a tag.",
         ),
     ] = False,
     residual: Annotated[
         float | None,
-        typer.Option(
-            "--residual",
-            parser=parsing.percent("--residual"),
-            metavar="P%",
-            help="Largest residual that is accepted, as a share of the arm's reach (default 1%).",
+        option(
+            "--residual P%",
+            "Largest residual that is accepted, as a share of the arm's reach (default 1%).",
+            parsing.percent,
         ),
     ] = None,
     as_json: o.JsonOption = False,
@@ -54,6 +49,7 @@ def urdf(
     """
     import calib
     from calib.common.atomic import atomic_write, check_writable
+    from calib.use.correct import free_frame
     from calib.use.geometry import Geometry, fit_geometry
     from calib.use.urdf import MOST_UNEXPLAINED, check_output, corrected_urdf
 
@@ -77,10 +73,7 @@ def urdf(
     else:
         show(_table(geometry) if isinstance(geometry, Geometry) else _in_space(geometry))
     if geometry.free:
-        note(
-            "note: the sensor's frame is fitted too, so the first joint's offset is taken as zero; "
-            "--view base says that the log is in the robot's root frame"
-        )
+        Notes().say(free_frame(loaded, cause))
     left = 100.0 * geometry.residual / geometry.reach
     factor, unit = for_people(geometry.unit)
     rms = f"{number(factor * geometry.residual)} {unit} rms ({left:.3g} % of the reach)"

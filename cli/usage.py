@@ -1,0 +1,86 @@
+"""Usage: how a command declares what it takes, and how wrong usage is told."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping, Sequence
+from typing import Any, TypeVar
+
+import typer
+
+from calib.errors import OptionError
+
+from .parsing import Reader, ReadingError, one_of
+
+T = TypeVar("T")
+
+
+class BadOption(typer.BadParameter):
+    """Wrong usage, told by its message alone.
+
+    Parameters
+    ----------
+    message : str
+        What was typed and what was expected.
+    option, value : str or None
+        The option that is wrong, and what was typed.
+    """
+
+    def __init__(self, message: str, option: str | None = None, value: str | None = None) -> None:
+        super().__init__(message)
+        self.option, self.value = option, value
+
+    def format_message(self) -> str:
+        """Return the message without a preface."""
+        return self.message
+
+
+def option(usage: str, help: str, read: Reader[Any] | None = None) -> Any:  # noqa: A002
+    """Declare an option of a value as a usage line has it, such as "--output -o FILE"."""
+    *flags, metavar = usage.split()
+    return typer.Option(*flags, metavar=metavar, parser=read and _parser(flags[0], read), help=help)
+
+
+def choice(flags: str, choices: Sequence[str], help: str) -> Any:  # noqa: A002
+    """Declare an option that is one of several words."""
+    return option(f"{flags} {'|'.join(choices)}", help, one_of(choices))
+
+
+def flag(flags: str, help: str) -> Any:  # noqa: A002
+    """Declare an option without a value."""
+    return typer.Option(flags, help=help)
+
+
+def argument(metavar: str, help: str, read: Reader[Any] | None = None) -> Any:  # noqa: A002
+    """Declare an argument."""
+    return typer.Argument(metavar=metavar, parser=read and _parser(metavar, read), help=help)
+
+
+def bad_option(option: str, text: str, expected: str) -> BadOption:
+    """Return the error for a value that an option cannot have."""
+    shown = text if len(text) <= 60 else text[:57] + "..."
+    return BadOption(f"{option} {shown!r}: expected {expected}", option, text)
+
+
+def refuse(typed: Mapping[str, object], why: str) -> None:
+    """Refuse the first of some options that was given, by name; None is not given."""
+    for name, value in typed.items():
+        if value is not None:
+            raise BadOption(f"{name} {why}")
+
+
+def one_document(output: str | None, as_json: bool) -> None:
+    """Refuse a table and a JSON document that would both go to standard output."""
+    if as_json and output == "-":
+        raise BadOption("--json and --output '-' both want standard output: expected one of them")
+
+
+def _parser(option: str, read: Reader[T]) -> Callable[[object], T]:
+    def parse(typed: object) -> T:  # a default that is no text comes here too
+        try:
+            return read(str(typed))
+        except ReadingError as error:
+            raise bad_option(option, error.text, error.expected) from None
+        except OptionError as error:  # of the library, which reads columns itself
+            raise BadOption(f"--{error}") from None
+
+    return parse
