@@ -59,6 +59,7 @@ def view_of(model: Model) -> dict[str, Any]:
         return {"kind": None}
     from calib.body.poses import knows_orientation
     from calib.body.sensor import SensorPose
+    from calib.body.views import is_camera
 
     kind = "pose" if knows_orientation(body) else body.structure.view
     view: dict[str, Any] = {"kind": kind}
@@ -72,8 +73,8 @@ def view_of(model: Model) -> dict[str, Any]:
                 "unit": parameter.unit,
             }
     if (sensor := SensorPose.of(body)) is not None:
-        view["camera" if view["kind"] == "pinhole" else "sensor"] = sensor.to_json()
-    if view["kind"] == "pinhole":
+        view["camera" if is_camera(view["kind"]) else "sensor"] = sensor.to_json()
+    if is_camera(view["kind"]):
         f, u, v, k1 = body.beta[body.structure.groups["lens"]].tolist()
         view["lens"] = {"focal": f, "centre": [u, v], "k1": k1, "size": model.about.picture}
     return view

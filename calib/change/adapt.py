@@ -28,6 +28,7 @@ from .comparison import UNEXPLAINED, Comparison, carried, compare
 from .drawing import fit_from_drawing
 from .explain import Explanation
 from .members import CREEP, NOTHING
+from .orientation import turned_tool
 from .own_residual import OwnResidual, own_residual
 from .parameter_causes import frame_between
 from .update import MOST_ROWS, settled, updated
@@ -132,7 +133,7 @@ def _few_shot(found: Comparison, report: Progress) -> Adaptation:
         tuple(c for c in causes if c.cause != "noise"),
         _left(found, chosen[0][1]) if changed else ("the arm and the sensor",),
         measured_share(model, found.q),
-        tuple(_notes(found, body, causes, unsettled, improved)),
+        (*_notes(found, body, causes, unsettled, improved), *_orientation(found, log)),
     )
     if not improved:
         return made
@@ -270,6 +271,12 @@ def _notes(
                 f"such as {_poses(found, body)}, or those that calib plan proposes"
             )
     return notes
+
+
+def _orientation(found: Comparison, log: Samples) -> list[str]:
+    """What an adaptation, which is to positions, says of a log's orientations."""
+    _, bent, untold = turned_tool(found, log)
+    return untold + [f"{c.words}: train again to answer for orientations" for c in bent]
 
 
 def _poses(found: Comparison, body: Body) -> str:
