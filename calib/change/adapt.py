@@ -153,7 +153,7 @@ def _followed(found: Comparison, own: OwnResidual | None) -> bool:
 
 def _unchanged(found: Comparison) -> list[tuple[float, Explanation]]:
     """Nothing changed: the rows are added to what was known."""
-    some = [e for e in found.explanations if e.unchanged]
+    some = [e for e in found.explanations if not e.margin]
     if not some:
         return found.likely
     weight = np.exp(np.array([e.evidence for e in some]) - some[0].evidence)
