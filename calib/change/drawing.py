@@ -36,7 +36,8 @@ def fit_from_drawing(found: Comparison, after: float) -> BodyFit | None:
     Returns
     -------
     BodyFit or None
-        None for a model of a log, an arm in space, rows of a line or a corner, or a fit that is no better.
+        None for a model of a log, an arm in space, rows of a line or a corner,
+        or a fit that is no better.
     """
     body, reference, about = found.model.body, found.reference, found.model.about
     if body is None or not body.simulated or body.structure.outputs != 2:
