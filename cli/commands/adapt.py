@@ -83,6 +83,7 @@ def adapt(
                 "changed": [change.to_json() for change in found.changed],
                 "kept": list(found.kept),
                 "coverage": found.coverage,
+                "everywhere": found.everywhere,
                 "before": found.before,
                 "after": found.after,
                 "notes": [as_typed(text) for text in found.notes],
