@@ -86,11 +86,6 @@ class Shooting:
         )
 
 
-def is_video(path: str) -> bool:
-    """Whether a name is that of a video."""
-    return Path(path).suffix.lower() in VIDEOS
-
-
 def is_camera(path: str) -> bool:
     """Whether a name is that of pictures or a video, not of a recording of ROS."""
     suffix = Path(path).suffix.lower()

@@ -155,8 +155,8 @@ def seen_instead(setting: Setting, greys: Sequence[NDArray[np.uint8]]) -> str:
         seen.update({tag.number for tag in finder.find(grey)})
     if not seen:
         return (
-            f"no tag of {setting.dictionary} is in {len(greys)} of them; is it sharp, with a white "
-            "border, and of this dictionary?"
+            f"no tag of {setting.dictionary} is in {len(greys)} of them; check that it is sharp, "
+            "has a white border and is of this dictionary"
         )
     shown = listed([f"{number} ({times} times)" for number, times in seen.most_common()], 6)
     return f"{len(greys)} of them show {shown} of {setting.dictionary}"
