@@ -3,7 +3,7 @@
     python benchmarks/accuracy.py [--quick] [--data FOLDER] [--out FOLDER]
 
 Needs scikit-learn and minisom.  FOLDER of --data holds the laser-tracker logs
-series_a.csv and series_c.csv of a UR10; without it those rows are left out, aloud.
+series_a.csv and series_c.csv of a UR10; without it those rows are left out, with a note.
 """
 
 from __future__ import annotations
@@ -153,12 +153,11 @@ def page(real: list[dict[str, Any]], rows: list[dict[str, Any]]) -> str:
         "",
         f"`two_link`, the same rows for all, {TESTS:,} exact test points.  Noise is that of the "
         "sensor along each axis.  Inverse: distance from the target to where the answered joints "
-        'really lead.  "Refused": test points that calib says it has seen no sample near, '
-        "left out of its errors.  Noise-free micrometres interpolate a smooth function: the "
-        "position of a planar arm is a harmonic polynomial of its joint angles, which calib's "
-        "trend can represent exactly.  They say that nothing is lost, not that an arm is so "
-        "precise.  The refitted kinematic model knows that the arm has two links; nobody else "
-        "does.",
+        'really lead.  "Refused": test points whose error bound exceeds a tenth of the reach, '
+        "left out of its errors.  Without noise calib and the refitted kinematic model find the "
+        "arm exactly, since it is in their model class: nothing is lost on the way, but no real "
+        "arm is so precise.  The refitted model is given the chain of the URDF; calib's body "
+        "finds it from the rows.",
         "",
     ]
     lines += [f"- {r['peer']}: {r['note']}" for r in {r["peer"]: r for r in rows}.values()]

@@ -11,7 +11,7 @@ if TYPE_CHECKING:
     from calib.model.model import Model
     from calib.samples.samples import Samples
 
-_METRES = {"m": 1.0, "cm": 1e-2, "mm": 1e-3, "um": 1e-6}
+_METRES = {"m": 1.0, "cm": 1e-2, "mm": 1e-3, "um": 1e-6, "in": 0.0254}
 
 
 def log_for(
@@ -41,7 +41,7 @@ def log_for(
     if unit is not None and (unit == "px") != (about.unit == "px"):
         raise LogError(
             f"{path} is in {unit}, the model in {about.unit}",
-            hint="record it with the same reference as the model's log",
+            hint="record it with the same reference as the model's log, or train a model of it",
         )
     degrees = about.degrees if degrees is None else degrees
     log = calib.read_log(

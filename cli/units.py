@@ -16,6 +16,7 @@ from .usage import BadOption, bad_option
 if TYPE_CHECKING:
     from calib.arm.arm import Arm
     from calib.model.about import About
+    from calib.model.model import Model
     from calib.samples.changes import Change
 
 
@@ -86,6 +87,13 @@ class JointFormat:
         unit = "deg" if self._turned(k) else self._about.units_of_joints[k]
         return f"{self.names[k]} = {value * self.typed[k]:.6g} {unit}"
 
+    def hint(self, k: int, value: float) -> str:
+        """Return what to do if a value of joint `k` [rad] outside of its range fits in degrees."""
+        low, high = self._about.lower[k], self._about.upper[k]
+        fits = low <= math.radians(value) <= high and abs(value) > 2.0 * math.pi
+        far = self._about.revolute[k] and not self.degrees and fits
+        return "; as degrees it fits: give --degrees" if far else ""
+
     def of_change(self, k: int) -> tuple[float, str]:
         """Return the factor and the unit in which a change of joint `k` is printed."""
         return for_people(self._about.units_of_joints[k])
@@ -102,6 +110,26 @@ class JointFormat:
         if self._about.revolute[k]:
             return for_people("rad") if self.degrees else (1.0, "rad")
         return for_people("m")
+
+
+def why_outside(joints: JointFormat, model: Model, q: Sequence[float]) -> str | None:
+    """Name the joint that is furthest beyond its learned range, in the units typed."""
+    from calib.model.trust import ROUNDED
+
+    about = model.about
+    excess = [
+        0.0 if turns_round else max(low - value, value - high) / (high - low)
+        for value, low, high, turns_round in zip(
+            q, about.lower, about.upper, model.motor.scale.periodic, strict=True
+        )
+    ]
+    k = max(range(len(q)), key=lambda i: excess[i])
+    if excess[k] <= ROUNDED:
+        return None
+    return (
+        f"{joints.value(k, q[k])} is outside of the learned range {joints.learned_range(k)}"
+        f"{joints.hint(k, q[k])}"
+    )
 
 
 def one_each(

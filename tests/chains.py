@@ -42,3 +42,45 @@ def branching(inside: str, *names: str, kind: str = "revolute") -> str:
             f'<parent link="l2"/><child link="{name}_link"/>{inside}</joint>'
         )
     return text + "</robot>"
+
+
+LIMIT = '<limit lower="-2" upper="2" effort="1" velocity="1"/>'
+
+
+def joint(name, parent, child, xyz, axis, kind="revolute", extra=""):
+    return (
+        f'<joint name="{name}" type="{kind}"><parent link="{parent}"/><child link="{child}"/>'
+        f'<origin xyz="{xyz}" rpy="0.1 -0.2 0.3"/><axis xyz="{axis}"/>{LIMIT}{extra}</joint>'
+    )
+
+
+def robot(*joints):
+    """A URDF of joints, with a link for each name in them."""
+    links = dict.fromkeys(
+        part.split('"')[0] for text in joints for part in text.split('link="')[1:]
+    )
+    return (
+        f'<robot name="r">{"".join(f"<link name={x!r}/>" for x in links)}{"".join(joints)}</robot>'
+    )
+
+
+MIXED = robot(
+    joint("turn", "base", "a", "0 0 0.2", "0 0 1"),
+    joint("slide", "a", "b", "0.1 0 0", "1 0.2 0", "prismatic"),
+    joint("lift", "b", "c", "0.3 0.02 0", "0 1 0"),
+    joint("roll", "c", "d", "0.2 0 0.05", "1 0 0"),
+    joint("tool", "d", "tip", "0.1 0.02 0.01", "1 0 0", "fixed"),
+)
+FOLLOWED = robot(
+    joint("turn", "base", "a", "0 0 0.2", "0 0 1"),
+    joint("lift", "a", "b", "0.3 0 0", "0 1 0"),
+    joint(
+        "copy",
+        "b",
+        "c",
+        "0.3 0 0",
+        "0 1 0",
+        extra='<mimic joint="lift" multiplier="-0.5" offset="0.3"/>',
+    ),
+    joint("tool", "c", "tip", "0.1 0.02 0.01", "1 0 0", "fixed"),
+)

@@ -10,6 +10,7 @@ import numpy as np
 import calib
 from calib.body.spatial import structure_of
 from calib.common.scale import TURN
+from calib.maps.predictor import BodyInBox
 from calib.samples.camera import Camera
 
 L1, L2 = 0.30, 0.25
@@ -128,3 +129,21 @@ def in_pixels(n: int = 60):
         ),
         size=5,
     )  # fmt: skip
+
+
+@cache
+def six():
+    """Return a six-joint arm in space, every parameter of which is off."""
+    arm = calib.load_arm("six_axis")
+    q = np.random.default_rng(0).uniform(arm.lower, arm.upper, (30, 6))
+    samples = calib.Samples(
+        q, arm.forward(q), arm.joint_names, arm.lower, arm.upper, arm.revolute, arm=arm
+    )
+    drawn = calib.train(samples, size=3)
+    structure = drawn.body.structure
+    rng, beta = np.random.default_rng(1), drawn.body.beta.copy()
+    for group in ("tool.rotation", "placement", "offset", "elastic", "curve.1", "curve.4"):
+        beta[structure.groups[group]] += rng.normal(0, 1e-3, len(structure.groups[group]))
+    body = replace(drawn.body, beta=beta)
+    smooth = BodyInBox(body, drawn.motor.scale)
+    return replace(drawn, body=body, predictor=replace(drawn.predictor, smooth=smooth))

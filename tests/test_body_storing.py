@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 from calib.body import Body, Nominal, fit_body
-from calib.body.scalar import ScalarBody
+from calib.body.planar_row import PlanarRow
 from calib.errors import ModelError
 
 
@@ -136,7 +136,7 @@ def test_impossible_arrays_are_refused(body, name):
 
 
 def test_scalar_queries_equal_the_batch(body):
-    fast = ScalarBody.compile(body)
+    fast = PlanarRow.of(body.structure, body.beta)
     q = np.random.default_rng(1).uniform(-9, 9, (500, 2))
     answers = np.array([fast.predict(row) for row in q.tolist()])
     assert np.abs(answers - body.predict(q)).max() < 1e-12
@@ -159,6 +159,6 @@ def test_scalar_queries_of_slides_lenses_and_elasticity():
         s, beta, nothing, np.zeros((0, 0)), np.ones(2), 1.0, np.ones(2), np.zeros(2), 6.0, 1.0
     )
     q = generator.uniform(-1, 1, (200, 3))
-    fast = ScalarBody.compile(body)
+    fast = PlanarRow.of(body.structure, body.beta)
     answers = np.array([fast.predict(row) for row in q.tolist()])
     assert np.abs(answers - body.predict(q)).max() < 1e-9

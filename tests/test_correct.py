@@ -99,7 +99,7 @@ def test_command(tmp_path, run):
     done = run("correct", path, "--input", table, "--degrees", "--json")
     assert done.code == 0
     shoulder = done.document["answers"]["shoulder"][0]
-    assert shoulder == pytest.approx(np.rad2deg(calib.load(path).correct(np.deg2rad([30, 60])))[0])
+    assert shoulder == pytest.approx(calib.load(path).correct(np.deg2rad([30, 60]))[0])  # in rad
 
 
 # --- turns, limits, frames, columns --------------------------------------------------------

@@ -5,18 +5,16 @@ from __future__ import annotations
 import re
 import shutil
 import subprocess
-from dataclasses import replace
 from functools import cache
 from pathlib import Path
 
 import numpy as np
 import pytest
-from models import in_pixels, in_space
+from models import in_pixels, in_space, six
 
 import calib
 from calib.arm.rotations import logarithm
 from calib.errors import OptionError
-from calib.maps.predictor import BodyInBox
 from calib.use.export_c import c_header
 from calib.use.nominal import nominal_in_space, nominal_in_view
 
@@ -79,24 +77,6 @@ def model(kind):
         x = x + 4e-3 * np.sin(5 * q[:, :1] * q[:, 1:])
     samples = calib.Samples(q, x, arm.joint_names, arm.lower, arm.upper, arm.revolute, arm=arm)
     return calib.train(samples, size=8)
-
-
-@cache
-def six():
-    """A six-joint arm in space, every parameter of which is off."""
-    arm = calib.load_arm("six_axis")
-    q = np.random.default_rng(0).uniform(arm.lower, arm.upper, (30, 6))
-    samples = calib.Samples(
-        q, arm.forward(q), arm.joint_names, arm.lower, arm.upper, arm.revolute, arm=arm
-    )
-    drawn = calib.train(samples, size=3)
-    structure = drawn.body.structure
-    rng, beta = np.random.default_rng(1), drawn.body.beta.copy()
-    for group in ("tool.rotation", "placement", "offset", "elastic", "curve.1", "curve.4"):
-        beta[structure.groups[group]] += rng.normal(0, 1e-3, len(structure.groups[group]))
-    body = replace(drawn.body, beta=beta)
-    smooth = BodyInBox(body, drawn.motor.scale)
-    return replace(drawn, body=body, predictor=replace(drawn.predictor, smooth=smooth))
 
 
 def answers(model, q, folder, language="c99", single=False):

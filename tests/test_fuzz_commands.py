@@ -1,7 +1,8 @@
-"""Command lines at random, briefly: `benchmarks/fuzz.py --kind cli` does the same at length."""
+"""Command lines at random; at length with `CALIB_FUZZ=200`, see `test_fuzz_inputs.py`."""
 
 from __future__ import annotations
 
+import os
 from random import Random
 
 import pytest
@@ -20,7 +21,7 @@ def commands(tmp_path_factory):
         yield kind
 
 
-@settings(max_examples=80, deadline=None)
+@settings(max_examples=80 * int(os.environ.get("CALIB_FUZZ", "1")), deadline=None)
 @given(st.integers(0, 2**32 - 1))
 def test_command_lines_end_in_order(commands, seed):
     commands.judge(commands.make(Random(seed)))

@@ -98,10 +98,11 @@ def _size(one, folder):
 
 def test_a_schema_that_makes_no_sense_is_refused():
     import calib.model_file.schemas as stored
+    from calib.model_file.parts import Tensors
 
     kept = both()
     described, tensors = stored.pack(kept.schemas)
-    whole = stored.unpack(kept, described, tensors)
+    whole = stored.unpack(kept, described, Tensors(tensors))
     assert whole[0].name == "tool on"
     wrong = {
         "name": [dict(described[0], name="a\nb")],
@@ -111,15 +112,15 @@ def test_a_schema_that_makes_no_sense_is_refused():
     }
     for states in wrong.values():
         with pytest.raises(ValueError, match=r"schema|body"):
-            stored.unpack(kept, states, tensors)
+            stored.unpack(kept, states, Tensors(tensors))
     nan = dict(tensors)
     nan["schema.0.bounds"] = np.full_like(tensors["schema.0.bounds"], np.nan)
     with pytest.raises(ValueError, match="not finite"):
-        stored.unpack(kept, described, nan)
+        stored.unpack(kept, described, Tensors(nan))
     short = dict(tensors)
     short["schema.0.sensory"] = tensors["schema.0.sensory"][:-1]
     with pytest.raises(ValueError, match="expected"):
-        stored.unpack(kept, described, short)
+        stored.unpack(kept, described, Tensors(short))
 
 
 def test_a_damaged_file_is_an_error(tmp_path):

@@ -2,29 +2,45 @@
 
 from __future__ import annotations
 
+import pickle
+from concurrent.futures import ThreadPoolExecutor
 from functools import cache
 
 import numpy as np
 import pytest
+from chains import FOLLOWED, MIXED
 from hypothesis import given, settings
 from hypothesis import strategies as st
-from models import trained
+from models import in_pixels, in_space, six, trained
 
 import calib
-from calib.body.scalar_slope import compile_slope
+from calib.arm.loading import arm_from_urdf
+from calib.body.planar_row import PlanarRow
+from calib.body.spatial import structure_of
+from calib.body.spatial_row import SpatialRow
 from calib.common.scale import TURN, Scale
 from calib.errors import QueryError
 from calib.maps.lattice import Lattice
 from calib.maps.map import Map
 from calib.maps.node_bounds import blend_nodes
 from calib.maps.node_cells import NodeCells
+from calib.use.correct import correct, correct_one
+
+MODELS = {
+    "exact": lambda: trained("two_link", 600, 10),
+    "three": lambda: trained("three_link", 600, 5),
+    "space": in_space,
+    "pixels": in_pixels,
+    "six": six,
+}
+SPATIAL = ["space", "pixels", "six"]
 
 
 @cache
 def model(kind):
-    """Exact, with joint curves, with local models of a bump, or with a joint of a full turn."""
-    if kind == "exact":
-        return trained("two_link", 600, 10)
+    """Exact, with curves, with local models of a bump, with a joint of a full turn, or in space."""
+    if kind in MODELS:
+        return MODELS[kind]()
     rng = np.random.default_rng(0)
     lower, upper = np.array([0.0, 0.3]), np.array([1.5, 2.5])
     if kind == "turning":
@@ -43,20 +59,20 @@ def model(kind):
 
 
 def rows(m, n, beyond=0.0, seed=1):
-    u = np.random.default_rng(seed).uniform(-beyond, 1 + beyond, (n, 2))
+    u = np.random.default_rng(seed).uniform(-beyond, 1 + beyond, (n, len(m.about.lower)))
     return m.about.lower + u * (m.about.upper - m.about.lower)
 
 
 KINDS = ["exact", "curves", "bump", "turning"]
 
 
-@pytest.mark.parametrize("kind", KINDS)
+@pytest.mark.parametrize("kind", [*KINDS, *SPATIAL])
 def test_one_position_and_its_bounds_are_those_of_the_batch(kind):
     m = model(kind)
     assert m.single is not None
     if kind == "bump":
         assert m.predictor.models.degree >= 0
-    q = rows(m, 400, beyond=0.1)
+    q = rows(m, 400 if kind in KINDS else 60, beyond=0.1 if kind in KINDS else 0.02)
     together = m.forward(q)
     one_by_one = np.array([m.forward(row) for row in q])
     np.testing.assert_allclose(one_by_one, together, rtol=0, atol=1e-12 * m.reach)
@@ -75,6 +91,94 @@ def test_one_inverse_near_a_start_is_that_of_the_batch(kind):
     together = m.inverse(x, near)
     one_by_one = np.array([m.inverse(a, near=b) for a, b in zip(x, near, strict=True)])
     np.testing.assert_allclose(one_by_one, together, rtol=0, atol=1e-9)
+
+
+@pytest.mark.parametrize("kind", ["three", *SPATIAL])
+def test_one_inverse_of_many_joints_is_that_of_the_batch_or_nearer(kind):
+    m = model(kind)
+    _warm(m)
+    q = 0.1 * (m.about.lower + m.about.upper) + 0.8 * rows(m, 40)
+    x = m.forward(q)
+    near = np.clip(q + np.random.default_rng(2).normal(scale=0.01, size=q.shape), *limits(m))
+    quick = [m.single.inverse(a, b) for a, b in zip(x, near, strict=True)]
+    taken = np.array([found is not None for found in quick])
+    assert taken.mean() > 0.9
+    one = np.array([found for found in quick if found is not None])
+    np.testing.assert_allclose(m.forward(one), x[taken], rtol=0, atol=1e-12 * m.solver.extent)
+    together, scale = m.inverse(x, near)[taken], m.motor.scale
+    # redundant joints of a batch slide until their steps are a millionth of the range
+    enough = one.shape[1] == x.shape[1]
+    np.testing.assert_allclose(one, together, rtol=0, atol=1e-12 if enough else 2e-5)
+    far, further = (np.linalg.norm((each - near[taken]) / scale.span, axis=1)
+                    for each in (one, together))  # fmt: skip
+    assert (far < further + 1e-12).all()
+
+
+def _warm(m):
+    """Ask often enough that queries are compiled."""
+    for _ in range(40):
+        m.forward(rows(m, 1)[0])
+
+
+@pytest.mark.parametrize("kind", SPATIAL)
+def test_one_correction_in_space_is_that_of_the_batch(kind):
+    m = model(kind)
+    _warm(m)
+    q = rows(m, 30) * 0.8 + 0.1 * (m.about.lower + m.about.upper)
+    found = correct(m, q)
+    kept = found.reachable & ~found.exceeded
+    if kind == "six":
+        kept &= found.angle < 1e-9  # the others keep positions alone
+    quick = [correct_one(m, row) for row in q]
+    assert kept.sum() > 15
+    assert sum(quick[k] is not None for k in np.flatnonzero(kept)) > 0.9 * kept.sum()
+    for k in np.flatnonzero(kept):
+        if quick[k] is not None:
+            np.testing.assert_allclose(quick[k], found.q[k], rtol=0, atol=1e-8)
+
+
+@pytest.mark.parametrize("view", ["base", "similarity", "pinhole"])
+@pytest.mark.parametrize("robot", ["six", "slide", "mimic"])
+def test_a_row_of_a_spatial_body_is_that_of_the_structure(robot, view):
+    """With gravity, curves, a slide, and a joint that follows another one."""
+    urdf = {"slide": MIXED, "mimic": FOLLOWED}.get(robot)
+    arm = calib.load_arm("six_axis") if urdf is None else arm_from_urdf(urdf)
+    structure = structure_of(arm, view)
+    rng = np.random.default_rng(0)
+    beta = structure.neutral() + rng.normal(0, 1e-3, structure.size)
+    beta[structure.groups["view.rotation"]] = (-1.3, 0.2, 0.1)
+    beta[structure.groups["view.shift"]] = (0.05, 0.1, 2.5)
+    q = rng.uniform(arm.lower, arm.upper, (20, arm.dof))
+    row = SpatialRow(structure, beta)
+    x, slope = structure.predict_and_slope(q, beta)
+    size = np.abs(x).max()
+    np.testing.assert_allclose([row.predict(k) for k in q.tolist()], x, atol=1e-11 * size)
+    sloped = [row.sloped(k) for k in q.tolist()]
+    np.testing.assert_allclose([s[0] for s in sloped], x, atol=1e-11 * size)
+    np.testing.assert_allclose([s[1] for s in sloped], slope, atol=1e-8 * size)
+
+
+def test_threads_do_not_disturb_each_other():
+    """Pinocchio writes each answer into its data, of which every thread has its own."""
+    m = model("six")
+    _warm(m)
+    q = rows(m, 2)
+    expected = [m.forward(row) for row in q]
+
+    def ask(k):
+        return all((m.forward(q[k]) == expected[k]).all() for _ in range(3000))
+
+    with ThreadPoolExecutor(2) as pool:
+        assert all(pool.map(ask, (0, 1)))
+
+
+@pytest.mark.parametrize("kind", ["exact", "six"])
+def test_a_warm_model_can_be_pickled(kind):
+    m = model(kind)
+    _warm(m)
+    again = pickle.loads(pickle.dumps(m))
+    q = rows(m, 5)
+    np.testing.assert_array_equal(again.forward(q), m.forward(q))
 
 
 def limits(m):
@@ -127,7 +231,7 @@ def test_the_scalar_slope_is_that_of_the_structure(kind):
     rng = np.random.default_rng(5)
     for group, size in (("elastic", 1e-2), ("view.shear", 0.1), ("view.tilt", 0.1), ("lens", 0.05)):
         beta[structure.groups[group]] = size * rng.normal(size=len(structure.groups[group]))
-    evaluate = compile_slope(structure, beta)
+    evaluate = PlanarRow.of(structure, beta).sloped
     q = rows(m, 50)
     found = [evaluate(row) for row in q.tolist()]
     x, slope = structure.predict(q, beta), structure.slope(q, beta)

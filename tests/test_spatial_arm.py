@@ -5,6 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pinocchio as pin
 import pytest
+from chains import FOLLOWED, MIXED, joint, robot
 from hypothesis import given
 from hypothesis import strategies as st
 from reference import random_joints
@@ -14,45 +15,6 @@ from calib.arm.rotations import exponential, logarithm, matrix_of, quaternion_of
 from calib.errors import OptionError, RobotError
 
 SPATIAL = ("spatial_three", "six_axis")
-LIMIT = '<limit lower="-2" upper="2" effort="1" velocity="1"/>'
-
-
-def joint(name, parent, child, xyz, axis, kind="revolute", extra=""):
-    return (
-        f'<joint name="{name}" type="{kind}"><parent link="{parent}"/><child link="{child}"/>'
-        f'<origin xyz="{xyz}" rpy="0.1 -0.2 0.3"/><axis xyz="{axis}"/>{LIMIT}{extra}</joint>'
-    )
-
-
-def robot(*joints):
-    links = dict.fromkeys(
-        part.split('"')[0] for text in joints for part in text.split('link="')[1:]
-    )
-    return (
-        f'<robot name="r">{"".join(f"<link name={x!r}/>" for x in links)}{"".join(joints)}</robot>'
-    )
-
-
-MIXED = robot(
-    joint("turn", "base", "a", "0 0 0.2", "0 0 1"),
-    joint("slide", "a", "b", "0.1 0 0", "1 0.2 0", "prismatic"),
-    joint("lift", "b", "c", "0.3 0.02 0", "0 1 0"),
-    joint("roll", "c", "d", "0.2 0 0.05", "1 0 0"),
-    joint("tool", "d", "tip", "0.1 0.02 0.01", "1 0 0", "fixed"),
-)
-FOLLOWED = robot(
-    joint("turn", "base", "a", "0 0 0.2", "0 0 1"),
-    joint("lift", "a", "b", "0.3 0 0", "0 1 0"),
-    joint(
-        "copy",
-        "b",
-        "c",
-        "0.3 0 0",
-        "0 1 0",
-        extra='<mimic joint="lift" multiplier="-0.5" offset="0.3"/>',
-    ),
-    joint("tool", "c", "tip", "0.1 0.02 0.01", "1 0 0", "fixed"),
-)
 
 
 def pinocchio_pose(arm, q):

@@ -9,8 +9,7 @@ import pytest
 
 from calib import load_arm
 from calib.body.fitting import fit_body, planar_structure
-from calib.body.scalar import ScalarBody
-from calib.body.scalar_slope import compile_slope
+from calib.body.planar_row import PlanarRow
 from calib.body.spatial import structure_of
 from calib.body.storing import rebuild_structure
 from calib.body.views import PLANAR, SPATIAL, cubic
@@ -76,7 +75,7 @@ def test_a_planar_fisheye_is_fitted_stored_and_compiled(fisheye):
     assert_slopes(structure, q[:5], beta)
     assert rebuild_structure(structure.header(), {}) == structure
     expected, slope = structure.predict_and_slope(q[:5], beta)
-    evaluate, predict = compile_slope(structure, beta), ScalarBody.compile(body).predict
+    predict, evaluate = PlanarRow.of(structure, beta)
     for k, row in enumerate(q[:5].tolist()):
         np.testing.assert_allclose(predict(row), expected[k], rtol=1e-9)
         np.testing.assert_allclose(evaluate(row)[:2], expected[k], rtol=1e-9)

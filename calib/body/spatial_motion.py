@@ -11,6 +11,7 @@ parallel axes (Denavit-Hartenberg does), and slides and turns are treated alike.
 from __future__ import annotations
 
 from dataclasses import dataclass
+from typing import NamedTuple
 
 import numpy as np
 
@@ -38,6 +39,40 @@ class Deviations:
     turns: Array
     tool: Array
     tool_turn: Array
+
+
+class Placements(NamedTuple):
+    """A chain as links between frames: what Pinocchio and the exported C are made of.
+
+    Attributes
+    ----------
+    strides : (m, 3) array [m]
+        From each joint's origin to the next, in the frame before.
+    turns : (m, 3, 3) array
+        Turn of each joint's origin against the frame before.
+    tip : (3,) array [m]
+        Place of the tip in the last joint's frame.
+    tip_turn : (3, 3) array
+        Its orientation there.
+    """
+
+    strides: Array
+    turns: Array
+    tip: Array
+    tip_turn: Array
+
+
+def placements(chain: SpatialChain, moved: Deviations | None = None) -> Placements:
+    """The links of a chain, of its nominal one where no deviations are given."""
+    if moved is None:
+        zeros = np.zeros((chain.joints, 3))
+        moved = Deviations(zeros, zeros, np.zeros(3), np.zeros(3))
+    return Placements(
+        np.diff(chain.points, axis=0, prepend=np.zeros((1, 3))) + moved.shifts,
+        exponential(moved.turns),
+        chain.tip - chain.points[-1] + chain.rotation @ moved.tool,
+        chain.rotation @ exponential(moved.tool_turn),
+    )
 
 
 @dataclass(frozen=True)

@@ -27,7 +27,7 @@ from .check import outlier_note
 from .comparison import UNEXPLAINED, Comparison, carried, compare
 from .drawing import fit_from_drawing
 from .explain import Explanation
-from .members import NOTHING
+from .members import CREEP, NOTHING
 from .own_residual import OwnResidual, own_residual
 from .parameter_causes import frame_between
 from .update import MOST_ROWS, settled, updated
@@ -153,7 +153,7 @@ def _followed(found: Comparison, own: OwnResidual | None) -> bool:
 
 def _unchanged(found: Comparison) -> list[tuple[float, Explanation]]:
     """Nothing changed: the rows are added to what was known."""
-    some = [e for e in found.explanations if e.member == NOTHING]
+    some = [e for e in found.explanations if e.unchanged]
     if not some:
         return found.likely
     weight = np.exp(np.array([e.evidence for e in some]) - some[0].evidence)
@@ -231,7 +231,10 @@ def _growth(found: Comparison, fresh: Model, own: OwnResidual, nodes: Array) -> 
 
 
 def _named(best: Explanation, own: OwnResidual | None, changed: bool) -> str:
-    name = best.member.name if changed else "nothing new, rows added"
+    name = "nothing new, rows added"
+    if changed:
+        shape = "waves of the joints" if best.waves > CREEP else "a smooth residual"
+        name = shape if best.member == NOTHING else best.member.name
     return name if own is None else f"{name}, and a smooth residual near the rows"
 
 
@@ -260,12 +263,11 @@ def _notes(
     elif improved:
         second = [e for _, e in found.likely[1:] if e.member.name != found.likely[0][1].member.name]
         if found.changed and second:
-            names = " or ".join(
-                dict.fromkeys([found.likely[0][1].member.name, *(e.member.name for e in second)])
-            )
+            names = dict.fromkeys(e.member.name for e in (found.likely[0][1], *second))
+            rivals = " or ".join(f"({name.replace(', ', ' + ')})" for name in names)
             notes.append(
-                f"the log does not settle what changed ({names}): measure three more poses, such "
-                f"as {_poses(found, body)}, or those that calib plan proposes"
+                f"more than one change explains the log: {rivals}; three more poses tell which, "
+                f"such as {_poses(found, body)}, or those that calib plan proposes"
             )
     return notes
 

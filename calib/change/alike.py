@@ -33,15 +33,16 @@ def same_as_first_joint(
         return [], []
     words = (
         "an offset of the first joint and a turn of the sensor about its axis are the same to "
-        "this log: give cause='joints' or cause='sensor' if you know which"
+        "this log: give `cause='joints'` or `cause='sensor'` if you know which"
     )
+    told = [words] if comparison.cause is None else []
     if f"offset:{first}" in names:
         angle = next(c for c in found if c.cause == f"offset:{first}")
         same = Cause(
             "sensor", "view.rotation", angle.value, angle.interval, "rad",
             f"or the sensor turned by {math.degrees(angle.value or 0.0):.3g} deg about {first}",
         )  # fmt: skip
-        return ([same] if "sensor" not in names else []), [words]
+        return ([same] if "sensor" not in names else []), told
     sensor = next((c for c in found if c.cause == "sensor" and c.unit == "rad"), None)
     if sensor is None or sensor.value is None or sensor.interval is None:
         return [], []
@@ -65,7 +66,7 @@ def same_as_first_joint(
         f"offset:{first}", "offset", value, (low, high), "rad",
         f"or {first} is off by {math.degrees(value):.3g} deg",
     )  # fmt: skip
-    return [same], [words]
+    return [same], told
 
 
 def same_as_scale(comparison: Comparison, found: list[Cause]) -> tuple[list[Cause], list[str]]:
@@ -76,11 +77,12 @@ def same_as_scale(comparison: Comparison, found: list[Cause]) -> tuple[list[Caus
         return [], []
     words = (
         "a sensor that shows all larger and links that are all longer are the same to this log: "
-        "give cause='joints' or cause='sensor' if you know which"
+        "give `cause='joints'` or `cause='sensor'` if you know which"
     )
+    told = [words] if comparison.cause is None else []
     scale = next((c for c in found if c.cause == "scale" and c.interval is not None), None)
     if scale is not None:
-        return [], [words]
+        return [], told
     longer = {c.cause: c for c in found if c.group == "length"}
     if len(longer) < len(about.joint_names):
         return [], []
@@ -99,4 +101,4 @@ def same_as_scale(comparison: Comparison, found: list[Cause]) -> tuple[list[Caus
         "scale", "view.scale", math.log1p(value), (math.log1p(low), math.log1p(high)), "1",
         f"or the sensor shows all {100 * abs(value):.3g} % {'larger' if value > 0 else 'smaller'}",
     )  # fmt: skip
-    return [same], [words]
+    return [same], told

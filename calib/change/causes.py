@@ -9,8 +9,10 @@ import math
 from typing import TYPE_CHECKING
 
 from ..model.alignment import Alignment
+from ..samples.plausibility import unit_hint
 from .alike import same_as_first_joint, same_as_scale
 from .cause import Cause
+from .members import NOTHING
 from .parameter_causes import SIGNIFICANT, of_parameters, single
 from .whitening import scaled
 
@@ -43,7 +45,7 @@ def find_causes(comparison: Comparison, drifted: bool) -> tuple[tuple[Cause, ...
     elif drifted:
         found += _of_frame(comparison)
         best = comparison.explanations[0]
-        if comparison.changed:
+        if comparison.changed and best.member != NOTHING:
             found += of_parameters(comparison, best)
         elif not found:
             found += _of_tests(comparison)
@@ -76,8 +78,7 @@ def _of_frame(comparison: Comparison) -> list[Cause]:
     if reference.scale != 1.0:
         ratio = reference.scale
         words = f"the log's positions are {ratio:.4g} times the model's"
-        if abs(ratio / 1e3 - 1.0) < 0.1:
-            words += "; if they are mm, `unit='mm'` converts them"
+        words += unit_hint(ratio)
         found.append(Cause("scale", "view.scale", ratio, None, "1", words))
     return found
 

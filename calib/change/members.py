@@ -44,7 +44,12 @@ _DRIFT = {
 }
 """Sd by which everything may creep between two logs; curves creep by 10 urad."""
 
-_CURVE_FREE, _CURVE_DRIFT, _OTHER_FREE, _OTHER_DRIFT = 0.3, 0.01, 5.0, 0.1
+_CURVE_FREE, _OTHER_FREE, _OTHER_DRIFT = 0.3, 5.0, 0.1
+
+_SMALL = 0.1  # of the sizes above: a second prior of members with elasticity
+
+CREEP = 0.01
+"""Sd of a joint's curve that may creep between two logs, over that of its prior."""
 
 
 @dataclass(frozen=True)
@@ -57,10 +62,13 @@ class Member:
         ``"nothing"``, ``"frame"``, ``"frame, length"``.
     groups : tuple of str
         Groups that are freed; ``"curve"`` stands for those of all joints.
+    share : float
+        By how much of the usual size the arm's own groups are freed.
     """
 
     name: str
     groups: tuple[str, ...]
+    share: float = 1.0
 
     @property
     def framed(self) -> bool:
@@ -127,7 +135,11 @@ def members_of(structure: Structure, cause: str | None = None) -> tuple[Member, 
         known = tuple(g for g in groups if len(_indices(structure, g)))
         if known and known not in found:
             found[known] = Member(_named(known), known)
-    return tuple(found.values())
+    # Most arms give way little, a few by degrees: with the wide prior alone, what rows of a line
+    # leave open went centimetres away.
+    small = [replace(m, share=_SMALL) for m in found.values() if "elastic" in m.groups]
+    richest = list(found.values())[-1]
+    return (*(m for m in found.values() if m is not richest), *small, richest)
 
 
 def _named(groups: tuple[str, ...]) -> str:
@@ -155,20 +167,27 @@ def freedom(body: Body, member: Member, cause: str | None = None) -> Array:
     sd = np.zeros(body.structure.size)
     for group in member.groups:
         ix = _indices(body.structure, group)
-        sd[ix] = _size(body, group, ix, _FREE, _CURVE_FREE, _OTHER_FREE)
+        share = 1.0 if group in FRAME else member.share
+        sd[ix] = share * _size(body, group, ix, _FREE, _CURVE_FREE, _OTHER_FREE)
     _keep_gauge(body, sd, cause)
     return sd
 
 
-def drift(body: Body) -> Array:
-    """Standard deviation (d,) by which the arm's own parameters may have crept."""
+def drift(body: Body, waves: float = CREEP) -> Array:
+    """Standard deviation (d,) by which the arm's own parameters may have crept.
+
+    The curves of the joints by `waves` times their prior's; beyond `CREEP` those too that the
+    belief leaves out.
+    """
     sd = np.zeros(body.structure.size)
     for group, ix in body.structure.groups.items():
         if not (group.startswith("view.") or group == "lens"):
-            sd[ix] = _size(body, group, ix, _DRIFT, _CURVE_DRIFT, _OTHER_DRIFT)
+            sd[ix] = _size(body, group, ix, _DRIFT, waves, _OTHER_DRIFT)
     _keep_gauge(body, sd, None)
     known = np.zeros(len(sd), dtype=bool)
     known[body.active] = True
+    if waves > CREEP:
+        known[_indices(body.structure, "curve")] = True
     return np.where(known, sd, 0.0)
 
 

@@ -11,6 +11,7 @@ from numpy.typing import NDArray
 
 from ..common.robust import robust_solve
 from ..errors import LogError
+from ..samples.joint_values import beyond
 
 if TYPE_CHECKING:
     from ..model.model import Model
@@ -160,8 +161,9 @@ def _range_of(model: Model, q: Array) -> str:
     for k, name in enumerate(model.about.joint_names):
         low, high = float(model.about.lower[k]), float(model.about.upper[k])
         if q[:, k].min() < low or q[:, k].max() > high:
+            sign = "; with the opposite sign it fits" if beyond(-q[:, k], low, high) == 0.0 else ""
             return (
                 f"{name} goes {q[:, k].min():.4g} to {q[:, k].max():.4g}, learned was "
-                f"{low:.4g} to {high:.4g}"
+                f"{low:.4g} to {high:.4g}{sign}"
             )
     return "no sample of the training was near them"

@@ -148,7 +148,7 @@ def _averaged(
 def _posterior(old: Body, reference: Reference, e: Explanation, log: Log) -> Posterior:
     """Gauss-Newton steps of all parameters from where the explanation ended."""
     structure = old.structure
-    creep = drift(old)
+    creep = drift(old, e.waves)
     loose = np.sqrt(e.sd**2 + creep**2)
     active = np.union1d(old.active, np.flatnonzero(loose > 0)).astype(np.intp)
     prior = np.diag(loose[active] ** 2)

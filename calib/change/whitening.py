@@ -127,15 +127,17 @@ def spectrum(
         such as a board, that was found again.
     """
     size = scaled(body).size
-    seen, x = body.structure.linearise(q, beta, body.active)
+    active = np.union1d(body.active, np.flatnonzero(creep))
+    seen, x = body.structure.linearise(q, beta, active)
     n, m, k = x.shape
-    kept = ~np.isin(body.active, forget)
     root = np.sqrt(weight)
     flat = (x / size[:, None] * root[:, None, None]).reshape(n * m, k)
-    known = body.covariance[np.ix_(kept, kept)] * body.kappa**2
-    known = known + np.diag(creep[body.active[kept]] ** 2)
+    known = np.diag(creep[active] ** 2)
+    place = np.searchsorted(active, body.active)
+    known[np.ix_(place, place)] += body.covariance * body.kappa**2
+    kept = ~np.isin(active, forget)
     flat = flat[:, kept]
-    total = flat @ known @ flat.T
+    total = flat @ known[np.ix_(kept, kept)] @ flat.T
     lengths = lengths_of(body, q)
     alike = kernel(q, q, lengths) * root[:, None] * root
     own = (factor * nuisance_sd(body) / size) ** 2

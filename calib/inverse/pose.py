@@ -64,7 +64,6 @@ def reach_poses(
     position: Array,
     rotation: Array,
     length: float,
-    steps: int = STEPS,
 ) -> tuple[Array, Array]:
     """Move joints towards poses by damped Newton steps, each row on its own.
 
@@ -96,7 +95,7 @@ def reach_poses(
     out, distance = q.copy(), np.full(len(q), np.inf)
     damping = np.full(len(q), 1e-5)
     e, jacobian, size = misfit(q)
-    for _ in range(steps):
+    for _ in range(STEPS):
         transposed = np.swapaxes(jacobian, 1, 2)
         square = jacobian @ transposed
         power = np.einsum("nii->n", square)

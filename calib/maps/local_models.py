@@ -21,7 +21,7 @@ _REACH = 0.7  # of the diagonal of a cell of a node's spacing: so far it speaks 
 _RING = 16  # places around a node where its polynomial has to be firm
 _FIRM = 10.0  # variance of an answer there, over that of one sample
 _CLOSE_ROWS = 5  # rows that have to be near a node
-_SILENT, _FULL = 0.2, 0.5  # shares of the weight at which nodes are not heard, and in full
+_SILENT, _FULL = 0.3, 0.5  # shares of the weight at which nodes are not heard, and in full
 _CHUNK = 20_000_000  # numbers held at once while fitting
 
 

@@ -28,12 +28,9 @@ _COLOURS = 3  # of which each node takes part in every third
 _SURE = 1.0  # standard errors by which another choice must win
 _RUN = 20  # neighbouring rows that may be repeats of each other
 _AROUND = 5  # rows whose median residual tells whether a row is calm
+_BESIDE = 20  # rows of which one has to be wrong for a calm row to lie beside a defect
 _CALM = 0.99  # quantile of that median where the smooth part is right
 _HARM = 100.0  # weight of a calm row: what mends a defect must not spoil what is right beside it
-
-
-_LESS = 0.99  # share of the careful choice's error that a free one has to reach
-_SPOILT = 1.01  # share of what it leaves of calm rows that a free choice may leave
 
 
 @dataclass(frozen=True, eq=False)
@@ -89,19 +86,20 @@ class NodeChoice:
         place = np.full(motor.size, -1)
         place[nodes] = np.arange(len(nodes))
         rows = np.flatnonzero((place[index] >= 0).any(axis=1))
-        index, weight, gap = place[index[rows]], weight[rows], gap[rows]
-        target, predicted = _held_out(motor, nodes, u, unseen, folds, rows, index, gap, shapes)
+        held = np.concatenate([part[fold] for part, fold in zip(unseen, folds, strict=True)])
+        calm, beside, between, usually = _calm(motor, u, held, wrong)
+        more = local.speaking(motor, between)
+        index = place[np.concatenate([index[rows], more[0]])]
+        weight, gap = np.concatenate([weight[rows], more[1]]), np.concatenate([gap[rows], more[2]])
+        owner = np.concatenate([rows, beside])
+        predicted = _held_out(motor, nodes, u, unseen, folds, owner, index, gap, shapes)
+        target = np.concatenate([held[rows], usually])
+        calm = np.concatenate([calm[rows], np.ones(len(beside), dtype=bool)])
         usual = -1 if common is None else list(shapes).index(common)
-        calm = _calm(motor, u, unseen, folds, wrong)[rows]
-        careful, free = (
-            _settled(rows, target, predicted, index, weight, calm, len(nodes), usual, harm)
-            for harm in (_HARM, 1.0)
+        chosen, remains = _settled(
+            owner, target, predicted, index, weight, calm, len(rows), len(nodes), usual
         )
-        # what mends more, and spoils nothing that the careful choice left as it was
-        better = _mean(free[1]) < _LESS * _mean(careful[1])
-        harmless = not calm.any() or _mean(free[1][calm]) <= _SPOILT * _mean(careful[1][calm])
-        chosen, remains = free if better and harmless else careful
-        return NodeChoice(nodes, chosen, rows, remains)
+        return NodeChoice(nodes, chosen, rows, remains[: len(rows)])
 
     def remaining(self, rows: Index, otherwise: Array) -> Array:
         """What remained of some rows (k, o); `otherwise` where none of these nodes speaks."""
@@ -162,15 +160,13 @@ def _held_out(
     index: Index,
     gap: Array,
     shapes: Sequence[Shape],
-) -> tuple[Array, Array]:
-    """Residuals of the rows (m, o), and what each node says of them (1 + shapes, m, nodes, o)."""
+) -> Array:
+    """What each node that has not seen a row says of it, (1 + shapes, m, nodes, o)."""
     outputs = unseen[0].shape[1]
-    target = np.empty((len(rows), outputs))
     predicted = np.zeros((1 + len(shapes), *index.shape, outputs))  # the first says nothing
     most = max(k for _, k in shapes)
     for fold, left in zip(folds, unseen, strict=True):
         held = np.flatnonzero((rows >= fold[0]) & (rows <= fold[-1]))
-        target[held] = left[rows[held]]
         speak, place = np.unique(index[held], return_inverse=True)
         at, spacings = motor.units[nodes[speak]], motor.spacings[nodes[speak]]
         others = np.setdiff1d(np.arange(len(u)), fold, assume_unique=True)
@@ -181,28 +177,36 @@ def _held_out(
             )
             each = local.contributions(models, place.reshape(-1, index.shape[1]), gap[held])
             predicted[k + 1, held] = np.where(index[held][..., None] >= 0, each, 0.0)
-    return target, predicted
+    return predicted
 
 
 def _calm(
-    motor: Map,
-    u: Array,
-    unseen: Sequence[Array],
-    folds: Sequence[Index],
-    wrong: NDArray[np.bool_],
-) -> NDArray[np.bool_]:
-    """Rows (n,) whose nearest ones show no more than where the smooth part is right.
+    motor: Map, u: Array, held: Array, wrong: NDArray[np.bool_]
+) -> tuple[NDArray[np.bool_], Index, Array, Array]:
+    """Rows (n,) around which the smooth part is right, and places between those beside others.
 
     A median of a few rows tells sooner on which side of a sharp edge a row lies than the mean
-    of many by which a defect is found.
+    of many by which a defect is found.  Calm rows alone do not hold a steep polynomial in
+    the gaps between them: a place halfway to a calm neighbour counts as one more row.
+
+    Returns
+    -------
+    calm : (n,) bool array
+    row, place, residual : (k,), (k, d), (k, o) array
+        Of each such place a row, itself in the unit box, and the mean of the calm rows around.
     """
-    held = np.concatenate([part[fold] for part, fold in zip(unseen, folds, strict=True)])
     tree = search_tree(u, motor.scale)
-    near = np.asarray(tree.query(u, k=np.arange(1, min(_AROUND, len(u)) + 1), workers=-1)[1])
-    middle = np.median(np.einsum("no,no->n", held, held)[near], axis=1)
+    near = np.asarray(tree.query(u, k=np.arange(1, min(_BESIDE, len(u)) + 1), workers=-1)[1])
     if wrong.all():
-        return ~wrong
-    return np.asarray(middle <= np.quantile(middle[~wrong], _CALM))
+        return ~wrong, near[:0, 0], u[:0], held[:0]
+    middle = np.median(np.einsum("no,no->n", held, held)[near[:, :_AROUND]], axis=1)
+    calm = np.asarray(middle <= np.quantile(middle[~wrong], _CALM))
+    beside = calm & ~calm[near].all(axis=1)
+    row, k = np.nonzero(calm[near[:, 1:_AROUND]] & beside[:, None])
+    # their mean: nothing beside a sharp edge, the slope of a wide defect
+    share = calm[near[row]] / np.count_nonzero(calm[near[row]], axis=1)[:, None]
+    residual = np.einsum("nk,nko->no", share, held[near[row]])
+    return calm, row, u[row] + 0.5 * motor.scale.difference(u[near[row, k + 1]], u[row]), residual
 
 
 def _settled(
@@ -212,9 +216,9 @@ def _settled(
     index: Index,
     weight: Array,
     calm: NDArray[np.bool_],
+    real: int,
     nodes: int,
     usual: int,
-    harm: float,
 ) -> tuple[Index, Array]:
     """The choices (nodes,) once no node gains by another, and what remains (m, o).
 
@@ -226,9 +230,9 @@ def _settled(
     node, own = index[row, column], weight[row, column]
     every = predicted[:, row, column] * own[:, None]  # (1 + shapes, pairs, o)
     total = np.maximum(weight.sum(axis=1), 1e-300)
-    square = np.einsum("mo,mo->m", target, target)
-    noise = max(float(np.mean(square[calm])) if calm.any() else float(np.median(square)), 1e-300)
-    care = np.where(calm, harm, 1.0)
+    square, quiet = np.einsum("mo,mo->m", target, target)[:real], calm[:real]  # means have less
+    noise = max(float(np.mean(square[quiet]) if quiet.any() else np.median(square)), 1e-300)
+    care = np.where(calm, _HARM, 1.0)
 
     # neighbouring rows of a log can be near-repeats: those of a run count as one
     runs = rows.max() // _RUN + 1
@@ -271,8 +275,3 @@ def _settled(
         best = np.where(score.max(axis=0) > 0.0, best, usual)
         chosen = np.where(np.arange(nodes) % _COLOURS == turn % _COLOURS, best, chosen)
     return chosen, remains(*together(chosen)[2:], slice(None))
-
-
-def _mean(residual: Array) -> float:
-    """Mean distance of residuals (n, o)."""
-    return float(np.linalg.norm(residual, axis=1).mean())

@@ -10,9 +10,6 @@ from numpy.typing import NDArray
 
 Array = NDArray[np.float64]
 
-_SCALED = 0.1  # a scale that differs by more is noted
-_UNITS = {1e3: "mm", 1e2: "cm", 1e-3: "km", 39.3700787: "inches"}
-
 
 @dataclass(frozen=True)
 class Alignment:
@@ -61,20 +58,6 @@ class Alignment:
         """Rotation [rad], after a mirror of x where there is one."""
         matrix = self.matrix @ np.diag([-1.0, 1.0]) if self.mirrored else self.matrix
         return math.atan2(matrix[1, 0] - matrix[0, 1], matrix[0, 0] + matrix[1, 1])
-
-    def loud(self) -> list[str]:
-        """What must be noted: a scale, a mirror, exchanged axes."""
-        notes = []
-        scale = self.scale
-        if abs(scale - 1.0) > _SCALED:
-            like = next((u for f, u in _UNITS.items() if abs(scale / f - 1.0) < 0.1), "")
-            hint = f"; if they are {like}, `unit={like!r}` converts them" if like == "mm" else ""
-            notes.append(f"the log's positions are {scale:.5g} times the model's{hint}")
-        if self.swapped:
-            notes.append("x and y of the log are exchanged, compared with the model")
-        elif self.mirrored:
-            notes.append("the log's positions are mirrored, compared with the model")
-        return notes
 
     def words(self, unit: str) -> str:
         """The whole map in words."""

@@ -17,8 +17,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ..body.planar import PlanarStructure
-from ..body.scalar import ScalarBody
-from ..body.scalar_slope import Sloped, compile_slope
+from ..body.planar_row import PlanarRow, Sloped
+from ..body.spatial import SpatialStructure
+from ..body.spatial_row import SpatialRow
+from ..inverse.one_row import FURTHEST, nearest, two_joints
 from ..maps.node_cells import NodeCells
 from ..maps.node_models import NodeModels
 from ..maps.predictor import BodyInBox
@@ -30,11 +32,6 @@ Array = NDArray[np.float64]
 
 _FEW = 20  # queries that take less than the cells take to make
 _SLACK = 1e-9  # as `Trust` has it
-_STEPS = 8  # of Newton; four lead from a wide start to rounding
-_MET = 1e-15  # share of the extent at which a target is met
-_CLOSE = 1e-12  # share of the extent at which a stalled step is met
-_FURTHEST = 0.1  # rad or share of a range: a solution further away may not be the nearest branch
-_UNFOLDED = 0.2  # of the sine between the Jacobian's columns: no fold lies between start and answer
 
 
 @dataclass(frozen=True, eq=False)
@@ -44,21 +41,26 @@ class Single:
     Attributes
     ----------
     model : Model
-        With a planar body.
+        With a planar body, or one in space without local models.
     """
 
     model: Model
     _asked: Iterator[int] = field(default_factory=count)
 
+    def __reduce__(self) -> tuple[Any, ...]:
+        """What is compiled stays behind when a model is pickled."""
+        return Single, (self.model,)
+
     @staticmethod
     def of(model: Model) -> Single | None:
         """The single queries of a model; None where only the batch path answers."""
         body, smooth = model.body, model.predictor.smooth
-        if body is None or not isinstance(body.structure, PlanarStructure):
+        if body is None or not isinstance(smooth, BodyInBox) or smooth.body is not body:
             return None
-        if not isinstance(smooth, BodyInBox) or smooth.body is not body:
-            return None
-        return Single(model)
+        structure = body.structure
+        planar = isinstance(structure, PlanarStructure)
+        alone = isinstance(structure, SpatialStructure) and model.predictor.models.degree < 0
+        return Single(model) if planar or alone else None
 
     @cached_property
     def cells(self) -> NodeCells | None:
@@ -72,7 +74,12 @@ class Single:
         return self.cells is not None
 
     def _ready(self) -> bool:
-        """Whether positions are answered here: local models and gaps want cells."""
+        """Whether positions are answered here: local models and gaps want cells.
+
+        An arm in space wants Pinocchio, whose import a few queries alone do not repay.
+        """
+        if not self._planar and "_compiled" not in self.__dict__ and next(self._asked) < _FEW:
+            return False
         return self._smooth or self._has_cells()
 
     @cached_property
@@ -80,12 +87,12 @@ class Single:
         return self._everywhere and self.model.predictor.models.degree < 0
 
     def forward(self, q: Any) -> Array | None:
-        """Position (2,) for joint values (dof,); None where the batch path has to answer."""
+        """Position (m,) for joint values (dof,); None where the batch path has to answer."""
         row = self._row(q)
         if row is None or not self._ready():
             return None
         if not self._in_range(row):
-            return np.full(2, np.nan)
+            return np.full(len(self.model.axes), np.nan)
         if not self._known(row):
             return None  # the posterior has to be asked
         return np.array(self._position(row))
@@ -102,65 +109,40 @@ class Single:
         return bound if self._known(row) and bound <= self.model.trust.most else None
 
     def inverse(self, x: Any, near: Any) -> Array | None:
-        """Joints (2,) that reach a position, next to `near`; None as above, or if unsure."""
-        target, start = _floats(x, 2), self._row(near)
-        if target is None or start is None or len(start) != 2 or not self._in_range(start):
+        """Joints (dof,) that reach a position, next to `near`; None as above, or if unsure."""
+        target, start = _floats(x, len(self.model.axes)), self._row(near)
+        if target is None or start is None or not self._in_range(start):
             return None
-        found = self._newton(target, start)
+        found = self.reach(target, start)
         return None if found is None else np.array(found)
 
-    def towards(
-        self, q: Any, target_of: Callable[[Sequence[float]], Sequence[float]]
+    def beside(
+        self, q: Any, solve: Callable[[list[float]], list[float] | None]
     ) -> list[float] | None:
-        """Joints next to `q`, on its own turn, that reach what a function says of `q`."""
+        """Joints next to `q`, on its own turn, that a function finds from `q` in its range."""
         asked = _floats(q, len(self._lower))
-        if asked is None or len(asked) != 2:
+        if asked is None or not self._ready():
             return None
         row = self._wrapped(list(asked))
-        if not self._in_range(row):
-            return None
-        found = self._newton(target_of(row), row)
-        if found is None:
+        found = solve(row) if self._in_range(row) else None
+        if found is None or not self._in_range(found):
             return None
         return [f + (a - r) for f, a, r in zip(found, asked, row, strict=True)]
 
-    def _newton(self, target: Sequence[float], start: list[float]) -> list[float] | None:
-        """Newton's steps of two joints from a start; None where they may lead elsewhere."""
+    def reach(self, target: Sequence[float], start: list[float]) -> list[float] | None:
+        """Joints next to a start that reach a target; None where others may be nearer."""
         if not self._ready():
             return None
-        a, b = start
-        tx, ty = target
-        least, stalled = _MET * self._extent, _CLOSE * self._extent
-        last = math.inf
-        facing = 0.0
-        for _ in range(_STEPS):
-            x, y, (xa, xb), (ya, yb) = self._sloped((a, b))
-            gx, gy = tx - x, ty - y
-            distance = math.sqrt(gx * gx + gy * gy)
-            det = xa * yb - xb * ya
-            size = math.sqrt((xa * xa + ya * ya) * (xb * xb + yb * yb))
-            sine = det / size if size > 0.0 else 0.0
-            if facing == 0.0:
-                facing = sine
-            if sine * facing <= 0.0:
-                return None
-            if distance <= least or (distance >= 0.5 * last and distance <= stalled):
-                room = _UNFOLDED * min(abs(sine), abs(facing))
-                moved_a, moved_b = abs(a - start[0]), abs(b - start[1])
-                far = max(moved_a / self._wide[0], moved_b / self._wide[1])
-                if far > _FURTHEST or max(moved_a, moved_b) > room:
-                    return None
-                if self._across((a, b)) or not self._known([a, b]):
-                    return None
-                return [a, b]
-            if distance > 2.0 * last:
-                return None
-            last = distance
-            a += (yb * gx - xb * gy) / det
-            b += (xa * gy - ya * gx) / det
-            if not self._in_range((a, b)):
-                return None
-        return None
+        if self._planar and len(start) == 2:
+            found = two_joints(
+                self._sloped, target, start, self.model.solver.extent, self._in_range
+            )
+        else:
+            found = nearest(self._rows, target, start, self._units, self._in_range)
+        if found is None or self._across(found) or not self._known(found):
+            return None
+        far = max(abs(f - s) / w for f, s, w in zip(found, start, self._wide, strict=True))
+        return found if far <= FURTHEST else None
 
     def _row(self, q: Any) -> list[float] | None:
         """Joint values as floats, those of full turns in their range."""
@@ -202,10 +184,14 @@ class Single:
         ]
 
     @cached_property
+    def _compiled(self) -> PlanarRow | SpatialRow:
+        body: Any = self.model.body
+        kind = PlanarRow.of if self._planar else SpatialRow
+        return kind(body.structure, body.beta)
+
+    @cached_property
     def _position(self) -> Callable[[Sequence[float]], Sequence[float]]:
-        assert self.model.body is not None  # noqa: S101
-        body = ScalarBody.compile(self.model.body).predict
-        models = self._models
+        body, models = self._compiled.predict, self._models
         if models is None:
             return body
 
@@ -218,11 +204,9 @@ class Single:
 
     @cached_property
     def _sloped(self) -> Callable[[Sequence[float]], Sloped]:
-        body = self.model.body
-        assert body is not None  # noqa: S101
-        assert isinstance(body.structure, PlanarStructure)  # noqa: S101
-        sloped = compile_slope(body.structure, body.beta)
-        models = self._models
+        """Position and derivatives of a planar arm."""
+        assert isinstance(self._compiled, PlanarRow)  # noqa: S101
+        sloped, models = self._compiled.sloped, self._models
         if models is None:
             return sloped
 
@@ -235,6 +219,23 @@ class Single:
             return x + more_x, y + more_y, gx, gy
 
         return both
+
+    @cached_property
+    def _rows(self) -> Callable[[Sequence[float]], tuple[Sequence[float], Array]]:
+        """Position and its derivative (m, dof) of any arm."""
+        if isinstance(self._compiled, SpatialRow):
+            return self._compiled.sloped
+
+        def sloped(row: Sequence[float]) -> tuple[Sequence[float], Array]:
+            x, y, gx, gy = self._sloped(row)
+            return (x, y), np.array([gx, gy])
+
+        return sloped
+
+    @cached_property
+    def _planar(self) -> bool:
+        body: Any = self.model.body
+        return isinstance(body.structure, PlanarStructure)
 
     @cached_property
     def _models(self) -> NodeModels | None:
@@ -260,6 +261,10 @@ class Single:
         return list(map(float, self.model.motor.scale.span))
 
     @cached_property
+    def _units(self) -> Array:
+        return np.array(self._span)
+
+    @cached_property
     def _turning(self) -> list[int]:
         return list(map(int, np.flatnonzero(self.model.motor.scale.periodic)))
 
@@ -277,10 +282,6 @@ class Single:
                 self._lower, self._span, self.model.motor.scale.periodic, strict=True
             )
         ]
-
-    @cached_property
-    def _extent(self) -> float:
-        return self.model.solver.extent
 
 
 def _floats(values: Any, count: int) -> list[float] | None:

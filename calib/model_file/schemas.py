@@ -2,27 +2,23 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from numpy.typing import NDArray
 
-from ..body.basis import exponents
-from ..common.checks import LARGEST, finite, numbers, of_type
+from ..common.checks import finite, of_type
 from ..errors import OptionError
 from ..maps.linear_models import LinearModels
-from ..maps.local_models import MOST_DEGREE, LocalModels
 from ..maps.map import Map
 from ..maps.predictor import Predictor
-from ..model.baseline import Baseline
 from ..model.schemas import Schema, check_name
+from .parts import Tensors, baseline_tensors, build_baseline, build_models, models_header, whole
 from .smooth_part import build_smooth, smooth_header, smooth_tensors
 
 if TYPE_CHECKING:
     from ..model.model import Model
-
-Tensors = Mapping[str, NDArray[Any]]
 
 PREFIX = "schema."
 """Tensors of schema k are named "schema.k.NAME"."""
@@ -47,7 +43,6 @@ def pack(schemas: Sequence[Schema]) -> tuple[list[dict[str, Any]], dict[str, NDA
         if total > BYTES:
             break
         tensors.update({f"{PREFIX}{k}.{name}": array for name, array in own.items()})
-        models = schema.predictor.models
         described.append(
             {
                 "name": schema.name,
@@ -55,12 +50,8 @@ def pack(schemas: Sequence[Schema]) -> tuple[list[dict[str, Any]], dict[str, NDA
                 "samples": schema.samples,
                 "most": schema.most,
                 "smooth": smooth_header(schema.predictor.smooth),
-                "local": {
-                    "degree": models.degree,
-                    "samples": models.samples,
-                    **({"votes": True} if models.votes else {}),
-                },
-                "baseline": None if schema.baseline is None else schema.baseline.to_json(),
+                "local": models_header(schema.predictor.models),
+                "baseline": schema.baseline and schema.baseline.to_json(),
             }
         )
     return described, tensors
@@ -82,10 +73,7 @@ def _tensors(schema: Schema) -> dict[str, NDArray[Any]]:
     if predictor.models.degree >= 0:
         arrays["radius"] = predictor.models.radius.astype(np.float32)
         arrays["local"] = predictor.models.coefficients.astype(np.float32)
-    if schema.baseline is not None:
-        arrays["baseline.motor"] = schema.baseline.motor.astype(np.float32)
-        arrays["baseline.sensory"] = schema.baseline.sensory.astype(np.float32)
-    return arrays
+    return arrays | baseline_tensors(schema.baseline)
 
 
 def _rounded_up(bounds: NDArray[np.float64]) -> NDArray[np.float32]:
@@ -106,7 +94,7 @@ def unpack(model: Model, described: Any, tensors: Tensors) -> tuple[Schema, ...]
     if len(states) > _MOST:
         raise ValueError(f"{len(states)} schemas are too many")
     found = [
-        _schema(model, of_type("schema", state, dict), tensors, f"{PREFIX}{k}.")
+        _schema(model, of_type("schema", state, dict), tensors.under(f"{PREFIX}{k}."))
         for k, state in enumerate(states)
     ]
     names = [model.schema, *(s.name for s in found)]
@@ -115,66 +103,38 @@ def unpack(model: Model, described: Any, tensors: Tensors) -> tuple[Schema, ...]
     return tuple(found)
 
 
-def _schema(model: Model, state: dict[str, Any], tensors: Tensors, prefix: str) -> Schema:
+def _schema(model: Model, state: dict[str, Any], tensors: Tensors) -> Schema:
     name = schema_name(state["name"])
     if state["bound_of"] not in ("true position", "sensor reading"):
         raise ValueError(f"schema {name!r} bounds {state['bound_of']!r}")
-    dof, nodes, others = model.motor.units.shape[1], model.motor.size, model.sensory.size
-    width = model.sensory.units.shape[1]
+    nodes, dof = model.motor.units.shape
+    others, width = model.sensory.units.shape
 
-    def take(what: str, shape: tuple[int, ...], kind: type = np.float32) -> NDArray[Any]:
-        array = tensors[prefix + what]
-        if array.shape != shape or array.dtype != kind:
-            raise ValueError(
-                f"{prefix}{what} is {array.dtype} {array.shape}, expected {kind.__name__} {shape}"
-            )
-        if array.dtype.kind == "f" and not (np.abs(array.astype(float)) < LARGEST).all():
-            raise ValueError(f"{prefix}{what} holds a value that is not finite")
-        return array if kind is np.uint8 else array.astype(float)
+    def take(what: str, *shape: int) -> NDArray[Any]:
+        return tensors.take(what, shape, "float32")
 
     motor, sensory = (
-        Map(units, part.lattice, part.scale, part.history)
-        for units, part in (
-            (take("motor", (nodes, dof)), model.motor),
-            (take("sensory", (others, width)), model.sensory),
-        )
+        Map(take(part, *lattice.units.shape), lattice.lattice, lattice.scale, lattice.history)
+        for part, lattice in (("motor", model.motor), ("sensory", model.sensory))
     )
     if not (motor.spacing > 0.0 and sensory.spacing > 0.0):
         raise ValueError(f"the nodes of schema {name!r} are all in one place")
-    local = state["local"]
-    own = {
-        n[len(prefix + SMOOTH) :]: a for n, a in tensors.items() if n.startswith(prefix + SMOOTH)
-    }
 
     def linear() -> LinearModels:
-        values = take("linear.values", (nodes, width))
-        return LinearModels(motor, values, take("linear.slopes", (nodes, dof, width)))
+        slopes = take("linear.slopes", nodes, dof, width)
+        return LinearModels(motor, take("linear.values", nodes, width), slopes)
 
-    smooth, _ = build_smooth(state, own, motor.scale, width, linear)
-    models = LocalModels(-1, 0, np.zeros(0), np.zeros((0, 0, width)))
-    order = _small(local["degree"], MOST_DEGREE, least=-1)
-    if order >= 0:
-        radius = take("radius", (nodes,))
-        if not (radius > 0.0).all():
-            raise ValueError(f"a radius of schema {name!r} is not above zero")
-        terms = len(exponents(dof, order))
-        coefficients = take("local", (nodes, terms, width))
-        votes = of_type("votes", local.get("votes", False), bool)
-        samples = _small(local["samples"], 10**9)
-        models = LocalModels(order, samples, radius, coefficients, votes=votes)
-    bounds, model_bounds = take("bounds", (nodes,)), take("model_bounds", (nodes,))
+    smooth, _ = build_smooth(state, tensors.under(SMOOTH), motor.scale, width, linear)
+    models = build_models(
+        state["local"], tensors, ("radius", "local"), (nodes, dof, width),
+        kind="float32", fades=True,
+    )  # fmt: skip
+    bounds, model_bounds = take("bounds", nodes), take("model_bounds", nodes)
     most = finite("most", state["most"])
-    visited = np.unpackbits(take("visited", (-(-nodes // 8),), np.uint8), count=nodes) > 0
+    packed = tensors.take("visited", (-(-nodes // 8),), "uint8")
+    visited = np.unpackbits(packed, count=nodes) > 0
     if not visited.any() or min(bounds.min(), model_bounds.min(), most) < 0.0:
         raise ValueError(f"schema {name!r} was visited nowhere, or a bound is negative")
-    baseline = None
-    if state["baseline"] is not None:
-        told = of_type("baseline", state["baseline"], dict)
-        if min(*numbers("spread", told["spread"], 2), finite("noise", told["noise"])) < 0.0:
-            raise ValueError("a variance of the baseline is negative")
-        parts = (take("baseline.motor", (nodes,)), take("baseline.sensory", (others,)))
-        baseline = Baseline.from_json(told, *parts)
-    samples = _small(state["samples"], 2**62)
     return Schema(
         name,
         sensory,
@@ -183,9 +143,9 @@ def _schema(model: Model, state: dict[str, Any], tensors: Tensors, prefix: str) 
         model_bounds,
         most,
         visited,
-        baseline,
+        build_baseline(state["baseline"], tensors, nodes, others),
         state["bound_of"],
-        samples,
+        whole(state["samples"], 2**62),
     )
 
 
@@ -202,9 +162,3 @@ def schema_name(value: Any) -> str:
     except OptionError as error:
         raise ValueError(str(error)) from None
     return str(value)
-
-
-def _small(value: Any, most: int, least: int = 0) -> int:
-    if isinstance(value, bool) or not isinstance(value, int) or not least <= value <= most:
-        raise ValueError(f"{value!r} is not a whole number from {least} to {most}")
-    return value

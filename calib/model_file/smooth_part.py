@@ -6,7 +6,6 @@ import math
 from collections.abc import Callable, Mapping
 from typing import Any
 
-import numpy as np
 from numpy.typing import NDArray
 
 from ..body.basis import Basis
@@ -16,6 +15,7 @@ from ..common.checks import LARGEST
 from ..common.scale import Scale
 from ..maps.linear_models import LinearModels
 from ..maps.predictor import BodyInBox, Both, Smooth
+from .parts import Tensors, whole
 
 _SMALL = 1e-9  # radians that are a range
 _FUNCTIONS = 100_000  # of a trend
@@ -26,16 +26,11 @@ _BODY = "body."  # prefix of the body's arrays
 def smooth_header(smooth: Smooth) -> dict[str, Any]:
     """JSON-ready description of a smooth part."""
     body, trend = _parts(smooth)
+    basis = None if trend is None else trend.basis
     return {
         "linear": isinstance(smooth, LinearModels),
-        "body": None if body is None else body.header(),
-        "trend": None
-        if trend is None
-        else {
-            "turns": list(trend.basis.turns),
-            "degree": trend.basis.degree,
-            "each": trend.basis.each,
-        },
+        "body": body and body.header(),
+        "trend": basis and {"turns": [*basis.turns], "degree": basis.degree, "each": basis.each},
     }
 
 
@@ -66,7 +61,7 @@ def _parts(smooth: Smooth) -> tuple[Body | None, Trend | None]:
 
 def build_smooth(
     header: Mapping[str, Any],
-    tensors: Mapping[str, NDArray[Any]],
+    tensors: Tensors,
     scale: Scale,
     outputs: int,
     linear: Callable[[], LinearModels],
@@ -83,8 +78,7 @@ def build_smooth(
         return linear(), None
     body = None
     if stated["body"] is not None:
-        arrays = {n[len(_BODY) :]: a for n, a in tensors.items() if n.startswith(_BODY)}
-        body = Body.rebuild(stated["body"], arrays)
+        body = Body.rebuild(stated["body"], tensors.under(_BODY).named())
         if body.structure.dof != len(scale.span):
             raise ValueError("the body is of another arm")
     trend = _trend(stated["trend"], tensors, scale, outputs) if stated["trend"] else None
@@ -96,27 +90,15 @@ def build_smooth(
     return (inside if trend is None else Both(inside, trend)), body
 
 
-def _trend(
-    stated: Mapping[str, Any], tensors: Mapping[str, NDArray[Any]], scale: Scale, outputs: int
-) -> Trend:
+def _trend(stated: Mapping[str, Any], tensors: Tensors, scale: Scale, outputs: int) -> Trend:
     dof = len(scale.span)
     turns = tuple(float(t) for t in stated["turns"])
     if len(turns) != dof:
         raise ValueError("the trend is of another arm")
     if not all(turn == 0.0 or _SMALL <= turn < LARGEST for turn in turns):  # zero of slides
         raise ValueError(f"{turns} are no turns")
-    if math.comb(_whole(stated["degree"]) + dof, dof) > _FUNCTIONS:
+    degree, each = (whole(stated[name], _DEGREE) for name in ("degree", "each"))
+    if math.comb(degree + dof, dof) > _FUNCTIONS:
         raise ValueError("the trend has too many functions")
-    basis = Basis(turns, *(_whole(stated[k]) for k in ("degree", "each")))
-    coefficients = tensors["trend.coefficients"]
-    if coefficients.shape != (len(basis.orders), outputs):
-        raise ValueError(f"trend.coefficients has the shape {coefficients.shape}")
-    if not (np.abs(coefficients) < LARGEST).all():
-        raise ValueError("trend.coefficients holds a value that is not finite")
-    return Trend(basis, coefficients)
-
-
-def _whole(value: Any) -> int:
-    if not isinstance(value, int) or not 0 <= value <= _DEGREE:
-        raise ValueError(f"{value!r} is not a degree")
-    return value
+    basis = Basis(turns, degree, each)
+    return Trend(basis, tensors.take("trend.coefficients", (len(basis.orders), outputs)))

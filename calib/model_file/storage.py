@@ -20,6 +20,7 @@ from ..maps.graph import Graph
 from ..maps.linear_models import to_shifts
 from ..model.schemas import FIRST
 from . import schemas
+from .parts import Tensors, baseline_tensors, models_header
 from .rebuild import build
 from .smooth_part import smooth_header, smooth_tensors
 
@@ -70,21 +71,17 @@ def to_bytes(model: Model) -> bytes:
 
     with one_blas_thread():  # a covariance is factored on the way into the file
         tensors = {name: np.ascontiguousarray(a) for name, a in _tensors(model).items()}
+    models = model.predictor.models
     header: dict[str, Any] = {
         "format": FORMAT,
         "about": model.about.to_json(),
         "history": list(model.history),
-        "baseline": None if model.baseline is None else model.baseline.to_json(),
+        "baseline": model.baseline and model.baseline.to_json(),
         "motor": {"lattice": list(model.motor.lattice.shape)},
         "sensory": {"lattice": list(model.sensory.lattice.shape)},
         "links": model.association.wiring.to_json(),
         "smooth": smooth_header(model.predictor.smooth),
-        "local": {
-            "degree": model.predictor.models.degree,
-            "samples": model.predictor.models.samples,
-            "fades": model.predictor.models.fades,
-            **({"votes": True} if model.predictor.models.votes else {}),
-        },
+        "local": {**models_header(models), "fades": models.fades},
     }
     if model.approach is not None:
         header["approach"] = model.approach.play.tolist()
@@ -122,22 +119,18 @@ def _tensors(model: Model) -> dict[str, NDArray[Any]]:
         ("motor", model.motor, model.association.motor_means),
         ("sensory", model.sensory, model.association.sensory_means),
     ):
+        tensors[f"{name}.units"] = part.units
         if means is not None:
             tensors[f"{name}.shifts"] = to_shifts(part, means)
-    if model.rows is not None:
-        tensors["rows.q"], tensors["rows.x"] = model.rows.q, model.rows.x
-    if model.baseline is not None:
-        tensors["baseline.motor"] = model.baseline.motor.astype(np.float32)
-        tensors["baseline.sensory"] = model.baseline.sensory.astype(np.float32)
-    for name, part in (("motor", model.motor), ("sensory", model.sensory)):
-        tensors[f"{name}.units"] = part.units
         if isinstance(part.lattice, Graph):
             tensors[f"{name}.edges"] = part.edges.astype(_unsigned(part.size))
         tensors[f"{name}.history"] = part.history
         tensors[f"{name}.lower"] = part.scale.lower
         tensors[f"{name}.span"] = part.scale.span
         tensors[f"{name}.periodic"] = part.scale.periodic.astype(np.uint8)
-    return tensors
+    if model.rows is not None:
+        tensors["rows.q"], tensors["rows.x"] = model.rows.q, model.rows.x
+    return tensors | baseline_tensors(model.baseline)
 
 
 def _unsigned(count: int) -> type[np.unsignedinteger[Any]]:
@@ -159,12 +152,7 @@ def _checksum(tensors: Mapping[str, NDArray[Any]], header: Mapping[str, Any]) ->
 def load(path: str | os.PathLike[str], *, warm: bool = False) -> Model:
     """Read a model from its file; neither Pinocchio nor yourdfpy is needed.
 
-    Parameters
-    ----------
-    path : str or path
-        What `calib train` or :meth:`Model.save` wrote.
-    warm : bool
-        Whether to call :meth:`Model.warm_up`, for a control loop.
+    Where `warm`, :meth:`Model.warm_up` is called, for a control loop.
 
     Raises
     ------
@@ -213,7 +201,7 @@ def from_bytes(data: bytes, name: str = "model") -> Model:
             f"{name}: damaged or edited, it does not match its checksum: restore or train it again"
         )
     try:
-        return build(header, tensors)
+        return build(header, Tensors(tensors))
     except _NONSENSE as error:
         reason = " ".join(str(error).split())[:120]
         raise ModelError(f"{name}: not a complete model ({reason}), train it again") from error

@@ -29,9 +29,7 @@ class Timing:
     Attributes
     ----------
     offset, rate : float [s], none
-        Added to the offset and the rate that the rows were matched with.
-    doubt : (float, float) [s], none
-        Their standard deviations.
+        Added to those that the rows were matched with; `doubt` has their standard deviations.
     error : float [px]
         Median distance of the rows from the chain.
     """
@@ -49,14 +47,10 @@ def fit_timing(
 
     Parameters
     ----------
-    time : (n,) array [s]
-        Joints' times of the rows, as far as known.
-    x : (n, 2) array [px]
-        The track.
+    time, x : (n,) array [s], (n, 2) array
+        Joints' times of the rows as far as known, and the track.
     joints : callable
         Returns joints (n, dof) at joints' times (n,).
-    revolute : tuple of bool
-        Which joints turn.
 
     Returns
     -------
@@ -76,79 +70,68 @@ def fit_timing(
         prior = structure.prior((*chain, "lens"))
     except (CalibError, np.linalg.LinAlgError):
         return None
-    search = _Search(structure, prior, time, x, joints)
     with np.errstate(over="ignore", invalid="ignore", divide="ignore"):
-        plain, beta = search.run(beta, rate=False)
+        plain, beta = _search(structure, prior, time, x, joints, beta, 0.0, 1e-12)
         if plain is None:
             return None
-        free, _ = search.run(beta, rate=True, offset=plain.offset)
+        free, _ = _search(structure, prior, time, x, joints, beta, plain.offset, _RATE_SD)
     # a rate that is nothing but noise would spoil both ends
     if free is None or abs(free.rate) < 4.0 * free.doubt[1] or free.error > 0.97 * plain.error:
         return plain
     return free
 
 
-class _Search:
-    """Gauss and Newton's method over a chain and the clocks together."""
+def _search(
+    structure: Any,
+    prior: Any,
+    time: Array,
+    x: Array,
+    joints: Callable[[Array], Array],
+    beta: Array,
+    offset: float,
+    rate_sd: float,
+) -> tuple[Timing | None, Array]:
+    """Fit a chain and the clocks together; return the clocks and the chain's parameters.
 
-    def __init__(
-        self,
-        structure: Any,
-        prior: Any,
-        time: Array,
-        x: Array,
-        joints: Callable[[Array], Array],
-    ) -> None:
-        self.structure, self.prior = structure, prior
-        self.time, self.x, self.joints = time, x, joints
-        self.active = np.flatnonzero(prior.sd > 0)
-        self.since = time - 0.5 * (time[0] + time[-1])
-
-    def run(self, beta: Array, *, rate: bool, offset: float = 0.0) -> tuple[Timing | None, Array]:
-        """Fit from parameters and an offset; return the clocks and the parameters."""
-        structure, time, x, joints, since = (
-            self.structure,
-            self.time,
-            self.x,
-            self.joints,
-            self.since,
+    Gauss and Newton's method from parameters and an offset, priors as further rows.
+    """
+    active = np.flatnonzero(prior.sd > 0)
+    mean, since, k = prior.mean[active], time - 0.5 * (time[0] + time[-1]), len(active)
+    beta, clock, h = beta.copy(), np.array([offset, 0.0]), 5e-3
+    sd = np.r_[prior.sd[active], 0.2, rate_sd]
+    for _ in range(_STEPS):
+        when = time + clock[0] + clock[1] * since
+        q = joints(when)
+        seen, slopes = structure.linearise(q, beta, active)
+        speed = (joints(when + h) - joints(when - h)) / (2.0 * h)
+        velocity = np.einsum("nmd,nd->nm", structure.slope(q, beta), speed)
+        J = np.concatenate(
+            [slopes, velocity[..., None], (velocity * since[:, None])[..., None]], axis=2
         )
-        active, mean = self.active, self.prior.mean[self.active]
-        beta, clock, h, k = beta.copy(), np.array([offset, 0.0]), 5e-3, len(self.active)
-        sd = np.r_[self.prior.sd[active], 0.2, _RATE_SD if rate else 1e-12]
-        for _ in range(_STEPS):
-            when = time + clock[0] + clock[1] * since
-            q = joints(when)
-            seen, slopes = structure.linearise(q, beta, active)
-            speed = (joints(when + h) - joints(when - h)) / (2.0 * h)
-            velocity = np.einsum("nmd,nd->nm", structure.slope(q, beta), speed)
-            J = np.concatenate(
-                [slopes, velocity[..., None], (velocity * since[:, None])[..., None]], axis=2
-            )
-            miss = x - seen
-            distance = np.linalg.norm(miss, axis=1)
-            if not np.isfinite(distance).all():
-                return None, beta
-            scale = max(float(np.median(distance)) / 1.18, 0.01)
-            weight = (_NU + 2.0) / (_NU + (distance / scale) ** 2) / scale**2
-            JW = (J * weight[:, None, None]).reshape(-1, len(sd))
-            precision = JW.T @ J.reshape(-1, len(sd)) + np.diag(1.0 / sd**2)
-            gradient = JW.T @ miss.ravel()
-            gradient[:k] -= (beta[active] - mean) / sd[:k] ** 2
-            gradient[k:] -= clock / sd[k:] ** 2
-            step = np.linalg.solve(precision, gradient)
-            # far from the solution the velocity is a poor guide
-            step *= min(1.0, 0.08 / max(abs(float(step[-2])), 1e-12))
-            beta[active] += step[:k]
-            clock += step[k:]
-            if np.abs(step[-2:] * [1.0, np.ptp(time)]).max() < 1e-5:
-                break
-        # neighbouring rows err alike: about three of them say as much as one
-        spread = np.sqrt(3.0 * np.diag(np.linalg.inv(precision))[-2:])
-        timing = Timing(
-            float(clock[0]),
-            float(clock[1]),
-            (float(spread[0]), float(spread[1])),
-            float(np.median(distance)),
-        )
-        return timing, beta
+        miss = x - seen
+        distance = np.linalg.norm(miss, axis=1)
+        if not np.isfinite(distance).all():
+            return None, beta
+        scale = max(float(np.median(distance)) / 1.18, 0.01)
+        weight = (_NU + 2.0) / (_NU + (distance / scale) ** 2) / scale**2
+        JW = (J * weight[:, None, None]).reshape(-1, len(sd))
+        precision = JW.T @ J.reshape(-1, len(sd)) + np.diag(1.0 / sd**2)
+        gradient = JW.T @ miss.ravel()
+        gradient[:k] -= (beta[active] - mean) / sd[:k] ** 2
+        gradient[k:] -= clock / sd[k:] ** 2
+        step = np.linalg.solve(precision, gradient)
+        # far from the solution the velocity is a poor guide
+        step *= min(1.0, 0.08 / max(abs(float(step[-2])), 1e-12))
+        beta[active] += step[:k]
+        clock += step[k:]
+        if np.abs(step[-2:] * [1.0, np.ptp(time)]).max() < 1e-5:
+            break
+    # neighbouring rows err alike: about three of them say as much as one
+    spread = np.sqrt(3.0 * np.diag(np.linalg.inv(precision))[-2:])
+    timing = Timing(
+        float(clock[0]),
+        float(clock[1]),
+        (float(spread[0]), float(spread[1])),
+        float(np.median(distance)),
+    )
+    return timing, beta

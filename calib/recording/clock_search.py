@@ -12,14 +12,13 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ..common.thinning import thinned
+from ..samples.between import joints_at
 from .chain_judge import fit_timing
 from .judge import Judge, softness
 
 Array = NDArray[np.float64]
 
-CANDIDATES = 15
-"""Peaks of the correlation of speeds that are judged."""
-
+_CANDIDATES = 15  # peaks of the correlation of speeds that are judged
 _GRID = 50.0  # [1/s]
 _OVERLAP = 0.8  # of the shorter recording must have a counterpart
 _ROWS = (120, 300, 160)  # that judge candidates, refine the best, and fit a chain
@@ -33,16 +32,12 @@ class Clocks:
 
     Attributes
     ----------
-    offset : float [s]
-        Joints' clock less the camera's, in the middle of the recording.
-    rate : float
-        How much faster the joints' clock runs.
+    offset, rate : float [s], none
+        Joints' clock less the camera's in the middle of the recording, and how much faster it runs.
     middle : float [s]
         That middle, by the camera's clock.
-    error : float [px]
-        Median distance that held-out blocks are predicted to.
-    rival : float [px]
-        The same of the best other offset; infinite if there is none.
+    error, rival : float [px]
+        Median distance that held-out blocks are predicted to, and with the best other offset.
     doubt : float [s]
         Standard deviation of the joints' time, at the recording's ends.
     """
@@ -65,11 +60,6 @@ class Clocks:
             f"clocks: joints are {self.offset:+.4f} s from the camera{rate}; they predict the tag "
             f"to {self.error:.2g} px, with the next best offset to {self.rival:.2g} px"
         )
-
-
-def joints_at(time: Array, joint_time: Array, q: Array) -> Array:
-    """Interpolate joints (m, joints) to times (n,) [s]."""
-    return np.stack([np.interp(time, joint_time, column) for column in q.T], axis=1)
 
 
 @dataclass(frozen=True, eq=False)
@@ -113,7 +103,7 @@ class Pair:
         wide = np.pad(c, 10, mode="edge")
         highest = np.max([wide[k : k + len(c)] for k in range(21)], axis=0)
         top = np.flatnonzero(c >= highest)
-        top = top[np.argsort(-c[top], kind="stable")][:CANDIDATES]
+        top = top[np.argsort(-c[top], kind="stable")][:_CANDIDATES]
         return [float(joints[0] - camera[0] + lags[k] / _GRID) for k in top]
 
     def matched(self, clocks: Clocks, rows: int) -> tuple[Array, Array, Array]:

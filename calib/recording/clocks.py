@@ -18,24 +18,14 @@ from .track import jumps
 
 Array = NDArray[np.float64]
 
-CHAINS = 3
-"""Candidates to which a chain is fitted."""
-
-CHAIN_FITS = 0.03
-"""A planar chain that leaves more than this share of the track's spread is none."""
-
 SURE = 1.5e-3
 """The standard deviation of the offset that is accepted [s]."""
 
-CLEARLY = 0.6
-"""The best candidate's error must be less than this share of its rival's."""
-
-FITS = 0.25
-"""It must also be less than this share of the track's spread."""
-
-FASTEST = 0.012
-"""Clocks whose rates differ by more are refused: a frame rate that is not the true one."""
-
+_CHAINS = 3  # candidates to which a chain is fitted
+_CHAIN_FITS = 0.03  # a planar chain that leaves more of the track's spread is none
+_CLEARLY = 0.6  # the best candidate's error must be less than this share of its rival's
+_FITS = 0.25  # and less than this share of the track's spread
+_FASTEST = 0.012  # difference of the rates: beyond it the stated frame rate is not the true one
 _APART = 0.3  # candidates further apart than this are rivals [s]
 
 
@@ -55,20 +45,16 @@ def align_clocks(
 
     Parameters
     ----------
-    time : (n,) array [s]
-        Times of frames, by the camera's clock.
-    pixels : (n, 2) array [px]
-        Where the tag was; NaN where it was not seen.
-    joint_time : (m,) array [s]
-        Times of the joints, increasing, by their clock.
-    q : (m, joints) array [rad or m]
-        Joints.
+    time, pixels : (n,) array [s], (n, 2) array [px]
+        Times of frames, by the camera's clock, and where the tag was; NaN where it was not seen.
+    joint_time, q : (m,) array [s], (m, joints) array [rad or m]
+        Joints, at increasing times by their clock.
     revolute : sequence of bool, optional
         Which joints turn; all if not given.
 
     Raises
     ------
-    LogError
+    ClockError
         If nothing moves, no offset fits, or more than one does.
     """
     seen = np.isfinite(pixels[:, 0]) & ~jumps(pixels)
@@ -87,27 +73,27 @@ def align_clocks(
     judged = sorted(map(pair.candidate, peaks), key=_by_error)
     apart = [c for k, c in enumerate(judged) if all(_apart(c, d) for d in judged[:k])]
     kinds = tuple(revolute) if revolute is not None else (True,) * q.shape[1]
-    chains = [pair.chain(c, kinds) for c in apart[:CHAINS]]
+    chains = [pair.chain(c, kinds) for c in apart[:_CHAINS]]
     fitted = sorted((c for c in chains if c is not None), key=_by_error)
-    if not fitted or not fitted[0].error < CHAIN_FITS * spread:
-        fitted = sorted(map(pair.refined, apart[:CHAINS]), key=_by_error)
+    if not fitted or not fitted[0].error < _CHAIN_FITS * spread:
+        fitted = sorted(map(pair.refined, apart[:_CHAINS]), key=_by_error)
     clocks = fitted[0]
     rival = min((c.error for c in fitted[1:] if _apart(c, clocks)), default=np.inf)
-    if not clocks.error < FITS * spread:
+    if not clocks.error < _FITS * spread:
         raise ClockError(
             f"no offset between the clocks fits: the best leaves {clocks.error:.3g} px of "
             f"{spread:.3g} px; are these the joints of this video? else give `time_offset`"
         )
-    if not clocks.error < CLEARLY * rival:
+    if not clocks.error < _CLEARLY * rival:
         raise ClockError(
             f"the offset between the clocks is ambiguous: {clocks.offset:.2f} s leaves "
             f"{clocks.error:.3g} px, another leaves {rival:.3g} px; record a motion that does not "
             "repeat itself, or give `time_offset`"
         )
-    if abs(clocks.rate) > FASTEST:
+    if abs(clocks.rate) > _FASTEST:
         raise ClockError(
             f"the clocks' rates differ by {100 * clocks.rate:.1f} %, at most "
-            f"{100 * FASTEST:.1f} % expected: the video's frame rate is not the true one"
+            f"{100 * _FASTEST:.1f} % expected: the video's frame rate is not the true one"
         )
     if not clocks.doubt < SURE:
         raise ClockError(

@@ -28,21 +28,10 @@ _ALONG = np.linspace(0.14, 0.82, 14)[:, None]  # of a square: near a corner edge
 def refine_corners(
     grey: NDArray[np.uint8], corners: Mapping[int, Array], board: Board
 ) -> dict[int, Array]:
-    """Put corners of a board where its edges cross.
+    """Put corners of a board, known within two pixels, where its edges cross.
 
-    Parameters
-    ----------
-    grey : (height, width) array
-        The picture.
-    corners : mapping of int to (2,) array [px]
-        Corners within two pixels, by number.
-    board : Board
-        What was printed.
-
-    Returns
-    -------
-    dict of int to (2,) array [px]
-        Those corners that have edges; a hidden one has none.
+    Corners are places (2,) [px] by number, as in the answer: a hidden one has no edges, and is left
+    out.
     """
     if len(corners) < 4:
         return {}

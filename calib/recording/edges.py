@@ -27,8 +27,6 @@ def refine_square(
 
     Parameters
     ----------
-    grey : (height, width) array
-        The picture.
     corners : (4, 2) array [px]
         Corners within a pixel or so, in their order around the square.
     cells : int
@@ -38,10 +36,9 @@ def refine_square(
     -------
     corners : (4, 2) array [px]
         The refined corners, in the same order.
-    roughness : float [px]
-        Rms distance of the worst side's points from its line.
-    width : float [px]
-        Standard deviation of the blurred edge across the worst side.
+    roughness, width : float [px]
+        Of the worst side: rms distance of its points from its line, and the standard deviation
+        of the blurred edge across it.
     """
     part, low = blurred_part(grey, corners)
     c = corners - low
@@ -77,21 +74,15 @@ def edge_points(
 
     Parameters
     ----------
-    part : (height, width) array
-        Grey levels.
-    base : (k, n, 2) array [px]
-        Points near each of k edges.
-    ahead : (k, 2) array
-        Directions of the edges.
+    base, ahead : (k, n, 2) array [px], (k, 2) array
+        Points near each of k edges, and the edges' directions.
     reach : float [px]
         How far to look on either side.
 
     Returns
     -------
-    points : (k, n, 2) array [px]
-        Centroids of the gradient along the normals.
-    spread : (k, n) array [px]
-        Its standard deviation: the blur of the edge.
+    points, spread : (k, n, 2), (k, n) array [px]
+        Centroids of the gradient along the normals, and its standard deviation: the edge's blur.
     """
     cv2 = opencv()
     k, n = base.shape[:2]

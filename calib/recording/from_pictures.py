@@ -16,13 +16,13 @@ from ..errors import LogError, OptionError
 from .board import BoardFinder
 from .joint_table import JointTable
 from .judge import row_shift
-from .pictures import UnreadableError, list_pictures, match_rows, read_picture
+from .pictures import list_pictures, match_rows, read_series
 from .plane import square_pose
 from .recorded import Recorded, told
 from .reference import PlaneReference
 from .setting import Setting
 from .tags import Tag, TagFinder
-from .track import astray, check_motion, stuck
+from .track import TipTags, astray, check_motion, stuck
 from .watch import Marks
 
 Array = NDArray[np.float64]
@@ -37,22 +37,9 @@ def log_pictures(
 ) -> Recorded:
     """Make a log from pictures of an arm with a printed tag on its tip.
 
-    Parameters
-    ----------
-    source : path-like
-        A folder, or a pattern such as `shots/*.jpg`.
-    joints : JointTable
-        One row for each picture: by its column of names, or in their natural order.
-    setting : Setting
-        Tag, reference and lens.
-    since : mapping, optional
-        What an earlier log tells of its source (`read_about`): how far the camera moved
-        since is told.
-
-    Returns
-    -------
-    Recorded
-        The rows, what was left out, and why.
+    The source is a folder, or a pattern such as `shots/*.jpg`; `joints` have one row for each
+    picture, by their column of names or in natural order. `since` is what an earlier log tells of
+    its source (`read_about`): how far the camera moved since is told.
 
     Raises
     ------
@@ -62,47 +49,28 @@ def log_pictures(
     """
     pairs, notes = match_rows(joints, list_pictures(source))
     boards = BoardFinder(setting.board) if setting.board is not None else None
-    reasons: Counter[str] = Counter()
+    tips = TipTags(setting.tag)
     rows: list[int] = []
     tags: list[Tag] = []
     marks: list[tuple[int, Marks]] = []
-    twice: list[str] = []
     damaged: list[str] = []
-    size: tuple[int, int] | None = None
+    size = (0, 0)
     sample: list[NDArray[np.uint8]] = []
-    for number, (_, path) in enumerate(pairs):
-        try:
-            grey = read_picture(path)
-        except UnreadableError as error:
-            damaged.append(str(error))
-            continue
-        now = (grey.shape[1], grey.shape[0])
-        setting.check_size(path.name, now)
-        if size is not None and now != size:
-            raise LogError(
-                f"{path.name} is {now[0]}x{now[1]}, the pictures before it {size[0]}x{size[1]}: "
-                "expected one camera with one setting"
-            )
-        size = now
+    for number, grey in read_series([path for _, path in pairs], damaged):
+        name, size = pairs[number][1].name, (grey.shape[1], grey.shape[0])
+        setting.check_size(name, size)
         if number % max(1, len(pairs) // 12) == 0:
             sample.append(grey)
         found = setting.finder.find(grey)
         if setting.layout is not None:
             marks.append((number, setting.marks(grey, found, boards)))
-        tip = [t for t in found if t.number == setting.tag]
-        if len(tip) > 1:
-            twice.append(path.name)
-        elif not tip:
-            reasons[f"tag {setting.tag} not seen"] += 1
-        elif not tip[0].sharp:
-            reasons["blurred"] += 1
-        else:
+        _, tip = tips.pick(found, name)
+        if tip is not None:
             rows.append(number)
-            tags.append(tip[0])
+            tags.append(tip)
+    reasons, twice = tips.reasons, tips.twice
     notes += [f"{text}; left out" for text in damaged[:5]]
     reasons["cut off or damaged"] = len(damaged)
-    if size is None:
-        raise LogError(f"no picture in {os.fspath(source)!r} can be read: {damaged[0]}")
     if twice:
         raise LogError(
             f"tag {setting.tag} is there twice in {len(twice)} of {len(pairs)} pictures "

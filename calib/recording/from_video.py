@@ -12,7 +12,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ..errors import LogError, OptionError
-from .clock_search import Clocks, joints_at
+from ..samples.bags import MAX_GAP
+from ..samples.between import covered, joints_at
+from .clock_search import Clocks
 from .clocks import align_clocks
 from .from_pictures import assemble, seen_instead
 from .joint_table import JointTable
@@ -25,15 +27,8 @@ from .video import follow
 Array = NDArray[np.float64]
 Mask = NDArray[np.bool_]
 
-REST = 0.01
-"""A joint that moves slower rests [rad/s or m/s]."""
-
-MAX_GAP = 0.1
-"""Joints further apart than this are not interpolated between [s]."""
-
-LEAST = 3
-"""Frames that a rest must have."""
-
+_REST = 0.01  # a joint that moves slower rests [rad/s or m/s]
+_LEAST = 3  # frames that a rest must have
 _SETTLE = 0.04  # left out at either end of a rest [s]
 _SHAKE = 0.5  # a tag that moves more has not come to rest [px]
 
@@ -72,22 +67,10 @@ def log_video(
     revolute: Sequence[bool] | None = None,
     since: Mapping[str, Any] | None = None,
 ) -> Recorded:
-    """Make a log from a video of an arm with a printed tag on its tip.
+    """Make a log from a video, of any format that OpenCV opens; see `log_pictures`.
 
-    Parameters
-    ----------
-    path : path-like
-        Whatever OpenCV opens.
-    joints : JointTable
-        Joints with times, by a clock of their own.
-    setting : Setting
-        Tag, reference and lens.
-    rows : Rows, optional
-        Which frames become rows.
-    revolute : sequence of bool, optional
-        Which joints turn; all if not given.
-    since : mapping, optional
-        What an earlier log tells of its source (`read_about`).
+    The joints have times, by a clock of their own. `revolute` says which of them turn; all if it is
+    not given.
 
     Raises
     ------
@@ -127,10 +110,10 @@ def log_video(
     there = joints_at(when, joint_time, q)
     speed = _speed(when, joint_time, q)
     if rows.still is None:
-        groups = _rests(when, pixels, usable & (speed < REST))
+        groups = _rests(when, pixels, usable & (speed < _REST))
         if not groups:
             raise LogError(
-                f"the arm never rests for {LEAST} frames of {name}: record it with stops, or give "
+                f"the arm never rests for {_LEAST} frames of {name}: record it with stops, or give "
                 "`still`, the speed below which frames in motion are taken"
             )
         moving = int(usable.sum() - sum(map(len, groups)))
@@ -172,9 +155,7 @@ def _usable(
 ) -> tuple[Mask, dict[str, int]]:
     seen = np.isfinite(pixels[:, 0])
     jump = jumps(pixels)
-    inside = (when >= joint_time[0]) & (when <= joint_time[-1])
-    after = np.clip(np.searchsorted(joint_time, when), 1, len(joint_time) - 1)
-    close = joint_time[after] - joint_time[after - 1] <= max_gap
+    inside, close, _ = covered(when, joint_time, max_gap)
     return seen & ~jump & inside & close, {
         "a jump of the track": int(jump.sum()),
         "outside of the joints' times": int((seen & ~jump & ~inside).sum()),
@@ -190,7 +171,7 @@ def _speed(when: Array, joint_time: Array, q: Array) -> Array:
 
 
 def _rests(when: Array, pixels: Array, still: Mask) -> list[NDArray[np.intp]]:
-    """Return the frames of each rest: joints and tag stand still for `LEAST` frames or more."""
+    """Return the frames of each rest: joints and tag stand still for `_LEAST` frames or more."""
     groups: list[NDArray[np.intp]] = []
     run: list[int] = []
     for k in [*np.flatnonzero(still).tolist(), -1]:
@@ -207,10 +188,10 @@ def _trimmed(when: Array, pixels: Array, run: list[int]) -> list[NDArray[np.intp
     frames = np.array(run)
     inner = (when[frames] >= when[run[0]] + _SETTLE) & (when[frames] <= when[run[-1]] - _SETTLE)
     frames = frames[inner]
-    if len(frames) < LEAST:
+    if len(frames) < _LEAST:
         return []
     near = np.linalg.norm(pixels[frames] - np.median(pixels[frames], axis=0), axis=1) < _SHAKE
-    return [frames[near]] if near.sum() >= LEAST else []
+    return [frames[near]] if near.sum() >= _LEAST else []
 
 
 def _middle(tags: Sequence[Tag]) -> Tag:

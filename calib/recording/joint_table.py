@@ -28,18 +28,12 @@ class JointTable:
 
     Attributes
     ----------
-    label : str
-        What messages call the file.
-    names : tuple of str
-        The joints.
     q : (n, joints) array [rad or m]
-        Their values; rows with a missing one are left out.
+        Their values; rows with a missing one are left out, and counted in `dropped`.
     time : (n,) array [s] or None
         Times of the rows, by the joints' clock.
     pictures : tuple of str or None
         Names of the rows' pictures.
-    dropped : int
-        Rows that were left out.
     """
 
     label: str
@@ -57,18 +51,14 @@ def read_joints(
     degrees: bool = False,
     prismatic: Sequence[str] = (),
 ) -> JointTable:
-    """Read a table of joints: CSV or Parquet.
+    """Read a table of joints; a column `time` [s] or `picture` says what a row is of.
 
     Parameters
     ----------
-    path : path-like
-        The file. A column `time` [s] or `picture` says what a row belongs to.
     joints : sequence of str, optional
         The joints' columns; all columns of numbers but those if not given.
-    degrees : bool
-        Whether joints that turn are in degrees.
-    prismatic : sequence of str
-        Joints that slide [m].
+    degrees, prismatic : bool, sequence of str
+        Whether joints that turn are in degrees, and which slide [m].
 
     Raises
     ------

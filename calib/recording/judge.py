@@ -31,14 +31,8 @@ def kernel(q: Array, other: Array) -> Array:
 class Judge:
     """A fit of what was seen by joints, from which blocks of rows are held out.
 
-    Parameters
-    ----------
-    q : (n, joints) array [rad or m]
-        Joints, in the order of time.
-    blocks : int
-        Neighbouring rows are left out together: so many times.
-    soft : float
-        Ridge, relative to the kernel's one.
+    Joints `q` (n, joints) are in the order of time; neighbouring rows are left out together,
+    `blocks` times; `soft` is the ridge, relative to the kernel's one.
     """
 
     def __init__(self, q: Array, blocks: int = 8, soft: float = _SOFT[1]) -> None:
@@ -66,21 +60,10 @@ class Judge:
 
 
 def held_out(q: Array, x: Array, blocks: int = 8) -> Array:
-    """Return how far each row is predicted by the rows of other blocks.
+    """Return how far each row is predicted by the rows of other blocks (n,) [unit of x].
 
-    Parameters
-    ----------
-    q : (n, joints) array [rad or m]
-        Joints, in the order of time.
-    x : (n, d) array
-        What was seen with them.
-    blocks : int
-        Neighbouring rows are left out together: so many times.
-
-    Returns
-    -------
-    (n,) array [unit of x]
-        Distances, with the softness that has the least median.
+    Joints (n, joints) are in the order of time, x (n, d) is what was seen with them; neighbouring
+    rows are left out together, `blocks` times, with the softness that has the least median.
     """
     return np.asarray(np.linalg.norm(Judge(q, blocks, softness(q, x, blocks)).miss(x), axis=1))
 

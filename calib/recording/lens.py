@@ -17,14 +17,13 @@ from numpy.typing import ArrayLike, NDArray
 
 from ..common.atomic import atomic_write
 from ..errors import LogError
+from ..samples.camera import bent
 from .board import LEAST_CORNERS, Board
 from .opencv import opencv
 
 Array = NDArray[np.float64]
 
-LEAST_PICTURES = 4
-"""Pictures of a board that a calibration needs."""
-
+_LEAST_PICTURES = 4  # of a board that a calibration needs
 _TANGENTIAL = 10  # pictures from which a lens that sits askew can be told
 
 
@@ -36,16 +35,12 @@ class Lens:
     ----------
     size : (int, int) [px]
         Width and height of the pictures it holds for.
-    focal : (2,) array [px]
-        Focal length along x and y.
-    centre : (2,) array [px]
-        Principal point.
+    focal, centre : (2,) array [px]
+        Focal lengths along x and y, principal point.
     distortion : (5,) array
         k1, k2, p1, p2, k3.
-    rms : float [px]
-        Rms distance of the calibration's corners from their places.
-    pictures : int
-        Pictures that it was calibrated from.
+    rms, pictures : float [px], int
+        Rms distance of the calibration's corners from their places, in how many pictures.
     covariance : (9, 9) array
         Of `parameters`; zero where a lens is taken for exact.
     """
@@ -76,22 +71,11 @@ class Lens:
 
     def distort(self, points: ArrayLike) -> Array:
         """Return pixels (n, 2) of points (n, 2) of the plane at distance one."""
-        n = np.asarray(points, float)
-        k1, k2, p1, p2, k3 = self.distortion
-        x, y = n[..., 0], n[..., 1]
-        r2 = x**2 + y**2
-        radial = 1.0 + r2 * (k1 + r2 * (k2 + r2 * k3))
-        bent = np.stack(
-            [
-                x * radial + 2.0 * p1 * x * y + p2 * (r2 + 2.0 * x**2),
-                y * radial + p1 * (r2 + 2.0 * y**2) + 2.0 * p2 * x * y,
-            ],
-            axis=-1,
-        )
-        return np.asarray(self.centre + self.focal * bent)
+        return np.asarray(self.centre + self.focal * bent(points, self.distortion))
 
     def undistort(self, pixels: ArrayLike) -> Array:
         """Return points (n, 2) of the plane at distance one that appear at pixels (n, 2)."""
+        # not OpenCV's undistortPoints: it stops at five steps, 4.11 and 5 differ in how to ask more
         target = np.asarray(pixels, float)
         n = (target - self.centre) / self.focal
         for _ in range(60):
@@ -124,15 +108,13 @@ class Lens:
             If it is none.
         """
         width, height = (int(side) for side in told["size"])
-        lens = cls(
-            (width, height),
-            np.array(told["focal"], float).reshape(2),
-            np.array(told["centre"], float).reshape(2),
-            np.array(told["distortion"], float).reshape(5),
-            float(told.get("rms", 0.0)),
-            int(told.get("pictures", 0)),
-            np.array(told.get("covariance", np.zeros((9, 9))), float).reshape(9, 9),
+        focal, centre, distortion = (
+            np.array(told[name], float).reshape(count)
+            for name, count in (("focal", 2), ("centre", 2), ("distortion", 5))
         )
+        rms, pictures = float(told.get("rms", 0.0)), int(told.get("pictures", 0))
+        covariance = np.array(told.get("covariance", np.zeros((9, 9))), float).reshape(9, 9)
+        lens = cls((width, height), focal, centre, distortion, rms, pictures, covariance)
         known = np.isfinite(lens.parameters).all() and np.isfinite(lens.covariance).all()
         if not known or (lens.focal <= 0).any() or min(lens.size) <= 0:
             raise ValueError("the lens has impossible values")
@@ -167,23 +149,14 @@ def read_lens(path: str | os.PathLike[str]) -> Lens:
 def calibrate_lens(
     corners: Sequence[Mapping[int, Array]], board: Board, size: tuple[int, int]
 ) -> tuple[Lens, tuple[str, ...]]:
-    """Fit a lens to pictures of a board held at different angles.
+    """Fit a lens to pictures of a board held at different angles; notes say what makes it doubtful.
 
     Parameters
     ----------
     corners : sequence of mapping of int to (2,) array [px]
         Corners that each picture shows, as `BoardFinder.find` returns them.
-    board : Board
-        What was printed.
     size : (int, int) [px]
         Width and height of the pictures.
-
-    Returns
-    -------
-    lens : Lens
-        The lens.
-    notes : tuple of str
-        What makes it doubtful.
 
     Raises
     ------
@@ -192,11 +165,11 @@ def calibrate_lens(
     """
     cv2 = opencv()
     usable = [c for c in corners if len(c) >= LEAST_CORNERS]
-    if len(usable) < LEAST_PICTURES:
+    if len(usable) < _LEAST_PICTURES:
         most = max(map(len, corners), default=0)
         raise LogError(
             f"the board is in {len(usable)} of {len(corners)} pictures of the lens (at most "
-            f"{most} corners found, {LEAST_CORNERS} expected in each): take {LEAST_PICTURES} or "
+            f"{most} corners found, {LEAST_CORNERS} expected in each): take {_LEAST_PICTURES} or "
             "more, 10 are better, near and tilted, and check the board's numbers"
         )
     world = board.corners().astype(np.float32)

@@ -8,7 +8,7 @@ from typing import Any
 
 from ..errors import LogError
 
-INSTALL = "reading pictures needs OpenCV: pip install 'calib-arm[camera]'"
+_INSTALL = "reading pictures needs OpenCV: pip install 'calib-arm[camera]'"
 
 
 def opencv() -> Any:
@@ -24,9 +24,9 @@ def opencv() -> Any:
     try:
         cv2: Any = import_module("cv2")
     except ImportError:
-        raise LogError(INSTALL) from None
+        raise LogError(_INSTALL) from None
     if tuple(int(part) for part in cv2.__version__.split(".")[:2]) < (4, 11):
-        raise LogError(f"OpenCV {cv2.__version__} is too old, expected 4.11 or later: {INSTALL}")
+        raise LogError(f"OpenCV {cv2.__version__} is too old, expected 4.11 or later: {_INSTALL}")
     if hasattr(cv2, "setLogLevel"):  # 4.x
         cv2.setLogLevel(0)
     else:

@@ -36,9 +36,7 @@ def take_photo(
     path : path-like
         A picture or a video, whose first frame is taken, by the camera that made the log.
     x : (n, 2) array [unit]
-        Positions that should be in it.
-    unit : str
-        Their unit, "px" or "m".
+        Positions that should be in it, in "px" or "m".
     about : mapping, optional
         What the log tells of its source (`read_about`): for metres where its camera was.
 

@@ -6,7 +6,7 @@ import io
 import os
 import re
 import warnings
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from glob import glob
 from pathlib import Path
 
@@ -98,17 +98,38 @@ def read_picture(path: str | os.PathLike[str], *, colour: bool = False) -> Pictu
         raise UnreadableError(f"{name} is a damaged picture: {error}") from None
 
 
+def read_series(paths: Sequence[Path], damaged: list[str]) -> Iterator[tuple[int, Picture]]:
+    """Yield the numbers and the grey pictures of one camera; say of others why they are left out.
+
+    Raises
+    ------
+    LogError
+        If they have several sizes: intrinsics hold for one setting of a camera.
+    """
+    size: tuple[int, ...] | None = None
+    for number, path in enumerate(paths):
+        try:
+            grey = read_picture(path)
+        except UnreadableError as error:
+            damaged.append(str(error))
+            continue
+        now = grey.shape[1::-1]
+        if size not in (None, now):
+            raise LogError(
+                f"{path.name} is {now[0]}x{now[1]}, the pictures before it {size[0]}x{size[1]}: "
+                "expected one camera with one setting"
+            )
+        size = now
+        yield number, grey
+    if size is None:
+        folder = os.fspath(paths[0].parent)
+        raise LogError(f"no picture in {folder!r} can be read: {damaged[0]}")
+
+
 def match_rows(
     table: JointTable, pictures: Sequence[Path]
 ) -> tuple[list[tuple[int, Path]], list[str]]:
-    """Say which picture belongs to which row of the joints.
-
-    Returns
-    -------
-    pairs : list of (int, Path)
-        Row and picture, in the rows' order.
-    notes : list of str
-        What was left over.
+    """Pair rows of the joints with their pictures, in the rows' order; notes say what is left.
 
     Raises
     ------

@@ -167,7 +167,8 @@ def square_pose(lens: Lens, corners: Array, size: float) -> Pose:
 def homography(pixels: Array, points: Array) -> Array:
     """Fit the plane-to-plane map (3, 3) from pixels (n, 2) to points (n, 2), n >= 4.
 
-    Normalised direct linear transform (Hartley and Zisserman, section 4.4).
+    Normalised direct linear transform (Hartley and Zisserman, section 4.4).  OpenCV's
+    `findHomography` rounds to single precision and answers for points on a line too.
     """
     scaled, maps = [], []
     for values in (pixels, points):

@@ -21,18 +21,13 @@ class Recorded:
 
     Attributes
     ----------
-    joint_names : tuple of str
-        The joints.
     q : (n, joints) array [rad or m]
-        Their values.
+        Values of the joints named in `joint_names`.
     x : (n, 2) or (n, 3) array [unit]
-        The tag's centre.
-    unit : str
-        "m", or "px" without a reference.
-    noise : float [unit]
-        Standard deviation of a row along each axis, that of the reference included.
-    common : float [unit]
-        That part of it which all rows share: how well the reference was found.
+        The tag's centre, in "m", or in "px" without a reference.
+    noise, common : float [unit]
+        Standard deviation of a row along each axis, and the part of it that all rows share: how
+        well the reference was found.
     pixels : (n, 2) array [px]
         Where the tag was seen.
     source : dict
@@ -40,13 +35,9 @@ class Recorded:
     quaternion : (n, 4) array or None
         Orientation of the tag, x, y, z, w.
     time : (n,) array [s] or None
-        Times since the first row.
-    pictures : tuple of str or None
-        Names of the rows' pictures.
+        Times since the first row; of pictures their names in `pictures` instead.
     dropped : dict of str to int
         Why rows are missing, and how many.
-    notes : tuple of str
-        What the user should be told.
     """
 
     joint_names: tuple[str, ...]

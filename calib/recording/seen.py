@@ -27,19 +27,8 @@ _FINE = 4  # bits of a pixel's fraction
 def draw_seen(photo: Picture, setting: Setting, places: Array) -> Picture:
     """Draw what a picture shows, and where the tag was in all rows of a log.
 
-    Parameters
-    ----------
-    photo : (height, width) or (height, width, 3) array
-        A picture, grey or red, green, blue.
-    setting : Setting
-        What was looked for.
-    places : (n, 2) array [px]
-        Where the tag's centre was seen in the recording.
-
-    Returns
-    -------
-    (height, width, 3) array
-        Blue, green, red, as OpenCV writes it.
+    The photo is grey or red, green, blue; `places` (n, 2) [px] are where the tag's centre was seen.
+    The drawing (height, width, 3) is blue, green, red, as OpenCV writes it.
     """
     cv2 = opencv()
     grey = photo if photo.ndim == 2 else cv2.cvtColor(photo, cv2.COLOR_RGB2GRAY)

@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 from ..errors import LogError, OptionError
 from .board import Board, BoardFinder
 from .lens import Lens, calibrate_lens, read_lens
-from .pictures import UnreadableError, list_pictures, read_picture
+from .pictures import list_pictures, read_series
 from .tags import DICTIONARY, Tag, TagFinder
 from .watch import Layout, Marks, Seen, Watch, board_layout, motion, watch
 
@@ -28,16 +28,12 @@ class Setting:
 
     Attributes
     ----------
-    tag : int
-        Id of the tag on the tip.
-    dictionary : str
-        Its dictionary, and that of tags around the arm.
-    board : Board or None
-        A board on the desk: positions are in its frame [m].
-    tags_at : Layout or None
-        Tags at known places on the desk instead.
+    tag, dictionary : int, str
+        Id of the tag on the tip, and its dictionary, which is that of tags around the arm too.
+    board, tags_at : Board or None, Layout or None
+        What lies on the desk, a board or tags at known places: positions are in its frame [m].
     lens : Lens or None
-        The camera.
+        The camera's.
     tag_size : float or None [m]
         Side of the tip's tag: its pose needs it.
     tag_height : float [m]
@@ -124,48 +120,22 @@ class Setting:
 def load_lens(
     path: str | os.PathLike[str], board: Board | None, output: str | os.PathLike[str] | None = None
 ) -> tuple[Lens, tuple[str, ...]]:
-    """Read a lens, or calibrate it from a folder of pictures of the board.
+    """Read a lens, or calibrate it from pictures of the board; notes say what was found.
 
-    Parameters
-    ----------
-    path : path-like
-        `lens.json` of an earlier run, or a folder or pattern of pictures.
-    board : Board or None
-        What the pictures show.
-    output : path-like, optional
-        Where a calibrated lens is written.
-
-    Returns
-    -------
-    lens : Lens
-        The lens.
-    notes : tuple of str
-        What was found.
+    `path` is the `lens.json` of an earlier run, or a folder or pattern of pictures, whose lens is
+    written to `output`.
     """
     if not Path(path).is_dir() and not any(mark in str(path) for mark in "*?["):
         return read_lens(path), ()
     if board is None:
         raise OptionError("`lens` is a folder of pictures: expected `board` too, which they show")
-    finder, corners, notes = BoardFinder(board), [], []
-    size: tuple[int, int] | None = None
-    pictures = list_pictures(path)
-    for picture in pictures:
-        try:
-            grey = read_picture(picture)
-        except UnreadableError as error:
-            notes.append(f"lens: {error}; it was left out")
-            continue
-        now = (grey.shape[1], grey.shape[0])
-        if size is not None and now != size:
-            raise LogError(
-                f"{picture.name} is {now[0]}x{now[1]}, the lens's other pictures are "
-                f"{size[0]}x{size[1]}: expected one camera with one setting"
-            )
-        size = now
+    finder, pictures, damaged = BoardFinder(board), list_pictures(path), list[str]()
+    corners, size = [], (0, 0)
+    for _, grey in read_series(pictures, damaged):
+        size = (grey.shape[1], grey.shape[0])
         corners.append(finder.find(grey))
-    if size is None:
-        raise LogError(f"no picture in {os.fspath(path)!r} can be read: {notes[0]}")
     lens, doubts = calibrate_lens(corners, board, size)
+    notes = [f"lens: {text}; it was left out" for text in damaged]
     notes.append(
         f"lens of {lens.pictures} of {len(pictures)} pictures: focal length "
         f"{lens.focal[0]:.1f} px, corners miss their places by {lens.rms:.2f} px rms"

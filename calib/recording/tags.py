@@ -21,13 +21,10 @@ Picture = NDArray[np.uint8]
 DICTIONARY = "apriltag_36h11"
 """The dictionary of tags that is used if none is named."""
 
-ROUGH = 0.5
-"""Sides whose points lie further from their line are no sides of a sharp tag, rms [px]."""
-
 FLOOR = 0.03
 """Least standard deviation that a tag's centre is credited with, along each axis [px]."""
 
-
+_ROUGH = 0.5  # rms [px]: sides whose points lie further from their line are not sharp
 _MARGINS = (0.13, 0.3)  # of a cell that is not read; OpenCV 4 reads small tags with the second
 
 
@@ -39,10 +36,8 @@ class Tag:
     ----------
     number : int
         Its id.
-    corners : (4, 2) array [px]
-        Corners of the black square, clockwise in print from the top left.
-    centre : (2,) array [px]
-        Where the diagonals cross.
+    corners, centre : (4, 2), (2,) array [px]
+        The black square, clockwise in print from the top left; where its diagonals cross.
     noise : float [px]
         Standard deviation of the centre along each axis, from how well lines fit the sides.
     sharp : bool
@@ -146,7 +141,7 @@ class TagFinder:
         refined, rough, _ = refine_square(grey, corners, self._cells)
         side = np.linalg.norm(np.roll(corners, -1, 0) - corners, axis=1).max()
         moved = np.linalg.norm(refined - corners, axis=1).max()
-        if rough > ROUGH or moved > 0.1 * side + 2.0:
+        if rough > _ROUGH or moved > 0.1 * side + 2.0:
             return Tag(number, corners + shift, crossing(corners) + shift, 0.5, sharp=False)
         noise = max(FLOOR, rough / 3.0)  # about eight independent points on a side
         return Tag(number, refined + shift, crossing(refined) + shift, noise)

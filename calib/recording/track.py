@@ -2,17 +2,55 @@
 
 from __future__ import annotations
 
+from collections import Counter
+from collections.abc import Sequence
+from dataclasses import dataclass, field
+from typing import Any
+
 import numpy as np
 from numpy.typing import NDArray
 
 from ..errors import LogError
 from .judge import MOST, held_out
+from .tags import Tag
 
 Array = NDArray[np.float64]
 Mask = NDArray[np.bool_]
 
 STILL = 2.0
 """A tag that moves less than this over a recording does not move [px]."""
+
+
+@dataclass
+class TipTags:
+    """The tip's tag in pictures or frames, one after the other, and why it was not taken.
+
+    Attributes
+    ----------
+    number : int
+        Id of the tag.
+    reasons : Counter of str
+        Why pictures have no tag, and how many.
+    twice : list
+        Where it was there twice: names of pictures, or times [s].
+    """
+
+    number: int
+    reasons: Counter[str] = field(default_factory=Counter)
+    twice: list[Any] = field(default_factory=list)
+
+    def pick(self, found: Sequence[Tag], where: object) -> tuple[Tag | None, Tag | None]:
+        """Return the tag as far as it was found, and only if it is sharp."""
+        tip = [tag for tag in found if tag.number == self.number]
+        if len(tip) > 1:
+            self.twice.append(where)
+            return None, None
+        if not tip:
+            self.reasons[f"tag {self.number} not seen"] += 1
+            return None, None
+        if not tip[0].sharp:
+            self.reasons["blurred"] += 1
+        return tip[0], tip[0] if tip[0].sharp else None
 
 
 def check_motion(q: Array, pixels: Array, tag: int, what: str) -> None:
@@ -37,20 +75,9 @@ def check_motion(q: Array, pixels: Array, tag: int, what: str) -> None:
 def stuck(q: Array, pixels: Array) -> Mask:
     """Find rows where the tag is again at one place although the joints are elsewhere.
 
-    A second tag of the same id lies still, and is seen where the first is hidden.
-
-    Parameters
-    ----------
-    q : (n, joints) array [rad or m]
-        Joints.
-    pixels : (n, 2) array [px]
-        What was seen with them.
-
-    Returns
-    -------
-    (n,) array of bool
-        Rows of three or more at one place, to half a pixel, whose joints differ by far
-        more than those of rows that a working arm brings there.
+    A second tag of the same id lies still, and is seen where the first is hidden: three rows or
+    more at one place, to half a pixel, whose joints differ by far more than those of rows that a
+    working arm brings there.  Joints (n, joints) and pixels (n, 2) give a mask (n,).
     """
     n = len(pixels)
     result = np.zeros(n, bool)
@@ -91,17 +118,7 @@ def astray(q: Array, pixels: Array) -> Mask:
 def jumps(pixels: Array, half: int = 3) -> Mask:
     """Find frames away from the median of their neighbours (Hampel's filter).
 
-    Parameters
-    ----------
-    pixels : (n, 2) array [px]
-        A track, NaN where nothing was seen.
-    half : int
-        Neighbours on either side.
-
-    Returns
-    -------
-    (n,) array of bool
-        Frames that are not where the tag can be.
+    Pixels (n, 2), NaN where nothing was seen, with `half` neighbours on either side; a mask (n,).
     """
     seen = np.flatnonzero(np.isfinite(pixels[:, 0]))
     result = np.zeros(len(pixels), bool)

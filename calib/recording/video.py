@@ -17,31 +17,19 @@ from .board import BoardFinder
 from .opencv import opencv
 from .setting import Setting
 from .tags import Tag
+from .track import TipTags
 from .watch import Marks
 
 Array = NDArray[np.float64]
 Picture = NDArray[np.uint8]
 
-LEAST_FRAMES = 10
-"""A video of fewer frames is none."""
-
+_LEAST_FRAMES = 10  # a video of fewer frames is none
 _WHOLE = 30  # frames between searches of the whole picture: a window misses a second tag
 _MARKS = 12  # looks at the reference over a video, about
 
 
 class Video:
-    """A video that OpenCV can read.
-
-    Parameters
-    ----------
-    path : path-like
-        The file.
-
-    Raises
-    ------
-    LogError
-        If it is none.
-    """
+    """A video that OpenCV can read; LogError if it is none."""
 
     def __init__(self, path: str | os.PathLike[str]) -> None:
         cv2 = opencv()
@@ -92,16 +80,12 @@ class Track:
 
     Attributes
     ----------
-    time : (n,) array [s]
-        Times of the frames, by the camera's clock.
-    tags : tuple of Tag or None
-        The tag in each frame.
+    time, tags : (n,) array [s], tuple of Tag or None
+        Times of the frames, by the camera's clock, and the tag in each.
     marks : tuple of (int, marks)
         Frames in which the reference was looked for, and what they show.
     reasons : Counter of str
         Why frames have no tag, and how many.
-    notes : tuple of str
-        What is doubtful.
     sample : tuple of (height, width) array
         A few frames.
     """
@@ -136,8 +120,7 @@ def follow(path: str | os.PathLike[str], setting: Setting) -> Track:
     tags: list[Tag | None] = []
     marks: list[tuple[int, Marks]] = []
     sample: list[Picture] = []
-    reasons: Counter[str] = Counter()
-    twice: list[float] = []
+    tips = TipTags(setting.tag)
     before: Tag | None = None
     speed = np.zeros(2)
     for number, (time, grey) in enumerate(video.frames()):
@@ -148,39 +131,33 @@ def follow(path: str | os.PathLike[str], setting: Setting) -> Track:
         found = setting.finder.find(grey, window)
         if window is not None and not any(t.number == setting.tag for t in found):
             found = setting.finder.find(grey)
-        tip = [t for t in found if t.number == setting.tag]
-        if len(tip) > 1:
-            twice.append(time)
+        now, sharp = tips.pick(found, time)
         if look:
             marks.append((number, setting.marks(grey, found, boards)))
         if number % every == 0 and len(sample) < _MARKS:
             sample.append(grey)
-        now = tip[0] if len(tip) == 1 else None
         speed = now.centre - before.centre if now is not None and before is not None else 0 * speed
         before = now
-        if now is None:
-            reasons[f"tag {setting.tag} not seen"] += 1
-        elif not now.sharp:
-            reasons["blurred"] += 1
-            now = None
         times.append(time)
-        tags.append(now)
-    if len(times) < LEAST_FRAMES:
+        tags.append(sharp)
+    if len(times) < _LEAST_FRAMES:
         raise LogError(
-            f"{video.name} has {len(times)} frames that can be read, {LEAST_FRAMES} expected: is "
+            f"{video.name} has {len(times)} frames that can be read, {_LEAST_FRAMES} expected: is "
             "it a video?"
         )
-    if twice:
+    if tips.twice:
         raise LogError(
-            f"tag {setting.tag} is there twice in {video.name}, such as at {twice[0]:.1f} s: cover "
-            "one, or print another id for the tip"
+            f"tag {setting.tag} is there twice in {video.name}, such as at {tips.twice[0]:.1f} s: "
+            "cover one, or print another id for the tip"
         )
     notes = []
     if video.claimed > 1.05 * len(times) + 2:
         notes.append(
             f"{video.name} claims {video.claimed} frames, {len(times)} can be read: it is cut off"
         )
-    return Track(np.array(times), tuple(tags), tuple(marks), reasons, tuple(notes), tuple(sample))
+    return Track(
+        np.array(times), tuple(tags), tuple(marks), tips.reasons, tuple(notes), tuple(sample)
+    )
 
 
 def _window(tag: Tag, speed: Array, shape: tuple[int, ...]) -> tuple[int, int, int, int] | None:

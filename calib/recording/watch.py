@@ -109,12 +109,7 @@ class Watch:
     def positions(self, pixels: Array, numbers: Array) -> tuple[Array, Array, Array]:
         """Return positions (n, 2), noise of a pixel (n,) and shared noise (n,) [unit].
 
-        Parameters
-        ----------
-        pixels : (n, 2) array [px]
-            What was seen.
-        numbers : (n,) array of int
-            In which pictures.
+        Of pixels (n, 2) that were seen in the pictures of these numbers (n,).
         """
         x = np.empty_like(pixels)
         scale, common = np.empty(len(pixels)), np.empty(len(pixels))
@@ -130,16 +125,8 @@ class Watch:
 def watch(layout: Layout | None, seen: Seen, lens: Lens | None, height: float = 0.0) -> Watch:
     """Find the reference in a recording, and whether it moved within it.
 
-    Parameters
-    ----------
-    layout : Layout or None
-        Where the marks are; positions are pixels without.
-    seen : sequence of (int, marks)
-        Numbers of pictures, in order, and what they show of it.
-    lens : Lens or None
-        The camera; without one a homography is fitted.
-    height : float [m]
-        Of the tag's plane over the layout's.
+    Without a layout positions are pixels; without a lens a homography is fitted. `seen` has numbers
+    of pictures, in order, and what they show; `height` [m] is of the tag's plane over the layout's.
     """
     if layout is None:
         return Watch((0,), (PixelReference(),))
@@ -180,12 +167,7 @@ def watch(layout: Layout | None, seen: Seen, lens: Lens | None, height: float = 
 def motion(about: Mapping[str, Any], now: Reference) -> str:
     """Say how far the camera moved over its reference since an earlier recording.
 
-    Parameters
-    ----------
-    about : mapping
-        What the earlier log tells of itself.
-    now : Reference
-        The reference of the later one.
+    `about` is what the earlier log tells of itself, `now` the reference of the later one.
     """
     then = read_reference(about)
     if not isinstance(then, PlaneReference) or not isinstance(now, PlaneReference):

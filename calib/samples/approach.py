@@ -11,17 +11,9 @@ _STILL = 1e-9  # of a joint's largest move: less is no motion
 
 
 def directions(q: Array) -> Array:
-    """Sign of the last motion of each joint, in the order of the rows.
+    """Sign of the last motion of each joint (n, dof), for joint values in the order of motion.
 
-    Parameters
-    ----------
-    q : (n, dof) array [rad or m]
-        Joint values in the order of motion.
-
-    Returns
-    -------
-    (n, dof) array
-        1 or -1; 0 before a joint's first motion, where it is not known.
+    1 or -1; 0 before a joint's first motion, where it is not known.
 
     Examples
     --------

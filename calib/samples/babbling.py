@@ -100,20 +100,7 @@ def babble(
 
 
 def uniform_points(n: int, dof: int, rng: Generator) -> Array:
-    """Draw points of the unit cube, each independent of the others.
-
-    Parameters
-    ----------
-    n, dof : int
-        Number of points and of their coordinates.
-    rng : numpy.random.Generator
-        Where they come from.
-
-    Returns
-    -------
-    (n, dof) array
-        Values from 0 to 1.
-    """
+    """Draw `n` points of the unit cube (n, dof), each independent of the others."""
     return rng.random((n, dof))
 
 

@@ -18,6 +18,7 @@ from numpy.typing import NDArray
 from ..common.wording import listed, suggestion
 from ..errors import LogError, OptionError
 from .bag_poses import POSITIONS, TF, Poses, stamped_poses, tf_poses
+from .between import covered, joints_at
 
 Array = NDArray[np.float64]
 
@@ -34,10 +35,8 @@ class Recording:
 
     Attributes
     ----------
-    joint_names : tuple of str
-        In the order of the joint states.
     q : (n, joints) array [rad or m]
-        Joint values at the times of the positions.
+        Joint values at the times of the positions, in the order of the joint states.
     x : (n, 3) array [m]
         Positions as recorded.
     time : (n,) array [s]
@@ -219,11 +218,9 @@ def _aligned(
     notes: list[str] = []
     if len(times) < 2:
         raise LogError("the recording has fewer than two joint states: nothing to interpolate")
-    after = np.clip(np.searchsorted(times, stamps), 1, len(times) - 1)
-    gap = times[after] - times[after - 1]
-    inside = (stamps >= times[0]) & (stamps <= times[-1])
-    usable = inside & (gap <= max_gap)
-    q = np.stack([np.interp(stamps, times, column) for column in values.T], axis=1)
+    inside, close, after = covered(stamps, times, max_gap)
+    usable, finite = inside & close, np.isfinite(x).all(axis=1)
+    q = joints_at(stamps, times, values)
     if still is not None:
         speed = np.abs(np.diff(values, axis=0)).max(axis=1) / np.diff(times)
         moving = usable & (speed[after - 1] > still)
@@ -232,12 +229,12 @@ def _aligned(
             notes.append(f"{moving.sum()} positions dropped: a joint moved faster than {still:g}")
     for rows, why in (
         (~inside, "outside of the times of the joint states"),
-        (inside & (gap > max_gap), f"joint states more than {max_gap:g} s apart"),
-        (~np.isfinite(x).all(axis=1), "not finite"),
+        (inside & ~close, f"joint states more than {max_gap:g} s apart"),
+        (~finite, "not finite"),
     ):
-        usable &= np.isfinite(x).all(axis=1)
         if rows.any():
             notes.append(f"{np.count_nonzero(rows)} positions dropped: {why}")
+    usable &= finite
     if not usable.any():
         raise LogError(
             f"no position is left ({'; '.join(notes)})",

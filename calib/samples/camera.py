@@ -35,10 +35,8 @@ class Camera:
     ----------
     size : (int, int) [px]
         Width and height of its pictures.
-    lens : (float, float, float, float)
-        Focal length, centre u, v [px] and k1.
-    lens_sd : (float, float, float, float)
-        How sure each is; all 0 for a lens that is known.
+    lens, lens_sd : (float, float, float, float)
+        Focal length, centre u, v [px] and k1, and how sure each is; all 0 for a lens that is known.
     note : str
         What was assumed.
     """
@@ -74,7 +72,7 @@ class Camera:
         try:
             width, height = (int(side) for side in told["size"])
             (fx, fy), centre = numbers("focal", told["focal"], 2), numbers("c", told["centre"], 2)
-            k1, k2, p1, p2, k3 = numbers("distortion", told["distortion"], 5)
+            distortion = numbers("distortion", told["distortion"], 5)
             if min(width, height, fx, fy) <= 0:
                 raise ValueError("not above zero")
         except (KeyError, TypeError, ValueError):
@@ -84,13 +82,9 @@ class Camera:
             ) from None
         grid = np.stack(np.meshgrid([0, 0.25, 0.5, 0.75, 1], [0, 0.5, 1]), axis=-1).reshape(-1, 2)
         n = (grid * (width, height) - centre) / (fx, fy) * 0.9
-        x, y = n.T
-        r2 = (n**2).sum(axis=1)
-        radial = 1 + r2 * (k1 + r2 * (k2 + r2 * k3))
-        bent = np.stack([x * radial + 2 * p1 * x * y + p2 * (r2 + 2 * x * x),
-                         y * radial + 2 * p2 * x * y + p1 * (r2 + 2 * y * y)], axis=1)  # fmt: skip
-        pixels = bent * (fx, fy)
-        columns = np.stack([n.ravel(), (n * r2[:, None]).ravel()], axis=1)
+        pixels = bent(n, distortion) * (fx, fy)
+        # f n + f k1 n |n|^2 is linear in f and f k1
+        columns = np.stack([n.ravel(), (n * (n**2).sum(axis=1)[:, None]).ravel()], axis=1)
         (f, fk), *_ = np.linalg.lstsq(columns, pixels.ravel(), rcond=None)
         wrong = float(np.abs(columns @ (f, fk) - pixels.ravel()).max())
         lens = (float(f), float(centre[0]), float(centre[1]), float(fk / f))
@@ -99,6 +93,23 @@ class Camera:
         note = f"the lens bends by up to {wrong:.2g} px otherwise than k1 says: it is fitted again"
         share = wrong / width
         return Camera((width, height), lens, (2 * share * f, wrong, wrong, 4 * share), note)
+
+
+def bent(n: ArrayLike, distortion: ArrayLike) -> Array:
+    """Directions n = (x/z, y/z), (..., 2), as a lens with k1, k2, p1, p2, k3 bends them.
+
+    Brown's model, in the form and order of OpenCV's ``projectPoints``.
+    """
+    n = np.asarray(n, dtype=float)
+    k1, k2, p1, p2, k3 = np.asarray(distortion, dtype=float)
+    x, y = n[..., 0], n[..., 1]
+    r2 = x**2 + y**2
+    radial = 1.0 + r2 * (k1 + r2 * (k2 + r2 * k3))
+    tangential = [
+        2.0 * p1 * x * y + p2 * (r2 + 2.0 * x**2),
+        p1 * (r2 + 2.0 * y**2) + 2.0 * p2 * x * y,
+    ]
+    return np.asarray(n * radial[..., None] + np.stack(tangential, axis=-1))
 
 
 def camera_of(about: Mapping[str, Any], pixels: ArrayLike) -> Camera:

@@ -8,21 +8,9 @@ MISSING = ("", "na", "n/a", "nan", "null", "none", "-", "?")
 
 
 def parse_cell(text: str, where: str, *, lenient: bool = False) -> float:
-    """Read one number.
+    """Read one number, NaN for an empty cell and for the usual words for a missing value.
 
-    Parameters
-    ----------
-    text : str
-        The cell without the blanks around it.
-    where : str
-        What an error calls it.
-    lenient : bool
-        Whether other text is NaN rather than an error.
-
-    Returns
-    -------
-    float
-        NaN for an empty cell and for the usual words for a missing value.
+    `text` has no blanks around it; errors call it `where`; where `lenient` other text is NaN too.
 
     Examples
     --------

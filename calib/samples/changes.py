@@ -10,14 +10,6 @@ from typing import Literal
 from ..common.checks import LARGEST
 from ..errors import OptionError
 
-JOINT_CHANGES = ("length", "offset", "gear", "noise", "backlash", "lock")
-TIP_CHANGES = ("offset",)
-SENSOR_CHANGES = ("mirror", "scale", "rotate", "shift", "outliers")
-CHOICES = (
-    f"JOINT.{'|'.join(JOINT_CHANGES)}, tip.{'|'.join(TIP_CHANGES)}, "
-    f"sensor.{'|'.join(SENSOR_CHANGES)}"
-)
-
 _RELATIVE = ("length", "gear", "scale")  # +20% means times 1.2
 _FORMS = {
     ("joint", "length"): "+20% or 0.3 [m]",
@@ -34,6 +26,10 @@ _FORMS = {
     ("sensor", "outliers"): "0.05, a share of the rows",
 }
 
+JOINT_CHANGES = tuple(what for part, what in _FORMS if part == "joint")
+SENSOR_CHANGES = tuple(what for part, what in _FORMS if part == "sensor")
+_CHOICES = f"JOINT.{'|'.join(JOINT_CHANGES)}, tip.offset, sensor.{'|'.join(SENSOR_CHANGES)}"
+
 
 @dataclass(frozen=True)
 class Change:
@@ -41,18 +37,14 @@ class Change:
 
     Attributes
     ----------
-    part : {"joint", "tip", "sensor"}
-        What is changed.
     joint : str
         The joint's name; empty for the tip and the sensor.
     what : str
-        `length`, `offset`, ...: one of `JOINT_CHANGES`, `TIP_CHANGES`, `SENSOR_CHANGES`.
+        `length`, `offset`, ...: one of `JOINT_CHANGES`, `SENSOR_CHANGES`; the tip has `offset`.
     values : tuple of float
         One number, or two for `tip.offset` and `sensor.shift` [rad, m or 1]. For
         `sensor.mirror` the factors of x and y, such as (-1, 1). Where `relative`, the
         factor itself: 1.2 for +20%.
-    relative : bool
-        Whether `values` is a factor of what there was.
     text : str
         The change as typed.
     """
@@ -74,24 +66,12 @@ class Change:
 
 
 def parse_change(text: str, *, degrees: Collection[str] = ()) -> Change:
-    """Read one change.
+    """Read one change, such as `elbow.length=+20%`, `tip.offset=0.01,0.02` or `sensor.mirror=x`.
 
     The last dot before the last `=` divides the name from what is changed, so a joint's
     name may hold dots, and a joint may even be called `sensor` or `tip`: a joint's
-    changes differ from a sensor's, and the tip's offset has two numbers.
-
-    Parameters
-    ----------
-    text : str
-        Such as `elbow.length=+20%`, `wrist.offset=0.05`, `tip.offset=0.01,0.02` or
-        `sensor.mirror=x` (the sign of x turns).
-    degrees : collection of str
-        The joints whose offset, noise, backlash and lock are typed in degrees.
-
-    Returns
-    -------
-    Change
-        In SI units; its text too.
+    changes differ from a sensor's, and the tip's offset has two numbers.  Offset, noise, backlash
+    and lock of the joints in `degrees` are typed in degrees; the answer is in SI units.
 
     Raises
     ------
@@ -109,12 +89,12 @@ def parse_change(text: str, *, degrees: Collection[str] = ()) -> Change:
     value = value.strip()
     if not (equals and dot and target and value):
         raise OptionError(
-            f"change {text!r} is not WHO.WHAT=VALUE such as elbow.length=+20%; choices: {CHOICES}"
+            f"change {text!r} is not WHO.WHAT=VALUE such as elbow.length=+20%; choices: {_CHOICES}"
         )
     part = _part(text, target, what, value)
     relative = value.endswith("%") and what in _RELATIVE
     values = _values(text, part, what, value)
-    _check(text, part, what, values)
+    _check(text, what, values[0])
     joint = target if part == "joint" else ""
     if joint and joint in degrees and what in ("offset", "noise", "backlash", "lock"):
         values = (math.radians(values[0]),)
@@ -184,21 +164,19 @@ def _values(text: str, part: str, what: str, value: str) -> tuple[float, ...]:
     if not percent:
         return values
     share = values[0] / 100.0
-    return (share,) if what == "outliers" else (_factor(value, share),)
+    # +20% is 1.2 and -20% is 0.8, but 105% without a sign 1.05, and a share of rows itself
+    return (1.0 + share if value[0] in "+-" and what != "outliers" else share,)
 
 
-def _factor(value: str, share: float) -> float:
-    """Return 1.2 for +20% and 0.8 for -20%, and for 105% without a sign 1.05."""
-    return 1.0 + share if value[0] in "+-" else share
-
-
-def _check(text: str, part: str, what: str, values: tuple[float, ...]) -> None:
-    value = values[0]
+def _check(text: str, what: str, value: float) -> None:
+    wrong = ""
     if what in ("length", "scale") and value <= 0.0:
-        raise OptionError(f"change {text!r}: the {what} must stay above zero")
-    if what == "gear" and value == 0.0:
-        raise OptionError(f"change {text!r}: a gear of 0 moves nothing; use lock to hold a joint")
-    if what in ("noise", "backlash") and value < 0.0:
-        raise OptionError(f"change {text!r}: the {what} cannot be negative")
-    if part == "sensor" and what == "outliers" and not 0.0 <= value < 1.0:
-        raise OptionError(f"change {text!r}: expected a share of the rows from 0 to below 1")
+        wrong = f"the {what} must stay above zero"
+    elif what == "gear" and value == 0.0:
+        wrong = "a gear of 0 moves nothing; use lock to hold a joint"
+    elif what in ("noise", "backlash") and value < 0.0:
+        wrong = f"the {what} cannot be negative"
+    elif what == "outliers" and not 0.0 <= value < 1.0:
+        wrong = "expected a share of the rows from 0 to below 1"
+    if wrong:
+        raise OptionError(f"change {text!r}: {wrong}")

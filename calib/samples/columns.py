@@ -16,7 +16,7 @@ from typing import TYPE_CHECKING, Protocol
 import numpy as np
 from numpy.typing import NDArray
 
-from ..common.wording import clipped, quoted
+from ..common.wording import clipped, listed, quoted
 from ..errors import LogError
 from .csv_rows import open_csv
 from .parquet import open_parquet
@@ -78,18 +78,10 @@ class Source:
 
 
 def open_source(path: str | os.PathLike[str] | Source) -> Source:
-    """Find the header of a CSV or Parquet file.
+    """Find the header of a CSV or Parquet file; no row is read yet.
 
-    Parameters
-    ----------
-    path : path-like or Source
-        The file; `-` reads CSV from standard input.  A table that is open stays as it is, so
-        that a pipe, which can be read only once, serves several readers.
-
-    Returns
-    -------
-    Source
-        The table, of which no row was read yet.
+    `-` reads CSV from standard input.  A table that is open stays as it is, so that a pipe, which
+    can be read only once, serves several readers.
 
     Raises
     ------
@@ -101,12 +93,9 @@ def open_source(path: str | os.PathLike[str] | Source) -> Source:
     name, keep = os.fspath(path), None
     label = "standard input" if name == "-" else _printable(name)
     try:
-        if name == "-":
-            file, keep = _standard_input()
-        else:
-            file = Path(path)
-            if _is_stream(file):
-                file, keep = _spooled(file)
+        file = Path(name)
+        if name == "-" or _is_stream(file):
+            file, keep = _spooled(file)
         with file.open("rb") as opened:
             opener = _FORMATS.get(opened.read(4))
     except IsADirectoryError:
@@ -121,21 +110,10 @@ def open_source(path: str | os.PathLike[str] | Source) -> Source:
 
 
 def read_batches(source: Source, names: Sequence[str], *, lenient: bool = False) -> Iterator[Array]:
-    """Read some columns as numbers, some rows at a time: a file of any length fits.
+    """Yield some columns as numbers (n, names), some rows at a time: a file of any length fits.
 
-    Parameters
-    ----------
-    source : Source
-        The table.
-    names : sequence of str
-        The columns wanted; of a Parquet file's lists one element, as in `state[0]`.
-    lenient : bool
-        Whether text in a number's place is NaN rather than an error.
-
-    Yields
-    ------
-    (n, len(names)) array
-        The next rows, NaN where a value is missing. Blank lines are no rows.
+    Of a Parquet file's lists a name is one element, as in `state[0]`. NaN is a missing value, where
+    `lenient` also text in a number's place. Blank lines are no rows.
 
     Raises
     ------
@@ -164,7 +142,7 @@ def _place(source: Source, name: str) -> Place:
         meant = f"did you mean {quoted(near[0])}? " if near else ""
         raise LogError(
             f"{source.label} has no column {quoted(name)}: {meant}columns: "
-            f"{_listed(source.header)}",
+            f"{listed(map(repr, source.header))}",
             hint=f"map another name with `columns={{{clipped(name)!r}: 'OTHER'}}`",
             parameter="columns",
             value=name,
@@ -177,22 +155,6 @@ def _place(source: Source, name: str) -> Place:
     return place
 
 
-def _standard_input() -> tuple[Path, object]:
-    """Copy standard input to a temporary file, which can be read again and may be long.
-
-    The file is gone with the last reference to the second value.
-    """
-    stream = getattr(sys.stdin, "buffer", None)
-    folder = tempfile.TemporaryDirectory(prefix="calib-")
-    path = Path(folder.name) / "stdin"
-    with path.open("wb") as file:
-        if stream is not None:
-            shutil.copyfileobj(stream, file)
-        else:
-            file.write(sys.stdin.read().encode())
-    return path, folder
-
-
 def _is_stream(path: Path) -> bool:
     """Whether a file can be read only once: a pipe, a socket, a terminal, /dev/stdin."""
     mode = path.stat().st_mode
@@ -200,20 +162,25 @@ def _is_stream(path: Path) -> bool:
 
 
 def _spooled(path: Path) -> tuple[Path, object]:
-    """Copy what can be read only once; see `_standard_input`."""
-    if stat.S_ISBLK(path.stat().st_mode) or path.resolve() in _ENDLESS:
+    """Copy a stream, or standard input for `-`, to a file that can be read again and may be long.
+
+    The file is gone with the last reference to the second value.
+    """
+    typed = str(path) == "-"
+    if not typed and (stat.S_ISBLK(path.stat().st_mode) or path.resolve() in _ENDLESS):
         raise LogError(f"{path} is a device that never ends, expected a CSV or Parquet file")
     folder = tempfile.TemporaryDirectory(prefix="calib-")
     copy = Path(folder.name) / f"stream{path.suffix}"
-    with path.open("rb") as source, copy.open("wb") as file:
-        shutil.copyfileobj(source, file)
+    with copy.open("wb") as file:
+        if not typed:
+            with path.open("rb") as stream:
+                shutil.copyfileobj(stream, file)
+        elif (binary := getattr(sys.stdin, "buffer", None)) is not None:
+            shutil.copyfileobj(binary, file)
+        else:  # a test's or a notebook's, of text alone
+            file.write(sys.stdin.read().encode())
     return copy, folder
 
 
 def _printable(text: str) -> str:
     return text if text.isprintable() else ascii(text)
-
-
-def _listed(names: Sequence[str], most: int = 12) -> str:
-    more = f" and {len(names) - most} more" if len(names) > most else ""
-    return ", ".join(map(quoted, names[:most])) + more

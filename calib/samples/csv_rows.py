@@ -41,16 +41,10 @@ class CsvFile:
     ----------
     label : str
         What errors call the file.
-    path : Path
-        The file.
-    header : tuple of str
-        Names of the columns.
     separator : str
         Between the fields of a row.
     skip : int
-        Lines up to the end of the header.
-    comments : tuple of str
-        Lines of comment above the header.
+        Lines up to the end of the header, the `comments` above it included.
     """
 
     label: str
@@ -90,32 +84,68 @@ class CsvFile:
         return next((c[len(mark) :] for c in self.comments if c.startswith(mark)), "{}")
 
     def _batches(self, index: Sequence[int], lenient: bool) -> Iterator[Array]:
-        careful = _Careful(self.label, self.header, self.separator, index, lenient)
         with self.path.open("rb") as file:
             start = [file.readline() for _ in range(self.skip)]
             comments = all(line.startswith(COMMENT) for line in start[:-1])
             # a header of several lines, or one that only a carriage return ends
             if not comments or b"\r" in start[-1].rstrip(b"\r\n"):
                 file.seek(0)
-                yield from careful.batches(file, 0, 0, self.skip)
+                yield from self._by_cell(file, index, lenient, 0, 0, self.skip)
                 return
             rows, lines = 0, self.skip
             while block := _next_block(self.label, file):
                 values = _read_plain(block, len(self.header), self.separator, index)
-                if values is not None:
+                found = iter(() if values is None else (values,))
+                quoted_cells = b'"' in block
+                if quoted_cells:  # they may hold line ends: no later block begins a row for sure
+                    file.seek(-len(block), io.SEEK_CUR)
+                    found = self._by_cell(file, index, lenient, rows, lines)
+                elif values is None:
+                    found = self._by_cell(io.BytesIO(block), index, lenient, rows, lines)
+                for values in found:
                     yield values
                     rows += len(values)
-                elif (
-                    b'"' in block
-                ):  # which may hold line ends: no later block begins a row for sure
-                    file.seek(-len(block), io.SEEK_CUR)
-                    yield from careful.batches(file, rows, lines)
-                    return
-                else:
-                    for values in careful.batches(io.BytesIO(block), rows, lines):
-                        yield values
-                        rows += len(values)
                 lines += block.count(b"\n")
+
+    def _by_cell(
+        self,
+        file: IO[bytes],
+        index: Sequence[int],
+        lenient: bool,
+        number: int,
+        lines: int,
+        skip: int = 0,
+    ) -> Iterator[Array]:
+        """Read the rest of a file row by row: slower, with an opinion on every cell.
+
+        Parameters
+        ----------
+        number, lines : int
+            Rows and lines that were read before.
+        skip : int
+            Lines up to the end of the header, where it is part of the rest.
+        """
+        width, values = len(self.header), array("d")
+        for line, row in csv_rows(self.label, file, self.separator, lines):
+            if line <= skip:
+                continue
+            number += 1
+            where = f"{self.label}, row {number}"
+            surplus = any(field.strip() for field in row[width:])
+            if surplus and not lenient:
+                raise LogError(
+                    f"{where} has {len(row)} fields under a header of {width}: write decimals "
+                    "with a point and quote text that holds a comma"
+                )
+            for i in index:
+                cell = row[i].strip() if i < len(row) and not surplus else ""
+                place = f"{where}, column {self.header[i]!r}"
+                values.append(parse_cell(cell, place, lenient=lenient))
+            if len(values) == _ROWS * len(index):
+                yield np.array(values).reshape(-1, len(index))
+                values = array("d")
+        if values:
+            yield np.array(values).reshape(-1, len(index))
 
 
 def open_csv(label: str, path: Path) -> CsvFile:
@@ -207,48 +237,3 @@ def _is_plain(block: bytes, width: int, separator: str) -> bool:
     marks = np.flatnonzero(text == ord(separator))
     before = np.searchsorted(marks, ends)
     return bool((before == (width - 1) * np.arange(1, len(ends) + 1)).all())
-
-
-class _Careful:
-    """Reads row by row: slower, with an opinion on every cell."""
-
-    def __init__(
-        self, label: str, header: Sequence[str], separator: str, index: Sequence[int], lenient: bool
-    ) -> None:
-        self.label, self.header, self.separator = label, header, separator
-        self.index, self.lenient = index, lenient
-
-    def batches(self, file: IO[bytes], number: int, lines: int, skip: int = 0) -> Iterator[Array]:
-        """Rows of the rest of a file, of which so many rows and lines were read already."""
-        values = array("d")
-        for line, row in csv_rows(self.label, file, self.separator, lines):
-            if line <= skip:
-                continue
-            number += 1
-            values.extend(self._numbers(number, row))
-            if len(values) == _ROWS * len(self.index):
-                yield self._table(values)
-                values = array("d")
-        if values:
-            yield self._table(values)
-
-    def _numbers(self, number: int, row: list[str]) -> list[float]:
-        width = len(self.header)
-        where = f"{self.label}, row {number}"
-        surplus = any(field.strip() for field in row[width:])
-        if surplus and not self.lenient:
-            raise LogError(
-                f"{where} has {len(row)} fields under a header of {width}: write decimals "
-                "with a point and quote text that holds a comma"
-            )
-        return [
-            parse_cell(
-                row[i].strip() if i < len(row) and not surplus else "",
-                f"{where}, column {self.header[i]!r}",
-                lenient=self.lenient,
-            )
-            for i in self.index
-        ]
-
-    def _table(self, values: array[float]) -> Array:
-        return np.array(values, dtype=np.float64).reshape(-1, len(self.index))

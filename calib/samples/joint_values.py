@@ -21,6 +21,13 @@ _SLACK = 0.05  # share of a range by which values may leave it
 _MOST_TURNS = 4.0  # further from zero a joint value is in degrees, or not reset for long
 
 
+def unit_of_joint(revolute: bool, degrees: bool) -> tuple[float, str]:
+    """Return the unit that messages tell a joint's values in, and what makes them of rad or m."""
+    if not revolute:
+        return 1.0, "m"
+    return (math.degrees(1.0), "deg") if degrees else (1.0, "rad")
+
+
 def in_degrees(values: Array, low: float, high: float) -> bool:
     """Whether values (n,) leave a range [rad] but lie within it once taken as degrees."""
     return beyond(values, low, high) > _SLACK and beyond(np.deg2rad(values), low, high) <= _SLACK
@@ -60,18 +67,12 @@ def check_joint_values(
     ----------
     q : (n, dof) array [rad or m]
         Joint values; rows that are not finite are passed over.
-    names : sequence of str
-        The joints.
     lower, upper : (dof,) array [rad or m]
-        Their learned range.
-    revolute : sequence of bool
-        Whether each joint turns.
+        The joints' learned range.
     degrees : bool
         Whether the values were given in degrees, and converted.
     label : str
         What a message calls them.
-    error : type
-        Class of the error that is raised.
 
     Examples
     --------
@@ -95,8 +96,7 @@ as degrees it fits: give `degrees=True`
         fits = in_degrees(q[:, k], low, high)
         if not (many_turns(q[:, k]) or (fits and float(np.abs(q[:, k]).max()) > TURN)):
             continue
-        shown = f"{math.degrees(q[row, k]):g} deg" if degrees else f"{q[row, k]:g} rad"
-        unit, factor = ("deg", math.degrees(1.0)) if degrees else ("rad", 1.0)
+        factor, unit = unit_of_joint(True, degrees)
         if degrees:
             hint = "values in rad are given without `degrees`"
         elif fits:
@@ -104,8 +104,8 @@ as degrees it fits: give `degrees=True`
         else:
             hint = "if the values are in degrees, give `degrees=True`"
         raise error(
-            f"{label}, row {rows[row]}: {name} is {shown}, outside of the range "
-            f"{low * factor:.4g}..{high * factor:.4g} {unit}",
+            f"{label}, row {rows[row]}: {name} is {q[row, k] * factor:g} {unit}, outside of the "
+            f"range {low * factor:.4g}..{high * factor:.4g} {unit}",
             hint=hint,
             parameter="degrees",
             value=degrees,

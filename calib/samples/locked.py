@@ -30,16 +30,10 @@ def locked_from_log(
 
     Parameters
     ----------
-    path : path-like or Source
-        CSV or Parquet.
+    path, columns, degrees, prismatic
+        As of `read_log`.
     names : sequence of str
         Joints that are not active. Those without a column are passed over.
-    columns : mapping of str to str, optional
-        Other names of columns.
-    degrees : bool
-        Whether joints that turn are logged in degrees.
-    prismatic : sequence of str
-        Which of the joints slide.
 
     Returns
     -------
@@ -72,8 +66,8 @@ def locked_from_log(
         values[name] = float(np.median(recorded))
         moved = float(np.abs(recorded - values[name]).max())
         away = float(np.mean(np.abs(recorded - values[name]) > _STANDS[turns]))
+        shown = f"{math.degrees(moved):.3g} deg" if turns else f"{1e3 * moved:.3g} mm"
         if away > _SOME:
-            shown = f"{math.degrees(moved):.3g} deg" if turns else f"{1e3 * moved:.3g} mm"
             raise LogError(
                 f"{source.label}: {name} is locked but moved by up to {shown} (row "
                 f"{_furthest(reservoir, values[name], turns and degrees)})",
@@ -82,7 +76,6 @@ def locked_from_log(
                 value=name,
             )
         if moved > _STILL[turns]:
-            shown = f"{math.degrees(moved):.3g} deg" if turns else f"{1e3 * moved:.3g} mm"
             notes.append(
                 f"{source.label}: {name} is taken as locked but moved by up to {shown}; "
                 "leave out those rows, or name it in `joints`"

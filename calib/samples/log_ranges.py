@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ..errors import LogError, OptionError
-from .joint_values import TURN, beyond, in_degrees, many_turns
+from .joint_values import TURN, beyond, in_degrees, many_turns, unit_of_joint
 
 Array = NDArray[np.float64]
 Range = tuple[float, float]
@@ -26,19 +26,13 @@ class JointColumn:
 
     Attributes
     ----------
-    label : str
-        What messages call the log.
-    joint : str
-        The joint's name.
+    label, joint : str
+        What messages call the log, and the joint's name.
     values : (n,) array [rad or m]
         What was recorded.
-    revolute : bool
-        Whether the joint turns.
-    limits : (float, float) or None [rad or m]
-        The arm's range of this joint; None without an arm.
-    chosen : (float, float) or None [rad or m]
-        The range that the user asked for, which goes before the limits; all values lie
-        in it, see `ChosenRange`.
+    limits, chosen : (float, float) or None [rad or m]
+        The arm's range of this joint, where there is an arm; the range that the user asked for,
+        which goes before it: all values lie in it, see `ChosenRange`.
     degrees : bool
         Whether the log and the messages are in degrees.
     rows : (n,) array of int or None
@@ -119,28 +113,27 @@ class JointColumn:
     def _outside(self, limits: Range) -> LogError:
         row = int(np.argmax(np.maximum(limits[0] - self.values, self.values - limits[1])))
         number = row + 1 if self.rows is None else self.rows[row]
+        factor, unit = unit_of_joint(self.revolute, self.degrees)
         message = (
-            f"{self.label}, row {number}: {self.joint} is {self._value(row)}, outside of its "
-            f"limits {self._show(limits)}"
+            f"{self.label}, row {number}: {self.joint} is {factor * self.values[row]:g} {unit}, "
+            f"outside of its limits {self._show(limits)}"
         )
-        if self.revolute and not self.degrees and in_degrees(self.values, *limits):
-            return LogError(
-                message,
-                hint="as degrees the log fits: give `degrees=True`",
-                parameter="degrees",
-                value=self.degrees,
-            )
-        return LogError(
-            message,
-            hint=f"if the joint really goes there, give `ranges={{{self.joint!r}: (LOW, HIGH)}}`",
-            parameter="ranges",
-            value=float(self.values[row]),
-        )
+        # small angles of another column look like degrees too
+        far = float(np.abs(self.values).max()) > TURN
+        if self.revolute and not self.degrees and far and in_degrees(self.values, *limits):
+            hint = "as degrees the log fits: give `degrees=True`"
+            return LogError(message, hint=hint, parameter="degrees", value=self.degrees)
+        hint = f"if the joint really goes there, give `ranges={{{self.joint!r}: (LOW, HIGH)}}`"
+        if beyond(-self.values, *limits) <= _SLACK:
+            hint = "with the opposite sign it fits: change the sign of its column"
+        else:
+            hint = f"check that the column is of this joint and in its unit; {hint}"
+        return LogError(message, hint=hint, parameter="ranges", value=float(self.values[row]))
 
     def _refuse_many_turns(self) -> None:
-        low, high = self._extremes
         if not many_turns(self.values):
             return
+        low, high = self._extremes
         turns = (high - low) / TURN
         turn = "(-180, 180)" if self.degrees else "(-3.14159, 3.14159)"
         remedy = "" if self.degrees else "if the log is in degrees, give `degrees=True`; "
@@ -157,30 +150,15 @@ class JointColumn:
             return []
         return [f"{self.joint}: {moved} values wrapped by whole turns into {self._show(turn)}"]
 
-    def _value(self, row: int) -> str:
-        value = float(self.values[row])
-        if not self.revolute:
-            return f"{value:g} m"
-        return f"{math.degrees(value):g} deg" if self.degrees else f"{value:g} rad"
-
     def _show(self, limits: Range) -> str:
         return _shown(limits, self.revolute, self.degrees)
 
 
 @dataclass
 class ChosenRange:
-    """A joint's range that the user chose, and what of a log lies in it.
+    """A joint's range that the user chose, and how many values of a log were `outside` so far.
 
-    Attributes
-    ----------
-    label, joint : str
-        What messages call the log, and the joint's name.
-    limits : (float, float) [rad or m]
-        The range.
-    revolute, degrees : bool
-        Whether the joint turns, and whether the messages are in degrees.
-    outside : int
-        Values outside of the range so far.
+    See `JointColumn` for the attributes that both have.
     """
 
     label: str
@@ -197,15 +175,15 @@ class ChosenRange:
 
     def holds(self, values: Array) -> NDArray[np.bool_]:
         """Whether each value (n,) lies in the range, once wrapped, (n,)."""
-        away = outside_of(values, *self.limits, self.revolute)
+        low, high = self.limits
+        wrapped = wrap(values, low, high) if self.revolute else values
+        edge = _ROUNDED * (high - low)
+        away = (wrapped < low - edge) | (wrapped > high + edge)
         self.outside += int(np.count_nonzero(away))
         self._inside |= not away.all()
-        low, high = self._extremes
-        self._extremes = (
-            float(values.min(initial=low)),
-            float(values.max(initial=high)),
-        )
-        return ~away
+        least, most = self._extremes
+        self._extremes = float(values.min(initial=least)), float(values.max(initial=most))
+        return np.asarray(~away)
 
     def notes(self) -> list[str]:
         """Say how many rows were left out; it is an error if all were."""
@@ -218,14 +196,6 @@ class ChosenRange:
         if not self.outside:
             return []
         return [f"{self.outside} rows dropped: {self.joint} outside of the range {shown}"]
-
-
-def outside_of(values: Array, low: float, high: float, revolute: bool) -> NDArray[np.bool_]:
-    """Whether values (n,) lie outside of a range by more than rounding, once wrapped, (n,)."""
-    if revolute:
-        values = wrap(values, low, high)
-    edge = _ROUNDED * (high - low)
-    return np.asarray((values < low - edge) | (values > high + edge))
 
 
 def one_turn(angles: Array) -> tuple[Array, Range, float]:
@@ -273,27 +243,18 @@ def wrap(values: Array, low: float, high: float) -> Array:
 
 
 def _shown(limits: Range, revolute: bool, degrees: bool) -> str:
-    low, high = limits
-    if not revolute:
-        return f"{low:.4g}..{high:.4g} m"
-    if degrees:
-        return f"{math.degrees(low):.4g}..{math.degrees(high):.4g} deg"
-    return f"{low:.4g}..{high:.4g} rad"
+    factor, unit = unit_of_joint(revolute, degrees)
+    return f"{factor * limits[0]:.4g}..{factor * limits[1]:.4g} {unit}"
 
 
 def _checked(joint: str, chosen: Range, revolute: bool) -> Range:
     low, high = (float(value) for value in chosen)
+    wrong, hint = "", None
     if not (math.isfinite(low) and math.isfinite(high) and low < high):
-        raise OptionError(
-            f"range {joint}={low:g}:{high:g}: expected low:high with low below high",
-            parameter="ranges",
-            value=(low, high),
-        )
-    if revolute and high - low > TURN + 1e-4:
-        raise OptionError(
-            f"range {joint}={low:g}:{high:g} is more than one turn",
-            hint="if these are degrees, give `degrees=True`",
-            parameter="ranges",
-            value=(low, high),
-        )
+        wrong = ": expected low:high with low below high"
+    elif revolute and high - low > TURN + 1e-4:
+        wrong, hint = " is more than one turn", "if these are degrees, give `degrees=True`"
+    if wrong:
+        message = f"range {joint}={low:g}:{high:g}{wrong}"
+        raise OptionError(message, hint=hint, parameter="ranges", value=(low, high))
     return low, high

@@ -77,10 +77,8 @@ def read_log(
         The range of a joint; it goes before the arm's limits. Rows outside are left out.
     prismatic : sequence of str
         Without an arm: the joints that slide.
-    most : int
-        Rows of a long log that are held.
-    seed : int
-        Of the rows that are drawn: which they are depends on nothing else.
+    most, seed : int
+        Rows of a long log that are held; which they are depends on the seed alone.
     usual : mapping of str to str, optional
         Names that columns have in other logs of this arm; those that this one lacks are
         passed over.
@@ -214,12 +212,7 @@ def read_log(
 def write_log(samples: Samples, path: str | os.PathLike[str]) -> None:
     """Write samples as a log that `read_log` reads back to the last bit.
 
-    Parameters
-    ----------
-    samples : Samples
-        What to write, in rad, m and the unit of the positions.
-    path : path-like
-        Parquet if it ends in .parquet or .pq, else CSV; `-` writes CSV to standard output.
+    In rad, m and the unit of the positions; to a path as of `write_table`.
 
     Examples
     --------
@@ -231,11 +224,12 @@ def write_log(samples: Samples, path: str | os.PathLike[str]) -> None:
     True
     """
     check_names(samples.joint_names)
-    joints = {name: samples.q[:, k] for k, name in enumerate(samples.joint_names)}
-    positions = {axis: samples.x[:, k] for k, axis in enumerate(samples.axes)}
-    turns = samples.orientation
-    parts = {} if turns is None else {part: turns[:, k] for k, part in enumerate(QUATERNION)}
-    write_table(path, {**joints, **positions, **parts})
+    columns = dict(
+        zip((*samples.joint_names, *samples.axes), (*samples.q.T, *samples.x.T), strict=True)
+    )
+    if samples.orientation is not None:
+        columns |= dict(zip(QUATERNION, samples.orientation.T, strict=True))
+    write_table(path, columns)
 
 
 def _in_space(x: Array, arm: Arm | None) -> bool:
@@ -294,13 +288,12 @@ def _check_values(source: Source, values: Array, names: Sequence[str], axes: Seq
                     f"{source.label}: joints {names[other]!r} and {name!r} have the same "
                     "values in every row; one of the columns is a copy"
                 )
-    if len(axes) == 2:
-        for k, name in enumerate(axes, start=len(names)):
-            if spread[k] == 0.0:
-                raise LogError(
-                    f"{source.label}: {name} is {values[0, k]:g} in every row; the sensor saw "
-                    "no motion along it"
-                )
+    for k, name in enumerate(axes, start=len(names)):
+        if spread[k] == 0.0 and len(axes) == 2:
+            raise LogError(
+                f"{source.label}: {name} is {values[0, k]:g} in every row; the sensor saw no "
+                "motion along it"
+            )
 
 
 def _degrees_note(q: Array, revolute: Sequence[bool]) -> list[str]:

@@ -23,12 +23,8 @@ class MeasuredRows:
 
     Attributes
     ----------
-    source : Source
-        The log.
-    columns : sequence of str
-        The columns that are read.
-    degrees : sequence of int
-        Which of them are in degrees, and are to be in rad.
+    columns, degrees : sequence of str, sequence of int
+        The columns that are read, and which of them are in degrees, and are to be in rad.
     chosen : mapping of int to ChosenRange
         Ranges that the user asked for; rows outside of them are left out.
     total, usable : int

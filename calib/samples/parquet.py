@@ -34,17 +34,7 @@ ELEMENTS = 1 << 24
 
 @dataclass(frozen=True)
 class ParquetFile:
-    """A Parquet file, of which the header is read; its columns may hold lists.
-
-    Attributes
-    ----------
-    label : str
-        What errors call the file.
-    path : Path
-        The file.
-    header : tuple of str
-        Names of the columns.
-    """
+    """A Parquet file, of which the header is read; errors call it `label`."""
 
     label: str
     path: Path
@@ -52,7 +42,26 @@ class ParquetFile:
 
     def batches(self, places: Sequence[Place], *, lenient: bool) -> Iterator[Array]:
         """Yield (n, len(places)) arrays, NaN where a value, or a whole list, is missing."""
-        return _batches(self.label, self.path, places, lenient)
+        import polars as pl
+
+        with parquet_errors(self.label):
+            wanted = list(dict.fromkeys(place.column for place in places))
+            table = pl.scan_parquet(self.path, glob=False).select(wanted)
+        lists = dict.fromkeys(place.column for place in places if place.element is not None)
+        lengths: dict[str, int] = {}
+        # the first row alone tells how long the lists are, and so how many rows fit
+        first, size = 0, 1 if lists else BATCH
+        while True:
+            with parquet_errors(self.label):
+                frame = table.slice(first, size).collect()
+            for name in lists:
+                _check_lists(frame[name], lengths, self.label, first)
+            if frame.height:
+                yield _numbers(frame, places, lengths, self.label, first, lenient)
+            if frame.height < size:
+                return
+            first += size
+            size = min(BATCH, max(1, ELEMENTS // max(lengths.values(), default=1)))
 
     def texts(self, names: Sequence[str]) -> dict[str, pl.Series]:
         """Read columns as they are, of whatever type."""
@@ -76,29 +85,6 @@ def open_parquet(label: str, path: Path) -> ParquetFile:
 
     with parquet_errors(label):
         return ParquetFile(label, path, tuple(pl.read_parquet_schema(path)))
-
-
-def _batches(label: str, path: Path, places: Sequence[Place], lenient: bool) -> Iterator[Array]:
-    import polars as pl
-
-    with parquet_errors(label):
-        wanted = list(dict.fromkeys(place.column for place in places))
-        table = pl.scan_parquet(path, glob=False).select(wanted)
-    lists = dict.fromkeys(place.column for place in places if place.element is not None)
-    lengths: dict[str, int] = {}
-    # the first row alone tells how long the lists are, and so how many rows fit
-    first, size = 0, 1 if lists else BATCH
-    while True:
-        with parquet_errors(label):
-            frame = table.slice(first, size).collect()
-        for name in lists:
-            _check_lists(frame[name], lengths, label, first)
-        if frame.height:
-            yield _numbers(frame, places, lengths, label, first, lenient)
-        if frame.height < size:
-            return
-        first += size
-        size = min(BATCH, max(1, ELEMENTS // max(lengths.values(), default=1)))
 
 
 def _check_lists(column: pl.Series, lengths: dict[str, int], label: str, first: int) -> None:

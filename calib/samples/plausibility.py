@@ -29,7 +29,8 @@ OUT_OF_PLANE = 0.02
 
 _ROWS = 400  # rows that are compared
 _SIZE = (0.5, 2.0)  # an extent this many times the nominal one needs no word
-_UNIT = 0.1  # by how much a ratio may differ from that of two units
+_UNIT = 0.05  # by how much a ratio may differ from that of two units: 900 is no millimetre
+_PIXELS = 5.0  # a ratio above, of no unit of length, is that of pixels most likely
 _CLEAR = 0.2  # a misfit this many times another one's is a mistake
 _GOOD = 0.1  # of the extent: a misfit that shows that the kinematics are right
 _LAGS = 20  # rows
@@ -54,21 +55,10 @@ def check_against_robot(
         What messages call the log.
     arm : Arm
         Its kinematics are nominal: errors of some percent are none.
-    q : (n, dof) array [rad or m]
-        Joint values in the order of the log.
-    x : (n, m) array [unit]
-        Positions.
-    unit : str
-        Unit that was said of the positions.
-    names : sequence of str
-        The joints.
+    q, x : (n, dof) array [rad or m], (n, m) array [unit]
+        Joint values and positions in the order of the log.
     fitted_plane : bool
         Whether the axes of the positions are those of a plane that was fitted to x, y, z.
-
-    Returns
-    -------
-    list of str
-        What the user should be told.
 
     Raises
     ------
@@ -89,8 +79,7 @@ def check_against_robot(
     notes = []
     if own > _GOOD * extent:
         _check_order(label, arm, some, seen, own, names)
-        if arm.outputs == 3:  # the body of a planar arm learns the signs
-            _check_signs(label, arm, some, seen, own, names)
+        notes += _check_signs(label, arm, some, seen, own, names)
     own = max(own, 1e-12 * extent)
     flipped = nominal * np.where(np.arange(nominal.shape[1]) == 0, -1.0, 1.0)
     if unit == "m" and not fitted_plane and misfit(flipped, seen) < _CLEAR * own:
@@ -118,6 +107,25 @@ def misfit(a: Array, b: Array) -> float:
     total = max(float(np.sum(a**2)), 1e-300)
     scale = float(np.sum(size * sign)) / total
     return float(np.sqrt(np.mean(np.sum((b - scale * a @ (u * sign @ v).T) ** 2, axis=1))))
+
+
+def unit_of_ratio(ratio: float) -> str:
+    """Return the unit of which so many are a metre, empty where none fits.
+
+    Examples
+    --------
+    >>> unit_of_ratio(1012.0), unit_of_ratio(900.0)
+    ('mm', '')
+    """
+    return next((n for n, f in LENGTHS.items() if abs(ratio / f - 1.0) < _UNIT), "")
+
+
+def unit_hint(ratio: float) -> str:
+    """Return what a log's scale against its model's says of its unit, as the end of a message."""
+    name = unit_of_ratio(ratio)
+    if name:
+        return f"; if they are in {name}, `unit={name!r}` converts them"
+    return "; if they are pixels, train a model of such a log" if ratio > _PIXELS else ""
 
 
 def lag_of(arm: Arm, q: Array, x: Array) -> int:
@@ -177,21 +185,11 @@ def _check_size(label: str, nominal: Array, seen: Array, unit: str) -> None:
         f"{label}: the positions extend over {ratio:.4g} times what the robot's links allow for "
         "these joint values, if they are in m"
     )
-    for name, factor in LENGTHS.items():
-        if abs(ratio / factor - 1.0) < _UNIT:
-            raise LogError(
-                shown,
-                hint=f"if they are in {name}, give `unit={name!r}`",
-                parameter="unit",
-                value="m",
-            )
-    if ratio > 5.0:
-        raise LogError(
-            shown,
-            hint="for pixels give `unit='px'`, for another unit its name",
-            parameter="unit",
-            value="m",
-        )
+    name = unit_of_ratio(ratio)
+    if name or ratio > _PIXELS:
+        hint = f"if they are in {name}, give `unit={name!r}`"
+        other = "for pixels give `unit='px'`, for another unit its name"
+        raise LogError(shown, hint=hint if name else other, parameter="unit", value="m")
 
 
 def _check_order(
@@ -216,17 +214,24 @@ def _check_order(
 
 def _check_signs(
     label: str, arm: Arm, q: Array, x: Array, own: float, names: Sequence[str]
-) -> None:
-    """Refuse a log that fits once one or two joints count the other way."""
+) -> list[str]:
+    """Refuse a log that fits once one or two joints count the other way.
+
+    The body of a planar arm learns signs, so that it is a note; all of them turned are a mirror.
+    """
     joints = range(q.shape[1])
     for some in [(k,) for k in joints] + list(itertools.combinations(joints, 2)):
         turned = q.copy()
         turned[:, some] *= -1.0
-        if misfit(arm.forward(turned), x) < _CLEAR * own:
+        if misfit(arm.forward(turned), x) < _CLEAR * own and len(some) < len(joints):
             reversed_ones = " and ".join(names[k] for k in some)
+            told = f"{label}: the log fits the robot only if {reversed_ones} counts the other way"
+            if arm.outputs == 2:
+                return [f"{told}; the model learns it so"]
             raise LogError(
-                f"{label}: the log fits the robot only if {reversed_ones} counts the other way",
+                told,
                 hint="its encoder or servo is reversed: change the sign of its column",
                 parameter="joints",
                 value=[names[k] for k in some],
             )
+    return []

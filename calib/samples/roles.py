@@ -24,10 +24,8 @@ class Roles:
 
     Attributes
     ----------
-    joints : tuple of str
-        Names of the joints, base to tip.
-    axes : tuple of str
-        `("x", "y")` or `("x", "y", "z")`.
+    joints, axes : tuple of str
+        Names of the joints, base to tip; `("x", "y")` or `("x", "y", "z")`.
     columns : tuple of str
         The column of each joint, then of each axis and of each part of the orientation.
     turns : tuple of str
@@ -48,21 +46,8 @@ def find_roles(
 ) -> Roles:
     """Decide which columns to read, or say which choices there are.
 
-    Parameters
-    ----------
-    source : Source
-        The log.
-    arm : Arm or None
-        Gives the names of the joints.
-    joints : sequence of str or None
-        Gives them where there is no arm.
-    columns : mapping of str to str or None
-        Other names of columns.
-
-    Returns
-    -------
-    Roles
-        z is among the axes where the log or `columns` has one.
+    The joints are those of the arm, or else `joints`; `columns` are other names of columns. z is
+    among the axes where the log or `columns` has one.
     """
     names = _joint_names(source, arm, joints)
     mapping = dict(columns or {})

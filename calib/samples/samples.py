@@ -138,18 +138,7 @@ class Samples:
         return float(value) if known else 0.0
 
     def take(self, index: ArrayLike | slice) -> Samples:
-        """Return the rows that `index` picks, as a slice, row numbers or a mask of rows.
-
-        Parameters
-        ----------
-        index : slice, (k,) array of int or (n,) array of bool
-            Rows, in the order wanted.
-
-        Returns
-        -------
-        Samples
-            The same in everything but the rows.
-        """
+        """Return the rows that `index` picks: a slice, row numbers in any order or a mask."""
         rows = index if isinstance(index, slice) else np.atleast_1d(np.asarray(index))
         if not isinstance(rows, slice) and not rows.size:
             rows = rows.astype(np.intp)  # an empty list has no type that could index

@@ -21,7 +21,7 @@ if TYPE_CHECKING:
 
 Array = NDArray[np.float64]
 
-_IN_SPACE = ("scale", "outliers")
+_IN_SPACE = ("scale", "outliers")  # changes of the sensor that an arm in space can have
 _BOX_SAMPLES = 4096  # enough to know the extent of the workspace to a few percent
 
 
@@ -82,56 +82,23 @@ class Simulation:
         return arm
 
     def draw(self, n: int, rng: Generator) -> Array:
-        """Draw joint values uniformly from the arm's range.
-
-        Parameters
-        ----------
-        n : int
-            How many.
-        rng : numpy.random.Generator
-            Where they come from.
-
-        Returns
-        -------
-        (n, dof) array [rad or m]
-            What the encoders read.
-        """
+        """Draw what the encoders read (n, dof) [rad or m], uniformly from the arm's range."""
         low, high = np.asarray(self.arm.lower), np.asarray(self.arm.upper)
         return np.asarray(rng.uniform(low, high, size=(n, len(low))), dtype=np.float64)
 
     def exact(self, q: ArrayLike) -> Array:
         """Return what the sensor would read without noise, backlash and outliers.
 
-        Parameters
-        ----------
-        q : (n, dof) or (dof,) array [rad or m]
-            What the encoders read.
-
-        Returns
-        -------
-        (n, 2) or (2,) array [m]
-            The true position in the sensor's frame.
+        Positions (n, 2) or (2,) [m] for encoders that read `q` (n, dof) or (dof,) [rad or m].
         """
         return self._see(self._joints(np.asarray(q, dtype=np.float64)))
 
     def measure(self, q: ArrayLike, rng: Generator) -> Array:
-        """Return what the sensor reads while the arm goes through `q`, row by row.
+        """Return what the sensor reads while the arm goes through `q`, row by row; see `exact`.
 
-        Noise of the joints, noise of the sensor and outliers have streams of their own:
-        more of one leaves the others as they are. Backlash depends on the order of the
+        Noise of the joints, noise of the sensor and outliers have streams of their own, children of
+        `rng`: more of one leaves the others as they are. Backlash depends on the order of the
         rows. An outlier is a point anywhere in the box around the workspace.
-
-        Parameters
-        ----------
-        q : (n, dof) or (dof,) array [rad or m]
-            What the encoders read.
-        rng : numpy.random.Generator
-            Parent of the streams.
-
-        Returns
-        -------
-        (n, 2) or (2,) array [m]
-            Positions in the sensor's frame.
         """
         q = np.asarray(q, dtype=np.float64)
         joint_noise, sensor_noise, outliers = rng.spawn(3)
@@ -153,20 +120,8 @@ class Simulation:
         """Return where the tip truly is while the arm goes through `q`, row by row.
 
         With backlash and noise of the joints, without the sensor's noise and outliers:
-        what a bound on the true position has to cover.  The same as `exact` where nothing
-        is hidden.
-
-        Parameters
-        ----------
-        q : (n, dof) array [rad or m]
-            What the encoders read.
-        rng : numpy.random.Generator
-            Where the joints' noise comes from.
-
-        Returns
-        -------
-        (n, 2) array [m]
-            Positions in the sensor's frame.
+        what a bound on the true position has to cover.  The same as `exact`, whose arguments
+        and answer it has, where nothing is hidden; `rng` gives the joints' noise.
         """
         rows = np.atleast_2d(np.asarray(q, dtype=np.float64))
         if not self.hidden:
@@ -278,19 +233,9 @@ class Simulation:
 
 
 def _play(theta: Array, width: float) -> Array:
-    """Let a joint follow its motor with backlash: it moves once the play is used up.
+    """Let a joint (n,) follow its motor (n,) with backlash: it moves once the play is used up.
 
-    Parameters
-    ----------
-    theta : (n,) array [rad or m]
-        Where the motor would put the joint, in the order of motion.
-    width : float [rad or m]
-        The whole play, half of it to each side.
-
-    Returns
-    -------
-    (n,) array [rad or m]
-        Where the joint is.
+    `theta` is in the order of motion; `width` [rad or m] is the play, half to each side.
 
     Examples
     --------

@@ -36,15 +36,11 @@ class Batch:
     Attributes
     ----------
     values : (n, k) array
-        The columns that were asked for; NaN throughout a row that has no number for each.
-    names : tuple of str
-        What they were asked for as.
+        The columns asked for as `names`; NaN throughout a row that has no number for each.
     invalid : tuple of int
         Numbers of the rows that are NaN; 1 is the first below the header.
-    header : tuple of str
-        All columns of the table, in their order.
     others : dict of str to Series
-        The other columns, as they are in the file.
+        The other columns of the `header`, as they are in the file.
     dropped : tuple of str
         Other columns that cannot go along: their name is empty or there twice.
     """
@@ -89,31 +85,24 @@ def _columns(names: Sequence[str]) -> str:
 def read_batch(path: str | os.PathLike[str], names: Sequence[str]) -> Batch:
     """Read a batch of queries and all that stands beside them; see `read_table`."""
     source = open_source(path)
-    values = read_columns(source, names, lenient=True)
-    invalid = np.logical_not(np.isfinite(values).all(axis=1))
-    values[invalid] = np.nan
+    values, invalid = read_table(source, names)
     taken = {place.column for name in names if (place := find_place(source.header, name))}
     rest = [name for name in dict.fromkeys(source.header) if name not in taken]
     others = [name for name in rest if name and source.header.count(name) == 1]
     return Batch(
         values,
         tuple(names),
-        tuple((np.flatnonzero(invalid) + 1).tolist()),
+        invalid,
         source.header,
         read_texts(source, others),
         tuple(name for name in rest if name not in others),
     )
 
 
-def read_table(path: str | os.PathLike[str], names: Sequence[str]) -> tuple[Array, tuple[int, ...]]:
-    """Read a batch of queries; rows that are no numbers do not stop it.
-
-    Parameters
-    ----------
-    path : path-like
-        CSV or Parquet; `-` reads CSV from standard input.
-    names : sequence of str
-        The columns wanted.
+def read_table(
+    path: str | os.PathLike[str] | Source, names: Sequence[str]
+) -> tuple[Array, tuple[int, ...]]:
+    """Read a batch of queries from CSV or Parquet; rows that are no numbers do not stop it.
 
     Returns
     -------
@@ -125,8 +114,7 @@ def read_table(path: str | os.PathLike[str], names: Sequence[str]) -> tuple[Arra
     """
     values = read_columns(open_source(path), names, lenient=True)
     invalid = np.logical_not(np.isfinite(values).all(axis=1))
-    if invalid.any():
-        values[invalid] = np.nan
+    values[invalid] = np.nan
     return values, tuple((np.flatnonzero(invalid) + 1).tolist())
 
 

@@ -115,13 +115,12 @@ def find_smooth_part(
         for trend in of_trends(scale, turning, u, x)
         if _held_out_error(trend) < _FAR_BETTER * error
     )
-    kind, remedy = "arm", ""
-    if x.shape[1] == 2 and samples.arm is None:
-        kind, remedy = "planar arm", "; if the arm moves in space, give its URDF"
-    share = 100 * error / extent
+    kind = "planar arm" if x.shape[1] == 2 and samples.arm is None else "arm"
+    space = ", and whether the arm moves in space (then give its URDF)" if kind != "arm" else ""
     unlike = (
-        f"no {kind} explains the positions: held-out rows are missed by {share:.2g} % of their "
-        f"extent{remedy}"
+        f"no {kind} explains the positions: held-out rows are missed by {100 * error / extent:.2g}"
+        " % of their extent; check that `joints` names all that moved, base to tip, and that each "
+        f"row's joints and position are of one moment{space}"
     )
     return SmoothPart(better or (under,), None if better else fit, rows, (unlike,))
 

@@ -7,8 +7,9 @@ from typing import TYPE_CHECKING
 import numpy as np
 from numpy.typing import NDArray
 
-from ..arm.rotations import exponential
 from ..body.curves import HARMONICS
+from ..body.spatial_motion import placements
+from ..body.spatial_view import NEAREST
 from .c_source import array, integers, number
 from .c_spatial import LINEAR, PINHOLE
 
@@ -17,7 +18,6 @@ if TYPE_CHECKING:
 
 Array = NDArray[np.float64]
 
-_NEAREST = 1e-3  # a point nearer to the camera's plane than this [m] is held there
 _POSES, _POSE_CALM = 2, 1e-6  # steps towards a pose, and their damping
 
 
@@ -34,7 +34,7 @@ def words(structure: SpatialStructure, single: bool) -> dict[str, object]:
 
 
 def _pinhole(single: bool) -> str:
-    return PINHOLE.replace("@nearest@", number(_NEAREST, single))
+    return PINHOLE.replace("@nearest@", number(NEAREST, single))
 
 
 def tables(structure: SpatialStructure, beta: Array, single: bool) -> str:
@@ -53,7 +53,7 @@ def tables(structure: SpatialStructure, beta: Array, single: bool) -> str:
         f"\nenum {{ CALIB_CHAIN = {chain.joints} }};\n"
         + integers("calib_bends", rows, chain.revolute)
         + array(real, "calib_axis", [rows, "3"], chain.axes, single)
-        + array(real, "calib_stride", [rows, "3"], _strides(structure), single)
+        + array(real, "calib_stride", [rows, "3"], placements(chain).strides, single)
         + array(real, "calib_coupling", [rows, dof], chain.coupling, single)
         + array(real, "calib_bias", [rows], chain.bias, single)
         + array(real, "calib_mass", [rows], weighed, single)
@@ -82,19 +82,17 @@ typedef struct {
 
 def arm(name: str, structure: SpatialStructure, beta: Array, single: bool) -> str:
     """The constant of one arm: the body, or the nominal one."""
-    chain, groups, moved = structure.chain, structure.groups, structure.deviations(beta)
-    elastic = np.zeros(chain.joints)
-    if len(groups["elastic"]):
-        elastic = beta[groups["elastic"]]
-    last = chain.points[-1]
+    chain, groups = structure.chain, structure.groups
+    moved = placements(chain, structure.deviations(beta))
+    elastic = beta[groups["elastic"]] if len(groups["elastic"]) else np.zeros(chain.joints)
     parts = (
         beta[groups["gain"]],
         beta[groups["offset"]],
         elastic,
-        _strides(structure) + moved.shifts,
-        exponential(moved.turns).reshape(-1, 9),
-        chain.tip - last + chain.rotation @ moved.tool,
-        (chain.rotation @ exponential(moved.tool_turn)).ravel(),
+        moved.strides,
+        moved.turns.reshape(-1, 9),
+        moved.tip,
+        moved.tip_turn.ravel(),
     )
     curves = any(
         beta[groups[f"curve.{k}"]].any() for k in range(structure.dof) if len(groups[f"curve.{k}"])
@@ -109,9 +107,3 @@ def _braces(values: Array, single: bool) -> str:
     if values.ndim == 2:
         return "{" + ",\n   ".join(_braces(row, single) for row in values) + "}"
     return "{" + ", ".join(number(v, single) for v in values) + "}"
-
-
-def _strides(structure: SpatialStructure) -> Array:
-    """From each joint's origin of the nominal chain to the next (m, 3) [m]."""
-    points = structure.chain.points
-    return np.asarray(np.diff(points, axis=0, prepend=np.zeros((1, 3))))

@@ -37,6 +37,11 @@ FREE_FRAME = (
     "the log is in the robot's root frame, give `view='base'`"
 )
 
+CAUSE_OF_NOTHING = (
+    "`cause='joints'` applies to what an adaptation found; this frame was fitted to the model's "
+    "own log, so the first joint's offset stays zero"
+)
+
 TURNED_FRAME = (
     "an adaptation found that the sensor's frame turned, which is not corrected; an offset of the "
     "first joint looks the same: if the sensor stayed, give `cause='joints'`"
@@ -145,10 +150,11 @@ def correct(
     target, answer, found = _solved(model, nominal, rows, limits)
     change = found - rows
     exceeded = answer.reachable & (np.abs(change) > limits).any(axis=1)
-    notes = (FREE_FRAME,) if nominal.free else ()
+    turned = frames(model, cause)
+    notes = free_frame(model, cause) if nominal.free else ()
     if (moves_in_space(model) or nominal.near is not None) and nominal.pose is None:
         notes = (*notes, POSITIONS)
-    if any(abs(frame.angle) > _TURNED for frame in frames(model, cause)):
+    if any(abs(frame.angle) > _TURNED for frame in turned):
         notes = (*notes, TURNED_FRAME)
     return Corrected(
         found,
@@ -165,24 +171,43 @@ def correct(
     )
 
 
+def free_frame(model: Model, cause: str) -> tuple[str, ...]:
+    """Return what is assumed where the sensor's frame is fitted to the model's own log."""
+    useless = cause == "joints" and not frames(model)
+    return (FREE_FRAME, CAUSE_OF_NOTHING) if useless else (FREE_FRAME,)
+
+
 def correct_one(model: Model, q: ArrayLike) -> Array | None:
     """Corrected joints (dof,) for one command, as a controller asks; None where `correct` must.
 
     The answer is that of :func:`correct` with its own limit; NaN beyond it.
     """
-    if model.single is None:
+    single = model.single
+    if single is None:
         return None
-    nominal = wanted(model, "auto", "sensor")
-    if nominal.single is None:
+    nominal, limits = wanted(model, "auto", "sensor"), _usual(model)
+    target, near = nominal.single, nominal.near_one
+    if target is None:
         return None
-    found = model.single.towards(q, nominal.single)
+
+    def solve(row: list[float]) -> list[float] | None:
+        if near is not None:
+            there = near(row)
+            if there is None or nominal.pose is None or not _beyond(there, row, limits):
+                return there
+        return single.reach(target(row), row)
+
+    found = single.beside(q, solve)
     if found is None:
         return None
     asked: list[float] = np.asarray(q, dtype=float).tolist()
-    for new, old, limit in zip(found, asked, _usual(model), strict=True):
-        if abs(new - old) > limit:
-            return np.full(len(found), np.nan)
-    return np.array(found)
+    return np.full(len(found), np.nan) if _beyond(found, asked, limits) else np.array(found)
+
+
+def _beyond(found: list[float], asked: list[float], limits: list[float]) -> bool:
+    """Whether a joint changes by more than its limit."""
+    parts = zip(found, asked, limits, strict=True)
+    return any(abs(new - old) > limit for new, old, limit in parts)
 
 
 _limits: WeakKeyDictionary[Model, dict[str, list[float]]] = WeakKeyDictionary()

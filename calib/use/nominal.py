@@ -16,12 +16,11 @@ from numpy.typing import NDArray
 
 from ..body.nominal import Nominal, nominal_of
 from ..body.planar import PlanarStructure
-from ..body.scalar import ScalarBody
+from ..body.planar_row import PlanarRow
 from ..body.spatial import SpatialStructure
 from ..errors import OptionError
 
 if TYPE_CHECKING:
-    from ..body.belief import Body
     from ..model.model import Model
 
 Array = NDArray[np.float64]
@@ -46,9 +45,9 @@ class NominalArm:
         """Positions (n, m) [unit] of the nominal arm at joint values (n, dof)."""
         return self.structure.predict(q, self.beta)
 
-    def compiled(self, body: Body) -> Callable[[Sequence[float]], tuple[float, float]]:
-        """The same for one row in plain floats; `body` lends what else a body has."""
-        return ScalarBody.compile(replace(body, structure=self.structure, beta=self.beta)).predict
+    def compiled(self) -> Callable[[Sequence[float]], tuple[float, float]]:
+        """The same for one row in plain floats."""
+        return PlanarRow.of(self.structure, self.beta).predict
 
 
 def nominal_in_base(model: Model) -> NominalArm:

@@ -3,17 +3,18 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
+from functools import cached_property
 
 import numpy as np
 from numpy.typing import NDArray
 
 from ..arm.rotations import exponential, logarithm
 from ..body.spatial import SpatialStructure
+from ..body.spatial_row import SpatialRow
+from ..inverse.one_row import to_pose
 from ..inverse.pose import reach_poses
 
 Array = NDArray[np.float64]
-
-_STEPS = 4
 
 
 @dataclass(frozen=True, eq=False)
@@ -49,10 +50,17 @@ class NominalPose:
     def towards(self, q: Array) -> Array:
         """Joints (n, dof) near `q` that give the real tool the nominal pose at `q`."""
         position, rotation = self.structure.pose(q, self.nominal)
-        found, _ = reach_poses(
-            self._real, q, position, rotation, self.structure.chain.reach, _STEPS
-        )
-        return found
+        # of many steps: two or three suffice but beside singular poses
+        return reach_poses(self._real, q, position, rotation, self.structure.chain.reach)[0]
+
+    def one(self, q: list[float]) -> list[float] | None:
+        """The same for one row of joints; None where `towards` has to answer."""
+        real, nominal = self._rows
+        return to_pose(real.twist, nominal.place(q), q)
+
+    @cached_property
+    def _rows(self) -> tuple[SpatialRow, SpatialRow]:
+        return SpatialRow(self.structure, self.real), SpatialRow(self.structure, self.nominal)
 
     def angle(self, q: Array, corrected: Array) -> Array:
         """Angle (n,) [rad] between the nominal tool at `q` and the real one at other joints."""

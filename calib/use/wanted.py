@@ -3,7 +3,8 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
+from functools import cache, partial
 from typing import TYPE_CHECKING
 from weakref import WeakKeyDictionary
 
@@ -11,8 +12,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ..body.planar import PlanarStructure
-from ..body.spatial import SpatialStructure
+from ..body.spatial import SpatialStructure, structure_of
+from ..body.spatial_row import SpatialRow
 from ..inverse.near import position_near
+from ..inverse.one_row import nearest
 from ..model.alignment import Alignment
 from ..model.space import REACHED, Space
 from .geometry import (
@@ -58,9 +61,10 @@ class Wanted:
     forward: Callable[[Array], Array]
     frames: tuple[Alignment, ...]
     free: bool
-    single: Callable[[Sequence[float]], tuple[float, float]] | None = None
+    single: Callable[[Sequence[float]], Sequence[float]] | None = None
     pose: NominalPose | None = None
     near: Callable[[Array], tuple[Array, NDArray[np.bool_]]] | None = None
+    near_one: Callable[[list[float]], list[float] | None] | None = None
 
     def target(self, q: Array) -> Array:
         """Where the nominal arm would be, in the sensor's frame, (n, m)."""
@@ -87,9 +91,9 @@ def _found(model: Model, view: str, cause: str) -> Wanted:
     planar = model.body is not None and isinstance(model.body.structure, PlanarStructure)
     if planar and free and cause == "sensor":
         # the body knows the sensor's frame, as it is after all adaptations
-        return _of_body(model, nominal_in_view(model), (), free)
+        return _of_body(nominal_in_view(model), (), free)
     if planar and not free:
-        return _of_body(model, nominal_in_base(model), tuple(frames(model, cause)), free)
+        return _of_body(nominal_in_base(model), tuple(frames(model, cause)), free)
     moved = tuple(frames(model, cause))
     if moves_in_space(model):
         return _in_space(model, view, cause, free)
@@ -104,7 +108,9 @@ def _in_space(model: Model, view: str, cause: str, free: bool) -> Wanted:
     pose = None
     own = None if body is None else body.structure
     if is_simulated(model):
-        return Wanted(nominal_arm(model).forward, moved, free)
+        arm = nominal_arm(model)
+        structure = structure_of(arm, "base")
+        return Wanted(arm.forward, moved, free, _one(structure, structure.neutral(), moved))
     if (
         body is not None
         and isinstance(own, SpatialStructure)
@@ -118,8 +124,24 @@ def _in_space(model: Model, view: str, cause: str, free: bool) -> Wanted:
         assert isinstance(geometry, SpatialGeometry)  # noqa: S101
         structure = geometry.structure
         beta = nominal_in_space(structure, geometry.beta)
-    near = _near(model, structure, beta) if _camera(model) and pose is None else None
-    return Wanted(lambda q: structure.predict(q, beta), moved, free, pose=pose, near=near)
+    one = _one(structure, beta, moved)
+    found = Wanted(lambda q: structure.predict(q, beta), moved, free, one, pose)
+    if pose is not None:
+        return replace(found, near_one=pose.one)
+    if not _camera(model):
+        return found
+    near, near_one = _near(model, structure, beta)
+    return replace(found, near=near, near_one=near_one)
+
+
+def _one(
+    structure: SpatialStructure, beta: Array, moved: tuple[Alignment, ...]
+) -> Callable[[Sequence[float]], Sequence[float]] | None:
+    """The nominal arm for one row, compiled when it is asked; None behind a frame that moved."""
+    if moved:
+        return None
+    row = cache(partial(SpatialRow, structure, beta))
+    return lambda q: row().predict(q)
 
 
 def _camera(model: Model) -> bool:
@@ -128,19 +150,29 @@ def _camera(model: Model) -> bool:
 
 def _near(
     model: Model, structure: SpatialStructure, beta: Array
-) -> Callable[[Array], tuple[Array, NDArray[np.bool_]]]:
+) -> tuple[
+    Callable[[Array], tuple[Array, NDArray[np.bool_]]],
+    Callable[[list[float]], list[float] | None],
+]:
     """Joints near given ones that put the real tip where the nominal one would be."""
     space = Space.of(model)
+    own = space.body
+    assert isinstance(own.structure, SpatialStructure)  # noqa: S101
+    real = cache(partial(SpatialRow, own.structure, own.beta))
+    nominal = cache(partial(SpatialRow, structure, beta))
+    unit = np.ones(structure.dof)
 
     def near(q: Array) -> tuple[Array, NDArray[np.bool_]]:
         place = structure.pose(q, beta)[0]
         found, left = position_near(space.evaluate, place, q, space.joints, space.length)
         return found, left <= REACHED * space.length
 
-    return near
+    def one(q: list[float]) -> list[float] | None:
+        place = nominal().place(q).translation.tolist()
+        return nearest(real().sloped, place, q, unit, lambda _: True)
+
+    return near, one
 
 
-def _of_body(model: Model, arm: NominalArm, moved: tuple[Alignment, ...], free: bool) -> Wanted:
-    assert model.body is not None  # noqa: S101
-    single = arm.compiled(model.body) if not moved else None
-    return Wanted(arm.predict, moved, free, single)
+def _of_body(arm: NominalArm, moved: tuple[Alignment, ...], free: bool) -> Wanted:
+    return Wanted(arm.predict, moved, free, None if moved else arm.compiled())

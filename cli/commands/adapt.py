@@ -98,7 +98,7 @@ def adapt(
         title = f"distance to held-out rows [{name}], corrected: {found.correction}"
         show(Table(["", "mean", "p99", "max"], rows, title))
         for change in found.changed:
-            tell(f"changed: {change.words}")
+            tell(f"changed: {as_typed(change.words)}")
         if found.kept:
             tell(f"left as it was: {', '.join(found.kept)}")
         tell(f"the log measured {100 * found.coverage:.0f} % of the learned range")

@@ -12,6 +12,7 @@ from .. import options as o
 from ..measurements import log_for
 from ..output import NO, Notes, Table, number, show, show_json, tell
 from ..parsing import number as number_of
+from ..translation import as_typed
 from ..units import units_of
 from ..usage import option
 
@@ -74,6 +75,14 @@ def check(
         raise typer.Exit(NO)
 
 
+def _remedy(drift: Drift) -> str:
+    if any(cause.cause == "unknown" and not cause.group for cause in drift.causes[:1]):
+        return "check the log and the arm before calib adapt"
+    if any(cause.cause == "scale" and cause.interval is None for cause in drift.causes):
+        return "check the log's unit before calib adapt, which learns the new scale"
+    return "calib adapt re-calibrates it"
+
+
 def _show(drift: Drift, title: str, factor: float, name: str) -> None:
     """Print the most telling groups, how the rows lie on the maps, and the verdict."""
     groups = sorted(drift.groups, key=lambda g: -g.score)[:MOST]
@@ -96,10 +105,10 @@ def _show(drift: Drift, title: str, factor: float, name: str) -> None:
     ]
     show(Table(["on the maps", "unit", "found", "usual"], rows, "", left=2))
     for text in drift.explanations:
-        tell(text)
+        tell(as_typed(text))
     verdict = "still calibrated"
     if drift.drifted:
-        verdict = "DRIFTED: calib adapt re-calibrates it"
+        verdict = f"DRIFTED: {_remedy(drift)}"
     elif drift.drifted is None:
         verdict = "TOO COARSE: these rows could not have shown a change of the tolerated size"
     smallest = f"smallest change they show: {number(factor * drift.smallest)} {name}"

@@ -100,7 +100,7 @@ def correct(
                 "change": None if found is None else _change(found, joints),
                 "unit": loaded.about.unit,
                 "units": units_of(loaded.about),
-                **({} if output is not None or beyond else {"answers": table}),
+                **({} if output is not None or beyond else {"answers": joints.in_si(table)}),
             }
         )
     notes.say(batch.notes(names))

@@ -7,6 +7,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any, cast
 
 from .. import options as o
+from ..measurements import log_for
 from ..output import Notes, note, show_json, tell
 from ..parsing import Margin, Numbers, Side, margin, numbers, side, whole
 from ..samples import Selection
@@ -97,7 +98,7 @@ def plan(
         ranges=ranges_in_si(ranges or (), turning, degrees) if _is_model(source) else None,
         start=None if start is None else one_each("--from", start, names, typed),
         keep=_box(keep or ()),
-        measured=None if data is None else _measured(facts, data, columns, degrees, notes),
+        measured=None if data is None else _measured(known, data, columns, degrees, notes),
     )
     notes.say(found.notes)
     table = found.columns()
@@ -177,7 +178,7 @@ def _box(sides: Sequence[Side]) -> dict[str, tuple[float, float]]:
 
 
 def _measured(
-    facts: Arm | About,
+    known: Arm | Model,
     data: str,
     columns: Mapping[str, str] | None,
     degrees: bool,
@@ -186,6 +187,9 @@ def _measured(
     """Read the log of what was measured already."""
     import calib
 
+    if isinstance(known, calib.Model):  # which remembers columns, unit and degrees of its log
+        return log_for(known, data, columns, degrees or None, None, notes)
+    facts = _facts(known)
     sliding = [n for n, turns in zip(facts.joint_names, facts.revolute, strict=True) if not turns]
     log = calib.read_log(
         data, joints=list(facts.joint_names), columns=columns, degrees=degrees, prismatic=sliding

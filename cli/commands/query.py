@@ -13,7 +13,7 @@ from .. import options as o
 from ..answers import answers, show_answers
 from ..output import NO, fixed, note, show_json
 from ..parsing import Numbers, finite, height, numbers
-from ..units import JointFormat, meaning, one_each
+from ..units import JointFormat, meaning, one_each, why_outside
 from ..usage import BadOption, argument, bad_option, flag, one_document, option
 from .path import path
 
@@ -88,7 +88,7 @@ def forward(
     if as_json:
         show_json({**answer, **meaning(loaded.about, frame)})
     if outside is not None:
-        note(f"no answer: {_why_outside(joints, loaded, q) or outside}")
+        note(f"no answer: {why_outside(joints, loaded, q) or outside}")
         raise typer.Exit(NO)
     if not as_json:
         in_base = frame == "base"
@@ -231,7 +231,8 @@ def _anchor(model: Model, near: Sequence[float] | None, joints: JointFormat) -> 
         slack = 1e-9 * (about.upper[k] - about.lower[k])
         inside = about.lower[k] - slack <= value <= about.upper[k] + slack
         if not (inside or turns_round[k]):
-            raise bad_option("--near", joints.value(k, value), joints.learned_range(k))
+            expected = joints.learned_range(k) + joints.hint(k, value)
+            raise bad_option("--near", joints.value(k, value), expected)
     return q
 
 
@@ -252,23 +253,6 @@ def _bounds(model: Model, frame: str = "sensor") -> list[str]:
     """Bounds that are printed: of a simulation, and in the base frame, both are the same."""
     both = model.about.source == "log" and frame == "sensor"
     return ["expected_error", "model_error"] if both else ["expected_error"]
-
-
-def _why_outside(joints: JointFormat, model: Model, q: Sequence[float]) -> str | None:
-    """Name the joint that is furthest beyond its learned range, in the units typed."""
-    from calib.model.trust import ROUNDED
-
-    about = model.about
-    excess = [
-        0.0 if turns_round else max(low - value, value - high) / (high - low)
-        for value, low, high, turns_round in zip(
-            q, about.lower, about.upper, model.motor.scale.periodic, strict=True
-        )
-    ]
-    k = max(range(len(q)), key=lambda i: excess[i])
-    if excess[k] <= ROUNDED:
-        return None
-    return f"{joints.value(k, q[k])} is outside of the learned range {joints.learned_range(k)}"
 
 
 query_app.command()(path)

@@ -10,7 +10,7 @@ from calib.common.units import for_people
 
 from .. import options as o
 from .. import parsing
-from ..output import NO, Table, fixed, note, number, show, show_json, tell
+from ..output import NO, Notes, Table, fixed, note, number, show, show_json, tell
 from ..units import units_of
 from ..usage import flag, option
 
@@ -51,6 +51,7 @@ def urdf(
     """
     import calib
     from calib.common.atomic import atomic_write, check_writable
+    from calib.use.correct import free_frame
     from calib.use.geometry import Geometry, fit_geometry
     from calib.use.urdf import MOST_UNEXPLAINED, check_output, corrected_urdf
 
@@ -74,10 +75,7 @@ def urdf(
     else:
         show(_table(geometry) if isinstance(geometry, Geometry) else _in_space(geometry))
     if geometry.free:
-        note(
-            "note: the sensor's frame is fitted too, so the first joint's offset is taken as zero; "
-            "--view base says that the log is in the robot's root frame"
-        )
+        Notes().say(free_frame(loaded, cause))
     left = 100.0 * geometry.residual / geometry.reach
     factor, unit = for_people(geometry.unit)
     rms = f"{number(factor * geometry.residual)} {unit} rms ({left:.3g} % of the reach)"
