@@ -10,15 +10,17 @@ from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
-from numpy.typing import NDArray
+from numpy.typing import ArrayLike, NDArray
 
 from calib.errors import QueryError
 from calib.model.answers import forward_bounds
 from calib.samples.joint_values import check_joint_values
+from calib.samples.orientations import QUATERNION
 from calib.samples.tables import Batch, read_batch, write_table
 
 from .output import NO, Notes, note, show_json
 from .units import JointFormat, meaning
+from .usage import BadOption
 
 if TYPE_CHECKING:
     from calib import Model
@@ -92,25 +94,74 @@ def inverse_batch(
     streams: Streams,
     readout: str | None,
     near: Sequence[float] | None,
+    frame: str = "sensor",
+    *,
+    every: bool = False,
 ) -> int:
-    """Answer a table of positions with joint values; return the exit code.
+    """Answer a table of positions or poses with joint values; return the exit code.
 
-    A target out of reach has no joint values, but its distance from the nearest attainable
-    point.
+    A target out of reach has no joint values, but its distance from the nearest
+    attainable point.
+
+    Parameters
+    ----------
+    model : Model
+    joints : JointFormat
+        Unit of the joint values in both tables.
+    streams : Streams
+        The tables.  Columns near_JOINT, one for each, choose the branch row by row; of an arm
+        in space with six joints, qx, qy, qz, qw ask for an orientation too.
+    readout, near
+        Passed on to `Model.solve`.
+    frame : {"sensor", "base"}
+        Of the positions.
+    every : bool
+        Whether to write all branches of each pose, a row each.
     """
-    batch = read_batch(streams.source, model.axes)
-    n, valid = len(batch.values), np.isfinite(batch.values).all(axis=1)
-    names = (*joints.names, "distance", "expected_error", "model_error", "reachable")
-    columns: dict[str, NDArray[Any]] = {name: np.full(n, np.nan) for name in names}
-    columns["reachable"] = np.zeros(n, dtype=np.int64)
-    if valid.any():
-        answer = model.solve(batch.values[valid], near, readout)
-        q = np.where(answer.reachable[:, None], answer.q * joints.typed, np.nan)
-        found = (*q.T, answer.distance, answer.expected_error, answer.model_error, answer.reachable)
-        for name, part in zip(names, found, strict=True):
-            columns[name][valid] = part
-    missed = np.flatnonzero(valid & (columns["reachable"] == 0)) + 1
-    return _finish(model, joints, columns, streams, batch, missed.tolist(), "out of reach")
+    base, beside = frame == "base", [f"near_{name}" for name in joints.names]
+    turns = QUATERNION if len(joints.names) >= 6 and (base or len(model.axes) == 3) else ()
+    batch = read_batch(streams.source, "xyz" if base else model.axes, (beside, turns))
+    posed = bool(turns) and "qw" in batch.names
+    if every and not posed:
+        raise BadOption("--all of many targets is for poses: expected columns qx, qy, qz, qw")
+    if (posed or base) and readout is not None:
+        raise BadOption("--readout is for positions in the sensor's frame alone")
+    valid: NDArray[np.bool_] = np.asarray(np.isfinite(batch.values).all(axis=1))
+    asked, n = batch.values[valid], len(batch.values)
+    given = dict(zip(batch.names, asked.T, strict=True))
+    x = asked[:, : 3 if base else len(model.axes)]
+    anchor: ArrayLike | None = near
+    if beside[0] in batch.names:
+        anchor = np.stack([given[name] for name in beside], axis=1) / joints.typed
+    rows = np.flatnonzero(valid)
+    extra: tuple[str, ...] = ("turned",) if posed else ()
+    found: Any = None
+    if len(x) and (posed or base):
+        from calib.model.poses import solve_poses
+
+        quaternion = np.stack([given[name] for name in QUATERNION], axis=1) if posed else None
+        found = solve_poses(model, x, quaternion, anchor, frame=frame, every=every)
+        rows = rows[found.target]
+    elif len(x):
+        found = model.solve(x, anchor, readout)
+    index = np.sort(np.concatenate([rows, np.flatnonzero(~valid)]))
+    place = np.flatnonzero(valid[index])
+    numbers: dict[str, NDArray[Any]] = {"row": index + 1} if every else {}
+    numbers |= {name: np.full(len(index), np.nan) for name in joints.names}
+    for name in ("distance", *extra, "expected_error", "model_error"):
+        numbers[name] = np.full(len(index), np.nan)
+        if len(x):
+            numbers[name][place] = getattr(found, name)
+    numbers["reachable"] = np.zeros(len(index), dtype=np.int64)
+    missed: list[int] = []
+    if len(x):
+        numbers["reachable"][place] = found.reachable
+        q = np.where(found.reachable[:, None], found.q * joints.typed, np.nan)
+        for name, column in zip(joints.names, q.T, strict=True):
+            numbers[name][place] = column
+        missed = (rows[~found.reachable] + 1).tolist()
+    told = batch.take(index) if every else batch
+    return _finish(model, joints, numbers, streams, told, missed, "out of reach", frame, n)
 
 
 def _finish(
@@ -122,9 +173,11 @@ def _finish(
     refused: Sequence[int],
     why: str,
     frame: str = "sensor",
+    n: int | None = None,
 ) -> int:
     """Write the answers, say which rows have none, and return the exit code."""
-    columns, invalid, n = batch.answered(added), batch.invalid, len(batch.values)
+    columns, invalid = batch.answered(added), batch.invalid
+    n = len(batch.values) if n is None else n
     streams.write(columns)
     if streams.as_json:
         show_json(

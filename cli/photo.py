@@ -6,10 +6,10 @@ from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
-from .measurements import log_for
+from .measurements import log_of
 from .output import Notes
 from .parsing import Columns
-from .usage import BadOption, flag, option, refuse
+from .usage import BadOption, flag, option
 
 if TYPE_CHECKING:
     from calib.model.model import Model
@@ -22,9 +22,7 @@ PhotoOption = Annotated[
         "A picture, or a video, by the camera that made the log: the map is drawn over it.",
     ),
 ]
-NoPhotoOption = Annotated[
-    bool, flag("--no-photo", "Keep no photo in the model, and draw over none.")
-]
+NoPhotoOption = Annotated[bool, flag("--no-photo", "Keep no photo in the model and draw none.")]
 
 
 def photo_of_log(model: Model, log: Samples, data: str, notes: Notes) -> Model:
@@ -56,6 +54,7 @@ def to_draw(
     data: str | None,
     columns: Columns | None,
     degrees: bool | None,
+    unit: str | None,
     photo: str | None,
     no_photo: bool,
     notes: Notes,
@@ -63,12 +62,8 @@ def to_draw(
     """Load a model as it is to be drawn, and a log of its own arm where one is given."""
     import calib
 
-    model, log = calib.load(path), None
-    if data is None:
-        of_logs = {"--columns": columns, "--degrees": degrees}
-        refuse(of_logs, "applies to a log: expected --data LOG too")
-    else:
-        log = log_for(model, data, columns, degrees, None, notes)
+    model = calib.load(path)
+    log = log_of(model, data, columns, degrees, unit, notes)
     return shown(model, path, photo, no_photo, log, notes), log
 
 

@@ -59,6 +59,7 @@ def view_of(model: Model) -> dict[str, Any]:
         return {"kind": None}
     from calib.body.poses import knows_orientation
     from calib.body.sensor import SensorPose
+    from calib.body.views import is_camera
 
     kind = "pose" if knows_orientation(body) else body.structure.view
     view: dict[str, Any] = {"kind": kind}
@@ -72,11 +73,18 @@ def view_of(model: Model) -> dict[str, Any]:
                 "unit": parameter.unit,
             }
     if (sensor := SensorPose.of(body)) is not None:
-        view["camera" if view["kind"] == "pinhole" else "sensor"] = sensor.to_json()
-    if view["kind"] == "pinhole":
+        view["camera" if is_camera(view["kind"]) else "sensor"] = sensor.to_json()
+    if is_camera(view["kind"]):
         f, u, v, k1 = body.beta[body.structure.groups["lens"]].tolist()
         view["lens"] = {"focal": f, "centre": [u, v], "k1": k1, "size": model.about.picture}
     return view
+
+
+READ_OUT = (
+    "local: body and local models; body: the body alone; linear, activity, winner: the maps and "
+    "their Hebbian links alone"
+)
+"""What the readouts are, below tables that name them."""
 
 
 def error_table(model: Model, errors: Errors, title: str) -> Table:
@@ -90,7 +98,8 @@ def error_table(model: Model, errors: Errors, title: str) -> Table:
             values = [_scaled(errors[readout][direction][name], k, factor) for k in STATISTICS]
             rows.append([labels[0], shown, name, unit, *values])
             labels = ["", direction]
-    return Table(["readout", "direction", "error of", "unit", *STATISTICS], rows, title, left=4)
+    header = ["readout", "direction", "error of", "unit", *STATISTICS]
+    return Table(header, rows, title, left=4, foot=READ_OUT)
 
 
 def compact_table(model: Model, errors: Errors, title: str) -> Table:
@@ -106,7 +115,7 @@ def compact_table(model: Model, errors: Errors, title: str) -> Table:
             for k in ("mean", "max")
         )
         rows.append([f"{direction} {name} [{unit}]", means[0], largest[0], *means[1:]])
-    return Table(["mean, and max", best, "max", *others], rows, title)
+    return Table(["mean, and max", best, "max", *others], rows, title, foot=READ_OUT)
 
 
 def _ordered(errors: Errors) -> list[str]:

@@ -7,6 +7,8 @@ import pinocchio as pin
 import pytest
 from true_arms import Truth, read, table
 
+import calib
+
 X, SHIFT = pin.exp3(np.array([-0.4, 0.9, 2.0])), np.array([2.0, -1.0, 0.5])
 TOOL = pin.exp3(np.array([0.3, -0.5, 0.8]))
 
@@ -76,6 +78,58 @@ def test_a_pose_is_answered_by_every_branch(run, tracked):
     rpy = ",".join(repr(v) for v in pin.rpy.matrixToRpy(turns[0]).tolist())
     same = run(*ask[:6], "--rpy", rpy, "--near", ",".join(map(str, q)), "--json").document
     assert same["solutions"][0]["joints"] == pytest.approx(near[0]["joints"], abs=1e-6)
+
+
+def test_a_table_of_poses_is_answered_row_by_row_in_either_frame(run, tracked):
+    truth, folder, _ = tracked
+    joints, near = truth.arm.joint_names, [f"near_{name}" for name in truth.arm.joint_names]
+    q = np.array([0.4, -1.0, 1.2, 0.5, 0.8, -0.3]) + truth.rng.uniform(-0.2, 0.2, (4, 6))
+    turned = quaternions(seen(truth, q)[1])
+    rows = np.c_[q + 0.01, seen(truth, q)[0], turned]
+    rows[1, 6:9] += 50.0  # out of reach
+    path = table(folder / "poses.csv", [*near, *"xyz", "qx", "qy", "qz", "qw"], rows)
+    path.write_text(path.read_text().replace(f"{rows[3, 6]:.12g}", "none"))
+    done = run("query", "inverse", folder / "m.calib", "--input", path, "--output", "-")
+    assert done.code == 1
+    assert "row 2 of 4: out of reach" in done.err
+    found = read(done.out.replace(",,", ",nan,").replace(",,", ",nan,").replace(",,", ",nan,"))
+    order = [*near, *"xyz", "qx", "qy", "qz", "qw", *joints, "distance", "turned"]
+    assert list(found) == [*order, "expected_error", "model_error", "reachable"]
+    assert found["reachable"].tolist() == [1, 0, 1, 0]
+    own = np.stack([found[name] for name in joints], axis=1)[[0, 2]]
+    np.testing.assert_allclose(own, q[[0, 2]], atol=5e-3)
+    np.testing.assert_allclose(seen(truth, own)[0], rows[[0, 2], 6:9], atol=3e-4)
+    # the base frame knows nothing of the probe's mounting: ask for what `forward` answers
+    table(folder / "q.csv", joints, q[:2])
+    ask = ("--input", folder / "q.csv", "--output", folder / "base.csv", "--in", "base")
+    assert run("query", "forward", folder / "m.calib", *ask).code == 0
+    every = ("--input", folder / "base.csv", "--in", "base", "--all", "--json")
+    told = run("query", "inverse", folder / "m.calib", *every).document
+    assert (told["rows"], told["unit"]) == (2, "m")
+    table_of = {name: np.array(column) for name, column in told["answers"].items()}
+    own = np.stack([table_of[name] for name in joints], axis=1)
+    for k in range(2):
+        mine = own[table_of["row"] == k + 1]
+        assert len(mine) >= 4
+        assert np.abs(mine - q[k]).max(axis=1).min() < 1e-6
+    assert max(table_of["distance"]) < 1e-9
+    refused = run("query", "inverse", folder / "m.calib", "--input", folder / "q.csv", "--all")
+    assert refused.code != 0
+
+
+def test_poses_from_python_are_those_of_the_command_and_bad_ones_are_refused(run, tracked):
+    truth, folder, _ = tracked
+    model = calib.load(folder / "m.calib")
+    q = np.array([0.4, -1.0, 1.2, 0.5, 0.8, -0.3])
+    place, turn = seen(truth, q)[0], quaternions(seen(truth, q)[1])
+    joints = model.inverse_pose(place, turn, q)
+    np.testing.assert_allclose(joints[0], q, atol=5e-3)
+    np.testing.assert_allclose(model.forward(joints), place, atol=1e-9)
+    assert np.isnan(model.inverse_pose(place[0] + 9.0, turn[0], q)).all()
+    with pytest.raises(calib.QueryError, match="length 2"):
+        model.inverse_pose(place, 2 * turn)
+    with pytest.raises(calib.QueryError, match="near has 2 rows"):
+        model.inverse_pose(place, turn, np.tile(q, (2, 1)))
 
 
 def test_a_redundant_position_keeps_the_orientation_and_says_what_is_free(run, tracked):

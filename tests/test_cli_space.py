@@ -153,7 +153,7 @@ def test_poses_that_show_no_depth_are_told_with_the_poses_that_would(run, pictur
     pixels = project(truth.pose(q)[0]) + truth.rng.normal(0, 0.3, (40, 2))
     path = table(folder / "still.csv", [*truth.arm.joint_names, "u", "v"], np.c_[q, pixels])
     done = run("train", "spatial_three", "--data", path, "--size", 4, "-o", folder / "s.calib")
-    (told,) = (line for line in done.err.splitlines() if "hardly tell how far" in line)
+    (told,) = (line for line in done.err.splitlines() if "hardly determine the distance" in line)
     assert "add poses nearer to the camera" in told
     assert "--lens" in told
 

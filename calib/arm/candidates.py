@@ -147,7 +147,7 @@ def nothing_found(
     moving = [joint for joint in joints if joint.movable and not joint.mimic]
     names = listed(joint.name for joint in moving)
     if len(moving) < 2:
-        return RobotError(f"a planar arm needs two movable joints or more{to_tip}, found {names}")
+        return RobotError(f"a planar arm needs at least two movable joints{to_tip}, found {names}")
     free = [joint for joint in moving if joint.name not in locked]
     chains = [[joint for joint in urdf.path(end.child) if joint in free] for end in free]
     if not chains or max(map(len, chains)) < 2:

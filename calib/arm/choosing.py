@@ -82,10 +82,10 @@ def no_chain(
     named = [joint.name for joint in joints if joint.name in columns and joint.name not in locked]
     to_tip = f" to {quoted(tip)}" if tip else ""
     return RobotError(
-        f"an arm needs two joints or more of one chain{to_tip}, and of the log's columns "
-        f"these are joints: {listed(named)}; the robot's joints: "
+        f"an arm needs at least two joints of one chain{to_tip}; joints among the log's columns: "
+        f"{listed(named)}; the robot's joints: "
         f"{listed(joint.name for joint in joints)}",
-        hint="map columns of other names with `columns={'JOINT': 'COLUMN'}`",
+        hint="if columns have other names, give `columns={'JOINT': 'COLUMN'}`",
         parameter="columns",
         value=list(named),
     )

@@ -38,3 +38,10 @@ def freeze(holder: object, *names: str) -> None:
         value = getattr(holder, name)
         if isinstance(value, np.ndarray):
             object.__setattr__(holder, name, frozen(value))
+
+
+class ReadOnly:
+    """Base of a frozen dataclass whose arrays are all read-only views."""
+
+    def __post_init__(self) -> None:
+        freeze(self, *vars(self))

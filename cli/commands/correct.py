@@ -26,7 +26,7 @@ def correct(
         ),
     ],
     output: Annotated[
-        str | None, option("--output FILE", "Corrected joint values, as CSV.")
+        str | None, option("--output FILE", "File of the corrected joint values, as CSV.")
     ] = None,
     limit: Annotated[
         float | None,

@@ -6,6 +6,7 @@ import math
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
+from calib.common.wording import printable
 from calib.show.facts import facts
 
 from .. import options as o
@@ -20,7 +21,7 @@ if TYPE_CHECKING:
 def info(
     model: o.ModelArgument, degrees: o.DegreesOption = False, as_json: o.JsonOption = False
 ) -> None:
-    """Say what a model is and where it came from."""
+    """Show what a model is and how it was made."""
     import calib
 
     loaded = calib.load(model)
@@ -31,7 +32,7 @@ def info(
     if loaded.body is not None:
         print("\nbody")
         for line in loaded.body.describe():
-            print(f"  {line}")
+            print(f"  {printable(line)}")
     if loaded.about.errors:
         print()
         show(compact_table(loaded, loaded.about.errors, "errors when it was made"))

@@ -51,7 +51,7 @@ def plan(
         Numbers | None,
         option(
             "--from Q1,Q2",
-            "Where the joints are before the first pose; neutral if not given.",
+            "Joint values before the first pose; neutral if not given.",
             numbers,
         ),
     ] = None,
@@ -65,7 +65,8 @@ def plan(
         ),
     ] = None,
     data: Annotated[
-        str | None, option("--data LOG", "What was measured already: plan what it leaves out.")
+        str | None,
+        option("--data LOG", "A log of what was measured already; the plan covers the rest."),
     ] = None,
     columns: o.ColumnsOption = None,
     seed: o.SeedOption = 0,
@@ -74,7 +75,7 @@ def plan(
 ) -> None:
     """Plan poses to measure: within the limits, well spread, with short moves between them.
 
-    Obstacles and self-collision are not looked at: try the poses slowly first.
+    Obstacles and self-collision are not checked: move slowly the first time.
     """
     one_document(output, as_json)
     if data is None:

@@ -19,19 +19,23 @@ MeshesOption = Annotated[
     str | None,
     option(
         "--meshes FOLDER",
-        "Where the mesh files are that the URDF names; nothing outside of it is read.",
+        "Folder of the URDF's mesh files; nothing outside of it is read.",
     ),
 ]
-PortOption = Annotated[int, option("--port N", "Port (default any).", parsing.whole(0, 65535))]
+PortOption = Annotated[
+    int, option("--port N", "Port of the page (default: any free port).", parsing.whole(0, 65535))
+]
 
 
 def preview(
     model: o.ModelArgument,
     html: Annotated[
-        str | None, option("--html FILE", "Write the page, which needs no network.")
+        str | None,
+        option("--html FILE", "Write the page into a file, which needs no network, and end."),
     ] = None,
     data: o.DataOption = None,
     columns: o.ColumnsOption = None,
+    unit: o.UnitOption = None,
     degrees: o.LogDegreesOption = None,
     photo: PhotoOption = None,
     no_photo: NoPhotoOption = False,
@@ -39,7 +43,8 @@ def preview(
     port: PortOption = 0,
     no_open: Annotated[bool, flag("--no-open", "Print the address and open no browser.")] = False,
     live: Annotated[
-        bool, flag("--live", "A target to drag, with every way of reaching it.")
+        bool,
+        flag("--live", "Show a target that can be dragged, and every inverse solution for it."),
     ] = False,
 ) -> None:
     """Show the arm and its learned maps in a browser, with meshcat."""
@@ -52,7 +57,7 @@ def preview(
     if html is not None:
         check_output(html)
     notes = Notes()
-    loaded, log = to_draw(model, data, columns, degrees, photo, no_photo, notes)
+    loaded, log = to_draw(model, data, columns, degrees, unit, photo, no_photo, notes)
     scene = draw(loaded, samples=log, meshes=folder)
     notes.say(scene.notes)
     page = page_of(scene, loaded, live=live)

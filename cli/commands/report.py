@@ -21,6 +21,7 @@ def report(
     ] = None,
     data: o.DataOption = None,
     columns: o.ColumnsOption = None,
+    unit: o.UnitOption = None,
     degrees: o.LogDegreesOption = None,
     photo: PhotoOption = None,
     no_photo: NoPhotoOption = False,
@@ -30,7 +31,8 @@ def report(
         raise BadOption("nothing to write: expected -o FILE.html, or --png DIR, or both")
     if output is not None:
         check_output(output)
-    loaded, log = to_draw(model, data, columns, degrees, photo, no_photo, Notes())
+    notes = Notes()
+    loaded, log = to_draw(model, data, columns, degrees, unit, photo, no_photo, notes)
     from calib.common.atomic import atomic_write
     from calib.show.report.page import pictures
     from calib.show.report.page import report as report_of

@@ -171,7 +171,8 @@ def _check_same_origin(path: str, log: Samples) -> None:
         simulated = log.simulation is not None
         same = (old.about.urdf, old.about.joint_names) == (urdf, log.joint_names)
         if not simulated and old.rows is not None and len(old.rows):
-            same &= bool(np.array_equal(old.rows.q[0], log.q[0]))
+            pairs = ((old.rows.q, log.q), (old.rows.x, log.x))
+            same &= all(bool(np.array_equal(a[0], b[0])) for a, b in pairs)
         if same and simulated == (old.about.source == "simulation"):
             return
         what = "a model of another robot or log"

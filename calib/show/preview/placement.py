@@ -11,6 +11,7 @@ from numpy.typing import ArrayLike, NDArray
 from ...arm.plane import Plane, fit_plane
 from ...body.spatial import SpatialStructure
 from ...body.spatial_words import camera_place
+from ...body.views import is_camera
 from ...errors import CalibError
 from ..workspace import downwards, extent
 
@@ -85,7 +86,7 @@ def place(model: Model, body: Body | None) -> Placement:
     about, size = model.about, extent(model)
     if len(model.axes) == 3:
         return _in_space(model, body)
-    if model.body is not None and body is not None and model.body.structure.view == "pinhole":
+    if model.body is not None and body is not None and is_camera(model.body.structure.view):
         return _picture(model, body)
     up = -1.0 if downwards(about.unit) else 1.0
     if body is None:

@@ -113,9 +113,9 @@ SECTIONS = (
     ),
     Section(
         "calibration",
-        "Can the expected error be trusted?",
-        "Each promise is a 95 % bound. Points on the line keep it exactly, points below are on "
-        "the safe side.",
+        "How well does the expected error hold?",
+        "Measured 95 % quantile of the error over the predicted 95 % bound. On the line the "
+        "bound is exact; below it the bound is larger than needed.",
         curves.calibration,
     ),
     Section(
@@ -156,7 +156,7 @@ def report(model: Model, samples: Samples | None = None) -> str:
     about = model.about
     parts = [
         f"<h1>{html.escape(about.robot or 'An arm, learned from a log')}</h1>",
-        '<p class="soft">What calib has learned, from what, and how far to trust it.</p>',
+        '<p class="soft">What was learned, from which data, and how accurate it is.</p>',
         f'<p class="lead">{_verdict(evidence)}</p>',
         _heading("What was learned from what"),
         fact_list({**facts(model), "links": f"{model.links.nnz:,}"}),
