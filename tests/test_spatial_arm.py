@@ -114,7 +114,7 @@ def test_columns_of_a_log_choose_the_joints():
     arm = load_arm("six_axis", columns=["shoulder_pan", "shoulder_lift", "elbow", "x", "y", "z"])
     assert arm.joint_names == ("shoulder_pan", "shoulder_lift", "elbow")
     assert sorted(arm.locked) == ["wrist_1", "wrist_2", "wrist_3"]
-    assert any("no columns of the log" in note for note in arm.notes)
+    assert any("the log has no columns for them" in note for note in arm.notes)
     with pytest.raises(RobotError, match="columns"):
         load_arm("six_axis", columns=["elbow", "x", "y", "z"])
 
