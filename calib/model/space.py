@@ -8,12 +8,13 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
+from functools import cached_property
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from ..arm.rotations import logarithm, matrix_of, quaternion_of
+from ..arm.rotations import exponential, logarithm, matrix_of, quaternion_of
 from ..body.belief import Body
 from ..body.poses import knows_orientation
 from ..body.spatial_view import look
@@ -106,9 +107,13 @@ class Space:
 
     def evaluate(self, q: Array) -> tuple[Array, Array, Array]:
         """Position (n, 3) [m], orientation (n, 3, 3) and Jacobian (n, 6, dof) of the tip."""
+        seen, slope = self._posed.predict_and_slope(q, self.body.beta)
+        return seen[:, :3], exponential(seen[:, 3:]), slope
+
+    @cached_property
+    def _posed(self) -> Any:
         structure: Any = self.body.structure
-        position, rotation = structure.pose(q, self.body.beta)
-        return position, rotation, structure.with_view("pose").slope(q, self.body.beta)
+        return structure.with_view("pose")
 
     def forward(self, q: ArrayLike) -> tuple[Array, Array]:
         """Position (n, 3) [m] and quaternion (n, 4) of the tip; NaN where the model has none."""
@@ -181,17 +186,26 @@ class Space:
         return placed.rotation, placed.shift, placed.scale
 
     def reach_pose(
-        self, position: ArrayLike, quaternion: ArrayLike, near: Sequence[float] | None = None
+        self,
+        position: ArrayLike,
+        quaternion: ArrayLike,
+        near: Sequence[float] | None = None,
+        branches: Array | None = None,
     ) -> Reached:
         """Joint values for a pose in the base frame: every branch, that nearest to `near` first.
 
         Where none reaches it, the one that comes nearest; an arm of more than six joints has
-        infinitely many, of which the nearest to `near` stands first.
+        infinitely many, of which the nearest to `near` stands first.  `branches` (b, dof) are
+        those of the pose where they are known.
         """
         p, r = np.asarray(position, dtype=float), matrix_of(np.asarray(quaternion, dtype=float))
         middle = 0.5 * (self.joints.lower + self.joints.upper)
         anchor = middle if near is None else np.asarray(near, dtype=float)
-        found = pose_branches(self.evaluate, p, r, self.joints, self.length, starts=anchor[None])
+        found = branches
+        if found is None:
+            (found,) = pose_branches(
+                self.evaluate, p[None], r[None], self.joints, self.length, starts=anchor[None]
+            )
         if len(found) and len(anchor) > 6:
             found = np.vstack([self._slid(found[self._order(found, anchor)[:4]], p, r, anchor)])
         if not len(found):
