@@ -18,7 +18,7 @@ from calib.samples.joint_values import check_joint_values
 from calib.samples.orientations import QUATERNION
 from calib.samples.tables import Batch, read_batch, write_table
 
-from .output import Notes, note, show_json
+from .output import NO, Notes, note, show_json
 from .units import JointFormat, meaning
 from .usage import BadOption
 
@@ -49,6 +49,15 @@ class Streams:
     target: str | None
     as_json: bool
 
+    def write(self, columns: Mapping[str, Any]) -> None:
+        """Write the answers, where they do not go into the document."""
+        if self.target is not None or not self.as_json:
+            write_table("-" if self.target is None else self.target, columns)
+
+    def inside(self, key: str, joints: JointFormat, columns: Mapping[str, Any]) -> dict[str, Any]:
+        """Answers as the document holds them, in SI units; nothing where a file does."""
+        return {} if self.target is not None else {key: joints.in_si(columns)}
+
 
 def forward_batch(
     model: Model,
@@ -57,39 +66,21 @@ def forward_batch(
     readout: str | None,
     frame: str = "sensor",
 ) -> int:
-    """Answer a table of joint values with positions; return the exit code.
-
-    Parameters
-    ----------
-    model : Model
-    joints : JointFormat
-        Unit of the joint values in both tables.
-    streams : Streams
-        The tables.
-    readout : str or None
-        Passed on to `Model.forward`.
-    frame : {"sensor", "base"}
-        Of the positions.
-    """
+    """Answer a table of joint values with positions in a frame; return the exit code."""
     batch = read_batch(streams.source, joints.names)
-    typed = batch.values
-    valid = np.isfinite(typed).all(axis=1)
-    check_joints(model, typed / joints.typed, joints)
-    x, bounds = np.full((len(typed), len(model.axes)), np.nan), np.full((2, len(typed)), np.nan)
+    q: Array = batch.values / np.array(joints.typed)
+    valid = np.asarray(np.isfinite(batch.values).all(axis=1))
+    check_joints(model, q, joints)
+    x, bounds = np.full((len(q), len(model.axes)), np.nan), np.full((2, len(q)), np.nan)
     if valid.any():
-        q = typed[valid] / joints.typed
-        x[valid] = model.forward(q, readout)
-        bounds[:, valid] = forward_bounds(model, q, x[valid], readout)
-    columns = {axis: x[:, k] for k, axis in enumerate(model.axes)}
-    more: dict[str, Array] = {}
+        x[valid] = model.forward(q[valid], readout)
+        bounds[:, valid] = forward_bounds(model, q[valid], x[valid], readout)
+    columns = dict(zip(model.axes, x.T, strict=True))
     if len(model.axes) == 3 or frame == "base":
         from .space import seen_forward
 
-        rows = np.tile(model.about.lower, (len(typed), 1))
-        rows[valid] = typed[valid] / joints.typed
-        added = seen_forward(model, rows, frame)
-        more = {name: np.where(valid, column, np.nan) for name, column in added.items()}
-    columns = {**columns, **more}
+        added = seen_forward(model, np.where(valid[:, None], q, model.about.lower), frame)
+        columns |= {name: np.where(valid, column, np.nan) for name, column in added.items()}
     for name, bound in zip(("expected_error", "model_error"), bounds, strict=True):
         columns[name] = columns.pop(name, bound)
     outside = np.flatnonzero(valid & np.isnan(x[:, 0])) + 1
@@ -187,38 +178,29 @@ def _finish(
     """Write the answers, say which rows have none, and return the exit code."""
     columns, invalid = batch.answered(added), batch.invalid
     n = len(batch.values) if n is None else n
-    if streams.target is not None or not streams.as_json:
-        write_table("-" if streams.target is None else streams.target, columns)
+    streams.write(columns)
     if streams.as_json:
-        document: dict[str, Any] = {
-            "output": streams.target,
-            "rows": n,
-            "invalid": invalid,
-            "out_of_reach": refused,
-            **meaning(model.about, frame),
-        }
-        if streams.target is None:
-            document["answers"] = joints.in_si(columns)
-        show_json(document)
+        show_json(
+            {
+                "output": streams.target,
+                "rows": n,
+                "invalid": invalid,
+                "out_of_reach": refused,
+                **meaning(model.about, frame),
+                **streams.inside("answers", joints, columns),
+            }
+        )
     Notes().say(batch.notes(list(added)))
-    for rows, what in ((invalid, "not all values are numbers, no answer"), (refused, why)):
-        if rows:
-            note(f"{numbered(rows)} of {n}: {what}")
-    return 1 if invalid else 3 if refused else 0
+    say_rows(invalid, n, "not all values are numbers, no answer")
+    say_rows(refused, n, why)
+    return 1 if invalid else NO if refused else 0
 
 
 def check_joints(model: Model, q: Array, joints: JointFormat) -> None:
     """Refuse joint values (n, dof) [rad or m] that can only be of another unit."""
     about = model.about
-    check_joint_values(
-        q,
-        about.joint_names,
-        about.lower,
-        about.upper,
-        about.revolute,
-        degrees=joints.degrees,
-        error=QueryError,
-    )
+    ranges = (about.joint_names, about.lower, about.upper, about.revolute)
+    check_joint_values(q, *ranges, degrees=joints.degrees, error=QueryError)
 
 
 def numbered(numbers: Sequence[int]) -> str:
@@ -226,3 +208,9 @@ def numbered(numbers: Sequence[int]) -> str:
     shown = ", ".join(map(str, numbers[:_TOLD]))
     more = f" and {len(numbers) - _TOLD} more" if len(numbers) > _TOLD else ""
     return f"row{'s' if len(numbers) > 1 else ''} {shown}{more}"
+
+
+def say_rows(numbers: Sequence[int], of: int, what: str) -> None:
+    """Say what is the matter with some rows, if there are any."""
+    if numbers:
+        note(f"{numbered(numbers)} of {of}: {what}")

@@ -27,8 +27,8 @@ COMMANDS = {
     "tag": "Write a tag for the arm's tip, or a board for the desk.",
     "preview": "Show the arm and its learned maps in a browser.",
     "report": "Write figures and tables that explain a calibration.",
-    "reproduce": "Redo the paper's tables, figures and experiments.",
-    "info": "Say what a model is and where it came from.",
+    "reproduce": "Repeat the paper's tables, figures and experiments.",
+    "info": "Show what a model is and how it was made.",
     "nodes": "List the nodes of a model's map with their bounds.",
 }
 """What the command line can do, in the order of its use, and what ``calib --help`` says of it."""

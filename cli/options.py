@@ -27,7 +27,8 @@ JointsOption = Annotated[
     Names | None,
     option(
         "--joints A,B",
-        "Active joints; the others are locked. Found where only one choice makes sense.",
+        "Active joints; the others are locked. Found automatically where only one choice makes "
+        "sense.",
         parsing.names,
     ),
 ]
@@ -47,7 +48,7 @@ RangeOption = Annotated[
     list[JointRange] | None,
     option(
         "--range JOINT=LO:HI",
-        "Babble and learn only this part of a joint's range [rad or m]; repeatable.",
+        "Use only this part of a joint's range [rad or m]; repeatable.",
         parsing.joint_range,
     ),
 ]
@@ -56,7 +57,7 @@ MapOption = Annotated[
     str,
     option(
         f"--map {'|'.join(MAPS)}",
-        "Kind of map; vdsom:error and the like name a reading of the paper's rule.",
+        "Kind of map; vdsom:error and the like name variants of the paper's rule.",
         parsing.kind_of_map(MAPS),
     ),
 ]
@@ -82,7 +83,7 @@ BodyOption = Annotated[
     choice(
         "--body",
         BODIES,
-        "auto fits a kinematic model under the maps, none learns from maps and links alone.",
+        "auto fits a kinematic body under the maps; none learns maps and Hebbian links alone.",
     ),
 ]
 SensorViewOption = Annotated[
@@ -132,11 +133,11 @@ ChangeOption = Annotated[
     list[str] | None,
     option(
         "--change JOINT.WHAT=VALUE",
-        "Alter the simulated arm or sensor, such as elbow.length=+20%, "
+        "Change the simulated arm or sensor, such as elbow.length=+20%, "
         "shoulder.offset=0.05, sensor.rotate=0.14 or sensor.mirror=x; repeatable.",
     ),
 ]
-SeedOption = Annotated[int, option("--seed K", "Seed of all that is random.", parsing.whole(0))]
+SeedOption = Annotated[int, option("--seed K", "Seed of the random numbers.", parsing.whole(0))]
 
 DataOption = Annotated[
     str | None,
@@ -149,18 +150,17 @@ ColumnsOption = Annotated[
     Columns | None,
     option(
         "--columns x=U,y=V",
-        "Other names of the log's columns; of Parquet lists one element: x=tip[0],y=tip[1].",
+        "Columns of the log that have other names; an element of a Parquet list is tip[0].",
         parsing.columns,
     ),
 ]
 UnitOption = Annotated[
-    str | None, option("--unit m|mm|px|..", "Unit of the log's positions (default m).")
+    str | None,
+    option("--unit m|mm|px|..", "Unit of the log's positions (default m, or that of the model)."),
 ]
 CauseOption = Annotated[
     str | None,
-    choice(
-        "--cause", CAUSES, "What is known of a change: the sensor's, or the arm's joints and links."
-    ),
+    choice("--cause", CAUSES, "What changed, if known: the sensor, or the arm's joints and links."),
 ]
 PrismaticOption = Annotated[
     Names | None,
@@ -181,7 +181,7 @@ BlameOption = Annotated[
     choice(
         "--cause",
         CAUSES,
-        "What changed, where a turned sensor and the first joint's offset look the same.",
+        "What changed, if a turned sensor and an offset of the first joint look the same.",
     ),
 ]
 
@@ -190,8 +190,8 @@ ReadoutOption = Annotated[
     choice(
         "--readout",
         READOUTS,
-        "How the query is answered (default local, the body and its local models; of a "
-        "model without a body linear, maps and links alone).",
+        "Readout of the query (default local: body and local models; without a body linear: maps "
+        "and Hebbian links alone).",
     ),
 ]
 NearOption = Annotated[
@@ -205,19 +205,20 @@ FrameOption = Annotated[
 ]
 AllOption = Annotated[bool, flag("--all", "Answer with every branch.")]
 InputOption = Annotated[
-    str | None, option("--input FILE", "Many queries at once, a CSV file (- standard input).")
+    str | None, option("--input FILE", "Answer every row of this CSV file (- for standard input).")
 ]
 AnswersOption = Annotated[
-    str | None, option("--output FILE", "Where their answers go, as CSV (default standard output).")
+    str | None,
+    option("--output FILE", "Write the answers to this CSV file (default standard output)."),
 ]
 DegreesOption = Annotated[
-    bool, flag("--degrees", "Joint values are in degrees as typed, read and printed.")
+    bool, flag("--degrees", "Joint values are typed, read and printed in degrees (default rad).")
 ]
 LogDegreesOption = Annotated[
     bool | None,
     flag(
         "--degrees/--radians",
-        "Unit of the log's joint values; as in the model's own log if not given.",
+        "Unit of the log's joint values (default: that of the log the model was made from).",
     ),
 ]
 JsonOption = Annotated[bool, flag("--json", "One JSON document on standard output, in SI units.")]

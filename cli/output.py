@@ -10,7 +10,7 @@ import json
 import math
 import sys
 from collections.abc import Iterable, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any
 
 from calib.common.wording import one_line, printable
@@ -37,12 +37,15 @@ class Table:
         What it shows.
     left : int
         How many columns, from the left, hold words rather than numbers.
+    foot : str
+        What its terms mean, in one line below it.
     """
 
     header: Sequence[str]
     rows: Sequence[Sequence[str]]
     title: str = ""
     left: int = 1
+    foot: str = ""
 
     def __post_init__(self) -> None:
         """Write out control characters, which names from a file may hold."""
@@ -61,7 +64,7 @@ class Table:
                 for k, (cell, width) in enumerate(zip(row, widths, strict=True))
             ]
             lines.append("  ".join(padded).rstrip())
-        return lines
+        return lines + ([self.foot] if self.foot else [])
 
     def records(self) -> list[str]:
         """Return the table for a narrow terminal: a line for each cell, a blank line for a row."""
@@ -71,7 +74,7 @@ class Table:
                 f"{name}: {cell}".strip(": ") for name, cell in zip(self.header, row, strict=True)
             ]
             lines.append("")
-        return lines[:-1]
+        return lines[:-1] + ([self.foot] if self.foot else [])
 
 
 def show(table: Table) -> None:
@@ -83,7 +86,7 @@ def show(table: Table) -> None:
     from rich.console import Console
 
     console = Console()
-    if max(map(len, table.lines())) > console.width:
+    if max(map(len, replace(table, foot="").lines())) > console.width:
         print("\n".join(table.records()))
         return
     from rich.table import Table as RichTable
@@ -94,6 +97,8 @@ def show(table: Table) -> None:
         pad_edge=False,
         title=Text(table.title) if table.title else None,
         title_justify="left",
+        caption=Text(table.foot) if table.foot else None,
+        caption_justify="left",
     )
     for k, name in enumerate(table.header):
         left = k < table.left

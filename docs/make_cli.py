@@ -21,7 +21,9 @@ INTRODUCTION = """\
 Written by `python docs/make_cli.py` from the program; edit the program, not this page.
 
 Results go to standard output; notes, warnings and progress to standard error. Files, the
-JSON documents and what is typed are in rad, m and s; tables for people print mm and degrees
+JSON documents and typed values are in rad, m and s; typed joint values and those of tables and
+CSV files are in degrees with `--degrees`. Logs are read in the unit and with the columns that the
+model remembers of its own log. Tables for people print mm and degrees
 and say so. A negative number is an ordinary argument: `calib query inverse m.calib -0.1 0.3`.
 Numbers that are typed may be followed by options, and options may come first.
 

@@ -202,7 +202,7 @@ def test_the_report_of_the_online_rule_is_of_blocks_that_it_never_saw():
     samples, told = log("elbow.length=+20%", n=700), []
     found = calib.adapt(model(), samples, method="online", progress=lambda *part: told.append(part))
     assert found.improved
-    assert found.correction == "maps and links re-formed online"
+    assert found.correction == "maps and Hebbian links trained online"
     held = np.concatenate(blocks(700, 10)[4::10])
     gap = np.linalg.norm(model().forward(samples.q) - samples.x, axis=1)[held]
     assert found.before["mean"] == pytest.approx(gap.mean(), rel=1e-6)

@@ -90,6 +90,32 @@ def test_millimetres(folder, run, tmp_path):
     assert raw.code == 0
     assert "--unit mm" in raw.err
     assert raw.document["unit"] == "sensor"
+    table = run("adapt", folder / "m.calib", "--data", path, "-o", tmp_path / "c").out
+    assert "held-out rows [sensor]" in table  # and not mm, which it was not told
+    assert "--unit mm" in table
+    looked = run("check", folder / "m.calib", "--data", path)
+    assert looked.code == 3
+    assert "check the log's unit before calib adapt" in looked.out
+    assert "smallest [sensor]" in looked.out
+    assert "`" not in looked.out
+
+
+def test_a_log_that_nothing_explains_is_not_to_be_adapted_to(folder, run, tmp_path):
+    samples = log(n=100)
+    shuffled = np.random.default_rng(0).permutation(samples.x)
+    path = tmp_path / "mixed.csv"
+    table = np.hstack([samples.q, shuffled])
+    np.savetxt(path, table, delimiter=",", header="shoulder,elbow,x,y", comments="")
+    done = run("check", folder / "m.calib", "--data", path)
+    assert done.code == 3
+    assert "check the log and the arm before calib adapt" in done.out
+
+
+def test_what_was_said_of_a_cause_is_not_asked_again(folder, run, tmp_path):
+    calib.write_log(log("shoulder.offset=0.03", n=60), tmp_path / "off.csv")
+    line = ["check", folder / "m.calib", "--data", tmp_path / "off.csv"]
+    assert "--cause joints or --cause sensor" in run(*line).err
+    assert "--cause" not in run(*line, "--cause", "joints").err
 
 
 @pytest.mark.parametrize(

@@ -266,3 +266,25 @@ def test_nodes_lists_a_node_a_row(run):
     table = np.array(rows[1:], dtype=float)
     np.testing.assert_array_equal(table[:, :2], model.motor.weights)
     np.testing.assert_array_equal(table[:, 2:4], model.forward(model.motor.weights))
+
+
+@pytest.mark.parametrize(
+    ("factor", "offset", "words"),
+    [(1e3, 0.0, "--unit mm"), (640.0, 500.0, "pixels"), (1.0, 0.3, "")],
+)
+def test_a_log_that_does_not_fit_is_told_whatever_command_reads_it(
+    model, run, tmp_path, factor, offset, words
+):
+    samples = calib.babble(calib.load_arm("two_link"), 40, seed=8, noise=1e-4)
+    path, page = tmp_path / "log.csv", tmp_path / "p.html"
+    table = np.hstack([samples.q, factor * samples.x + offset])
+    np.savetxt(path, table, delimiter=",", header="shoulder,elbow,x,y", comments="")
+    for line in (["evaluate", model], ["preview", model, "--html", page]):
+        done = run(*line, "--data", path)
+        assert done.code == 0
+        assert "the log does not fit the model" in done.err
+        assert words in done.err
+    if words == "--unit mm":
+        done = run("evaluate", model, "--data", path, "--unit", "mm")
+        assert "does not fit" not in done.err
+        assert done.code == 0

@@ -190,6 +190,8 @@ def test_the_frame_of_a_tracker_is_not_corrected():
     assert "first joint's offset is taken as zero" in found.notes[0]
     assert np.linalg.norm(truth(found.q) - arm().forward(Q), axis=1).max() < 1e-3
     assert np.abs(found.change).max() < np.radians(3.0)
+    told = correct(calib.train(seen, size=6), Q, cause="joints").notes
+    assert any("stays zero" in note for note in told)  # the option has nothing to act on
     based = correct(calib.train(replace(changed, simulation=None), size=12), Q, view="base")
     assert based.notes == ()
     assert np.linalg.norm(truth(based.q) - arm().forward(Q), axis=1).max() < 1e-3

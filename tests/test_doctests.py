@@ -1,12 +1,20 @@
-"""The examples in the docstrings are true."""
+"""The examples in the docstrings are true, and the names in them exist."""
 
 import doctest
 import importlib
+import inspect
 import pkgutil
+import pydoc
+import re
 
 import pytest
 
 import calib
+from calib.common.choices import BODIES, CAUSES, FRAMES, METHODS, MOTIONS, READOUTS, RULES, VIEWS
+from calib.maps.density import kind_of
+from calib.maps.links import WIRINGS
+from calib.samples.babbling import METHODS as BABBLING
+from calib.sweeps.backends import BACKENDS
 
 MODULES = sorted(
     ["calib"]
@@ -37,3 +45,64 @@ def test_examples_of(name, tmp_path, monkeypatch):
 def test_there_are_examples_of_the_main_functions():
     named = {t.name for name in MODULES for t in examples(name)}
     assert {"calib", "calib.training.train.train", "calib.model.model.Model.forward"} <= named
+
+
+# --- names in docstrings are names that exist ----------------------------------------------
+
+CHOICES = {
+    "rule": RULES,
+    "readout": READOUTS,
+    "body": BODIES,
+    "view": VIEWS,
+    "cause": CAUSES,
+    "method": (*METHODS, *MOTIONS, *BABBLING),
+    "links": tuple(WIRINGS),
+    "frame": FRAMES,
+    "backend": BACKENDS,
+}
+_ITEM = re.compile(r"^(\w+(?:, \w+)*) : (.*(?:\n(?:    .*|$))*)", re.MULTILINE)
+_QUOTED = re.compile(r'"([a-z][\w:-]*)"')
+_ROLE = re.compile(r":(?:func|class|meth|mod|data):`~?([\w.]+)`")
+
+
+def public():
+    """Public functions and classes with the public methods of the classes, by name."""
+    for name in calib.__all__:
+        thing = getattr(calib, name)
+        if callable(thing):
+            yield name, thing
+        if inspect.isclass(thing):
+            for method, function in inspect.getmembers(thing, inspect.isfunction):
+                if not method.startswith("_") and function.__module__.startswith("calib"):
+                    yield f"{name}.{method}", function
+
+
+PUBLIC = dict(public())
+
+
+def accepted(parameter, name):
+    if parameter == "map":
+        kind_of(name)  # raises
+        return True
+    return parameter not in CHOICES or name in CHOICES[parameter]
+
+
+@pytest.mark.parametrize("name", PUBLIC)
+def test_docstrings_name_parameters_and_choices_that_exist(name):
+    doc = inspect.getdoc(PUBLIC[name])
+    assert doc, f"{name} has no docstring"
+    _, _, told = doc.partition("Parameters\n----------\n")
+    told = re.split(r"\n\w+\n-+\n", told)[0]
+    known = set(inspect.signature(PUBLIC[name]).parameters)
+    for parameters, text in _ITEM.findall(told):
+        assert set(parameters.split(", ")) <= known
+        for choice in _QUOTED.findall(text):
+            assert accepted(parameters, choice), (parameters, choice)
+
+
+@pytest.mark.parametrize("name", MODULES)
+def test_references_in_docstrings_lead_somewhere(name):
+    module = importlib.import_module(name)
+    for reference in set(_ROLE.findall(inspect.getsource(module))):
+        if reference.startswith("calib"):
+            assert pydoc.locate(reference) is not None, reference

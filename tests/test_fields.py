@@ -113,7 +113,7 @@ def test_a_rule_of_the_links_by_hand():
     )
     assert model.links.nnz > 0
     assert np.isfinite(model.forward([0.5, 1.0], "activity")).all()
-    with pytest.raises(OptionError, match="rule of the links returned"):
+    with pytest.raises(OptionError, match="link rule returned"):
         calib.SOM((4, 4), "som", links=lambda p: -p.together).fit_pair(Q, Q)
     with pytest.raises(OptionError, match="batch"):
         calib.SOM((4, 4), "som", "online", links=lambda p: p.together).fit_pair(Q, Q)

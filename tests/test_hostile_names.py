@@ -62,6 +62,16 @@ def test_no_command_prints_a_control_character(hostile, tmp_path, run):
         assert "internal" not in done.err, done.err
 
 
+def test_the_parameters_of_a_body_are_printed_without_control_characters(tmp_path, run):
+    log = calib.babble(calib.load_arm("two_link"), 40, noise=1e-4)
+    named = replace(log, joint_names=("shoulder", HOSTILE), arm=None, simulation=None)
+    calib.train(named, size=4).save(tmp_path / "m.calib")
+    done = run("info", tmp_path / "m.calib")
+    assert done.code == 0
+    assert "gain" in done.out
+    assert not RAW.search(done.out)
+
+
 def test_a_report_takes_a_name_for_what_it_is(hostile):
     assert "internal" not in report(hostile)
     assert all(picture.startswith(b"\x89PNG") for picture in pictures(hostile).values())

@@ -108,7 +108,7 @@ def test_a_plan_in_space_tells_more_than_a_spread_one():
 def test_a_model_in_space_is_asked_what_it_does_not_know():
     model = in_space()
     told = calib.plan(model, 5)
-    assert told.why[0].startswith("5 poses, those that tell most of what the model does not know")
+    assert told.why[0].startswith("5 poses, chosen to reduce the model's uncertainty most")
 
 
 def test_links_that_meet_are_seen_and_those_that_are_built_so_are_not():

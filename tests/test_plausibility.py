@@ -9,7 +9,7 @@ from hypothesis import strategies as st
 
 import calib
 from calib.errors import LogError
-from calib.samples.plausibility import check_against_robot, lag_of, misfit
+from calib.samples.plausibility import check_against_robot, lag_of, misfit, unit_hint
 from calib.samples.tables import write_table
 
 ARM = calib.load_arm("two_link")
@@ -145,3 +145,30 @@ def test_a_locked_joint_that_moved_is_refused_and_a_wrong_reading_is_not(tmp_pat
     write_table(tmp_path / "log.csv", {"pan": pan})
     with pytest.raises(calib.LogError, match=r"pan is locked but moved.*row 90.*joints"):
         locked_from_log(tmp_path / "log.csv", ["pan"])
+
+
+def test_a_joint_of_a_planar_arm_that_counts_the_other_way_is_noted(tmp_path):
+    arm = calib.load_arm("two_link_full")
+    q = np.random.default_rng(4).uniform(arm.lower, arm.upper, (120, 2))
+    q[:, 1] = np.clip(q[:, 1], -1.5, 1.5)
+    for seen in (arm.forward(q), arm.forward(q) * [-1.0, 1.0]):
+        told = check_against_robot("log", arm, q * [1.0, -1.0], seen, "m", arm.joint_names)
+        assert any("counts the other way" in note for note in told)
+    assert check_against_robot("log", arm, q, arm.forward(q), "m", arm.joint_names) == []
+
+
+def test_a_value_beyond_the_limits_is_not_taken_for_degrees_within_one_turn(tmp_path):
+    """Exchanged columns of 0 to 2.6 rad were told to be degrees."""
+    q, x = samples()
+    with pytest.raises(calib.LogError, match="check that the column is of this joint") as caught:
+        calib.read_log(write(tmp_path, q[:, ::-1], x), ARM)
+    assert caught.value.parameter == "ranges"
+    with pytest.raises(calib.LogError, match="opposite sign"):
+        calib.read_log(write(tmp_path, q * [1.0, -1.0], x), ARM)
+    with pytest.raises(calib.LogError, match="degrees=True"):
+        calib.read_log(write(tmp_path, np.degrees(q), x), ARM)
+
+
+@pytest.mark.parametrize(("ratio", "words"), [(1e3, "unit='mm'"), (900, "pixels"), (1.3, "")])
+def test_the_end_of_a_message_on_a_scale(ratio, words):
+    assert (words in unit_hint(ratio)) if words else unit_hint(ratio) == ""

@@ -6,7 +6,7 @@ import json
 
 import numpy as np
 import pytest
-from models import trained
+from models import measured, trained
 
 import calib
 
@@ -38,10 +38,18 @@ def test_later_commands_need_no_option(camera, run):
         ["evaluate", "camera.calib", "--data", "camera.csv"],
         ["report", "camera.calib", "--data", "camera.csv", "-o", "r.html"],
         ["preview", "camera.calib", "--data", "camera.csv", "--html", "p.html"],
+        ["plan", "camera.calib", "--data", "camera.csv", "-n", "3", "-o", "poses.csv"],
     ):
         done = run(*words)
         assert done.code == 0, (words, done.err)
     assert run("evaluate", "camera.calib", "--data", "camera.csv", "--radians").code == 1
+    for words in (
+        ["forward", "camera.calib", "30", "60"],
+        ["inverse", "camera.calib", "0.3", "0.3"],
+    ):
+        typed = ["query", *words, *(["--near", "30,60"] if words[0] == "inverse" else [])]
+        assert "as degrees it fits: give --degrees" in run(*typed).err
+        assert run(*typed, "--degrees").code == 0
     plain = calib.babble(calib.load_arm("two_link"), 60, seed=4, noise=1e-4)
     calib.write_log(plain, "plain.csv")  # other names, and rad: what the log has goes first
     assert run("evaluate", "camera.calib", "--data", "plain.csv", "--radians").code == 0
@@ -114,6 +122,10 @@ def test_the_arrays_of_a_model_are_read_only():
     for array in (model.motor.weights, model.sensory.weights, model.bounds, model.visited):
         with pytest.raises(ValueError, match="read-only"):
             array[0] = 0.0
+    holders = [model.motor, model.motor.scale, model.body, model.baseline, model.about]
+    for holder in [*holders, measured(200, 6).rows]:
+        for name, value in vars(holder).items():
+            assert not isinstance(value, np.ndarray) or not value.flags.writeable, name
 
 
 def test_a_report_of_a_log_says_both_errors_and_shows_its_heat_maps(tmp_path, run):

@@ -44,7 +44,9 @@ def test_every_entry_is_what_its_file_says(entry):
     assert arm.joint_names == entry.joints
     assert arm.dof == entry.dof
     assert entry.description
-    assumed = [note for note in arm.notes if not note.startswith("a spatial arm; `planar=True`")]
+    assumed = [
+        note for note in arm.notes if not note.startswith("the arm moves in space; `planar=True`")
+    ]
     assert not assumed
     assert arm.locked == {}
     assert "<visual>" in arm.urdf

@@ -314,3 +314,9 @@ def test_online_the_radius_falls_from_half_the_longest_side(name, last):
     history = SOM((10, 6), name, rule="online").fit(uniform(80)).history
     steps = 80 * np.arange(1, 6) - 1
     np.testing.assert_allclose(history[:, 1], 5.0 * (last / 5.0) ** (steps / 399))
+
+
+@pytest.mark.parametrize("size", [5, "5x5", (5.5, 5), None, ()])
+def test_a_size_that_is_no_whole_numbers(size):
+    with pytest.raises(OptionError, match="whole numbers of nodes"):
+        SOM(size)

@@ -61,10 +61,10 @@ def find_arm(urdf: Urdf, posture: Posture, choice: Choice) -> tuple[Found, list[
     notes = [note] if note else []
     unlogged = [joint.name for joint in urdf.path(chosen.tip) if joint.name in idle]
     if unlogged:
-        notes.append(f"locked, being no columns of the log: {listed(unlogged)}")
+        notes.append(f"locked because the log has no columns for them: {listed(unlogged)}")
     planar = _only_planar(find_candidates(urdf, posture, choice.tip, excluded))
     if planar:
-        notes.append(f"a spatial arm; `planar=True` takes the planar one: {planar}")
+        notes.append(f"the arm moves in space; `planar=True` takes its planar part: {planar}")
     return (list(chosen.joints), chosen.tip, False), notes
 
 

@@ -10,6 +10,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from ..common.frozen import ReadOnly
 from .bound import radius_95, root_of, spread_of
 from .packing import Packed
 from .structure import Array, Indices, Structure
@@ -50,7 +51,7 @@ class Parameter:
 
 
 @dataclass(frozen=True)
-class Second:
+class Second(ReadOnly):
     """A second fit with a wider hyperprior of the curves; the bound takes the worse of both.
 
     Attributes
@@ -77,7 +78,7 @@ class Second:
 
 
 @dataclass(frozen=True)
-class Body:
+class Body(ReadOnly):
     """A Gaussian belief over the parameters of an arm and its sensor.
 
     Attributes
@@ -205,11 +206,12 @@ class Body:
     def describe(self) -> tuple[str, ...]:
         """The body in words, one line for each joint, curve and view."""
         from .sensor import SensorPose
+        from .views import is_camera
 
         lines = self.structure.words(self.beta, self.deviations)
         if (sensor := SensorPose.of(self)) is None or self.structure.view == "base":
             return lines
-        what = "camera" if self.structure.view == "pinhole" else "sensor's frame"
+        what = "camera" if is_camera(self.structure.view) else "sensor's frame"
         return (*lines, *sensor.words(what))
 
     def header(self) -> dict[str, Any]:

@@ -42,14 +42,17 @@ def told_by(fit: BodyFit, q: Array, pixels: Array, lower: Array, upper: Array) -
     depths = (structure.pose(q, body.beta)[0] - eye) @ ahead
     middle, notes = float(np.mean(depths)), []
     if middle <= 0:
-        raise LogError("the pixels are of an arm behind the camera: are joints and pixels of one?")
+        raise LogError(
+            "the fit places the arm behind the camera: check that each row's joints and pixels "
+            "belong together"
+        )
     if 1.96 * camera.depth_sd > UNSURE * middle:
         q = np.random.default_rng(0).uniform(lower, upper, (_DRAWN, len(lower)))
         can = (structure.pose(q, body.beta)[0] - eye) @ ahead
         moving = np.abs([np.polyfit(column, can, 1)[0] for column in q.T]) * (upper - lower)
         names = [structure.joint_names[k] for k in np.argsort(-moving)[:2]]
         notes.append(
-            f"the pictures hardly tell how far the camera is: {middle:.2f} m, 95 % within "
+            f"the pixels hardly determine the distance of the camera: {middle:.2f} m, 95 % within "
             f"{1.96 * camera.depth_sd:.2g} m. The tip moved {np.ptp(depths):.2g} m along the view "
             f"where {np.ptp(can):.2g} m are possible: add poses nearer to the camera and further "
             f"from it (turn {' and '.join(names)}), or give a calibrated `lens`"

@@ -18,10 +18,10 @@ from .comparison import Comparison
 from .follow import BLOCK, HORIZON, OnlineAdapter
 
 if TYPE_CHECKING:
-    from ..samples.samples import Samples
+    pass
 
 
-def adapt_online(found: Comparison, log: Samples, report: Progress) -> Adaptation:
+def adapt_online(found: Comparison, report: Progress) -> Adaptation:
     """Show a log to the online rule, again and again where it is short."""
     model, kept = found.model, found.kept
     u, q, x = found.rows.u[kept], found.q[kept], found.x[kept]
@@ -49,7 +49,7 @@ def adapt_online(found: Comparison, log: Samples, report: Progress) -> Adaptatio
         found.outliers,
         figures(before),
         figures(after),
-        "maps and links re-formed online",
+        "maps and Hebbian links trained online",
         tuple(c for c in causes if c.cause != "noise"),
         (),
         measured_share(model, found.q),
@@ -59,4 +59,4 @@ def adapt_online(found: Comparison, log: Samples, report: Progress) -> Adaptatio
         return made
     bounds = learn_bounds(fresh.motor, u[held], after)
     fresh = replace(fresh, bounds=bounds, model_bounds=bounds)
-    return replace(made, model=finished(found, log, made, fresh, after, "online", None))
+    return replace(made, model=finished(found, made, fresh, after, "online", None))

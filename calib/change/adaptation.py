@@ -19,7 +19,7 @@ from .cause import Cause
 from .comparison import Comparison
 
 if TYPE_CHECKING:
-    from ..samples.samples import Samples
+    pass
 
 _CELLS = 5  # along each joint, for the share of the range that a log measured
 _BASELINE = 6000  # imagined samples that tell what is usual after an adaptation
@@ -33,7 +33,8 @@ class Adaptation:
     Attributes
     ----------
     model : Model
-        The adapted model; where nothing improved, the old one.
+        The adapted model; where nothing improved, the old one, with wider bounds where most rows
+        lie beyond its own.
     improved : bool
         Whether held-out rows are predicted better than before.
     samples : int
@@ -53,6 +54,8 @@ class Adaptation:
         Share of the learned range that the log measured.
     notes : tuple of str
         What the user should be told.
+    everywhere : bool
+        Whether the rows span the learned range; otherwise `improved` speaks of their own region.
     """
 
     model: Model
@@ -66,11 +69,11 @@ class Adaptation:
     kept: tuple[str, ...]
     coverage: float
     notes: tuple[str, ...] = field(default=())
+    everywhere: bool = True
 
 
 def finished(
     found: Comparison,
-    log: Samples,
     made: Adaptation,
     fresh: Model,
     after: Array,
@@ -104,9 +107,7 @@ def finished(
             "mean": usual.get("mean"),
         },
     }
-    unit = log.unit
-    if log.unit == old.about.unit and found.reference.scale != 1.0:
-        unit = "sensor"
+    unit = found.unit_seen
     about = replace(
         old.about,
         source="log",

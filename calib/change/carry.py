@@ -1,4 +1,4 @@
-"""Carrying: maps, links and local models that follow an updated body.
+"""Carrying: maps, Hebbian links and local models that follow an updated body.
 
 Nothing is trained again.  Each sensory node moves as far as the motor nodes it is linked with
 say; what local models add to the body moves with the tip.
@@ -51,7 +51,7 @@ def carry(model: Model, body: Body | None, value: Value) -> Model:
     Returns
     -------
     Model
-        With old bounds and facts; its maps, links and local models follow the prediction.
+        With old bounds and facts; its maps, Hebbian links and local models follow the prediction.
     """
     motor = model.motor
     rng = np.random.default_rng(0)

@@ -10,8 +10,8 @@ AS_ONE = {
     "view.shear": "the sensor's axes are stretched or sheared",
     "view.tilt": "the camera is tilted",
     "lens": "the sensor's frame is bent, as by a lens",
-    "elastic": "{joint} gives way under load, by up to {size:.3g} deg",
-    "curve": "{joint} follows another curve, by up to {size:.3g} deg",
+    "elastic": "{joint} bends under load, by up to {size:.3g} deg",
+    "curve": "{joint} has another error curve, by up to {size:.3g} deg",
 }
 """Groups of which all parameters are told as one cause, in words."""
 

@@ -120,11 +120,11 @@ def _noise(comparison: Comparison, drifted: bool) -> list[Cause]:
         return []
     noise = tested.noise
     if drifted and comparison.changed:  # a large change is not linear: what the best one leaves
-        size = float(scaled(comparison.body).size[0])
+        size = float(scaled(comparison.belief).size[0])
         noise = min(noise, comparison.explanations[0].noise * size)
     if noise < _NOISIER * tested.usual:
         return []
-    factor, unit = (1e3, "mm") if comparison.unit == "m" else (1.0, comparison.unit)
+    factor, unit = (1e3, "mm") if comparison.unit_seen == "m" else (1.0, comparison.unit_seen)
     words = f"the scatter is {factor * noise:.3g} {unit} per axis"
     words += f", {noise / tested.usual:.2g} times the usual"
-    return [Cause("noise", "noise", noise, None, comparison.unit, words)]
+    return [Cause("noise", "noise", noise, None, comparison.unit_seen, words)]

@@ -33,6 +33,8 @@ if TYPE_CHECKING:
 PROBES = 120
 """Joints all over the learned range at which predictions are compared."""
 
+_WIDE = 0.5  # least spread of rows in any direction, over that of the learned range
+
 UNEXPLAINED = 0.1
 """Share of the positions' spread: a log that is further off from every member is explained by
 none."""
@@ -76,6 +78,12 @@ class Comparison:
         """Positions (n, m) without what maps add to the body [unit]."""
         return self.x - self.offset
 
+    @property
+    def unit_seen(self) -> str:
+        """Unit of the positions; "sensor" where their scale shows that it is not the model's."""
+        told = self.unit != self.model.about.unit or self.reference.scale == 1.0
+        return self.unit if told else "sensor"
+
     @cached_property
     def belief(self) -> Body:
         """The belief that a changed arm starts from."""
@@ -113,6 +121,16 @@ class Comparison:
     def outliers(self) -> int:
         """Rows that contradict all others."""
         return int(np.count_nonzero(~self.kept))
+
+    @cached_property
+    def spans(self) -> bool:
+        """Whether the rows vary in every direction of the joints, as over the learned range.
+
+        Held-out rows of a line or a corner say nothing of a prediction elsewhere.
+        """
+        spread = np.cov(self.model.motor.scale.to_unit(self.q).T)
+        # along each axis the variance of uniform rows is 1 / 12
+        return bool(np.linalg.eigvalsh(np.atleast_2d(spread))[0] > _WIDE**2 / 12.0)
 
     @cached_property
     def probes(self) -> Array:
@@ -171,7 +189,9 @@ class Comparison:
                 f"{told}; they follow the joints by {self.lag} rows: align the clocks of both, or "
                 f"shift the columns by {self.lag} rows"
             )
-        return f"{told}; are the rows of joints and positions in the same order, of this arm?"
+        return (
+            f"{told}; check that joints and positions of a row belong together and are of this arm"
+        )
 
 
 def compare(model: Model, log: Samples, cause: str | None = None) -> Comparison:
@@ -194,7 +214,7 @@ def compare(model: Model, log: Samples, cause: str | None = None) -> Comparison:
     """
     if model.baseline is None or "body" not in model.about.options:
         raise ModelError(
-            "the model is of an older format and keeps no belief about its arm: train it again"
+            "the model has an older format without a posterior of its body: train it again"
         )
     rows = comparable(model, log)
     q = model.motor.scale.from_unit(rows.u)

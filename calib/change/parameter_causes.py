@@ -124,12 +124,12 @@ def _of_sensor(
         return []
     before, after = _seen_before_and_after(comparison, best.beta)
     if before.shape[1] == 3:
-        value, motion = _rigid_motion(before, after, comparison.unit)
+        value, motion = _rigid_motion(before, after, comparison.unit_seen)
         half = 1.96 * float(np.linalg.norm(deviation[: len(turn)]))
     else:
         value, half = float(change[0]), 1.96 * float(deviation[0])
         value = (value + math.pi) % (2 * math.pi) - math.pi
-        motion = Alignment.between(before, after).words(comparison.unit)
+        motion = Alignment.between(before, after).words(comparison.unit_seen)
     words = f"the sensor's frame moved: {motion}"
     where = np.searchsorted(every, both)
     moved = math.inf if new else float(np.linalg.norm(change * size[where]))

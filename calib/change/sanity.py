@@ -152,7 +152,7 @@ def _coverage(model: Model, u: Array) -> list[str]:
         if high - low < _CORNER:
             notes.append(
                 f"the log covers {100 * (high - low):.0f} % of the learned range of {name}: "
-                "elsewhere little can be said"
+                "the result says little about the rest"
             )
     return notes
 

@@ -7,13 +7,15 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from .frozen import ReadOnly
+
 Array = NDArray[np.float64]
 
 TURN = 2 * np.pi
 
 
 @dataclass(frozen=True)
-class Scale:
+class Scale(ReadOnly):
     """An affine map of a box onto [0, 1] along each coordinate.
 
     Attributes

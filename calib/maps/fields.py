@@ -1,7 +1,7 @@
 """Functions of your own in a map: what they are given, and how their answers are checked.
 
 :class:`calib.SOM` and :func:`calib.train` take a gain (a varying density, eq. 7 and 8), a
-neighbourhood (eq. 3) and a rule of the links (eq. 5) as functions.  Each gets one object
+neighbourhood (eq. 3) and a link rule (eq. 5) as functions.  Each gets one object
 whose fields are documented here or, for a gain, at :class:`~calib.maps.density.Visit`.
 """
 
@@ -48,7 +48,7 @@ Neighbourhood = Callable[[Surroundings], Array]
 
 @dataclass(frozen=True, eq=False)
 class Pairs:
-    """Pairs of nodes that were active together, as a rule of the links sees them.
+    """Pairs of nodes that were active together, as a link rule sees them.
 
     Attributes
     ----------
@@ -111,9 +111,9 @@ def checked_h(neighbourhood: Neighbourhood, around: Surroundings) -> Array:
 def checked_links(rule: LinkRule, pairs: Pairs) -> Array:
     """What a rule says of pairs of nodes, checked."""
     shape = pairs.together.shape
-    found = _checked("rule of the links", rule(pairs), shape, "one strength for each pair")
+    found = _checked("link rule", rule(pairs), shape, "one strength for each pair")
     if not found.any():
-        raise OptionError("the rule of the links returned zeros alone: nothing would be linked")
+        raise OptionError("the link rule returned zeros alone: nothing would be linked")
     return found
 
 

@@ -15,6 +15,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 from numpy.typing import NDArray
 
+from ..common.frozen import ReadOnly
 from .local_models import blend_size
 from .map import Map, search_tree
 
@@ -107,7 +108,7 @@ def regress(place: Array, value: Array, weight: Array) -> tuple[Array, Array, Ar
 
 
 @dataclass(frozen=True, eq=False)
-class LinearModels:
+class LinearModels(ReadOnly):
     """The forward direction of maps and links as a smooth function of the joints.
 
     It answers what :class:`~calib.maps.predictor.Predictor` answers, so that bounds and the

@@ -9,6 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ..body.basis import exponents
+from ..common.frozen import ReadOnly
 from ..common.scale import Scale
 from .map import Map, search_tree
 
@@ -31,7 +32,7 @@ def blend_size(dim: int) -> int:
 
 
 @dataclass(frozen=True)
-class LocalModels:
+class LocalModels(ReadOnly):
     """One polynomial per motor node.
 
     Attributes

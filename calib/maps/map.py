@@ -68,7 +68,7 @@ class Map:
     @cached_property
     def edges(self) -> NDArray[np.intp]:
         """Pairs of joined nodes, (m, 2)."""
-        return self.lattice.edges()
+        return frozen(self.lattice.edges())
 
     @cached_property
     def spacing(self) -> float:
@@ -87,7 +87,7 @@ class Map:
         count = np.bincount(a, minlength=n) + np.bincount(b, minlength=n)
         own = total / np.maximum(count, 1)
         # a node on top of its neighbours, or joined to none, has the spacing of the map
-        return np.where(own > 1e-6 * self.spacing, own, max(self.spacing, 1e-300))
+        return frozen(np.where(own > 1e-6 * self.spacing, own, max(self.spacing, 1e-300)))
 
     def nearest(self, u: Array, k: int = 1) -> tuple[Array, NDArray[np.intp]]:
         """Distances and indices, (n, k), of the `k` nodes nearest to `u` in the unit box."""

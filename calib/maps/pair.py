@@ -104,8 +104,8 @@ def develop(
     """
     if lattice.size**2 > _LARGEST:
         raise OptionError(
-            f"two maps of {lattice.size:,} nodes: stepping eq. 5 holds every link, give maps of "
-            f"at most {int(_LARGEST**0.5):,} nodes, or rule='batch'"
+            f"two maps of {lattice.size:,} nodes: eq. 5 keeps a Hebbian link for every pair of "
+            f"nodes; give maps of at most {int(_LARGEST**0.5):,} nodes, or rule='batch'"
         )
     scales = (Scale.of_data(q), Scale.of_data(x))
     points = [scale.to_unit(rows) for scale, rows in zip(scales, (q, x), strict=True)]

@@ -96,6 +96,13 @@ class SOM:
     def __post_init__(self) -> None:
         check_wiring(self.links)
         kind = kind_of(self.map)
+        whole = isinstance(self.size, (tuple, list)) and self.size
+        if not whole or not all(isinstance(n, (int, np.integer)) for n in self.size):
+            raise OptionError(
+                f"size {self.size!r}: expected whole numbers of nodes such as (9, 9)",
+                parameter="size",
+                value=self.size,
+            )
         if self.neighbourhood is not None and kind != "som":
             raise OptionError(
                 f"map {self.map!r} has a neighbourhood of its own: give one with 'som' or 'vdsom'"
@@ -201,7 +208,7 @@ class SOM:
         wiring = wiring_of(self.links)
         if self.rule == "online" and kind_of(self.map) == "som":
             if wiring.rule is not None:
-                raise OptionError("a rule of the links of your own needs rule='batch'")
+                raise OptionError("a link rule of your own needs rule='batch'")
             lattice, around = Lattice(self.size), None
             if self.neighbourhood is not None:
                 around = online.Around(lattice, self.neighbourhood)

@@ -11,6 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ..common.checks import finite, numbers, of_type, texts
+from ..common.frozen import ReadOnly
 
 Array = NDArray[np.float64]
 
@@ -25,7 +26,7 @@ _WIDEST = 1e9  # range of a joint [rad or m]
 
 
 @dataclass(frozen=True, eq=False)
-class About:
+class About(ReadOnly):
     """Plain facts that travel with a model.
 
     Attributes

@@ -9,6 +9,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from ..common.frozen import ReadOnly
 from ..maps.association import Association
 from ..maps.map import Map
 
@@ -18,7 +19,7 @@ _PRIOR = 4.0  # samples that the mean of all nodes counts for at each node
 
 
 @dataclass(frozen=True, eq=False)
-class Baseline:
+class Baseline(ReadOnly):
     """Distortions of samples that training never saw, stored with a model.
 
     Attributes

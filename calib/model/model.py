@@ -1,4 +1,4 @@
-"""The model: two maps, their links and local models, queried in both directions."""
+"""The model: two maps, their Hebbian links and local models, queried in both directions."""
 
 from __future__ import annotations
 

@@ -7,6 +7,8 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from ..common.frozen import ReadOnly
+
 Array = NDArray[np.float64]
 
 MOST = 5_000
@@ -14,7 +16,7 @@ MOST = 5_000
 
 
 @dataclass(frozen=True, eq=False)
-class Rows:
+class Rows(ReadOnly):
     """Measured rows.
 
     Attributes

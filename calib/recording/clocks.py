@@ -63,12 +63,12 @@ def align_clocks(
         raise ClockError(f"the tag is in {len(t)} frames only: too few to match the clocks by")
     spread = float(np.sqrt(((x - x.mean(0)) ** 2).sum(1).mean()))
     if spread < 5.0 or np.ptp(q, axis=0).max() < 0.02:
-        raise ClockError("the arm never moves: nothing to match the clocks by; give `time_offset`")
+        raise ClockError("the arm never moves, so the clocks cannot be matched; give `time_offset`")
     pair = Pair(t, x, joint_time, q)
     peaks = pair.peaks()
     if not len(peaks):
         raise ClockError(
-            "the recordings are too short to match the clocks by: expected 5 s of motion or more"
+            "the recordings are too short to match the clocks: expected at least 5 s of motion"
         )
     judged = sorted(map(pair.candidate, peaks), key=_by_error)
     apart = [c for k, c in enumerate(judged) if all(_apart(c, d) for d in judged[:k])]

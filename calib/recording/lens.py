@@ -183,14 +183,15 @@ def calibrate_lens(
         ) from None
     if not np.isfinite(lens.parameters).all() or doubt > 0.03 or lens.focal.max() > 50 * max(size):
         raise LogError(
-            f"the pictures of the board fix the focal length to {100 * doubt:.2g} % only, 3 % "
+            f"the pictures of the board determine the focal length to {100 * doubt:.2g} % only, "
+            "3 % "
             "expected: tilt the board this way and that between them"
         )
     if lens.rms <= 1.0:
         return lens, ()
     return lens, (
-        f"lens: the corners miss their places by {lens.rms:.2g} px rms; is the board flat and "
-        "printed at its true size, and were the pictures sharp?",
+        f"lens: the corners miss their places by {lens.rms:.2g} px rms; check that the board is "
+        "flat and printed at its true size, and that the pictures are sharp",
     )
 
 

@@ -63,7 +63,9 @@ class Setting:
         if not np.isfinite(self.tag_height) or abs(self.tag_height) > 10.0:
             raise OptionError(f"`tag_height={self.tag_height:g}`: expected less than 10 m")
         if self.tag_height and self.layout is None:
-            raise OptionError("`tag_height` is given without `board` or `tags_at`: over what?")
+            raise OptionError(
+                "`tag_height` is given without `board` or `tags_at`, above which it is measured"
+            )
         if self.pose and (self.lens is None or self.tag_size is None):
             missing = "lens" if self.lens is None else "tag_size"
             raise OptionError(f"the tag's pose needs `{missing}`")

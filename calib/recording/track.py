@@ -67,8 +67,8 @@ def check_motion(q: Array, pixels: Array, tag: int, what: str) -> None:
     if moved < STILL:
         u, v = np.median(pixels, axis=0)
         raise LogError(
-            f"tag {tag} stays at ({u:.0f}, {v:.0f}) px in all of {what} while the joints move: is "
-            "it on the tip, and does no second tag of this id lie about?"
+            f"tag {tag} stays at ({u:.0f}, {v:.0f}) px in all of {what} while the joints move: "
+            "check that it is on the tip and that no second tag of this id is in view"
         )
 
 

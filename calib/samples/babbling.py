@@ -43,7 +43,7 @@ def babble(
     n : int
         Number of samples.
     seed : int
-        Seed of all that is random. Joint values, noise and outliers draw from streams of
+        Seed of the random numbers. Joint values, noise and outliers draw from streams of
         their own, so that other noise leaves the joint values as they are.
     noise : float [m]
         Standard deviation of the sensor along each axis.

@@ -60,7 +60,7 @@ def goal_babble(
     n : int
         Number of samples, 60 or more.
     seed : int
-        Seed of all that is random.
+        Seed of the random numbers.
     noise : float [m]
         Standard deviation of the sensor along each axis.
     changes : iterable of str or Change

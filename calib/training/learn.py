@@ -176,9 +176,7 @@ def both_maps(
         )
     for name, found in zip(("motor", "sensory"), maps, strict=True):
         if not found.spacing > _COLLAPSED:
-            raise OptionError(
-                f"the {name} map did not unfold, its nodes fell together", hint=UNFOLD
-            )
+            raise OptionError(f"the {name} map did not unfold: its nodes collapsed", hint=UNFOLD)
     return maps
 
 

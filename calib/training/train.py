@@ -222,8 +222,8 @@ class _Trainer:
             lambda done, stage, error: self.progress(0.1 + 0.6 * done, stage, error),
             wrong_around(part, scale, samples, seen_u),
         )
-        self.progress(0.7, "links and local models", float("nan"))
-        with self.watch("links and local models"):
+        self.progress(0.7, "Hebbian links and local models", float("nan"))
+        with self.watch("Hebbian links and local models"):
             selected, association = side_by_side(
                 lambda: select(motor, u[part.rows], part.candidates) if part.candidates else None,
                 lambda: link(motor, sensory, seen_u, seen_x, options),

@@ -20,7 +20,7 @@ Array = NDArray[np.float64]
 
 _TRIED, _ALWAYS = 100, 0.9  # postures in which links meet that are built so, and their share
 
-_UNSEEN = "obstacles and self-collision are not looked at: go slowly the first time"
+_UNSEEN = "obstacles and self-collision are not checked: move slowly the first time"
 
 
 def hits_itself(
@@ -79,9 +79,9 @@ def apart(source: Arm | Model, space: Space, points: Array) -> tuple[Array, str]
     if hits is None or hits.all():
         return points, _UNSEEN
     return points[~hits], (
-        f"{hits.mean():.1%} of the candidates were left out, in which the arm hits itself (by the "
-        "URDF's collision bodies, meshes apart); obstacles and the moves between poses are not "
-        "looked at: go slowly the first time"
+        f"{hits.mean():.1%} of the candidates were left out because the arm hits itself there "
+        "(by the URDF's collision bodies without meshes); obstacles and the moves between poses "
+        "are not checked: move slowly the first time"
     )
 
 

@@ -49,7 +49,8 @@ TURNED_FRAME = (
 
 
 POSITIONS = (
-    "positions alone are corrected; the tool's orientation goes along as the joints move least"
+    "positions alone are corrected; the tool's orientation follows from the smallest change of "
+    "the joints"
 )
 
 

@@ -81,7 +81,7 @@ def c_header(model: Model, *, prefix: str = "calib_", single: bool = False) -> C
         raise OptionError(f"prefix {prefix!r}: expected a C name such as 'calib_'")
     if model.body is None:
         raise OptionError(
-            "the model has no body, which is what a C header is made of: train it with body='auto'"
+            "the model has no body, which a C header needs: train it with body='auto'"
         )
     structure = model.body.structure
     if (
@@ -95,8 +95,8 @@ def c_header(model: Model, *, prefix: str = "calib_", single: bool = False) -> C
     apart = writer.left_out()
     if apart.max() > 1e-9 * model.solver.extent:
         notes.append(
-            "the header holds the body without what was learned beyond it, which moves positions "
-            f"by {apart.mean():.3g} {model.about.unit} on average, {apart.max():.3g} at most"
+            "the header holds the body without its local models, which move positions by "
+            "{apart.mean():.3g} {model.about.unit} on average, {apart.max():.3g} at most"
         )
     return CHeader(text, tables, tuple(notes))
 

@@ -140,7 +140,7 @@ def keep_of(space: Space, box: Mapping[str, tuple[float, float]]) -> Keep:
     x = space.position(space.scale.from_unit(u))
     known = np.isfinite(x).all(axis=1)
     if not known.any():
-        raise OptionError("keep: the model knows no position, so that none can be kept")
+        raise OptionError("keep: the model has no positions to keep within a box")
     u, x = u[known], x[known]
     reach = np.empty(space.dof)
     for k in range(space.dof):

@@ -188,8 +188,8 @@ def plan(
     notes = [seen]
     if measured is None and not isinstance(source, Arm) and choose.func is farthest:
         notes.append(
-            "the model does not keep its samples: to improve it, give the log too, and the "
-            "new poses go between them"
+            "the model keeps no samples: give the log too, so that the new poses lie between the "
+            "measured ones"
         )
     if keep:
         box = keep_of(space, keep)
@@ -197,7 +197,7 @@ def plan(
             begin = neutral
         route = kept_route(box, n, begin, taken, points, choose, rng)
         if begin is None:
-            notes.append("the way begins at the first pose: give `start` to begin where the arm is")
+            notes.append("it begins at the first pose: give `start` to begin where the arm is")
     else:
         begin = neutral if begin is None else begin
         route = free_route(n, begin, taken, points, choose)
@@ -210,10 +210,10 @@ def _choice(source: Arm | Model, space: Space) -> tuple[partial[Index], str, str
     """How poses are chosen, and what is said of it: by information where a belief is known."""
     if isinstance(source, SpatialArm):
         tell = partial(most_telling_of_arm, source)
-        return partial(_most_telling, space, tell), "those that tell most of the arm", "beside"
+        return partial(_most_telling, space, tell), "chosen to determine the arm best", "beside"
     body = None if isinstance(source, Arm) else source.body
     if body is not None and not body.simulated:  # exact samples leave nothing to learn
-        how = "those that tell most of what the model does not know"
+        how = "chosen to reduce the model's uncertainty most"
         return partial(_most_telling, space, partial(most_telling, body)), how, "beside"
     return partial(farthest, space.scale), "as far from each other as possible", "and from"
 

@@ -133,7 +133,7 @@ def space_of(
         lower[k], upper[k] = max(lower[k], low + kept[k]), min(upper[k], high - kept[k])
         if not lower[k] < upper[k]:
             raise OptionError(
-                f"margin {kept[k]:g}: nothing is left of {space.joint_names[k]}'s range "
+                f"margin {kept[k]:g}: no room is left in {space.joint_names[k]}'s range "
                 f"{space.lower[k]:.6g} to {space.upper[k]:.6g}; expected a smaller one"
             )
     return replace(space, lower=lower, upper=upper)

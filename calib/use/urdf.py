@@ -82,7 +82,7 @@ def corrected_urdf(geometry: Geometry | SpatialGeometry, share: float = MOST_UNE
     last = joints[-1]
     if last.name in moved and (tip.turn.any() or (tip.shift.any() and last.kind != "prismatic")):
         raise RobotError(
-            f"the tip {arm.tip!r} is the origin of joint {last.name!r}: it has no place of its "
+            f"the tip {arm.tip!r} is the origin of joint {last.name!r}: it has no link of its "
             "own that could be corrected",
             hint="name another `tip`",
             parameter="tip",

@@ -8,6 +8,7 @@ from typing import Annotated
 import typer
 
 from calib.common.choices import METHODS
+from calib.common.units import for_people
 
 from .. import options as o
 from ..measurements import log_for
@@ -15,9 +16,8 @@ from ..output import NO, Notes, Table, note, number, show, show_json, tell
 from ..photo import photo_of_log
 from ..progress import progress_bar
 from ..translation import as_typed
-from ..units import for_people, units_of
-from ..usage import choice, option
-from .train import check_output
+from ..units import units_of
+from ..usage import check_output, choice, option
 
 
 def adapt(
@@ -31,14 +31,15 @@ def adapt(
         choice(
             "--method",
             METHODS,
-            "An update of the body from a few rows, or the paper's rule on thousands of them.",
+            "few-shot updates the body from a few rows; online applies the paper's rule to "
+            "thousands of rows.",
         ),
     ] = "few-shot",
     schema: Annotated[
         str | None,
         option(
             "--schema NAME",
-            "Name of the new state; the old one is kept in the file, see calib check.",
+            "Name of the new state; the old state is kept in the same file.",
         ),
     ] = None,
     cause: o.CauseOption = None,
@@ -82,6 +83,7 @@ def adapt(
                 "changed": [change.to_json() for change in found.changed],
                 "kept": list(found.kept),
                 "coverage": found.coverage,
+                "everywhere": found.everywhere,
                 "before": found.before,
                 "after": found.after,
                 "notes": [as_typed(text) for text in found.notes],
@@ -90,7 +92,7 @@ def adapt(
             }
         )
     else:
-        factor, name = for_people(loaded.about.unit)
+        factor, name = for_people(found.model.about.unit)
         rows = [
             [when, *(number(factor * error[key]) for key in ("mean", "p99", "max"))]
             for when, error in (("before", found.before), ("after", found.after))
@@ -98,6 +100,8 @@ def adapt(
         title = f"distance to held-out rows [{name}], corrected: {found.correction}"
         show(Table(["", "mean", "p99", "max"], rows, title))
         for change in found.changed:
+            if change.cause == "unknown":  # a note told it
+                continue
             tell(f"changed: {as_typed(change.words)}")
         if found.kept:
             tell(f"left as it was: {', '.join(found.kept)}")

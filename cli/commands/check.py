@@ -6,12 +6,14 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
+from calib.common.units import for_people
+
 from .. import options as o
 from ..measurements import log_for
 from ..output import NO, Notes, Table, number, show, show_json, tell
 from ..parsing import number as number_of
 from ..translation import as_typed
-from ..units import for_people, units_of
+from ..units import units_of
 from ..usage import option
 
 if TYPE_CHECKING:
@@ -19,6 +21,12 @@ if TYPE_CHECKING:
 
 MOST = 8
 """Groups that are printed."""
+
+GROUPS = (
+    "found: test statistic of a change of these parameters, above its threshold it fired; "
+    "smallest: the smallest change that these rows could have shown"
+)
+ZETA = "zeta: mean squared distance of the rows to their winning nodes, in the unit box (eq. 9)"
 
 SIGNALS = {
     "motor": "motor map, zeta",
@@ -36,7 +44,7 @@ def check(
         float | None,
         option(
             "--tolerance S",
-            "Exit 3 too where the rows could not have shown a change of this size [m].",
+            "Also exit 3 if the rows could not have shown a change of this size [m].",
             number_of("a number [m]"),
         ),
     ] = None,
@@ -53,6 +61,7 @@ def check(
     log = log_for(loaded, data, columns, degrees, unit, notes)
     drift = calib.check(loaded, log, cause=cause, tolerance=tolerance)
     notes.say(drift.notes)
+    unit_seen = "sensor" if _of_another_scale(drift) else loaded.about.unit
     known = calib.recognise(loaded, log) if loaded.schemas else None
     if as_json:
         show_json(
@@ -60,12 +69,12 @@ def check(
                 "model": model,
                 **drift.to_json(),
                 **({"schema": known.name} if known is not None else {}),
-                "unit": loaded.about.unit,
-                "units": units_of(loaded.about),
+                "unit": unit_seen,
+                "units": {**units_of(loaded.about), "positions": unit_seen},
             }
         )
     else:
-        factor, name = for_people(loaded.about.unit)
+        factor, name = for_people(unit_seen)
         _show(drift, f"{model}: {drift.samples} samples of {data}", factor, name)
         if known is not None:
             tell(known.words)
@@ -73,10 +82,14 @@ def check(
         raise typer.Exit(NO)
 
 
+def _of_another_scale(drift: Drift) -> bool:
+    return any(cause.cause == "scale" and cause.interval is None for cause in drift.causes)
+
+
 def _remedy(drift: Drift) -> str:
     if any(cause.cause == "unknown" and not cause.group for cause in drift.causes[:1]):
         return "check the log and the arm before calib adapt"
-    if any(cause.cause == "scale" and cause.interval is None for cause in drift.causes):
+    if _of_another_scale(drift):
         return "check the log's unit before calib adapt, which learns the new scale"
     return "calib adapt re-calibrates it"
 
@@ -95,13 +108,13 @@ def _show(drift: Drift, title: str, factor: float, name: str) -> None:
         for group in groups
     ]
     header = ["what may have changed", "found", "threshold", f"smallest [{name}]", ""]
-    show(Table(header, rows, title, left=1))
+    show(Table(header, rows, title, left=1, foot=GROUPS))
     rows = [
         [SIGNALS[key], factor_unit, number(size * found.value), number(size * found.threshold)]
         for key, found in drift.distortion.items()
         for size, factor_unit in [(factor, name) if key == "links" else (1e6, "1e-6")]
     ]
-    show(Table(["on the maps", "unit", "found", "usual"], rows, "", left=2))
+    show(Table(["on the maps", "unit", "found", "usual"], rows, "", left=2, foot=ZETA))
     for text in drift.explanations:
         tell(as_typed(text))
     verdict = "still calibrated"

@@ -5,29 +5,25 @@ from __future__ import annotations
 import time
 
 from .. import options as o
-from ..measurements import log_for
+from ..measurements import log_of
 from ..output import Notes, show, show_json
 from ..sketch import show_sketch
 from ..summary import error_table, summary
-from ..usage import refuse
 
 
 def evaluate(
     model: o.ModelArgument,
     data: o.DataOption = None,
     columns: o.ColumnsOption = None,
+    unit: o.UnitOption = None,
     degrees: o.LogDegreesOption = None,
     as_json: o.JsonOption = False,
 ) -> None:
     """Print the errors of a model, on fresh samples or on a log."""
     import calib
 
-    if data is None:
-        refuse({"--columns": columns}, "applies to a log: expected --data LOG too")
     loaded = calib.load(model)
-    log = None
-    if data is not None:
-        log = log_for(loaded, data, columns, degrees, None, Notes())
+    log = log_of(loaded, data, columns, degrees, unit, Notes())
     started = time.perf_counter()
     result = loaded.evaluate(log)
     seconds = {"total": time.perf_counter() - started}

@@ -6,7 +6,7 @@ from pathlib import Path
 from typing import Annotated, Any
 
 from .. import options as o
-from ..output import Notes, show_json
+from ..output import Notes, show_json, tell
 from ..usage import BadOption, flag, option
 
 
@@ -14,7 +14,9 @@ def export(
     model: o.ModelArgument,
     output: Annotated[str | None, option("--output -o FILE.h", "The C header to write.")] = None,
     single: Annotated[bool, flag("--float", "Single precision, for microcontrollers.")] = False,
-    prefix: Annotated[str, option("--prefix NAME", "Starts every name in the header.")] = "calib_",
+    prefix: Annotated[
+        str, option("--prefix NAME", "Prefix of every name in the header.")
+    ] = "calib_",
     camera: Annotated[
         str | None, option("--camera FILE.yaml", "Write the lens as ROS camera_info.")
     ] = None,
@@ -22,7 +24,7 @@ def export(
         str | None,
         option(
             "--transform FILE.json",
-            "Write where the camera or tracker stands as a static transform from the base.",
+            "Write the pose of the camera or tracker in the base frame as a static transform.",
         ),
     ] = None,
     as_json: o.JsonOption = False,
@@ -67,4 +69,5 @@ def export(
     if as_json:
         show_json(document)
     else:
-        print("\n".join(told))
+        for line in told:
+            tell(line)

@@ -5,12 +5,13 @@ from __future__ import annotations
 from collections.abc import Sequence
 from typing import Annotated, Any
 
+from calib.common.units import for_people
+
 from .. import camera as c
 from .. import options as o
 from .. import parsing
 from ..output import Notes, show_json, tell
 from ..parsing import Names
-from ..units import for_people
 from ..usage import BadOption, argument, flag, option, refuse
 
 
@@ -25,20 +26,24 @@ def log(
     ],
     output: Annotated[str, option("--output -o LOG", "The log: CSV or Parquet.")],
     joints_topic: Annotated[
-        str | None, option("--joints-topic TOPIC", "JointState; found if only one.")
+        str | None,
+        option(
+            "--joints-topic TOPIC", "Topic of the JointState messages; found if there is one only."
+        ),
     ] = None,
     tip_topic: Annotated[
         str | None,
         option(
             "--tip-topic TOPIC",
-            "PointStamped, PoseStamped, TransformStamped or tf; found if only one.",
+            "Topic of the positions (PointStamped, PoseStamped, TransformStamped or tf); found "
+            "if there is one only.",
         ),
     ] = None,
     frames: Annotated[
         Names | None,
         option(
             "--frames SENSOR,TIP",
-            "Of tf: the sensor's frame and the tip's; found if only one transform moves.",
+            "For tf: frames of the sensor and of the tip; found if one transform only moves.",
             parsing.names,
         ),
     ] = None,
@@ -47,7 +52,7 @@ def log(
         float,
         option(
             "--max-gap S",
-            "Leave out positions between joint states further apart [s].",
+            "Drop positions between joint states that are further apart than this [s].",
             parsing.above_zero("s"),
         ),
     ] = 0.1,
@@ -55,7 +60,7 @@ def log(
         float | None,
         option(
             "--still SPEED",
-            "Leave out positions taken while a joint moved faster [rad/s or m/s].",
+            "Drop positions taken while a joint moved faster than this [rad/s or m/s].",
             parsing.above_zero("rad/s or m/s"),
         ),
     ] = None,
@@ -63,21 +68,25 @@ def log(
         str,
         option(
             "--time-offset auto|S",
-            "Added to the times of the positions [s]; of a video found if not given, of a bag 0.",
+            "Added to the times of the positions [s]; auto finds it for a video and is 0 for a "
+            "bag.",
             c.offset_or_auto,
         ),
     ] = "auto",
     rests: Annotated[
-        bool, flag("--rests", "Of a video take the median of each rest: the default.")
+        bool, flag("--rests", "For a video, take the median of each rest (the default).")
     ] = False,
     joints_file: Annotated[
         str | None,
         option(
             "--joints-file FILE",
-            "Joints of pictures (column picture, or in order) or of a video (column time).",
+            "Joint values of the pictures (column picture, or in their order) or of the video "
+            "(column time).",
         ),
     ] = None,
-    tag: Annotated[int | None, option("--tag ID", "The tag on the tip.", parsing.whole(0))] = None,
+    tag: Annotated[
+        int | None, option("--tag ID", "Number of the tag on the tip.", parsing.whole(0))
+    ] = None,
     dictionary: c.DictionaryOption = c.DICTIONARY,
     board: c.BoardOption = None,
     tags_at: Annotated[
@@ -87,23 +96,32 @@ def log(
         str | None,
         option(
             "--lens SHOTS|lens.json",
-            "Pictures of the board to calibrate the camera from, or what that wrote.",
+            "Pictures of the board that calibrate the camera, or the lens.json of an earlier run.",
         ),
     ] = None,
     tag_size: Annotated[
         str | None, option("--tag-size 40mm", "Side of the tip's tag, for --pose.")
     ] = None,
     tag_height: Annotated[
-        str | None, option("--tag-height 25mm", "The tip's tag above the board or the tags.")
+        str | None,
+        option("--tag-height 25mm", "Height of the tip's tag above the board or the tags."),
     ] = None,
     pose: Annotated[
         bool, flag("--pose", "Write z and qx, qy, qz, qw of the tag too, for spatial arms.")
     ] = False,
     since: Annotated[
-        str | None, option("--since LOG", "An earlier log: tell how far the camera moved.")
+        str | None, option("--since LOG", "An earlier log; prints how far the camera moved since.")
     ] = None,
     picture: Annotated[
-        str | None, option("--picture seen.png", "Draw what was seen over a photo.")
+        str | None, option("--picture seen.png", "Draw the detections over a photo.")
+    ] = None,
+    camera: Annotated[
+        str | None,
+        option(
+            "--camera DEVICE",
+            "Take the pictures now, into PICTURES: one for each line of joints on standard input, "
+            "below a line with their names.",
+        ),
     ] = None,
     degrees: o.DegreesOption = False,
     prismatic: o.PrismaticOption = None,
@@ -111,7 +129,7 @@ def log(
 ) -> None:
     """Turn a ROS bag, pictures or a video into a log of joints and positions.
 
-    Exit code 3 if no offset brings the clocks of a video and its joints together, or several do.
+    Exit code 3 if no clock offset, or more than one, fits a video to its joints.
     """
     notes = Notes()
     shooting = c.Shooting(
@@ -126,6 +144,7 @@ def log(
         pose,
         since,
         picture,
+        camera,
     )
     if shooting or c.is_camera(bag):
         of_bags = {"--joints-topic": joints_topic, "--tip-topic": tip_topic, "--frames": frames}

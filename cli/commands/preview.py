@@ -8,33 +8,34 @@ from typing import TYPE_CHECKING, Annotated
 
 from .. import options as o
 from .. import parsing
-from ..measurements import log_for
 from ..output import Notes, note, tell
-from ..parsing import Columns
-from ..photo import NoPhotoOption, PhotoOption, shown
-from ..usage import BadOption, flag, option, refuse
+from ..photo import NoPhotoOption, PhotoOption, to_draw
+from ..usage import BadOption, check_output, flag, option
 
 if TYPE_CHECKING:
     from calib.model.model import Model
-    from calib.samples.samples import Samples
 
 MeshesOption = Annotated[
     str | None,
     option(
         "--meshes FOLDER",
-        "Where the mesh files are that the URDF names; nothing outside of it is read.",
+        "Folder of the URDF's mesh files; nothing outside of it is read.",
     ),
 ]
-PortOption = Annotated[int, option("--port N", "Port (default any).", parsing.whole(0, 65535))]
+PortOption = Annotated[
+    int, option("--port N", "Port of the page (default: any free port).", parsing.whole(0, 65535))
+]
 
 
 def preview(
     model: o.ModelArgument,
     html: Annotated[
-        str | None, option("--html FILE", "Write the page, which needs no network.")
+        str | None,
+        option("--html FILE", "Write the page into a file, which needs no network, and end."),
     ] = None,
     data: o.DataOption = None,
     columns: o.ColumnsOption = None,
+    unit: o.UnitOption = None,
     degrees: o.LogDegreesOption = None,
     photo: PhotoOption = None,
     no_photo: NoPhotoOption = False,
@@ -42,11 +43,11 @@ def preview(
     port: PortOption = 0,
     no_open: Annotated[bool, flag("--no-open", "Print the address and open no browser.")] = False,
     live: Annotated[
-        bool, flag("--live", "A target to drag, with every way of reaching it.")
+        bool,
+        flag("--live", "Show a target that can be dragged, and every inverse solution for it."),
     ] = False,
 ) -> None:
     """Show the arm and its learned maps in a browser, with meshcat."""
-    import calib
     from calib.show.preview.page import html as page_of
     from calib.show.preview.scene import draw
 
@@ -54,13 +55,9 @@ def preview(
         raise BadOption("--live needs a running preview: expected it without --html")
     folder = checked_folder(meshes)
     if html is not None:
-        from .train import check_output
-
         check_output(html)
-    loaded = calib.load(model)
     notes = Notes()
-    log = log_of(loaded, data, columns, degrees, notes)
-    loaded = shown(loaded, model, photo, no_photo, log, notes)
+    loaded, log = to_draw(model, data, columns, degrees, unit, photo, no_photo, notes)
     scene = draw(loaded, samples=log, meshes=folder)
     notes.say(scene.notes)
     page = page_of(scene, loaded, live=live)
@@ -101,18 +98,3 @@ def checked_folder(meshes: str | None) -> Path | None:
     if not folder.is_dir():
         raise BadOption(f"--meshes {meshes!r}: expected the folder of the URDF's mesh files")
     return folder
-
-
-def log_of(
-    model: Model,
-    data: str | None,
-    columns: Columns | None,
-    degrees: bool | None,
-    notes: Notes,
-) -> Samples | None:
-    """Read a log of a model's own arm, None where none is given."""
-    if data is None:
-        of_logs = {"--columns": columns, "--degrees": degrees}
-        refuse(of_logs, "applies to a log: expected --data LOG too")
-        return None
-    return log_for(model, data, columns, degrees, None, notes)

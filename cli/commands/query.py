@@ -7,11 +7,13 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
+from calib.common.units import for_people
+
 from .. import options as o
 from ..answers import answers, show_answers
 from ..output import NO, fixed, note, show_json
 from ..parsing import Numbers, finite, height, numbers
-from ..units import JointFormat, for_people, meaning, one_each, why_outside
+from ..units import JointFormat, meaning, one_each, why_outside
 from ..usage import BadOption, argument, bad_option, flag, one_document, option
 from .path import path
 

@@ -7,9 +7,8 @@ from typing import Annotated
 
 from .. import options as o
 from ..output import Notes, tell
-from ..photo import NoPhotoOption, PhotoOption, shown
-from ..usage import BadOption, option
-from .preview import log_of
+from ..photo import NoPhotoOption, PhotoOption, to_draw
+from ..usage import BadOption, check_output, option
 
 
 def report(
@@ -22,23 +21,18 @@ def report(
     ] = None,
     data: o.DataOption = None,
     columns: o.ColumnsOption = None,
+    unit: o.UnitOption = None,
     degrees: o.LogDegreesOption = None,
     photo: PhotoOption = None,
     no_photo: NoPhotoOption = False,
 ) -> None:
     """Write figures and tables that explain a calibration."""
-    import calib
-
-    from .train import check_output
-
     if output is None and png is None:
         raise BadOption("nothing to write: expected -o FILE.html, or --png DIR, or both")
     if output is not None:
         check_output(output)
-    loaded = calib.load(model)
     notes = Notes()
-    log = log_of(loaded, data, columns, degrees, notes)
-    loaded = shown(loaded, model, photo, no_photo, log, notes)
+    loaded, log = to_draw(model, data, columns, degrees, unit, photo, no_photo, notes)
     from calib.common.atomic import atomic_write
     from calib.show.report.page import pictures
     from calib.show.report.page import report as report_of

@@ -37,19 +37,19 @@ def _length(text: str) -> JointValue:
 
 def reproduce(
     what: Annotated[
-        str, argument("|".join(CHOICES), "What to redo.", parsing.one_of(CHOICES))
+        str, argument("|".join(CHOICES), "What to repeat.", parsing.one_of(CHOICES))
     ] = "all",
     output: Annotated[
         str, option("--output -o DIR", "Folder of the CSV files, figures.")
     ] = "reproduced",
     quick: Annotated[
-        bool, flag("--quick", "Small lattices and few samples: does it all run?")
+        bool, flag("--quick", "Use small lattices and few samples, for a quick trial.")
     ] = False,
     data: Annotated[
         str | None, option("--data DIR", "Folder of real logs, for the ablation.")
     ] = None,
     robot: Annotated[
-        str | None, option("--robot ROBOT", "Another arm of two joints that turn.")
+        str | None, option("--robot ROBOT", "Another arm with two revolute joints.")
     ] = None,
     ranges: o.RangeOption = None,
     lengths: Annotated[
@@ -57,13 +57,14 @@ def reproduce(
         option("--length JOINT=M", "Length of the link that a joint moves; repeatable.", _length),
     ] = None,
     formats: Annotated[
-        list[str] | None, choice("--format", FORMATS, "Of the figures; repeatable (default png).")
+        list[str] | None,
+        choice("--format", FORMATS, "File type of the figures; repeatable (default png)."),
     ] = None,
     degrees: o.DegreesOption = False,
     seed: o.SeedOption = 0,
     as_json: o.JsonOption = False,
 ) -> None:
-    """Redo the paper's tables, figures and experiments, its figures beside ours."""
+    """Repeat the paper's tables, figures and experiments, with its numbers beside ours."""
     from calib.paper.setting import ROBOT, Setting
 
     folder = Path(output)

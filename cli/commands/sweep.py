@@ -104,7 +104,7 @@ def sweep(
         int,
         option(
             "--seeds K",
-            "Train each combination so many times, with the seeds 0, 1, 2 and so on.",
+            "Train each combination this many times, with the seeds 0, 1, 2 and so on.",
             parsing.whole(1, _MOST_SEEDS),
         ),
     ] = 1,
@@ -121,7 +121,8 @@ def sweep(
         choice(
             "--backend",
             BACKENDS,
-            "Where they run: processes or threads of this machine, or a Dask or Ray cluster.",
+            "Run the trainings in processes or threads of this machine, or on a Dask or Ray "
+            "cluster.",
         ),
     ] = "loky",
     readout: Annotated[

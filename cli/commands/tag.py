@@ -12,7 +12,7 @@ from ..usage import BadOption, argument, option
 
 def tag(
     output: Annotated[str, option("--output -o FILE.svg", "The page to print.")],
-    number: Annotated[int | None, argument("ID", "Which tag.", parsing.whole(0))] = None,
+    number: Annotated[int | None, argument("ID", "Number of the tag.", parsing.whole(0))] = None,
     size: Annotated[str, option("--size 40mm", "Side of the black square.")] = "40mm",
     dictionary: c.DictionaryOption = c.DICTIONARY,
     board: c.BoardOption = None,

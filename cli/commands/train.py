@@ -7,14 +7,16 @@ from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
+from calib.show.facts import size_in_words
+
 from .. import options as o
 from ..output import Notes, show, show_json, tell
 from ..photo import NoPhotoOption, PhotoOption, photo_of_log, with_photo
 from ..progress import progress_bar
 from ..samples import Selection, babbled, check_sources, measured
 from ..sketch import show_sketch
-from ..summary import compact_table, size_in_words, summary
-from ..usage import BadOption, argument, flag, option
+from ..summary import compact_table, summary
+from ..usage import BadOption, argument, check_output, flag, option
 
 if TYPE_CHECKING:
     from calib import Model, Samples
@@ -141,15 +143,6 @@ def train(
         _report(model, path)
 
 
-def check_output(path: str) -> None:
-    """Refuse an output that cannot be written before the work starts."""
-    from calib.common.atomic import check_writable
-
-    if path == "-":
-        raise BadOption("--output '-': expected a file name, a model cannot be printed as text")
-    check_writable(path)
-
-
 def _report(model: Model, path: str) -> None:
     about = model.about
     what = "fresh exact samples" if about.source == "simulation" else "held out blocks of the log"
@@ -178,7 +171,8 @@ def _check_same_origin(path: str, log: Samples) -> None:
         simulated = log.simulation is not None
         same = (old.about.urdf, old.about.joint_names) == (urdf, log.joint_names)
         if not simulated and old.rows is not None and len(old.rows):
-            same &= bool(np.array_equal(old.rows.q[0], log.q[0]))
+            pairs = ((old.rows.q, log.q), (old.rows.x, log.x))
+            same &= all(bool(np.array_equal(a[0], b[0])) for a, b in pairs)
         if same and simulated == (old.about.source == "simulation"):
             return
         what = "a model of another robot or log"

@@ -118,7 +118,7 @@ def calibration(evidence: Evidence) -> Any:
         yscale="log",
         xlabel=f"expected error [{unit}]",
         ylabel=f"95 % of the errors are below [{unit}]",
-        title="promise and outcome",
+        title="bound and measured error",
     )
     left.legend(fontsize=7.5)
     ratio = np.sort(error / bound)
