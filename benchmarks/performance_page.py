@@ -235,8 +235,8 @@ def _joints(rows: Rows) -> list[str]:
         f"Planar chains of equal links, {rows[0]['rows']:,} exact samples, default options; "
         "processor time, of queries the median of single calls and of a row of a batch [us].  "
         "Positions are answered in plain floats whatever their number.  Bounds of more than three "
-        "joints come from the body's posterior.  The inverse and `correct` of more than two slide "
-        "redundant joints towards those that are near, in arrays of one row.",
+        "joints come from the body's posterior.  The inverse and `correct` of more than two take "
+        "Newton steps to the joints that are nearest of all that reach the target.",
         "",
         f"| joints | motor map | train [s] | more memory [MB] | {' | '.join(names)} |",
         "|---:|---|" + "---:|" * (2 + len(names)),
