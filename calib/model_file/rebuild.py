@@ -25,7 +25,7 @@ from ..model.about import About
 from ..model.baseline import Baseline
 from ..model.photo import Photo
 from ..model.rows import MOST, Rows
-from .smooth_part import build_smooth
+from .smooth_part import build_smooth, votes_in
 
 if TYPE_CHECKING:
     from ..model.model import Model
@@ -86,7 +86,8 @@ def build(header: Mapping[str, Any], tensors: Mapping[str, NDArray[Any]]) -> Mod
         tensors["local.radius"],
         tensors["local.coefficients"],
         # no word of these in format 1
-        *(of_type(name, header["local"].get(name, False), bool) for name in ("fades", "votes")),
+        of_type("fades", header["local"].get("fades", False), bool),
+        votes_in(header["local"]),
     )
     if degree >= 0:
         from ..body.basis import exponents

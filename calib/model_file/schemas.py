@@ -17,7 +17,7 @@ from ..maps.map import Map
 from ..maps.predictor import Predictor
 from ..model.baseline import Baseline
 from ..model.schemas import Schema, check_name
-from .smooth_part import build_smooth, smooth_header, smooth_tensors
+from .smooth_part import build_smooth, smooth_header, smooth_tensors, votes_in, votes_of
 
 if TYPE_CHECKING:
     from ..model.model import Model
@@ -58,7 +58,7 @@ def pack(schemas: Sequence[Schema]) -> tuple[list[dict[str, Any]], dict[str, NDA
                 "local": {
                     "degree": models.degree,
                     "samples": models.samples,
-                    **({"votes": True} if models.votes else {}),
+                    **votes_of(models.votes),
                 },
                 "baseline": None if schema.baseline is None else schema.baseline.to_json(),
             }
@@ -159,7 +159,7 @@ def _schema(model: Model, state: dict[str, Any], tensors: Tensors, prefix: str) 
             raise ValueError(f"a radius of schema {name!r} is not above zero")
         terms = len(exponents(dof, order))
         coefficients = take("local", (nodes, terms, width))
-        votes = of_type("votes", local.get("votes", False), bool)
+        votes = votes_in(local)
         samples = _small(local["samples"], 10**9)
         models = LocalModels(order, samples, radius, coefficients, votes=votes)
     bounds, model_bounds = take("bounds", (nodes,)), take("model_bounds", (nodes,))

@@ -12,9 +12,10 @@ from numpy.typing import NDArray
 from ..body.basis import Basis
 from ..body.belief import Body
 from ..body.trend import Trend
-from ..common.checks import LARGEST
+from ..common.checks import LARGEST, of_type
 from ..common.scale import Scale
 from ..maps.linear_models import LinearModels
+from ..maps.local_models import FULL, OLD_SILENT
 from ..maps.predictor import BodyInBox, Both, Smooth
 
 _SMALL = 1e-9  # radians that are a range
@@ -120,3 +121,21 @@ def _whole(value: Any) -> int:
     if not isinstance(value, int) or not 0 <= value <= _DEGREE:
         raise ValueError(f"{value!r} is not a degree")
     return value
+
+
+def votes_of(votes: float) -> dict[str, float]:
+    """What a file says of the votes of silent nodes, see :class:`LocalModels`."""
+    if not votes:
+        return {}
+    return {"votes": True if votes == OLD_SILENT else votes}  # an earlier file keeps its bytes
+
+
+def votes_in(local: Mapping[str, Any]) -> float:
+    """What a file's `local` says of the votes; true is the share of earlier files."""
+    votes = local.get("votes", False)
+    if isinstance(votes, bool):
+        return OLD_SILENT if votes else 0.0
+    share = of_type("votes", votes, float)
+    if not 0.0 < share < FULL:
+        raise ValueError(f"votes {share:g}: expected a share below {FULL:g}")
+    return share

@@ -21,7 +21,7 @@ from ..maps.linear_models import to_shifts
 from ..model.schemas import FIRST
 from . import schemas
 from .rebuild import build
-from .smooth_part import smooth_header, smooth_tensors
+from .smooth_part import smooth_header, smooth_tensors, votes_of
 
 if TYPE_CHECKING:
     from ..model.model import Model
@@ -83,7 +83,7 @@ def to_bytes(model: Model) -> bytes:
             "degree": model.predictor.models.degree,
             "samples": model.predictor.models.samples,
             "fades": model.predictor.models.fades,
-            **({"votes": True} if model.predictor.models.votes else {}),
+            **votes_of(model.predictor.models.votes),
         },
     }
     if model.approach is not None:
