@@ -22,7 +22,8 @@ _REACH = 0.7  # of the diagonal of a cell of a node's spacing: so far it speaks 
 _RING = 16  # places around a node where its polynomial has to be firm
 _FIRM = 10.0  # variance of an answer there, over that of one sample
 _CLOSE_ROWS = 5  # rows that have to be near a node
-_SILENT, _FULL = 0.3, 0.5  # shares of the weight at which nodes are not heard, and in full
+SILENT, FULL = 0.3, 0.5  # shares of the weight at which nodes are not heard, and in full
+OLD_SILENT = 0.2  # of a model file that only says that silent nodes vote
 _CHUNK = 20_000_000  # numbers held at once while fitting
 
 
@@ -48,8 +49,9 @@ class LocalModels(ReadOnly):
         Coefficients of the monomials of (u - w) / radius, in the unit of the positions.
     fades : bool
         Whether a node's say ends beyond its cell; not in models of file format 1.
-    votes : bool
-        Whether silent nodes are heard, see :func:`heard`; not in files that do not say so.
+    votes : float
+        Share of the weight below which silent nodes decide, see :func:`heard`; 0 where they have
+        no vote.
     """
 
     degree: int
@@ -57,7 +59,7 @@ class LocalModels(ReadOnly):
     radius: Array
     coefficients: Array
     fades: bool = True
-    votes: bool = True
+    votes: float = SILENT
 
     def degrees(self, dof: int) -> NDArray[np.intp]:
         """Degree of each node's own model, (nodes,), -1 for none."""
@@ -248,17 +250,17 @@ def _fade(ratio: Array) -> Array:
     return np.asarray((1.0 - np.clip(ratio - 1.0, 0.0, 1.0) ** 2) ** 2)
 
 
-def heard(share: Array | float) -> Any:
+def heard(share: Array | float, silent: float = SILENT) -> Any:
     """Factor on what speaking nodes say, by their share of the weight beside silent ones.
 
     Below a fifth the silent nodes decide and nothing is said; from a half on the others speak
     in full.  The edge of a sharp defect then lies between nodes, and neither side dilutes the
     other.
     """
-    t = (share - _SILENT) / (_FULL - _SILENT)
+    t = (share - silent) / (FULL - silent)
     t = np.clip(t, 0.0, 1.0) if isinstance(t, np.ndarray) else min(max(t, 0.0), 1.0)
     floor = np.maximum if isinstance(share, np.ndarray) else max
-    return t * t * (3.0 - 2.0 * t) / floor(share, _SILENT)
+    return t * t * (3.0 - 2.0 * t) / floor(share, silent)
 
 
 def contributions(models: LocalModels, index: NDArray[np.intp], gap: Array) -> Array:
@@ -277,7 +279,7 @@ def predict(
         if models.votes:
             own = np.where((models.coefficients != 0.0).any(axis=(1, 2))[index], weight, 0.0)
             share = own.sum(axis=1) / np.maximum(weight.sum(axis=1), 1e-300)
-            weight = own * heard(share)[:, None]
+            weight = own * heard(share, models.votes)[:, None]
     else:
         index, weight = blend(motor, u, blend_size(u.shape[1]))
         gap = motor.scale.difference(u[:, None], motor.units[index])

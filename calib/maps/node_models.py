@@ -10,7 +10,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass, field
 
 from ..body.basis import exponents
-from .local_models import LocalModels, heard, reach_of
+from .local_models import SILENT, LocalModels, heard, reach_of
 from .map import Map
 from .node_cells import NodeCells
 
@@ -31,15 +31,15 @@ class NodeModels:
         Axes whose ends meet.
     reach : list of float or None
         How far each node speaks in full, in the unit box; None where it always does.
-    votes : bool
-        Whether silent nodes are heard.
+    votes : float
+        Share of the weight below which silent nodes decide, 0 where they have no vote.
     """
 
     cells: NodeCells
     nodes: list[tuple[list[float], float, list[Term]]] = field(repr=False)
     periodic: tuple[bool, ...]
     reach: list[float] | None = field(default=None, repr=False)
-    votes: bool = True
+    votes: float = SILENT
 
     @staticmethod
     def of(models: LocalModels, motor: Map, cells: NodeCells) -> NodeModels:
@@ -108,7 +108,7 @@ class NodeModels:
             return []
         left = max(shares) / total
         loud = sum(w for n, w in zip(nodes, spoken, strict=True) if self.nodes[n][2]) / total
-        left *= heard(loud) if self.votes else 1.0
+        left *= heard(loud, self.votes) if self.votes else 1.0
         return [(n, w * left, z) for n, w, z in zip(nodes, spoken, places, strict=True)]
 
     def _at(self, n: int, u: Sequence[float]) -> list[float]:

@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 
 from ..body.basis import exponents
 from ..common.checks import LARGEST, finite, numbers, of_type
-from ..maps.local_models import MOST_DEGREE, NO_MODELS, LocalModels
+from ..maps.local_models import FULL, MOST_DEGREE, NO_MODELS, OLD_SILENT, LocalModels
 from ..model.baseline import Baseline
 
 WHOLE = "whole numbers"
@@ -72,9 +72,22 @@ def whole(value: Any, most: int, least: int = 0) -> int:
 
 
 def models_header(models: LocalModels) -> dict[str, Any]:
-    """JSON-ready description of local models; what older files do not say is only said if true."""
-    stated = {"degree": models.degree, "samples": models.samples}
-    return stated | ({"votes": True} if models.votes else {})
+    """JSON-ready description of local models; earlier files keep their bytes."""
+    stated: dict[str, Any] = {"degree": models.degree, "samples": models.samples}
+    if not models.votes:
+        return stated
+    return {**stated, "votes": True if models.votes == OLD_SILENT else models.votes}
+
+
+def _votes_in(stated: Mapping[str, Any]) -> float:
+    """The votes of silent nodes, see :class:`LocalModels`; true is the share of earlier files."""
+    votes = stated.get("votes", False)
+    if isinstance(votes, bool):
+        return OLD_SILENT if votes else 0.0
+    share = of_type("votes", votes, float)
+    if not 0.0 < share < FULL:
+        raise ValueError(f"votes {share:g}: expected a share below {FULL:g}")
+    return share
 
 
 def build_models(
@@ -101,7 +114,7 @@ def build_models(
     degree = whole(stated["degree"], MOST_DEGREE, least=-1)
     samples = whole(stated["samples"], 10**9)
     fades = of_type("fades", stated.get("fades", fades), bool)
-    votes = of_type("votes", stated.get("votes", False), bool)
+    votes = _votes_in(stated)
     if degree < 0:
         return replace(NO_MODELS, samples=samples, fades=fades, votes=votes)
     radius = tensors.take(names[0], (nodes,), kind)
