@@ -1,6 +1,6 @@
 """Figures of docs/paper.md and docs/maps.md: readouts, small lattices, eq. 7 and 8, many joints.
 
-python benchmarks/map_readouts.py linear|small|rho|joints [--samples N] [--seeds N]
+python benchmarks/map_readouts.py linear|small|rho|joints|time [--samples N] [--seeds N]
 """
 
 from __future__ import annotations
@@ -22,14 +22,14 @@ TESTED = 10_000
 
 
 def trained(network: str, side: int, n: int, seed: int, sigma: float | None = None) -> tuple:
-    """Maps and links, test joints and positions in their unit boxes, seconds."""
+    """Maps and links, test joints and positions in their unit boxes, processor time [s]."""
     samples = calib.babble(calib.load_arm(ROBOT), n, seed=seed)
     scale = Scale.of_range(samples.lower, samples.upper, samples.revolute)
     epochs, radii = (None, None) if sigma is None else (20, (side / 2, sigma))
     options = Options((side,) * 2, (side,) * 2, network, "batch", epochs, radii, seed, False)
-    started = time.perf_counter()
+    started = time.process_time()
     pair = associate(scale, scale.to_unit(samples.q), samples.x, options)
-    seconds = time.perf_counter() - started
+    seconds = time.process_time() - started
     q = samples.simulation.draw(TESTED, np.random.default_rng(1234 + seed))
     v = pair.sensory.scale.to_unit(samples.simulation.exact(q))
     return pair, scale.to_unit(q), v, seconds
@@ -56,19 +56,31 @@ def table(networks: list[tuple[str, int, float | None]], n: int, seeds: int) -> 
 
 
 def small(seeds: int) -> None:
-    """Errors of the default varying density over those of the plain map on small lattices."""
+    """Errors of the default varying density over those of the plain map on small lattices.
+
+    Each seed gives one ratio, of the same samples and test points; their mean and its standard
+    error are printed, forward and of the joints.
+    """
     print("| nodes | rows | " + " | ".join(f"{r} x, y; joints" for r in MAP_READOUTS) + " |")
     for side in (6, 8, 10, 14, 20, 30):
         for n in (500, 2000, 20_000):
-            ratio = []
-            for readout in MAP_READOUTS:
-                parts = {}
-                for network in ("som", "vdsom"):
-                    runs = [trained(network, side, n, seed) for seed in range(seeds)]
-                    e = np.mean([errors(p, u, v, readout).mean(axis=0) for p, u, v, _ in runs], 0)
-                    parts[network] = np.array([e[:2].sum(), e[2:].sum()])
-                ratio.append("{:.2f}; {:.2f}".format(*(parts["vdsom"] / parts["som"])))
-            print(f"| {side}x{side} | {n} | " + " | ".join(ratio) + " |", flush=True)
+            ratio = np.array([_ratio(side, n, seed) for seed in range(seeds)])
+            mean, error = ratio.mean(axis=0), ratio.std(axis=0, ddof=1) / np.sqrt(seeds)
+            cells = [
+                "; ".join(f"{m:.3f} +- {e:.3f}" for m, e in zip(*both, strict=True))
+                for both in zip(mean, error, strict=True)
+            ]
+            print(f"| {side}x{side} | {n} | " + " | ".join(cells) + " |", flush=True)
+
+
+def _ratio(side: int, n: int, seed: int) -> np.ndarray:
+    """Mean errors (readouts, 2) of the varying density over those of the plain map."""
+    found = []
+    for network in ("vdsom", "som"):
+        pair, u, v, _ = trained(network, side, n, seed)
+        each = [errors(pair, u, v, readout).mean(axis=0) for readout in MAP_READOUTS]
+        found.append([(e[:2].sum(), e[2:].sum()) for e in each])
+    return np.divide(*found)
 
 
 def joints() -> None:
@@ -94,10 +106,18 @@ def joints() -> None:
             )
 
 
+def times(n: int, seeds: int) -> None:
+    """Processor time of maps and links, 70x70 nodes: one network after the other, each seed."""
+    networks = ("som", "vdsom", "vdsom:border")
+    found = np.array([[trained(k, 70, n, seed)[3] for k in networks] for seed in range(seeds)])
+    for network, seconds, ratio in zip(networks, found.T, (found / found[:, :1]).T, strict=True):
+        print(f"| {network} | {np.median(seconds):.2f} s | {np.median(ratio):.2f} |")
+
+
 def main() -> None:
     """Print one part."""
     parser = argparse.ArgumentParser(description=__doc__)
-    parser.add_argument("part", choices=("linear", "small", "rho", "joints"))
+    parser.add_argument("part", choices=("linear", "small", "rho", "joints", "time"))
     parser.add_argument("--samples", type=int, default=100_000)
     parser.add_argument("--seeds", type=int, default=1)
     given = parser.parse_args()
@@ -110,6 +130,8 @@ def main() -> None:
             table([(n, 70, s) for s in (2.0, 1.0) for n in names], given.samples, given.seeds)
         elif given.part == "small":
             small(given.seeds)
+        elif given.part == "time":
+            times(given.samples, given.seeds)
         else:
             joints()
 

@@ -2,10 +2,11 @@
 
     python benchmarks/realtime.py [--calls N] [--model MODEL] [--page] [--wall]
 
-Each call gets a fresh pose of a slow sweep, as a controller would ask.  Times are processor
-time of the thread, which other work on the machine does not disturb much; wall time with
---wall.  --page writes the table into docs/realtime.md.  Beside them runs a
-lean damped least-squares loop on Pinocchio with the nominal arm (framesForwardKinematics,
+Measured are `two_link`, and `six_axis` as a log would teach it: placements, gravity and joint
+curves are off.  Each call gets a fresh pose of a slow sweep, as a controller would ask.  Times are
+processor time of the thread, which other work on the machine does not disturb much; wall time with
+--wall.  --page writes the tables into docs/realtime.md.  Beside `two_link` runs a lean damped
+least-squares loop on Pinocchio with the nominal arm (framesForwardKinematics,
 computeFrameJacobian, a 2x2 solve, at most five steps from a start that is near).
 """
 
@@ -29,7 +30,12 @@ import calib
 Array = NDArray[np.float64]
 
 FRESH = 7  # processes whose first calls are measured
+START, END = "<!-- latencies -->\n\n", "\n\n<!-- end of latencies -->"
 NEAR = 5e-3  # rad between a pose and the start of the search for it
+
+
+WORKING = np.array([0.3, -1.2, 1.4, -0.8, 1.2, 0.4])
+"""A posture of six joints that is not singular [rad]; the sweep leaves it by 0.35 rad."""
 
 
 def sweep(model: Any, n: int) -> Array:
@@ -37,7 +43,30 @@ def sweep(model: Any, n: int) -> Array:
     lower, upper = model.about.lower, model.about.upper
     t = np.arange(n)[:, None] * 2e-3
     phase = np.arange(1, len(lower) + 1)
-    return np.asarray((lower + upper) / 2 + 0.35 * (upper - lower) * np.sin(t * phase + phase))
+    wave = 0.35 * np.sin(t * phase + phase)
+    if len(lower) == 6:
+        return np.asarray(WORKING + wave)
+    return np.asarray((lower + upper) / 2 + (upper - lower) * wave)
+
+
+def six_axis() -> Any:
+    """A model of a log of 300 rows of an arm that differs from its URDF everywhere."""
+    from calib.body.spatial import structure_of
+
+    arm = calib.load_arm("six_axis")
+    structure = structure_of(arm, "rigid")
+    rng, beta = np.random.default_rng(0), structure.neutral()
+    groups, layout = structure.groups, structure.layout
+    for group, size in (("view.rotation", 1.0), ("view.shift", 1.0), ("elastic", 1e-3)):
+        beta[groups[group]] = rng.normal(0, size, len(groups[group]))
+    beta[layout.shifts] = rng.normal(0, 5e-4, layout.shifts.shape)
+    beta[layout.turns] = rng.normal(0, 1e-3, layout.turns.shape)
+    for k in range(6):
+        beta[groups[f"curve.{k}"][[9, 48 + 14]]] = rng.normal(0, 3e-4, 2)
+    q = rng.uniform(arm.lower, arm.upper, (300, 6))
+    x = structure.predict(q, beta) + rng.normal(0, 3e-5, (300, 3))
+    ranges = arm.joint_names, arm.lower, arm.upper, arm.revolute
+    return calib.train(calib.Samples(q, x, *ranges, arm=arm, unit="m"), size=20)
 
 
 def latencies(call: Callable[[int], Any], n: int, clock: Callable[[], int]) -> dict[str, float]:
@@ -131,9 +160,9 @@ def measure(path: Path, calls: int, wall: bool) -> dict[str, dict[str, float]]:
     }
 
 
-def table(found: dict[str, dict[str, float]]) -> list[str]:
+def table(found: dict[str, dict[str, float]], title: str) -> list[str]:
     """Rows of Markdown."""
-    lines = ["| one call [us] | median | 99 % | 99.9 % | first after `warm_up` |"]
+    lines = [f"| {title} | median | 99 % | 99.9 % | first after `warm_up` |"]
     lines.append("|---|---:|---:|---:|---:|")
     for name, r in found.items():
         called = f"`{name}`" if "(" in name else name
@@ -157,17 +186,26 @@ def main() -> None:
         print(json.dumps(firsts(options.child["model"], clock)))
         return
     with tempfile.TemporaryDirectory() as folder:
-        path = options.model
-        if path is None:
-            path = Path(folder) / "two_link.calib"
-            calib.train(calib.babble(calib.load_arm("two_link"), 20_000, seed=0)).save(path)
-        lines = table(measure(path, options.calls, options.wall))
-    print("\n".join(lines))
+        paths = {"one call [us]": options.model}
+        if options.model is None:
+            arm = calib.load_arm("two_link")
+            models = {
+                "two joints [us]": calib.train(calib.babble(arm, 20_000, seed=0)),
+                "six joints in space [us]": six_axis(),
+            }
+            paths = {title: Path(folder) / f"{k}.calib" for k, title in enumerate(models)}
+            for title, model in models.items():
+                model.save(paths[title])
+        tables = [
+            "\n".join(table(measure(path, options.calls, options.wall), title))
+            for title, path in paths.items()
+        ]
+    print("\n\n".join(tables))
     if options.page:
         page = Path(__file__).parents[1] / "docs" / "realtime.md"
-        before, _, rest = page.read_text(encoding="utf-8").partition("| one call [us] |")
-        after = rest.partition("\n\n")[2]
-        page.write_text(before + "\n".join(lines) + "\n\n" + after, encoding="utf-8")
+        before, _, rest = page.read_text(encoding="utf-8").partition(START)
+        after = rest.partition(END)[2]
+        page.write_text(before + START + "\n\n".join(tables) + END + after, encoding="utf-8")
 
 
 if __name__ == "__main__":

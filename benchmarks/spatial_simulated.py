@@ -162,13 +162,12 @@ def measure_poses(args: argparse.Namespace) -> Iterator[Row]:
     known = missed = invented = 0
     began = time.process_time()
     targets = 20 * args.draws
+    evaluate = lambda q: (*arm.chain.poses(q), arm.chain.jacobian(q))  # noqa: E731
     for q in rng.uniform(arm.lower, arm.upper, (targets, arm.dof)):
         (p,), (r,) = arm.chain.poses(q[None])
         expected, inside = joints.within(closed_form(p, r, arm.chain.rotation))
         expected = expected[inside]
-        found = pose_branches(
-            lambda q: (*arm.chain.poses(q), arm.chain.jacobian(q)), p, r, joints, arm.chain.reach
-        )
+        (found,) = pose_branches(evaluate, p[None], r[None], joints, arm.chain.reach)
         known += len(expected)
         missed += sum(int(not len(found) or joints.apart(found, e).min() > 1e-4) for e in expected)
         invented += sum(int(joints.apart(expected, f).min() > 1e-4) for f in found)

@@ -5,8 +5,10 @@ from __future__ import annotations
 from collections.abc import Sequence
 from typing import Any
 
+from calib.common.units import for_people
+
 from .output import Table, fixed, show
-from .units import JointFormat, for_people
+from .units import JointFormat
 
 Answer = dict[str, Any]
 """Joints [rad or m] by name, "position" and further quantities, in SI or the sensor's unit."""

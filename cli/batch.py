@@ -10,15 +10,17 @@ from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
-from numpy.typing import NDArray
+from numpy.typing import ArrayLike, NDArray
 
 from calib.errors import QueryError
 from calib.model.answers import forward_bounds
 from calib.samples.joint_values import check_joint_values
+from calib.samples.orientations import QUATERNION
 from calib.samples.tables import Batch, read_batch, write_table
 
-from .output import Notes, note, show_json
+from .output import NO, Notes, note, show_json
 from .units import JointFormat, meaning
+from .usage import BadOption
 
 if TYPE_CHECKING:
     from calib import Model
@@ -47,6 +49,15 @@ class Streams:
     target: str | None
     as_json: bool
 
+    def write(self, columns: Mapping[str, Any]) -> None:
+        """Write the answers, where they do not go into the document."""
+        if self.target is not None or not self.as_json:
+            write_table("-" if self.target is None else self.target, columns)
+
+    def inside(self, key: str, joints: JointFormat, columns: Mapping[str, Any]) -> dict[str, Any]:
+        """Answers as the document holds them, in SI units; nothing where a file does."""
+        return {} if self.target is not None else {key: joints.in_si(columns)}
+
 
 def forward_batch(
     model: Model,
@@ -55,39 +66,21 @@ def forward_batch(
     readout: str | None,
     frame: str = "sensor",
 ) -> int:
-    """Answer a table of joint values with positions; return the exit code.
-
-    Parameters
-    ----------
-    model : Model
-    joints : JointFormat
-        Unit of the joint values in both tables.
-    streams : Streams
-        The tables.
-    readout : str or None
-        Passed on to `Model.forward`.
-    frame : {"sensor", "base"}
-        Of the positions.
-    """
+    """Answer a table of joint values with positions in a frame; return the exit code."""
     batch = read_batch(streams.source, joints.names)
-    typed = batch.values
-    valid = np.isfinite(typed).all(axis=1)
-    check_joints(model, typed / joints.typed, joints)
-    x, bounds = np.full((len(typed), len(model.axes)), np.nan), np.full((2, len(typed)), np.nan)
+    q: Array = batch.values / np.array(joints.typed)
+    valid = np.asarray(np.isfinite(batch.values).all(axis=1))
+    check_joints(model, q, joints)
+    x, bounds = np.full((len(q), len(model.axes)), np.nan), np.full((2, len(q)), np.nan)
     if valid.any():
-        q = typed[valid] / joints.typed
-        x[valid] = model.forward(q, readout)
-        bounds[:, valid] = forward_bounds(model, q, x[valid], readout)
-    columns = {axis: x[:, k] for k, axis in enumerate(model.axes)}
-    more: dict[str, Array] = {}
+        x[valid] = model.forward(q[valid], readout)
+        bounds[:, valid] = forward_bounds(model, q[valid], x[valid], readout)
+    columns = dict(zip(model.axes, x.T, strict=True))
     if len(model.axes) == 3 or frame == "base":
         from .space import seen_forward
 
-        rows = np.tile(model.about.lower, (len(typed), 1))
-        rows[valid] = typed[valid] / joints.typed
-        added = seen_forward(model, rows, frame)
-        more = {name: np.where(valid, column, np.nan) for name, column in added.items()}
-    columns = {**columns, **more}
+        added = seen_forward(model, np.where(valid[:, None], q, model.about.lower), frame)
+        columns |= {name: np.where(valid, column, np.nan) for name, column in added.items()}
     for name, bound in zip(("expected_error", "model_error"), bounds, strict=True):
         columns[name] = columns.pop(name, bound)
     outside = np.flatnonzero(valid & np.isnan(x[:, 0])) + 1
@@ -101,8 +94,11 @@ def inverse_batch(
     streams: Streams,
     readout: str | None,
     near: Sequence[float] | None,
+    frame: str = "sensor",
+    *,
+    every: bool = False,
 ) -> int:
-    """Answer a table of positions with joint values; return the exit code.
+    """Answer a table of positions or poses with joint values; return the exit code.
 
     A target out of reach has no joint values, but its distance from the nearest
     attainable point.
@@ -111,29 +107,61 @@ def inverse_batch(
     ----------
     model : Model
     joints : JointFormat
-        Unit of the joint values in the table of answers.
+        Unit of the joint values in both tables.
     streams : Streams
-        The tables.
+        The tables.  Columns near_JOINT, one for each, choose the branch row by row; of an arm
+        in space with six joints, qx, qy, qz, qw ask for an orientation too.
     readout, near
         Passed on to `Model.solve`.
+    frame : {"sensor", "base"}
+        Of the positions.
+    every : bool
+        Whether to write all branches of each pose, a row each.
     """
-    batch = read_batch(streams.source, model.axes)
-    target = batch.values
-    valid = np.isfinite(target).all(axis=1)
-    n = len(target)
-    q = np.full((n, len(joints.names)), np.nan)
-    distance, bounds = np.full(n, np.nan), np.full((2, n), np.nan)
-    reachable = np.zeros(n, dtype=np.int64)
-    if valid.any():
-        answer = model.solve(target[valid], near, readout)
-        q[valid] = np.where(answer.reachable[:, None], answer.q * joints.typed, np.nan)
-        distance[valid], reachable[valid] = answer.distance, answer.reachable
-        bounds[:, valid] = answer.expected_error, answer.model_error
-    columns: dict[str, NDArray[Any]] = {name: q[:, k] for k, name in enumerate(joints.names)}
-    columns |= {"distance": distance, "expected_error": bounds[0], "model_error": bounds[1]}
-    columns["reachable"] = reachable
-    missed = np.flatnonzero(valid & (reachable == 0)) + 1
-    return _finish(model, joints, columns, streams, batch, missed.tolist(), "out of reach")
+    base, beside = frame == "base", [f"near_{name}" for name in joints.names]
+    turns = QUATERNION if len(joints.names) >= 6 and (base or len(model.axes) == 3) else ()
+    batch = read_batch(streams.source, "xyz" if base else model.axes, (beside, turns))
+    posed = bool(turns) and "qw" in batch.names
+    if every and not posed:
+        raise BadOption("--all of many targets is for poses: expected columns qx, qy, qz, qw")
+    if (posed or base) and readout is not None:
+        raise BadOption("--readout is for positions in the sensor's frame alone")
+    valid: NDArray[np.bool_] = np.asarray(np.isfinite(batch.values).all(axis=1))
+    asked, n = batch.values[valid], len(batch.values)
+    given = dict(zip(batch.names, asked.T, strict=True))
+    x = asked[:, : 3 if base else len(model.axes)]
+    anchor: ArrayLike | None = near
+    if beside[0] in batch.names:
+        anchor = np.stack([given[name] for name in beside], axis=1) / joints.typed
+    rows = np.flatnonzero(valid)
+    extra: tuple[str, ...] = ("turned",) if posed else ()
+    found: Any = None
+    if len(x) and (posed or base):
+        from calib.model.poses import solve_poses
+
+        quaternion = np.stack([given[name] for name in QUATERNION], axis=1) if posed else None
+        found = solve_poses(model, x, quaternion, anchor, frame=frame, every=every)
+        rows = rows[found.target]
+    elif len(x):
+        found = model.solve(x, anchor, readout)
+    index = np.sort(np.concatenate([rows, np.flatnonzero(~valid)]))
+    place = np.flatnonzero(valid[index])
+    numbers: dict[str, NDArray[Any]] = {"row": index + 1} if every else {}
+    numbers |= {name: np.full(len(index), np.nan) for name in joints.names}
+    for name in ("distance", *extra, "expected_error", "model_error"):
+        numbers[name] = np.full(len(index), np.nan)
+        if len(x):
+            numbers[name][place] = getattr(found, name)
+    numbers["reachable"] = np.zeros(len(index), dtype=np.int64)
+    missed: list[int] = []
+    if len(x):
+        numbers["reachable"][place] = found.reachable
+        q = np.where(found.reachable[:, None], found.q * joints.typed, np.nan)
+        for name, column in zip(joints.names, q.T, strict=True):
+            numbers[name][place] = column
+        missed = (rows[~found.reachable] + 1).tolist()
+    told = batch.take(index) if every else batch
+    return _finish(model, joints, numbers, streams, told, missed, "out of reach", frame, n)
 
 
 def _finish(
@@ -145,41 +173,34 @@ def _finish(
     refused: Sequence[int],
     why: str,
     frame: str = "sensor",
+    n: int | None = None,
 ) -> int:
     """Write the answers, say which rows have none, and return the exit code."""
-    columns, invalid, n = batch.answered(added), batch.invalid, len(batch.values)
-    if streams.target is not None or not streams.as_json:
-        write_table("-" if streams.target is None else streams.target, columns)
+    columns, invalid = batch.answered(added), batch.invalid
+    n = len(batch.values) if n is None else n
+    streams.write(columns)
     if streams.as_json:
-        document: dict[str, Any] = {
-            "output": streams.target,
-            "rows": n,
-            "invalid": invalid,
-            "out_of_reach": refused,
-            **meaning(model.about, frame),
-        }
-        if streams.target is None:
-            document["answers"] = joints.in_si(columns)
-        show_json(document)
+        show_json(
+            {
+                "output": streams.target,
+                "rows": n,
+                "invalid": invalid,
+                "out_of_reach": refused,
+                **meaning(model.about, frame),
+                **streams.inside("answers", joints, columns),
+            }
+        )
     Notes().say(batch.notes(list(added)))
-    for rows, what in ((invalid, "not all values are numbers, no answer"), (refused, why)):
-        if rows:
-            note(f"{numbered(rows)} of {n}: {what}")
-    return 1 if invalid else 3 if refused else 0
+    say_rows(invalid, n, "not all values are numbers, no answer")
+    say_rows(refused, n, why)
+    return 1 if invalid else NO if refused else 0
 
 
 def check_joints(model: Model, q: Array, joints: JointFormat) -> None:
     """Refuse joint values (n, dof) [rad or m] that can only be of another unit."""
     about = model.about
-    check_joint_values(
-        q,
-        about.joint_names,
-        about.lower,
-        about.upper,
-        about.revolute,
-        degrees=joints.degrees,
-        error=QueryError,
-    )
+    ranges = (about.joint_names, about.lower, about.upper, about.revolute)
+    check_joint_values(q, *ranges, degrees=joints.degrees, error=QueryError)
 
 
 def numbered(numbers: Sequence[int]) -> str:
@@ -187,3 +208,9 @@ def numbered(numbers: Sequence[int]) -> str:
     shown = ", ".join(map(str, numbers[:_TOLD]))
     more = f" and {len(numbers) - _TOLD} more" if len(numbers) > _TOLD else ""
     return f"row{'s' if len(numbers) > 1 else ''} {shown}{more}"
+
+
+def say_rows(numbers: Sequence[int], of: int, what: str) -> None:
+    """Say what is the matter with some rows, if there are any."""
+    if numbers:
+        note(f"{numbered(numbers)} of {of}: {what}")

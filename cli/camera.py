@@ -2,12 +2,13 @@
 
 from __future__ import annotations
 
+import sys
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
-from .output import Notes
+from .output import Notes, note
 from .parsing import expects, finite
 from .usage import BadOption, option
 
@@ -43,10 +44,11 @@ class Shooting:
     pose: bool
     since: str | None
     picture: str | None
+    camera: str | None = None
 
     def __bool__(self) -> bool:
         typed = (self.joints_file, self.tag, self.board, self.tags_at, self.lens, self.picture)
-        return any(value is not None for value in typed)
+        return any(value is not None for value in (*typed, self.camera))
 
     def setting(self, output: str, notes: Notes) -> Setting:
         """Make the setting; a lens that is calibrated is written beside the log."""
@@ -55,7 +57,9 @@ class Shooting:
         from calib.recording.setting import Setting, load_lens
         from calib.recording.watch import read_layout
 
-        if self.tag is None or self.joints_file is None:
+        if self.camera is not None and self.joints_file is not None:
+            raise BadOption("--camera reads joints from standard input, not from --joints-file")
+        if self.tag is None or (self.joints_file is None and self.camera is None):
             missing = "--tag ID" if self.tag is None else "--joints-file FILE"
             raise BadOption(f"{missing} is missing: pictures and videos need both")
         board = Board.parse(self.board) if self.board is not None else None
@@ -80,11 +84,6 @@ class Shooting:
             tag_height=0.0 if none else sign * parse_length(height.strip("- "), "`tag_height`"),
             pose=self.pose,
         )
-
-
-def is_video(path: str) -> bool:
-    """Whether a name is that of a video."""
-    return Path(path).suffix.lower() in VIDEOS
 
 
 def is_camera(path: str) -> bool:
@@ -121,6 +120,11 @@ def record(
     from calib.samples.tables import read_about
 
     setting = shooting.setting(output, notes)
+    if shooting.camera is not None:
+        from calib.recording.live import record_live
+
+        taken = record_live(shooting.camera, sys.stdin, Path(source), setting, note)
+        shooting = replace(shooting, joints_file=str(taken))
     table = read_joints(
         str(shooting.joints_file),
         list(joints) if joints else None,

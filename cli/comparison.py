@@ -7,9 +7,9 @@ from collections.abc import Sequence
 from typing import TYPE_CHECKING, Any
 
 from calib.common.choices import READOUTS
+from calib.common.units import for_people
 
 from .output import Table, fixed, number
-from .units import for_people
 
 if TYPE_CHECKING:
     from calib import Sweep, Trial
@@ -93,20 +93,10 @@ def document(found: Sweep, output: str | None) -> dict[str, Any]:
 
 
 def together(part: Sequence[Trial], readout: str, direction: str) -> dict[str, float]:
-    """Return what several seeds gave.
+    """Return what trainings gave that differ in their seed alone, errors of the tip [unit].
 
-    Parameters
-    ----------
-    part : sequence of Trial
-        Trainings that differ in their seed alone.
-    readout, direction : str
-        Which error of the tip.
-
-    Returns
-    -------
-    dict of str to float [unit]
-        "mean" of the mean errors, their standard deviation "spread" (NaN for one seed),
-        and the largest error "max" of all.
+    "mean" of the mean errors, their standard deviation "spread" (NaN for one seed), and the
+    largest error "max" of all.
     """
     from statistics import stdev
 

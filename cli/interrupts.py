@@ -51,10 +51,7 @@ def received() -> int | None:
 def leave(code: int | None) -> None:
     """End the process if a signal came, without waiting for threads that are still at work.
 
-    Parameters
-    ----------
-    code : int or None
-        Exit code, None for that of the signal.
+    Its exit code is that of the signal where `code` is None.
     """
     asked = received()
     if asked is not None:

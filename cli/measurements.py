@@ -27,14 +27,7 @@ def log_for(
 ) -> Samples:
     """Read a log of a model's joints, in the model's unit where that is known.
 
-    Parameters
-    ----------
-    model : Model
-        Names the joints.
-    path, columns, degrees, unit
-        As typed; what is None is as in the log that the model was made from.
-    notes : Notes
-        Says what was assumed.
+    What is None is as in the log that the model was made from.
     """
     from dataclasses import replace
 
@@ -65,15 +58,8 @@ def log_for(
         prismatic=[n for n, t in zip(about.joint_names, about.revolute, strict=True) if not t],
     )
     notes.say(log.notes)
-    check_joint_values(
-        log.q,
-        about.joint_names,
-        about.lower,
-        about.upper,
-        about.revolute,
-        degrees=degrees,
-        label=path,
-    )
+    ranges = (about.joint_names, about.lower, about.upper, about.revolute)
+    check_joint_values(log.q, *ranges, degrees=degrees, label=path)
     if unit is not None and unit != about.unit and {unit, about.unit} <= set(_METRES):
         factor = _METRES[unit] / _METRES[about.unit]
         notes.say([f"positions converted from {unit} to {about.unit}"])

@@ -6,7 +6,9 @@ from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
+from .measurements import log_of
 from .output import Notes
+from .parsing import Columns
 from .usage import BadOption, flag, option
 
 if TYPE_CHECKING:
@@ -45,6 +47,24 @@ def photo_of_log(model: Model, log: Samples, data: str, notes: Notes) -> Model:
         return model
     notes.say([f"{path.name} is kept in the model as its photo; --no-photo leaves it out"])
     return made
+
+
+def to_draw(
+    path: str,
+    data: str | None,
+    columns: Columns | None,
+    degrees: bool | None,
+    unit: str | None,
+    photo: str | None,
+    no_photo: bool,
+    notes: Notes,
+) -> tuple[Model, Samples | None]:
+    """Load a model as it is to be drawn, and a log of its own arm where one is given."""
+    import calib
+
+    model = calib.load(path)
+    log = log_of(model, data, columns, degrees, unit, notes)
+    return shown(model, path, photo, no_photo, log, notes), log
 
 
 def shown(

@@ -14,16 +14,8 @@ Report = Callable[[float, str, float], None]
 def progress_bar(unit: str) -> Iterator[Report | None]:
     """Show how far a training is, on standard error.
 
-    Parameters
-    ----------
-    unit : str
-        Unit of the error that is shown.
-
-    Yields
-    ------
-    callable or None
-        Takes the share of the work that is done, the stage and its error. None where
-        standard error is no terminal.
+    Yields what takes the share of the work that is done, the stage and its error [unit]; None
+    where standard error is no terminal.
     """
     if not sys.stderr.isatty():
         yield None

@@ -24,21 +24,14 @@ def show_sketch(model: Model) -> None:
 
 
 def sketch(model: Model, shades: str = SHADES, width: int = _WIDTH) -> list[str]:
-    """Return the lines of a picture of the workspace and a legend.
+    """Return the lines of a picture of the workspace, some `width` characters wide, and a legend.
 
-    Parameters
-    ----------
-    model : Model
-        The model; its sensory nodes tell where the workspace is.
-    shades : str
-        Characters from the least to the greatest error.
-    width : int
-        Characters of the workspace's longer side, or so.
+    `shades` are characters from the least to the greatest error.
     """
     import numpy as np
 
     from calib.show.error_scale import ErrorScale
-    from calib.show.workspace import downwards, extent, sensory_errors
+    from calib.show.workspace import cell_means, downwards, extent, sensory_errors
 
     x, errors = model.sensory.weights, sensory_errors(model)
     known = np.isfinite(errors)
@@ -48,16 +41,10 @@ def sketch(model: Model, shades: str = SHADES, width: int = _WIDTH) -> list[str]
     cell = max(span[0] / width, span[1] / (_MOST * _TALL), 1e-300)
     columns = int(span[0] / cell) + 1
     rows = int(span[1] / (cell * _TALL)) + 1
-    i = np.minimum((x[:, 0] - low[0]) / cell, columns - 1).astype(int)
-    j = np.minimum((x[:, 1] - low[1]) / (cell * _TALL), rows - 1).astype(int)
-    place = j * columns + i
-    count = np.bincount(place, minlength=rows * columns)
-    total = np.bincount(place, errors, rows * columns)
-    mean = np.where(count > 0, total / np.maximum(count, 1), np.nan)
+    mean = cell_means(x[:, :2], errors, low[:2], cell * np.array([1.0, _TALL]), (rows, columns))
     scale = ErrorScale.of(errors, model.about.unit, extent(model))
     step = np.minimum(scale.share(mean) * len(shades), len(shades) - 1)
-    letters = [" " if not np.isfinite(s) else shades[int(s)] for s in step]
-    lines = ["".join(letters[r * columns : (r + 1) * columns]).rstrip() for r in range(rows)]
+    lines = ["".join(" " if np.isnan(s) else shades[int(s)] for s in row).rstrip() for row in step]
     text = f"expected error (95 %): {scale.words()}"
     if not scale.rounding:
         text = f"{text}  {shades[0]} low  {shades[-1]} high"

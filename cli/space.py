@@ -15,10 +15,11 @@ from numpy.typing import NDArray
 from calib.arm.rotations import matrix_of, quaternion_of
 from calib.errors import QueryError
 from calib.inverse.self_motions import free_directions
+from calib.model.poses import described, first_of
 from calib.model.space import Reached, Space
 from calib.samples.orientations import QUATERNION, from_angles
 
-from .answers import Answer, answers, show_answers
+from .answers import answers, show_answers
 from .output import note, show_json
 from .units import JointFormat, meaning
 from .usage import BadOption
@@ -106,9 +107,10 @@ def answer_inverse(
         found = space.reach_pose(target, turn, near)
     else:
         found = space.reach_position(target, near, keep=asked.keep)
-    kept = len(found.q) if every else 1
-    solutions = _solutions(space, joints, found, kept, in_base)
     frame = "base" if in_base else "sensor"
+    told = described(space, [first_of(found, len(found.q) if every else 1)], frame)
+    names = ("position", "quaternion", "distance", "turned", "expected_error", "model_error")
+    solutions = answers(joints, told.q, **{name: getattr(told, name) for name in names})
     free = space.free(found.q[0], 6 if turn is not None else 3)[: 9 if found.reachable else 0]
     if as_json:
         document: dict[str, Any] = {"target": list(typed), "frame": frame}
@@ -155,30 +157,6 @@ def _target(space: Space, asked: Asked, typed: Sequence[float]) -> Array:
     position = np.array([typed])
     return np.asarray(
         (position if asked.frame == "base" else space.to_base(position, np.eye(3))[0])[0]
-    )
-
-
-def _solutions(
-    space: Space, joints: JointFormat, found: Reached, kept: int, in_base: bool
-) -> list[Answer]:
-    """Joints, position, quaternion, distance, turn and both bounds of each answer."""
-    q, model = found.q[:kept], space.model
-    if in_base:
-        x, turns, scale = found.position[:kept], found.rotation[:kept], 1.0
-        bound = error = space.bound(q)
-    else:
-        x, turns = space.to_sensor(found.position[:kept], found.rotation[:kept])
-        scale = space.sensor[2]
-        bound, error = model.expected_error(q), model.model_error(q)
-    return answers(
-        joints,
-        q,
-        position=x,
-        quaternion=quaternion_of(turns),
-        distance=scale * found.away[:kept],
-        turned=found.turned[:kept],
-        expected_error=bound,
-        model_error=error,
     )
 
 

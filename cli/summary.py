@@ -6,9 +6,11 @@ from collections.abc import Mapping
 from typing import TYPE_CHECKING, Any
 
 from calib.common.choices import READOUTS
+from calib.common.units import for_people
+from calib.show.facts import quantities
 
 from .output import Table, number
-from .units import for_people, units_of
+from .units import units_of
 
 if TYPE_CHECKING:
     from calib import Model
@@ -22,19 +24,7 @@ _NONE = dict.fromkeys(STATISTICS)  # of what a readout does not answer
 def summary(
     model: Model, path: str, errors: Errors, seconds: Mapping[str, float]
 ) -> dict[str, Any]:
-    """Return what `train`, `evaluate` and `info` print as JSON.
-
-    Parameters
-    ----------
-    model : Model
-        The model.
-    path : str
-        Its file, as typed.
-    errors : mapping
-        Errors per readout.
-    seconds : mapping of str to float
-        How long it took, "total" among them.
-    """
+    """Return what `train`, `evaluate` and `info` print as JSON; `seconds` have a "total"."""
     about = model.about
     return {
         "model": path,
@@ -69,6 +59,7 @@ def view_of(model: Model) -> dict[str, Any]:
         return {"kind": None}
     from calib.body.poses import knows_orientation
     from calib.body.sensor import SensorPose
+    from calib.body.views import is_camera
 
     kind = "pose" if knows_orientation(body) else body.structure.view
     view: dict[str, Any] = {"kind": kind}
@@ -82,8 +73,8 @@ def view_of(model: Model) -> dict[str, Any]:
                 "unit": parameter.unit,
             }
     if (sensor := SensorPose.of(body)) is not None:
-        view["camera" if view["kind"] == "pinhole" else "sensor"] = sensor.to_json()
-    if view["kind"] == "pinhole":
+        view["camera" if is_camera(view["kind"]) else "sensor"] = sensor.to_json()
+    if is_camera(view["kind"]):
         f, u, v, k1 = body.beta[body.structure.groups["lens"]].tolist()
         view["lens"] = {"focal": f, "centre": [u, v], "k1": k1, "size": model.about.picture}
     return view
@@ -98,55 +89,33 @@ READ_OUT = (
 
 def error_table(model: Model, errors: Errors, title: str) -> Table:
     """Return all errors, a line for each readout, direction and quantity."""
-    about = model.about
-    units = dict(zip(about.joint_names, about.units_of_joints, strict=True))
-    quantities = {"forward": list(model.axes), "inverse": list(about.joint_names)}
     rows = []
     for readout in _ordered(errors):
-        label = readout
-        for direction, names in quantities.items():
-            heading = direction
-            turned = ["orientation"] if "orientation" in errors[readout][direction] else []
-            for name in [*names, "distance", *turned]:
-                is_joint = direction == "inverse" and name != "distance"
-                si = units[name] if is_joint else "rad" if name in turned else about.unit
-                factor, unit = for_people(si)
-                error = errors[readout][direction][name]
-                values = [_scaled(error, key, factor) for key in STATISTICS]
-                rows.append([label, heading, name, unit, *values])
-                label = heading = ""
-    return Table(
-        ["readout", "direction", "error of", "unit", *STATISTICS], rows, title, 4, READ_OUT
-    )
+        labels = [readout, ""]
+        for direction, name, si in quantities(model.about, errors[readout]):
+            factor, unit = for_people(si)
+            shown = "" if direction == labels[1] else direction
+            values = [_scaled(errors[readout][direction][name], k, factor) for k in STATISTICS]
+            rows.append([labels[0], shown, name, unit, *values])
+            labels = ["", direction]
+    header = ["readout", "direction", "error of", "unit", *STATISTICS]
+    return Table(header, rows, title, left=4, foot=READ_OUT)
 
 
 def compact_table(model: Model, errors: Errors, title: str) -> Table:
     """Return mean errors, a line for each quantity; of the best readout the greatest too."""
-    about = model.about
-    units = dict(zip(about.joint_names, about.units_of_joints, strict=True))
-    quantities = [("forward", "distance", about.unit)]
-    quantities += [("inverse", name, unit) for name, unit in units.items()]
-    quantities += [("inverse", "distance", about.unit)]
-    readouts = _ordered(errors)
-    if "orientation" in errors[readouts[0]]["forward"]:
-        quantities.insert(1, ("forward", "orientation", "rad"))
+    best, *others = _ordered(errors)
     rows = []
-    for direction, name, si in quantities:
+    for direction, name, si in quantities(model.about, errors[best]):
+        if direction == "forward" and name in model.axes:
+            continue
         factor, unit = for_people(si)
-        row = [f"{direction} {name} [{unit}]"]
-        found = [errors[readout][direction].get(name, _NONE) for readout in readouts]
-        row += [_scaled(each, "mean", factor) for each in found]
-        row.insert(2, _scaled(errors[readouts[0]][direction][name], "max", factor))
-        rows.append(row)
-    return Table(["mean, and max", readouts[0], "max", *readouts[1:]], rows, title, foot=READ_OUT)
-
-
-def size_in_words(model: Model) -> str:
-    """Return the lattices as `motor 70x70, sensory 70x70`."""
-    motor, sensory = (
-        "x".join(map(str, part.lattice.shape)) for part in (model.motor, model.sensory)
-    )
-    return f"motor {motor}, sensory {sensory}"
+        means, largest = (
+            [_scaled(errors[r][direction].get(name, _NONE), k, factor) for r in (best, *others)]
+            for k in ("mean", "max")
+        )
+        rows.append([f"{direction} {name} [{unit}]", means[0], largest[0], *means[1:]])
+    return Table(["mean, and max", best, "max", *others], rows, title, foot=READ_OUT)
 
 
 def _ordered(errors: Errors) -> list[str]:

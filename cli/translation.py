@@ -9,61 +9,21 @@ from __future__ import annotations
 import ast
 import re
 
-OPTIONS = {
-    "board": "--board",
-    "body": "--body",
-    "cause": "--cause",
-    "columns": "--columns",
+_SAME = (
+    "board body cause columns degrees dictionary epochs force frames max_gap joints joints_topic "
+    "keep lens limit lock map margin meshes method motor_size move_base near noise planar port "
+    "prismatic readout rule seed sensory_size sigma size since still tag tag_height tag_size "
+    "tags_at time_offset tip tip_topic tolerance unit view weights"
+)
+OPTIONS = {name: f"--{name.replace('_', '-')}" for name in _SAME.split()} | {
     "changes": "--change",
-    "degrees": "--degrees",
-    "dictionary": "--dictionary",
-    "epochs": "--epochs",
-    "force": "--force",
-    "frames": "--frames",
-    "max_gap": "--max-gap",
-    "joints": "--joints",
-    "joints_topic": "--joints-topic",
-    "keep": "--keep",
-    "lens": "--lens",
-    "limit": "--limit",
-    "lock": "--lock",
     "log": "--data",
-    "map": "--map",
-    "margin": "--margin",
-    "meshes": "--meshes",
-    "method": "--method",
-    "motor_size": "--motor-size",
-    "move_base": "--move-base",
     "n": "--samples",
-    "near": "--near",
-    "noise": "--noise",
-    "planar": "--planar",
-    "port": "--port",
-    "prismatic": "--prismatic",
     "ranges": "--range",
-    "readout": "--readout",
     "robot": "ROBOT",
-    "rule": "--rule",
     "samples": "--data",
-    "seed": "--seed",
-    "sensory_size": "--sensory-size",
     "share": "--residual",
-    "sigma": "--sigma",
-    "size": "--size",
-    "since": "--since",
     "start": "--from",
-    "still": "--still",
-    "tag": "--tag",
-    "tag_height": "--tag-height",
-    "tag_size": "--tag-size",
-    "tags_at": "--tags-at",
-    "time_offset": "--time-offset",
-    "tip": "--tip",
-    "tip_topic": "--tip-topic",
-    "tolerance": "--tolerance",
-    "unit": "--unit",
-    "view": "--view",
-    "weights": "--weights",
 }
 """Options by the Python names of the parameters that they set."""
 

@@ -6,6 +6,9 @@ import math
 from collections.abc import Iterable, Mapping, Sequence
 from typing import TYPE_CHECKING, Any
 
+from calib.common.units import for_people
+from calib.show.facts import learned_range
+
 from .output import fixed
 from .parsing import JointRange, JointValue
 from .usage import BadOption, bad_option
@@ -15,18 +18,6 @@ if TYPE_CHECKING:
     from calib.model.about import About
     from calib.model.model import Model
     from calib.samples.changes import Change
-
-
-def for_people(unit: str) -> tuple[float, str]:
-    """Return the factor from a unit to the one that tables print, and its name.
-
-    Metres become mm and radians degrees; the sensor's own unit stays.
-    """
-    if unit == "m":
-        return 1e3, "mm"
-    if unit == "rad":
-        return math.degrees(1.0), "deg"
-    return 1.0, unit
 
 
 def units_of(about: About, frame: str = "sensor") -> dict[str, Any]:
@@ -52,14 +43,14 @@ class JointFormat:
 
     Parameters
     ----------
-    about : About
+    about : About or Arm
         Which joints there are, and which of them turn.
     degrees : bool
         Whether those that turn are in degrees, else in rad. What slides is typed in m
         and printed in mm.
     """
 
-    def __init__(self, about: About, degrees: bool) -> None:
+    def __init__(self, about: About | Arm, degrees: bool) -> None:
         self.names = about.joint_names
         self._about = about
         self.degrees = degrees
@@ -89,10 +80,7 @@ class JointFormat:
 
     def learned_range(self, k: int) -> str:
         """Return the learned range of joint `k` in words."""
-        factor = self.typed[k]
-        unit = "deg" if self._turned(k) else self._about.units_of_joints[k]
-        low, high = self._about.lower[k] * factor, self._about.upper[k] * factor
-        return f"{low:.6g} to {high:.6g} {unit}"
+        return learned_range(self._about, k, degrees=self.degrees)
 
     def value(self, k: int, value: float) -> str:
         """Return a value of joint `k` [rad or m] in words."""
@@ -172,38 +160,35 @@ def kinds_of_joints(robot: str) -> dict[str, bool]:
 
 
 def ranges_in_si(
-    ranges: Iterable[JointRange], turns: Mapping[str, bool], degrees: bool
+    ranges: Sequence[JointRange], turns: Mapping[str, bool], degrees: bool
 ) -> dict[str, tuple[float, float]]:
-    """Return ranges as typed in SI units, by joint.
+    """Return ranges as typed in SI units, by joint; `turns` tells which joints turn.
 
-    Parameters
-    ----------
-    ranges : iterable of JointRange
-        As typed.
-    turns : mapping of str to bool
-        Whether a joint turns; unknown ones are told by whoever knows the arm.
-    degrees : bool
-        Whether the ranges of joints that turn are in degrees.
+    Joints that it does not know are told by whoever knows the arm.
     """
-    result: dict[str, tuple[float, float]] = {}
-    for joint, low, high in ranges:
-        if joint in result:
-            raise BadOption(f"--range {joint!r} is given twice: expected one range for each joint")
-        factor = math.radians(1.0) if degrees and turns.get(joint, True) else 1.0
-        result[joint] = (low * factor, high * factor)
-    return result
+    _check_once("--range", [joint for joint, *_ in ranges], "range")
+    factors = {joint: _in_si(joint, turns, degrees) for joint, *_ in ranges}
+    return {joint: (low * factors[joint], high * factors[joint]) for joint, low, high in ranges}
 
 
 def locks_in_si(
-    locks: Iterable[JointValue], turns: Mapping[str, bool], degrees: bool
+    locks: Sequence[JointValue], turns: Mapping[str, bool], degrees: bool
 ) -> dict[str, float]:
     """Return locked joints and their values in SI units; see `ranges_in_si`."""
-    result: dict[str, float] = {}
-    for joint, value in locks:
-        if joint in result:
-            raise BadOption(f"--lock {joint!r} is given twice: expected one value for each joint")
-        result[joint] = math.radians(value) if degrees and turns.get(joint, True) else value
-    return result
+    _check_once("--lock", [joint for joint, _ in locks], "value")
+    return {joint: value * _in_si(joint, turns, degrees) for joint, value in locks}
+
+
+def _in_si(joint: str, turns: Mapping[str, bool], degrees: bool) -> float:
+    return math.radians(1.0) if degrees and turns.get(joint, True) else 1.0
+
+
+def _check_once(option: str, joints: Sequence[str], what: str) -> None:
+    for joint in joints:
+        if joints.count(joint) > 1:
+            raise BadOption(
+                f"{option} {joint!r} is given twice: expected one {what} for each joint"
+            )
 
 
 def changes_in_si(texts: Iterable[str], arm: Arm, degrees: bool) -> tuple[Change, ...]:

@@ -74,6 +74,15 @@ def one_document(output: str | None, as_json: bool) -> None:
         raise BadOption("--json and --output '-' both want standard output: expected one of them")
 
 
+def check_output(path: str) -> None:
+    """Refuse an output that cannot be written before the work starts."""
+    from calib.common.atomic import check_writable
+
+    if path == "-":
+        raise BadOption("--output '-': expected a file name, a model cannot be printed as text")
+    check_writable(path)
+
+
 def _parser(option: str, read: Reader[T]) -> Callable[[object], T]:
     def parse(typed: object) -> T:  # a default that is no text comes here too
         try:

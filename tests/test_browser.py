@@ -13,8 +13,9 @@ import calib
 from calib.model.model import Model
 from calib.show.colours import colours, rgb, stops
 from calib.show.preview.live import Live
+from calib.show.preview.motion import REACHED
 from calib.show.preview.page import html
-from calib.show.preview.scene import REACHED, Scene, draw
+from calib.show.preview.scene import Scene, draw
 from calib.show.preview.server import PreviewServer
 from calib.show.report.page import report
 from calib.show.workspace import motor_errors, sensory_errors

@@ -1,48 +1,19 @@
-"""Arms in space on the command line, against Pinocchio and a projection of its own."""
+"""Arms in space before a camera, on the command line, against a projection of its own."""
 
 from __future__ import annotations
 
-import csv
-import io
 import json
-from pathlib import Path
 
 import numpy as np
 import pinocchio as pin
 import pytest
+from true_arms import Truth, read, table
 
 import calib
 from calib.samples.camera import Camera, camera_of
 
 EYE, FOCAL, CENTRE, K1 = np.array([0.35, -1.1, 0.55]), 880.0, np.array([633.0, 371.0]), -0.09
 MOVED = np.array([0.02, 0.03, -0.01])
-OFFSETS = {"spatial_three": np.radians([0.0, 2.0, -3.0]), "six_axis": np.zeros(6)}
-
-
-class Truth:
-    """An arm as Pinocchio moves it, with offsets that its log does not know."""
-
-    def __init__(self, robot: str, seed: int) -> None:
-        self.arm = calib.load_arm(robot)
-        self.model = pin.buildModelFromUrdf(
-            str(Path(calib.__file__).parents[1] / f"robots/{robot}.urdf")
-        )
-        self.data, self.frame = self.model.createData(), self.model.getFrameId(self.arm.tip)
-        self.index = [self.model.idx_qs[self.model.getJointId(n)] for n in self.arm.joint_names]
-        self.offset, self.rng = OFFSETS[robot], np.random.default_rng(seed)
-
-    def pose(self, q):
-        places, turns = [], []
-        for row in np.atleast_2d(q):
-            full = pin.neutral(self.model)
-            full[self.index] = row + self.offset
-            pin.framesForwardKinematics(self.model, self.data, full)
-            places.append(self.data.oMf[self.frame].translation.copy())
-            turns.append(self.data.oMf[self.frame].rotation.copy())
-        return np.array(places), np.array(turns)
-
-    def draw(self, n):
-        return self.rng.uniform(self.arm.lower, self.arm.upper, (n, self.arm.dof))
 
 
 def looking(at):
@@ -60,16 +31,6 @@ def project(places):
     point = (places - EYE) @ CAMERA.T
     n = point[:, :2] / point[:, 2:]
     return FOCAL * n * (1 + K1 * (n**2).sum(axis=1, keepdims=True)) + CENTRE
-
-
-def table(path, names, rows):
-    np.savetxt(path, rows, delimiter=",", header=",".join(names), comments="", fmt="%.12g")
-    return path
-
-
-def read(text):
-    rows = list(csv.DictReader(io.StringIO(text)))
-    return {name: np.array([float(row[name]) for row in rows]) for name in rows[0]}
 
 
 @pytest.fixture(scope="module")
@@ -225,130 +186,3 @@ def test_the_size_of_pictures_is_known_from_the_log_its_lens_or_its_pixels():
             Camera.of_lens({**lens, **wrong})
     with pytest.raises(calib.LogError, match="another camera"):
         camera_of({"lens": lens}, 4 * inside)
-
-
-X, SHIFT = pin.exp3(np.array([-0.4, 0.9, 2.0])), np.array([2.0, -1.0, 0.5])
-TOOL = pin.exp3(np.array([0.3, -0.5, 0.8]))
-
-
-def quaternions(turns):
-    return np.array([pin.Quaternion(turn).coeffs() for turn in turns])
-
-
-@pytest.fixture(scope="module")
-def tracked(run, tmp_path_factory):
-    """The truth, a folder, and a model of 60 poses in a tracker's frame."""
-    folder, truth = tmp_path_factory.mktemp("tracked"), Truth("six_axis", 1)
-    q = truth.draw(60)
-    places, turns = seen(truth, q)
-    places = places + truth.rng.normal(0, 5e-5, places.shape)
-    turns = np.array([pin.exp3(truth.rng.normal(0, 3e-4, 3)) @ turn for turn in turns])
-    names = [*truth.arm.joint_names, "x", "y", "z", "qx", "qy", "qz", "qw"]
-    rows = np.c_[q, places, quaternions(turns)]
-    table(folder / "log.csv", names, rows)
-    table(folder / "wxyz.csv", names, rows[:, [*range(9), 12, 9, 10, 11]])
-    table(folder / "inverted.csv", names, rows * np.r_[np.ones(9), -1, -1, -1, 1])
-    angles = np.array([pin.rpy.matrixToRpy(turn) for turn in turns])
-    table(folder / "degrees.csv", [*names[:9], "roll", "pitch", "yaw"],
-          np.c_[rows[:, :9], np.degrees(angles)])  # fmt: skip
-    done = run("train", "six_axis", "--data", folder / "log.csv", "--size", 4, "-o",
-               folder / "m.calib", "--json")  # fmt: skip
-    assert done.code == 0, done.err
-    return truth, folder, done.document
-
-
-def seen(truth, q):
-    places, turns = truth.pose(q)
-    return places @ X.T + SHIFT, X @ turns @ TOOL
-
-
-def test_orientations_are_learned_and_answered(run, tracked):
-    truth, folder, document = tracked
-    assert document["view"]["kind"] == "pose"
-    assert document["errors"]["local"]["forward"]["orientation"]["mean"] < 2e-3
-    assert "orientation" not in document["errors"]["winner"]["forward"]
-    q = truth.draw(40)
-    places, turns = seen(truth, q)
-    table(folder / "q.csv", truth.arm.joint_names, q)
-    found = read(run("query", "forward", folder / "m.calib", "--input", folder / "q.csv").out)
-    said = np.stack([found[name] for name in ("qx", "qy", "qz", "qw")], axis=1)
-    away = 2 * np.arccos(np.minimum(1, np.abs((said * quaternions(turns)).sum(axis=1))))
-    assert np.degrees(away).max() < 0.05
-    assert np.linalg.norm(np.c_[found["x"], found["y"], found["z"]] - places, axis=1).max() < 2e-4
-    evaluated = run("evaluate", folder / "m.calib", "--data", folder / "log.csv").out
-    assert "orientation" in evaluated
-
-
-def test_a_pose_is_answered_by_every_branch(run, tracked):
-    truth, folder, _ = tracked
-    q = np.array([0.4, -1.0, 1.2, 0.5, 0.8, -0.3])
-    places, turns = seen(truth, q)
-    quaternion = ",".join(repr(v) for v in quaternions(turns)[0].tolist())
-    ask = ("query", "inverse", folder / "m.calib", *places[0], "--quaternion", quaternion)
-    found = run(*ask, "--all", "--json").document["solutions"]
-    joints = np.array([list(each["joints"].values()) for each in found])
-    again, turned = seen(truth, joints)
-    assert len(found) >= 4
-    assert np.abs(again - places).max() < 3e-4
-    assert max(np.linalg.norm(pin.log3(turn.T @ turns[0])) for turn in turned) < 2e-3
-    near = run(*ask, "--near", ",".join(map(str, q)), "--json").document["solutions"]
-    assert list(near[0]["joints"].values()) == pytest.approx(q, abs=5e-3)
-    rpy = ",".join(repr(v) for v in pin.rpy.matrixToRpy(turns[0]).tolist())
-    same = run(*ask[:6], "--rpy", rpy, "--near", ",".join(map(str, q)), "--json").document
-    assert same["solutions"][0]["joints"] == pytest.approx(near[0]["joints"], abs=1e-6)
-
-
-def test_a_redundant_position_keeps_the_orientation_and_says_what_is_free(run, tracked):
-    truth, folder, _ = tracked
-    q = np.array([0.4, -1.0, 1.2, 0.5, 0.8, -0.3])
-    target = seen(truth, q + 0.05)[0][0]
-    ask = ("query", "inverse", folder / "m.calib", *target, "--near", ",".join(map(str, q)))
-    kept = run(*ask, "--keep-orientation", "--json").document
-    assert len(kept["free"]) == 3
-    joints = np.array(list(kept["solutions"][0]["joints"].values()))
-    places, turns = seen(truth, joints)
-    assert np.linalg.norm(places[0] - target) < 3e-4
-    free = seen(
-        truth, np.array(list(run(*ask, "--json").document["solutions"][0]["joints"].values()))
-    )
-    was = seen(truth, q)[1][0]
-    turned = [np.linalg.norm(pin.log3(was.T @ each[0])) for each in (turns, free[1])]
-    assert turned[0] < 0.5 * turned[1]
-    assert "free: " in run(*ask, "--keep-orientation").err
-
-
-@pytest.mark.parametrize(
-    ("log", "words"),
-    [
-        ("wxyz.csv", "--columns qx=qy,qy=qz,qz=qw,qw=qx"),
-        ("inverted.csv", "inverted"),
-        ("degrees.csv", "give --degrees"),
-    ],
-)
-def test_orientations_that_are_none_are_told_in_one_line(run, tracked, log, words):
-    _, folder, _ = tracked
-    out = folder / "no.calib"
-    done = run("train", "six_axis", "--data", folder / log, "--size", 4, "-o", out)
-    assert (done.code, out.exists()) == (1, False)
-    assert words in done.err.splitlines()[-1]
-
-
-def test_what_cannot_be_asked_is_wrong_usage(run, tracked, model):
-    _, folder, _ = tracked
-    ask = ("query", "inverse", folder / "m.calib", 2, -1, 0.5)
-    for options in (
-        ("--quaternion", "1,2,3,4"),
-        ("--quaternion", "0,0,1"),
-        ("--rpy", "1,2"),
-        ("--rpy", "0,0,0", "--quaternion", "0,0,0,1"),
-        ("--keep-orientation",),
-        ("--quaternion", "0,0,0,1", "--readout", "body"),
-    ):
-        done = run(*ask, *options)
-        assert (done.code, done.err.count("\n")) == (2, 1), options
-    assert "degrees" in run(*ask, "--rpy", "90,0,0").err
-    planar = run("query", "inverse", model, 0.3, 0.3, "--in", "base")
-    assert (planar.code, planar.err.count("\n")) == (1, 1)
-    away = run("query", "inverse", folder / "m.calib", 9, 9, 9, "--quaternion", "0,0,0,1")
-    assert away.code == 3
-    assert "nearest attainable pose" in away.err

@@ -230,5 +230,7 @@ def test_at_the_default_schedule_the_border_weighs_less_on_a_small_lattice():
     assert strengths == sorted(strengths)
     assert strengths[0] == 1.0
     assert strengths[-1] == 6.0
+    big = Lattice((70, 70))
+    assert [border_strength(big, n) for n in (1, 2, 3, 4, 50)] == [3.0, 3.0, 4.5, 6.0, 6.0]
     small = replace(visit(1.0), grown=True)
     np.testing.assert_allclose(residual(small), border(small, border_strength(small.lattice)))

@@ -6,9 +6,9 @@ import os
 from random import Random
 
 import pytest
-from fuzzing.commands import judge_output
 from fuzzing.guard import Violation
 from fuzzing.kinds import make_kind
+from fuzzing.printed import judge_output
 from hypothesis import given, settings
 from hypothesis import strategies as st
 

@@ -36,15 +36,15 @@ def test_every_branch_of_the_closed_form_is_found_and_none_is_invented():
     arm = load_arm("six_axis")
     joints, evaluate = joints_of(arm), evaluate_of(arm)
     missed = known = 0
-    for q in rows(arm, 12, 5):
-        (p,), (r,) = arm.chain.poses(q[None])
-        expected, inside = joints.within(closed_form(p, r, arm.chain.rotation))
+    q = rows(arm, 12, 5)
+    places, turns = arm.chain.poses(q)
+    for k, found in enumerate(pose_branches(evaluate, places, turns, joints, arm.chain.reach)):
+        expected, inside = joints.within(closed_form(places[k], turns[k], arm.chain.rotation))
         expected = expected[inside]
-        assert joints.apart(expected, q).min() < 1e-6  # the closed form itself is right
-        found = pose_branches(evaluate, p, r, joints, arm.chain.reach)
+        assert joints.apart(expected, q[k]).min() < 1e-6  # the closed form itself is right
         reached, turned = arm.chain.poses(found)
-        assert np.abs(reached - p).max() < 1e-8
-        assert np.abs(turned - r).max() < 1e-7
+        assert np.abs(reached - places[k]).max() < 1e-8
+        assert np.abs(turned - turns[k]).max() < 1e-7
         assert (found >= arm.lower).all()
         assert (found <= arm.upper).all()
         known += len(expected)
@@ -54,17 +54,15 @@ def test_every_branch_of_the_closed_form_is_found_and_none_is_invented():
     assert missed == 0
 
 
-def test_a_pose_out_of_reach_has_no_branch():
+def test_a_pose_has_the_same_branches_alone_and_among_others_and_out_of_reach_none():
     arm = load_arm("six_axis")
-    far = np.array([2.0, 0.0, 0.0])
-    assert len(pose_branches(evaluate_of(arm), far, np.eye(3), joints_of(arm), 1.0)) == 0
-
-
-def test_branches_are_the_same_from_the_same_seed():
-    arm = load_arm("six_axis")
-    (p,), (r,) = arm.chain.poses(rows(arm, 1, 8))
-    both = [pose_branches(evaluate_of(arm), p, r, joints_of(arm), 1.0, seed=3) for _ in "ab"]
-    np.testing.assert_array_equal(*both)
+    places, turns = arm.chain.poses(rows(arm, 3, 8))
+    places[1] = (2.0, 0.0, 0.0)
+    evaluate, joints = evaluate_of(arm), joints_of(arm)
+    together = pose_branches(evaluate, places, turns, joints, 1.0, seed=3)
+    assert [len(found) > 0 for found in together] == [True, False, True]
+    (alone,) = pose_branches(evaluate, places[2:], turns[2:], joints, 1.0, seed=3)
+    np.testing.assert_allclose(alone, together[2], atol=1e-12)
 
 
 def test_a_position_is_reached_near_given_joints_and_no_nearer_one_exists():

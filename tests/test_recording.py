@@ -1,26 +1,21 @@
-"""Logs from pictures and videos: right where they are made, one line where they are not."""
+"""Logs from pictures: right where they are made, one line where they are not."""
 
 from __future__ import annotations
 
 import shutil
-import subprocess
-import sys
-from types import SimpleNamespace
 
 import numpy as np
 import pytest
 
 pytest.importorskip("cv2")
 import cv2
-from calib_cli.app import app
-from rendering import Camera, Desk, board, tag, write_video
-from typer.testing import CliRunner
+import shots
+from rendering import Camera, tag
+from shots import BOARD, CAMERA, LENS, desk, make, refused, truth_on_board
 
 import calib
-from calib.errors import CalibError, OptionError
 from calib.recording.board import Board
 from calib.recording.from_pictures import log_pictures
-from calib.recording.from_video import Rows, log_video
 from calib.recording.joint_table import read_joints
 from calib.recording.lens import Lens
 from calib.recording.pictures import list_pictures, read_picture
@@ -28,57 +23,7 @@ from calib.recording.setting import Setting, load_lens
 from calib.recording.watch import read_layout
 from calib.samples.tables import read_about
 
-CAMERA = Camera(size=(640, 480), focal=600.0)
-BOARD = Board.parse("5x4:40mm:31mm:5x5_100")
-AROUND = {20: (-0.02, -0.08), 21: (0.4, -0.08), 22: (0.4, 0.3), 23: (-0.02, 0.3)}
-CORNERS = tuple(tag(n, 0.04, (*at, 0.0, 0.1 * n)) for n, at in AROUND.items())
-LENS = Lens(
-    CAMERA.size, np.full(2, CAMERA.focal), CAMERA.centre, np.array([CAMERA.k1, 0.0, 0.0, 0.0, 0.0])
-)
-
-
-def desk(**more):
-    lying = board(5, 4, 0.04, 0.031, (0.29, -0.02, 0.0, 0.1))
-    return Desk(**{"camera": CAMERA, "still": (lying, *CORNERS), "height": 0.025, **more})
-
-
-def truth_on_board(scene, q):
-    sticker = scene.still[0]
-    turn, at = sticker.frame
-    world = np.c_[scene.tip(q), np.full(len(q), scene.height)]
-    return ((world - at) @ turn)[:, :2] + np.array(BOARD.size) / 2
-
-
-@pytest.fixture(scope="module")
-def shot(tmp_path_factory):
-    """Sixteen pictures, named so that their order is not that of the alphabet."""
-    folder = tmp_path_factory.mktemp("shot")
-    rng = np.random.default_rng(0)
-    scene = desk()
-    (folder / "p").mkdir()
-    q = []
-    while len(q) < 16:
-        row = rng.uniform([0.0, 0.0, -1.2], [1.3, 1.4, 1.2])
-        p = scene.tip_pixels(row)[0]
-        if 30 < p[0] < 610 and 30 < p[1] < 450:
-            cv2.imwrite(str(folder / "p" / f"img_{len(q)}.png"), scene.picture(row, rng))
-            q.append(row)
-    np.savetxt(folder / "joints.csv", q, delimiter=",", header="a,b,c", comments="")
-    LENS.save(folder / "lens.json")
-    rows = "\n".join(f"{n},{x},{y}" for n, (x, y) in AROUND.items())
-    (folder / "corners.csv").write_text(f"tag,x,y\n{rows}\n")
-    return SimpleNamespace(folder=folder, scene=scene, q=np.array(q), pictures=folder / "p")
-
-
-@pytest.fixture
-def copy(shot, tmp_path):
-    """The same, to be spoilt."""
-    shutil.copytree(shot.folder, tmp_path / "s")
-    return SimpleNamespace(folder=tmp_path / "s", scene=shot.scene, q=shot.q)
-
-
-def make(folder, setting=None, joints="joints.csv", **more):
-    return log_pictures(folder / "p", read_joints(folder / joints), setting or Setting(7), **more)
+shot, copy = shots.shot, shots.copy
 
 
 def test_pixels_in_the_order_of_numbers(shot):
@@ -173,12 +118,6 @@ def test_a_bump_within_a_recording_is_told(shot, copy):
     assert any("moved by" in n and "about picture 11" in n for n in made.notes)
     miss = np.linalg.norm(made.x - truth_on_board(copy.scene, copy.q), axis=1)
     assert miss.max() < 2.5e-3
-
-
-def refused(match, call, *values, **named):
-    with pytest.raises(CalibError, match=match) as caught:
-        call(*values, **named)
-    assert "\n" not in str(caught.value)
 
 
 def test_no_such_tag(shot):
@@ -289,141 +228,3 @@ def test_rotated_and_deep_pictures_are_read(tmp_path):
     exif[0x0112] = 6
     Image.fromarray(grey).save(tmp_path / "turned.png", exif=exif)
     assert read_picture(tmp_path / "turned.png").shape == (12, 8)
-
-
-@pytest.fixture(scope="module")
-def film(tmp_path_factory):
-    """Eight seconds at 20 frames a second, stops between moves; joints by a clock of their own."""
-    folder = tmp_path_factory.mktemp("film")
-    rng = np.random.default_rng(5)
-    scene = Desk(
-        Camera(size=(400, 300), focal=380.0), lengths=(0.18, 0.16), offsets=(0.0, 0.0), shadow=0.0
-    )
-    goals = rng.uniform([0.1, 0.2], [1.2, 1.4], (16, 2))
-
-    def joints(t):
-        t = np.atleast_1d(t)
-        k = np.clip((t / 0.9).astype(int), 0, 14)
-        s = np.clip((t / 0.9 - k) / 0.5, 0, 1)[:, None]
-        s = s**3 * (10 - 15 * s + 6 * s**2)
-        return goals[k] * (1 - s) + goals[k + 1] * s
-
-    frames = np.arange(0, 8, 0.05)
-    pictures = [scene.picture(q, rng) for q in joints(frames + 1.0)]
-    write_video(str(folder / "run.mp4"), pictures, 20.0)
-    write_video(str(folder / "run.avi"), pictures[:60], 20.0, "MJPG")
-    time = np.arange(0, 12, 0.01)
-    table = np.c_[time + 50.0, joints(time)]
-    np.savetxt(folder / "joints.csv", table, delimiter=",", header="time,a,b", comments="")
-    return SimpleNamespace(folder=folder, scene=scene, joints=read_joints(folder / "joints.csv"))
-
-
-def test_a_video_becomes_rests(film):
-    made = log_video(film.folder / "run.mp4", film.joints, Setting(7))
-    assert abs(made.source["time_offset"] - 51.0) < 3e-3
-    assert 5 <= len(made) <= 9
-    miss = made.x - film.scene.tip_pixels(made.q)
-    assert np.sqrt((miss**2).sum(1).mean()) < 0.15
-    assert made.dropped["the arm moves"] > 40
-
-
-def test_a_video_becomes_slow_frames(film):
-    rows = Rows(time_offset=51.0, still=0.4)
-    made = log_video(film.folder / "run.mp4", film.joints, Setting(7), rows)
-    assert len(made) > 30
-    miss = np.linalg.norm(made.x - film.scene.tip_pixels(made.q), axis=1)
-    assert np.median(miss) < 0.2
-
-
-def test_videos_that_make_no_log(film, tmp_path):
-    run, joints = film.folder / "run.mp4", film.joints
-    refused("tag 9 is in none of 160 frames: .* show 7", log_video, run, joints, Setting(9))
-    refused("clocks are apart", log_video, run, joints, Setting(7), Rows(time_offset=500.0))
-    refused("never rests", log_video, run, joints, Setting(7), Rows(51.3, max_gap=0.1))
-    (tmp_path / "text.mp4").write_text("no video\n" * 200)
-    refused("no video that OpenCV can read", log_video, tmp_path / "text.mp4", joints, Setting(7))
-    refused("there is no file", log_video, tmp_path / "none.mp4", joints, Setting(7))
-    refused("lens was calibrated with 640x480", log_video, run, joints, Setting(7, lens=LENS))
-    twins = Desk(film.scene.camera, film.scene.lengths, still=(tag(7, 0.05, (0.1, 0.1, 0, 1)),))
-    frames = [twins.picture(q, np.random.default_rng(0)) for q in joints.q[:600:50]]
-    write_video(str(tmp_path / "twins.mp4"), frames, 20.0)
-    refused("twice in twins.mp4", log_video, tmp_path / "twins.mp4", joints, Setting(7))
-    (tmp_path / "p.csv").write_text("a,b\n0,1\n1,2\n")
-    refused("a column 'time'", log_video, run, read_joints(tmp_path / "p.csv"), Setting(7))
-    with pytest.raises(OptionError):
-        Rows(still=-1.0)
-
-
-def test_a_video_that_is_cut_off_says_so(film, tmp_path):
-    whole = (film.folder / "run.avi").read_bytes()
-    (tmp_path / "cut.avi").write_bytes(whole[: len(whole) // 2])
-    made = log_video(tmp_path / "cut.avi", film.joints, Setting(7), Rows(51.0, still=0.5))
-    assert any("it is cut off" in note for note in made.notes)
-
-
-def test_opencv_and_its_decoders_are_silent(film, copy, tmp_path):
-    whole = (film.folder / "run.avi").read_bytes()
-    (tmp_path / "cut.avi").write_bytes(whole[: len(whole) // 2 + 7])
-    (tmp_path / "junk.mp4").write_bytes(bytes(range(256)) * 20)
-    for path in list((copy.folder / "p").iterdir())[:3]:
-        path.write_bytes(path.read_bytes()[:-2000])
-    code = (
-        "import sys\nfrom calib.errors import CalibError\n"
-        "from calib.recording.video import Video\n"
-        "from calib.recording.pictures import list_pictures, read_picture\n"
-        "for path in sys.argv[2:]:\n"
-        "    try:\n        sum(1 for _ in Video(path).frames())\n"
-        "    except CalibError:\n        pass\n"
-        "for path in list_pictures(sys.argv[1]):\n"
-        "    try:\n        read_picture(path)\n"
-        "    except CalibError:\n        pass\n"
-    )
-    names = [str(copy.folder / "p"), str(tmp_path / "cut.avi"), str(tmp_path / "junk.mp4")]
-    done = subprocess.run([sys.executable, "-c", code, *names], capture_output=True, text=True)
-    assert (done.returncode, done.stderr) == (0, "")
-
-
-def run(*words):
-    return CliRunner().invoke(app, [str(word) for word in words])
-
-
-def test_the_commands(shot, film, tmp_path):
-    done = run("tag", 7, "-o", tmp_path / "tag.svg", "--size", "30mm")
-    assert done.exit_code == 0
-    assert "30 mm" in done.output
-    done = run("tag", "--board", "5x4:40mm:31mm:5x5_100", "-o", tmp_path / "board.svg")
-    assert done.exit_code == 0
-    assert run("tag", "-o", tmp_path / "x.svg").exit_code == 2
-    joints = ("--joints-file", shot.folder / "joints.csv", "--tag", 7)
-    done = run(
-        "log", shot.pictures, *joints, "-o", tmp_path / "l.csv", "--picture", tmp_path / "s.png"
-    )
-    assert done.exit_code == 0
-    assert cv2.imread(str(tmp_path / "s.png")).shape == (480, 640, 3)
-    assert calib.read_log(tmp_path / "l.csv", joints=["a", "b", "c"]).unit == "px"
-    done = run(
-        "log", shot.pictures, *joints, "-o", tmp_path / "m.csv", "--board",
-        "5x4:40mm:31mm:5x5_100", "--lens", shot.folder / "lens.json", "--tag-height", "25mm",
-    )  # fmt: skip
-    assert done.exit_code == 0
-    log = calib.read_log(tmp_path / "m.csv", joints=["a", "b", "c"])
-    assert log.unit == "m"
-    assert np.linalg.norm(log.x - truth_on_board(shot.scene, shot.q), axis=1).max() < 3e-3
-    done = run("log", shot.pictures, "--tag", 7, "-o", tmp_path / "n.csv")
-    assert done.exit_code == 2
-    assert "--joints-file" in done.output
-    done = run("log", shot.pictures, *joints, "--still", "1", "-o", tmp_path / "n.csv")
-    assert done.exit_code == 2
-
-
-def test_a_clock_that_cannot_be_found_is_exit_three(film, tmp_path):
-    other = np.loadtxt(film.folder / "joints.csv", delimiter=",", skiprows=1)
-    other[:, 1:] = other[::-1, 1:] * [0.3, -1.0]
-    np.savetxt(tmp_path / "other.csv", other, delimiter=",", header="time,a,b", comments="")
-    done = run(
-        "log", film.folder / "run.mp4", "--joints-file", tmp_path / "other.csv", "--tag", 7,
-        "-o", tmp_path / "v.csv",
-    )  # fmt: skip
-    assert done.exit_code == 3
-    assert not (tmp_path / "v.csv").exists()
-    assert "--time-offset" in done.output

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
@@ -66,3 +68,39 @@ def test_a_tracker_that_stands_elsewhere_is_told_by_its_turn_and_its_shift(arm, 
     assert miss.mean() < 3 * NOISE
     assert "the lens" not in adapted.kept
     assert adapted.coverage > 0.3
+
+
+def posed(arm, seed, bend=0.0, turn=FRAME, n=60):
+    """A log with orientations of 0.3 mrad noise, of a tool that is bent by `bend` [rad]."""
+    log = log_of(arm, seed, n=n, turn=turn)
+    tips = Rotation.from_quat(arm.pose(log.q)[1]) * Rotation.from_rotvec((0.0, bend, 0.0))
+    noise = Rotation.from_rotvec(np.random.default_rng(seed).normal(0.0, 3e-4, (n, 3)))
+    return replace(log, orientation=(noise * Rotation.from_matrix(turn) * tips).as_quat())
+
+
+@pytest.fixture(scope="module")
+def oriented(arm):
+    return calib.train(posed(arm, 10), size=6, motor_size=6)
+
+
+def test_a_tool_that_is_bent_in_its_orientation_only_is_noticed(arm, oriented):
+    assert not calib.check(oriented, posed(arm, 11)).drifted
+    found = calib.check(oriented, posed(arm, 12, bend=np.radians(0.3)))
+    assert found.drifted
+    (cause,) = found.causes
+    assert cause.group == "tool.rotation"
+    assert cause.interval[0] < np.radians(0.3) < cause.interval[1]
+    assert np.degrees(cause.value) == pytest.approx(0.3, abs=0.02)
+    adapted = calib.adapt(oriented, posed(arm, 12, bend=np.radians(0.3)))
+    assert any("the tool is turned by" in note for note in adapted.notes)
+
+
+def test_a_tracker_that_was_turned_bends_no_tool(arm, oriented):
+    found = calib.check(oriented, posed(arm, 13, turn=np.eye(3)))
+    assert [cause.cause for cause in found.causes] == ["sensor"]
+
+
+def test_orientations_that_the_model_never_learned_are_not_compared_in_silence(arm, model):
+    found = calib.check(model, posed(arm, 14))
+    assert not found.drifted
+    assert any("orientations are not compared" in note for note in found.notes)

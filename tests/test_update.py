@@ -348,7 +348,7 @@ def test_a_belief_without_rows_to_spare_is_left_in_peace():
     """Ten rows of the same arm change next to nothing."""
     q = joints(10, 18)
     reference, log, found, _ = compared(body(), q, tip(q) + noise(10, 18))
-    nothing = [(1.0, next(e for e in found if not e.member.groups))]
+    nothing = [(1.0, next(e for e in found if e.unchanged))]
     new, _ = updated(reference, nothing, log, joints(60, 8))
     asked = joints(100, 19)
     assert np.abs(new.predict(asked) - body().predict(asked)).max() < 2e-4

@@ -14,6 +14,7 @@ from calib.body.spatial import structure_of
 from calib.body.storing import rebuild_structure
 from calib.body.views import PLANAR, SPATIAL, cubic
 from calib.errors import OptionError
+from calib.inverse.pixel import undistorted
 
 LENS = ("view.rotation", "view.scale", "view.shift", "view.tilt", "lens")
 
@@ -48,6 +49,15 @@ def assert_slopes(structure, q, beta, h=1e-6):
         step[k] = h
         rise = structure.predict(q, beta + step) - structure.predict(q, beta - step)
         np.testing.assert_allclose(by_beta[:, :, k], rise / (2 * h), rtol=1e-4, atol=1e-3)
+
+
+@pytest.mark.parametrize("law", [cubic, division])
+def test_a_pixel_is_undistorted_by_the_law_that_bent_it(law):
+    lens = np.array([900.0, 320.0, 240.0, 0.1])
+    ideal = np.random.default_rng(0).uniform(-0.4, 0.4, (9, 2))
+    slope, ratio, _ = law(lens[3], (ideal**2).sum(axis=1))
+    pixels = lens[0] * ideal * (1 + slope * ratio)[:, None] + lens[1:3]
+    np.testing.assert_allclose(undistorted(pixels, lens, law), ideal, atol=1e-12)
 
 
 @pytest.mark.parametrize("law", [cubic, division])

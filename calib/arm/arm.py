@@ -9,6 +9,7 @@ from typing import TypeVar
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from ..common.frozen import own_floats
 from ..common.rows import number_rows
 from ..common.wording import quoted, suggestion
 from ..errors import OptionError, QueryError
@@ -67,10 +68,7 @@ class Arm:
 
     def __post_init__(self) -> None:
         """Freeze the arrays."""
-        for name in ("lower", "upper"):
-            array = np.array(getattr(self, name), dtype=float)
-            array.setflags(write=False)
-            object.__setattr__(self, name, array)
+        own_floats(self, "lower", "upper")
 
     @property
     def outputs(self) -> int:
@@ -160,6 +158,11 @@ class Arm:
     def dof(self) -> int:
         """Number of active joints."""
         return len(self.joint_names)
+
+    @property
+    def units_of_joints(self) -> tuple[str, ...]:
+        """Unit of each joint's value."""
+        return tuple("rad" if turns else "m" for turns in self.revolute)
 
     @property
     def periodic(self) -> tuple[bool, ...]:

@@ -97,15 +97,8 @@ def find_candidates(
 ) -> list[Candidate]:
     """Return the planar arms of a robot, the one with most reach first.
 
-    Parameters
-    ----------
-    urdf : Urdf
-    posture : Posture
-        Of all joints at their locked values.
-    tip : str or None
-        The tip, if the user named it.
-    excluded : collection of str
-        Joints that are not to be used (locked, or fixed by their limits).
+    `posture` has all joints at their locked values; `excluded` (locked, or fixed by their
+    limits) are not to be used.
     """
     joints = [joint for joint in urdf.joints if joint.movable and not joint.mimic]
     usable = {joint.name for joint in joints if joint.name not in excluded}
@@ -146,16 +139,8 @@ def nothing_found(
 ) -> RobotError:
     """Explain that a robot (or a tip) has no planar arm.
 
-    Parameters
-    ----------
-    urdf : Urdf
-    posture : Posture
-    tip : str or None
-        The tip, if the user named it.
-    locked : collection of str
-        Joints that the user holds.
-    fixed : collection of str
-        Joints that their limits leave no room, and that the user gave no range.
+    `locked` are joints that the user holds, `fixed` those that their limits leave no room, and
+    that the user gave no range.
     """
     to_tip = f" that moves {tip!r}" if tip else ""
     joints = urdf.path(tip) if tip else urdf.joints
@@ -238,6 +223,7 @@ def _trim(members: list[Joint], normal: Array, tip: str, posture: Posture) -> Ca
         weakest = int(np.argmin(levers))
         small = levers[weakest] < max(MIN_SHARE * levers.sum(), MIN_LEVER)
         if not small and len(members) <= MOST_JOINTS:
+            # two links a, b sweep the ring pi ((a + b)^2 - (a - b)^2) = 4 pi a b
             pairs = combinations(levers, 2)
             return Candidate(tuple(members), tip, float(4 * np.pi * sum(a * b for a, b in pairs)))
         del members[weakest]

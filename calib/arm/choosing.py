@@ -35,15 +35,7 @@ def find_chains(
 ) -> list[Candidate]:
     """Return the chains of two joints or more, the one that reaches furthest first.
 
-    Parameters
-    ----------
-    urdf : Urdf
-    posture : Posture
-        Of all joints at their locked values.
-    tip : str or None
-        The tip, if the user named it.
-    excluded : collection of str
-        Joints that are not to be used.
+    `posture` has all joints at their locked values; `excluded` are not to be used.
     """
     movable = [joint for joint in urdf.joints if joint.movable and not joint.mimic]
     tips = [tip] if tip else sorted({_arm_tip(urdf, posture, joint) for joint in movable})
@@ -65,18 +57,8 @@ def find_chains(
 def choose_chain(chains: Sequence[Candidate], *, strict: bool) -> tuple[Candidate, str | None]:
     """Return the chain that reaches furthest, and what to say about it.
 
-    Parameters
-    ----------
-    chains : sequence of Candidate
-        From `find_chains`.
-    strict : bool
-        Whether equals are refused: a log was measured on one of them only. In simulation the
-        first of them serves, and the others are told.
-
-    Raises
-    ------
-    RobotError
-        If several reach alike, with the options that name each.
+    Where several reach alike, `strict` refuses them with the options that name each: a log was
+    measured on one of them only. In simulation the first serves, and the others are told.
     """
     best = chains[0]
     equals = [chain for chain in chains if chain.size >= (1 - EQUAL) * best.size]

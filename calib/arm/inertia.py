@@ -46,17 +46,7 @@ def carried(
     """Lump the masses beyond each joint of a chain, up to the next joint of the chain.
 
     Links beside the chain (fingers, covers) hang on the last chain joint below them and do not
-    move of their own.
-
-    Parameters
-    ----------
-    text : str
-        The URDF.
-    urdf : Urdf
-    posture : Posture
-        Where all joints of the chain are at zero.
-    joints : sequence of Joint
-        The chain, base to tip.
+    move of their own. `posture` has all joints of the chain at zero.
 
     Returns
     -------

@@ -55,6 +55,7 @@ def common_normal(active: Sequence[Joint], posture: Posture) -> Array:
                 hint="choose other `joints`",
                 parameter="joints",
             )
+    # antiparallel axes are one direction; the mean keeps a joint's own tilt small
     aligned = [axis if axis @ normal > 0 else -axis for axis in turning]
     return np.mean(aligned, axis=0) if aligned else normal
 

@@ -148,6 +148,7 @@ def fit_plane(points: ArrayLike) -> tuple[Plane, float]:
     if len(p) < 3:
         raise LogError(f"a plane needs at least 3 positions, got {len(p)}: add rows")
     centroid = p.mean(axis=0)
+    # SVD of the centred points, not their normal equations: those lose half the digits
     _, spread, directions = np.linalg.svd(p - centroid, full_matrices=False)
     if spread[1] <= _MIN_SPREAD * max(spread[0], np.finfo(float).tiny):
         raise LogError("the positions lie on one line: no plane can be fitted to them")

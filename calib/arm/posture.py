@@ -64,6 +64,7 @@ class Kinematics:
         q = np.zeros(model.nq)
         for name, value in values.items():
             q[model.joints[self._joints[name]].idx_q] = value
+        # columns of the world Jacobian are the joints' axes, whatever a URDF says of its frames
         pin.computeJointJacobians(model, data, q)
         pin.updateFramePlacements(model, data)
         jacobian = np.reshape(data.J, (6, model.nv))  # of one joint it would be a vector

@@ -120,6 +120,7 @@ def cut_to_one_turn(chosen: Range) -> tuple[Range, bool]:
     lower, upper = chosen
     if upper - lower <= TURN:
         return chosen, False
+    # the turn around 0 where the range holds it, else the end that is nearest to 0
     centre = min(max(0.0, lower + TURN / 2), upper - TURN / 2)
     return (centre - TURN / 2, centre + TURN / 2), upper - lower > TURN + ROUNDING
 

@@ -18,6 +18,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from ..common.frozen import own_floats
 from .rotations import cross_matrix
 
 Array = NDArray[np.float64]
@@ -82,10 +83,8 @@ class SpatialChain:
 
     def __post_init__(self) -> None:
         """Freeze the arrays."""
-        for name in ["axes", "points", "tip", "rotation", "coupling", "bias", "masses", "centres"]:
-            array = np.array(getattr(self, name), dtype=float)
-            array.setflags(write=False)
-            object.__setattr__(self, name, array)
+        own_floats(self, "axes", "points", "tip", "rotation", "coupling", "bias")
+        own_floats(self, "masses", "centres")
 
     @property
     def joints(self) -> int:

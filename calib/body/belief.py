@@ -206,11 +206,12 @@ class Body(ReadOnly):
     def describe(self) -> tuple[str, ...]:
         """The body in words, one line for each joint, curve and view."""
         from .sensor import SensorPose
+        from .views import is_camera
 
         lines = self.structure.words(self.beta, self.deviations)
         if (sensor := SensorPose.of(self)) is None or self.structure.view == "base":
             return lines
-        what = "camera" if self.structure.view == "pinhole" else "sensor's frame"
+        what = "camera" if is_camera(self.structure.view) else "sensor's frame"
         return (*lines, *sensor.words(what))
 
     def header(self) -> dict[str, Any]:

@@ -7,6 +7,8 @@ leaves over keeps poses apart from each other and from those that were measured.
 
 from __future__ import annotations
 
+from collections.abc import Callable
+
 import numpy as np
 from numpy.typing import NDArray
 
@@ -46,15 +48,50 @@ def most_telling(body: Body, q: Array, n: int, measured: Array) -> NDArray[np.in
     alike = kernel(rows, rows, lengths) + np.eye(len(rows)) / max(float(own.max()), 1e-12)
     seen = np.linalg.solve(np.linalg.cholesky(alike), kernel(rows, q, lengths)).T  # (k, l)
     left = np.maximum(1.0 - (seen**2).sum(axis=1), 0.0)
-    spread = known @ np.swapaxes(known, 1, 2) + left[:, None, None] * own
-    told = np.zeros((len(q), p, n * p))
+
+    def common(best: int) -> Array:
+        alike = kernel(q, q[best : best + 1], lengths)[:, 0] - seen @ seen[best]
+        return np.asarray(alike[:, None, None] * own)
+
+    return greedy(known, n, left[:, None, None] * own, common)
+
+
+def greedy(
+    known: Array,
+    n: int,
+    more: Array | float = 0.0,
+    common: Callable[[int], Array] | None = None,
+) -> NDArray[np.intp]:
+    """Choose rows one by one, each of the largest gain of information beside those before.
+
+    Parameters
+    ----------
+    known : (k, p, r) array
+        Directions in which each row tells of the belief, in units of the noise: products of
+        two rows' directions are the covariance of their readings.
+    n : int
+        How many, at most k.
+    more : (k, p, p) array
+        Covariance of each row that the belief has no part in.
+    common : callable, optional
+        Of one row its covariances of that kind with all rows (k, p, p).
+
+    Notes
+    -----
+    Covariances are conditioned on the chosen rows by a growing Cholesky factor, which is cheaper
+    than a new posterior for each row.
+    """
+    p = known.shape[1]
+    spread = known @ np.swapaxes(known, 1, 2) + more
+    told = np.zeros((len(known), p, n * p))
     chosen = np.empty(n, dtype=np.intp)
     for k in range(n):
         gain = np.linalg.slogdet(np.eye(p) + spread)[1]
         gain[chosen[:k]] = -1.0
         chosen[k] = best = int(gain.argmax())
-        common = kernel(q, q[best : best + 1], lengths)[:, 0] - seen @ seen[best]
-        between = known @ known[best].T + common[:, None, None] * own
+        between = known @ known[best].T
+        if common is not None:
+            between = between + common(best)
         between -= told[:, :, : k * p] @ told[best, :, : k * p].T
         root = np.linalg.cholesky(np.eye(p) + spread[best])
         new = np.swapaxes(np.linalg.solve(root, np.swapaxes(between, 1, 2)), 1, 2)

@@ -250,8 +250,8 @@ def _second(
         noise=fit.noise,
         steps=4,
     )
-    # Few rows of a drawn arm tell how large its curves are altogether, if not where.
-    few = getattr(fit.structure, "informed", False) and len(q) < FEW
+    # Few rows of an arm in space tell how large its curves are altogether, if not where.
+    few = len(q) < FEW and fit.structure.kind == "spatial"
     share = np.clip(leave_blocks_out(made).ratio(), LEAST_SHARE, 1.0) if few else 1.0
     packed = pack(float(share) ** 2 * made.covariance)
     return Second(made.beta, made.active, unpack(packed, len(made.active)), made.noise, packed)

@@ -8,7 +8,7 @@ under gravity, and an error curve per joint.
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, fields, replace
 from functools import cached_property
 from typing import Any
 
@@ -18,11 +18,14 @@ from ..arm.rotations import exponential, logarithm
 from ..arm.spatial_chain import GRAVITY, SpatialChain
 from .curves import curve_value
 from .spatial_layout import SpatialLayout
+from .spatial_loads import Loads
 from .spatial_motion import Deviations, Motion, move
 from .spatial_slopes import by_joints, by_parameters
 from .spatial_view import Placed, View, compose, look
 from .structure import Array, Indices, Label, Prior, Structure
 from .views import SPATIAL, ViewKind
+
+_CHAIN_ARRAYS = ("axes", "points", "tip", "rotation", "coupling", "bias", "masses", "centres")
 
 
 @dataclass(frozen=True, eq=False)
@@ -143,11 +146,9 @@ class SpatialStructure:
         return self.layout.groups
 
     @cached_property
-    def torque(self) -> float:
-        """Largest torque of gravity [N m] that the first joint could carry: the arm stretched."""
-        away = np.linalg.norm(self.chain.centres - self.chain.points[0], axis=1)
-        pull = float(np.linalg.norm(self.gravity))
-        return max(float(self.chain.masses @ away) * pull, 1e-12)
+    def loads(self) -> Loads:
+        """Torques of gravity on its joints."""
+        return Loads(self.chain, self.gravity)
 
     def neutral(self) -> Array:
         """Parameters (d,) of the nominal arm in a sensor frame at its root."""
@@ -227,22 +228,10 @@ class SpatialStructure:
 
     def header(self) -> dict[str, Any]:
         """JSON-ready description from which `rebuild_structure` makes the structure again."""
-        return {
-            "kind": self.kind,
-            "joint_names": list(self.joint_names),
-            "chain_names": list(self.chain_names),
-            "turning": list(self.turning),
-            "chain_revolute": list(self.chain.revolute),
-            "view": self.view,
-            "unit": self.unit,
-            "metre": self.metre,
-            "extent": self.extent,
-            "lens": [float(v) for v in self.lens],
-            "lens_sd": [float(v) for v in self.lens_sd],
-            "informed": self.informed,
-            "gravity": [float(v) for v in self.gravity],
-            "simulated": self.simulated,
-        }
+        own = {f.name: getattr(self, f.name) for f in fields(self)}
+        kept = {k: list(v) if isinstance(v, tuple) else v for k, v in own.items()}
+        del kept["chain"], kept["few"]
+        return {"kind": self.kind, "chain_revolute": list(self.chain.revolute), **kept}
 
     def arrays(self) -> dict[str, Array]:
         """Arrays of the chain that the header refers to."""
@@ -268,18 +257,14 @@ class SpatialStructure:
         values = self.chain.coupling @ own + self.chain.bias[:, None]
         elastic = beta[self.groups["elastic"]]
         if elastic.any():
-            values = values + elastic[:, None] * self.loads(q)
+            values = values + elastic[:, None] * self.loads.shares(q)
         return np.asarray(values)
 
     def deviations(self, beta: Array) -> Deviations:
         """How the chain differs from its nominal one."""
         layout, groups = self.layout, self.groups
-        return Deviations(
-            beta[layout.shifts],
-            beta[layout.turns],
-            beta[groups["tool"]],
-            beta[groups["tool.rotation"]],
-        )
+        parts = (layout.shifts, layout.turns, groups["tool"], groups["tool.rotation"])
+        return Deviations(*(beta[index] for index in parts))
 
     def sensor(self, beta: Array) -> Placed:
         """The sensor: where it stands, its scale and its lens."""
@@ -298,20 +283,6 @@ class SpatialStructure:
         motion = move(self.chain, self.joint_values(q, beta), self.deviations(beta))
         return motion, look(self.sensor(beta), motion.position, motion.rotation)
 
-    def loads(self, q: Array) -> Array:
-        """Torques of gravity (m, n) as shares of the largest one; a fit asks for the same rows."""
-        last = self._memory.get("loads")
-        if last is None or last[0] is not q:
-            loads = self.chain.torques(q, np.asarray(self.gravity)).T / self.torque
-            last = (q, np.ascontiguousarray(loads))
-            self._memory["loads"] = last
-        return last[1]
-
-    @cached_property
-    def _memory(self) -> dict[str, tuple[Array, Array]]:
-        """Rows that were asked for last, and what does not depend on the parameters."""
-        return {}
-
 
 def structure_of(arm: Any, view: str = "rigid", **options: Any) -> SpatialStructure:
     """Return the structure of a `SpatialArm` and a view of it, its URDF being the prior.
@@ -327,15 +298,3 @@ def structure_of(arm: Any, view: str = "rigid", **options: Any) -> SpatialStruct
     return SpatialStructure(
         chain, tuple(arm.joint_names), tuple(names), tuple(arm.revolute), view, **options
     )
-
-
-_CHAIN_ARRAYS = (
-    "axes",
-    "points",
-    "tip",
-    "rotation",
-    "coupling",
-    "bias",
-    "masses",
-    "centres",
-)

@@ -48,7 +48,7 @@ class SpatialRow:
         self._bias = chain.bias
         elastic = beta[groups["elastic"]]
         # Pinocchio's generalised gravity is the torque that holds the arm: the load's negative
-        self._bending = -elastic / structure.torque if elastic.any() else None
+        self._bending = -elastic / structure.loads.torque if elastic.any() else None
         loads = _model(chain, placements(chain), structure.gravity)
         self._own = _Own(_model(chain, moved), loads)
         self._see, self._seen = _view(structure, beta)

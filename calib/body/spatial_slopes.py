@@ -45,7 +45,7 @@ def by_parameters(
         for k, index in enumerate(groups["lens"]):
             columns.put(index, lambda k=k: lens[:, k])
     chained = _chained(structure, motion, view)
-    loads = structure.loads(q) if columns.any(groups["elastic"]) else np.zeros((0, len(q)))
+    loads = structure.loads.shares(q) if columns.any(groups["elastic"]) else np.zeros((0, len(q)))
     for i, index in enumerate(groups["elastic"]):
         columns.put(index, lambda i=i: chained[i] * loads[i])
     for k in range(structure.dof):
@@ -67,8 +67,7 @@ def by_joints(structure: SpatialStructure, q: Array, beta: Array) -> tuple[Array
     elastic = beta[structure.groups["elastic"]]
     bent = None
     if elastic.any():
-        slopes = structure.chain.torque_slopes(q, np.asarray(structure.gravity)) / structure.torque
-        bent = elastic[:, None, None] * np.moveaxis(slopes, 0, 2)
+        bent = elastic[:, None, None] * structure.loads.slopes(q)
     for k in range(structure.dof):
         rate = beta[structure.groups["gain"][k]] + np.zeros(len(q))
         curve = structure.groups[f"curve.{k}"]

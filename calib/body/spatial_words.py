@@ -55,7 +55,7 @@ def words(structure: SpatialStructure, beta: Array, sd: Array) -> tuple[str, ...
     if sd[tool].any():
         shown = ", ".join(f"{1e3 * v:.1f}" for v in beta[tool])
         lines.append(f"tool ({shown}) ± {1e3 * 1.96 * _rms(sd[tool]):.2f} mm from the tip")
-    if structure.view == "pinhole":
+    if structure.camera:
         lines += camera(structure, beta, sd)
     return tuple(lines)
 

@@ -28,6 +28,10 @@ class ViewKind:
         Fewest rows that place the sensor in front of an arm in space.
     lens : bool
         Whether the gate may fit a planar arm's lens by default.
+    ros : str
+        What ROS calls the law; empty where it has none.
+    source : str
+        The law in C, of `k1` and `r2`: its `rise` b' and `ratio` b / b'.
     bend : callable
         The lens's law: of its radial parameter k and the square r^2 of the distance from its
         centre, b' = db / d(r^2), b / b' and db / dk.  A point u from the centre is seen at
@@ -38,6 +42,8 @@ class ViewKind:
     outputs: int = 2
     least: int = 2
     lens: bool = False
+    ros: str = "plumb_bob"
+    source: str = "rise = k1, ratio = r2"
     bend: Law = cubic
 
     @property
@@ -71,3 +77,8 @@ SPATIAL = {
     "pinhole": ViewKind((*_FRAME, "tool"), 2, least=6),
 }
 """Sensors of an arm in space; where there are two outputs, a camera sees it."""
+
+
+def is_camera(view: str) -> bool:
+    """Whether a view is that of a camera that sees an arm in space."""
+    return view in SPATIAL and SPATIAL[view].outputs == 2

@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from ..body.belief import Body
-from ..body.likeness import kernel, lengths_of
+from ..body.likeness import lengths_of
 from ..body.most_telling import most_telling
 from ..body.structure import Array
 from ..common.choices import METHODS
@@ -20,16 +20,17 @@ from ..training.evaluate import figures
 from ..training.learn import Progress
 from .adapt_online import adapt_online
 from .adaptation import Adaptation, finished, measured_share
-from .carry import carry
 from .cause import KEPT, Cause
 from .causes import find_causes
 from .check import outlier_note
-from .comparison import UNEXPLAINED, Comparison, carried, compare
+from .comparison import UNEXPLAINED, Comparison, compare
 from .drawing import fit_from_drawing
 from .explain import Explanation
 from .members import CREEP, NOTHING
+from .orientation import turned_tool
 from .own_residual import OwnResidual, own_residual
 from .parameter_causes import frame_between
+from .rebuilding import doubts, elsewhere, rebuilt
 from .update import MOST_ROWS, settled, updated
 
 if TYPE_CHECKING:
@@ -42,7 +43,6 @@ _SURE = 2.0  # standard errors by which held-out blocks must gain where nothing 
 _SURER = 4.0  # the same where rows lie beyond the old belief's bound on average
 _UNSURE = 0.9  # share of the expected error that added rows may leave at most
 _LOUD = ("mirror", "scale", "sign", "lost")
-_RADIUS_95 = 2.448  # radius that holds 95 % of a 2-D Gaussian of standard deviation 1
 
 
 def adapt(
@@ -90,10 +90,10 @@ def adapt(
         found = compare(model, log, cause)
         if method == "online":
             return adapt_online(found, progress or (lambda *_: None))
-        return _few_shot(found, progress or (lambda *_: None))
+        return _few_shot(found, log, progress or (lambda *_: None))
 
 
-def _few_shot(found: Comparison, report: Progress) -> Adaptation:
+def _few_shot(found: Comparison, log: Samples, report: Progress) -> Adaptation:
     model, reference = found.model, found.reference
     report(0.0, "members", float("nan"))
     changed = found.changed and found.explained
@@ -132,12 +132,20 @@ def _few_shot(found: Comparison, report: Progress) -> Adaptation:
         tuple(c for c in causes if c.cause != "noise"),
         _left(found, chosen[0][1]) if changed else ("the arm and the sensor",),
         measured_share(model, found.q),
-        tuple(_notes(found, body, causes, unsettled, improved)),
+        (*_notes(found, body, causes, unsettled, improved), *_orientation(found, log)),
+        found.spans,
     )
-    if not improved:
+    if not found.explained and not improved:
         return made
     report(0.8, "maps", float("nan"))
-    fresh = _carried(found, body, own, anew=fit is not None)
+    fresh = rebuilt(found, body, own, anew=fit is not None)
+    if not improved:
+        doubted = doubts(found, fresh, real=log.simulation is None)
+        if doubted is None:
+            return made
+        return replace(made, model=doubted[0], notes=(*made.notes, doubted[1]))
+    if not found.spans:
+        made = replace(made, notes=(*made.notes, elsewhere(found, made, fresh)))
     frame = frame_between(found, moved.beta) if chosen[0][1].member.framed else None
     report(1.0, "done", float(after.mean()))
     return replace(made, model=finished(found, made, fresh, after, "few-shot", frame))
@@ -153,7 +161,7 @@ def _followed(found: Comparison, own: OwnResidual | None) -> bool:
 
 def _unchanged(found: Comparison) -> list[tuple[float, Explanation]]:
     """Nothing changed: the rows are added to what was known."""
-    some = [e for e in found.explanations if e.unchanged]
+    some = [e for e in found.explanations if not e.margin]
     if not some:
         return found.likely
     weight = np.exp(np.array([e.evidence for e in some]) - some[0].evidence)
@@ -189,53 +197,15 @@ def _expected(found: Comparison, body: Body) -> float:
     return float(np.sqrt(spread + own.sum()))
 
 
-def _carried(found: Comparison, body: Body, own: OwnResidual | None, *, anew: bool) -> Model:
-    """The model with the updated body, maps that follow it, and new bounds.
-
-    A body that was fitted `anew` holds all that is known: nothing of the maps is carried over.
-    """
-    model, scale = found.model, found.model.motor.scale
-
-    def value(u: Array) -> Array:
-        q = scale.from_unit(u)
-        added = model.predictor.value(u) - found.body.predict(q)
-        if anew:
-            return body.predict(q)
-        if np.any(added):
-            added = carried(found.body, body, body.beta, q, added)
-        predicted = body.predict(q) + added
-        return predicted if own is None else predicted + own.value(q)
-
-    fresh = carry(model, body if model.body is not None else None, value)
-    nodes = scale.from_unit(np.clip(fresh.motor.units, 0.0, 1.0))
-    bounds = [body.bound(nodes, noise=noise) for noise in (True, False)]
-    if model.body is None:
-        growth = np.zeros(len(nodes)) if own is None else _growth(found, fresh, own, nodes)
-        noise = _RADIUS_95 * float(body.noise[0])
-        bounds = [np.hypot(model.bounds, growth), np.hypot(model.model_bounds, growth)]
-        bounds[0] = np.maximum(bounds[0], noise)
-    winners = fresh.motor.nearest(scale.to_unit(found.q))[1][:, 0]
-    visited = model.visited | (np.bincount(winners, minlength=fresh.motor.size) > 0)
-    return replace(fresh, bounds=bounds[0], model_bounds=bounds[1], visited=visited)
-
-
-def _growth(found: Comparison, fresh: Model, own: OwnResidual, nodes: Array) -> Array:
-    """What a model without a body does not know away from the rows, (nodes,) [unit].
-
-    Where no view explains the log alone, the old prediction may be right there as well.
-    """
-    u = np.clip(fresh.motor.units, 0.0, 1.0)
-    change = np.linalg.norm(fresh.predictor.value(u) - found.model.predictor.value(u), axis=1)
-    near = kernel(nodes, own.q, own.lengths).max(axis=1)
-    return np.asarray(np.hypot(_RADIUS_95 * own.deviation(nodes), (1.0 - near) * change))
-
-
 def _named(best: Explanation, own: OwnResidual | None, changed: bool) -> str:
-    name = "nothing changed, rows added"
-    if changed:
-        shape = "waves of the joints" if best.waves > CREEP else "a smooth residual"
-        name = shape if best.member == NOTHING else best.member.name
+    name = _called(best) if changed else "nothing changed, rows added"
     return name if own is None else f"{name}, and a smooth residual near the rows"
+
+
+def _called(e: Explanation) -> str:
+    """An explanation in words: its member, or the shape that no member has."""
+    shape = "waves of the joints" if e.waves > CREEP else "a smooth residual"
+    return shape if e.member == NOTHING else e.member.name.removesuffix(", small")
 
 
 def _left(found: Comparison, best: Explanation) -> tuple[str, ...]:
@@ -261,15 +231,20 @@ def _notes(
     if not found.explained:
         notes.append(found.why_not())
     elif improved:
-        second = [e for _, e in found.likely[1:] if e.member.name != found.likely[0][1].member.name]
-        if found.changed and second:
-            names = dict.fromkeys(e.member.name for e in (found.likely[0][1], *second))
+        names = list(dict.fromkeys(_called(e) for _, e in found.likely))
+        if found.changed and len(names) > 1:
             rivals = " or ".join(f"({name.replace(', ', ' + ')})" for name in names)
             notes.append(
                 f"more than one change explains the log: {rivals}; three more poses tell which, "
                 f"such as {_poses(found, body)}, or those that calib plan proposes"
             )
     return notes
+
+
+def _orientation(found: Comparison, log: Samples) -> list[str]:
+    """What an adaptation, which is to positions, says of a log's orientations."""
+    _, bent, untold = turned_tool(found, log)
+    return untold + [f"{c.words}: train again to answer for orientations" for c in bent]
 
 
 def _poses(found: Comparison, body: Body) -> str:

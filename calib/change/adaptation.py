@@ -33,7 +33,8 @@ class Adaptation:
     Attributes
     ----------
     model : Model
-        The adapted model; where nothing improved, the old one.
+        The adapted model; where nothing improved, the old one, with wider bounds where most rows
+        lie beyond its own.
     improved : bool
         Whether held-out rows are predicted better than before.
     samples : int
@@ -53,6 +54,8 @@ class Adaptation:
         Share of the learned range that the log measured.
     notes : tuple of str
         What the user should be told.
+    everywhere : bool
+        Whether the rows span the learned range; otherwise `improved` speaks of their own region.
     """
 
     model: Model
@@ -66,6 +69,7 @@ class Adaptation:
     kept: tuple[str, ...]
     coverage: float
     notes: tuple[str, ...] = field(default=())
+    everywhere: bool = True
 
 
 def finished(

@@ -15,6 +15,7 @@ from .cause import Cause
 from .causes import find_causes
 from .comparison import Comparison, compare
 from .group_tests import FALSE_ALARM, GroupTest
+from .orientation import turned_tool
 
 if TYPE_CHECKING:
     from ..model.model import Model
@@ -155,20 +156,22 @@ def check(
     """
     with one_blas_thread():
         found = compare(model, log, cause)
-        return _drift(found, tolerance)
+        return _drift(found, log, tolerance)
 
 
-def _drift(found: Comparison, tolerance: float | None) -> Drift:
+def _drift(found: Comparison, log: Samples, tolerance: float | None) -> Drift:
     tested = found.tested
     # a log that no group reaches is compared with the members only if it is far off
     score = tested.score
     if found.reference.new or score > 1.0 or _far(found):
         score = max(score, _misfit_score(found))
+    causes, unsettled = find_causes(found, score > 1.0)
+    turned, bent, untold = turned_tool(found, log)
+    score = max(score, turned)
     drifted: bool | None = score > 1.0
-    causes, unsettled = find_causes(found, bool(drifted))
     if not drifted and tolerance is not None and tested.smallest > tolerance:
         drifted = None
-    notes = [*found.rows.notes, *outlier_note(found.outliers), *unsettled]
+    notes = [*found.rows.notes, *outlier_note(found.outliers), *unsettled, *untold]
     return Drift(
         drifted,
         len(found.q),
@@ -180,7 +183,7 @@ def _drift(found: Comparison, tolerance: float | None) -> Drift:
         distortions(found),
         tested.noise,
         tested.usual,
-        causes,
+        (*causes, *bent),
         tuple(notes),
     )
 

@@ -33,6 +33,8 @@ if TYPE_CHECKING:
 PROBES = 120
 """Joints all over the learned range at which predictions are compared."""
 
+_WIDE = 0.5  # least spread of rows in any direction, over that of the learned range
+
 UNEXPLAINED = 0.1
 """Share of the positions' spread: a log that is further off from every member is explained by
 none."""
@@ -119,6 +121,16 @@ class Comparison:
     def outliers(self) -> int:
         """Rows that contradict all others."""
         return int(np.count_nonzero(~self.kept))
+
+    @cached_property
+    def spans(self) -> bool:
+        """Whether the rows vary in every direction of the joints, as over the learned range.
+
+        Held-out rows of a line or a corner say nothing of a prediction elsewhere.
+        """
+        spread = np.cov(self.model.motor.scale.to_unit(self.q).T)
+        # along each axis the variance of uniform rows is 1 / 12
+        return bool(np.linalg.eigvalsh(np.atleast_2d(spread))[0] > _WIDE**2 / 12.0)
 
     @cached_property
     def probes(self) -> Array:

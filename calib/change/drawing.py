@@ -20,7 +20,6 @@ if TYPE_CHECKING:
     from .comparison import Comparison
 
 _BETTER = 0.95  # share of the update's held-out error that the fit has to reach
-_WIDE = 0.5  # least spread of the joints in any direction, over that of the learned range
 
 
 def fit_from_drawing(found: Comparison, after: float) -> BodyFit | None:
@@ -36,17 +35,13 @@ def fit_from_drawing(found: Comparison, after: float) -> BodyFit | None:
     Returns
     -------
     BodyFit or None
-        None for a model of a log, an arm in space, rows of a line or a corner, or a fit
-        that is no better.
+        None for a model of a log, an arm in space, rows of a line or a corner,
+        or a fit that is no better.
     """
     body, reference, about = found.model.body, found.reference, found.model.about
     if body is None or not body.simulated or body.structure.outputs != 2:
         return None
-    if about.unit not in METRES or reference.turned or reference.locked:
-        return None
-    # Held-out rows of a line or a corner say nothing of a fit elsewhere.  Uniform rows: 1 / 12.
-    spread = np.cov(found.model.motor.scale.to_unit(found.q).T)
-    if np.linalg.eigvalsh(np.atleast_2d(spread))[0] < _WIDE**2 / 12.0:
+    if about.unit not in METRES or reference.turned or reference.locked or not found.spans:
         return None
     try:
         nominal = nominal_of(body.predict, about.lower, about.upper, about.revolute)

@@ -19,7 +19,8 @@ from .rows import Log
 from .whitening import Spectrum, scaled, spectrum
 
 MARGIN = 5.0
-"""Nats by which a change must be better than none."""
+"""Nats by which a change must be better than none.  A body that was only simulated has never seen
+how far an arm is from it: any size of what its members leave over is as likely."""
 
 MOST_ROWS = 200
 """Rows that members are compared on, evenly spread over the log."""
@@ -60,6 +61,8 @@ class Explanation:
         Rows that count for one.
     residual : (n, m) array [unit]
         Measured less predicted outputs of the rows that were compared.
+    margin : float [nats]
+        By which it must be better than no change.
     """
 
     member: Member
@@ -73,6 +76,7 @@ class Explanation:
     noise: float
     temper: float
     residual: Array
+    margin: float
 
     @property
     def unchanged(self) -> bool:
@@ -110,6 +114,7 @@ class _Search:
         self.members = members_of(body.structure, cause)
         self.structure = reference.structure
         self.scaled = scaled(reference.body)
+        self.simulated = body.simulated
         self.temper = max(body.kappa, 1.0) ** 2
 
     def run(self) -> list[Explanation]:
@@ -202,18 +207,21 @@ class _Search:
         fit = -0.5 * float(np.log(total).sum() + (y**2 / total).sum()) / self.temper
         evidence = fit - 0.5 * float(away @ away) - 0.5 * determinant
         residual = structure.residual(z, structure.predict(self.q, beta))
+        free_of_charge = member == NOTHING and (own in OWN[:_USUAL] or self.simulated)
         return Explanation(
-            member, *own, origin, beta, deviation, sd, evidence, noise, self.temper, residual
-        )
+            member, *own, origin, beta, deviation, sd, evidence, noise, self.temper, residual,
+            0.0 if free_of_charge else MARGIN,
+        )  # fmt: skip
 
 
 def changed(found: tuple[Explanation, ...]) -> bool:
     """Whether something else than nothing explains the log, by the margin."""
+    best = max(found, key=lambda e: e.evidence - e.margin)
     nothing = [e.evidence for e in found if e.unchanged]
-    return not nothing or found[0].evidence > max(nothing) + MARGIN
+    return not nothing or best.evidence > max(nothing) + MARGIN
 
 
-def likely(found: tuple[Explanation, ...], most: int = 4) -> list[tuple[float, Explanation]]:
+def likely(found: tuple[Explanation, ...], most: int = 6) -> list[tuple[float, Explanation]]:
     """The members that count, with their posterior weights."""
     some = [e for e in found if e.evidence > found[0].evidence - 5.0][:most]
     weight = np.exp(np.array([e.evidence for e in some]) - some[0].evidence)

@@ -137,7 +137,11 @@ def members_of(structure: Structure, cause: str | None = None) -> tuple[Member, 
             found[known] = Member(_named(known), known)
     # Most arms give way little, a few by degrees: with the wide prior alone, what rows of a line
     # leave open went centimetres away.
-    small = [replace(m, share=_SMALL) for m in found.values() if "elastic" in m.groups]
+    small = [
+        replace(m, name=f"{m.name}, small", share=_SMALL)
+        for m in found.values()
+        if "elastic" in m.groups
+    ]
     richest = list(found.values())[-1]
     return (*(m for m in found.values() if m is not richest), *small, richest)
 

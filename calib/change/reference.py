@@ -15,6 +15,7 @@ from numpy.typing import NDArray
 
 from ..body.belief import Body
 from ..body.structure import Array, Indices, Structure
+from ..body.views import is_camera
 from ..common.thinning import thinned
 from .members import FRAME
 
@@ -91,7 +92,7 @@ def reference_of(body: Body, q: Array, z: Array, unit: str | None = None) -> Ref
     gap = _typical(np.linalg.norm((z - seen)[:, :places], axis=1))
     if gap < _FAR * extent:
         return kept
-    if body.structure.view == "pinhole":
+    if is_camera(body.structure.view):
         return replace(kept, beta=_camera_moved(body, q, z), forgotten=_moving(body.structure))
     tries: list[tuple[float, dict[str, Any], Array, tuple[int, ...], float]] = []
     for change, start, held in _variants(body):

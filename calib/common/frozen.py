@@ -24,6 +24,14 @@ def frozen(array: NDArray[Any]) -> NDArray[Any]:
     return view
 
 
+def own_floats(holder: object, *names: str) -> None:
+    """Let a frozen dataclass hold read-only copies of arrays of numbers, in its `__post_init__`."""
+    for name in names:
+        array = np.array(getattr(holder, name), dtype=float)
+        array.setflags(write=False)
+        object.__setattr__(holder, name, array)
+
+
 def freeze(holder: object, *names: str) -> None:
     """Let arrays of a frozen dataclass be read-only views, in its `__post_init__`."""
     for name in names:

@@ -9,9 +9,6 @@ Array = NDArray[np.float64]
 
 _TUNING = 4.7  # bisquare: 95 % efficient where the noise is Gaussian
 _STEPS = 30
-_GROSS = 7.0  # medians of a residual beyond which a row is a wrong detection
-_SPREAD = 3.0  # and beyond so many times what four in five rows stay below
-_MOST = 0.25  # share of the rows that can be wrong
 
 
 def solve(features: Array, x: Array, weight: Array | None = None) -> Array:
@@ -58,34 +55,3 @@ def robust_solve(features: Array, x: Array) -> Array:
         if step > _STEPS // 2 and moved < 1e-6 * middle:
             break
     return coefficients
-
-
-def inliers(candidates: list[Array], x: Array) -> NDArray[np.bool_]:
-    """Rows that are no gross outliers from the robust fit that suits the rows best.
-
-    Parameters
-    ----------
-    candidates : list of (n, p) array
-        Features, one array for each fit; those with too many for the rows are left out.
-    x : (n, 2) array
-
-    Returns
-    -------
-    (n,) bool array
-        All rows where more than a quarter would be outliers: then the fit is wrong.
-    """
-    best: Array | None = None
-    for features in candidates:
-        if len(x) < 2 * features.shape[1] + 4:
-            continue
-        r = np.linalg.norm(x - features @ robust_solve(features, x), axis=1)
-        if best is None or np.median(r) < np.median(best):
-            best = r
-    if best is None:
-        return np.ones(len(x), dtype=bool)
-    floor = 1e-7 * float(np.linalg.norm(np.ptp(x, axis=0)))
-    limit = max(_GROSS * float(np.median(best)), _SPREAD * float(np.quantile(best, 0.8)), floor)
-    good = best <= limit
-    if np.count_nonzero(good) < (1 - _MOST) * len(x):
-        return np.ones(len(x), dtype=bool)
-    return np.asarray(good)

@@ -5,6 +5,7 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
+from ..body.views import Law, cubic
 from ..errors import QueryError
 
 Array = NDArray[np.float64]
@@ -12,8 +13,10 @@ Array = NDArray[np.float64]
 _STEPS = 30
 
 
-def undistorted(pixels: Array, lens: Array) -> Array:
+def undistorted(pixels: Array, lens: Array, bend: Law = cubic) -> Array:
     """Directions (n, 2) as x/z, y/z of pixels (n, 2) seen through a lens (f, u0, v0, k1).
+
+    `bend` is its law, see `calib.body.views.ViewKind`.
 
     Raises
     ------
@@ -23,12 +26,13 @@ def undistorted(pixels: Array, lens: Array) -> Array:
     f, u0, v0, k1 = lens
     bent = (pixels - (u0, v0)) / f
     radius = np.linalg.norm(bent, axis=1)
-    # r (1 + k1 r^2) = radius by Newton's rule from r = radius
+    # r (1 + b(r^2)) = radius by Newton's rule from r = radius
     r = radius.copy()
     for _ in range(_STEPS):
-        slope = 1 + 3 * k1 * r * r
-        r = r - (r * (1 + k1 * r * r) - radius) / np.where(np.abs(slope) > 1e-6, slope, 1e-6)
-    bad = (1 + 3 * k1 * r * r <= 0) | (np.abs(r * (1 + k1 * r * r) - radius) > 1e-9)
+        seen, slope = _seen_at(r, float(k1), bend)
+        r = r - (seen - radius) / np.where(np.abs(slope) > 1e-6, slope, 1e-6)
+    seen, slope = _seen_at(r, float(k1), bend)
+    bad = (slope <= 0) | (np.abs(seen - radius) > 1e-9)
     if bad.any():
         row = int(np.flatnonzero(bad)[0])
         raise QueryError(
@@ -38,8 +42,20 @@ def undistorted(pixels: Array, lens: Array) -> Array:
     return np.asarray(bent * (r / np.where(radius > 0, radius, 1.0))[:, None])
 
 
+def _seen_at(r: Array, k1: float, bend: Law) -> tuple[Array, Array]:
+    """Radius (n,) in the picture of directions at radius (n,), and its derivative."""
+    rise, ratio, _ = bend(k1, r * r)
+    return r * (1 + rise * ratio), 1 + rise * (ratio + 2 * r * r)
+
+
 def on_plane(
-    pixels: Array, rotation: Array, shift: Array, lens: Array, normal: Array, offset: float
+    pixels: Array,
+    rotation: Array,
+    shift: Array,
+    lens: Array,
+    normal: Array,
+    offset: float,
+    bend: Law = cubic,
 ) -> Array:
     """Points of a plane in the arm's base frame that are seen at pixels.
 
@@ -52,13 +68,15 @@ def on_plane(
         Focal length, centre [px] and k1.
     normal, offset : (3,) array, float [m]
         The plane ``normal @ point = offset``; z = h is (0, 0, 1), h.
+    bend : callable
+        The lens's law.
 
     Returns
     -------
     (n, 3) array [m]
         NaN where the line of sight does not meet the plane in front of the camera.
     """
-    ideal = undistorted(np.asarray(pixels, dtype=float), lens)
+    ideal = undistorted(np.asarray(pixels, dtype=float), lens, bend)
     rays = np.column_stack([ideal, np.ones(len(ideal))]) @ rotation
     eye = -rotation.T @ shift
     towards = rays @ normal

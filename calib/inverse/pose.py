@@ -23,6 +23,8 @@ Evaluate = Callable[[Array], tuple[Array, Array, Array]]
 STEPS = 40
 #: Random starts of a round, and rounds in a row that must find nothing new.
 ROUND, QUIET = 96, 2
+_MOST = 64  # branches; more are those of a redundant arm
+_TOGETHER = 50  # poses that are searched side by side
 #: A pose is reached within this share of the arm's length, and solutions this far apart [rad or m]
 #: are different branches.
 TOLERANCE, APART = 1e-9, 1e-3
@@ -129,57 +131,98 @@ def pose_branches(
     starts: Array | None = None,
     seed: int = 0,
     rounds: int = 12,
-) -> Array:
-    """Every way in which an arm reaches a pose.
+) -> list[Array]:
+    """Every way in which an arm reaches each of some poses.
 
     Parameters
     ----------
     evaluate : callable
-    position, rotation : (3,) and (3, 3) arrays
-        The pose, in the arm's own frame [m].
+    position, rotation : (n, 3) and (n, 3, 3) arrays
+        The poses, in the arm's own frame [m].
     joints : Joints
     length : float [m]
         The arm's length.
-    starts : (k, dof) array, optional
-        Joints that were active near this pose, tried first.
+    starts : (n, dof) array, optional
+        Joints that were active near each pose, tried first.
     seed : int
-        Of the starts that are drawn.
+        Of the starts that are drawn, the same for each pose.
     rounds : int
         Most rounds of starts; the search ends when two in a row find nothing new.
 
     Returns
     -------
-    (b, dof) array
+    list of (b, dof) arrays
         Joint values within the ranges, each of which reaches the pose to 1e-9 of the arm's length;
         sorted; empty where nothing does. Of a redundant arm, some of its infinitely many.
+
+    Notes
+    -----
+    The poses are searched side by side: an evaluation of one row costs as much as one of a hundred.
     """
-    rng = np.random.default_rng(seed)
-    dof = len(joints.lower)
-    known = np.empty((0, dof))
-    inside_known = np.empty(0, dtype=bool)
-    drawn = joints.draw(ROUND, rng)
-    tried = drawn if starts is None else np.vstack([np.atleast_2d(starts), drawn])
-    quiet = 0
+    searches = [
+        _Search(joints, seed, None if starts is None else starts[i]) for i in range(len(position))
+    ]
+    open_ = list(range(len(searches)))
     for _ in range(rounds):
-        n = len(tried)
-        q, distance = reach_poses(
-            evaluate, tried, np.tile(position, (n, 1)), np.tile(rotation, (n, 1, 1)), length
-        )
-        q, inside = joints.within(q) if n else (q, np.empty(0, dtype=bool))
-        fresh = []
-        for row, ok in zip(
-            q[distance < TOLERANCE * length], inside[distance < TOLERANCE * length], strict=True
-        ):
-            if not len(known) or joints.apart(known, row).min() > APART:
-                known = np.vstack([known, row])
-                inside_known = np.append(inside_known, ok)
-                fresh.append(row)
-        quiet = 0 if fresh else quiet + 1
-        if quiet >= QUIET or (len(known) > 64):
+        for part in (open_[i : i + _TOGETHER] for i in range(0, len(open_), _TOGETHER)):
+            counts = [len(searches[i].tried) for i in part]
+            target = np.repeat(part, counts)
+            q, distance = reach_poses(
+                evaluate,
+                np.concatenate([searches[i].tried for i in part]),
+                position[target],
+                rotation[target],
+                length,
+            )
+            for i in part:
+                own = target == i
+                searches[i].learn(q[own][distance[own] < TOLERANCE * length])
+        open_ = [i for i in open_ if searches[i].going]
+        if not open_:
             break
-        tried = np.vstack([*(_flipped(row, joints) for row in fresh), joints.draw(ROUND, rng)])
-    found = known[inside_known]
-    return found[np.lexsort(found.T[::-1])]
+    return [search.inside() for search in searches]
+
+
+class _Search:
+    """Branches of one pose that are known, and where to look for more.
+
+    Parameters
+    ----------
+    joints : Joints
+    seed : int
+    start : (dof,) array or None
+    """
+
+    def __init__(self, joints: Joints, seed: int, start: Array | None) -> None:
+        self._joints, self._rng = joints, np.random.default_rng(seed)
+        self._known = np.empty((0, len(joints.lower)))
+        self._inside = np.empty(0, dtype=bool)
+        self._quiet = 0
+        drawn = joints.draw(ROUND, self._rng)
+        self.tried = drawn if start is None else np.vstack([start, drawn])
+
+    @property
+    def going(self) -> bool:
+        """Whether a round may find more."""
+        return self._quiet < QUIET and len(self._known) <= _MOST
+
+    def learn(self, reached: Array) -> None:
+        """Take solutions (k, dof) of a round, and choose the starts of the next."""
+        fresh = []
+        for row, ok in zip(*self._joints.within(reached), strict=True):
+            if not len(self._known) or self._joints.apart(self._known, row).min() > APART:
+                self._known = np.vstack([self._known, row])
+                self._inside = np.append(self._inside, ok)
+                fresh.append(row)
+        self._quiet = 0 if fresh else self._quiet + 1
+        if self.going:
+            flipped = (_flipped(row, self._joints) for row in fresh)
+            self.tried = np.vstack([*flipped, self._joints.draw(ROUND, self._rng)])
+
+    def inside(self) -> Array:
+        """Solutions within the ranges, sorted."""
+        found = self._known[self._inside]
+        return found[np.lexsort(found.T[::-1])]
 
 
 def _flipped(q: Array, joints: Joints) -> Array:

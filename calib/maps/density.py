@@ -63,12 +63,13 @@ class Visit:
 Gain = Callable[[Visit], Array]
 
 
+_STRENGTH = 9.0  # of the border's gain at a radius that the user chooses, and in the paper's tables
 _FULL = 2 / 3  # share of the training after which the gain at the border is full
 _LEAST, _MOST = 0.05, 50.0  # of the residual's share in the gain
 _PER_NODE = 7.0  # samples of a node that leave nothing to concentrate
 
 
-def border(visit: Visit, strength: float = 9.0) -> Array:
+def border(visit: Visit, strength: float = _STRENGTH) -> Array:
     """Gain of nodes "with a small number of neighbors": corners, edges.
 
     g = exp(p min(1, 3/2 t/T) (1 - neighbours / most neighbours)).  It needs no distances,
@@ -191,7 +192,8 @@ def residual(visit: Visit) -> Array:
     default schedule of either rule its strength follows the lattice, see
     :func:`border_strength`; at a radius that the user chooses it is that of :func:`border`.
     """
-    gain = border(visit, border_strength(visit.lattice)) if visit.grown else border(visit)
+    own = border_strength(visit.lattice, visit.per_node) if visit.grown else _STRENGTH
+    gain = border(visit, own)
     if visit.residual is None:
         return gain
     share = visit.residual / max(float(visit.residual.mean()), 1e-300)
@@ -211,13 +213,15 @@ def residual_limits(per_node: float) -> tuple[float, float]:
     return max(_LEAST, 1.0 / most), most
 
 
-def border_strength(lattice: Lattice | Graph) -> float:
+def border_strength(lattice: Lattice | Graph, per_node: float = np.inf) -> float:
     """Strength p of the border's gain: 2 log2(side / 4), 1 to 6, by the nodes along a side.
 
     Of a small lattice a large share is border: drawn there, its nodes would be missed inside.
+    With fewer than 4 samples per node it is less, down to half: at full strength the readout
+    ``winner`` lost 7 % on 30x30 nodes of 2,000 samples.
     """
     side = lattice.size ** (1 / getattr(lattice, "dim", 2))
-    return float(np.clip(2.0 * np.log2(side / 4.0), 1.0, 6.0))
+    return float(np.clip(2.0 * np.log2(side / 4.0), 1.0, 6.0) * np.clip(per_node / 4.0, 0.5, 1.0))
 
 
 READINGS: dict[str, Gain] = {

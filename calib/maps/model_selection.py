@@ -17,10 +17,10 @@ from ..body.posterior import BodyFit
 from ..body.trend_choice import choose_trends
 from ..common.scale import Scale
 from . import local_models as local
-from .local_models import NO_MODELS, Neighbourhood
+from .local_models import NO_MODELS
 from .map import Map
 from .misfit import misfit
-from .node_choice import NodeChoice, Shape, fit_each
+from .node_choice import NodeChoice, Shape, fit_each, held_out
 from .predictor import BodyInBox, Both, Predictor, Smooth
 
 Array = NDArray[np.float64]
@@ -213,8 +213,7 @@ def _compare(motor: Map, u: Array, folds: list[NDArray[np.intp]], candidate: Can
     ]
     held = [folds[fold][:: max(1, len(folds[fold]) // quota)] for fold in use]
     rows = np.concatenate(held)
-    plain = [candidate.unseen[fold][part] for fold, part in zip(use, held, strict=True)]
-    best = np.concatenate(plain)
+    best = candidate.held_out[rows]
     errors = np.linalg.norm(best, axis=1)
     x = candidate.smooth.value(u[:: max(1, len(u) // 100)])
     extent = float(np.linalg.norm(np.ptp(x, axis=0)))
@@ -222,35 +221,17 @@ def _compare(motor: Map, u: Array, folds: list[NDArray[np.intp]], candidate: Can
     if errors.mean() <= least or not shapes:  # nothing is left to mend
         return _Chosen(None, None, rows, best)
     wrong = _wrong(motor.scale, u, candidate, extent)
-    found: dict[Shape, list[Array]] = {c: [] for c in shapes}
-    for fold, part, target in zip(use, held, plain, strict=True):
-        others = np.setdiff1d(np.arange(len(u)), folds[fold], assume_unique=True)
-        residual = candidate.unseen[fold][others]
-        index, weight, gap = local.speaking(motor, u[part])
-        nodes, place = np.unique(index, return_inverse=True)
-        place = place.reshape(index.shape)
-        around = Neighbourhood.of(
-            motor.units[nodes], u[others], motor.scale, max(k for _, k in shapes)
-        )
-        for degree, k in shapes:
-            models = local.fit(
-                motor.units[nodes],
-                u[others],
-                residual,
-                motor.scale,
-                degree,
-                k,
-                around,
-                motor.spacings[nodes],
-            )
-            each = local.contributions(models, place, gap)
-            found[degree, k].append(target - np.einsum("nm,nmo->no", weight, each))
+    index, weight, gap = local.speaking(motor, u[rows])
+    unseen, blocks_used = [candidate.unseen[fold] for fold in use], [folds[fold] for fold in use]
+    nodes = np.arange(motor.size)
+    said = held_out(motor, nodes, u, unseen, blocks_used, rows, index, gap, shapes)[1:]
+    plain = best
     choice: Shape | None = None
     calm = ~wrong[rows]
     if np.count_nonzero(calm) < _CALM * len(rows):
         calm[:] = True  # no part of the samples is calm
-    for c, parts in found.items():
-        tried = np.concatenate(parts)
+    for c, each in zip(shapes, said, strict=True):
+        tried = plain - np.einsum("nm,nmo->no", weight, each)
         tried_errors = np.linalg.norm(tried, axis=1)
         if better(tried_errors[calm], errors[calm], least):
             choice, best, errors = c, tried, tried_errors

@@ -92,7 +92,7 @@ class NodeChoice:
         index = place[np.concatenate([index[rows], more[0]])]
         weight, gap = np.concatenate([weight[rows], more[1]]), np.concatenate([gap[rows], more[2]])
         owner = np.concatenate([rows, beside])
-        predicted = _held_out(motor, nodes, u, unseen, folds, owner, index, gap, shapes)
+        predicted = held_out(motor, nodes, u, unseen, folds, owner, index, gap, shapes)
         target = np.concatenate([held[rows], usually])
         calm = np.concatenate([calm[rows], np.ones(len(beside), dtype=bool)])
         usual = -1 if common is None else list(shapes).index(common)
@@ -150,7 +150,7 @@ def fit_each(
     return LocalModels(degree, max(k for _, k in used), radius, coefficients)
 
 
-def _held_out(
+def held_out(
     motor: Map,
     nodes: Index,
     u: Array,

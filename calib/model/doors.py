@@ -50,6 +50,33 @@ class Doors:
 
         return follow_path(_model(self), x, start, step)
 
+    def inverse_pose(
+        self,
+        position: ArrayLike,
+        quaternion: ArrayLike | None = None,
+        near: ArrayLike | None = None,
+        *,
+        frame: str = "sensor",
+    ) -> Array:
+        """Joint values (n, dof) for positions and orientations of an arm in space.
+
+        NaN out of reach; :func:`calib.model.poses.solve_poses` tells more, and all branches.
+
+        Parameters
+        ----------
+        position : (n, 3) or (3,) array [m, or the sensor's unit in its frame]
+        quaternion : (n, 4) or (4,) array, optional
+            qx, qy, qz, qw; free where not given.
+        near : (n, dof) or (dof,) array, optional [rad or m]
+            Of several solutions the nearest to these joints answers.
+        frame : {"sensor", "base"}
+        """
+        from .poses import solve_poses
+
+        found = solve_poses(_model(self), position, quaternion, near, frame=frame)
+        q = np.where(found.reachable[:, None], found.q, np.nan)
+        return q[0] if np.ndim(position) == 1 else q
+
     def servo(
         self, x_measured: ArrayLike, target: ArrayLike, q: ArrayLike, gain: float = 0.5
     ) -> Array:

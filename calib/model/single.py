@@ -138,7 +138,7 @@ class Single:
                 self._sloped, target, start, self.model.solver.extent, self._in_range
             )
         else:
-            found = nearest(self._rows, target, start, self._units, self._in_range)
+            found = nearest(self._rows, target, start, self.model.motor.scale.span, self._in_range)
         if found is None or self._across(found) or not self._known(found):
             return None
         far = max(abs(f - s) / w for f, s, w in zip(found, start, self._wide, strict=True))
@@ -259,10 +259,6 @@ class Single:
     @cached_property
     def _span(self) -> list[float]:
         return list(map(float, self.model.motor.scale.span))
-
-    @cached_property
-    def _units(self) -> Array:
-        return np.array(self._span)
 
     @cached_property
     def _turning(self) -> list[int]:

@@ -1,28 +1,31 @@
 """Space: what the chain of an arm in space answers, in its base frame: poses, pixels on a plane.
 
-Positions in the sensor's frame are answered by the model itself, see `calib.Model.solve`. This
-is for questions that need the kinematic chain: a position and an orientation, positions near
-joints, and positions in the base frame of a model whose sensor is a camera or a tracker.
+Positions in the sensor's frame are answered by the model itself, see `calib.Model.solve`. This is
+for what needs the chain: poses, positions near joints, and the base frame of a camera or tracker.
 """
 
 from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
+from functools import cached_property
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from ..arm.rotations import logarithm, matrix_of, quaternion_of
+from ..arm.rotations import exponential, logarithm, matrix_of, quaternion_of
 from ..body.belief import Body
 from ..body.poses import knows_orientation
+from ..body.spatial_view import look
+from ..body.views import is_camera
 from ..errors import QueryError
 from ..inverse.near import position_near
 from ..inverse.pixel import on_plane
 from ..inverse.pose import Joints, pose_branches, reach_poses
 from ..inverse.self_motions import free_directions
 from .answers import checked_rows
+from .base import drawn, in_base
 
 if TYPE_CHECKING:
     from .model import Model
@@ -90,9 +93,9 @@ class Space:
             If the model knows no chain in space: of a planar arm, or one found from rows alone.
         """
         about = model.about
-        body = _in_base(model.body) if model.body is not None else None
+        body = in_base(model.body) if model.body is not None else None
         if body is None and about.source == "simulation":
-            body = _drawn(model)
+            body = drawn(model)
         if body is None:
             raise QueryError(
                 "the model knows no arm in space in its base frame: expected one that was learned "
@@ -104,26 +107,24 @@ class Space:
 
     def evaluate(self, q: Array) -> tuple[Array, Array, Array]:
         """Position (n, 3) [m], orientation (n, 3, 3) and Jacobian (n, 6, dof) of the tip."""
+        seen, slope = self._posed.predict_and_slope(q, self.body.beta)
+        return seen[:, :3], exponential(seen[:, 3:]), slope
+
+    @cached_property
+    def _posed(self) -> Any:
         structure: Any = self.body.structure
-        position, rotation = structure.pose(q, self.body.beta)
-        return position, rotation, structure.with_view("pose").slope(q, self.body.beta)
+        return structure.with_view("pose")
 
     def forward(self, q: ArrayLike) -> tuple[Array, Array]:
         """Position (n, 3) [m] and quaternion (n, 4) of the tip; NaN where the model has none."""
         rows, _ = checked_rows(q, self.model.about.joint_names, "joint values")
         structure: Any = self.body.structure
         position, rotation = structure.pose(rows, self.body.beta)
-        unknown = np.isnan(self.model.forward(rows)[:, :1])
-        return (
-            np.where(unknown, np.nan, position),
-            np.where(unknown, np.nan, quaternion_of(rotation)),
-        )
+        known = np.isfinite(self.model.forward(rows)[:, :1])
+        return np.where(known, position, np.nan), np.where(known, quaternion_of(rotation), np.nan)
 
     def bound(self, q: ArrayLike) -> Array:
-        """95 % bound (n,) on the position in the base frame [m].
-
-        The first joint's offset counts as known: it is zero by convention.
-        """
+        """95 % bound (n,) in the base frame [m], where the first offset is zero by convention."""
         return self.body.bound(np.atleast_2d(np.asarray(q, dtype=float)), noise=False)
 
     def orientation_bound(self, q: ArrayLike) -> Array:
@@ -160,7 +161,8 @@ class Space:
         turn, shift, _ = self.sensor
         own: Any = self.model.body
         lens = own.beta[own.structure.groups["lens"]]
-        points = on_plane(rows, turn, shift, lens, np.array([0.0, 0.0, 1.0]), height)
+        bend, up = own.structure.seen_as.bend, np.array([0.0, 0.0, 1.0])
+        points = on_plane(rows, turn, shift, lens, up, height, bend)
         if not np.isfinite(points).all():
             row = int(np.argmin(np.isfinite(points).all(axis=1)))
             raise QueryError(
@@ -172,7 +174,7 @@ class Space:
     @property
     def camera(self) -> bool:
         """Whether the sensor is a camera, so that its readings are pixels."""
-        return self.model.body is not None and self.model.body.structure.view == "pinhole"
+        return self.model.body is not None and is_camera(self.model.body.structure.view)
 
     @property
     def sensor(self) -> tuple[Array, Array, float]:
@@ -184,17 +186,26 @@ class Space:
         return placed.rotation, placed.shift, placed.scale
 
     def reach_pose(
-        self, position: ArrayLike, quaternion: ArrayLike, near: Sequence[float] | None = None
+        self,
+        position: ArrayLike,
+        quaternion: ArrayLike,
+        near: Sequence[float] | None = None,
+        branches: Array | None = None,
     ) -> Reached:
         """Joint values for a pose in the base frame: every branch, that nearest to `near` first.
 
         Where none reaches it, the one that comes nearest; an arm of more than six joints has
-        infinitely many, of which the nearest to `near` stands first.
+        infinitely many, of which the nearest to `near` stands first.  `branches` (b, dof) are
+        those of the pose where they are known.
         """
         p, r = np.asarray(position, dtype=float), matrix_of(np.asarray(quaternion, dtype=float))
         middle = 0.5 * (self.joints.lower + self.joints.upper)
         anchor = middle if near is None else np.asarray(near, dtype=float)
-        found = pose_branches(self.evaluate, p, r, self.joints, self.length, starts=anchor[None])
+        found = branches
+        if found is None:
+            (found,) = pose_branches(
+                self.evaluate, p[None], r[None], self.joints, self.length, starts=anchor[None]
+            )
         if len(found) and len(anchor) > 6:
             found = np.vstack([self._slid(found[self._order(found, anchor)[:4]], p, r, anchor)])
         if not len(found):
@@ -220,11 +231,9 @@ class Space:
         p = np.asarray(position, dtype=float)
         middle = 0.5 * (self.joints.lower + self.joints.upper)
         anchor = middle if near is None else np.asarray(near, dtype=float)
-        starts = anchor[None]
-        q, left = self._near(p, starts, keep)
+        q, left = self._near(p, anchor[None], keep)
         if left[0] > REACHED * self.length:  # the way from there may end at a limit
-            starts = self.joints.draw(_STARTS, np.random.default_rng(0))
-            q, left = self._near(p, starts, False)
+            q, left = self._near(p, self.joints.draw(_STARTS, np.random.default_rng(0)), False)
             good = left <= max(REACHED * self.length, 1.001 * left.min())
             again, kept = self._slide_home(q[good], p, anchor, keep)
             q = again[[int(np.argmin(kept))]]
@@ -241,15 +250,15 @@ class Space:
         own: Any = self.model.body
         if not self.camera:
             return True
-        turn, shift, _ = self.sensor
-        point = turn @ position + shift
-        if point[2] <= 0:
+        sensor = own.structure.sensor(own.beta)
+        if (sensor.rotation @ position + sensor.shift)[2] <= 0:
             return False
-        f, u, v, k1 = own.beta[own.structure.groups["lens"]]
-        n = point[:2] / point[2]
-        pixel = f * n * (1 + k1 * (n @ n)) + (u, v)
-        size = self.model.about.picture or (2 * u, 2 * v)
-        return bool((pixel >= 0).all() and (pixel <= size).all() and 1 + 3 * k1 * (n @ n) > 0)
+        view = look(sensor, position[:, None], np.eye(3)[:, :, None])
+        size = self.model.about.picture or tuple(2 * sensor.lens[1:3])
+        # where the lens folds over, the picture shrinks as the point moves outwards
+        x, y, _ = view.point[:, 0]
+        outwards = view.seen(np.array([[x], [y], [0.0]]))[:, 0] @ (x, y)
+        return bool((view.values >= 0).all() and (view.values <= size).all() and outwards >= 0)
 
     def _near(self, p: Array, starts: Array, keep: bool) -> tuple[Array, Array]:
         n = len(starts)
@@ -296,53 +305,8 @@ class Space:
 
     def _answer(self, q: Array, p: Array, r: Array | None) -> Reached:
         position, rotation, _ = self.evaluate(q)
-        away = np.linalg.norm(position - p, axis=1)
-        turned = np.zeros(len(q))
+        away, turned = np.linalg.norm(position - p, axis=1), np.zeros(len(q))
         if r is not None:
             turned = np.linalg.norm(logarithm(r @ np.swapaxes(rotation, 1, 2)), axis=1)
         good = (away <= REACHED * self.length) & (turned <= 10 * REACHED)
         return Reached(q, position, rotation, away, turned, bool(good.any()))
-
-
-def _in_base(body: Body) -> Body | None:
-    """The body with its sensor left out: outputs are the tip in the base frame [m]."""
-    structure: Any = body.structure
-    if structure.kind != "spatial" or not structure.informed:
-        return None
-    base = structure.with_view("base", unit="m", metre=1.0, extent=structure.chain.reach)
-    sensor = ("view.rotation", "view.shift", "view.scale", "lens")
-    index = np.concatenate([structure.groups[group] for group in sensor])
-    neutral = structure.neutral()
-
-    def without(beta: Array, active: NDArray[np.intp], covariance: Array) -> dict[str, Any]:
-        own = beta.copy()
-        own[index] = neutral[index]
-        kept = ~np.isin(active, index)
-        return {"beta": own, "active": active[kept], "covariance": covariance[np.ix_(kept, kept)]}
-
-    none, second = np.zeros(3), body.second
-    if second is not None:
-        own = without(second.beta, second.active, second.covariance)
-        second = replace(second, **own, noise=none, packed=None)
-    own = without(body.beta, body.active, body.covariance)
-    return replace(
-        body, structure=base, **own, noise=none, tau=none, residual=none, second=second, packed=None
-    )
-
-
-def _drawn(model: Model) -> Body | None:
-    """The drawn arm of a simulation whose arm and sensor were not changed."""
-    from ..arm.loading import arm_from_urdf
-    from ..arm.spatial_arm import SpatialArm
-    from ..body.spatial import structure_of
-
-    about = model.about
-    if not about.urdf or (about.simulation or {}).get("changes"):
-        return None
-    arm = arm_from_urdf(about.urdf, about.joint_names, about.tip, lock=about.locked)
-    if not isinstance(arm, SpatialArm):
-        return None
-    structure, none = structure_of(arm, "base"), np.zeros(3)
-    active, covariance = structure.groups["tool"], np.zeros((3, 3))
-    return Body(structure, structure.neutral(), active, covariance, none, 1.0, none, none,
-                np.inf, 1.0, simulated=True)  # fmt: skip

@@ -18,6 +18,8 @@ from ..samples.samples import Samples
 
 Array = NDArray[np.float64]
 Truth = Callable[[Array], Array]
+Defect = tuple[Truth, Callable[[Array], NDArray[np.bool_]]]
+"""Positions (n, 2) of joints (n, 2), and which of these lie in the defect."""
 
 ROBOT = "two_link_full"
 """Its elbow bends both ways, so that most targets have two branches."""
@@ -61,35 +63,45 @@ class Case:
     arm: PlanarArm | None
 
 
-def bump(arm: PlanarArm) -> tuple[Truth, Callable[[Array], NDArray[np.bool_]]]:
-    """The arm with a bump of 3 mm that depends on both joints, and where it is."""
+def bump(arm: PlanarArm, height: float = _HEIGHT, width: float = _WIDTH) -> Defect:
+    """The arm with a bump [m] that depends on both joints, `width` [rad] wide; and where it is."""
 
     def away(q: Array) -> Array:
-        return np.asarray(np.linalg.norm((q - _BUMP) / _WIDTH, axis=1))
+        return np.asarray(np.linalg.norm((q - _BUMP) / width, axis=1))
 
     def truth(q: Array) -> Array:
-        height = _HEIGHT * np.exp(-0.5 * away(q) ** 2)
-        return np.asarray(arm.forward(q) + height[:, None] * np.array([0.8, -0.6]))
+        high = height * np.exp(-0.5 * away(q) ** 2)
+        return np.asarray(arm.forward(q) + high[:, None] * np.array([0.8, -0.6]))
 
     return truth, lambda q: away(q) < 2.0
 
 
-def ripple(arm: PlanarArm) -> tuple[Truth, Callable[[Array], NDArray[np.bool_]]]:
-    """The arm whose elbow is off by 1 deg, 72 cycles a turn, within a window; and where."""
-    low, high = _WINDOW
+def ripple(arm: PlanarArm, amplitude: float = _RIPPLE, window: Array = _WINDOW) -> Defect:
+    """The arm whose elbow is off [rad], 72 cycles a turn, within a window [rad]; and where."""
+    low, high = window
 
     def inside(q: Array) -> NDArray[np.bool_]:
         return np.asarray((q[:, 1] > low) & (q[:, 1] < high))
 
     def truth(q: Array) -> Array:
         moved = q.copy()
-        moved[:, 1] += np.where(inside(q), _RIPPLE * np.sin(_CYCLES * (q[:, 1] - low)), 0.0)
+        moved[:, 1] += np.where(inside(q), amplitude * np.sin(_CYCLES * (q[:, 1] - low)), 0.0)
         return arm.forward(moved)
 
     return truth, inside
 
 
-def simulated(name: str, n: int, tested: int, seed: int) -> Case:
+_SHAPES: dict[str, Callable[..., Defect]] = {"bump": bump, "ripple": ripple}
+
+
+def simulated(
+    name: str,
+    n: int,
+    tested: int,
+    seed: int,
+    defect: Callable[[PlanarArm], Defect] | None = None,
+    noise: float | None = None,
+) -> Case:
     """One of the simulated cases.
 
     Parameters
@@ -100,12 +112,16 @@ def simulated(name: str, n: int, tested: int, seed: int) -> Case:
     n, tested : int
         Rows to learn from and to test on.
     seed : int
+    defect : callable, optional
+        Another shape than :func:`bump` and :func:`ripple`.
+    noise : float, optional
+        Another standard deviation per axis [m].
     """
     from ..arm.loading import load_arm
 
-    loaded = load_arm("two_link" if name in ("bump", "ripple") else ROBOT)
-    assert isinstance(loaded, PlanarArm)  # noqa: S101
-    arm = loaded
+    defect = defect or _SHAPES.get(name)
+    arm = load_arm(ROBOT if defect is None else "two_link")
+    assert isinstance(arm, PlanarArm)  # noqa: S101
     rng = np.random.default_rng(np.random.SeedSequence(seed, spawn_key=(_STREAM,)))
     span = arm.upper - arm.lower
     q = arm.lower + span * rng.random((n, 2))
@@ -114,17 +130,17 @@ def simulated(name: str, n: int, tested: int, seed: int) -> Case:
         q[stays] = arm.lower + span * (0.1 + _CORNER * rng.random((np.count_nonzero(stays), 2)))
     fresh = arm.lower + span * rng.random((tested, 2))
     truth: Truth = arm.forward
-    defect = np.zeros(tested, dtype=bool)
-    if name in ("bump", "ripple"):
-        truth, inside = (bump if name == "bump" else ripple)(arm)
-        defect = inside(fresh)
-    noise = {"exact": 0.0, "noise": 1e-3}.get(name, NOISE)
+    wrong = np.zeros(tested, dtype=bool)
+    if defect is not None:
+        truth, inside = defect(arm)
+        wrong = inside(fresh)
+    if noise is None:
+        noise = {"exact": 0.0, "noise": 1e-3}.get(name, NOISE)
     x = truth(q) + noise * rng.standard_normal((n, 2))
     samples = Samples(
         q, x, arm.joint_names, arm.lower, arm.upper, arm.revolute, arm=arm, plane=arm.plane
     )
-    known = arm if name not in ("bump", "ripple") else None
-    return Case(name, samples, fresh, truth(fresh), defect, known)
+    return Case(name, samples, fresh, truth(fresh), wrong, arm if defect is None else None)
 
 
 def measured(path: Path, name: str, joints: tuple[str, ...], block: int, blocks: int) -> Case:

@@ -15,7 +15,7 @@ from ..common.wording import listed
 from ..errors import LogError, OptionError
 from .board import BoardFinder
 from .joint_table import JointTable
-from .judge import row_shift
+from .judge import row_shift, unrelated
 from .pictures import list_pictures, match_rows, read_series
 from .plane import square_pose
 from .recorded import Recorded, told
@@ -85,7 +85,7 @@ def log_pictures(
     if len(tags) > 1:
         check_motion(q, pixels, setting.tag, what)
     with one_blas_thread():
-        _check_order(q, pixels)
+        notes += _check_order(q, pixels, [pairs[number][1].name for number in rows])
         good = ~stuck(q, pixels)
         reasons["at one place while the joints move: a second tag?"] = int((~good).sum())
         lost = astray(q[good], pixels[good])
@@ -162,15 +162,20 @@ def seen_instead(setting: Setting, greys: Sequence[NDArray[np.uint8]]) -> str:
     return f"{len(greys)} of them show {shown} of {setting.dictionary}"
 
 
-def _check_order(q: Array, pixels: Array) -> None:
-    shift, own, other = row_shift(q, pixels)
+def _check_order(q: Array, pixels: Array, pictures: Sequence[str]) -> list[str]:
+    """Refuse joints that are shifted against the pictures; doubt those that say nothing of them."""
+    start, shift, own, other = row_shift(q, pixels)
     if shift:
-        where = "further down" if shift > 0 else "further up"
-        rows = f"{abs(shift)} row{'s' if abs(shift) > 1 else ''} {where}"
+        where = f"{abs(shift)} row{'s' if abs(shift) > 1 else ''} further "
+        where += "down" if shift > 0 else "up"
         raise LogError(
-            f"the joints are shifted against the pictures: those {rows} predict the tag to "
-            f"{other:.2g} px, a picture's own to {own:.2g} px; is one missing at the start?"
+            f"the joints are shifted against the pictures from {pictures[start]} on: those {where} "
+            f"predict the tag to {other:.2g} px, a picture's own to {own:.2g} px; is one missing "
+            "there?"
         )
+    if not unrelated(q, pixels):
+        return []
+    return ["the joints predict the tag no better than those of other pictures: of another run?"]
 
 
 def _poses(setting: Setting, tags: Sequence[Tag], reference: object) -> tuple[Array, Array]:

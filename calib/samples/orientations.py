@@ -13,7 +13,7 @@ Array = NDArray[np.float64]
 QUATERNION = ("qx", "qy", "qz", "qw")
 ANGLES = ("roll", "pitch", "yaw")
 #: A quaternion's length may differ from 1 by this much: files round to a few digits.
-_ROUNDING = 0.01
+ROUNDING = 0.01
 #: Roll, pitch and yaw beyond it [rad] are in another unit.
 _MOST = 2 * np.pi + 0.1
 
@@ -27,7 +27,7 @@ def unit_quaternions(values: Array, label: str) -> Array:
         If one has no length near 1: it is no orientation.
     """
     length = np.linalg.norm(values, axis=1)
-    bad = np.abs(length - 1) > _ROUNDING
+    bad = np.abs(length - 1) > ROUNDING
     if bad.any():
         row = int(np.argmax(bad))
         shown = ", ".join(f"{value:.4g}" for value in values[row])

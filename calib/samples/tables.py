@@ -7,7 +7,7 @@ import json
 import os
 import sys
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -64,6 +64,11 @@ class Batch:
         columns |= {name: values for name, values in mine.items() if name not in columns}
         return columns | {name: values for name, values in added.items() if name not in columns}
 
+    def take(self, rows: NDArray[np.intp]) -> Batch:
+        """The table with some of its rows, which may be there more than once."""
+        others = {name: column[rows] for name, column in self.others.items()}
+        return replace(self, values=self.values[rows], others=others)
+
     def notes(self, added: Sequence[str]) -> list[str]:
         """Say how many columns go along, and which do not."""
         kept = [name for name in self.others if name not in added]
@@ -82,9 +87,17 @@ def _columns(names: Sequence[str]) -> str:
     return f"{len(names)} other column{'s' if len(names) > 1 else ''}"
 
 
-def read_batch(path: str | os.PathLike[str], names: Sequence[str]) -> Batch:
-    """Read a batch of queries and all that stands beside them; see `read_table`."""
+def read_batch(
+    path: str | os.PathLike[str], names: Sequence[str], more: Sequence[Sequence[str]] = ()
+) -> Batch:
+    """Read a batch of queries and all that stands beside them; see `read_table`.
+
+    Of the groups of names in `more` those count that the table has as a whole.
+    """
     source = open_source(path)
+    for group in more:
+        if all(name in source.header for name in group):
+            names = (*names, *group)
     values, invalid = read_table(source, names)
     taken = {place.column for name in names if (place := find_place(source.header, name))}
     rest = [name for name in dict.fromkeys(source.header) if name not in taken]

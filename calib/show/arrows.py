@@ -61,8 +61,16 @@ def magnification(away: float, width: float) -> int:
     >>> magnification(0.05, 1280.0), magnification(200.0, 1280.0)
     (1000, 1)
     """
-    wanted = _LONG * width / away if away > 0 else 1.0
-    if wanted < 2.0:
-        return 1
-    power = int(10 ** np.floor(np.log10(wanted)))
-    return power * max(step for step in (1, 2, 5) if step * power <= wanted)
+    return round_factor(_LONG * width / away if away > 0 else 1.0)
+
+
+def round_factor(wanted: float) -> int:
+    """Return the largest of 1, 2, 5, 10, 20, ... that is at most what is wanted; 1 at least.
+
+    Examples
+    --------
+    >>> round_factor(0.3), round_factor(49.0), round_factor(700.0)
+    (1, 20, 500)
+    """
+    power = 10 ** int(np.floor(np.log10(max(wanted, 1.0))))
+    return int(power * max(step for step in (1, 2, 5) if step * power <= max(wanted, 1.0)))

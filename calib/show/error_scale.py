@@ -85,7 +85,7 @@ class ErrorScale:
         if self.rounding:
             return np.where(np.isfinite(errors), 0.0, np.nan)
         if self.log:
-            floor = np.maximum(errors, self.low * 1e-3)
+            floor = np.maximum(errors, self.low * 1e-3)  # the logarithm of nothing is clipped
             place = np.log(floor / self.low) / math.log(self.high / self.low)
         else:
             place = (errors - self.low) / (self.high - self.low)

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from itertools import product
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -14,6 +14,7 @@ if TYPE_CHECKING:
     from ..samples.samples import Samples
 
 Array = NDArray[np.float64]
+Shape = tuple[int, int]
 
 _INSIDE = 25_000  # joint values spread over the whole range
 _EDGE = 240  # joint values along each edge of the range
@@ -37,6 +38,7 @@ def sensory_errors(model: Model) -> Array:
     The mean of its motor partners' bounds, weighted by the links; NaN for nodes without
     partners that samples have visited.
     """
+    # bounds of nodes without samples are extrapolated: they take no part
     known = np.where(model.visited, model.bounds, 0.0)
     total = np.asarray(model.links.T @ model.visited.astype(float))
     weighted = np.asarray(model.links.T @ known)
@@ -55,6 +57,19 @@ def drawn_edges(part: Map) -> NDArray[np.intp]:
         return edges
     gap = np.abs(part.units[edges[:, 0]] - part.units[edges[:, 1]])
     return np.asarray(edges[~((gap > 0.5) & part.scale.periodic).any(axis=1)])
+
+
+def cell_means(points: Array, values: Array, low: Array, size: Array, shape: Shape) -> Array:
+    """Mean of values (n,) at points (n, 2) in the cells of a grid, (rows, columns); NaN if none.
+
+    Cells have a `size` (2,) and begin at `low` (2,); `shape` counts rows (y) and columns (x).
+    """
+    cell = ((points - low) / size).astype(int)
+    cell = np.minimum(cell, np.array(shape[::-1]) - 1)  # the upper border belongs to the last
+    index = cell[:, 1] * shape[1] + cell[:, 0]
+    count = np.bincount(index, minlength=shape[0] * shape[1])
+    total = np.bincount(index, values, shape[0] * shape[1])
+    return np.where(count > 0, total / np.maximum(count, 1), np.nan).reshape(shape)
 
 
 def reached_positions(model: Model) -> Array:
@@ -79,8 +94,8 @@ def reached_positions(model: Model) -> Array:
 def border(model: Model) -> Array:
     """Border of the workspace as short pieces of line, (m, 2, 2) [unit].
 
-    The line at a small distance from all that the arm reaches (marching squares), moved
-    onto the nearest reached position.
+    The line at a small distance from all that the arm reaches, moved onto the nearest reached
+    position.
     """
     from scipy.spatial import cKDTree
 
@@ -102,57 +117,35 @@ def border(model: Model) -> Array:
 
 
 def level_lines(x: Array, y: Array, values: Array, level: float) -> Array:
-    """Pieces (m, 2, 2) of the line where `values` (len(x), len(y)) cross a level.
+    """Pieces (m, 2, 2) of the line where `values` (len(x), len(y)) cross a level."""
+    from contourpy import contour_generator
 
-    Marching squares: each cell of the grid holds at most two straight pieces.
-    """
-    above = values > level
-    # the corners of each cell, counterclockwise, and the places on its four sides
-    corner = [(0, 0), (1, 0), (1, 1), (0, 1)]
-    n, m = values.shape
-    i, j = np.meshgrid(np.arange(n - 1), np.arange(m - 1), indexing="ij")
-    places, crossed = [], []
-    for k in range(4):
-        (a, b), (c, d) = corner[k], corner[(k + 1) % 4]
-        v, w = values[i + a, j + b], values[i + c, j + d]
-        crossed.append(above[i + a, j + b] != above[i + c, j + d])
-        with np.errstate(divide="ignore", invalid="ignore"):
-            t = np.where(crossed[-1], (level - v) / (w - v), 0.0)
-        places.append(
-            np.stack(
-                [x[i + a] + t * (x[i + c] - x[i + a]), y[j + b] + t * (y[j + d] - y[j + b])],
-                axis=-1,
-            )
-        )
-    sides = np.stack(crossed, axis=-1)
-    where = np.stack(places, axis=-2)
-    pieces = []
-    two = sides.sum(axis=-1) == 2
-    if two.any():
-        order = np.argsort(~sides[two], axis=1, kind="stable")[:, :2]
-        pieces.append(np.take_along_axis(where[two], order[..., None], axis=1))
-    four = sides.sum(axis=-1) == 4
-    if four.any():  # a saddle: join neighbouring sides
-        pieces += [where[four][:, [0, 1]], where[four][:, [2, 3]]]
-    return np.concatenate(pieces) if pieces else np.empty((0, 2, 2))
+    # contourpy has x along the columns
+    lines: Any = contour_generator(x, y, values.T).lines(level)
+    pieces = [np.stack([line[:-1], line[1:]], axis=1) for line in lines]
+    return np.concatenate([np.empty((0, 2, 2)), *pieces])
+
+
+def training_samples(model: Model) -> tuple[Array, Array] | None:
+    """Joints (n, dof) and positions (n, m) that a simulated model learned from, babbled again."""
+    from ..training.evaluate import simulation_of
+
+    simulation = simulation_of(model)
+    if simulation is None:
+        return None
+    from ..samples.babbling import babble
+
+    about = model.about
+    noise, changes = simulation.noise, simulation.changes
+    drawn = babble(simulation.arm, about.samples, seed=about.seed, noise=noise, changes=changes)
+    return np.asarray(drawn.q), np.asarray(drawn.x)
 
 
 def training_positions(model: Model, samples: Samples | None) -> tuple[Array, str]:
     """Positions (n, m) that a model learned from, as far as they can be had."""
     if samples is not None:
         return np.asarray(samples.x), "rows of the log"
-    from ..training.evaluate import simulation_of
-
-    simulation = simulation_of(model)
-    if simulation is None:
-        return np.empty((0, len(model.axes))), ""
-    from ..samples.babbling import babble
-
-    drawn = babble(
-        simulation.arm,
-        model.about.samples,
-        seed=model.about.seed,
-        noise=simulation.noise,
-        changes=simulation.changes,
+    drawn = training_samples(model)
+    return (
+        (np.empty((0, len(model.axes))), "") if drawn is None else (drawn[1], "babbled positions")
     )
-    return np.asarray(drawn.x), "babbled positions"

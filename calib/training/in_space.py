@@ -15,6 +15,7 @@ from ..body.posterior import BodyFit, fit_structure
 from ..body.spatial import structure_of
 from ..body.spatial_random import unknown_structure
 from ..body.telling import warnings_of
+from ..body.views import is_camera
 from ..errors import OptionError
 from ..samples.samples import Samples
 
@@ -32,15 +33,15 @@ def sees_from_anywhere(samples: Samples, view: str) -> bool:
         If `view` asks for that and the samples are others, or the other way round.
     """
     fits = samples.camera is not None and isinstance(samples.arm, SpatialArm)
-    if view == "pinhole" and not fits:
+    if is_camera(view) and not fits:
         raise OptionError(
-            "view 'pinhole' needs a log of pixels u, v and the robot that they are of, which moves "
+            f"view {view!r} needs a log of pixels u, v and the robot that they are of, which moves "
             "in space",
             hint="for planar arms give `view='homography'`",
             parameter="view",
             value=view,
         )
-    if fits and view not in ("auto", "pinhole"):
+    if fits and not (view == "auto" or is_camera(view)):
         raise OptionError(
             f"view {view!r} is not that of pixels of an arm in space: expected pinhole",
             parameter="view",
@@ -62,8 +63,9 @@ def fit_in_space(samples: Samples, rows: NDArray[np.intp], view: str, seed: int)
     if camera is not None and isinstance(arm, SpatialArm) and x.shape[1] == 2:
         from ..body.camera import told_by
 
+        kind = "pinhole" if view == "auto" else view
         template = structure_of(
-            arm, "pinhole", unit="px", extent=extent, lens=camera.lens, lens_sd=camera.lens_sd
+            arm, kind, unit="px", extent=extent, lens=camera.lens, lens_sd=camera.lens_sd
         )
         fit = fit_structure(template, q, x, seed=seed, notes=notes)
         doubts = told_by(fit, q, x, samples.lower, samples.upper)

@@ -221,8 +221,8 @@ LINEAR = """\
 PINHOLE = """\
   {
     const calib_real depth = at[2] > @nearest@ ? at[2] : @nearest@;
-    const calib_real a = at[0] / depth, b = at[1] / depth, r = a * a + b * b;
-    const calib_real bent = 1 + calib_lens[3] * r, twice = 2 * calib_lens[3];
+    const calib_real a = at[0] / depth, b = at[1] / depth, r2 = a * a + b * b;
+    const calib_real k1 = calib_lens[3], @law@, bent = 1 + rise * ratio, twice = 2 * rise;
     const calib_real f = calib_lens[0] / depth;
     const calib_real aa = f * (bent + twice * a * a), ab = f * twice * a * b;
     const calib_real bb = f * (bent + twice * b * b);

@@ -25,7 +25,7 @@ def words(structure: SpatialStructure, single: bool) -> dict[str, object]:
     """Numbers and lines that stand in the source itself."""
     lever = structure.chain.reach
     return {
-        "view": _pinhole(single) if structure.view == "pinhole" else LINEAR,
+        "view": _pinhole(structure, single) if structure.camera else LINEAR,
         "poses": _POSES,
         "pose_calm": number(_POSE_CALM, single),
         "lever": number(lever, single),
@@ -33,8 +33,9 @@ def words(structure: SpatialStructure, single: bool) -> dict[str, object]:
     }
 
 
-def _pinhole(single: bool) -> str:
-    return PINHOLE.replace("@nearest@", number(NEAREST, single))
+def _pinhole(structure: SpatialStructure, single: bool) -> str:
+    law = PINHOLE.replace("@law@", structure.seen_as.source)
+    return law.replace("@nearest@", number(NEAREST, single))
 
 
 def tables(structure: SpatialStructure, beta: Array, single: bool) -> str:
@@ -47,7 +48,7 @@ def tables(structure: SpatialStructure, beta: Array, single: bool) -> str:
             waves[:, :, k] = beta[curve].reshape(2, HARMONICS)
     weighed = chain.masses if len(chain.masses) else np.zeros(chain.joints)
     middle = chain.centres - chain.points if len(chain.masses) else np.zeros((chain.joints, 3))
-    gravity = np.asarray(structure.gravity) / structure.torque
+    gravity = np.asarray(structure.gravity) / structure.loads.torque
     rows, dof = "CALIB_CHAIN", "CALIB_DOF"
     return (
         f"\nenum {{ CALIB_CHAIN = {chain.joints} }};\n"

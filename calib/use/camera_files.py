@@ -10,6 +10,7 @@ from typing import TYPE_CHECKING, Any
 
 from ..arm.urdf import parse_urdf
 from ..body.sensor import SensorPose
+from ..body.views import SPATIAL, is_camera
 from ..errors import OptionError
 
 if TYPE_CHECKING:
@@ -25,10 +26,12 @@ def camera_info(model: Model) -> str:
         If the model was not learned from pixels of an arm in space.
     """
     structure: Any = model.body.structure if model.body is not None else None
-    if model.body is None or structure.kind != "spatial" or structure.view != "pinhole":
+    if model.body is None or not is_camera(structure.view):
         raise OptionError(
             "the model has no camera: expected one that was learned from pixels of an arm in space"
         )
+    if not (law := SPATIAL[structure.view].ros):
+        raise OptionError(f"camera_info knows no lens of the view {structure.view!r}")
     f, u, v, k1 = model.body.beta[structure.groups["lens"]].tolist()
     width, height = model.about.picture or (round(2 * u), round(2 * v))
     matrix = [f, 0.0, u, 0.0, f, v, 0.0, 0.0, 1.0]
@@ -40,7 +43,7 @@ def camera_info(model: Model) -> str:
             f"image_height: {height}",
             "camera_name: camera",
             *_matrix("camera_matrix", 3, 3, matrix),
-            "distortion_model: plumb_bob",
+            f"distortion_model: {law}",
             *_matrix("distortion_coefficients", 1, 5, [k1, 0.0, 0.0, 0.0, 0.0]),
             *_matrix("rectification_matrix", 3, 3, eye),
             *_matrix("projection_matrix", 3, 4, projection),
@@ -67,7 +70,7 @@ def static_transform(model: Model) -> str:
         )
     structure: Any = model.body and model.body.structure
     root = parse_urdf(model.about.urdf, model.about.robot).root
-    child = "camera_optical_frame" if structure.view == "pinhole" else "sensor_frame"
+    child = "camera_optical_frame" if structure.camera else "sensor_frame"
     names = zip("xyz", sensor.position.tolist(), strict=True)
     turns = zip("xyzw", sensor.quaternion.tolist(), strict=True)
     document = {

@@ -12,6 +12,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 from numpy.typing import NDArray
 
+from ..body.most_telling import greedy
 from ..body.spatial import SpatialStructure, structure_of
 
 if TYPE_CHECKING:
@@ -29,7 +30,7 @@ def most_telling_of_arm(arm: SpatialArm, q: Array, n: int, measured: Array) -> I
 
     `measured` (k, dof) are poses whose rows exist, of which no belief knows yet.
     """
-    return most_telling(tells(arm, q, measured), n)
+    return greedy(tells(arm, q, measured), n)
 
 
 def tells(arm: SpatialArm, q: Array, taken: Array) -> Array:
@@ -48,22 +49,13 @@ def tells(arm: SpatialArm, q: Array, taken: Array) -> Array:
     prior = structure.prior(free)
     told = _directions(structure, np.vstack([q, taken]), structure.neutral(), prior.active)
     told = told * (prior.sd[prior.active] / _NOISE)
-    for row in range(len(q), len(told)):
-        told = _without(told, told[row])
-    return np.asarray(told[: len(q)])
-
-
-def most_telling(told: Array, n: int) -> Index:
-    """Choose n poses one by one, each the most telling after all before it, (n,) rows of `told`."""
-    chosen = np.empty(n, dtype=np.intp)
-    free = np.ones(len(told), dtype=bool)
-    for k in range(n):
-        spread = told @ np.swapaxes(told, 1, 2) + np.eye(told.shape[1])
-        gain = np.where(free, np.linalg.slogdet(spread)[1], -np.inf)
-        chosen[k] = row = int(gain.argmax())
-        free[row] = False
-        told = _without(told, told[row])
-    return chosen
+    told, known = told[: len(q)], told[len(q) :].reshape(-1, told.shape[2])
+    if not len(known):
+        return np.asarray(told)
+    # the posterior (I + T' T)^-1 of the measured rows T is R^-T R^-1, so that told R^-T tells it
+    root = np.linalg.cholesky(np.eye(told.shape[2]) + known.T @ known)
+    flat = np.linalg.solve(root, told.reshape(-1, told.shape[2]).T)
+    return np.asarray(flat.T.reshape(told.shape))
 
 
 def _directions(structure: SpatialStructure, q: Array, beta: Array, active: Index) -> Array:
@@ -71,13 +63,3 @@ def _directions(structure: SpatialStructure, q: Array, beta: Array, active: Inde
         structure.linearise(q[i : i + _CHUNK], beta, active)[1] for i in range(0, len(q), _CHUNK)
     ]
     return np.concatenate(parts)
-
-
-def _without(told: Array, row: Array) -> Array:
-    """What is left to tell once a pose (p, k) has been measured.
-
-    The posterior I - a' (1 + a a')^-1 a is the square of I - u diag(1 - 1 / sqrt(1 + s^2)) u',
-    with the singular vectors u and values s of a.
-    """
-    _, s, u = np.linalg.svd(row, full_matrices=False)
-    return np.asarray(told - ((told @ u.T) * (1.0 - 1.0 / np.sqrt(1.0 + s**2))) @ u)

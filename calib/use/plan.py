@@ -243,13 +243,9 @@ def _made(
     q = np.clip(space.scale.from_unit(route.u), space.lower, space.upper)
     first = None if begin is None else space.scale.from_unit(begin)
     way = q if first is None else np.vstack([first, q])
-    rng = np.random.default_rng(0)
-    m = len(route.away)
-    order = np.arange(m)
-    others = [
-        length(route.away, np.append(0, 1 + rng.permutation(m - 1)) if m > 1 else order)
-        for _ in range(_ORDERS)
-    ]
+    rng, m = np.random.default_rng(0), len(route.away)
+    orders = (np.append(0, 1 + rng.permutation(m - 1)) for _ in range(_ORDERS))
+    others = [length(route.away, order) for order in orders]
     own = float(np.abs(np.diff(way, axis=0) / space.scale.span).max(axis=1).sum())
     bound = None if isinstance(source, Arm) else source.expected_error(q)
     low, high = space.corners

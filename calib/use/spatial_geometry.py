@@ -67,7 +67,7 @@ class SpatialGeometry:
     @property
     def unit(self) -> str:
         """Unit of `residual`, `before` and `reach`."""
-        return self.structure.unit if self.structure.view == "pinhole" else "m"
+        return self.structure.unit if self.structure.camera else "m"
 
     @property
     def places(self) -> tuple[str, ...]:
@@ -158,7 +158,7 @@ def fit_spatial(
     fitted = _fit(structure, q, x, nominal, prior)
     sd = np.zeros(structure.size)
     sd[fitted.active] = np.sqrt(np.diag(fitted.covariance))
-    metre = 1.0 if structure.view == "pinhole" else structure.metre
+    metre = 1.0 if structure.camera else structure.metre
     reach = float(np.linalg.norm(x - x.mean(axis=0), axis=1).max())
     misfit = structure.residual(x, structure.predict(q, nominal))
     left, before = (

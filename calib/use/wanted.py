@@ -14,6 +14,7 @@ from numpy.typing import NDArray
 from ..body.planar import PlanarStructure
 from ..body.spatial import SpatialStructure, structure_of
 from ..body.spatial_row import SpatialRow
+from ..body.views import is_camera
 from ..inverse.near import position_near
 from ..inverse.one_row import nearest
 from ..model.alignment import Alignment
@@ -145,7 +146,7 @@ def _one(
 
 
 def _camera(model: Model) -> bool:
-    return model.body is not None and model.body.structure.view == "pinhole"
+    return model.body is not None and is_camera(model.body.structure.view)
 
 
 def _near(

@@ -8,6 +8,7 @@ from typing import Annotated
 import typer
 
 from calib.common.choices import METHODS
+from calib.common.units import for_people
 
 from .. import options as o
 from ..measurements import log_for
@@ -15,9 +16,8 @@ from ..output import NO, Notes, Table, note, number, show, show_json, tell
 from ..photo import photo_of_log
 from ..progress import progress_bar
 from ..translation import as_typed
-from ..units import for_people, units_of
-from ..usage import choice, option
-from .train import check_output
+from ..units import units_of
+from ..usage import check_output, choice, option
 
 
 def adapt(
@@ -83,6 +83,7 @@ def adapt(
                 "changed": [change.to_json() for change in found.changed],
                 "kept": list(found.kept),
                 "coverage": found.coverage,
+                "everywhere": found.everywhere,
                 "before": found.before,
                 "after": found.after,
                 "notes": [as_typed(text) for text in found.notes],

@@ -6,12 +6,14 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
+from calib.common.units import for_people
+
 from .. import options as o
 from ..measurements import log_for
 from ..output import NO, Notes, Table, number, show, show_json, tell
 from ..parsing import number as number_of
 from ..translation import as_typed
-from ..units import for_people, units_of
+from ..units import units_of
 from ..usage import option
 
 if TYPE_CHECKING:

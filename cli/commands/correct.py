@@ -50,10 +50,10 @@ def correct(
     import numpy as np
 
     import calib
-    from calib.samples.tables import read_batch, write_table
+    from calib.samples.tables import read_batch
     from calib.use.correct import correct as correction
 
-    from ..batch import numbered
+    from ..batch import Streams, numbered, say_rows
 
     loaded = calib.load(model)
     joints = JointFormat(loaded.about, degrees)
@@ -86,8 +86,9 @@ def correct(
     beyond = [] if found is None else rows[found.exceeded].tolist()
     missed = (np.flatnonzero(valid & (columns["reachable"] == 0)) + 1).tolist()
     table = batch.answered(columns)
-    if not beyond and (output is not None or not as_json):
-        write_table("-" if output is None else output, table)
+    streams = Streams(input_, output, as_json)
+    if not beyond:
+        streams.write(table)
     if as_json:
         show_json(
             {
@@ -103,12 +104,8 @@ def correct(
             }
         )
     notes.say(batch.notes(names))
-    for which, what in (
-        (batch.invalid, "not all values are numbers, no answer"),
-        (missed, "out of reach for the real arm, no answer"),
-    ):
-        if which:
-            note(f"{numbered(which)} of {n}: {what}")
+    say_rows(batch.invalid, n, "not all values are numbers, no answer")
+    say_rows(missed, n, "out of reach for the real arm, no answer")
     if found is not None and found.reachable.any():
         _tell(found, joints, to_stdout=not as_json and output not in (None, "-"))
     if beyond and found is not None:

@@ -5,12 +5,13 @@ from __future__ import annotations
 from collections.abc import Sequence
 from typing import Annotated, Any
 
+from calib.common.units import for_people
+
 from .. import camera as c
 from .. import options as o
 from .. import parsing
 from ..output import Notes, show_json, tell
 from ..parsing import Names
-from ..units import for_people
 from ..usage import BadOption, argument, flag, option, refuse
 
 
@@ -114,6 +115,14 @@ def log(
     picture: Annotated[
         str | None, option("--picture seen.png", "Draw the detections over a photo.")
     ] = None,
+    camera: Annotated[
+        str | None,
+        option(
+            "--camera DEVICE",
+            "Take the pictures now, into PICTURES: one for each line of joints on standard input, "
+            "below a line with their names.",
+        ),
+    ] = None,
     degrees: o.DegreesOption = False,
     prismatic: o.PrismaticOption = None,
     as_json: o.JsonOption = False,
@@ -135,6 +144,7 @@ def log(
         pose,
         since,
         picture,
+        camera,
     )
     if shooting or c.is_camera(bag):
         of_bags = {"--joints-topic": joints_topic, "--tip-topic": tip_topic, "--frames": frames}

@@ -7,10 +7,12 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
+from calib.common.units import for_people
+
 from .. import options as o
 from ..output import NO, note, show_json
 from ..parsing import Numbers, expects, finite, numbers, require
-from ..units import JointFormat, for_people, meaning, one_each
+from ..units import JointFormat, meaning, one_each
 from ..usage import one_document, option
 
 if TYPE_CHECKING:
@@ -57,9 +59,9 @@ def path(
     import numpy as np
 
     import calib
-    from calib.samples.tables import read_table, write_table
+    from calib.samples.tables import read_table
 
-    from ..batch import numbered
+    from ..batch import Streams, say_rows
 
     loaded = calib.load(model)
     joints = JointFormat(loaded.about, degrees)
@@ -75,22 +77,21 @@ def path(
     columns["model_error"] = found.model_error
     columns["reachable"] = found.reachable.astype(np.int64)
     columns["jump"] = np.isin(np.arange(len(found.q)), found.jumps).astype(np.int64)
-    if output is not None or not as_json:
-        write_table("-" if output is None else output, columns)
+    streams = Streams(input_, output, as_json)
+    streams.write(columns)
     if as_json:
-        document: dict[str, Any] = {
-            "output": output,
-            "rows": len(found.q),
-            "invalid": invalid,
-            "jumps": (found.jumps + 1).tolist(),
-            "out_of_reach": (np.flatnonzero(~found.reachable) + 1).tolist(),
-            **meaning(loaded.about),
-        }
-        if output is None:
-            document["path"] = joints.in_si(columns)
-        show_json(document)
-    if invalid:
-        note(f"{numbered(invalid)} of {len(typed)}: not all numbers, left out of the path")
+        show_json(
+            {
+                "output": output,
+                "rows": len(found.q),
+                "invalid": invalid,
+                "jumps": (found.jumps + 1).tolist(),
+                "out_of_reach": (np.flatnonzero(~found.reachable) + 1).tolist(),
+                **meaning(loaded.about),
+                **streams.inside("path", joints, columns),
+            }
+        )
+    say_rows(invalid, len(typed), "not all numbers, left out of the path")
     _tell(found, loaded.about.unit)
     if invalid:
         raise typer.Exit(1)

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import math
 from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any, cast
@@ -12,7 +11,7 @@ from ..measurements import log_for
 from ..output import Notes, note, show_json, tell
 from ..parsing import Margin, Numbers, Side, margin, numbers, side, whole
 from ..samples import Selection
-from ..units import for_people, one_each, ranges_in_si
+from ..units import JointFormat, one_each, ranges_in_si
 from ..usage import BadOption, argument, one_document, option, refuse
 
 if TYPE_CHECKING:
@@ -87,28 +86,36 @@ def plan(
     known = _load(Selection(source, joints, tip, lock or (), ranges or (), degrees, planar))
     notes = Notes()
     notes.say(getattr(known, "notes", ()))  # an arm's
-    turning = _turning(known)
-    typed = [math.degrees(1.0) if degrees and turns else 1.0 for turns in turning.values()]
+    facts = _facts(known)
+    joints_typed = JointFormat(facts, degrees)
+    names, typed = joints_typed.names, joints_typed.typed
+    turning = dict(zip(names, facts.revolute, strict=True))
     found = calib.plan(
         known,
         poses,
         seed=seed,
-        margin=_margin(margins, known, typed),
+        margin=_margin(margins, facts, typed),
         # an arm was loaded with them, which it may need where it states no limits
         ranges=ranges_in_si(ranges or (), turning, degrees) if _is_model(source) else None,
-        start=None if start is None else one_each("--from", start, list(turning), typed),
+        start=None if start is None else one_each("--from", start, names, typed),
         keep=_box(keep or ()),
         measured=None if data is None else _measured(known, data, columns, degrees, notes),
     )
     notes.say(found.notes)
     table = found.columns()
-    table |= {name: found.q[:, k] * typed[k] for k, name in enumerate(turning)}
+    table |= {name: found.q[:, k] * typed[k] for k, name in enumerate(names)}
     write_table(output, table)
     if as_json:
-        show_json({**_document(found, output, seed), "units": _units_of(turning, found.unit)})
+        units = {"joints": dict(zip(names, facts.units_of_joints, strict=True))}
+        document = _document(found, output, seed)
+        show_json({**document, "units": {**units, "positions": found.unit}})
         return
-    lines = [f"{len(found)} rows of {', '.join(table)} [{_units(turning, degrees, found.unit)}]"]
-    lines += [*found.why, _travel(found, turning)]
+    # angles first, then slides, then positions, each unit once
+    units_typed = [u for u in ("rad", "m") if u in facts.units_of_joints]
+    shown = ["deg" if degrees and unit == "rad" else unit for unit in units_typed]
+    shown = list(dict.fromkeys([*shown, found.unit]))
+    lines = [f"{len(found)} rows of {', '.join(table)} [{', '.join(shown)}]"]
+    lines += [*found.why, _travel(found, joints_typed)]
     if output == "-":
         for line in lines:
             note(line)
@@ -145,12 +152,6 @@ def _is_model(source: str) -> bool:
         return False
 
 
-def _turning(known: Arm | Model) -> dict[str, bool]:
-    """Whether each joint turns."""
-    facts = _facts(known)
-    return dict(zip(facts.joint_names, facts.revolute, strict=True))
-
-
 def _facts(known: Arm | Model) -> Arm | About:
     """What tells the joints and their ranges."""
     about: About | None = getattr(known, "about", None)
@@ -158,14 +159,13 @@ def _facts(known: Arm | Model) -> Arm | About:
 
 
 def _margin(
-    typed: Margin | None, known: Arm | Model, factors: Sequence[float]
+    typed: Margin | None, facts: Arm | About, factors: Sequence[float]
 ) -> list[float] | None:
     """Return the margin of each joint [rad or m]."""
     if typed is None:
         return None
     if not typed.share:
         return [typed.value / factor for factor in factors]
-    facts = _facts(known)
     return [typed.value * width for width in (facts.upper - facts.lower).tolist()]
 
 
@@ -199,24 +199,9 @@ def _measured(
     return log
 
 
-def _units(turning: Mapping[str, bool], degrees: bool, unit: str) -> str:
-    angle = ["deg" if degrees else "rad"] if any(turning.values()) else []
-    slide = ["m"] if not all(turning.values()) else []
-    return ", ".join(dict.fromkeys([*angle, *slide, unit]))
-
-
-def _units_of(turning: Mapping[str, bool], unit: str) -> dict[str, Any]:
-    """Units of the numbers in the JSON document, whatever the written table has."""
-    joints = {name: "rad" if turns else "m" for name, turns in turning.items()}
-    return {"joints": joints, "positions": unit}
-
-
-def _travel(found: Plan, turning: Mapping[str, bool]) -> str:
+def _travel(found: Plan, joints: JointFormat) -> str:
     """Say how far the joints travel, and how far they would in a random order."""
-    parts = []
-    for name, turns, way in zip(turning, turning.values(), found.travel.tolist(), strict=True):
-        factor, unit = for_people("rad" if turns else "m")
-        parts.append(f"{name} {factor * way:.4g} {unit}")
+    parts = [joints.size(k, way) for k, way in enumerate(found.travel.tolist())]
     text = "joints travel " + ", ".join(parts)
     if found.random_length > 0:
         text += f": {100 * found.length / found.random_length:.0f} % of the way of a random order"

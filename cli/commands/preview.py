@@ -8,10 +8,9 @@ from typing import TYPE_CHECKING, Annotated
 
 from .. import options as o
 from .. import parsing
-from ..measurements import log_of
 from ..output import Notes, note, tell
-from ..photo import NoPhotoOption, PhotoOption, shown
-from ..usage import BadOption, flag, option
+from ..photo import NoPhotoOption, PhotoOption, to_draw
+from ..usage import BadOption, check_output, flag, option
 
 if TYPE_CHECKING:
     from calib.model.model import Model
@@ -49,7 +48,6 @@ def preview(
     ] = False,
 ) -> None:
     """Show the arm and its learned maps in a browser, with meshcat."""
-    import calib
     from calib.show.preview.page import html as page_of
     from calib.show.preview.scene import draw
 
@@ -57,13 +55,9 @@ def preview(
         raise BadOption("--live needs a running preview: expected it without --html")
     folder = checked_folder(meshes)
     if html is not None:
-        from .train import check_output
-
         check_output(html)
-    loaded = calib.load(model)
     notes = Notes()
-    log = log_of(loaded, data, columns, degrees, unit, notes)
-    loaded = shown(loaded, model, photo, no_photo, log, notes)
+    loaded, log = to_draw(model, data, columns, degrees, unit, photo, no_photo, notes)
     scene = draw(loaded, samples=log, meshes=folder)
     notes.say(scene.notes)
     page = page_of(scene, loaded, live=live)

@@ -7,11 +7,13 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
+from calib.common.units import for_people
+
 from .. import options as o
 from ..answers import answers, show_answers
 from ..output import NO, fixed, note, show_json
 from ..parsing import Numbers, finite, height, numbers
-from ..units import JointFormat, for_people, meaning, one_each, why_outside
+from ..units import JointFormat, meaning, one_each, why_outside
 from ..usage import BadOption, argument, bad_option, flag, one_document, option
 from .path import path
 
@@ -131,27 +133,30 @@ def inverse(
     """Joint values that bring the tip to a position; exit code 3 if it is out of reach."""
     typed = _numbers(target or [])
     _check_streams(typed, input_, output, as_json)
-    if every and input_ is not None:
-        raise BadOption("--all answers one target: expected X Y in place of --input")
     if every and readout is not None:
         raise BadOption(f"--all answers by the default readout: expected no --readout {readout}")
     loaded = _load(model)
     joints = JointFormat(loaded.about, degrees)
     anchor = _anchor(loaded, near, joints)
-    if frame == "base" or keep or on is not None or quaternion is not None or rpy is not None:
-        if input_ is not None or readout is not None:
-            raise BadOption("--input and --readout are for positions in the sensor's frame alone")
+    one = keep or on is not None or quaternion is not None or rpy is not None
+    if input_ is not None:
+        from ..batch import Streams, inverse_batch
+
+        if one:
+            raise BadOption("--input has a column for each number: expected no other target")
+        streams = Streams(input_, output, as_json)
+        raise typer.Exit(
+            inverse_batch(loaded, joints, streams, readout, anchor, frame, every=every)
+        )
+    if frame == "base" or one:
+        if readout is not None:
+            raise BadOption("--readout is for positions in the sensor's frame alone")
         from ..space import Asked, answer_inverse
 
         asked = Asked(frame, quaternion, rpy, keep, on)
         raise typer.Exit(
             answer_inverse(loaded, joints, asked, typed, anchor, every=every, as_json=as_json)
         )
-    if input_ is not None:
-        from ..batch import Streams, inverse_batch
-
-        streams = Streams(input_, output, as_json)
-        raise typer.Exit(inverse_batch(loaded, joints, streams, readout, anchor))
     _check_count(typed, loaded.axes, "coordinate")
     answer = _branches(loaded, typed, anchor) if every else loaded.solve(typed, anchor, readout)
     reachable = bool(answer.reachable.any())

@@ -6,10 +6,9 @@ from pathlib import Path
 from typing import Annotated
 
 from .. import options as o
-from ..measurements import log_of
 from ..output import Notes, tell
-from ..photo import NoPhotoOption, PhotoOption, shown
-from ..usage import BadOption, option
+from ..photo import NoPhotoOption, PhotoOption, to_draw
+from ..usage import BadOption, check_output, option
 
 
 def report(
@@ -28,18 +27,12 @@ def report(
     no_photo: NoPhotoOption = False,
 ) -> None:
     """Write figures and tables that explain a calibration."""
-    import calib
-
-    from .train import check_output
-
     if output is None and png is None:
         raise BadOption("nothing to write: expected -o FILE.html, or --png DIR, or both")
     if output is not None:
         check_output(output)
-    loaded = calib.load(model)
     notes = Notes()
-    log = log_of(loaded, data, columns, degrees, unit, notes)
-    loaded = shown(loaded, model, photo, no_photo, log, notes)
+    loaded, log = to_draw(model, data, columns, degrees, unit, photo, no_photo, notes)
     from calib.common.atomic import atomic_write
     from calib.show.report.page import pictures
     from calib.show.report.page import report as report_of

@@ -7,14 +7,16 @@ from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
+from calib.show.facts import size_in_words
+
 from .. import options as o
 from ..output import Notes, show, show_json, tell
 from ..photo import NoPhotoOption, PhotoOption, photo_of_log, with_photo
 from ..progress import progress_bar
 from ..samples import Selection, babbled, check_sources, measured
 from ..sketch import show_sketch
-from ..summary import compact_table, size_in_words, summary
-from ..usage import BadOption, argument, flag, option
+from ..summary import compact_table, summary
+from ..usage import BadOption, argument, check_output, flag, option
 
 if TYPE_CHECKING:
     from calib import Model, Samples
@@ -139,15 +141,6 @@ def train(
         show_json(summary(model, path, model.about.errors, model.seconds))
     else:
         _report(model, path)
-
-
-def check_output(path: str) -> None:
-    """Refuse an output that cannot be written before the work starts."""
-    from calib.common.atomic import check_writable
-
-    if path == "-":
-        raise BadOption("--output '-': expected a file name, a model cannot be printed as text")
-    check_writable(path)
 
 
 def _report(model: Model, path: str) -> None:

@@ -6,10 +6,12 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
+from calib.common.units import for_people
+
 from .. import options as o
 from .. import parsing
 from ..output import NO, Notes, Table, fixed, note, number, show, show_json, tell
-from ..units import for_people, units_of
+from ..units import units_of
 from ..usage import flag, option
 
 if TYPE_CHECKING:

@@ -25,25 +25,17 @@ _UPRIGHT = np.array([[1.0, 0, 0, 0], [0, 0, -1, 0], [0, 1, 0, 0], [0, 0, 0, 1]])
 def draw_arm(
     canvas: Canvas, body: Body, poses: Mapping[str, Array], size: float, meshes: Path | None
 ) -> tuple[str, ...]:
-    """Draw a robot at a posture.
+    """Draw a robot at a posture; return what could not be drawn, for the user.
 
     Parameters
     ----------
-    canvas : Canvas
-        What is drawn on.
-    body : Body
-        The robot.
+    canvas, body
     poses : mapping of str to (n, 4, 4) array
         Transforms of its links; the first row is drawn.
     size : float [m]
         The workspace's extent, which tells how thick bones are.
     meshes : Path or None
         The folder that mesh files may be taken from.
-
-    Returns
-    -------
-    tuple of str
-        What could not be drawn, for the user.
     """
     shapes = visuals(body.text)
     notes: list[str] = []

@@ -54,6 +54,7 @@ class Camera:
     def distance(self, aspect: float) -> float:
         """Distance from target to camera for a window of this width over height."""
         slope = math.tan(math.radians(FIELD_OF_VIEW) / 2)
+        # the nearest of the box, half a depth in front of its middle, must fit as well
         reach = max(self.half[1], self.half[0] / aspect) / slope
         return float(_MARGIN * reach + self.half[2])
 

@@ -1,4 +1,4 @@
-"""Canvas: a recording of meshcat commands, packed as meshcat's viewer reads them.
+"""Canvas: layers of a drawing as a recording of meshcat commands, packed for its viewer.
 
 No server takes part. Objects get numbers for names, so that the same scene gives the same
 bytes. Colours are bytes and lines share their nodes, which makes a scene of a 70x70 map
@@ -14,6 +14,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from ...arm.rotations import quaternion_of
 from .camera import FIELD_OF_VIEW
 
 Array = NDArray[np.float64]
@@ -30,11 +31,19 @@ _KINDS = {
 
 
 class Canvas:
-    """Meshcat commands, in the order in which they are drawn."""
+    """Layers in the order of the legend, and meshcat commands in the order of drawing."""
 
     def __init__(self) -> None:
+        self.layers: list[dict[str, Any]] = []
         self._commands: list[dict[str, Any]] = []
         self._count = 0
+
+    def layer(self, name: str, colour: str, text: str, *, shown: bool = True) -> str:
+        """Begin a layer of the legend: what is drawn on paths below its name, which is returned."""
+        self.layers.append({"name": name, "colour": colour, "text": text, "shown": shown})
+        if not shown:
+            self.set(name, "visible", False)
+        return name
 
     def lines(
         self,
@@ -116,30 +125,12 @@ class Canvas:
         """Move what is at each path through transforms (frames, 4, 4)."""
         clips = []
         for path, transforms in tracks.items():
-            values = {
-                "position": ("vector3", transforms[:, :3, 3]),
-                "quaternion": ("quaternion", quaternions(transforms[:, :3, :3])),
-            }
-            clips.append(
-                {
-                    "path": path,
-                    "clip": {
-                        "fps": fps,
-                        "name": "default",
-                        "tracks": [
-                            {
-                                "name": f".{name}",
-                                "type": kind,
-                                "keys": [
-                                    {"time": float(k), "value": row}
-                                    for k, row in enumerate(rows.tolist())
-                                ],
-                            }
-                            for name, (kind, rows) in values.items()
-                        ],
-                    },
-                }
-            )
+            values = [
+                _track(".position", "vector3", transforms[:, :3, 3]),
+                _track(".quaternion", "quaternion", quaternions(transforms[:, :3, :3])),
+            ]
+            clip = {"fps": fps, "name": "default", "tracks": values}
+            clips.append({"path": path, "clip": clip})
         options = {"play": True, "repetitions": repetitions}
         self._commands.append(
             {"type": "set_animation", "path": "", "animations": clips, "options": options}
@@ -218,11 +209,14 @@ class Canvas:
         return {"color": 0xFFFFFF, "vertexColors": 2}
 
 
+def _track(name: str, kind: str, rows: Array) -> dict[str, Any]:
+    keys = [{"time": float(k), "value": row} for k, row in enumerate(rows.tolist())]
+    return {"name": name, "type": kind, "keys": keys}
+
+
 def quaternions(rotations: Array) -> Array:
     """Quaternions x, y, z, w (n, 4) of rotations (n, 3, 3), neighbours on one side."""
-    from scipy.spatial.transform import Rotation
-
-    q = np.asarray(Rotation.from_matrix(rotations).as_quat())
+    q = quaternion_of(rotations)
     flips = np.sign(np.sum(q[1:] * q[:-1], axis=1))
     signs = np.concatenate([[1.0], np.cumprod(np.where(flips < 0, -1.0, 1.0))])
     return np.asarray(q * signs[:, None])

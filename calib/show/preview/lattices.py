@@ -8,11 +8,19 @@ from typing import TYPE_CHECKING
 import numpy as np
 from numpy.typing import NDArray
 
+from ..colours import colours, rgb
+from ..workspace import drawn_edges, motor_errors, sensory_errors
+
 if TYPE_CHECKING:
     from ...model.model import Model
+    from ..error_scale import ErrorScale
+    from .canvas import Canvas
+    from .motion import Motion
+    from .placement import Placement
 
 Array = NDArray[np.float64]
 
+LINK, FRAME = "#2f9e44", "#8b97a3"
 _LINKS = 120_000
 _FEWEST, _MOST = 6, 24
 
@@ -56,6 +64,63 @@ def panel_beside(frame: Array, points: Array, size: float, dof: int) -> Panel:
     return Panel(corner @ frame, size * frame[: min(dof, 3)])
 
 
+def draw_maps(
+    canvas: Canvas,
+    model: Model,
+    placement: Placement,
+    panel: Panel,
+    scale: ErrorScale,
+    size: float,
+) -> tuple[Array, Array]:
+    """Draw both maps, coloured by their errors; return their nodes in the scene.
+
+    The sensory map is where the tip is, the motor map in its panel; `size` is that of the scene.
+    """
+    sensory = placement.lift(model.sensory.weights)
+    motor = panel.lift(np.asarray(model.motor.units))
+    few = len(model.about.joint_names) < 4
+    for name, part, points, errors, text in (
+        ("Sensory map", model.sensory, sensory, sensory_errors(model), "where they stand"),
+        (
+            "Motor map",
+            model.motor,
+            motor,
+            motor_errors(model),
+            "over the joints' ranges" if few else "over three joints",
+        ),
+    ):
+        tint = colours(scale.share(errors))
+        shape = "x".join(map(str, part.lattice.shape))
+        canvas.layer(name, "scale", f"{shape} nodes {text}")
+        edges = drawn_edges(part)
+        canvas.lines(f"{name}/lattice", points, edges, tint)
+        ends = points[edges]
+        spacing = float(np.median(np.linalg.norm(ends[:, 0] - ends[:, 1], axis=1)))
+        width = 0.12 if len(model.axes) == 3 else 0.5 if part.units.shape[1] == 2 else 0.25
+        canvas.points(f"{name}/nodes", points, tint, width * max(spacing, 0.003 * size))
+    corners, pairs = panel.outline
+    canvas.lines("Motor map/range", corners, pairs, FRAME)
+    return sensory, motor
+
+
+def draw_links(
+    canvas: Canvas, model: Model, motion: Motion, nodes: tuple[Array, Array], size: float
+) -> int:
+    """Draw the links of one sensory node on the motion's path; return the node."""
+    partners, strength = strongest_partners(model)
+    node = telling_node(model, np.unique(model.sensory.winners(motion.target)))
+    name = canvas.layer("Hebbian links", LINK, "of one node; click the sensory map for another")
+    mine = partners[node][partners[node] >= 0]
+    if len(mine):
+        ends = np.concatenate([nodes[0][[node]], nodes[1][mine]])
+        pairs = [(0, k + 1) for k in range(len(mine))]
+        fade = 0.25 + 0.75 * strength[node][: len(mine)] / 255
+        tint = np.outer(np.concatenate([[1.0], fade]), rgb(LINK)).astype(np.uint8)
+        canvas.lines(f"{name}/lines", ends, pairs, tint)
+        canvas.points(f"{name}/nodes", ends, LINK, 0.022 * size)
+    return node
+
+
 def strongest_partners(model: Model) -> tuple[NDArray[np.int64], NDArray[np.uint8]]:
     """Strongest motor partners of each sensory node, and their strengths.
 
@@ -69,6 +134,7 @@ def strongest_partners(model: Model) -> tuple[NDArray[np.int64], NDArray[np.uint
     links = model.links.T.tocsr()
     width = min(_MOST, max(_FEWEST, _LINKS // links.shape[0]))
     rows = np.repeat(np.arange(links.shape[0]), np.diff(links.indptr))
+    # sorted within each row by strength; `rank` counts from the row's start
     order = np.lexsort((-links.data, rows))
     rank = np.arange(len(rows)) - links.indptr[rows]
     keep = rank < width
@@ -87,6 +153,7 @@ def telling_node(model: Model, among: NDArray[np.intp]) -> int:
     units = model.motor.units
     total = np.asarray(links.sum(axis=1)).ravel()
     total = np.where(total > 0, total, np.inf)
+    # variance of the partners about their mean, E|u|^2 - |E u|^2
     mean = (links @ units) / total[:, None]
     spread = np.asarray(links @ (units**2)).sum(axis=1) / total - (mean**2).sum(axis=1)
     return int(among[np.argmax(spread)])

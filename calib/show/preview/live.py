@@ -18,13 +18,7 @@ _MOST = 12  # branches that are drawn
 
 
 class Live:
-    """Answers inverse queries of a page.
-
-    Parameters
-    ----------
-    model : Model
-        Whose map answers.
-    """
+    """Answers inverse queries of a page with a model's map."""
 
     def __init__(self, model: Model) -> None:
         self._model = model
@@ -55,17 +49,15 @@ class Live:
         unit = model.about.unit
         branches = []
         for k in range(min(len(found.q), _MOST)):
-            joints = model.motor.scale.to_unit(found.q[k : k + 1])[0]
-            branch = {
-                "words": self._words(found.q[k])
-                + f"\nexpected error {length_in_words(float(found.expected_error[k]), unit)}",
-                "joints": joints.tolist(),
-                "links": {},
-            }
-            if self._body is not None:
-                poses = self._body.poses(found.q[k])
-                branch["links"] = {name: t[0].T.ravel().tolist() for name, t in poses.items()}
-            branches.append(branch)
+            bound = length_in_words(float(found.expected_error[k]), unit)
+            poses = {} if self._body is None else self._body.poses(found.q[k])
+            branches.append(
+                {
+                    "words": f"{self._words(found.q[k])}\nexpected error {bound}",
+                    "joints": model.motor.scale.to_unit(found.q[k : k + 1])[0].tolist(),
+                    "links": {name: t[0].T.ravel().tolist() for name, t in poses.items()},
+                }
+            )
         words = f"{len(branches)} ways to reach it" if len(branches) > 1 else "one way to reach it"
         if not reachable:
             off = length_in_words(float(found.distance[0]), unit)

@@ -29,16 +29,7 @@ _PARTS = {"SCALAR": 1, "VEC2": 2, "VEC3": 3, "VEC4": 4, "MAT2": 4, "MAT3": 9, "M
 
 
 def check_mesh(name: str, kind: str, data: bytes) -> None:
-    """Refuse a mesh file that asks for more than it holds.
-
-    Parameters
-    ----------
-    name : str
-        What messages call the file.
-    kind : str
-        Its ending, such as ".glb".
-    data : bytes
-        Its content.
+    """Refuse a mesh file, `kind` its ending such as ".glb", that asks for more than it holds.
 
     Raises
     ------

@@ -8,19 +8,22 @@ from typing import TYPE_CHECKING
 import numpy as np
 from numpy.typing import NDArray
 
-from ..error_scale import ROUNDING
+from ..arrows import round_factor
+from ..error_scale import ROUNDING, length_in_words
 from ..workspace import extent
 
 if TYPE_CHECKING:
     from ...model.model import Model
+    from .canvas import Canvas
+    from .placement import Placement
 
 Array = NDArray[np.float64]
 
+TARGET, REACHED = "#1c7ed6", "#e8590c"
 FRAMES = 180
 FPS = 30.0
 _WIDTHS = (0.36, 0.25, 0.15, 0.08)  # swing of the joints about their middle, of their range
 _VISIBLE = 1 / 60  # of the extent: deviations are drawn at least so large
-_STEPS = (1, 2, 5)
 
 
 @dataclass(frozen=True, eq=False)
@@ -59,11 +62,7 @@ class Motion:
         most = float(self.deviation.max())
         if most < self.rounding:
             return self.reached, 1
-        wanted = _VISIBLE * size / most
-        if wanted <= 1:
-            return self.reached, 1
-        power = int(np.floor(np.log10(wanted)))
-        factor = max(s for s in _STEPS if s <= wanted / 10**power) * 10**power
+        factor = round_factor(_VISIBLE * size / most)
         return self.target + factor * (self.reached - self.target), factor
 
 
@@ -102,3 +101,34 @@ def drive(model: Model) -> Motion:
     reached = answer.position if simulation is None else simulation.exact(answer.q)
     least = ROUNDING if model.about.unit == "m" else ROUNDING * extent(model)
     return Motion(answer.q, target, reached, simulation is not None, least)
+
+
+def draw_motion(
+    canvas: Canvas, model: Model, motion: Motion, placement: Placement, front: Array, size: float
+) -> dict[str, Array]:
+    """Draw both paths, a little in front (3,) of the maps, and the balls that run along them.
+
+    Returns transforms (frames, 4, 4) of the balls by path.
+    """
+    shown, factor = motion.magnified(extent(model))
+    along = np.stack([np.arange(len(motion.q) - 1), np.arange(1, len(motion.q))], axis=1)
+    words = length_in_words(float(motion.deviation.mean()), model.about.unit)
+    where = "the simulated arm" if motion.true else "the learned map"
+    text = f"by {where}: {words} off on average"
+    text += f", drawn {factor:,} times as far" if factor > 1 else ""
+    for name, points, colour, about in (
+        ("Target path", motion.target, TARGET, "asked for"),
+        ("Reached path", shown, REACHED, text),
+    ):
+        canvas.layer(name, colour, about)
+        canvas.lines(f"{name}/line", placement.lift(points) + front, along, colour)
+    # the two may coincide: the target is a glass ball around the tip
+    canvas.marker("Target path/target", 0.022 * size, TARGET, 0.45, order=1)
+    canvas.marker("Reached path/tip", 0.012 * size, REACHED, order=2)
+    tracks = {}
+    balls = {"Target path/target": motion.target, "Reached path/tip": motion.reached}
+    for name, points in balls.items():
+        tracks[name] = np.tile(np.eye(4), (len(points), 1, 1))
+        tracks[name][:, :3, 3] = placement.lift(points)
+        canvas.place(name, tracks[name][0])
+    return tracks

@@ -25,17 +25,7 @@ _POLICY = (
 
 
 def html(scene: Scene, model: Model, *, live: bool = False) -> str:
-    """Return the page of a scene.
-
-    Parameters
-    ----------
-    scene : Scene
-        The drawing.
-    model : Model
-        Whose links the page shows.
-    live : bool
-        Whether a server answers inverse queries.
-    """
+    """Return the page of a model's scene; `live` where a server answers inverse queries."""
     partners, strength = strongest_partners(model)
     short = model.motor.size < 1 << 16  # 65535 stands for none
     data = {

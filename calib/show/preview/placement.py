@@ -11,6 +11,7 @@ from numpy.typing import ArrayLike, NDArray
 from ...arm.plane import Plane, fit_plane
 from ...body.spatial import SpatialStructure
 from ...body.spatial_words import camera_place
+from ...body.views import is_camera
 from ...errors import CalibError
 from ..workspace import downwards, extent
 
@@ -85,16 +86,15 @@ def place(model: Model, body: Body | None) -> Placement:
     about, size = model.about, extent(model)
     if len(model.axes) == 3:
         return _in_space(model, body)
-    if model.body is not None and body is not None and model.body.structure.view == "pinhole":
+    if model.body is not None and body is not None and is_camera(model.body.structure.view):
         return _picture(model, body)
     up = -1.0 if downwards(about.unit) else 1.0
     if body is None:
-        scale = 1.0 if _SIZES[0] <= size <= _SIZES[1] else _DRAWN / size
+        scale = _scale_of(size)
         plane = _stated(about.plane)
         # as the camera sees it
         axes = scale * np.stack([plane.x, up * plane.y])
         return Placement(scale * plane.origin, axes, scale, up=up)
-    scale = 1.0
     nodes = model.motor.scale.from_unit(np.clip(model.motor.units[model.visited], 0.0, 1.0))
     nodes = nodes[:: max(1, len(nodes) // 2000)]
     learned = model.forward(nodes)
@@ -106,8 +106,7 @@ def place(model: Model, body: Body | None) -> Placement:
         plane = _stated(about.plane)
     nominal = plane.project(tips)
     reach = float(np.ptp(nominal, axis=0).max())
-    if not _SIZES[0] <= reach <= _SIZES[1]:
-        scale = _DRAWN / reach
+    scale = _scale_of(reach)
     linear, shift, note = np.eye(2), np.zeros(2), ""
     far = np.sqrt(np.mean(np.sum((learned - nominal) ** 2, axis=1)))
     if about.unit != "m" or far > _TRUSTED * reach:
@@ -124,7 +123,7 @@ def _in_space(model: Model, body: Body | None) -> Placement:
     """The sensor's frame as the model's body knows it; without one it is the scene's."""
     size, own = extent(model), model.body
     if body is None or own is None or not getattr(own.structure, "informed", False):
-        scale = 1.0 if _SIZES[0] <= size <= _SIZES[1] else _DRAWN / size
+        scale = _scale_of(size)
         return Placement(np.zeros(3), scale * np.eye(3), scale if body is not None else 1.0)
     structure = own.structure
     assert isinstance(structure, SpatialStructure)  # noqa: S101
@@ -134,7 +133,7 @@ def _in_space(model: Model, body: Body | None) -> Placement:
     note = ""
     if structure.view != "base":
         note = "the sensor's frame is not the robot's: positions are drawn in the robot's"
-    scale = 1.0 if _SIZES[0] <= size / sensor.scale <= _SIZES[1] else _DRAWN * sensor.scale / size
+    scale = _scale_of(size / sensor.scale)
     return Placement(-scale * sensor.shift @ axes, scale * axes, scale, note)
 
 
@@ -152,6 +151,12 @@ def _picture(model: Model, body: Body) -> Placement:
     return Placement(place + depth * turn[:, 2] - u * axes[0] - v * axes[1], axes, 1.0, note, -1.0)
 
 
+def _scale_of(size: float) -> float:
+    """Scale at which an extent [m] is drawn: its own, unless it is very small or very large."""
+    # meshcat's grid, near plane and mouse wheel are made for some decimetres to some metres
+    return 1.0 if _SIZES[0] <= size <= _SIZES[1] else _DRAWN / size
+
+
 def similarity(source: Array, target: Array) -> tuple[Array, Array]:
     """Similarity, mirrored or not, that brings points (n, 2) closest to others (n, 2).
 
@@ -161,6 +166,7 @@ def similarity(source: Array, target: Array) -> tuple[Array, Array]:
         ``source @ linear + shift`` is close to `target` (Umeyama 1991).
     """
     a, b = source.mean(axis=0), target.mean(axis=0)
+    # no correction of the determinant's sign: a camera may see the arm mirrored
     u, spread, v = np.linalg.svd((source - a).T @ (target - b))
     power = float(np.sum((source - a) ** 2))
     linear = u @ v * (spread.sum() / power if power > 0 else 1.0)

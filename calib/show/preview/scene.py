@@ -10,11 +10,10 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import NDArray
 
-from ..colours import colours, rgb, stops
-from ..error_scale import ErrorScale, length_in_words
+from ..colours import colours, stops
+from ..error_scale import ErrorScale
 from ..workspace import (
     border,
-    drawn_edges,
     extent,
     motor_errors,
     sensory_errors,
@@ -27,8 +26,8 @@ from .camera import Camera
 from .canvas import POINT, Canvas
 from .cloud import Cloud, cloud
 from .labels import labels
-from .lattices import panel_beside, strongest_partners, telling_node
-from .motion import FPS, Motion, drive
+from .lattices import LINK, draw_links, draw_maps, panel_beside
+from .motion import FPS, TARGET, Motion, draw_motion, drive
 from .placement import Placement, place
 
 if TYPE_CHECKING:
@@ -37,8 +36,7 @@ if TYPE_CHECKING:
 
 Array = NDArray[np.float64]
 
-BORDER, LINK, TARGET, REACHED = "#2a9d8f", "#2f9e44", "#1c7ed6", "#e8590c"
-SAMPLE, FRAME = "#6c7a89", "#8b97a3"
+BORDER, SAMPLE = "#2a9d8f", "#6c7a89"
 _MOST_SAMPLES = 5000
 _REPETITIONS = 3
 
@@ -94,7 +92,6 @@ class _Drawing:
     def __init__(self, model: Model, samples: Samples | None, meshes: Path | None) -> None:
         self.model, self.samples, self.meshes = model, samples, meshes
         self.canvas = Canvas()
-        self.layers: list[dict[str, Any]] = []
         self.notes: list[str] = []
         self.body = Body.of(model.about)
         self.placement = place(model, self.body)
@@ -123,19 +120,23 @@ class _Drawing:
         scale = self._errors()
 
         if len(photo):
-            self._layer(photo_layer.LAYER, "", "by the camera that measured the arm")
+            self.canvas.layer(photo_layer.LAYER, "", "by the camera that measured the arm")
             behind = 0.01 * self.size * camera.direction
             photo_layer.draw_photo(canvas, model, photo - behind)
         self._arm(poses)
-        self._maps(scale)
-        self._links(motion)
+        both = draw_maps(canvas, model, placement, self.panel, scale, self.size)
+        self.node = draw_links(canvas, model, motion, both, self.size)
         if self.cloud is not None:
             self._cloud(self.cloud, scale)
         else:
             self._border(line)
         self._samples()
         self._residuals()
-        self._path(motion, poses)
+        tracks = draw_motion(canvas, model, motion, placement, self.front, self.size)
+        for link, transforms in poses.items():
+            if np.ptp(transforms, axis=0).max() > 1e-9:
+                tracks[f"{arm_layer.LAYER}/{link}"] = transforms
+        canvas.animate(tracks, FPS, _REPETITIONS)
         if placement.note:
             self.notes.append(placement.note)
         canvas.set("Grid", "visible", False)
@@ -145,83 +146,39 @@ class _Drawing:
 
     def _errors(self) -> ErrorScale:
         model = self.model
-        self.motor_errors, self.sensory_errors = motor_errors(model), sensory_errors(model)
         more = () if self.cloud is None else (self.cloud.errors,)
         return ErrorScale.of(
-            np.concatenate([self.motor_errors, self.sensory_errors, *more]),
+            np.concatenate([motor_errors(model), sensory_errors(model), *more]),
             model.about.unit,
             extent(model),
         )
-
-    def _layer(self, name: str, colour: str = "", text: str = "", *, shown: bool = True) -> str:
-        self.layers.append({"name": name, "colour": colour, "text": text, "shown": shown})
-        if not shown:
-            self.canvas.set(name, "visible", False)
-        return name
 
     def _arm(self, poses: dict[str, Array]) -> None:
         if self.body is None:
             self.notes.append("no URDF came with this model: the arm itself is not drawn")
             return
-        name = self._layer(arm_layer.LAYER, "", "as its URDF describes it")
+        name = self.canvas.layer(arm_layer.LAYER, "", "as its URDF describes it")
         drawn = extent(self.model) if self.model.about.unit == "m" else 0.0
         size = drawn or self.size / self.placement.scale
         self.notes += arm_layer.draw_arm(self.canvas, self.body, poses, size, self.meshes)
         if self.placement.scale != 1.0:
             self.canvas.place(name, np.diag([*[self.placement.scale] * 3, 1.0]))
 
-    def _maps(self, scale: ErrorScale) -> None:
-        model, canvas = self.model, self.canvas
-        sensory = self.placement.lift(model.sensory.weights)
-        motor = self.panel.lift(np.asarray(model.motor.units))
-        over = (
-            "over the joints' ranges" if len(model.about.joint_names) < 4 else "over three joints"
-        )
-        parts = (
-            ("Sensory map", model.sensory, sensory, self.sensory_errors, "where they stand"),
-            ("Motor map", model.motor, motor, self.motor_errors, over),
-        )
-        self.nodes = {"sensory": sensory, "motor": motor}
-        for name, part, points, errors, text in parts:
-            tint = colours(scale.share(errors))
-            self._layer(name, "scale", f"{_shape(part)} nodes {text}")
-            edges = drawn_edges(part)
-            canvas.lines(f"{name}/lattice", points, edges, tint)
-            ends = points[edges]
-            spacing = float(np.median(np.linalg.norm(ends[:, 0] - ends[:, 1], axis=1)))
-            width = 0.12 if self.in_space else 0.5 if part.units.shape[1] == 2 else 0.25
-            canvas.points(f"{name}/nodes", points, tint, width * max(spacing, 0.003 * self.size))
-        corners, pairs = self.panel.outline
-        canvas.lines("Motor map/range", corners, pairs, FRAME)
-
-    def _links(self, motion: Motion) -> None:
-        model = self.model
-        self.partners, self.strength = strongest_partners(model)
-        node = telling_node(model, np.unique(model.sensory.winners(motion.target)))
-        self._layer("Hebbian links", LINK, "of one node; click the sensory map for another")
-        mine = self.partners[node][self.partners[node] >= 0]
-        if len(mine):
-            ends = np.concatenate([self.nodes["sensory"][[node]], self.nodes["motor"][mine]])
-            pairs = [(0, k + 1) for k in range(len(mine))]
-            fade = 0.25 + 0.75 * self.strength[node][: len(mine)] / 255
-            tint = np.outer(np.concatenate([[1.0], fade]), rgb(LINK)).astype(np.uint8)
-            self.canvas.lines("Hebbian links/lines", ends, pairs, tint)
-            self.canvas.points("Hebbian links/nodes", ends, LINK, 0.022 * self.size)
-        self.node = node
-
     def _border(self, line: Array) -> None:
         points = self.placement.lift(line.reshape(-1, 2)) + self.front
-        self._layer("Workspace border", BORDER, "of all that the learned range reaches")
+        self.canvas.layer("Workspace border", BORDER, "of all that the learned range reaches")
         pairs = np.arange(len(points)).reshape(-1, 2)
         self.canvas.lines("Workspace border/line", points, pairs, BORDER)
 
     def _cloud(self, found: Cloud, scale: ErrorScale) -> None:
         """Where the tip can be, coloured by the bound on its true position, and two cuts."""
         lift, dot = self.placement.lift, 0.007 * self.size
-        name = self._layer("Error cloud", "scale", "bound on the true position, over all postures")
+        name = self.canvas.layer(
+            "Error cloud", "scale", "bound on the true position, over all postures"
+        )
         self.canvas.points(f"{name}/points", lift(found.x), colours(scale.share(found.errors)), dot)
         points, errors = found.cuts(lift, self.placement.frame)
-        name = self._layer("Slices", "scale", "the same, cut upright and level", shown=False)
+        name = self.canvas.layer("Slices", "scale", "the same, cut upright and level", shown=False)
         self.canvas.points(f"{name}/points", points, colours(scale.share(errors)), 1.5 * dot)
 
     def _samples(self) -> None:
@@ -230,7 +187,7 @@ class _Drawing:
             return
         shown = x[:: max(1, math.ceil(len(x) / _MOST_SAMPLES))]
         few = f"{len(shown):,} of {len(x):,} {what}" if len(shown) < len(x) else what
-        name = self._layer("Training samples", SAMPLE, few, shown=False)
+        name = self.canvas.layer("Training samples", SAMPLE, few, shown=False)
         self.canvas.points(
             f"{name}/positions", self.placement.lift(shown), SAMPLE, 0.006 * self.size
         )
@@ -238,41 +195,9 @@ class _Drawing:
     def _residuals(self) -> None:
         found = photo_layer.arrows(self.model, self.samples)
         if found is not None:
-            self._layer(photo_layer.ARROWS, photo_layer.ARROW, found.words)
+            self.canvas.layer(photo_layer.ARROWS, photo_layer.ARROW, found.words)
             seen, ends = (self.placement.lift(x) + self.front for x in (found.seen, found.ends))
             photo_layer.draw_arrows(self.canvas, seen, ends, 0.012 * self.size)
-
-    def _path(self, motion: Motion, poses: dict[str, Array]) -> None:
-        lift, canvas, n = self.placement.lift, self.canvas, len(motion.q)
-        shown, factor = motion.magnified(extent(self.model))
-        along = np.stack([np.arange(n - 1), np.arange(1, n)], axis=1)
-        words = length_in_words(float(motion.deviation.mean()), self.model.about.unit)
-        where = "the simulated arm" if motion.true else "the learned map"
-        text = f"by {where}: {words} off on average"
-        if factor > 1:
-            text += f", drawn {factor:,} times as far"
-        for name, points, colour, about in (
-            ("Target path", motion.target, TARGET, "asked for"),
-            ("Reached path", shown, REACHED, text),
-        ):
-            self._layer(name, colour, about)
-            canvas.lines(f"{name}/line", lift(points) + self.front, along, colour)
-        tracks = {}
-        # the two may coincide: the target is a glass ball around the tip
-        canvas.marker("Target path/target", 0.022 * self.size, TARGET, 0.45, order=1)
-        canvas.marker("Reached path/tip", 0.012 * self.size, REACHED, order=2)
-        for name, points in (
-            ("Target path/target", motion.target),
-            ("Reached path/tip", motion.reached),
-        ):
-            moves = np.tile(np.eye(4), (n, 1, 1))
-            moves[:, :3, 3] = lift(points)
-            canvas.place(name, moves[0])
-            tracks[name] = moves
-        for link, transforms in poses.items():
-            if np.ptp(transforms, axis=0).max() > 1e-9:
-                tracks[f"{arm_layer.LAYER}/{link}"] = transforms
-        canvas.animate(tracks, FPS, _REPETITIONS)
 
     def _page(self, scale: ErrorScale, camera: Camera) -> dict[str, Any]:
         about = self.model.about
@@ -286,7 +211,7 @@ class _Drawing:
                 "ticks": scale.ticks(),
                 "stops": list(stops()) if not scale.rounding else list(stops())[:1],
             },
-            "layers": self.layers,
+            "layers": self.canvas.layers,
             "labels": labels(self.model, self.placement, self.panel),
             "camera": camera.to_json(),
             "node": self.node,
@@ -309,8 +234,3 @@ class _Drawing:
         if not self.in_space:
             return self.placement.origin
         return np.asarray(self.placement.lift(self.model.sensory.weights).mean(axis=0))
-
-
-def _shape(part: Any) -> str:
-    lattice = getattr(part, "lattice", None)
-    return "x".join(map(str, lattice.shape)) if lattice is not None else f"{part.size:,}"

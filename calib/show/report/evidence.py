@@ -15,7 +15,7 @@ from ...training.evaluate import (
     simulation_of,
     summarise,
 )
-from ..workspace import extent
+from ..workspace import extent, training_samples
 
 if TYPE_CHECKING:
     from ...model.model import Model
@@ -79,19 +79,12 @@ def gather(model: Model, samples: Samples | None = None) -> Evidence:
         source = f"{len(residuals.q):,} rows of the log that was given"
         q, x = samples.q, samples.x
     elif simulation is not None:
-        from ...samples.babbling import babble
-
         residuals = fresh_residuals(model, simulation)
         errors = summarise(residuals)
         source = f"{len(residuals.q):,} fresh exact samples"
-        drawn = babble(
-            simulation.arm,
-            about.samples,
-            seed=about.seed,
-            noise=simulation.noise,
-            changes=simulation.changes,
-        )
-        q, x = drawn.q, drawn.x
+        drawn = training_samples(model)
+        assert drawn is not None  # noqa: S101 - it is simulated
+        q, x = drawn
     elif model.rows is not None and len(model.rows):
         # heat maps of the rows that are kept; the errors stay those of held-out rows
         q, x = model.rows.q, model.rows.x

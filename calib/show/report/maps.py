@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 
 from ..colours import UNKNOWN
 from ..error_scale import ErrorScale
-from ..workspace import downwards, drawn_edges, motor_errors, sensory_errors
+from ..workspace import cell_means, downwards, drawn_edges, motor_errors, sensory_errors
 from .style import colour_map, new_figure, plain_text
 from .tables import figure_unit
 
@@ -156,11 +156,7 @@ def heat(ax: Any, points: Array, errors: Array, scale: ErrorScale) -> Any:
     """Mean error in the cells of a grid over points (n, 2)."""
     low, high = points.min(axis=0), points.max(axis=0)
     span = np.where(high > low, high - low, 1.0)
-    cell = np.minimum((points - low) / span * _BINS, _BINS - 1).astype(int)
-    index = cell[:, 1] * _BINS + cell[:, 0]
-    count = np.bincount(index, minlength=_BINS**2)
-    total = np.bincount(index, errors, _BINS**2)
-    mean = np.where(count > 0, total / np.maximum(count, 1), np.nan).reshape(_BINS, _BINS)
+    mean = cell_means(points, errors, low, span / _BINS, (_BINS, _BINS))
     return ax.imshow(
         np.ma.masked_invalid(scale.share(mean)),
         origin="lower",

@@ -12,12 +12,13 @@ import numpy as np
 
 from ...use.geometry import moves_in_space
 from ..error_scale import length_in_words
+from ..facts import facts
 from . import curves, maps, space
 from .changes import adaptation_table, drift_text, history_table
 from .evidence import Evidence, gather
 from .over_photo import over_photo
 from .style import settings, to_png, to_svg
-from .tables import errors_in_html, fact_list, facts, is_papers_arm
+from .tables import errors_in_html, fact_list, is_papers_arm
 
 if TYPE_CHECKING:
     from ...model.model import Model
@@ -158,7 +159,7 @@ def report(model: Model, samples: Samples | None = None) -> str:
         '<p class="soft">What was learned, from which data, and how accurate it is.</p>',
         f'<p class="lead">{_verdict(evidence)}</p>',
         _heading("What was learned from what"),
-        fact_list(facts(evidence)),
+        fact_list({**facts(model), "links": f"{model.links.nnz:,}"}),
         *(f'<p class="soft">Note: {html.escape(note)}</p>' for note in about.notes),
         _heading("Errors"),
         _error_text(evidence),

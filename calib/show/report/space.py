@@ -131,11 +131,13 @@ def joint_curves(evidence: Evidence) -> Any:
         if rows is not None:
             low, high = float(rows[:, k].min()), float(rows[:, k].max())
         q = np.linspace(low, high, 600)
+        # real and imaginary parts of exp(i k q): the body's cosines and sines in one call
         waves = powers(q)
         waves = np.concatenate([waves.real, waves.imag], axis=1)
         index = body.structure.groups[f"curve.{k}"]
         value = 1e3 * (waves @ body.beta[index])
         place = np.searchsorted(body.active, index)
+        # beta ~ N(m, R R'): a curve w beta has the standard deviation |w R|
         half = 1.96e3 * np.linalg.norm(waves @ root[place], axis=1)
         ax.fill_between(
             q * by, value - half, value + half, color=SERIES["local"], alpha=0.25, linewidth=0

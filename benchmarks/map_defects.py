@@ -1,0 +1,68 @@
+"""Defects of several shapes and places: what each network's local models mend and spoil.
+
+python benchmarks/map_defects.py [--seeds N]
+"""
+
+from __future__ import annotations
+
+import argparse
+from functools import partial
+
+import numpy as np
+
+from calib.common.parallel import one_blas_thread
+from calib.common.scale import Scale
+from calib.paper.ablation import train_on
+from calib.paper.ablation_cases import bump, ripple, simulated
+from calib.training.smooth import find_smooth_part
+
+ROWS, TESTED, SIDE = 20_000, 20_000, 20
+NETWORKS = ("vdsom", "som", "grid", "random")
+WIDE = partial(bump, width=np.radians(6.0))
+LOW = partial(bump, height=1e-3, width=np.radians(3.0))
+ELSEWHERE = partial(ripple, window=np.radians([100.0, 110.0]))
+SMALL = partial(ripple, amplitude=np.radians(0.2))
+# those of the ablation with every seed; the others with one of their own
+SHAPES = (
+    ("ripple, 100 to 110 deg", ELSEWHERE, None, 3),
+    ("ripple of 0.2 deg", SMALL, None, 4),
+    ("ripple, noise of 1 mm", ripple, 1e-3, 5),
+    ("bump, 6 deg wide", WIDE, None, 2),
+    ("bump of 1 mm, 3 deg wide", LOW, None, 3),
+)
+
+
+def row(label: str, defect, noise: float | None, seed: int) -> str:
+    """A row of the table: mean errors [mm] of each network, in the defect and elsewhere."""
+    case = simulated("defect", ROWS, TESTED, seed, defect, noise)
+    samples, inside = case.samples, case.defect
+    scale = Scale.of_range(samples.lower, samples.upper, samples.revolute)
+    part = find_smooth_part(samples, scale, body="auto", view="auto", seed=seed)
+    found = []
+    for network in NETWORKS:
+        trained = train_on(case, scale, part, network, SIDE, seed)
+        for name in ("local",) if found else ("body", "local"):
+            said = trained.predictors[name].value(scale.to_unit(case.q))
+            error = 1e3 * np.linalg.norm(said - case.x, axis=1)
+            found.append((error[inside].mean(), error[~inside].mean()))
+    cells = []
+    for k, digits in ((0, 3), (1, 4)):
+        body, own, *others = (pair[k] for pair in found)
+        cells += [f"{e:.{digits}f}" for e in (body, own, *others)]
+        cells.append(f"{own / min(body, *others):.2f}")
+    return f"| {label}, seed {seed} | " + " | ".join(cells) + " |"
+
+
+def main() -> None:
+    """Print the table."""
+    parser = argparse.ArgumentParser(description=__doc__)
+    parser.add_argument("--seeds", type=int, default=3)
+    seeds = range(parser.parse_args().seeds)
+    own = [(n, d, None, seed) for n, d in (("ripple", ripple), ("bump", bump)) for seed in seeds]
+    with one_blas_thread():
+        for each in (*own, *SHAPES):
+            print(row(*each), flush=True)
+
+
+if __name__ == "__main__":
+    main()

@@ -1,0 +1,229 @@
+"""One maximisation of a posterior: its parameters, noise and prior scales, and the steps."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from .normal import (
+    Factor,
+    Sums,
+    first_noise,
+    negative_log_likelihood,
+    slices,
+    student_weights,
+    sums_of,
+)
+from .structure import Array, Hyper, Prior, Structure
+
+INNER = 8
+"""Steps of EM for each linearisation."""
+
+SETTLED = 3e-3
+"""A change of the noise and of every scale by less than this share ends them earlier."""
+
+DAMPINGS = 10.0 ** np.arange(-6, 3)
+"""Damping of a step that fails, as a share of the diagonal of the information."""
+
+GAINED = 0.05
+"""Nats that a damped step gains at least, or the search is at its end."""
+
+
+class Search:
+    """The state of one maximisation: parameters, noise, prior scales."""
+
+    def __init__(
+        self,
+        structure: Structure,
+        q: Array,
+        z: Array,
+        beta: Array,
+        prior: Prior,
+        nu: float,
+        floor: Array,
+        noise: Array | None,
+        weight: Array | None,
+    ) -> None:
+        self.structure, self.q, self.z = structure, q, z
+        self.active = prior.active
+        self.place = np.full(len(prior.sd), -1)
+        self.place[self.active] = np.arange(len(self.active))
+        self.beta = np.where(prior.sd > 0, beta, prior.mean)
+        self.mean, self.sd = prior.mean, prior.sd[self.active].copy()
+        self.hypers = [h for h in prior.hypers if (self.place[h.indices] >= 0).all()]
+        self.scales = {h.name: h.scale for h in self.hypers}
+        self.nu, self.floor = nu, floor
+        self.fixed = weight
+        self.blocks = structure.blocks
+        self.sums: list[Sums] = []
+        if noise is None:
+            r = structure.residual(z, structure.predict(q, self.beta))
+            noise = first_noise(r, floor, self.blocks)
+        self.noise = noise
+
+    def distance(self, beta: Array) -> Array:
+        """Active parameters (k,) beyond the prior mean."""
+        return np.asarray((beta - self.mean)[self.active])
+
+    def see(self, fresh: bool) -> None:
+        """Residuals and weights at the present parameters; derivatives too if `fresh`."""
+        if fresh:
+            predicted, self.x = self.structure.linearise(self.q, self.beta, self.active)
+        else:
+            predicted = self.structure.predict(self.q, self.beta)
+        self.r = self.structure.residual(self.z, predicted)
+        self.w = student_weights(self.r, self.noise, self.nu, self.blocks)
+        if self.fixed is not None:
+            self.w = self.w * self.fixed[:, None]
+
+    def linearise(self, fresh: bool) -> None:
+        """Weighted sums at the present parameters.
+
+        Derivatives and information are those of an earlier step unless `fresh`; the residuals are
+        not, so that the steps end at the same maximum.
+        """
+        self.see(fresh)
+        old = None if fresh else self.sums
+        self.sums = sums_of(self.x, self.r, self.w, self.blocks, old)
+
+    def data(self) -> tuple[Array, Array]:
+        """Information (k, k) and moment (k,) of the rows at the present noise."""
+        pairs = list(zip(self.sums, slices(self.blocks), strict=True))
+        gram = sum(s.gram / self.noise[p.start] ** 2 for s, p in pairs)
+        moment = sum(s.moment / self.noise[p.start] ** 2 for s, p in pairs)
+        return np.asarray(gram), np.asarray(moment)
+
+    def step(self, learn: bool) -> tuple[Array, Array]:
+        """Gauss-Newton step (k,) and posterior variances (k,); EM of noise and scales."""
+        start = self.distance(self.beta)
+        for _ in range(INNER):
+            gram, moment = self.data()
+            precision = gram.copy()
+            precision[np.diag_indices(len(self.sd))] += self.sd**-2.0
+            factor = Factor(precision)
+            inverse = factor.inverse()
+            delta = factor.solve(moment - start / self.sd**2)
+            variance = np.diag(inverse)
+            if not learn:
+                break
+            before = self._levels()
+            self._learn(start + delta, delta, variance, inverse)
+            if np.abs(self._levels() - before).max() < SETTLED:
+                break
+        return delta, variance
+
+    def _levels(self) -> Array:
+        """Logarithms of the noise and of the scales that EM moves."""
+        noise = np.ones(1) if self.noise is None else self.noise
+        moving = [self.scales[h.name] for h in self.hypers if not h.choices]
+        return np.asarray(np.log(np.concatenate([noise, moving])))
+
+    def _learn(self, value: Array, delta: Array, variance: Array, inverse: Array) -> None:
+        """One step of EM: the scales of the hypers without choices, and the noise."""
+        for h in self.hypers:
+            if h.choices:
+                continue
+            ix = self.place[h.indices]
+            total = float(((value[ix] ** 2 + variance[ix]) / h.shape).sum())
+            scale = np.sqrt((total + h.pseudo * h.scale**2) / (len(ix) + h.pseudo))
+            self._rescale(h, max(float(scale), 1e-10 * h.scale))
+        noise = self.noise.copy()
+        for s, part in zip(self.sums, slices(self.blocks), strict=True):
+            square = s.square - 2 * float(delta @ s.moment) + float(delta @ s.gram @ delta)
+            used = float((inverse * s.gram).sum()) / self.noise[part.start] ** 2
+            free = max(s.count - used, s.count / 4 + 1)
+            noise[part] = np.sqrt(max(square, 0.0) / free)
+        self.noise = np.maximum(noise, self.floor)
+
+    def _rescale(self, h: Hyper, scale: float) -> None:
+        self.scales[h.name] = scale
+        self.sd[self.place[h.indices]] = scale * np.sqrt(h.shape)
+
+    def choose(self) -> None:
+        """Compare the choices of each scale by evidence, one after another."""
+        varied = [h for h in self.hypers if h.choices]
+        if not varied:
+            return
+        gram, moment = self.data()
+        pull = moment - self.distance(self.beta) / self.sd**2
+        own = np.unique(np.concatenate([self.place[h.indices] for h in varied]))
+        rest = np.setdiff1d(np.arange(len(self.sd)), own)
+        inner, start = gram[np.ix_(own, own)], self.distance(self.beta)[own]
+        lead = moment[own]
+        if len(rest):  # what is not varied is marginalised once
+            outer = gram[np.ix_(rest, rest)]
+            outer[np.diag_indices(len(rest))] += self.sd[rest] ** -2.0
+            back = Factor(outer).solve(gram[np.ix_(rest, own)])
+            inner = inner - gram[np.ix_(own, rest)] @ back
+            lead = lead - pull[rest] @ back
+        for h in varied:
+            best: tuple[float, float] | None = None
+            for factor in h.choices:
+                self._rescale(h, h.scale * factor)
+                value = _evidence(inner, lead, start, self.sd[own])
+                if best is None or value > best[0] + 1.0:
+                    best = (value, h.scale * factor)
+            if best is not None:
+                self._rescale(h, best[1])
+
+    def objective(self, beta: Array) -> float:
+        """Negative log posterior at `beta`, up to a constant; infinite where it overflows."""
+        with np.errstate(all="ignore"):
+            r = self.structure.residual(self.z, self.structure.predict(self.q, beta))
+            if self.fixed is not None:
+                r = r * np.sqrt(self.fixed)[:, None]
+            value = negative_log_likelihood(r, self.noise, self.nu, self.blocks)
+            value += 0.5 * float(((self.distance(beta) / self.sd) ** 2).sum())
+        return value if np.isfinite(value) else np.inf
+
+    def move(self, delta: Array) -> float:
+        """Move along the step while the posterior grows; 1 for the whole step, 0 at its end.
+
+        A step that fails is damped (Levenberg 1944, Marquardt 1963): a shorter one would hardly
+        move what the rows determine, since directions that they leave open, such as the gauge of
+        a chain without a drawing, are the long and curved part of it.  Exact rows have no such
+        directions, and there damping ended before rounding did.
+        """
+        before = self.objective(self.beta)
+        least = before + 1e-9 * abs(before)
+        gaussian = not np.isfinite(self.nu)
+        for share in 0.4 ** np.arange(10.0 if gaussian else 2.0):
+            beta, value = self._after(share * delta)
+            if value <= least:
+                self.beta = beta
+                return float(share)
+        if gaussian:
+            return 0.0
+        precision, moment = self.data()
+        diagonal = np.diag(precision) + self.sd**-2.0
+        pull, best = moment - self.distance(self.beta) / self.sd**2, None
+        for damping in DAMPINGS:
+            precision[np.diag_indices(len(self.sd))] = (1 + damping) * diagonal
+            beta, value = self._after(Factor(precision).solve(pull))
+            if value > least and best is not None:
+                break
+            if value <= least:
+                least, best = value, beta
+        if best is not None:
+            self.beta = best
+        return 0.1 if before - least > GAINED else 0.0
+
+    def _after(self, delta: Array) -> tuple[Array, float]:
+        """Parameters (d,) after a step (k,) of the active ones, and the objective there."""
+        full = np.zeros(len(self.beta))
+        full[self.active] = delta
+        beta = self.structure.retract(self.beta, full)
+        return beta, self.objective(beta)
+
+
+def _evidence(gram: Array, moment: Array, start: Array, sd: Array) -> float:
+    """Log evidence of linearised rows, at `start` beyond the prior's mean, up to a constant."""
+    precision = gram.copy()
+    precision[np.diag_indices(len(sd))] += sd**-2.0
+    factor = Factor(precision)
+    pull = moment - start / sd**2
+    return 0.5 * float(
+        pull @ factor.solve(pull)
+        - ((start / sd) ** 2).sum()
+        - factor.log_determinant()
+        - 2 * np.log(sd).sum()
+    )

@@ -1,0 +1,73 @@
+"""Orientation: whether the tool of a log is turned otherwise than the model's.
+
+Positions of a tool that is bent about its own tip stay as they were; only orientations tell.
+"""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+from scipy.special import chdtri
+
+from ..arm.rotations import exponential, logarithm, matrix_of
+from ..body.bound import autocorrelation_time
+from ..body.poses import knows_orientation
+from .cause import Cause
+from .group_tests import FALSE_ALARM
+
+if TYPE_CHECKING:
+    from ..samples.samples import Samples
+    from .comparison import Comparison
+
+_STEPS, _NU = 8, 6.0
+
+
+def turned_tool(found: Comparison, log: Samples) -> tuple[float, tuple[Cause, ...], list[str]]:
+    """Compare the orientations of a log with those that the model predicts.
+
+    Returns
+    -------
+    score : float
+        Statistic over its threshold; 0 where nothing can be compared.
+    causes : tuple of Cause
+        The turned tool, where the score is above 1.
+    notes : list of str
+        Why orientations were not compared.
+    """
+    if log.orientation is None:
+        return 0.0, (), []
+    if not knows_orientation(found.body):
+        return 0.0, (), ["orientations are not compared: the model was learned without them"]
+    changed = found.changed and found.explained
+    structure: Any = found.reference.structure if changed else found.body.structure
+    beta = found.explanations[0].beta if changed else found.body.beta
+    predicted = exponential(structure.with_view("pose").predict(log.q, beta)[:, 3:])
+    back = np.swapaxes(predicted, 1, 2)
+    turns = logarithm(back @ matrix_of(log.orientation))
+    # seen = exp(x) predicted exp(y): a sensor turned by x, which only a change frees, a tool by y
+    own = np.broadcast_to(np.eye(3), back.shape)
+    design = np.concatenate([back, own], axis=2) if changed else own
+    weight, noise = np.ones(len(turns)), 1.0
+    for _ in range(_STEPS):
+        gram = np.einsum("nij,nik,n->jk", design, design, weight)
+        moved = np.linalg.pinv(gram) @ np.einsum("nij,ni,n->j", design, turns, weight)
+        left = turns - design @ moved
+        square = (left**2).sum(axis=1)
+        noise = max(float((weight * square).sum()) / (3 * len(turns)), 1e-18)
+        weight = (_NU + 3) / (_NU + square / noise)
+    # rows that err together count once, and the model knows its own tool as well as it does
+    covariance = noise * autocorrelation_time(left) * np.linalg.pinv(gram)[-3:, -3:]
+    body = found.body
+    held = np.searchsorted(body.active, body.structure.groups["tool.rotation"])
+    covariance += body.kappa**2 * body.covariance[np.ix_(held, held)]
+    tool, size = moved[-3:], float(np.linalg.norm(moved[-3:]))
+    score = float(tool @ np.linalg.solve(covariance, tool)) / float(chdtri(3, FALSE_ALARM))
+    # what the chain leaves over differs between regions of the workspace by about its scatter
+    score = min(score, size / float(np.sqrt(3 * noise)))
+    if score <= 1.0:
+        return score, (), []
+    half = 1.96 * float(np.sqrt(tool @ covariance @ tool)) / size
+    words = f"the tool is turned by {np.degrees(size):.3g} deg (its orientation, not its position)"
+    cause = Cause("tool", "tool.rotation", size, (size - half, size + half), "rad", words)
+    return score, (cause,), []

@@ -1,0 +1,192 @@
+"""Poses: joint values for many positions, or positions and orientations, of an arm in space.
+
+Use it for tables of poses; `calib.Model.solve` answers positions alone, in the sensor's frame.
+"""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from typing import TYPE_CHECKING, NamedTuple
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from ..arm.rotations import matrix_of, quaternion_of
+from ..errors import QueryError
+from ..inverse.near import position_near
+from ..inverse.pose import TOLERANCE, pose_branches, reach_poses
+from ..samples.orientations import QUATERNION, ROUNDING
+from .answers import checked_rows
+from .space import REACHED, Reached, Space
+
+if TYPE_CHECKING:
+    from .model import Model
+
+Array = NDArray[np.float64]
+
+_BESIDE = 0.1  # rad: joints no further from `near` than this are on its branch
+_CLEAR = 0.3  # share of the least singular value that joints may move by beside `near`
+
+
+class PoseAnswers(NamedTuple):
+    """Answers to poses; without `every` one for each, in their order.
+
+    Attributes
+    ----------
+    target : (k,) int array
+        Which pose each answer belongs to, ascending.
+    q : (k, dof) array [rad or m]
+        Joint values; out of reach those that come nearest.
+    position, quaternion : (k, 3), (k, 4) array
+        Where they put the tip, in the frame of the question.
+    distance : (k,) array
+        From the position wanted [m, or the sensor's unit in its frame].
+    turned : (k,) array [rad]
+        From the orientation wanted; 0 where none was.
+    expected_error, model_error : (k,) array
+        95 % bounds as of `Answer`; both on the true position in the base frame.
+    reachable : (k,) bool array
+    """
+
+    target: NDArray[np.intp]
+    q: Array
+    position: Array
+    quaternion: Array
+    distance: Array
+    turned: Array
+    expected_error: Array
+    model_error: Array
+    reachable: NDArray[np.bool_]
+
+
+def solve_poses(
+    model: Model,
+    position: ArrayLike,
+    quaternion: ArrayLike | None = None,
+    near: ArrayLike | None = None,
+    *,
+    frame: str = "sensor",
+    every: bool = False,
+) -> PoseAnswers:
+    """Joint values for positions and, if given, orientations.
+
+    Parameters
+    ----------
+    model : Model
+        Of an arm in space.
+    position : (n, 3) or (3,) array [m, or the sensor's unit in its frame]
+    quaternion : (n, 4) or (4,) array, optional
+        qx, qy, qz, qw.
+    near : (n, dof) or (dof,) array, optional [rad or m]
+        Of several solutions the nearest to these joints answers; the middle of the ranges
+        where not given.
+    frame : {"sensor", "base"}
+    every : bool
+        Whether all branches of a pose are wanted, the nearest first.
+
+    Raises
+    ------
+    QueryError
+        If the model knows no arm in space, a value is no number, or a quaternion is none.
+    """
+    space = Space.of(model)
+    names = model.about.joint_names
+    p, _ = checked_rows(position, ("x", "y", "z"), "positions")
+    n = len(p)
+    r = None
+    if quaternion is not None:
+        turns, _ = checked_rows(quaternion, QUATERNION, "quaternions")
+        r = matrix_of(_units(turns))
+        if len(r) != n:
+            raise QueryError(f"{len(r)} quaternions for {n} positions: expected as many")
+    middle = 0.5 * (space.joints.lower + space.joints.upper)
+    anchor, _ = checked_rows(middle if near is None else near, names, "near")
+    if len(anchor) not in (1, n):
+        raise QueryError(f"near has {len(anchor)} rows for {n} poses: give one or {n}")
+    anchor = np.broadcast_to(anchor, (n, len(names)))
+    if frame != "base":
+        if space.camera:
+            raise QueryError("pixels are no positions in space: ask with frame='base'")
+        same = np.tile(np.eye(3), (n, 1, 1)) if r is None else r
+        p, turned = space.to_base(p, same)
+        r = None if r is None else turned
+    found = _found(space, p, r, anchor, every)
+    return described(space, found, frame)
+
+
+def _units(quaternions: Array) -> Array:
+    """Quaternions (n, 4) of length 1; files round to a few digits."""
+    length = np.linalg.norm(quaternions, axis=1)
+    if (np.abs(length - 1.0) > ROUNDING).any():
+        row = int(np.argmax(np.abs(length - 1.0)))
+        raise QueryError(
+            f"the quaternion of row {row + 1} has length {length[row]:.4g}: expected length 1, in "
+            "the order qx, qy, qz, qw"
+        )
+    return np.asarray(quaternions / length[:, None])
+
+
+def described(space: Space, found: list[Reached], frame: str) -> PoseAnswers:
+    """Answers of the arm, one list for each target, in a frame and with their bounds."""
+    target = np.repeat(np.arange(len(found)), [len(each.q) for each in found])
+    q, position, rotation, away, turned = (
+        np.concatenate([getattr(each, name) for each in found])
+        for name in ("q", "position", "rotation", "away", "turned")
+    )
+    reachable = np.array([each.reachable for each in found], dtype=bool)[target]
+    scale = 1.0
+    if frame == "base":
+        bound = error = space.bound(q)
+    else:
+        position, rotation = space.to_sensor(position, rotation)
+        scale = space.sensor[2]
+        bound, error = space.model.expected_error(q), space.model.model_error(q)
+    turns = quaternion_of(rotation)
+    return PoseAnswers(target, q, position, turns, scale * away, turned, bound, error, reachable)
+
+
+def _found(space: Space, p: Array, r: Array | None, anchor: Array, every: bool) -> list[Reached]:
+    """Answers (targets) in the base frame; the rows that are met beside `anchor` all at once."""
+    n, length = len(p), space.length
+    if r is None:
+        q, left = position_near(space.evaluate, p, anchor, space.joints, length)
+        beside = left <= REACHED * length
+    elif every or not n:
+        q, beside = anchor, np.zeros(n, dtype=bool)
+    else:
+        q, left = reach_poses(space.evaluate, anchor, p, r, length)
+        q, inside = space.joints.within(q)
+        # another branch is as near only beside a fold, where the Jacobian loses a direction
+        slope = space.evaluate(q)[2].copy()
+        slope[:, :3] /= length
+        least = np.linalg.svd(slope, compute_uv=False)[:, -1]
+        moved = np.abs(q - anchor).max(axis=1)
+        beside = inside & (left <= TOLERANCE * length)
+        beside &= (moved <= _BESIDE) & (moved <= _CLEAR * least) & (q.shape[1] <= 6)
+    alone = np.flatnonzero(~beside)
+    branches: dict[int, Array] = {}
+    if r is not None and len(alone):
+        every_way = pose_branches(
+            space.evaluate, p[alone], r[alone], space.joints, length, starts=anchor[alone]
+        )
+        branches = dict(zip(alone.tolist(), every_way, strict=True))
+    position, rotation, _ = space.evaluate(q)
+    away = np.linalg.norm(position - p, axis=1)
+    out = []
+    for i in range(n):
+        if beside[i]:
+            own = slice(i, i + 1)
+            out.append(Reached(q[own], position[own], rotation[own], away[own], np.zeros(1), True))
+        elif r is None:
+            out.append(space.reach_position(p[i], anchor[i].tolist()))
+        else:
+            turn = quaternion_of(r[i : i + 1])[0]
+            each = space.reach_pose(p[i], turn, anchor[i].tolist(), branches[i])
+            out.append(each if every and each.reachable else first_of(each))
+    return out
+
+
+def first_of(found: Reached, count: int = 1) -> Reached:
+    """The preferred answers alone."""
+    names = ("q", "position", "rotation", "away", "turned")
+    return replace(found, **{name: getattr(found, name)[:count] for name in names})

@@ -1,0 +1,77 @@
+"""Facts: what a model is and what it was learned from, in words, for `info` and the report."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping
+from typing import TYPE_CHECKING, Any
+
+if TYPE_CHECKING:
+    from ..arm.arm import Arm
+    from ..model.about import About
+    from ..model.model import Model
+
+Quantity = tuple[str, str, str]
+"""Direction, name and unit of an error."""
+
+
+def facts(model: Model, *, degrees: bool = True) -> dict[str, str]:
+    """Return names and values; ranges of joints that turn in degrees or in rad."""
+    about = model.about
+    found = {"robot": about.robot or "none, learned from a log alone"}
+    for k, name in enumerate(about.joint_names):
+        found[f"joint {name}"] = learned_range(about, k, degrees=degrees)
+    if about.tip:
+        found["tip"] = about.tip
+    if about.locked:
+        found["locked"] = ", ".join(f"{name}={value:.6g}" for name, value in about.locked.items())
+    if about.plane:
+        found["plane"] = ", ".join(
+            f"{name} ({', '.join(f'{value + 0.0:.4g}' for value in about.plane[name])})"
+            for name in ("origin", "x", "y")
+        )
+    found["positions in"] = about.unit
+    found["learned from"] = _source(about)
+    options = about.options
+    found["maps"] = f"{options['map']}, {options['rule']} rule, {size_in_words(model)}"
+    found["expected error"] = f"95 % bound on the distance to the {about.bound_of}"
+    found["model error"] = "95 % bound on the distance to the true position in the sensor's frame"
+    return found
+
+
+def learned_range(about: About | Arm, k: int, *, degrees: bool) -> str:
+    """Return the learned range of joint `k` in words."""
+    turned = degrees and about.revolute[k]
+    factor, unit = (math.degrees(1.0), "deg") if turned else (1.0, about.units_of_joints[k])
+    return f"{about.lower[k] * factor:.6g} to {about.upper[k] * factor:.6g} {unit}"
+
+
+def quantities(about: About, errors: Mapping[str, Mapping[str, Any]]) -> list[Quantity]:
+    """Return direction, name and unit of each error of one readout, in their order."""
+    joints = dict(zip(about.joint_names, about.units_of_joints, strict=True))
+    units = {"forward": {"orientation": "rad"}, "inverse": joints}
+    return [
+        (direction, name, units[direction].get(name, about.unit))
+        for direction in units
+        for name in errors[direction]
+    ]
+
+
+def size_in_words(model: Model) -> str:
+    """Return the lattices as `motor 70x70, sensory 70x70`."""
+    motor, sensory = (
+        "x".join(map(str, part.lattice.shape)) for part in (model.motor, model.sensory)
+    )
+    return f"motor {motor}, sensory {sensory}"
+
+
+def _source(about: About) -> str:
+    from .error_scale import length_in_words  # brings NumPy, which the command line's help spares
+
+    words = [f"{about.samples} {'simulated samples' if about.simulation else 'rows of a log'}"]
+    words.append(f"seed {about.seed}")
+    if about.simulation:
+        noise = about.simulation.get("noise") or 0.0
+        words.append(f"sensor noise {length_in_words(noise, about.unit)}" if noise else "no noise")
+        words += map(str, about.simulation.get("changes", ()))
+    return ", ".join(words)

@@ -1,0 +1,180 @@
+"""Logs from videos, and the commands: right where they are made, one line where they are not."""
+
+from __future__ import annotations
+
+import subprocess
+import sys
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+pytest.importorskip("cv2")
+import cv2
+import shots
+from calib_cli.app import app
+from rendering import Desk, tag, write_video
+from shots import LENS, refused, truth_on_board
+from typer.testing import CliRunner
+
+import calib
+from calib.errors import OptionError
+from calib.recording.from_video import Rows, log_video
+from calib.recording.joint_table import read_joints
+from calib.recording.setting import Setting
+
+shot, copy, film = shots.shot, shots.copy, shots.film
+
+
+def test_a_video_becomes_rests(film):
+    made = log_video(film.folder / "run.mp4", film.joints, Setting(7))
+    assert abs(made.source["time_offset"] - 51.0) < 3e-3
+    assert 5 <= len(made) <= 9
+    miss = made.x - film.scene.tip_pixels(made.q)
+    assert np.sqrt((miss**2).sum(1).mean()) < 0.15
+    assert made.dropped["the arm moves"] > 40
+
+
+def test_a_video_becomes_slow_frames(film):
+    rows = Rows(time_offset=51.0, still=0.4)
+    made = log_video(film.folder / "run.mp4", film.joints, Setting(7), rows)
+    assert len(made) > 30
+    miss = np.linalg.norm(made.x - film.scene.tip_pixels(made.q), axis=1)
+    assert np.median(miss) < 0.2
+
+
+def test_videos_that_make_no_log(film, tmp_path):
+    run, joints = film.folder / "run.mp4", film.joints
+    refused("tag 9 is in none of 160 frames: .* show 7", log_video, run, joints, Setting(9))
+    refused("clocks are apart", log_video, run, joints, Setting(7), Rows(time_offset=500.0))
+    refused("never rests", log_video, run, joints, Setting(7), Rows(51.3, max_gap=0.1))
+    (tmp_path / "text.mp4").write_text("no video\n" * 200)
+    refused("no video that OpenCV can read", log_video, tmp_path / "text.mp4", joints, Setting(7))
+    refused("there is no file", log_video, tmp_path / "none.mp4", joints, Setting(7))
+    refused("lens was calibrated with 640x480", log_video, run, joints, Setting(7, lens=LENS))
+    twins = Desk(film.scene.camera, film.scene.lengths, still=(tag(7, 0.05, (0.1, 0.1, 0, 1)),))
+    frames = [twins.picture(q, np.random.default_rng(0)) for q in joints.q[:600:50]]
+    write_video(str(tmp_path / "twins.mp4"), frames, 20.0)
+    refused("twice in twins.mp4", log_video, tmp_path / "twins.mp4", joints, Setting(7))
+    (tmp_path / "p.csv").write_text("a,b\n0,1\n1,2\n")
+    refused("a column 'time'", log_video, run, read_joints(tmp_path / "p.csv"), Setting(7))
+    with pytest.raises(OptionError):
+        Rows(still=-1.0)
+
+
+def test_a_video_that_is_cut_off_says_so(film, tmp_path):
+    whole = (film.folder / "run.avi").read_bytes()
+    (tmp_path / "cut.avi").write_bytes(whole[: len(whole) // 2])
+    made = log_video(tmp_path / "cut.avi", film.joints, Setting(7), Rows(51.0, still=0.5))
+    assert any("it is cut off" in note for note in made.notes)
+
+
+def test_opencv_and_its_decoders_are_silent(film, copy, tmp_path):
+    whole = (film.folder / "run.avi").read_bytes()
+    (tmp_path / "cut.avi").write_bytes(whole[: len(whole) // 2 + 7])
+    (tmp_path / "junk.mp4").write_bytes(bytes(range(256)) * 20)
+    for path in list((copy.folder / "p").iterdir())[:3]:
+        path.write_bytes(path.read_bytes()[:-2000])
+    code = (
+        "import sys\nfrom calib.errors import CalibError\n"
+        "from calib.recording.video import Video\n"
+        "from calib.recording.pictures import list_pictures, read_picture\n"
+        "for path in sys.argv[2:]:\n"
+        "    try:\n        sum(1 for _ in Video(path).frames())\n"
+        "    except CalibError:\n        pass\n"
+        "for path in list_pictures(sys.argv[1]):\n"
+        "    try:\n        read_picture(path)\n"
+        "    except CalibError:\n        pass\n"
+    )
+    names = [str(copy.folder / "p"), str(tmp_path / "cut.avi"), str(tmp_path / "junk.mp4")]
+    done = subprocess.run([sys.executable, "-c", code, *names], capture_output=True, text=True)
+    assert (done.returncode, done.stderr) == (0, "")
+
+
+def run(*words, stdin=None):
+    return CliRunner().invoke(app, [str(word) for word in words], input=stdin)
+
+
+def test_the_commands(shot, film, tmp_path):
+    done = run("tag", 7, "-o", tmp_path / "tag.svg", "--size", "30mm")
+    assert done.exit_code == 0
+    assert "30 mm" in done.output
+    done = run("tag", "--board", "5x4:40mm:31mm:5x5_100", "-o", tmp_path / "board.svg")
+    assert done.exit_code == 0
+    assert run("tag", "-o", tmp_path / "x.svg").exit_code == 2
+    joints = ("--joints-file", shot.folder / "joints.csv", "--tag", 7)
+    done = run(
+        "log", shot.pictures, *joints, "-o", tmp_path / "l.csv", "--picture", tmp_path / "s.png"
+    )
+    assert done.exit_code == 0
+    assert cv2.imread(str(tmp_path / "s.png")).shape == (480, 640, 3)
+    assert calib.read_log(tmp_path / "l.csv", joints=["a", "b", "c"]).unit == "px"
+    done = run(
+        "log", shot.pictures, *joints, "-o", tmp_path / "m.csv", "--board",
+        "5x4:40mm:31mm:5x5_100", "--lens", shot.folder / "lens.json", "--tag-height", "25mm",
+    )  # fmt: skip
+    assert done.exit_code == 0
+    log = calib.read_log(tmp_path / "m.csv", joints=["a", "b", "c"])
+    assert log.unit == "m"
+    assert np.linalg.norm(log.x - truth_on_board(shot.scene, shot.q), axis=1).max() < 3e-3
+    done = run("log", shot.pictures, "--tag", 7, "-o", tmp_path / "n.csv")
+    assert done.exit_code == 2
+    assert "--joints-file" in done.output
+    done = run("log", shot.pictures, *joints, "--still", "1", "-o", tmp_path / "n.csv")
+    assert done.exit_code == 2
+
+
+def test_a_clock_that_cannot_be_found_is_exit_three(film, tmp_path):
+    other = np.loadtxt(film.folder / "joints.csv", delimiter=",", skiprows=1)
+    other[:, 1:] = other[::-1, 1:] * [0.3, -1.0]
+    np.savetxt(tmp_path / "other.csv", other, delimiter=",", header="time,a,b", comments="")
+    done = run(
+        "log", film.folder / "run.mp4", "--joints-file", tmp_path / "other.csv", "--tag", 7,
+        "-o", tmp_path / "v.csv",
+    )  # fmt: skip
+    assert done.exit_code == 3
+    assert not (tmp_path / "v.csv").exists()
+    assert "--time-offset" in done.output
+
+
+def test_a_camera_is_recorded_line_by_line(film, tmp_path):
+    """A video of postures at rest stands in for the device: six frames of each."""
+    q = np.random.default_rng(6).uniform([0.1, 0.2], [1.2, 1.4], (60, 2))
+    scene = replace(film.scene, tip_size=0.06)
+    p = scene.tip_pixels(q)
+    q = q[((p > 30) & (p < [370, 270])).all(axis=1)][:5]
+    rng = np.random.default_rng(7)
+    frames = [frame for row in q for frame in [scene.picture(row, rng)] * 6]
+    write_video(str(tmp_path / "device.avi"), frames, 20.0, "MJPG")
+    stream = "a,b\n" + "".join(f"{a!r},{b!r}\n" for a, b in q.tolist())
+    line = ["log", tmp_path / "shots", "--camera", tmp_path / "device.avi", "--tag", 7, "-o"]
+    done = run(*line, tmp_path / "l.csv", stdin=stream)
+    assert done.exit_code == 0, done.output
+    assert done.output.count("tag 7 at [") == 5
+    made = calib.read_log(tmp_path / "l.csv", joints=["a", "b"])
+    assert np.array_equal(made.q, q)
+    assert np.linalg.norm(made.x - scene.tip_pixels(q), axis=1).max() < 0.3
+    for stdin, folder, words in (
+        (stream, "shots", "is not empty"),
+        ("0.1,0.2\n", "a", "begins without names"),
+        ("a,b\n", "b", "before its first posture"),
+        ("a,b\n1,2,3\n", "c", "line 2 of the joints' stream has 3 values"),
+        (stream + stream[4:], "d", "gives no more pictures"),
+    ):
+        line[1] = tmp_path / folder
+        done = run(*line, tmp_path / "n.csv", stdin=stdin)
+        assert (done.exit_code, words in done.output) == (1, True), done.output
+    assert len(list((tmp_path / "d").iterdir())) == 6  # what was recorded stays
+
+
+def test_a_camera_that_is_not_there_is_one_line(tmp_path):
+    words = [*map(str, ("log", tmp_path / "s", "--camera", 99, "--tag", 7, "-o", tmp_path / "l"))]
+    code = f"import sys; sys.argv[1:] = {words}; from calib_cli import main; main()"
+    done = subprocess.run(
+        [sys.executable, "-c", code], capture_output=True, text=True, input="a\n1\n"
+    )
+    assert done.returncode == 1
+    assert done.stderr.splitlines() == [
+        "error: there is no camera '99' that OpenCV can open: expected 0, 1, ..."
+    ]
+    assert not (tmp_path / "s").exists()

@@ -1,0 +1,109 @@
+"""The command `calib plan`."""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+import pytest
+
+import calib
+from calib.common.scale import Scale
+
+DEGREE = math.radians(1.0)
+UNIT = Scale(np.zeros(2), np.ones(2), np.zeros(2, dtype=bool))
+
+
+@pytest.fixture(scope="module")
+def arm():
+    return calib.load_arm("two_link")
+
+
+# --- the command --------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize("name", ["poses.csv", "poses.parquet"])
+def test_command_writes_what_python_plans(run, tmp_path, arm, name):
+    path = tmp_path / name
+    done = run("plan", "two_link", "-n", "20", "--seed", "3", "--from", "0.5,1", "-o", path)
+    assert done.code == 0, done.err
+    assert "joints travel" in done.out
+    log = calib.read_log(path, arm, columns={"x": "expected_x", "y": "expected_y"})
+    np.testing.assert_array_equal(log.q, calib.plan(arm, 20, seed=3, start=[0.5, 1.0]).q)
+
+
+def test_command_in_degrees(run, arm):
+    done = run("plan", "two_link", "-n", "8", "--degrees", "--margin", "2", "-o", "-")
+    header, *rows = done.out.splitlines()
+    assert header == "shoulder,elbow,expected_x,expected_y"
+    table = np.array([[float(v) for v in row.split(",")] for row in rows])
+    same = calib.plan(arm, 8, margin=math.radians(2)).q
+    np.testing.assert_allclose(table[:, :2], np.degrees(same), atol=1e-9)
+    assert table[:, 0].min() == pytest.approx(2.0)
+    half = run("plan", "two_link", "-n", "8", "--margin", "10%", "-o", "-").out.splitlines()[1:]
+    first = [float(row.split(",")[0]) for row in half]
+    assert (min(first), max(first)) == pytest.approx((0.05 * math.pi, 0.45 * math.pi))
+
+
+def test_command_prints_one_document(run, tmp_path):
+    path = tmp_path / "p.csv"
+    done = run("plan", "polar", "-n", "9", "--keep", "x=-0.1:0.3", "-o", path, "--json")
+    assert done.code == 0, done.err
+    found = done.document
+    assert found["joints"] == ["base", "slide"] or len(found["joints"]) == 2
+    assert found["rows"] == 9 + len(found["via"]) == len(found["poses"]["expected_x"])
+    assert min(found["poses"]["expected_x"]) > -0.1
+    assert len(path.read_text().splitlines()) == 1 + found["rows"]
+
+
+def test_command_plans_for_a_model_whatever_its_name(run, model, tmp_path):
+    other = tmp_path / "renamed.bin"
+    other.write_bytes(model.read_bytes())
+    documents = []
+    for path in (model, other):
+        done = run("plan", path, "-n", "6", "-o", tmp_path / "p.csv", "--json")
+        assert done.code == 0, done.err
+        documents.append(done.document["poses"])
+    assert documents[0] == documents[1]
+    assert "expected_error" in documents[0]
+
+
+def test_command_completes_a_log(run, log, tmp_path, arm):
+    done = run("plan", "two_link", "-n", "6", "--data", log, "-o", "-")
+    assert done.code == 0
+    assert "from the 400 measured ones" in done.err
+    rows = [[float(v) for v in line.split(",")[:2]] for line in done.out.splitlines()[1:]]
+    expected = calib.plan(arm, 6, measured=calib.read_log(log, arm)).q
+    np.testing.assert_array_equal(rows, expected)
+
+
+@pytest.mark.parametrize(
+    ("args", "code", "part"),
+    [
+        (["two_link"], 2, "-o"),
+        (["two_link", "-n", "0"], 2, "1 or more"),
+        (["two_link", "-n", "5000"], 2, "at most 1000"),
+        (["two_link", "--margin", "60%"], 2, "below 50%"),
+        (["two_link", "--margin", "-1"], 2, "zero or more"),
+        (["two_link", "--keep", "z=0:1"], 2, "x=LOW:HIGH"),
+        (["two_link", "--keep", "x=0:1", "--keep", "x=0:2"], 2, "twice"),
+        (["two_link", "--keep", "x=2:3"], 1, "the tip reaches"),
+        (["two_link", "--from", "1"], 2, "2 values"),
+        (["two_link", "--from", "1,9"], 1, "elbow = 9"),
+        (["two_link", "--columns", "x=u"], 2, "--data"),
+        (["two_linc"], 1, "did you mean two_link"),
+        (["no.calib"], 1, "no.calib"),
+        (["MODEL", "--tip", "t"], 2, "--tip is for ROBOT"),
+        (["MODEL", "--range", "elbow=0:9"], 1, "outside"),
+    ],
+)
+def test_command_errors_are_one_line_and_write_nothing(run, model, tmp_path, args, code, part):
+    path = tmp_path / "p.csv"
+    words = [str(model) if arg == "MODEL" else arg for arg in args]
+    output = [] if part == "-o" else ["-o", str(path)]
+    done = run("plan", *words, *output)
+    assert done.code == code
+    assert part in done.err
+    assert len(done.err.strip().splitlines()) == 1
+    assert done.out == ""
+    assert not path.exists()

@@ -1,0 +1,124 @@
+"""Plans for models and for arms in space: the poses that tell most."""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+import pytest
+from models import in_space, trained
+
+import calib
+from calib.body.most_telling import greedy
+from calib.common.scale import Scale
+from calib.use.collisions import hits_itself
+from calib.use.information import tells
+from calib.use.pose_space import space_of
+from calib.use.spread import candidates, farthest
+
+DEGREE = math.radians(1.0)
+UNIT = Scale(np.zeros(2), np.ones(2), np.zeros(2, dtype=bool))
+
+
+@pytest.fixture(scope="module")
+def arm():
+    return calib.load_arm("two_link")
+
+
+# --- models -------------------------------------------------------------------------------
+
+
+def test_plan_of_a_model_tells_what_it_expects():
+    model = trained("two_link", n=3000, size=20)
+    plan = calib.plan(model, 25)
+    np.testing.assert_array_equal(plan.x, model.forward(plan.q))
+    np.testing.assert_array_equal(plan.expected_error, model.expected_error(plan.q))
+    assert list(plan.columns()) == [
+        "shoulder",
+        "elbow",
+        "expected_x",
+        "expected_y",
+        "expected_error",
+    ]
+    # its URDF tells the limits
+    np.testing.assert_allclose(plan.q.min(axis=0), model.about.lower + DEGREE)
+
+
+def test_a_model_of_a_log_plans_within_what_was_measured():
+    log = calib.babble(calib.load_arm("two_link"), 60, seed=2, noise=1e-3)
+    free = calib.Samples(log.q, log.x, log.joint_names, log.q.min(0), log.q.max(0), log.revolute)
+    model = calib.train(free, size=8)
+    plan = calib.plan(model, 10)
+    np.testing.assert_allclose(plan.q.min(axis=0), log.q.min(axis=0))
+    np.testing.assert_allclose(plan.q.max(axis=0), log.q.max(axis=0))
+
+
+def test_planned_poses_teach_more_than_random_ones(arm):
+    """The prediction variance of a trend of the second harmonics, to which maps are fitted."""
+    from calib.body.basis import Basis
+
+    basis = Basis(tuple((arm.upper - arm.lower).tolist()), 2)
+    place = basis.values(np.random.default_rng(0).random((2000, 2)))
+
+    def variance(q):
+        features = basis.values((q - arm.lower) / (arm.upper - arm.lower))
+        inverse = np.linalg.inv(features.T @ features)
+        return float(np.einsum("ni,ij,nj->n", place, inverse, place).mean())
+
+    planned = [variance(calib.plan(arm, 30, seed=s).q) for s in range(10)]
+    random = [variance(calib.babble(arm, 30, seed=s).q) for s in range(10)]
+    sobol = [variance(calib.babble(arm, 30, seed=s, method="sobol").q) for s in range(10)]
+    assert max(planned) < min(random)
+    assert np.mean(planned) < 0.9 * np.mean(sobol)
+
+
+# --- arms in space -----------------------------------------------------------------------------
+
+
+def test_the_most_telling_poses_are_those_of_the_posterior():
+    """Greedy choice by downdates is greedy choice by determinants."""
+    rng = np.random.default_rng(0)
+    told = rng.normal(size=(12, 3, 7)) * rng.uniform(0.2, 2.0, (12, 1, 1))
+    precision, left, chosen = np.eye(7), list(range(12)), []
+    for _ in range(5):
+        volumes = [np.linalg.slogdet(precision + told[k].T @ told[k])[1] for k in left]
+        chosen.append(left.pop(int(np.argmax(volumes))))
+        precision = precision + told[chosen[-1]].T @ told[chosen[-1]]
+    assert greedy(told, 5).tolist() == chosen
+
+
+def test_a_plan_in_space_tells_more_than_a_spread_one():
+    arm = calib.load_arm("spatial_three")
+    plan = calib.plan(arm, 12)
+    points = candidates(space_of(arm), np.random.default_rng(0))
+    none = np.zeros((0, 3))
+    spread = space_of(arm).scale.from_unit(points[farthest(space_of(arm).scale, points, 12, none)])
+    volumes = []
+    for q in (plan.q, spread):
+        rows = tells(arm, q, none).reshape(36, -1)
+        volumes.append(np.linalg.slogdet(np.eye(36) + rows @ rows.T)[1])
+    assert volumes[0] > volumes[1] + 5
+    assert list(plan.columns())[3:] == ["expected_x", "expected_y", "expected_z"]
+    assert any("hits itself" in note for note in plan.notes)
+    hits = hits_itself(arm.urdf, arm.joint_names, arm.locked, plan.q)
+    assert hits is not None
+    assert not hits.any()
+
+
+def test_a_model_in_space_is_asked_what_it_does_not_know():
+    model = in_space()
+    told = calib.plan(model, 5)
+    assert told.why[0].startswith("5 poses, chosen to reduce the model's uncertainty most")
+
+
+def test_links_that_meet_are_seen_and_those_that_are_built_so_are_not():
+    arm = calib.load_arm("six_axis")
+    q = np.random.default_rng(0).uniform(arm.lower, arm.upper, (300, 6))
+    q[0] = 0.0  # stretched
+    hits = hits_itself(arm.urdf, arm.joint_names, arm.locked, q)
+    assert not hits[0]
+    assert 0 < hits.mean() < 0.2
+    folded = np.abs(q[:, 2])
+    assert np.median(folded[hits]) > np.median(folded[~hits]) + 0.5
+    flat = calib.load_arm("two_link_full")
+    assert hits_itself(flat.urdf, flat.joint_names, flat.locked, np.zeros((3, 2))) is None
