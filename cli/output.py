@@ -9,6 +9,7 @@ from __future__ import annotations
 import json
 import math
 import sys
+import textwrap
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from typing import Any
@@ -20,6 +21,7 @@ from .translation import as_typed
 # what is below a nanometre or a millionth of a degree is rounding
 _LEAST, _TINY = 1e-6, "<1e-6"
 NO = 3  # exit code of a result that a script should act on; each command says which
+_WIDTH = 78  # of a terminal, for lines of words
 _HUGE = 1e12  # written out it would be wider than its column
 
 
@@ -64,7 +66,7 @@ class Table:
                 for k, (cell, width) in enumerate(zip(row, widths, strict=True))
             ]
             lines.append("  ".join(padded).rstrip())
-        return lines + ([self.foot] if self.foot else [])
+        return lines + textwrap.wrap(self.foot, _WIDTH)
 
     def records(self) -> list[str]:
         """Return the table for a narrow terminal: a line for each cell, a blank line for a row."""
@@ -74,7 +76,7 @@ class Table:
                 f"{name}: {cell}".strip(": ") for name, cell in zip(self.header, row, strict=True)
             ]
             lines.append("")
-        return lines[:-1] + ([self.foot] if self.foot else [])
+        return lines[:-1] + textwrap.wrap(self.foot, _WIDTH)
 
 
 def show(table: Table) -> None:

@@ -171,7 +171,8 @@ def test_evaluate_repeats_the_errors_of_training(run, model):
 def test_evaluate_prints_every_error_with_its_unit(run, model):
     lines = run("evaluate", model).out.splitlines()
     assert lines[1].split() == ["readout", "direction", "error", "of", "unit", "mean", "p99", "max"]
-    assert len(lines) == 2 + 4 * 6
+    assert len(lines) == 2 + 4 * 6 + 2
+    assert lines[-2].startswith("local: body and local models; ")  # what the terms mean
     assert [line.split()[-4] for line in lines[2:8]] == ["mm", "mm", "mm", "deg", "deg", "mm"]
 
 

@@ -158,7 +158,7 @@ def test_the_same_seed_gives_the_same_plan(arm):
         (5, {"margin": -0.1}, "margin -0.1"),
         (5, {"margin": float("nan")}, "margin nan"),
         (5, {"margin": [0.1, 0.1, 0.1]}, "one for each of shoulder, elbow"),
-        (5, {"margin": 2.0}, "nothing is left of shoulder"),
+        (5, {"margin": 2.0}, "no room is left in shoulder"),
         (5, {"ranges": {"elbow": (0.0, 1.0)}}, "outside the joint's limits"),
         (5, {"ranges": {"ellbow": (0.5, 1.0)}}, "did you mean elbow"),
         (5, {"start": [0.5]}, "expected 2 finite joint values"),

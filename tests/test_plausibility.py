@@ -157,6 +157,25 @@ def test_a_joint_of_a_planar_arm_that_counts_the_other_way_is_noted(tmp_path):
     assert check_against_robot("log", arm, q, arm.forward(q), "m", arm.joint_names) == []
 
 
+def test_a_reversed_wrist_is_found_behind_an_unknown_tool():
+    """It trained without a word to 9 mm where the arm's own errors are .1 mm."""
+    arm = calib.load_arm("six_axis")
+    rng = np.random.default_rng(7)
+    q = rng.uniform(np.maximum(arm.lower, -1.5), np.minimum(arm.upper, 1.5), (150, 6))
+    place, turn = arm.pose(q)
+    v, w = turn[:, :3], turn[:, 3:]
+    tool = np.array([0.03, -0.02, 0.04])
+    across = np.cross(v, tool) + w * tool
+    seen = place + tool + 2.0 * np.cross(v, across) + rng.normal(0.0, 5e-4, place.shape)
+    for k in (3, 4, 5):
+        wrong = q.copy()
+        wrong[:, k] *= -1.0
+        with pytest.raises(LogError, match="counts the other way") as caught:
+            check_against_robot("log", arm, wrong, seen, "m", arm.joint_names)
+        assert caught.value.value == [arm.joint_names[k]]
+    assert check_against_robot("log", arm, q, seen, "m", arm.joint_names) == []
+
+
 def test_a_value_beyond_the_limits_is_not_taken_for_degrees_within_one_turn(tmp_path):
     """Exchanged columns of 0 to 2.6 rad were told to be degrees."""
     q, x = samples()

@@ -33,6 +33,7 @@ _UNIT = 0.05  # by how much a ratio may differ from that of two units: 900 is no
 _PIXELS = 5.0  # a ratio above, of no unit of length, is that of pixels most likely
 _CLEAR = 0.2  # a misfit this many times another one's is a mistake
 _GOOD = 0.1  # of the extent: a misfit that shows that the kinematics are right
+_SMALL = 0.005  # of the extent: a reversed wrist joint leaves 2 %, a drawing is right to 0.2 %
 _LAGS = 20  # rows
 _PATH = 0.1  # median step of the joints over their spread, above which rows are no path
 
@@ -77,9 +78,9 @@ def check_against_robot(
     extent = _size(seen)
     own = misfit(nominal, seen)
     notes = []
-    if own > _GOOD * extent:
-        _check_order(label, arm, some, seen, own, names)
-        notes += _check_signs(label, arm, some, seen, own, names)
+    if own > _SMALL * extent:
+        _check_order(label, arm, some, seen, own, names, any_order=own > _GOOD * extent)
+        notes += _check_signs(label, arm, some, seen, names)
     own = max(own, 1e-12 * extent)
     flipped = nominal * np.where(np.arange(nominal.shape[1]) == 0, -1.0, 1.0)
     if unit == "m" and not fitted_plane and misfit(flipped, seen) < _CLEAR * own:
@@ -193,15 +194,17 @@ def _check_size(label: str, nominal: Array, seen: Array, unit: str) -> None:
 
 
 def _check_order(
-    label: str, arm: Arm, q: Array, x: Array, own: float, names: Sequence[str]
+    label: str, arm: Arm, q: Array, x: Array, own: float, names: Sequence[str], *, any_order: bool
 ) -> None:
-    """Refuse columns of joints that fit in another order alone."""
+    """Refuse columns of joints that fit in another order alone: in any, or with two exchanged."""
     if q.shape[1] > 6:
         return
-    best = min(
-        itertools.permutations(range(q.shape[1])),
-        key=lambda order: misfit(arm.forward(q[:, list(order)]), x),
-    )
+    orders = [
+        order
+        for order in itertools.permutations(range(q.shape[1]))
+        if any_order or sum(k != j for k, j in enumerate(order)) == 2
+    ]
+    best = min(orders, key=lambda order: misfit(arm.forward(q[:, list(order)]), x))
     if misfit(arm.forward(q[:, list(best)]), x) < _CLEAR * own:
         pairs = {names[k]: names[j] for k, j in enumerate(best) if k != j}
         raise LogError(
@@ -212,18 +215,33 @@ def _check_order(
         )
 
 
-def _check_signs(
-    label: str, arm: Arm, q: Array, x: Array, own: float, names: Sequence[str]
-) -> list[str]:
+def _with_tool(arm: Arm, q: Array, x: Array) -> float:
+    """`misfit` of an arm, in space with an unknown tool: a linear fit of place and orientation.
+
+    A tool of 30 mm hides a reversed wrist joint from `misfit`.
+    """
+    if arm.outputs == 2:
+        return misfit(arm.forward(q), x)
+    place, turn = arm.pose(q)
+    i, j = np.triu_indices(4)  # products of a quaternion: all of a rotation, and a constant
+    features = np.hstack([place, turn[:, i] * turn[:, j]])
+    if len(q) < 3 * features.shape[1]:
+        return misfit(place, x)
+    gap = x - features @ np.linalg.lstsq(features, x, rcond=None)[0]
+    return float(np.sqrt(np.mean(np.sum(gap**2, axis=1))))
+
+
+def _check_signs(label: str, arm: Arm, q: Array, x: Array, names: Sequence[str]) -> list[str]:
     """Refuse a log that fits once one or two joints count the other way.
 
     The body of a planar arm learns signs, so that it is a note; all of them turned are a mirror.
     """
     joints = range(q.shape[1])
+    own = _with_tool(arm, q, x)
     for some in [(k,) for k in joints] + list(itertools.combinations(joints, 2)):
         turned = q.copy()
         turned[:, some] *= -1.0
-        if misfit(arm.forward(turned), x) < _CLEAR * own and len(some) < len(joints):
+        if _with_tool(arm, turned, x) < _CLEAR * own and len(some) < len(joints):
             reversed_ones = " and ".join(names[k] for k in some)
             told = f"{label}: the log fits the robot only if {reversed_ones} counts the other way"
             if arm.outputs == 2:

@@ -26,7 +26,7 @@ GROUPS = (
     "found: test statistic of a change of these parameters, above its threshold it fired; "
     "smallest: the smallest change that these rows could have shown"
 )
-ZETA = "zeta: mean squared distance of the rows to their winning nodes, in the unit box (eq. 9)"
+ZETA = "zeta: mean squared distance of rows to winning nodes, in the unit box (eq. 9)"
 
 SIGNALS = {
     "motor": "motor map, zeta",
