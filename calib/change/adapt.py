@@ -30,7 +30,8 @@ from .members import CREEP, NOTHING
 from .own_residual import OwnResidual, own_residual
 from .parameter_causes import frame_between
 from .rebuilding import doubts, elsewhere, rebuilt
-from .update import MOST_ROWS, settled, updated
+from .rows import UPDATED_ROWS
+from .update import settled, updated
 
 if TYPE_CHECKING:
     from ..samples.samples import Samples
@@ -98,7 +99,7 @@ def _few_shot(found: Comparison, log: Samples, report: Progress) -> Adaptation:
     changed = found.changed and found.explained
     chosen = found.likely if changed else _unchanged(found)
     report(0.5, "update", float("nan"))
-    rows = found.log.some(MOST_ROWS)
+    rows = found.log.some(UPDATED_ROWS)
     body, held = updated(reference, chosen, found.log, found.probes)
     residual = rows.z - body.predict(rows.q)
     own = own_residual(rows.q, residual, held, rows.weight, lengths_of(body, rows.q))
@@ -106,7 +107,7 @@ def _few_shot(found: Comparison, log: Samples, report: Progress) -> Adaptation:
     if own is not None:
         after = after.copy()
         after[own.rows] = own.held_out
-    some = thinned(len(found.q), MOST_ROWS)
+    some = thinned(len(found.q), UPDATED_ROWS)
     kept = found.kept[some]
     predicted = model.predictor.value(model.motor.scale.to_unit(found.q))
     before = np.linalg.norm(found.x - predicted, axis=1)[some][kept]

@@ -31,8 +31,7 @@ Array = NDArray[np.float64]
 _FEW = 20  # queries that take less than the cells take to make
 _SLACK = 1e-9  # as `Trust` has it
 _STEPS = 8  # of Newton; four lead from a wide start to rounding
-_MET = 1e-15  # share of the extent at which a target is met
-_CLOSE = 1e-12  # share of the extent at which a stalled step is met
+_MET, _CLOSE = 1e-15, 1e-12  # shares of the extent: a target is met; a stalled step is
 _FURTHEST = 0.1  # rad or share of a range: a solution further away may not be the nearest branch
 _UNFOLDED = 0.2  # of the sine between the Jacobian's columns: no fold lies between start and answer
 
