@@ -60,8 +60,9 @@ def test_a_model_of_a_log_has_no_drawing(model):
 
 def test_an_improvement_along_a_line_says_nothing_of_the_rest(model):
     """Strong waves along a line are not taken for lengths or a lens."""
-    along = np.sort(np.random.default_rng(2).random(60))[:, None] * [0.9, 0.5]
-    found = calib.adapt(model, rows_of(along + [0.05, 0.2]))
+    along = np.sort(np.random.default_rng(2).random(60))
+    line = np.stack([0.05 + 0.9 * along, 0.2 + 0.5 * along], axis=1)
+    found = calib.adapt(model, rows_of(line))
     q = rows_of(np.random.default_rng(9).random((500, 2))).q
     error = np.linalg.norm(found.model.forward(q) - real(q), axis=1)
     before = np.linalg.norm(model.forward(q) - real(q), axis=1)

@@ -231,7 +231,10 @@ def _notes(
     if not found.explained:
         notes.append(found.why_not())
     elif improved:
-        names = list(dict.fromkeys(_called(e) for _, e in found.likely))
+        best = found.likely[0][1]
+        # a richer member that frees the same and more is no other cause
+        others = [e for _, e in found.likely if not set(best.member.groups) <= {*e.member.groups}]
+        names = list(dict.fromkeys(_called(e) for e in (best, *others)))
         if found.changed and len(names) > 1:
             notes.append(
                 f"the log does not settle what changed ({' or '.join(names)}): measure three more "
