@@ -56,3 +56,35 @@ def test_a_model_of_a_log_has_no_drawing(model):
     log = rows_of(np.random.default_rng(1).random((60, 2)))
     own = calib.train(log, size=6)
     assert fit_from_drawing(compare(own, log), np.inf) is None
+
+
+def test_an_improvement_along_a_line_says_nothing_of_the_rest(model):
+    """Strong waves along a line are not taken for lengths or a lens."""
+    along = np.sort(np.random.default_rng(2).random(60))
+    line = np.stack([0.05 + 0.9 * along, 0.2 + 0.5 * along], axis=1)
+    found = calib.adapt(model, rows_of(line))
+    q = rows_of(np.random.default_rng(9).random((500, 2))).q
+    error = np.linalg.norm(found.model.forward(q) - real(q), axis=1)
+    before = np.linalg.norm(model.forward(q) - real(q), axis=1)
+    known = np.isfinite(error)
+    assert found.improved
+    assert not found.everywhere
+    assert any("unknown elsewhere" in note for note in found.notes)
+    assert np.mean(error[known] <= found.model.model_error(q[known])) > 0.85
+    assert error[known].mean() < before[known].mean()
+
+
+def test_a_bound_that_the_rows_contradict_is_widened(model):
+    """A bump that few rows saw: nothing improves, and the bound of the drawing does not hold."""
+    q = ARM.lower + (ARM.upper - ARM.lower) * np.random.default_rng(30).random((530, 2))
+    away = (q - (ARM.lower + ARM.upper) / 2) / (ARM.upper - ARM.lower)
+    x = ARM.forward(q) + 5e-3 * np.exp(-50 * (away**2).sum(axis=1))[:, None]
+    log = calib.Samples(q[:30], x[:30], ARM.joint_names, ARM.lower, ARM.upper, (True, True))
+    found = calib.adapt(model, log)
+    assert not found.improved
+    assert any("bound does not hold" in note for note in found.notes)
+    said = found.model.forward(q[30:])
+    assert np.array_equal(said, model.forward(q[30:]))
+    error = np.linalg.norm(said - x[30:], axis=1)
+    assert np.mean(error <= model.model_error(q[30:])) < 0.1
+    assert np.mean(error <= found.model.model_error(q[30:])) > 0.6

@@ -125,8 +125,6 @@ class PlanarStructure:
         """Chain units per metre of a slide."""
         return 1.0 if self.scaled else self.metre
 
-    # ------------------------------------------------------------------ chain
-
     def angles(self, q: Array, beta: Array) -> tuple[Array, Array, Array]:
         """Signed joint values, their sums along the chain, and joint angles, each (n, dof)."""
         lay = self.layout
@@ -162,8 +160,6 @@ class PlanarStructure:
         signed, _, theta = self.angles(q, beta)
         return np.asarray(self.terms(signed, theta, beta)[1].sum(axis=1))
 
-    # ------------------------------------------------------------------- view
-
     @property
     def size_of_lens(self) -> float:
         """Radius [unit] at which the lens bends by its radial parameter."""
@@ -176,8 +172,6 @@ class PlanarStructure:
     def seen(self, p: Complex, beta: Array) -> Array:
         """Sensor positions (n, 2) of tips (n,) given as complex numbers."""
         return planar_view.seen(self, p, beta)
-
-    # ----------------------------------------------------------- the protocol
 
     def predict(self, q: Array, beta: Array) -> Array:
         """Positions (n, 2) [unit] at joint values (n, dof)."""

@@ -8,6 +8,7 @@ from .normal import (
     Factor,
     Sums,
     first_noise,
+    linear_evidence,
     negative_log_likelihood,
     slices,
     student_weights,
@@ -159,7 +160,7 @@ class Search:
             best: tuple[float, float] | None = None
             for factor in h.choices:
                 self._rescale(h, h.scale * factor)
-                value = _evidence(inner, lead, start, self.sd[own])
+                value = linear_evidence(inner, lead, start, self.sd[own])
                 if best is None or value > best[0] + 1.0:
                     best = (value, h.scale * factor)
             if best is not None:
@@ -213,17 +214,3 @@ class Search:
         full[self.active] = delta
         beta = self.structure.retract(self.beta, full)
         return beta, self.objective(beta)
-
-
-def _evidence(gram: Array, moment: Array, start: Array, sd: Array) -> float:
-    """Log evidence of linearised rows, at `start` beyond the prior's mean, up to a constant."""
-    precision = gram.copy()
-    precision[np.diag_indices(len(sd))] += sd**-2.0
-    factor = Factor(precision)
-    pull = moment - start / sd**2
-    return 0.5 * float(
-        pull @ factor.solve(pull)
-        - ((start / sd) ** 2).sum()
-        - factor.log_determinant()
-        - 2 * np.log(sd).sum()
-    )

@@ -31,7 +31,8 @@ from .orientation import turned_tool
 from .own_residual import OwnResidual, own_residual
 from .parameter_causes import frame_between
 from .rebuilding import doubts, elsewhere, rebuilt
-from .update import MOST_ROWS, settled, updated
+from .rows import UPDATED_ROWS
+from .update import settled, updated
 
 if TYPE_CHECKING:
     from ..samples.samples import Samples
@@ -99,7 +100,7 @@ def _few_shot(found: Comparison, log: Samples, report: Progress) -> Adaptation:
     changed = found.changed and found.explained
     chosen = found.likely if changed else _unchanged(found)
     report(0.5, "update", float("nan"))
-    rows = found.log.some(MOST_ROWS)
+    rows = found.log.some(UPDATED_ROWS)
     body, held = updated(reference, chosen, found.log, found.probes)
     residual = rows.z - body.predict(rows.q)
     own = own_residual(rows.q, residual, held, rows.weight, lengths_of(body, rows.q))
@@ -107,7 +108,7 @@ def _few_shot(found: Comparison, log: Samples, report: Progress) -> Adaptation:
     if own is not None:
         after = after.copy()
         after[own.rows] = own.held_out
-    some = thinned(len(found.q), MOST_ROWS)
+    some = thinned(len(found.q), UPDATED_ROWS)
     kept = found.kept[some]
     predicted = model.predictor.value(model.motor.scale.to_unit(found.q))
     before = np.linalg.norm(found.x - predicted, axis=1)[some][kept]
@@ -231,7 +232,10 @@ def _notes(
     if not found.explained:
         notes.append(found.why_not())
     elif improved:
-        names = list(dict.fromkeys(_called(e) for _, e in found.likely))
+        best = found.likely[0][1]
+        # a richer member that frees the same and more is no other cause
+        others = [e for _, e in found.likely if not set(best.member.groups) <= {*e.member.groups}]
+        names = list(dict.fromkeys(_called(e) for e in (best, *others)))
         if found.changed and len(names) > 1:
             rivals = " or ".join(f"({name.replace(', ', ' + ')})" for name in names)
             notes.append(

@@ -15,15 +15,12 @@ from ..body.bound import autocorrelation_time
 from ..body.structure import Array
 from .members import CREEP, NOTHING, Member, drift, freedom, members_of
 from .reference import Reference
-from .rows import Log
+from .rows import EXPLAINED_ROWS, Log
 from .whitening import Spectrum, scaled, spectrum
 
 MARGIN = 5.0
 """Nats by which a change must be better than none.  A body that was only simulated has never seen
 how far an arm is from it: any size of what its members leave over is as likely."""
-
-MOST_ROWS = 200
-"""Rows that members are compared on, evenly spread over the log."""
 
 OWN = ((1.0, CREEP), (4.0, CREEP), (16.0, CREEP), (1.0, 4.0))
 """What a log may show beyond every member, of unknown size, chosen by evidence: times the usual
@@ -100,7 +97,7 @@ def explain(
     cause : {"sensor", "joints"}, optional
         What is known about the change.
     """
-    search = _Search(reference, log.some(MOST_ROWS), robust, cause)
+    search = _Search(reference, log.some(EXPLAINED_ROWS), robust, cause)
     return tuple(sorted(search.run(), key=lambda e: -e.evidence))
 
 

@@ -15,13 +15,12 @@ from ..body.belief import Body
 from ..body.structure import Array, Indices
 from .members import FRAME, TESTED, drift, parts_of
 from .reference import Reference
-from .rows import Log
+from .rows import TESTED_ROWS, Log
 from .whitening import scaled, spectrum
 
 FALSE_ALARM = 1e-3
 """Share of undisturbed logs for which any group fires."""
 
-MOST_ROWS = 300
 _POWER = 0.9  # of the smallest change that is told
 
 
@@ -147,7 +146,7 @@ def group_tests(body: Body, reference: Reference, log: Log, probes: Array) -> Te
     """
     from scipy.special import chdtri, chndtrinc, fdtri
 
-    log = log.some(MOST_ROWS)
+    log = log.some(TESTED_ROWS)
     structure = reference.structure
     groups = groups_of(body)
     every = np.unique(np.concatenate(list(groups.values())))

@@ -14,8 +14,7 @@ from numpy.typing import NDArray
 from ..body.likeness import kernel
 from ..body.structure import Array
 from ..common.thinning import thinned
-
-MOST_ROWS = 400
+from .rows import RESIDUAL_ROWS
 
 _PARTITIONS = (2, 5, 10)  # contiguous blocks: half of the log must tell of the other half
 _LENGTHS = (0.5, 1.0, 2.0)  # times the given lengths
@@ -81,7 +80,7 @@ def own_residual(
     lengths : (dof,) array
         Usual correlation lengths [rad or m].
     """
-    rows = thinned(len(q), MOST_ROWS)
+    rows = thinned(len(q), RESIDUAL_ROWS)
     q, residual, held, weight = q[rows], residual[rows], held[rows], weight[rows]
     n = len(q)
     if n < 2 * _PARTITIONS[-1] or not np.any(residual):

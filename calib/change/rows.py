@@ -15,7 +15,21 @@ from .whitening import scaled
 
 _STUDENT = 6.0
 _STEPS = 12
-_MOST = 400
+ROBUST_ROWS = 400
+"""Rows of the robust fit that finds outliers: linear in them, and enough for every parameter."""
+
+EXPLAINED_ROWS = 200
+"""Rows that members are compared on: the cube of outputs times rows for each size of residual."""
+
+TESTED_ROWS = 300
+"""Rows of the group tests: one such decomposition, and the power grows with them."""
+
+RESIDUAL_ROWS = 400
+"""Rows of the log's own residual: their cube for each held-out block."""
+
+UPDATED_ROWS = 600
+"""Rows that an update takes: linear in them."""
+
 OUTLIER = 5.0
 """Noises from which a row contradicts all others."""
 
@@ -74,7 +88,7 @@ def weighted(
     beta = reference.beta.copy()
     moved = np.zeros(len(free))
     size = scaled(body).size
-    rows = thinned(len(q), _MOST)
+    rows = thinned(len(q), ROBUST_ROWS)
     noise = 1.0
     for _ in range(_STEPS):
         predicted, x = structure.linearise(q[rows], beta, free)

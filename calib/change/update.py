@@ -21,11 +21,8 @@ from ..common.thinning import thinned
 from .explain import Explanation
 from .members import drift
 from .reference import Reference
-from .rows import Log
+from .rows import UPDATED_ROWS, Log
 from .whitening import nuisance_sd, scaled
-
-MOST_ROWS = 600
-"""Rows that an update takes, evenly spread over the log."""
 
 _NODES = 60  # places of the log's own residual
 _BLOCKS = 5
@@ -71,7 +68,7 @@ def updated(
         Joints all over the learned range, where predictions are averaged.
     """
     old = reference.body
-    log = log.some(MOST_ROWS)
+    log = log.some(UPDATED_ROWS)
     parts = [(w, _posterior(old, reference, e, log)) for w, e in chosen]
     active = np.unique(np.concatenate([p.active for _, p in parts]))
     best = parts[0][1].beta

@@ -97,3 +97,16 @@ def widened(model: Model, play: Array) -> Model:
         model_bounds=model.model_bounds + most,
         approach=Approach(play, model.bounds),
     )
+
+
+def play_words(samples: Samples, play: Array) -> str:
+    """One line about the backlash that the order of the rows shows."""
+    backlash = [
+        f"{name} {np.degrees(2 * h):.3g} deg" if turns else f"{name} {2 * h:.3g} m"
+        for name, h, turns in zip(samples.joint_names, play, samples.revolute, strict=True)
+        if h > 0.0
+    ]
+    return (
+        f"the direction of approach counts, backlash of {', '.join(backlash)}: give it to forward "
+        "for smaller errors, else the expected error covers both sides"
+    )

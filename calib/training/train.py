@@ -4,9 +4,8 @@ from __future__ import annotations
 
 import math
 import time
-from collections.abc import Mapping
 from dataclasses import dataclass, replace
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 import numpy as np
 from numpy.typing import NDArray
@@ -22,12 +21,12 @@ from ..maps.local_models import NO_MODELS
 from ..maps.model_selection import select
 from ..maps.node_bounds import learn_bounds, near_border
 from ..maps.predictor import Predictor
-from ..model.about import About
 from ..model.baseline import Baseline, learn_baseline
 from ..model.model import Model
 from ..model.rows import Rows
 from ..samples.samples import Samples
-from .approach import corrected, play_of, simulated_approach, widened
+from .about import about_of
+from .approach import corrected, play_of, play_words, simulated_approach, widened
 from .evaluate import Residuals, fresh_residuals, summarise
 from .held_out import held_out_residuals, tested_rows, turned_of
 from .imagined import with_imagined
@@ -140,8 +139,7 @@ def train(
             screening = screen(samples)
         notes_of_screening = screening.notes()
         if screening.left_out:
-            kept = screening.kept
-            samples = samples.take(kept)
+            samples = samples.take(screening.kept)
     motor, sensory, notes = lattice_sizes(
         samples, size, motor_size, sensory_size, imagined=body != "none"
     )
@@ -169,19 +167,6 @@ def on_limits(samples: Samples, q: Array, rng: np.random.Generator) -> Array:
     return moved
 
 
-def _play_words(samples: Samples, play: Array) -> str:
-    """One line about the backlash that the order of the rows shows."""
-    backlash = [
-        f"{name} {np.degrees(2 * h):.3g} deg" if turns else f"{name} {2 * h:.3g} m"
-        for name, h, turns in zip(samples.joint_names, play, samples.revolute, strict=True)
-        if h > 0.0
-    ]
-    return (
-        f"the direction of approach counts, backlash of {', '.join(backlash)}: give it to forward "
-        "for smaller errors, else the expected error covers both sides"
-    )
-
-
 @dataclass
 class _Trainer:
     """One training: the steps in the order of the data flow, with their times."""
@@ -207,7 +192,7 @@ class _Trainer:
                 part = find_smooth_part(
                     samples, scale, body=options.body, view=options.view, seed=options.seed
                 )
-                self.notes.append(_play_words(samples, play))
+                self.notes.append(play_words(samples, play))
         if part.fit is not None:
             self.notes += part.fit.notes
         self.notes += part.notes
@@ -228,15 +213,14 @@ class _Trainer:
                 lambda: select(motor, u[part.rows], part.candidates) if part.candidates else None,
                 lambda: link(motor, sensory, seen_u, seen_x, options),
             )
-        if selected is None:
-            predictor = Predictor(motor, association.linear, NO_MODELS)
-        else:
-            predictor = selected.predictor
+        linear = Predictor(motor, association.linear, NO_MODELS)
+        predictor = linear if selected is None else selected.predictor
         visited = np.bincount(motor.nearest(u)[1][:, 0], minlength=motor.size) > 0
         body = part.fit.body if part.fit is not None and uses_body(predictor) else None
         empty = np.zeros(motor.size)
         taught = options.taught and part.fit is not None
-        model = Model(self._about(taught), association, predictor, empty, empty, visited, body)
+        about = about_of(samples, options, taught)
+        model = Model(about, association, predictor, empty, empty, visited, body)
         self.progress(0.8, "evaluation", float("nan"))
         with self.watch("evaluation"):
             simulation = samples.simulation
@@ -312,33 +296,3 @@ class _Trainer:
         predicted = model.predictor.value(model.motor.scale.to_unit(self.samples.q[some]))
         error = np.linalg.norm(predicted - self.samples.x[some], axis=1)
         return learn_baseline(model.association, u, x, error)
-
-    def _about(self, taught: bool) -> About:
-        samples, options = self.samples, self.options
-        arm, simulation = samples.arm, samples.simulation
-        plane = samples.plane or getattr(arm, "plane", None)
-        stated: Mapping[str, Any] | None = None
-        if plane is not None:
-            stated = {k: getattr(plane, k).tolist() for k in ("origin", "x", "y")}
-        return About(
-            robot=arm.name if arm is not None else "",
-            tip=arm.tip if arm is not None else "",
-            joint_names=samples.joint_names,
-            revolute=samples.revolute,
-            lower=samples.lower,
-            upper=samples.upper,
-            locked=dict(arm.locked) if arm is not None else {},
-            plane=stated,
-            unit=samples.unit,
-            bound_of="true position" if simulation is not None else "sensor reading",
-            source="simulation" if simulation is not None else "log",
-            taught=taught,
-            samples=len(samples),
-            seed=options.seed,
-            options=options.to_json(),
-            simulation=simulation.to_json() if simulation is not None else None,
-            urdf=arm.urdf if arm is not None else "",
-            columns=samples.columns,
-            degrees=samples.degrees,
-            picture=samples.camera.size if samples.camera is not None else None,
-        )
