@@ -16,7 +16,8 @@ from calib.arm.rotations import matrix_of, quaternion_of
 from calib.errors import QueryError
 from calib.inverse.self_motions import free_directions
 from calib.model.poses import described, first_of
-from calib.model.space import Reached, Space
+from calib.model.reached import Reached
+from calib.model.space import Space
 from calib.samples.orientations import QUATERNION, from_angles
 
 from .answers import answers, show_answers

@@ -17,7 +17,8 @@ from ..inverse.near import position_near
 from ..inverse.pose import TOLERANCE, pose_branches, reach_poses
 from ..samples.orientations import QUATERNION, ROUNDING
 from .answers import checked_rows
-from .space import REACHED, Reached, Space
+from .reached import Reached
+from .space import REACHED, Space
 
 if TYPE_CHECKING:
     from .model import Model

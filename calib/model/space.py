@@ -26,6 +26,7 @@ from ..inverse.pose import Joints, pose_branches, reach_poses
 from ..inverse.self_motions import free_directions
 from .answers import checked_rows
 from .base import drawn, in_base
+from .reached import Reached
 
 if TYPE_CHECKING:
     from .model import Model
@@ -37,31 +38,6 @@ KEEP = 10.0
 #: A pose or a position counts as reached within this share of the arm's length.
 REACHED = 1e-6
 _STARTS = 64
-
-
-@dataclass(frozen=True, eq=False)
-class Reached:
-    """Joint values that answer one target.
-
-    Attributes
-    ----------
-    q : (k, dof) array [rad or m]
-        The preferred one first.
-    position, rotation : (k, 3) and (k, 3, 3) arrays [m]
-        Where they put the tip, in the base frame.
-    away : (k,) array [m]
-        Distance from the position asked for.
-    turned : (k,) array [rad]
-        Turn from the orientation asked for, 0 where none was.
-    reachable : bool
-    """
-
-    q: Array
-    position: Array
-    rotation: Array
-    away: Array
-    turned: Array
-    reachable: bool
 
 
 @dataclass(frozen=True, eq=False)
