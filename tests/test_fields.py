@@ -167,5 +167,5 @@ def test_what_cannot_be():
         calib.SOM((4, 4), links="hebb")
     with pytest.raises(LogError, match="shapes"):
         calib.SOM((4, 4)).fit_pair(Q, X[:5])
-    with pytest.raises(OptionError, match="holds every link"):
+    with pytest.raises(OptionError, match="a Hebbian link for every pair"):
         calib.SOM((100, 100), rule="online").fit_pair(Q, Q)

@@ -54,7 +54,7 @@ def test_the_tip_stays_unless_it_is_moved():
     assert line in kept
     assert line not in moved
     ends = load_arm("spatial_three", tip="forearm")
-    with pytest.raises(RobotError, match="no place of its own"):
+    with pytest.raises(RobotError, match="no link of its own"):
         corrected_urdf(moved_somehow(ends))
 
 
