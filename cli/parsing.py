@@ -73,14 +73,6 @@ class Margin(NamedTuple):
     share: bool
 
 
-class Side(NamedTuple):
-    """An axis of the plane and bounds along it."""
-
-    axis: str
-    low: float
-    high: float
-
-
 def expects(expected: str) -> Callable[[Reader[T]], Reader[T]]:
     """Say what a reader expects: its plain ValueErrors become an `ReadingError` that tells it."""
 
@@ -247,14 +239,6 @@ def joint_range(text: str) -> JointRange:
     joint, _, limits = text.rpartition("=")
     require(bool(joint.strip()))
     return JointRange(joint.strip(), *_interval(limits))
-
-
-@expects("x=LOW:HIGH or y=LOW:HIGH with LOW below HIGH such as x=0.1:0.4")
-def side(text: str) -> Side:
-    """Read `x=lo:hi`."""
-    axis, _, limits = text.partition("=")
-    require(axis.strip() in ("x", "y"))
-    return Side(axis.strip(), *_interval(limits))
 
 
 def _interval(text: str) -> tuple[float, float]:

@@ -47,12 +47,11 @@ def test_command_in_degrees(run, arm):
 
 def test_command_prints_one_document(run, tmp_path):
     path = tmp_path / "p.csv"
-    done = run("plan", "polar", "-n", "9", "--keep", "x=-0.1:0.3", "-o", path, "--json")
+    done = run("plan", "polar", "-n", "9", "-o", path, "--json")
     assert done.code == 0, done.err
     found = done.document
     assert found["joints"] == ["base", "slide"] or len(found["joints"]) == 2
-    assert found["rows"] == 9 + len(found["via"]) == len(found["poses"]["expected_x"])
-    assert min(found["poses"]["expected_x"]) > -0.1
+    assert found["rows"] == 9 == len(found["poses"]["expected_x"])
     assert len(path.read_text().splitlines()) == 1 + found["rows"]
 
 
@@ -85,9 +84,6 @@ def test_command_completes_a_log(run, log, tmp_path, arm):
         (["two_link", "-n", "5000"], 2, "at most 1000"),
         (["two_link", "--margin", "60%"], 2, "below 50%"),
         (["two_link", "--margin", "-1"], 2, "zero or more"),
-        (["two_link", "--keep", "z=0:1"], 2, "x=LOW:HIGH"),
-        (["two_link", "--keep", "x=0:1", "--keep", "x=0:2"], 2, "twice"),
-        (["two_link", "--keep", "x=2:3"], 1, "the tip reaches"),
         (["two_link", "--from", "1"], 2, "2 values"),
         (["two_link", "--from", "1,9"], 1, "elbow = 9"),
         (["two_link", "--columns", "x=u"], 2, "--data"),

@@ -9,10 +9,10 @@ from typing import TYPE_CHECKING, Annotated, Any, cast
 from .. import options as o
 from ..measurements import log_for
 from ..output import Notes, note, show_json, tell
-from ..parsing import Margin, Numbers, Side, margin, numbers, side, whole
+from ..parsing import Margin, Numbers, margin, numbers, whole
 from ..samples import Selection
 from ..units import JointFormat, one_each, ranges_in_si
-from ..usage import BadOption, argument, one_document, option, refuse
+from ..usage import argument, one_document, option, refuse
 
 if TYPE_CHECKING:
     from calib import Model, Plan, Samples
@@ -55,15 +55,6 @@ def plan(
             numbers,
         ),
     ] = None,
-    keep: Annotated[
-        list[Side] | None,
-        option(
-            "--keep x|y=LO:HI",
-            "Keep the tip within these bounds, at poses and along the straight moves between "
-            "them [m, or the sensor's unit]; repeatable.",
-            side,
-        ),
-    ] = None,
     data: Annotated[
         str | None,
         option("--data LOG", "A log of what was measured already; the plan covers the rest."),
@@ -98,7 +89,6 @@ def plan(
         # an arm was loaded with them, which it may need where it states no limits
         ranges=ranges_in_si(ranges or (), turning, degrees) if _is_model(source) else None,
         start=None if start is None else one_each("--from", start, names, typed),
-        keep=_box(keep or ()),
         measured=None if data is None else _measured(known, data, columns, degrees, notes),
     )
     notes.say(found.notes)
@@ -169,15 +159,6 @@ def _margin(
     return [typed.value * width for width in (facts.upper - facts.lower).tolist()]
 
 
-def _box(sides: Sequence[Side]) -> dict[str, tuple[float, float]]:
-    box: dict[str, tuple[float, float]] = {}
-    for axis, low, high in sides:
-        if axis in box:
-            raise BadOption(f"--keep {axis} is given twice: expected one interval for each axis")
-        box[axis] = (low, high)
-    return box
-
-
 def _measured(
     known: Arm | Model,
     data: str,
@@ -214,7 +195,6 @@ def _document(found: Plan, output: str, seed: int) -> dict[str, Any]:
         "rows": len(found),
         "joints": found.joint_names,
         "seed": seed,
-        "via": [int(row) + 1 for row in found.via.nonzero()[0]],
         "start": found.start,
         "travel": dict(zip(found.joint_names, found.travel.tolist(), strict=True)),
         "length": found.length,
