@@ -32,22 +32,13 @@ _TOLD = 10  # so many rows are named at most
 
 @dataclass(frozen=True)
 class Streams:
-    """Where the queries of a batch come from and how their answers go.
+    """Where the queries of a batch come from and how their answers go."""
 
-    Attributes
-    ----------
-    source : str
-        Table of queries; `-` is standard input.
-    target : str or None
-        Table of answers; `-` is standard output. None prints them there too, or puts
-        them into the JSON document.
-    as_json : bool
-        Whether to print a JSON document.
-    """
-
-    source: str
+    source: str  # table of queries; `-` is standard input
+    # table of answers; `-` is standard output. None prints them there too, or puts them into the
+    # JSON document.
     target: str | None
-    as_json: bool
+    as_json: bool  # whether to print a JSON document
 
     def write(self, columns: Mapping[str, Any]) -> None:
         """Write the answers, where they do not go into the document."""

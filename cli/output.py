@@ -27,27 +27,13 @@ _HUGE = 1e12  # written out it would be wider than its column
 
 @dataclass(frozen=True)
 class Table:
-    """A table for people.
+    """A table for people."""
 
-    Attributes
-    ----------
-    header : sequence of str
-        Names of the columns.
-    rows : sequence of sequence of str
-        Cells, already as text.
-    title : str
-        What it shows.
-    left : int
-        How many columns, from the left, hold words rather than numbers.
-    foot : str
-        What its terms mean, in one line below it.
-    """
-
-    header: Sequence[str]
-    rows: Sequence[Sequence[str]]
-    title: str = ""
-    left: int = 1
-    foot: str = ""
+    header: Sequence[str]  # names of the columns
+    rows: Sequence[Sequence[str]]  # cells, already as text
+    title: str = ""  # what it shows
+    left: int = 1  # how many columns, from the left, hold words rather than numbers
+    foot: str = ""  # what its terms mean, in one line below it
 
     def __post_init__(self) -> None:
         """Write out control characters, which names from a file may hold."""

@@ -17,24 +17,12 @@ Array = NDArray[np.float64]
 
 @dataclass(frozen=True, eq=False)
 class Posture:
-    """Axes and positions at one posture, in the root link's frame.
+    """Axes and positions at one posture, in the root link's frame."""
 
-    Attributes
-    ----------
-    axes : dict of str to (3,) array
-        Unit axis of each movable joint.
-    points : dict of str to (3,) array [m]
-        Origin of each movable joint's frame.
-    links : dict of str to (3,) array [m]
-        Origin of each link's frame.
-    rotations : dict of str to (3, 3) array
-        Orientation of each link's frame.
-    """
-
-    axes: dict[str, Array]
-    points: dict[str, Array]
-    links: dict[str, Array]
-    rotations: dict[str, Array]
+    axes: dict[str, Array]  # (3,), unit axis of each movable joint
+    points: dict[str, Array]  # (3,) [m], origin of each movable joint's frame
+    links: dict[str, Array]  # (3,) [m], origin of each link's frame
+    rotations: dict[str, Array]  # (3, 3), orientation of each link's frame
 
 
 class Kinematics:

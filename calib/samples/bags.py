@@ -31,27 +31,16 @@ _INSTALL = "reading bags needs rosbags: pip install 'calib-arm[ros]'"
 
 @dataclass(frozen=True, eq=False)
 class Recording:
-    """A bag as a table.
-
-    Attributes
-    ----------
-    q : (n, joints) array [rad or m]
-        Joint values at the times of the positions, in the order of the joint states.
-    x : (n, 3) array [m]
-        Positions as recorded.
-    time : (n,) array [s]
-        Times of the positions, since the first.
-    notes : tuple of str
-        What was left out, and why.
-    quaternion : (n, 4) array, optional
-        Orientations as qx, qy, qz, qw, where they were published.
-    """
+    """A bag as a table."""
 
     joint_names: tuple[str, ...]
+    # (n, joints) [rad or m], joint values at the times of the positions, in the order of the joint
+    # states
     q: Array
-    x: Array
-    time: Array
-    notes: tuple[str, ...]
+    x: Array  # (n, 3) [m], positions as recorded
+    time: Array  # (n,) [s], times of the positions, since the first
+    notes: tuple[str, ...]  # what was left out, and why
+    # (n, 4), orientations as qx, qy, qz, qw, where they were published
     quaternion: Array | None = None
 
 

@@ -29,22 +29,13 @@ _BENT = 0.3
 
 @dataclass(frozen=True)
 class Camera:
-    """The camera of a log of pixels.
+    """The camera of a log of pixels."""
 
-    Attributes
-    ----------
-    size : (int, int) [px]
-        Width and height of its pictures.
-    lens, lens_sd : (float, float, float, float)
-        Focal length, centre u, v [px] and k1, and how sure each is; all 0 for a lens that is known.
-    note : str
-        What was assumed.
-    """
-
-    size: tuple[int, int]
+    size: tuple[int, int]  # [px], width and height of its pictures
+    # focal length, centre u, v [px] and k1, and how sure each is; all 0 for a lens that is known
     lens: tuple[float, float, float, float]
     lens_sd: tuple[float, float, float, float] = (0.0, 0.0, 0.0, 0.0)
-    note: str = ""
+    note: str = ""  # what was assumed
 
     @property
     def known(self) -> bool:

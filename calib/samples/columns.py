@@ -55,21 +55,11 @@ _FORMATS: dict[bytes, Callable[[str, Path], Format]] = {b"PAR1": open_parquet}
 
 @dataclass(frozen=True)
 class Source:
-    """A table that is ready to be read, as often as wanted.
+    """A table that is ready to be read, as often as wanted."""
 
-    Attributes
-    ----------
-    label : str
-        What messages call it.
-    file : Format
-        Reads it; of standard input a temporary copy.
-    keep : object
-        Whatever has to live as long as the file is needed.
-    """
-
-    label: str
-    file: Format
-    keep: object = None
+    label: str  # what messages call it
+    file: Format  # reads it; of standard input a temporary copy
+    keep: object = None  # whatever has to live as long as the file is needed
 
     @property
     def header(self) -> tuple[str, ...]:

@@ -35,23 +35,13 @@ _ROWS = 1 << 16  # rows of a batch that is read cell by cell
 
 @dataclass(frozen=True)
 class CsvFile:
-    """A CSV file, of which the header is read.
+    """A CSV file, of which the header is read."""
 
-    Attributes
-    ----------
-    label : str
-        What errors call the file.
-    separator : str
-        Between the fields of a row.
-    skip : int
-        Lines up to the end of the header, the `comments` above it included.
-    """
-
-    label: str
+    label: str  # what errors call the file
     path: Path
     header: tuple[str, ...]
-    separator: str
-    skip: int
+    separator: str  # between the fields of a row
+    skip: int  # lines up to the end of the header, the `comments` above it included
     comments: tuple[str, ...]
 
     def batches(self, places: Sequence[Place], *, lenient: bool) -> Iterator[Array]:

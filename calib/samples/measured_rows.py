@@ -19,22 +19,15 @@ Numbers = NDArray[np.intp]
 
 @dataclass
 class MeasuredRows:
-    """The usable rows of a log, and a count of the others.
-
-    Attributes
-    ----------
-    columns, degrees : sequence of str, sequence of int
-        The columns that are read, and which of them are in degrees, and are to be in rad.
-    chosen : mapping of int to ChosenRange
-        Ranges that the user asked for; rows outside of them are left out.
-    total, usable : int
-        Rows that were read, and those that miss no value; counted by `batches`.
-    """
+    """The usable rows of a log, and a count of the others."""
 
     source: Source
+    # the columns that are read, and which of them are in degrees, and are to be in rad
     columns: Sequence[str]
     degrees: Sequence[int] = ()
+    # ranges that the user asked for; rows outside of them are left out
     chosen: Mapping[int, ChosenRange] = field(default_factory=dict)
+    # rows that were read, and those that miss no value; counted by `batches`
     total: int = 0
     usable: int = 0
 

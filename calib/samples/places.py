@@ -15,20 +15,11 @@ _INDEX = re.compile(r"0|[1-9][0-9]{0,8}")
 
 @dataclass(frozen=True)
 class Place:
-    """Where the numbers of one name stand.
+    """Where the numbers of one name stand."""
 
-    Attributes
-    ----------
-    name : str
-        As asked for: `time`, or `observation.state[0]`.
-    column : str
-        A column of the file.
-    element : int or None
-        Which element of the column's lists, counted from 0; None for a column of numbers.
-    """
-
-    name: str
-    column: str
+    name: str  # as asked for: `time`, or `observation.state[0]`
+    column: str  # a column of the file
+    # which element of the column's lists, counted from 0; None for a column of numbers
     element: int | None = None
 
 

@@ -20,21 +20,14 @@ PIXELS = {"x": "u", "y": "v"}
 
 @dataclass(frozen=True)
 class Roles:
-    """The columns that a log is read from.
+    """The columns that a log is read from."""
 
-    Attributes
-    ----------
-    joints, axes : tuple of str
-        Names of the joints, base to tip; `("x", "y")` or `("x", "y", "z")`.
-    columns : tuple of str
-        The column of each joint, then of each axis and of each part of the orientation.
-    turns : tuple of str
-        `("qx", "qy", "qz", "qw")`, `("roll", "pitch", "yaw")`, or nothing.
-    """
-
+    # names of the joints, base to tip; `("x", "y")` or `("x", "y", "z")`
     joints: tuple[str, ...]
     axes: tuple[str, ...]
+    # the column of each joint, then of each axis and of each part of the orientation
     columns: tuple[str, ...]
+    # `("qx", "qy", "qz", "qw")`, `("roll", "pitch", "yaw")`, or nothing
     turns: tuple[str, ...] = ()
 
 

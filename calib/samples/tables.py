@@ -31,25 +31,15 @@ _MARK = COMMENT.decode()
 
 @dataclass(frozen=True, eq=False)
 class Batch:
-    """A table of queries, with the columns that go along unread.
+    """A table of queries, with the columns that go along unread."""
 
-    Attributes
-    ----------
-    values : (n, k) array
-        The columns asked for as `names`; NaN throughout a row that has no number for each.
-    invalid : tuple of int
-        Numbers of the rows that are NaN; 1 is the first below the header.
-    others : dict of str to Series
-        The other columns of the `header`, as they are in the file.
-    dropped : tuple of str
-        Other columns that cannot go along: their name is empty or there twice.
-    """
-
+    # (n, k), the columns asked for as `names`; NaN throughout a row that has no number for each
     values: Array
     names: tuple[str, ...]
-    invalid: tuple[int, ...]
+    invalid: tuple[int, ...]  # numbers of the rows that are NaN; 1 is the first below the header
     header: tuple[str, ...]
-    others: Mapping[str, pl.Series]
+    others: Mapping[str, pl.Series]  # the other columns of the `header`, as they are in the file
+    # other columns that cannot go along: their name is empty or there twice
     dropped: tuple[str, ...] = ()
 
     def answered(self, added: Mapping[str, ArrayLike]) -> dict[str, Any]:

@@ -43,25 +43,14 @@ def length_in_words(value: float, unit: str) -> str:
 
 @dataclass(frozen=True)
 class ErrorScale:
-    """A scale of errors from low to high, linear or logarithmic.
+    """A scale of errors from low to high, linear or logarithmic."""
 
-    Attributes
-    ----------
-    low, high : float [unit]
-        Its two ends.
-    log : bool
-        Whether equal steps are equal ratios.
-    unit : str
-        Unit of the errors.
-    rounding : bool
-        Whether all of it is rounding, so that there is nothing to tell apart.
-    """
-
+    # [unit], its two ends
     low: float
     high: float
-    log: bool
-    unit: str
-    rounding: bool
+    log: bool  # whether equal steps are equal ratios
+    unit: str  # unit of the errors
+    rounding: bool  # whether all of it is rounding, so that there is nothing to tell apart
 
     @staticmethod
     def of(errors: Array, unit: str, extent: float) -> ErrorScale:

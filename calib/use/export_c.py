@@ -38,21 +38,11 @@ _CLOSE = {False: 1e-9, True: 1e-4}  # of the extent: what counts as corrected
 
 @dataclass(frozen=True)
 class CHeader:
-    """A C header and what it takes.
-
-    Attributes
-    ----------
-    text : str
-        The header.
-    tables : int
-        Bytes of its constant tables.
-    notes : tuple of str
-        What the user should be told.
-    """
+    """A C header and what it takes."""
 
     text: str
-    tables: int
-    notes: tuple[str, ...]
+    tables: int  # bytes of its constant tables
+    notes: tuple[str, ...]  # what the user should be told
 
 
 def c_header(model: Model, *, prefix: str = "calib_", single: bool = False) -> CHeader:

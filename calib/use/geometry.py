@@ -32,45 +32,25 @@ _POINTS, _ROWS = 500, 2_000
 
 @dataclass(frozen=True, eq=False)
 class Geometry:
-    """A fitted planar geometry.
+    """A fitted planar geometry."""
 
-    Attributes
-    ----------
-    arm : PlanarArm
-        The nominal arm.
-    offsets : (dof,) array [rad or m]
-        Joint value at which the nominal arm stands where the real one reads zero.
-    moved : (dof, 2) array [m]
-        How far each joint's successor (the last one's: the tip) is displaced in the plane,
-        in the axes of the plane at the zero posture.
-    base : (2,) array [m]
-        Displacement of the first joint; zero unless it was freed.
-    interval_offsets, interval_moved, interval_base : arrays
-        Half widths of the 95 % intervals; what the data cannot tell apart is within them.
-    frame : Alignment
-        From the root link's plane to the frame that the model answers in.
-    free : bool
-        Whether that frame was fitted; the first joint's offset is zero then, by convention.
-    residual : float [m]
-        Root mean square distance that this geometry does not explain.
-    before : float [m]
-        The same for the nominal geometry, in the same frame.
-    reach : float [m]
-        Furthest distance of the tip from the first joint.
-    """
-
-    arm: PlanarArm
+    arm: PlanarArm  # the nominal arm
+    # (dof,) [rad or m], joint value at which the nominal arm stands where the real one reads zero
     offsets: Array
+    # (dof, 2) [m], how far each joint's successor (the last one's: the tip) is displaced in the
+    # plane, in the axes of the plane at the zero posture
     moved: Array
-    base: Array
+    base: Array  # (2,) [m], displacement of the first joint; zero unless it was freed
+    # half widths of the 95 % intervals; what the data cannot tell apart is within them
     interval_offsets: Array
     interval_moved: Array
     interval_base: Array
-    frame: Alignment
+    frame: Alignment  # from the root link's plane to the frame that the model answers in
+    # whether that frame was fitted; the first joint's offset is zero then, by convention
     free: bool
-    residual: float
-    before: float
-    reach: float
+    residual: float  # [m], root mean square distance that this geometry does not explain
+    before: float  # [m], the same for the nominal geometry, in the same frame
+    reach: float  # [m], furthest distance of the tip from the first joint
     unit = "m"
 
     def origins(self) -> dict[str, Moved]:

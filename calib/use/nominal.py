@@ -28,18 +28,10 @@ Array = NDArray[np.float64]
 
 @dataclass(frozen=True)
 class NominalArm:
-    """The URDF's arm as the sensor would see it.
+    """The URDF's arm as the sensor would see it."""
 
-    Attributes
-    ----------
-    structure : PlanarStructure
-        Signs are the URDF's.
-    beta : (d,) array
-        View of the body, geometry of the URDF.
-    """
-
-    structure: PlanarStructure
-    beta: Array
+    structure: PlanarStructure  # signs are the URDF's
+    beta: Array  # (d,), view of the body, geometry of the URDF
 
     def predict(self, q: Array) -> Array:
         """Positions (n, m) [unit] of the nominal arm at joint values (n, dof)."""

@@ -19,17 +19,10 @@ Array = NDArray[np.float64]
 
 @dataclass(frozen=True, eq=False)
 class NominalPose:
-    """Poses of the real and of the nominal arm, both in the root link's frame.
+    """Poses of the real and of the nominal arm, both in the root link's frame."""
 
-    Attributes
-    ----------
-    structure : SpatialStructure
-        Seen by a sensor in the root link's frame.
-    real, nominal : (d,) array
-        Parameters.
-    """
-
-    structure: SpatialStructure
+    structure: SpatialStructure  # seen by a sensor in the root link's frame
+    # (d,), parameters
     real: Array
     nominal: Array
 

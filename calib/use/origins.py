@@ -12,18 +12,9 @@ Array = NDArray[np.float64]
 
 @dataclass(frozen=True, eq=False)
 class Moved:
-    """How far an origin is from where the URDF has it, seen with all joints at zero.
+    """How far an origin is from where the URDF has it, seen with all joints at zero."""
 
-    Attributes
-    ----------
-    shift : (3,) array [m]
-        In the root link's axes.
-    turn : (3,) array [rad]
-        Rotation vector in the same axes.
-    value : float [rad or m]
-        What the joint's own motion is at zero: its offset.
-    """
-
-    shift: Array = field(default_factory=lambda: np.zeros(3))
+    shift: Array = field(default_factory=lambda: np.zeros(3))  # (3,) [m], in the root link's axes
+    # (3,) [rad], rotation vector in the same axes
     turn: Array = field(default_factory=lambda: np.zeros(3))
-    value: float = 0.0
+    value: float = 0.0  # [rad or m], what the joint's own motion is at zero: its offset

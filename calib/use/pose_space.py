@@ -30,31 +30,18 @@ SHARE = 0.02
 
 @dataclass(frozen=True, eq=False)
 class Space:
-    """A box of joint values, and where the tip is expected for them.
+    """A box of joint values, and where the tip is expected for them."""
 
-    Attributes
-    ----------
-    joint_names : tuple of str
-        Joints from base to tip.
-    lower, upper : (dof,) array [rad or m]
-        The box. It is convex: a straight move between two of its poses never leaves it.
-    scale : Scale
-        The whole range of each joint, without margins, as the unit box.
-    revolute : tuple of bool
-        Whether each joint turns (rad) or slides (m).
-    position : callable
-        Joint values (n, dof) to expected tip positions (n, 2); NaN where nothing is known.
-    unit : str
-        Unit of the positions.
-    """
-
-    joint_names: tuple[str, ...]
+    joint_names: tuple[str, ...]  # joints from base to tip
+    # (dof,) [rad or m], the box. It is convex: a straight move between two of its poses never
+    # leaves it.
     lower: Array
     upper: Array
-    scale: Scale
-    revolute: tuple[bool, ...]
+    scale: Scale  # the whole range of each joint, without margins, as the unit box
+    revolute: tuple[bool, ...]  # whether each joint turns (rad) or slides (m)
+    # joint values (n, dof) to expected tip positions (n, 2); NaN where nothing is known
     position: Callable[[Array], Array]
-    unit: str
+    unit: str  # unit of the positions
 
     @property
     def dof(self) -> int:

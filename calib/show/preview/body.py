@@ -27,25 +27,13 @@ class Body:
 
     Drawing needs no more than this; Pinocchio, which computes what is learned, does not
     have to be installed to look at a model.
-
-    Attributes
-    ----------
-    urdf : Urdf
-        The checked tree.
-    text : str
-        Its own text.
-    joint_names : tuple of str
-        Active joints, base to tip.
-    tip : str
-        The link whose position is sensed.
-    locked : mapping of str to float [rad or m]
-        Where other joints are held; those not named are neutral.
     """
 
-    urdf: Urdf
-    text: str
-    joint_names: tuple[str, ...]
-    tip: str
+    urdf: Urdf  # the checked tree
+    text: str  # its own text
+    joint_names: tuple[str, ...]  # active joints, base to tip
+    tip: str  # the link whose position is sensed
+    # [rad or m], where other joints are held; those not named are neutral
     locked: Mapping[str, float]
 
     @staticmethod

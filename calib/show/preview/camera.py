@@ -19,21 +19,11 @@ _UPRIGHT = 0.75  # cosine of normal and vertical; planes above it are seen from 
 
 @dataclass(frozen=True, eq=False)
 class Camera:
-    """A perspective camera that shows a box of the scene whatever the window's shape.
+    """A perspective camera that shows a box of the scene whatever the window's shape."""
 
-    Attributes
-    ----------
-    target : (3,) array
-        Middle of the picture.
-    direction : (3,) array
-        Unit vector from there to the camera.
-    half : (3,) array
-        Half the extent of what is shown, along right, up and depth.
-    """
-
-    target: Array
-    direction: Array
-    half: Array
+    target: Array  # (3,), middle of the picture
+    direction: Array  # (3,), unit vector from there to the camera
+    half: Array  # (3,), half the extent of what is shown, along right, up and depth
 
     @staticmethod
     def onto(points: Array, frame: Array) -> Camera:

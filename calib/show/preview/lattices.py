@@ -27,18 +27,10 @@ _FEWEST, _MOST = 6, 24
 
 @dataclass(frozen=True, eq=False)
 class Panel:
-    """The box beside the workspace in which the joints' ranges are drawn.
+    """The box beside the workspace in which the joints' ranges are drawn."""
 
-    Attributes
-    ----------
-    corner : (3,) array
-        Where every joint is at the lower end of its range.
-    edges : (k, 3) array
-        Where the first two or three joints lead, over their whole range.
-    """
-
-    corner: Array
-    edges: Array
+    corner: Array  # (3,), where every joint is at the lower end of its range
+    edges: Array  # (k, 3), where the first two or three joints lead, over their whole range
 
     def lift(self, u: Array) -> Array:
         """Points (n, 3) of the scene for joints (n, dof) in their unit box."""

@@ -29,28 +29,15 @@ _AZIMUTH = np.radians(-60.0)  # from where a scene in space is seen
 
 @dataclass(frozen=True, eq=False)
 class Placement:
-    """An affine map from the sensor's plane, or its space, into the scene.
+    """An affine map from the sensor's plane, or its space, into the scene."""
 
-    Attributes
-    ----------
-    origin : (3,) array
-        Where the sensor's (0, 0) is.
-    axes : (2, 3) or (3, 3) array
-        Where its x and y, and in space its z, lead, for one unit.
-    scale : float
-        Size of the scene over that of the world, not 1 only for very small or large arms
-        and for sensors with units of their own.
-    note : str
-        What the user should be told, or "".
-    up : float
-        Sign of y that leads up a picture: -1 where it counts downwards, as pixels do.
-    """
-
-    origin: Array
-    axes: Array
+    origin: Array  # (3,), where the sensor's (0, 0) is
+    axes: Array  # (2, 3) or (3, 3), where its x and y, and in space its z, lead, for one unit
+    # size of the scene over that of the world, not 1 only for very small or large arms and for
+    # sensors with units of their own
     scale: float
-    note: str = ""
-    up: float = 1.0
+    note: str = ""  # what the user should be told, or ""
+    up: float = 1.0  # sign of y that leads up a picture: -1 where it counts downwards, as pixels do
 
     def lift(self, x: ArrayLike) -> Array:
         """Points (n, 3) of the scene for positions (n, 2) or (n, 3) [unit]."""

@@ -43,33 +43,15 @@ _REPETITIONS = 3
 
 @dataclass(frozen=True, eq=False)
 class Scene:
-    """A drawn model.
-
-    Attributes
-    ----------
-    canvas : Canvas
-        The layers.
-    camera : Camera
-        From where they are seen.
-    page : dict
-        Plain data for the page: title, legend, layers, labels, links.
-    notes : tuple of str
-        What the user should be told.
-    placement : Placement
-        Where the sensor's positions are.
-    motion : Motion
-        The path of the animation.
-    scale : ErrorScale
-        What the nodes' colours mean.
-    """
+    """A drawn model."""
 
     canvas: Canvas
-    camera: Camera
-    page: dict[str, Any]
-    notes: tuple[str, ...]
-    placement: Placement
-    motion: Motion
-    scale: ErrorScale
+    camera: Camera  # from where they are seen
+    page: dict[str, Any]  # plain data for the page: title, legend, layers, labels, links
+    notes: tuple[str, ...]  # what the user should be told
+    placement: Placement  # where the sensor's positions are
+    motion: Motion  # the path of the animation
+    scale: ErrorScale  # what the nodes' colours mean
 
 
 def draw(model: Model, *, samples: Samples | None = None, meshes: Path | None = None) -> Scene:

@@ -19,36 +19,17 @@ _SIZES = {"box": 3, "cylinder": 2, "capsule": 2, "sphere": 1, "mesh": 0}
 
 @dataclass(frozen=True, eq=False)
 class Visual:
-    """One shape of a link.
-
-    Attributes
-    ----------
-    link : str
-        The link.
-    kind : str
-        "box", "cylinder", "sphere" or "mesh".
-    size : tuple of float [m]
-        Sides of a box; radius and length of a cylinder; radius of a sphere.
-    origin : (4, 4) array
-        Where it is in the link's frame.
-    colour : str
-        As ``#rrggbb``.
-    opacity : float
-        1 for solid.
-    mesh : str
-        File name as the URDF has it.
-    scale : (3,) array
-        Of a mesh.
-    """
+    """One shape of a link."""
 
     link: str
-    kind: str
+    kind: str  # "box", "cylinder", "sphere" or "mesh"
+    # [m], sides of a box; radius and length of a cylinder; radius of a sphere
     size: tuple[float, ...]
-    origin: Array
-    colour: str
-    opacity: float = 1.0
-    mesh: str = ""
-    scale: Array = field(default_factory=lambda: np.ones(3))
+    origin: Array  # (4, 4), where it is in the link's frame
+    colour: str  # as ``#rrggbb``
+    opacity: float = 1.0  # 1 for solid
+    mesh: str = ""  # file name as the URDF has it
+    scale: Array = field(default_factory=lambda: np.ones(3))  # (3,), of a mesh
 
 
 def visuals(text: str) -> list[Visual]:

@@ -31,27 +31,13 @@ _POLICY = "default-src 'none'; style-src 'unsafe-inline'; img-src data:"
 
 @dataclass(frozen=True)
 class Section:
-    """A figure of the report.
+    """A figure of the report."""
 
-    Attributes
-    ----------
-    name : str
-        For its file and its place in the page.
-    title : str
-        What it shows.
-    text : str
-        How to read it.
-    draw : callable
-        Draws it; None where there is nothing to draw it from.
-    when : callable
-        Whether it is of a model at all.
-    """
-
-    name: str
-    title: str
-    text: str
-    draw: Callable[[Evidence], Any]
-    when: Callable[[Model], bool] = lambda _: True
+    name: str  # for its file and its place in the page
+    title: str  # what it shows
+    text: str  # how to read it
+    draw: Callable[[Evidence], Any]  # draws it; None where there is nothing to draw it from
+    when: Callable[[Model], bool] = lambda _: True  # whether it is of a model at all
 
 
 def heat_maps(evidence: Evidence, direction: str) -> Any:
