@@ -19,9 +19,9 @@ from typer.core import TyperGroup
 from calib.common.wording import one_line
 from calib.errors import CalibError
 
-from .interrupts import received
 from .on_demand import COMMANDS, OnDemand, plainly_read
 from .output import NO, note, show_json, tell
+from .process import received
 from .translation import as_typed, option_of
 
 USAGE, INTERRUPTED = 2, 130

@@ -6,7 +6,7 @@ import math
 from collections.abc import Iterable, Mapping, Sequence
 from typing import TYPE_CHECKING, Any
 
-from calib.common.units import for_people
+from calib.common.wording import for_people
 from calib.show.facts import learned_range
 
 from .output import fixed

@@ -11,7 +11,7 @@ from browser import Sight, document, look
 
 import calib
 from calib.model.model import Model
-from calib.show.colours import colours, rgb, stops
+from calib.show.error_scale import colours, rgb, stops
 from calib.show.preview.live import Live
 from calib.show.preview.motion import REACHED
 from calib.show.preview.page import html

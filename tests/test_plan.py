@@ -13,8 +13,7 @@ from hypothesis import strategies as st
 
 import calib
 from calib.common.scale import TURN, Scale
-from calib.use.spread import farthest
-from calib.use.tour import length, shortest_tour
+from calib.use.spread import farthest, length, shortest_tour
 
 DEGREE = math.radians(1.0)
 UNIT = Scale(np.zeros(2), np.ones(2), np.zeros(2, dtype=bool))

@@ -10,8 +10,7 @@ from models import measured, trained
 from scenes import paths
 
 import calib
-from calib.show.colours import UNKNOWN, colours, rgb, stops
-from calib.show.error_scale import ErrorScale, length_in_words
+from calib.show.error_scale import UNKNOWN, ErrorScale, colours, length_in_words, rgb, stops
 from calib.show.preview.body import Body
 from calib.show.preview.camera import Camera
 from calib.show.preview.canvas import quaternions

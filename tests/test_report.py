@@ -17,11 +17,11 @@ from calib.common.scale import Scale
 from calib.maps.lattice import Lattice
 from calib.maps.map import Map
 from calib.paper.published import TABLE1
-from calib.show.report.changes import adaptation_table, history_table
 from calib.show.report.curves import bound_pairs, coverage
 from calib.show.report.evidence import gather
 from calib.show.report.maps import hits, u_matrix
 from calib.show.report.page import SECTIONS, pictures, report
+from calib.show.report.tables import adaptation_table, history_table
 
 
 class Reader(HTMLParser):

@@ -15,12 +15,10 @@ import numpy as np
 
 from ..common.wording import listed, one_line, quoted, suggestion
 from ..errors import OptionError, RobotError
+from .arms import PlanarArm, SpatialArm
 from .candidates import find_tip
-from .choosing import MOST_JOINTS
-from .finding import Choice, find_arm, in_line, is_planar
-from .folding import folded, followers, refuse_followers
-from .inertia import carried
-from .planar_arm import PlanarArm
+from .finding import MOST_JOINTS, Choice, find_arm, in_line, is_planar
+from .folding import carried, folded, followers, refuse_followers
 from .planarity import check_tip, common_normal
 from .plane import plane_of
 from .posture import Kinematics, Posture
@@ -33,7 +31,6 @@ from .ranges import (
     unit_of,
 )
 from .robots import resolve_robot
-from .spatial_arm import SpatialArm
 from .tree import Joint, Urdf
 from .urdf import parse_urdf, read_urdf
 

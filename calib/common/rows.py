@@ -118,3 +118,14 @@ def _numbers(values: Any, what: str, error: type[CalibError]) -> Array:
         return np.array(array, dtype=np.float64, order="C")
     except (TypeError, ValueError) as problem:
         raise error(f"{what}: expected numbers, got {values!r:.60}") from problem
+
+
+def thinned(count: int, most: int) -> NDArray[np.intp]:
+    """Return at most `most` row numbers of `count`, evenly spread, in order.
+
+    Examples
+    --------
+    >>> thinned(10, 4).tolist(), thinned(3, 4).tolist()
+    ([0, 3, 6, 9], [0, 1, 2])
+    """
+    return np.unique(np.linspace(0, count - 1, min(count, most)).round().astype(np.intp))

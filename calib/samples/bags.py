@@ -18,7 +18,7 @@ from numpy.typing import NDArray
 from ..common.wording import listed, suggestion
 from ..errors import LogError, OptionError
 from .bag_poses import POSITIONS, TF, Poses, stamped_poses, tf_poses
-from .between import covered, joints_at
+from .joint_values import covered, joints_at
 
 Array = NDArray[np.float64]
 

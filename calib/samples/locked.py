@@ -10,8 +10,8 @@ import numpy as np
 
 from ..errors import LogError
 from .columns import Source, open_source, read_batches
+from .measured_rows import HELD_ROWS, Reservoir
 from .places import find_place
-from .reservoir import HELD_ROWS, Reservoir
 
 _STANDS = {True: math.radians(5.0), False: 2e-2}  # further it takes part [rad, m]
 _SOME = 0.02  # share of rows in which it may do so: wrong readings

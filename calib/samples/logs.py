@@ -15,11 +15,10 @@ from ..errors import LogError, OptionError
 from .camera import camera_of
 from .columns import Source, open_source
 from .log_ranges import ChosenRange, JointColumn, Range
-from .measured_rows import MeasuredRows
+from .measured_rows import HELD_ROWS, MeasuredRows, Reservoir
 from .orientations import QUATERNION, from_angles, unit_quaternions
 from .places import find_place
 from .plausibility import check_against_robot, check_flat
-from .reservoir import HELD_ROWS, Reservoir
 from .roles import PIXELS, check_names, find_roles, sees_pixels
 from .samples import Samples
 from .tables import about_source, unit_of, write_table

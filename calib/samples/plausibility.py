@@ -13,7 +13,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 from numpy.typing import NDArray
 
-from ..common.thinning import thinned
+from ..common.rows import thinned
 from ..errors import LogError
 
 if TYPE_CHECKING:

@@ -12,16 +12,16 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import NDArray
 
-from ..arm.planar_arm import PlanarArm
+from ..arm.arms import PlanarArm
 from ..body.spatial import SpatialStructure
 from ..common.choices import CAUSES, LOG_FRAMES
 from ..errors import OptionError
 from ..model.alignment import Alignment
-from .origins import Moved
 from .planar_geometry import PlanarProblem
+from .urdf import Moved
 
 if TYPE_CHECKING:
-    from ..arm.spatial_arm import SpatialArm
+    from ..arm.arms import SpatialArm
     from ..model.model import Model
     from .spatial_geometry import SpatialGeometry
 

@@ -11,14 +11,12 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from ..arm.arm import Arm
-from ..arm.spatial_arm import SpatialArm
+from ..arm.arms import SpatialArm
 from ..body.most_telling import most_telling
 from ..errors import OptionError
 from .collisions import apart
-from .information import most_telling_of_arm
 from .pose_space import Space, space_of
-from .spread import candidates, farthest
-from .tour import length, shortest_tour
+from .spread import candidates, farthest, length, most_telling_of_arm, shortest_tour
 
 if TYPE_CHECKING:
     import os

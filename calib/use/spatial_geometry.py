@@ -11,7 +11,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from ..arm.spatial_arm import SpatialArm
+from ..arm.arms import SpatialArm
 from ..arm.urdf import parse_urdf
 from ..body.belief import Body
 from ..body.fit import maximise
@@ -21,7 +21,7 @@ from ..body.spatial import SpatialStructure, structure_of
 from ..body.spatial_prior import SHIFT, frame_groups
 from ..body.spatial_start import frame
 from ..body.structure import Prior
-from .origins import Moved
+from .urdf import Moved
 
 Array = NDArray[np.float64]
 

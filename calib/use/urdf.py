@@ -7,8 +7,8 @@ from __future__ import annotations
 
 import math
 import re
-from dataclasses import dataclass
-from typing import Any
+from dataclasses import dataclass, field
+from typing import TYPE_CHECKING, Any
 from xml.parsers import expat
 
 import numpy as np
@@ -18,9 +18,10 @@ from ..arm.rotations import exponential
 from ..arm.tree import Joint
 from ..arm.urdf import parse_urdf
 from ..errors import OptionError, RobotError
-from .geometry import Geometry
-from .origins import Moved
-from .spatial_geometry import SpatialGeometry
+
+if TYPE_CHECKING:
+    from .geometry import Geometry
+    from .spatial_geometry import SpatialGeometry
 
 Array = NDArray[np.float64]
 
@@ -272,3 +273,13 @@ def check_output(path: str, nominal: str) -> None:
             parameter="output",
             value=path,
         )
+
+
+@dataclass(frozen=True, eq=False)
+class Moved:
+    """How far an origin is from where the URDF has it, seen with all joints at zero."""
+
+    shift: Array = field(default_factory=lambda: np.zeros(3))  # (3,) [m], in the root link's axes
+    # (3,) [rad], rotation vector in the same axes
+    turn: Array = field(default_factory=lambda: np.zeros(3))
+    value: float = 0.0  # [rad or m], what the joint's own motion is at zero: its offset

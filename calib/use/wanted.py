@@ -28,8 +28,7 @@ from .geometry import (
     moves_in_space,
     nominal_arm,
 )
-from .nominal import NominalArm, nominal_in_base, nominal_in_space, nominal_in_view
-from .nominal_pose import NominalPose
+from .nominal import NominalArm, NominalPose, nominal_in_base, nominal_in_space, nominal_in_view
 from .spatial_geometry import SpatialGeometry
 
 if TYPE_CHECKING:

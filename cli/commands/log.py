@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 from typing import Annotated, Any
 
-from calib.common.units import for_people
+from calib.common.wording import for_people
 
 from .. import camera as c
 from .. import options as o

@@ -10,9 +10,8 @@ from typing import TYPE_CHECKING, Annotated
 from calib.show.facts import size_in_words
 
 from .. import options as o
-from ..output import Notes, show, show_json, tell
+from ..output import Notes, progress_bar, show, show_json, tell
 from ..photo import NoPhotoOption, PhotoOption, photo_of_log, with_photo
-from ..progress import progress_bar
 from ..samples import Selection, babbled, check_sources, measured
 from ..summary import compact_table, summary
 from ..usage import BadOption, argument, check_output, flag, option

@@ -10,8 +10,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import NDArray
 
-from ..colours import colours, stops
-from ..error_scale import ErrorScale
+from ..error_scale import ErrorScale, colours, stops
 from ..workspace import (
     border,
     extent,
@@ -25,8 +24,7 @@ from .body import Body
 from .camera import Camera
 from .canvas import POINT, Canvas
 from .cloud import Cloud, cloud
-from .labels import labels
-from .lattices import LINK, draw_links, draw_maps, panel_beside
+from .lattices import LINK, draw_links, draw_maps, labels, panel_beside
 from .motion import FPS, TARGET, Motion, draw_motion, drive
 from .placement import Placement, place
 

@@ -8,8 +8,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import NDArray
 
-from ..colours import UNKNOWN
-from ..error_scale import ErrorScale
+from ..error_scale import UNKNOWN, ErrorScale
 from ..workspace import cell_means, downwards, drawn_edges, motor_errors, sensory_errors
 from .style import colour_map, new_figure, plain_text
 from .tables import figure_unit

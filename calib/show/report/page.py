@@ -14,11 +14,17 @@ from ...use.geometry import moves_in_space
 from ..error_scale import length_in_words
 from ..facts import facts
 from . import curves, maps, space
-from .changes import adaptation_table, drift_text, history_table
 from .evidence import Evidence, gather
 from .over_photo import over_photo
 from .style import settings, to_png, to_svg
-from .tables import errors_in_html, fact_list, is_papers_arm
+from .tables import (
+    adaptation_table,
+    drift_text,
+    errors_in_html,
+    fact_list,
+    history_table,
+    is_papers_arm,
+)
 
 if TYPE_CHECKING:
     from ...model.model import Model
