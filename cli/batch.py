@@ -94,20 +94,12 @@ def inverse_batch(
     A target out of reach has no joint values, but its distance from the nearest
     attainable point.
 
-    Parameters
-    ----------
-    model : Model
-    joints : JointFormat
-        Unit of the joint values in both tables.
-    streams : Streams
-        The tables.  Columns near_JOINT, one for each, choose the branch row by row; of an arm
+    joints : unit of the joint values in both tables
+    streams : the tables.  Columns near_JOINT, one for each, choose the branch row by row; of an arm
         in space with six joints, qx, qy, qz, qw ask for an orientation too.
-    readout, near
-        Passed on to `Model.solve`.
-    frame : {"sensor", "base"}
-        Of the positions.
-    every : bool
-        Whether to write all branches of each pose, a row each.
+    readout, near : passed on to `Model.solve`
+    frame : {"sensor", "base"}, of the positions
+    every : whether to write all branches of each pose, a row each
     """
     base, beside = frame == "base", [f"near_{name}" for name in joints.names]
     turns = QUATERNION if len(joints.names) >= 6 and (base or len(model.axes) == 3) else ()

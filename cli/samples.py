@@ -64,14 +64,7 @@ def check_sources(
 ) -> None:
     """Refuse that there is nothing to learn from, and options that would be without effect.
 
-    Parameters
-    ----------
-    robots : sequence of str
-        As typed.
-    logged : bool
-        Whether logs were given.
-    simulated, of_logs : mapping of str to object
-        Options of simulated babbling and of logs, and what was given for them.
+    simulated, of_logs : options of simulated babbling and of logs, and what was given for them
     """
     if not robots and not logged:
         raise BadOption("no source to learn from: expected ROBOT, --data LOG, or both")

@@ -23,10 +23,8 @@ Following = Mapping[str, tuple[str, float, float]]
 def followers(urdf: Urdf, path: Sequence[Joint], active: Sequence[Joint]) -> Following:
     """Mimic joints on the way to the tip that follow an active joint, directly or through others.
 
-    Returns
-    -------
-    dict of str to (str, float, float)
-        The active joint, the multiplier and the offset of each.
+    Returns the active joint, the multiplier and the offset of
+    each.
     """
     names = {joint.name for joint in active}
     found: dict[str, tuple[str, float, float]] = {}
@@ -121,11 +119,9 @@ def carried(
     Links beside the chain (fingers, covers) hang on the last chain joint below them and do not
     move of their own. `posture` has all joints of the chain at zero.
 
-    Returns
-    -------
-    masses : (m,) array [kg]
-    centres : (m, 3) array [m]
-        In the root frame. Both are empty where the URDF states no mass for any of them.
+    Returns masses : (m,) [kg]
+    Returns centres : (m, 3) [m], in the root frame. Both are empty where the URDF states no mass
+        for any of them.
     """
     order = {joint.name: k for k, joint in enumerate(joints)}
     masses, moments = np.zeros(len(joints)), np.zeros((len(joints), 3))

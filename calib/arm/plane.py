@@ -100,12 +100,8 @@ class Plane:
 def plane_of(normal: ArrayLike, through: ArrayLike) -> Plane:
     """Return the plane across a normal through a point, with the axes of the module's rule.
 
-    Parameters
-    ----------
-    normal : (3,) array
-        Any vector across the plane; its sign and length do not matter.
-    through : (3,) array [m]
-        A point of the plane, in the reference frame.
+    normal : (3,), any vector across the plane; its sign and length do not matter
+    through : (3,) [m], a point of the plane, in the reference frame
     """
     n = np.asarray(normal, dtype=float)
     n = n / np.linalg.norm(n)
@@ -131,16 +127,8 @@ def fit_plane(points: ArrayLike) -> tuple[Plane, float]:
     origin and axes follow the module's rule, so the result does not depend on the SVD's
     signs, and positions keep the directions in which the sensor reported them.
 
-    Parameters
-    ----------
-    points : (n, 3) array [m]
-        At least three points that do not lie on one line.
-
-    Returns
-    -------
-    plane : Plane
-    rms : float [m]
-        Root mean square distance of the points from the plane.
+    points : (n, 3) [m], at least three points that do not lie on one line
+    Returns the plane and rms [m], root mean square distance of the points from the plane
     """
     p = np.asarray(points, dtype=float)
     if p.ndim != 2 or p.shape[1] != 3 or not np.isfinite(p).all():

@@ -41,10 +41,7 @@ def resolve_robot(robot: str | Path) -> Path:
     A bundled name wins over a file of the same name in the current folder (`./two_link`
     means the file).
 
-    Raises
-    ------
-    RobotError
-        If it is neither, with the names there are.
+    Raises RobotError if it is neither, with the names there are.
     """
     text = str(robot)
     names = {path.stem: path for path in robots_folder().glob("*.urdf")}

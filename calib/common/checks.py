@@ -14,10 +14,7 @@ LARGEST = 1e15
 def of_type(name: str, value: Any, kind: type[T]) -> T:
     """Return a value that is of a type; true and false are no numbers.
 
-    Raises
-    ------
-    ValueError
-        If it is not.
+    Raises ValueError if it is not.
     """
     if not isinstance(value, kind) or (isinstance(value, bool) and kind is not bool):
         raise ValueError(f"{name}: {value!r:.40} is no {kind.__name__}")

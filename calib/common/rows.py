@@ -23,29 +23,13 @@ def number_rows(
 ) -> tuple[Array, bool]:
     """Return rows of numbers, and whether they were given as a single vector.
 
-    Parameters
-    ----------
-    values : (n, len(names)) or (len(names),) array-like, or named columns
-        Polars and pandas tables, mappings and structured arrays are read by name; what they
-        hold besides is left alone.
-    names : sequence of str
-        What each column is.
-    what : str
-        What a message calls the values.
-    error : type
-        Class of the error that is raised.
-
-    Returns
-    -------
-    rows : (n, len(names)) array
-        A copy. It may hold NaN: whether that is wrong is the caller's to say.
-    single : bool
-        Whether it was one vector.
-
-    Raises
-    ------
-    CalibError
-        If a column is missing, or the values are masked, dates or no numbers.
+    values : (n, len(names)) or (len(names),) array-like, or named columns: Polars and pandas
+        tables, mappings and structured arrays are read by name, their other columns ignored
+    names : what each column is
+    Returns rows : (n, len(names)) array, a copy. It may hold NaN: whether that is wrong is the
+        caller's to say.
+    Returns single : whether it was one vector
+    Raises CalibError if a column is missing, or the values are masked, dates or no numbers.
 
     Examples
     --------

@@ -57,27 +57,14 @@ def read_bag(
 ) -> Recording:
     """Read joint states and positions, or poses, of the tip from a recording.
 
-    Parameters
-    ----------
-    path : path-like
-        A ROS 1 ``.bag``, a ROS 2 bag (its folder), or an ``.mcap`` or ``.db3`` file.
-    joints_topic, tip_topic : str, optional
-        Topics; found where only one has a fitting type.
-    joints : sequence of str, optional
-        Joints to keep; all where not given.
-    max_gap : float [s]
-        Positions between joint states further apart are left out.
-    still : float, optional [rad/s or m/s]
-        Positions taken while a joint moved faster are left out.
-    time_offset : float [s]
-        Added to the times of the positions: the sensor's clock or latency.
-    frames : (str, str), optional
-        Of tf: the sensor's frame and the tip's, or what is fixed to it.
-
-    Raises
-    ------
-    LogError
-        If rosbags is missing, the file is no recording, or a topic is not in it.
+    path : a ROS 1 ``.bag``, a ROS 2 bag (its folder), or an ``.mcap`` or ``.db3`` file
+    joints_topic, tip_topic : topics; found where only one has a fitting type
+    joints : joints to keep; all where not given
+    max_gap : [s], positions between joint states further apart are left out
+    still : [rad/s or m/s], positions taken while a joint moved faster are left out
+    time_offset : [s], added to the times of the positions: the sensor's clock or latency
+    frames : of tf: the sensor's frame and the tip's, or what is fixed to it
+    Raises LogError if rosbags is missing, the file is no recording, or a topic is not in it.
     """
     if max_gap <= 0:
         raise OptionError(f"max gap {max_gap:g} s: expected more than zero")

@@ -55,10 +55,7 @@ class Camera:
         One number k1 replaces its distortion. Where that is more than 0.3 px wrong within the
         picture, or fx is not fy, the lens is a prior with that doubt.
 
-        Raises
-        ------
-        LogError
-            If a value is impossible.
+        Raises LogError if a value is impossible.
         """
         try:
             width, height = (int(side) for side in told["size"])
@@ -106,10 +103,7 @@ def bent(n: ArrayLike, distortion: ArrayLike) -> Array:
 def camera_of(about: Mapping[str, Any], pixels: ArrayLike) -> Camera:
     """Return the camera of pixels (n, 2), from what their log says of it or from their extent.
 
-    Raises
-    ------
-    LogError
-        If pixels lie outside of the picture that is stated.
+    Raises LogError if pixels lie outside of the picture that is stated.
     """
     pixels = np.asarray(pixels, dtype=float)
     low, high = pixels.min(axis=0), pixels.max(axis=0)

@@ -62,10 +62,7 @@ def parse_change(text: str, *, degrees: Collection[str] = ()) -> Change:
     changes differ from a sensor's, and the tip's offset has two numbers.  Offset, noise, backlash
     and lock of the joints in `degrees` are typed in degrees; the answer is in SI units.
 
-    Raises
-    ------
-    OptionError
-        If the text is no change or its value is impossible.
+    Raises OptionError if the text is no change or its value is impossible.
 
     Examples
     --------

@@ -73,10 +73,7 @@ def open_source(path: str | os.PathLike[str] | Source) -> Source:
     `-` reads CSV from standard input.  A table that is open stays as it is, so that a pipe, which
     can be read only once, serves several readers.
 
-    Raises
-    ------
-    LogError
-        If there is no such file, or no header in it.
+    Raises LogError if there is no such file, or no header in it.
     """
     if isinstance(path, Source):
         return path
@@ -105,10 +102,7 @@ def read_batches(source: Source, names: Sequence[str], *, lenient: bool = False)
     Of a Parquet file's lists a name is one element, as in `state[0]`. NaN is a missing value, where
     `lenient` also text in a number's place. Blank lines are no rows.
 
-    Raises
-    ------
-    LogError
-        If a column is missing or there twice, or a value is no number.
+    Raises LogError if a column is missing or there twice, or a value is no number.
     """
     places = [_place(source, name) for name in names]
     return source.file.batches(places, lenient=lenient)

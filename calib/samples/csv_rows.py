@@ -108,12 +108,8 @@ class CsvFile:
     ) -> Iterator[Array]:
         """Read the rest of a file row by row: slower, with an opinion on every cell.
 
-        Parameters
-        ----------
-        number, lines : int
-            Rows and lines that were read before.
-        skip : int
-            Lines up to the end of the header, where it is part of the rest.
+        number, lines : rows and lines that were read before
+        skip : lines up to the end of the header, where it is part of the rest
         """
         width, values = len(self.header), array("d")
         for line, row in csv_rows(self.label, file, self.separator, lines):

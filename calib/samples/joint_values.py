@@ -63,16 +63,9 @@ def check_joint_values(
 
     Values a little outside of the range pass: whoever uses them says what becomes of them.
 
-    Parameters
-    ----------
-    q : (n, dof) array [rad or m]
-        Joint values; rows that are not finite are passed over.
-    lower, upper : (dof,) array [rad or m]
-        The joints' learned range.
-    degrees : bool
-        Whether the values were given in degrees, and converted.
-    label : str
-        What a message calls them.
+    q : (n, dof) [rad or m], joint values; rows that are not finite are passed over
+    lower, upper : (dof,) [rad or m], the joints' learned range
+    degrees : whether the values were given in degrees, and converted
 
     Examples
     --------
@@ -145,12 +138,9 @@ def joints_at(when: Array, time: Array, q: Array) -> Array:
 def covered(when: Array, time: Array, max_gap: float) -> tuple[Mask, Mask, NDArray[np.intp]]:
     """Tell which times (n,) lie between joints that are close enough to interpolate.
 
-    Returns
-    -------
-    inside, close : (n,) array of bool
-        Whether a time lies within the recording, and between joints at most `max_gap` [s] apart.
-    after : (n,) array of int
-        The joints next after each time.
+    Returns inside, close : (n,), whether a time lies within the recording, and between joints at
+        most `max_gap` [s] apart
+    Returns after : (n,), the joints next after each time
     """
     after = np.clip(np.searchsorted(time, when), 1, len(time) - 1)
     inside = (when >= time[0]) & (when <= time[-1])

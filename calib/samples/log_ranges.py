@@ -190,19 +190,11 @@ class ChosenRange:
 def one_turn(angles: Array) -> tuple[Array, Range, float]:
     """Wrap angles into one turn that is cut where they leave the largest gap.
 
-    Parameters
-    ----------
-    angles : (n,) array [rad]
-        Any number of turns.
-
-    Returns
-    -------
-    wrapped : (n,) array [rad]
-        The angles; those that lay in the turn already are left as they were.
-    turn : (float, float) [rad]
-        The turn, centred on the angles, or on 0 where they fill the whole circle.
-    gap : float [rad]
-        The largest gap.
+    angles : (n,) [rad], any number of turns
+    Returns wrapped : (n,) [rad], the angles; those that lay in the turn already are left as they
+        were
+    Returns turn : [rad], the turn, centred on the angles, or on 0 where they fill the whole circle
+    Returns gap : [rad], the largest gap
 
     Examples
     --------

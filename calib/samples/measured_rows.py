@@ -90,15 +90,9 @@ class Reservoir:
     The key of a row depends on its place in the log alone, so the same rows stay whatever
     the batches that they come in. Of a log that is not longer than `most` all rows stay.
 
-    Parameters
-    ----------
-    most : int
-        Rows that are kept, besides the extreme ones.
-    extremes : int
-        Of so many of the first columns the rows with the least and the largest value stay
-        too: a range is that of all rows.
-    seed : int
-        Of the keys.
+    most : rows that are kept, besides the extreme ones
+    extremes : of so many of the first columns the rows with the least and the largest value stay
+        too: a range is that of all rows
 
     Attributes
     ----------

@@ -21,10 +21,7 @@ _MOST = 2 * np.pi + 0.1
 def unit_quaternions(values: Array, label: str) -> Array:
     """Unit quaternions (n, 4) with qw >= 0 of a log's quaternions qx, qy, qz, qw.
 
-    Raises
-    ------
-    LogError
-        If one has no length near 1: it is no orientation.
+    Raises LogError if one has no length near 1: it is no orientation.
     """
     length = np.linalg.norm(values, axis=1)
     bad = np.abs(length - 1) > ROUNDING
@@ -45,10 +42,7 @@ def from_angles(angles: Array) -> Array:
 
     As in URDF: turns about the fixed x, then y, then z axis.
 
-    Raises
-    ------
-    LogError
-        If they are beyond a turn: they are in degrees.
+    Raises LogError if they are beyond a turn: they are in degrees.
     """
     most = float(np.abs(angles).max(initial=0.0))
     if most > _MOST:

@@ -26,10 +26,7 @@ class Place:
 def find_place(header: Sequence[str], name: str) -> Place | None:
     """Find a name in a header; one that is there as written is a column, whatever it looks like.
 
-    Raises
-    ------
-    OptionError
-        If what stands in the brackets is no place in a list.
+    Raises OptionError if what stands in the brackets is no place in a list.
 
     Examples
     --------

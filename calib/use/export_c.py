@@ -48,19 +48,10 @@ class CHeader:
 def c_header(model: Model, *, prefix: str = "calib_", single: bool = False) -> CHeader:
     """One C99 header (also valid C++) that answers as the model does.
 
-    Parameters
-    ----------
-    model : Model
-        With a body, planar or spatial.
-    prefix : str
-        Starts every name.
-    single : bool
-        ``float`` instead of ``double``, for microcontrollers.
-
-    Raises
-    ------
-    OptionError
-        If the model has no body, or the prefix is no C name.
+    model : with a body, planar or spatial
+    prefix : starts every name
+    single : ``float`` instead of ``double``, for microcontrollers
+    Raises OptionError if the model has no body, or the prefix is no C name.
 
     Notes
     -----

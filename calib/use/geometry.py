@@ -141,20 +141,13 @@ def fit_geometry(
     the data cannot tell apart, such as an offset and a turned link; the intervals hold that
     freedom.  Of a spatial arm they are offsets, six numbers per joint origin, and the tip.
 
-    Parameters
-    ----------
-    model : Model
-        It must have a URDF.
-    view : {"auto", "base"}
-        "base" says that a log's positions are in the root link's frame.
-    cause : {"sensor", "joints"}
-        What an adaptation found that turns the sensor's frame and the first joint alike; with
-        "joints" the frame is taken to have stayed.
-    move_base : bool
-        Whether the first joint's place is fitted too; only in a known frame.
-    move_tip : bool
-        Whether the sensed point of a spatial arm is the tip itself and belongs to the geometry;
-        else it is a probe or tag that was put on, and the tip stays where the URDF has it.
+    model : it must have a URDF
+    view : {"auto", "base"}, "base" says that a log's positions are in the root link's frame
+    cause : {"sensor", "joints"}, what an adaptation found that turns the sensor's frame and the
+        first joint alike; with "joints" the frame is taken to have stayed
+    move_base : whether the first joint's place is fitted too; only in a known frame
+    move_tip : whether the sensed point of a spatial arm is the tip itself and belongs to the
+        geometry; else it is a probe or tag that was put on, and the tip stays where the URDF has it
     """
     arm, free = nominal_arm(model), frame_is_free(model, view)
     if move_base and free:

@@ -50,10 +50,7 @@ class NominalArm:
 def nominal_in_base(model: Model) -> NominalArm:
     """The nominal arm of a model whose positions are in the robot's root frame.
 
-    Raises
-    ------
-    OptionError
-        As `nominal_in_view`.
+    Raises OptionError as `nominal_in_view`.
     """
     structure, nominal = _planar(model)
     own = replace(structure, view="base", nominal=nominal, signs=nominal.signs)
@@ -64,10 +61,7 @@ def nominal_in_base(model: Model) -> NominalArm:
 def nominal_in_view(model: Model) -> NominalArm:
     """The nominal arm of a model with a body.
 
-    Raises
-    ------
-    OptionError
-        If the model has no body, or knows no URDF.
+    Raises OptionError if the model has no body, or knows no URDF.
     """
     structure, nominal = _planar(model)
     body = model.body

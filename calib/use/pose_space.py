@@ -85,22 +85,13 @@ def space_of(
 ) -> Space:
     """Return the space of an arm, or of what a model has learned.
 
-    Parameters
-    ----------
-    source : Arm or Model
-        An arm predicts with its kinematics, a model with what it has learned.
-    margin : float or sequence of float, optional [rad or m]
-        Distance from the joints' mechanical limits, for all or for each joint. Without it
-        1 deg (17 mm for a slide), or 2 % of the range if that is less. A model of a log
+    source : an arm predicts with its kinematics, a model with what it has learned
+    margin : [rad or m], distance from the joints' mechanical limits, for all or for each joint.
+        Without it 1 deg (17 mm for a slide), or 2 % of the range if that is less. A model of a log
         without a robot knows no limits: its range is what was measured.
-    ranges : mapping of str to (lower, upper), optional [rad or m]
-        Part of a joint's range to plan in.
-
-    Raises
-    ------
-    OptionError
-        If a joint is unknown, a range is outside of what there is, or the margins leave
-        nothing.
+    ranges : [rad or m], part of a joint's range to plan in
+    Raises OptionError if a joint is unknown, a range is outside of what there is, or the margins
+    leave nothing.
     """
     space, limits = _of_arm(source) if isinstance(source, Arm) else _of_model(source)
     lower, upper = space.lower.copy(), space.upper.copy()

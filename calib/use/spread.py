@@ -33,15 +33,7 @@ _CORNERS = 256  # most corners, which are as many as 2^dof
 def candidates(space: Space, rng: np.random.Generator) -> Array:
     """Draw poses to choose from: within the box, on its faces, at its corners.
 
-    Parameters
-    ----------
-    space : Space
-    rng : Generator
-
-    Returns
-    -------
-    (m, dof) array
-        In units of the joints' ranges.
+    Returns (m, dof), in units of the joints' ranges.
     """
     dof = space.dof
     inside, faces = rng.random((_INSIDE, dof)), rng.random((_FACES, dof))
@@ -58,21 +50,10 @@ def candidates(space: Space, rng: np.random.Generator) -> Array:
 def farthest(scale: Scale, points: Array, n: int, taken: Array) -> Index:
     """Choose points one by one, each as far as possible from all that were chosen before.
 
-    Parameters
-    ----------
-    scale : Scale
-        Knows the periodic joints.
-    points : (m, dof) array
-        What to choose from, in units of the joints' ranges.
-    n : int
-        How many, at most m.
-    taken : (k, dof) array
-        Points that there are already; without any the first point is the first corner.
-
-    Returns
-    -------
-    (n,) int array
-        Rows of `points`, in the order of choice.
+    scale : knows the periodic joints
+    points : (m, dof), what to choose from, in units of the joints' ranges
+    taken : (k, dof), points that there are already; without any the first point is the first corner
+    Returns (n,), rows of `points`, in the order of choice.
     """
     away = np.full(len(points), np.inf)
     if len(taken):
@@ -98,15 +79,8 @@ def shortest_tour(away: Array) -> Index:
     (Or 1976: a short stretch is moved elsewhere) until neither shortens it. The way is
     open: it does not return.
 
-    Parameters
-    ----------
-    away : (n, n) array
-        Symmetric distances; the way starts at row 0.
-
-    Returns
-    -------
-    (n,) int array
-        A permutation that begins with 0.
+    away : (n, n), symmetric distances; the way starts at row 0
+    Returns (n,), a permutation that begins with 0.
     """
     order = _nearest_neighbours(away)
     for _ in range(_SWEEPS):
@@ -187,13 +161,8 @@ def most_telling_of_arm(arm: SpatialArm, q: Array, n: int, measured: Array) -> I
 def tells(arm: SpatialArm, q: Array, taken: Array) -> Array:
     """Directions (m, p, k) in which poses tell of the body, in units of noise and of the prior.
 
-    Parameters
-    ----------
-    arm : SpatialArm
-    q : (m, dof) array [rad or m]
-        Poses to choose from.
-    taken : (t, dof) array [rad or m]
-        Poses that were measured.
+    q : (m, dof) [rad or m], poses to choose from
+    taken : (t, dof) [rad or m], poses that were measured
     """
     structure = structure_of(arm, "rigid")
     free = ("view.rotation", "view.shift", "tool", "placement", "offset", "elastic", "curve")

@@ -34,16 +34,8 @@ _TINY = 1e-12  # [m or rad]; a smaller change is rounding
 def check_explained(geometry: Geometry | SpatialGeometry, share: float = MOST_UNEXPLAINED) -> None:
     """Refuse a geometry that does not describe the model.
 
-    Parameters
-    ----------
-    geometry : Geometry or SpatialGeometry
-    share : float
-        Largest residual, as a share of the arm's reach.
-
-    Raises
-    ------
-    RobotError
-        If the residual is larger.
+    share : largest residual, as a share of the arm's reach
+    Raises RobotError if the residual is larger.
     """
     if not geometry.residual <= share * geometry.reach:
         factor, unit = (1e3, "mm") if geometry.unit == "m" else (1.0, geometry.unit)
@@ -65,17 +57,9 @@ def corrected_urdf(geometry: Geometry | SpatialGeometry, share: float = MOST_UNE
     slides), a displacement a shift of the origin of the joint that it moves; the tip's
     displacement that of the joint which carries the tip.
 
-    Parameters
-    ----------
-    geometry : Geometry or SpatialGeometry
-        What was fitted.
-    share : float
-        Largest residual that is accepted, as a share of the arm's reach.
-
-    Raises
-    ------
-    RobotError
-        If the residual is larger, or the tip has no joint of its own that could be moved.
+    share : largest residual that is accepted, as a share of the arm's reach
+    Raises RobotError if the residual is larger, or the tip has no joint of its own that could be
+    moved.
     """
     check_explained(geometry, share)
     arm, moved, tip = geometry.arm, geometry.origins(), geometry.tip()
@@ -113,12 +97,7 @@ def corrected_urdf(geometry: Geometry | SpatialGeometry, share: float = MOST_UNE
 def edited(text: str, origins: dict[str, dict[str, Array]]) -> str:
     """Return a URDF's text with other origins of joints, all else as it was.
 
-    Parameters
-    ----------
-    text : str
-        The URDF.
-    origins : dict of str to dict
-        By joint the new "xyz" [m] and "rpy" [rad], either of them or both.
+    origins : by joint the new "xyz" [m] and "rpy" [rad], either of them or both
     """
     data = text.encode()
     edits = []
@@ -255,10 +234,7 @@ def _motion(joint: Joint, value: float) -> Array:
 def check_output(path: str, nominal: str) -> None:
     """Refuse to write over the URDF that the model was made with.
 
-    Raises
-    ------
-    OptionError
-        If the file at `path` is that URDF.
+    Raises OptionError if the file at `path` is that URDF.
     """
     from pathlib import Path
 

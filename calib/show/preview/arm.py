@@ -27,15 +27,9 @@ def draw_arm(
 ) -> tuple[str, ...]:
     """Draw a robot at a posture; return what could not be drawn, for the user.
 
-    Parameters
-    ----------
-    canvas, body
-    poses : mapping of str to (n, 4, 4) array
-        Transforms of its links; the first row is drawn.
-    size : float [m]
-        The workspace's extent, which tells how thick bones are.
-    meshes : Path or None
-        The folder that mesh files may be taken from.
+    poses : mapping of str to (n, 4, 4) array, transforms of its links; the first row is drawn
+    size : [m], the workspace's extent, which tells how thick bones are
+    meshes : the folder that mesh files may be taken from
     """
     shapes = visuals(body.text)
     notes: list[str] = []

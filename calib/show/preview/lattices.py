@@ -117,12 +117,9 @@ def draw_links(
 def strongest_partners(model: Model) -> tuple[NDArray[np.int64], NDArray[np.uint8]]:
     """Strongest motor partners of each sensory node, and their strengths.
 
-    Returns
-    -------
-    partners : (sensory nodes, k) int array
-        Motor nodes, the strongest first; -1 where there are fewer.
-    strength : (sensory nodes, k) uint8 array
-        255 for the strongest.
+    Returns partners : (sensory nodes, k), motor nodes, the strongest first; -1 where there are
+        fewer
+    Returns strength : (sensory nodes, k), 255 for the strongest
     """
     links = model.links.T.tocsr()
     width = min(_MOST, max(_FEWEST, _LINKS // links.shape[0]))
@@ -158,11 +155,8 @@ _OFF = 0.05  # of the panel's side, from its edge to the words
 def labels(model: Model, placement: Placement, panel: Panel) -> list[dict[str, Any]]:
     """Names of both maps and the ends of the joints' ranges, with their places.
 
-    Returns
-    -------
-    list of dict
-        "layer" that a label belongs to, "text", "at", its place in the scene, and "align",
-        which of its ends is there.
+    Returns "layer" that a label belongs to, "text", "at", its place in the scene, and
+    "align", which of its ends is there.
     """
     about, dim = model.about, len(panel.edges)
     points = placement.lift(model.sensory.weights)

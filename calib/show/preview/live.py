@@ -28,16 +28,9 @@ class Live:
     def answer(self, question: dict[str, Any]) -> dict[str, Any]:
         """Answer with every branch that reaches a point of the scene.
 
-        Parameters
-        ----------
-        question : dict
-            "at", a point of the scene; what is off the drawn plane is left out.
-
-        Returns
-        -------
-        dict
-            "reachable", "words", "target" (the point in the plane) and "branches", each
-            with "words", "joints" in the motor map's unit box, and transforms of "links".
+        question : "at", a point of the scene; what is off the drawn plane is left out
+        Returns "reachable", "words", "target" (the point in the plane) and "branches", each
+        with "words", "joints" in the motor map's unit box, and transforms of "links".
         """
         placement, model = self._placement, self._model
         point = np.asarray(question["at"], dtype=float)

@@ -31,10 +31,8 @@ _PARTS = {"SCALAR": 1, "VEC2": 2, "VEC3": 3, "VEC4": 4, "MAT2": 4, "MAT3": 9, "M
 def check_mesh(name: str, kind: str, data: bytes) -> None:
     """Refuse a mesh file, `kind` its ending such as ".glb", that asks for more than it holds.
 
-    Raises
-    ------
-    RobotError
-        If it is too large, holds a document type, or declares more than its bytes can be.
+    Raises RobotError if it is too large, holds a document type, or declares more than its bytes can
+    be.
     """
     text = kind in _TEXT or (kind in (".stl", ".ply") and _is_text(data))
     most = MAX_TEXT if text else MAX_BYTES

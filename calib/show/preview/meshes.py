@@ -33,18 +33,9 @@ class Triangles:
 def resolve_mesh(name: str, folder: Path) -> Path:
     """Return the file of a mesh's name in a URDF.
 
-    Parameters
-    ----------
-    name : str
-        A relative path, ``package://PACKAGE/PATH`` (looked for as PACKAGE/PATH and as PATH
-        in the folder) or ``file://PATH``.
-    folder : Path
-        The only folder that files are taken from.
-
-    Raises
-    ------
-    RobotError
-        If there is no such file, or it lies elsewhere.
+    name : a relative path, ``package://PACKAGE/PATH`` (looked for as PACKAGE/PATH and as PATH in
+        the folder) or ``file://PATH``
+    Raises RobotError if there is no such file, or it lies elsewhere.
     """
     if "\0" in name or not name.strip():
         raise RobotError(f"mesh {name!r}: expected the name of a file")
@@ -78,10 +69,7 @@ def resolve_mesh(name: str, folder: Path) -> Path:
 def read_mesh(path: Path) -> Triangles:
     """Read the triangles of a mesh file; materials and textures are left out.
 
-    Raises
-    ------
-    RobotError
-        If it is too large, of an unknown kind, or damaged.
+    Raises RobotError if it is too large, of an unknown kind, or damaged.
     """
     kind = path.suffix.lower()
     if kind not in KINDS:

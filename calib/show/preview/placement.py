@@ -147,10 +147,8 @@ def _scale_of(size: float) -> float:
 def similarity(source: Array, target: Array) -> tuple[Array, Array]:
     """Similarity, mirrored or not, that brings points (n, 2) closest to others (n, 2).
 
-    Returns
-    -------
-    linear, shift : (2, 2), (2,) array
-        ``source @ linear + shift`` is close to `target` (Umeyama 1991).
+    Returns linear, shift : (2, 2), (2,), ``source @ linear + shift`` is close to `target` (Umeyama
+        1991)
     """
     a, b = source.mean(axis=0), target.mean(axis=0)
     # no correction of the determinant's sign: a camera may see the arm mirrored

@@ -55,13 +55,8 @@ class Scene:
 def draw(model: Model, *, samples: Samples | None = None, meshes: Path | None = None) -> Scene:
     """Draw a model.
 
-    Parameters
-    ----------
-    model : Model
-    samples : Samples, optional
-        Measured samples to show; without them a simulated model's are drawn again.
-    meshes : Path, optional
-        The folder that the URDF's mesh files may be taken from.
+    samples : measured samples to show; without them a simulated model's are drawn again
+    meshes : the folder that the URDF's mesh files may be taken from
     """
     return _Drawing(model, samples, meshes).run()
 

@@ -24,14 +24,8 @@ Answer = Callable[[dict[str, Any]], dict[str, Any]]
 class PreviewServer(ThreadingHTTPServer):
     """Serves one page on the loopback interface until it is closed.
 
-    Parameters
-    ----------
-    page : str
-        The page.
-    port : int
-        0 for any that is free.
-    answer : callable, optional
-        Answers the page's questions, plain data to plain data.
+    port : 0 for any that is free
+    answer : answers the page's questions, plain data to plain data
 
     Attributes
     ----------

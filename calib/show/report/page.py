@@ -137,12 +137,8 @@ SECTIONS = (
 def report(model: Model, samples: Samples | None = None) -> str:
     """Return a report of a model as a page.
 
-    Parameters
-    ----------
-    model : Model
-    samples : Samples, optional
-        A log to judge the model by; without it a simulated model is judged by fresh exact
-        samples and a model of a log by its own table alone.
+    samples : a log to judge the model by; without it a simulated model is judged by fresh exact
+        samples and a model of a log by its own table alone
     """
     evidence = gather(model, samples)
     about = model.about
