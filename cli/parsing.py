@@ -254,12 +254,3 @@ def margin(text: str) -> Margin:
     value = finite(text.strip().removesuffix("%"))
     require(value >= 0.0 and not (share and value >= 50.0))
     return Margin(value / 100.0 if share else value, share)
-
-
-@expects("a share above zero such as 1%")
-def percent(text: str) -> float:
-    """Read a share such as `1%`, as a number from 0 to 1."""
-    require(text.strip().endswith("%"))
-    value = finite(text.strip().removesuffix("%"))
-    require(0.0 < value <= 100.0)
-    return value / 100.0

@@ -22,7 +22,6 @@ OPTIONS = {name: f"--{name.replace('_', '-')}" for name in _SAME.split()} | {
     "ranges": "--range",
     "robot": "ROBOT",
     "samples": "--data",
-    "share": "--residual",
     "start": "--from",
 }
 """Options by the Python names of the parameters that they set."""
