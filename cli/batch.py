@@ -15,7 +15,7 @@ from numpy.typing import ArrayLike, NDArray
 from calib.errors import QueryError
 from calib.model.answers import forward_bounds
 from calib.samples.joint_values import check_joint_values
-from calib.samples.orientations import QUATERNION
+from calib.samples.roles import QUATERNION
 from calib.samples.tables import Batch, read_batch, write_table
 
 from .output import NO, Notes, note, show_json

@@ -18,7 +18,7 @@ from calib.inverse.self_motions import free_directions
 from calib.model.poses import described, first_of
 from calib.model.reached import Reached
 from calib.model.space import Space
-from calib.samples.orientations import QUATERNION, from_angles
+from calib.samples.roles import QUATERNION, from_angles
 
 from .answers import answers, show_answers
 from .output import note, show_json

@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 
 from ..common.wording import listed, quoted
 from ..errors import RobotError
-from .planarity import MIN_LEVER, PARALLEL, common_normal, fits, frames_moved
+from .plane import MIN_LEVER, PARALLEL, common_normal, fits, frames_moved
 from .posture import Posture
 from .ranges import full_range, limits_fault, ranges_wanted
 from .tree import Joint, Urdf

@@ -25,7 +25,7 @@ from .candidates import (
     nothing_found,
 )
 from .folding import followers
-from .planarity import PARALLEL, common_normal
+from .plane import PARALLEL, common_normal
 from .posture import Posture
 from .ranges import Range, fixed_by_limits, full_range, limits_fault
 from .tree import Joint, Urdf

@@ -19,8 +19,7 @@ from .arms import PlanarArm, SpatialArm
 from .candidates import find_tip
 from .finding import MOST_JOINTS, Choice, find_arm, in_line, is_planar
 from .folding import carried, folded, followers, refuse_followers
-from .planarity import check_tip, common_normal
-from .plane import plane_of
+from .plane import check_tip, common_normal, plane_of
 from .posture import Kinematics, Posture
 from .ranges import (
     Range,
@@ -128,7 +127,7 @@ def arm_from_urdf(
         _movable(urdf, locked, "lock")
     tip = None if tip is None else _find_link(urdf, tip)
     kinematics = Kinematics(urdf)
-    values = _held_values(urdf, lock)
+    values = held_values(urdf, lock)
     choice = Choice(joints, tip, lock, ranges, planar, columns)
     active, tip, flat = _select(urdf, kinematics.posture(values), choice, notes)
     path = urdf.path(tip)
@@ -255,7 +254,7 @@ def _find_link(urdf: Urdf, tip: str) -> str:
     return joint.child
 
 
-def _held_values(urdf: Urdf, lock: Mapping[str, float]) -> dict[str, float]:
+def held_values(urdf: Urdf, lock: Mapping[str, float]) -> dict[str, float]:
     """Values of all movable joints when held: as told, as their leader, or neutral."""
     values: dict[str, float] = {}
     for joint in urdf.joints:

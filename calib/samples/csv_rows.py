@@ -15,8 +15,7 @@ from numpy.typing import NDArray
 
 from ..common.wording import quoted
 from ..errors import LogError
-from .cells import parse_cell
-from .places import Place
+from .places import Place, parse_cell
 
 if TYPE_CHECKING:
     import polars as pl

@@ -16,10 +16,17 @@ from .camera import camera_of
 from .columns import Source, open_source
 from .log_ranges import ChosenRange, JointColumn, Range
 from .measured_rows import HELD_ROWS, MeasuredRows, Reservoir
-from .orientations import QUATERNION, from_angles, unit_quaternions
 from .places import find_place
 from .plausibility import check_against_robot, check_flat
-from .roles import PIXELS, check_names, find_roles, sees_pixels
+from .roles import (
+    PIXELS,
+    QUATERNION,
+    check_names,
+    find_roles,
+    from_angles,
+    sees_pixels,
+    unit_quaternions,
+)
 from .samples import Samples
 from .tables import about_source, unit_of, write_table
 

@@ -203,7 +203,7 @@ def _from_camera(
 
 def _from_bag(bag: str, output: str, as_json: bool, **options: Any) -> None:
     from calib.samples.bags import read_bag
-    from calib.samples.orientations import QUATERNION
+    from calib.samples.roles import QUATERNION
     from calib.samples.tables import write_table
 
     recording = read_bag(bag, **options)

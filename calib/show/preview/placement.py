@@ -1,9 +1,10 @@
-"""Placement: where in space a sensor's positions and the joints' box are drawn."""
+"""Placement: where in space positions and joints are drawn, and from where they are seen."""
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -12,12 +13,13 @@ from ...arm.plane import Plane, fit_plane
 from ...body.spatial import SpatialStructure
 from ...body.spatial_words import camera_place
 from ...body.views import is_camera
+from ...common.rows import thinned
 from ...errors import CalibError
 from ..workspace import downwards, extent
 
 if TYPE_CHECKING:
     from ...model.model import Model
-    from .body import Body
+    from .arm import Body
 
 Array = NDArray[np.float64]
 
@@ -83,7 +85,7 @@ def place(model: Model, body: Body | None) -> Placement:
         axes = scale * np.stack([plane.x, up * plane.y])
         return Placement(scale * plane.origin, axes, scale, up=up)
     nodes = model.motor.scale.from_unit(np.clip(model.motor.units[model.visited], 0.0, 1.0))
-    nodes = nodes[:: max(1, len(nodes) // 2000)]
+    nodes = nodes[thinned(len(nodes), 300)]
     learned = model.forward(nodes)
     known = np.isfinite(learned).all(axis=1)
     tips, learned = body.tips(nodes[known]), learned[known]
@@ -132,6 +134,7 @@ def _picture(model: Model, body: Body) -> Placement:
     place, turn = camera_place(own.structure, own.beta)
     f, u, v, _ = own.beta[own.structure.groups["lens"]]
     nodes = model.motor.scale.from_unit(np.clip(model.motor.units[model.visited], 0.0, 1.0))
+    nodes = nodes[thinned(len(nodes), 300)]
     depth = float(np.mean((body.tips(nodes) - place) @ turn[:, 2]))
     axes = depth / f * turn[:, :2].T
     note = "the picture is drawn as far from the camera as the tip is on average"
@@ -162,3 +165,51 @@ def _stated(plane: object) -> Plane:
     if isinstance(plane, dict):
         return Plane(*(np.array(plane[key], dtype=float) for key in ("origin", "x", "y")))
     return Plane(np.zeros(3), np.eye(3)[0], np.eye(3)[1])
+
+
+FIELD_OF_VIEW = 35.0  # degrees, from bottom to top
+_TILT = math.radians(24.0)  # off the plane's normal, so that depth can be seen
+_MARGIN = 1.05
+_UPRIGHT = 0.75  # cosine of normal and vertical; planes above it are seen from above
+
+
+@dataclass(frozen=True, eq=False)
+class Camera:
+    """A perspective camera that shows a box of the scene whatever the window's shape."""
+
+    target: Array  # (3,), middle of the picture
+    direction: Array  # (3,), unit vector from there to the camera
+    half: Array  # (3,), half the extent of what is shown, along right, up and depth
+
+    @staticmethod
+    def onto(points: Array, frame: Array) -> Camera:
+        """Camera that shows points (n, 3) and looks onto a plane of axes `frame` (3, 3)."""
+        normal, up = frame[2], np.array([0.0, 0.0, 1.0])
+        if abs(normal @ up) > _UPRIGHT:
+            # from above, y leading up the screen
+            normal = normal * math.copysign(1.0, normal @ up)
+            direction = math.cos(_TILT) * normal - math.sin(_TILT) * frame[1]
+        else:
+            direction = math.cos(_TILT) * normal + math.sin(_TILT) * up
+        direction = direction / np.linalg.norm(direction)
+        axes = _axes(direction)
+        seen = points @ axes.T
+        low, high = seen.min(axis=0), seen.max(axis=0)
+        return Camera((low + high) / 2 @ axes, direction, (high - low) / 2)
+
+    def to_json(self) -> dict[str, Any]:
+        """Plain data for the page, which computes the same."""
+        return {
+            "target": self.target.tolist(),
+            "direction": self.direction.tolist(),
+            "half": self.half.tolist(),
+            "fov": FIELD_OF_VIEW,
+            "margin": _MARGIN,
+        }
+
+
+def _axes(direction: Array) -> Array:
+    """Rows right, up and towards the camera (3, 3); the scene's z leads upwards."""
+    right = np.cross([0.0, 0.0, 1.0], direction)
+    right = right / np.linalg.norm(right)
+    return np.stack([right, np.cross(direction, right), direction])

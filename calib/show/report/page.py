@@ -15,14 +15,13 @@ from ..error_scale import length_in_words
 from ..facts import facts
 from . import curves, maps, space
 from .evidence import Evidence, gather
-from .over_photo import over_photo
+from .maps import over_photo
 from .style import settings, to_png, to_svg
 from .tables import (
     adaptation_table,
     drift_text,
     errors_in_html,
     fact_list,
-    history_table,
     is_papers_arm,
 )
 
@@ -158,7 +157,6 @@ def report(model: Model, samples: Samples | None = None) -> str:
             _heading("Before and after"),
             '<p class="soft">Earlier states of this model and what made it change.</p>',
             adaptation_table(model.history, about.unit),
-            history_table(model.history),
         ]
     if samples is not None:
         parts += [_heading("Does the log still fit?"), drift_text(model.check(samples))]

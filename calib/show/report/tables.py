@@ -107,16 +107,6 @@ def adaptation_table(history: Sequence[Mapping[str, Any]], unit: str) -> str:
     return table(["adapted by", "rows", "before: mean (largest)", "after: mean (largest)"], rows)
 
 
-def history_table(history: Sequence[Mapping[str, Any]]) -> str:
-    """Return the earlier states of an adapted model, whatever facts they state."""
-    rows = [dict(_flat(state)) for state in history]
-    names = list(dict.fromkeys(name for row in rows for name in row))
-    return table(
-        ["fact", *(f"state {k + 1}" for k in range(len(rows)))],
-        [[name.replace("_", " "), *(row.get(name, "") for row in rows)] for name in names],
-    )
-
-
 def drift_text(drift: Drift) -> str:
     """Return what the log that was given says: drifted or not, each signal, the causes."""
     verdict = "It has drifted." if drift.drifted else "No drift was found."
@@ -130,18 +120,3 @@ def drift_text(drift: Drift) -> str:
         f"<p>{verdict} {drift.samples:,} rows were compared, {drift.outliers:,} outliers "
         f"were left out.</p>{told}{table(header, rows)}"
     )
-
-
-def _flat(state: Mapping[str, Any], prefix: str = "") -> Iterable[tuple[str, str]]:
-    """Names and values of nested facts, numbers with four digits."""
-    for name, value in state.items():
-        label = f"{prefix}{name}"
-        if isinstance(value, Mapping):
-            yield from _flat(value, f"{label}, ")
-        elif value is None:
-            continue
-        elif isinstance(value, bool) or not isinstance(value, (int, float)):
-            text = ", ".join(map(str, value)) if isinstance(value, (list, tuple)) else str(value)
-            yield label, text[:200]
-        else:
-            yield label, f"{value:.4g}"
