@@ -66,13 +66,6 @@ class JointRange(NamedTuple):
     high: float
 
 
-class Margin(NamedTuple):
-    """A distance from limits [rad, m, or deg as typed], or a share of each joint's range."""
-
-    value: float
-    share: bool
-
-
 def expects(expected: str) -> Callable[[Reader[T]], Reader[T]]:
     """Say what a reader expects: its plain ValueErrors become an `ReadingError` that tells it."""
 
@@ -245,12 +238,3 @@ def _interval(text: str) -> tuple[float, float]:
     low, high = map(finite, text.split(":"))
     require(low < high)
     return low, high
-
-
-@expects("a number, zero or more, or a share below 50% such as 2%")
-def margin(text: str) -> Margin:
-    """Read `0.02` or `2%`."""
-    share = text.strip().endswith("%")
-    value = finite(text.strip().removesuffix("%"))
-    require(value >= 0.0 and not (share and value >= 50.0))
-    return Margin(value / 100.0 if share else value, share)

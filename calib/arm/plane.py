@@ -15,7 +15,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from ..common.wording import listed, quoted
+from ..common.wording import listed, quoted, vector
 from ..errors import LogError, RobotError
 from .posture import Posture
 from .tree import Joint, Urdf
@@ -175,7 +175,7 @@ def common_normal(active: Sequence[Joint], posture: Posture) -> Array:
         length = float(np.linalg.norm(normal))
         if length < PARALLEL:
             raise RobotError(
-                f"joints {listed(axes)} all slide along {_shown(axes[active[0].name])}: "
+                f"joints {listed(axes)} all slide along {vector(axes[active[0].name])}: "
                 "they move the tip along a line, not over a plane"
             )
         normal = normal / length
@@ -184,8 +184,8 @@ def common_normal(active: Sequence[Joint], posture: Posture) -> Array:
         if not fits(joint, axis, normal):
             wanted = "parallel to" if joint.revolute else "perpendicular to"
             raise RobotError(
-                f"the arm is not planar: joint {quoted(joint.name)} has the axis {_shown(axis)} "
-                f"in the root frame, expected one {wanted} the others' normal {_shown(normal)}",
+                f"the arm is not planar: joint {quoted(joint.name)} has the axis {vector(axis)} "
+                f"in the root frame, expected one {wanted} the others' normal {vector(normal)}",
                 hint="choose other `joints`",
                 parameter="joints",
             )
@@ -221,7 +221,3 @@ def check_tip(last: Joint, tip: str, urdf: Urdf, posture: Posture) -> None:
             f"joint {quoted(last.name)} does not move the tip {quoted(tip)}, which lies on its "
             f"axis: leave the joint out or {remedy}"
         )
-
-
-def _shown(vector: Array) -> str:
-    return "(" + ", ".join(f"{value + 0.0:.4g}" for value in np.round(vector, 6)) + ")"

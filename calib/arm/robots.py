@@ -4,9 +4,9 @@ from __future__ import annotations
 
 import re
 from dataclasses import dataclass
-from difflib import get_close_matches
 from pathlib import Path
 
+from ..common.wording import listed, quoted, suggestion
 from ..errors import RobotError
 from .urdf import parse_urdf, read_urdf
 
@@ -48,7 +48,9 @@ def resolve_robot(robot: str | Path) -> Path:
     if isinstance(robot, str) and text in names:
         return names[text]
     if not text.strip() or "\0" in text:
-        raise RobotError(f"robot {text!r}: expected a path to a URDF or one of {_joined(names)}")
+        raise RobotError(
+            f"robot {text!r}: expected a path to a URDF or one of {listed(sorted(names))}"
+        )
     path = Path(robot)
     try:
         found = path.exists()
@@ -56,17 +58,10 @@ def resolve_robot(robot: str | Path) -> Path:
         found = False
     if found:
         return path
-    close = get_close_matches(path.stem, names, n=1)
-    meant = f"did you mean {close[0]}? " if close else ""
-    shown = text if len(text) <= 200 else text[:197] + "..."
     raise RobotError(
-        f"robot {shown!r}: no such file and no bundled robot; {meant}"
-        f"give a path to a URDF or one of {_joined(names)}"
+        f"robot {quoted(text)}: no such file and no bundled robot; give a path to a URDF, or "
+        f"{suggestion(path.stem, sorted(names))}"
     )
-
-
-def _joined(names: dict[str, Path]) -> str:
-    return ", ".join(sorted(names))
 
 
 def _read_entry(path: Path) -> RobotEntry:

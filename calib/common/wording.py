@@ -64,3 +64,8 @@ def for_people(unit: str) -> tuple[float, str]:
     """
     named = {"m": (1e3, "mm"), "rad": (math.degrees(1.0), "deg")}
     return named.get(unit, (1.0, unit))
+
+
+def vector(values: Iterable[float]) -> str:
+    """Return a vector as text, in which rounding errors, and a zero's sign, do not show."""
+    return "(" + ", ".join(f"{round(float(value), 6) + 0.0:.4g}" for value in values) + ")"

@@ -11,15 +11,15 @@ from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass
 from difflib import get_close_matches
 from pathlib import Path
-from typing import TYPE_CHECKING, Protocol
+from typing import TYPE_CHECKING
 
 import numpy as np
 from numpy.typing import NDArray
 
 from ..common.wording import clipped, listed, quoted
 from ..errors import LogError
-from .csv_rows import open_csv
-from .parquet import open_parquet
+from .csv_rows import CsvFile, open_csv
+from .parquet import ParquetFile, open_parquet
 from .places import Place, find_place
 
 if TYPE_CHECKING:
@@ -32,22 +32,8 @@ PARQUET = (".parquet", ".pq")
 _ENDLESS = tuple(map(Path, ("/dev/zero", "/dev/random", "/dev/urandom", "/dev/full")))
 
 
-class Format(Protocol):
-    """A file of one format, of which the header is read."""
-
-    @property
-    def header(self) -> tuple[str, ...]:
-        """Names of the columns."""
-
-    def batches(self, places: Sequence[Place], *, lenient: bool) -> Iterator[Array]:
-        """Read places of the header as numbers, some rows at a time; see `read_batches`."""
-
-    def texts(self, names: Sequence[str]) -> dict[str, pl.Series]:
-        """Read columns as they are; see `read_texts`."""
-
-    def about(self) -> str:
-        """Return what the file says of all its rows, as JSON; "{}" if nothing."""
-
+Format = CsvFile | ParquetFile
+"""A file of one format, of which the header is read."""
 
 _FORMATS: dict[bytes, Callable[[str, Path], Format]] = {b"PAR1": open_parquet}
 """Formats by the first four bytes of their files; all others are taken for CSV."""

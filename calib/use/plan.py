@@ -13,6 +13,7 @@ from numpy.typing import ArrayLike, NDArray
 from ..arm.arm import Arm
 from ..arm.arms import SpatialArm
 from ..body.most_telling import most_telling
+from ..common.checks import whole
 from ..errors import OptionError
 from .collisions import apart
 from .pose_space import Space, space_of
@@ -162,7 +163,7 @@ def plan(
     >>> plan.q.shape, plan.length < 0.5 * plan.random_length
     ((30, 2), True)
     """
-    n, seed = _whole("n", n, 1, MOST_POSES), _whole("seed", seed, 0, 2**63 - 1)
+    n, seed = whole("n", n, 1, MOST_POSES), whole("seed", seed, 0, 2**63 - 1)
     space = space_of(source, margin, ranges)
     rng = np.random.default_rng(seed)
     taken = _taken(space, measured)
@@ -242,11 +243,3 @@ def _taken(space: Space, measured: Samples | None) -> Array:
         )
     columns = [measured.joint_names.index(name) for name in space.joint_names]
     return space.scale.to_unit(measured.q[:, columns])
-
-
-def _whole(name: str, value: object, least: int, most: int) -> int:
-    if isinstance(value, bool) or not isinstance(value, (int, np.integer)):
-        raise OptionError(f"{name} is {value!r}, expected a whole number such as {least + 59}")
-    if not least <= value <= most:
-        raise OptionError(f"{name} is {value}, expected {least} to {most:,}")
-    return int(value)

@@ -2,14 +2,14 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any, cast
 
 from .. import options as o
 from ..measurements import log_for
 from ..output import Notes, note, show_json, tell
-from ..parsing import Margin, Numbers, margin, numbers, whole
+from ..parsing import Numbers, at_least_zero, numbers, whole
 from ..samples import Selection
 from ..units import JointFormat, one_each, ranges_in_si
 from ..usage import argument, one_document, option, refuse
@@ -38,13 +38,13 @@ def plan(
     planar: o.PlanarOption = False,
     lock: o.LockOption = None,
     ranges: o.RangeOption = None,
-    margins: Annotated[
-        Margin | None,
+    margin: Annotated[
+        float | None,
         option(
-            "--margin M|P%",
-            "Distance from the joints' limits [rad or m], or a share of each range; 1 deg, "
-            "but at most 2 %, if not given.",
-            margin,
+            "--margin M",
+            "Distance from the joints' limits [rad or m]; 1 deg, but at most 2 % of the range, if "
+            "not given.",
+            at_least_zero("rad or m"),
         ),
     ] = None,
     start: Annotated[
@@ -85,7 +85,7 @@ def plan(
         known,
         poses,
         seed=seed,
-        margin=_margin(margins, facts, typed),
+        margin=None if margin is None else [margin / factor for factor in typed],
         # an arm was loaded with them, which it may need where it states no limits
         ranges=ranges_in_si(ranges or (), turning, degrees) if _is_model(source) else None,
         start=None if start is None else one_each("--from", start, names, typed),
@@ -146,17 +146,6 @@ def _facts(known: Arm | Model) -> Arm | About:
     """What tells the joints and their ranges."""
     about: About | None = getattr(known, "about", None)
     return cast("Arm", known) if about is None else about
-
-
-def _margin(
-    typed: Margin | None, facts: Arm | About, factors: Sequence[float]
-) -> list[float] | None:
-    """Return the margin of each joint [rad or m]."""
-    if typed is None:
-        return None
-    if not typed.share:
-        return [typed.value / factor for factor in factors]
-    return [typed.value * width for width in (facts.upper - facts.lower).tolist()]
 
 
 def _measured(
