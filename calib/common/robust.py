@@ -3,9 +3,8 @@
 from __future__ import annotations
 
 import numpy as np
-from numpy.typing import NDArray
 
-Array = NDArray[np.float64]
+from .arrays import Array
 
 _TUNING = 4.7  # bisquare: 95 % efficient where the noise is Gaussian
 _STEPS = 30

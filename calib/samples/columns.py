@@ -14,8 +14,8 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 import numpy as np
-from numpy.typing import NDArray
 
+from ..common.arrays import Array
 from ..common.wording import clipped, listed, quoted
 from ..errors import LogError
 from .csv_rows import CsvFile, open_csv
@@ -24,8 +24,6 @@ from .places import Place, find_place
 
 if TYPE_CHECKING:
     import polars as pl
-
-Array = NDArray[np.float64]
 
 PARQUET = (".parquet", ".pq")
 

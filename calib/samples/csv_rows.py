@@ -11,16 +11,14 @@ from pathlib import Path
 from typing import IO, TYPE_CHECKING
 
 import numpy as np
-from numpy.typing import NDArray
 
+from ..common.arrays import Array
 from ..common.wording import quoted
 from ..errors import LogError
 from .places import Place, parse_cell
 
 if TYPE_CHECKING:
     import polars as pl
-
-Array = NDArray[np.float64]
 
 BLOCK = 1 << 23
 """Bytes of a CSV file that are held at once."""

@@ -9,8 +9,8 @@ from dataclasses import replace
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
-from numpy.typing import NDArray
 
+from ..common.arrays import Array
 from ..common.wording import vector
 from ..errors import LogError, OptionError
 from .camera import camera_of
@@ -33,8 +33,6 @@ from .tables import about_source, unit_of, write_table
 
 if TYPE_CHECKING:
     from ..arm.arm import Arm
-
-Array = NDArray[np.float64]
 
 _THICK = 0.02
 """Out-of-plane share of the positions' spread from which on an unknown arm moves in space."""

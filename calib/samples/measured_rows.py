@@ -8,12 +8,12 @@ from dataclasses import dataclass, field
 import numpy as np
 from numpy.typing import NDArray
 
+from ..common.arrays import Array
 from ..common.checks import LARGEST
 from ..errors import LogError
 from .columns import Source, read_batches
 from .log_ranges import ChosenRange
 
-Array = NDArray[np.float64]
 Numbers = NDArray[np.intp]
 
 

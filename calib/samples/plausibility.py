@@ -13,13 +13,12 @@ from typing import TYPE_CHECKING
 import numpy as np
 from numpy.typing import NDArray
 
+from ..common.arrays import Array
 from ..common.rows import thinned
 from ..errors import LogError
 
 if TYPE_CHECKING:
     from ..arm.arm import Arm
-
-Array = NDArray[np.float64]
 
 LENGTHS = {"mm": 1e3, "cm": 1e2, "in": 39.3700787, "um": 1e6}
 """Units of length, as how many of them are a metre."""

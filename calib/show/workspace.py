@@ -8,12 +8,13 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import NDArray
 
+from ..common.arrays import Array
+
 if TYPE_CHECKING:
     from ..maps.map import Map
     from ..model.model import Model
     from ..samples.samples import Samples
 
-Array = NDArray[np.float64]
 Shape = tuple[int, int]
 
 _INSIDE = 25_000  # joint values spread over the whole range

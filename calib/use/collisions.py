@@ -10,13 +10,12 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ..arm.arm import Arm
+from ..common.arrays import Array
 from .geometry import moves_in_space
 from .pose_space import Space
 
 if TYPE_CHECKING:
     from ..model.model import Model
-
-Array = NDArray[np.float64]
 
 _TRIED, _ALWAYS = 100, 0.9  # postures in which links meet that are built so, and their share
 

@@ -13,6 +13,7 @@ from weakref import WeakKeyDictionary
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from ..common.arrays import Array
 from ..common.rows import number_rows
 from ..common.scale import TURN
 from ..errors import OptionError, QueryError
@@ -24,8 +25,6 @@ from .wanted import Wanted, wanted
 if TYPE_CHECKING:
     from ..model.answers import Answer
     from ..model.model import Model
-
-Array = NDArray[np.float64]
 
 _USUAL = 3.0  # a correction this many times the 95 % quantile of the model's own is not trusted
 _LEAST = 0.01  # [rad or m]; a limit below would refuse what is harmless

@@ -7,13 +7,13 @@ from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
 import numpy as np
-from numpy.typing import NDArray
 
 from ..body.basis import exponents
 from ..body.curves import HARMONICS
 from ..body.planar import PlanarStructure
 from ..body.spatial import SpatialStructure
 from ..body.views import cubic
+from ..common.arrays import Array
 from ..common.wording import one_line
 from ..errors import OptionError
 from ..maps.local_models import blend_size, predict, reach_of
@@ -27,8 +27,6 @@ from .nominal import nominal_in_space, nominal_in_view
 if TYPE_CHECKING:
     from ..body.belief import Body
     from ..model.model import Model
-
-Array = NDArray[np.float64]
 
 _NAME = re.compile(r"[A-Za-z_][A-Za-z0-9_]{0,40}")
 _CALM = 1e-9  # damping of a Newton step, as a share of the Jacobian's power

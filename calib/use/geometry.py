@@ -10,10 +10,10 @@ from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
-from numpy.typing import NDArray
 
 from ..arm.arms import PlanarArm
 from ..body.spatial import SpatialStructure
+from ..common.arrays import Array
 from ..common.choices import CAUSES, LOG_FRAMES
 from ..errors import OptionError
 from ..model.alignment import Alignment
@@ -24,8 +24,6 @@ if TYPE_CHECKING:
     from ..arm.arms import SpatialArm
     from ..model.model import Model
     from .spatial_geometry import SpatialGeometry
-
-Array = NDArray[np.float64]
 
 _POINTS, _ROWS = 500, 2_000
 

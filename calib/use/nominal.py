@@ -13,7 +13,6 @@ from functools import cached_property
 from typing import TYPE_CHECKING
 
 import numpy as np
-from numpy.typing import NDArray
 
 from ..arm.rotations import exponential, logarithm
 from ..body.nominal import Nominal, nominal_of
@@ -21,14 +20,13 @@ from ..body.planar import PlanarStructure
 from ..body.planar_row import PlanarRow
 from ..body.spatial import SpatialStructure
 from ..body.spatial_row import SpatialRow
+from ..common.arrays import Array
 from ..errors import OptionError
 from ..inverse.one_row import to_pose
 from ..inverse.pose import reach_poses
 
 if TYPE_CHECKING:
     from ..model.model import Model
-
-Array = NDArray[np.float64]
 
 
 @dataclass(frozen=True)

@@ -10,9 +10,8 @@ from numpy.typing import NDArray
 
 from ..arm.arms import PlanarArm
 from ..body.bound import autocorrelation_time
+from ..common.arrays import Array
 from ..model.alignment import Alignment
-
-Array = NDArray[np.float64]
 
 _STEPS = 60
 _OFFSET = math.radians(10.0)  # prior standard deviation of a joint's offset [rad]

@@ -15,6 +15,7 @@ from ..body.planar import PlanarStructure
 from ..body.spatial import SpatialStructure, structure_of
 from ..body.spatial_row import SpatialRow
 from ..body.views import is_camera
+from ..common.arrays import Array
 from ..inverse.near import position_near
 from ..inverse.one_row import nearest
 from ..model.alignment import Alignment
@@ -33,8 +34,6 @@ from .spatial_geometry import SpatialGeometry
 
 if TYPE_CHECKING:
     from ..model.model import Model
-
-Array = NDArray[np.float64]
 
 
 @dataclass(frozen=True, eq=False)

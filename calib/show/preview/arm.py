@@ -10,11 +10,12 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
 from ...arm.loading import held_values
 from ...arm.posture import Kinematics
 from ...arm.urdf import parse_urdf
+from ...common.arrays import Array
 from ...errors import CalibError
 from .canvas import Canvas
 from .meshes import read_mesh, resolve_mesh
@@ -22,8 +23,6 @@ from .meshes import read_mesh, resolve_mesh
 if TYPE_CHECKING:
     from ...arm.tree import Urdf
     from ...model.about import About
-
-Array = NDArray[np.float64]
 
 LAYER = "Arm"
 _BONE, _JOINT = "#e0853c", "#59636e"

@@ -15,9 +15,8 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from ...arm.rotations import quaternion_of
+from ...common.arrays import Array
 from .placement import FIELD_OF_VIEW
-
-Array = NDArray[np.float64]
 
 POINT = 1.0 / math.tan(math.radians(FIELD_OF_VIEW) / 2)
 """Size of a dot in three.js, which forgets the field of view, over its true size."""

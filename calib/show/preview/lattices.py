@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import NDArray
 
+from ...common.arrays import Array
 from ..error_scale import colours, rgb
 from ..workspace import drawn_edges, extent, motor_errors, sensory_errors
 
@@ -18,8 +19,6 @@ if TYPE_CHECKING:
     from .canvas import Canvas
     from .motion import Motion
     from .placement import Placement
-
-Array = NDArray[np.float64]
 
 LINK, FRAME = "#2f9e44", "#8b97a3"
 _LINKS = 120_000

@@ -9,8 +9,8 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
-from numpy.typing import NDArray
 
+from ...common.arrays import Array
 from ..arrows import Arrows
 from ..error_scale import ErrorScale, colours, stops
 from ..workspace import (
@@ -31,8 +31,6 @@ from .placement import Camera, Placement, place
 if TYPE_CHECKING:
     from ...model.model import Model
     from ...samples.samples import Samples
-
-Array = NDArray[np.float64]
 
 BORDER, SAMPLE, ARROW = "#2a9d8f", "#6c7a89", "#e8590c"
 _MOST_SAMPLES = 5000

@@ -5,8 +5,8 @@ from __future__ import annotations
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
-from numpy.typing import NDArray
 
+from ...common.arrays import Array
 from ...maps.node_bounds import COVERAGE
 from ..error_scale import ROUNDING, length_in_words
 from .maps import WIDE
@@ -15,8 +15,6 @@ from .tables import figure_unit
 
 if TYPE_CHECKING:
     from .evidence import Evidence
-
-Array = NDArray[np.float64]
 
 _GROUPS = 10
 

@@ -6,8 +6,8 @@ from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
-from numpy.typing import NDArray
 
+from ...common.arrays import Array
 from ...training.evaluate import (
     Residuals,
     evaluate_residuals,
@@ -20,8 +20,6 @@ from ..workspace import extent, training_samples
 if TYPE_CHECKING:
     from ...model.model import Model
     from ...samples.samples import Samples
-
-Array = NDArray[np.float64]
 
 
 @dataclass(frozen=True, eq=False)

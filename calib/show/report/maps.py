@@ -6,8 +6,8 @@ import math
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
-from numpy.typing import NDArray
 
+from ...common.arrays import Array
 from ..arrows import Arrows
 from ..error_scale import UNKNOWN, ErrorScale
 from ..workspace import (
@@ -27,8 +27,6 @@ if TYPE_CHECKING:
     from ...model.about import About
     from ...model.photo import Photo
     from .evidence import Evidence
-
-Array = NDArray[np.float64]
 
 _BINS = 36
 _PAPERS = "activity"  # the readout of the paper, beside the default

@@ -5,7 +5,6 @@ from __future__ import annotations
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
-from numpy.typing import NDArray
 
 from ...body.curves import powers
 from ..error_scale import ErrorScale, length_in_words
@@ -16,8 +15,6 @@ from .tables import figure_unit
 if TYPE_CHECKING:
     from ...model.model import Model
     from .evidence import Evidence
-
-Array = NDArray[np.float64]
 
 _VIEWS = ((0, 1), (0, 2), (1, 2))
 _ARROWS = 250
