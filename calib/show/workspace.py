@@ -3,17 +3,15 @@
 from __future__ import annotations
 
 from itertools import product
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
 from ..common.arrays import Array
-
-if TYPE_CHECKING:
-    from ..maps.map import Map
-    from ..model.model import Model
-    from ..samples.samples import Samples
+from ..maps.map import Map
+from ..model.model import Model
+from ..samples.samples import Samples
 
 Shape = tuple[int, int]
 

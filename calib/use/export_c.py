@@ -4,11 +4,11 @@ from __future__ import annotations
 
 import re
 from dataclasses import dataclass
-from typing import TYPE_CHECKING
 
 import numpy as np
 
 from ..body.basis import exponents
+from ..body.belief import Body
 from ..body.curves import HARMONICS
 from ..body.planar import PlanarStructure
 from ..body.spatial import SpatialStructure
@@ -18,15 +18,11 @@ from ..common.wording import one_line
 from ..errors import OptionError
 from ..maps.local_models import blend_size, predict, reach_of
 from ..maps.predictor import BodyInBox
-from ..model.model import MOST_BLENDED
+from ..model.model import MOST_BLENDED, Model
 from . import c_planar, c_queries, c_spatial, c_spatial_tables
 from .c_source import HEAD, NODES, RANGE, array, filled, integers, number
 from .correct import usual_limit
 from .nominal import nominal_in_space, nominal_in_view
-
-if TYPE_CHECKING:
-    from ..body.belief import Body
-    from ..model.model import Model
 
 _NAME = re.compile(r"[A-Za-z_][A-Za-z0-9_]{0,40}")
 _CALM = 1e-9  # damping of a Newton step, as a share of the Jacobian's power

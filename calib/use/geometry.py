@@ -7,23 +7,20 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass, replace
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 
-from ..arm.arms import PlanarArm
+from ..arm.arms import PlanarArm, SpatialArm
 from ..body.spatial import SpatialStructure
 from ..common.arrays import Array
 from ..common.choices import CAUSES, LOG_FRAMES
 from ..errors import OptionError
 from ..model.alignment import Alignment
+from ..model.model import Model
 from .planar_geometry import PlanarProblem
+from .spatial_geometry import SpatialGeometry
 from .urdf import Moved
-
-if TYPE_CHECKING:
-    from ..arm.arms import SpatialArm
-    from ..model.model import Model
-    from .spatial_geometry import SpatialGeometry
 
 _POINTS, _ROWS = 500, 2_000
 

@@ -10,7 +10,6 @@ from __future__ import annotations
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
-from typing import TYPE_CHECKING
 
 import numpy as np
 
@@ -24,9 +23,7 @@ from ..common.arrays import Array
 from ..errors import OptionError
 from ..inverse.one_row import to_pose
 from ..inverse.pose import reach_poses
-
-if TYPE_CHECKING:
-    from ..model.model import Model
+from ..model.model import Model
 
 
 @dataclass(frozen=True)

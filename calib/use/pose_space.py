@@ -6,7 +6,6 @@ import math
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
-from typing import TYPE_CHECKING
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -17,9 +16,7 @@ from ..common.arrays import Array
 from ..common.scale import Scale
 from ..common.wording import quoted, suggestion
 from ..errors import OptionError
-
-if TYPE_CHECKING:
-    from ..model.model import Model
+from ..model.model import Model
 
 LARGEST_MARGIN = math.radians(1.0)
 """Default distance [rad or m] that a pose keeps from a joint's mechanical limit, ..."""

@@ -8,19 +8,15 @@ into corners and onto borders, where a fitted function is least certain, and fil
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING
-
 import numpy as np
 
+from ..arm.arms import SpatialArm
 from ..body.most_telling import greedy
 from ..body.spatial import SpatialStructure, structure_of
 from ..common.arrays import Array, Index
 from ..common.scale import Scale
 from ..maps.map import search_tree
 from .pose_space import Space
-
-if TYPE_CHECKING:
-    from ..arm.arms import SpatialArm
 
 _INSIDE = 4000  # candidates within the box
 _FACES = 3000  # candidates with one joint at an end of its range

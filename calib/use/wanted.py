@@ -5,7 +5,6 @@ from __future__ import annotations
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 from functools import cache, partial
-from typing import TYPE_CHECKING
 from weakref import WeakKeyDictionary
 
 import numpy as np
@@ -19,6 +18,7 @@ from ..common.arrays import Array
 from ..inverse.near import position_near
 from ..inverse.one_row import nearest
 from ..model.alignment import Alignment
+from ..model.model import Model
 from ..model.space import REACHED, Space
 from .geometry import (
     Geometry,
@@ -31,9 +31,6 @@ from .geometry import (
 )
 from .nominal import NominalArm, NominalPose, nominal_in_base, nominal_in_space, nominal_in_view
 from .spatial_geometry import SpatialGeometry
-
-if TYPE_CHECKING:
-    from ..model.model import Model
 
 
 @dataclass(frozen=True, eq=False)

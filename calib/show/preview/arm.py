@@ -7,22 +7,19 @@ from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, field
 from functools import cached_property
 from pathlib import Path
-from typing import TYPE_CHECKING
 
 import numpy as np
 from numpy.typing import ArrayLike
 
 from ...arm.loading import held_values
 from ...arm.posture import Kinematics
+from ...arm.tree import Urdf
 from ...arm.urdf import parse_urdf
 from ...common.arrays import Array
 from ...errors import CalibError
+from ...model.about import About
 from .canvas import Canvas
 from .meshes import read_mesh, resolve_mesh
-
-if TYPE_CHECKING:
-    from ...arm.tree import Urdf
-    from ...model.about import About
 
 LAYER = "Arm"
 _BONE, _JOINT = "#e0853c", "#59636e"

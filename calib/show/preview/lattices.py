@@ -4,21 +4,18 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
 from ...common.arrays import Array
-from ..error_scale import colours, rgb
+from ...model.model import Model
+from ..error_scale import ErrorScale, colours, rgb
 from ..workspace import drawn_edges, extent, motor_errors, sensory_errors
-
-if TYPE_CHECKING:
-    from ...model.model import Model
-    from ..error_scale import ErrorScale
-    from .canvas import Canvas
-    from .motion import Motion
-    from .placement import Placement
+from .canvas import Canvas
+from .motion import Motion
+from .placement import Placement
 
 LINK, FRAME = "#2f9e44", "#8b97a3"
 _LINKS = 120_000

@@ -6,11 +6,13 @@ import base64
 import math
 from dataclasses import dataclass
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 
 from ...common.arrays import Array
+from ...model.model import Model
+from ...samples.samples import Samples
 from ..arrows import Arrows
 from ..error_scale import ErrorScale, colours, stops
 from ..workspace import (
@@ -27,10 +29,6 @@ from .cloud import Cloud, cloud
 from .lattices import LINK, draw_links, draw_maps, labels, panel_beside
 from .motion import FPS, TARGET, Motion, draw_motion, drive
 from .placement import Camera, Placement, place
-
-if TYPE_CHECKING:
-    from ...model.model import Model
-    from ...samples.samples import Samples
 
 BORDER, SAMPLE, ARROW = "#2a9d8f", "#6c7a89", "#e8590c"
 _MOST_SAMPLES = 5000

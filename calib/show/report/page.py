@@ -6,10 +6,12 @@ import html
 from collections.abc import Callable
 from dataclasses import dataclass
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 
+from ...model.model import Model
+from ...samples.samples import Samples
 from ...use.geometry import moves_in_space
 from ..error_scale import length_in_words
 from ..facts import facts
@@ -24,10 +26,6 @@ from .tables import (
     fact_list,
     is_papers_arm,
 )
-
-if TYPE_CHECKING:
-    from ...model.model import Model
-    from ...samples.samples import Samples
 
 _MEAN = {2: 1.2533, 3: 1.5958}  # mean distance over the standard deviation along an axis
 _ROUNDING = "All errors are rounding (below 1 nm): there is nothing to draw."
