@@ -19,9 +19,9 @@ from typer.core import TyperGroup
 from calib.common.wording import one_line
 from calib.errors import CalibError
 
-from .interrupts import received
 from .on_demand import COMMANDS, OnDemand, plainly_read
 from .output import NO, note, show_json, tell
+from .process import received
 from .translation import as_typed, option_of
 
 USAGE, INTERRUPTED = 2, 130
@@ -91,28 +91,15 @@ class CalibGroup(TyperGroup):
 
 @dataclass(frozen=True)
 class ErrorReport:
-    """An error as the command line tells it.
+    """An error as the command line tells it."""
 
-    Attributes
-    ----------
-    kind : str
-        Its type, such as "LogError"; "UsageError" for what was typed wrongly.
-    message : str
-        What was given and what was expected, in one line.
-    code : int
-        Exit code: 130 for an interruption, 2 for wrong usage, else 1.
-    hint, option : str or None
-        What to do, and the option that is concerned.
-    value : object
-        The value that is wrong, None if there is none.
-    """
-
-    kind: str
-    message: str
-    code: int
+    kind: str  # its type, such as "LogError"; "UsageError" for what was typed wrongly
+    message: str  # what was given and what was expected, in one line
+    code: int  # exit code: 130 for an interruption, 2 for wrong usage, else 1
+    # what to do, and the option that is concerned
     hint: str | None = None
     option: str | None = None
-    value: Any = None
+    value: Any = None  # the value that is wrong, None if there is none
 
     @property
     def line(self) -> str:

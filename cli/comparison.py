@@ -7,7 +7,7 @@ from collections.abc import Sequence
 from typing import TYPE_CHECKING, Any
 
 from calib.common.choices import READOUTS
-from calib.common.units import for_people
+from calib.common.wording import for_people
 
 from .output import Table, fixed, number
 

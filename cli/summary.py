@@ -6,7 +6,7 @@ from collections.abc import Mapping
 from typing import TYPE_CHECKING, Any
 
 from calib.common.choices import READOUTS
-from calib.common.units import for_people
+from calib.common.wording import for_people
 from calib.show.facts import quantities
 
 from .output import Table, number

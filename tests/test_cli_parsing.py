@@ -24,8 +24,8 @@ def test_readers_answer_or_say_what_they_expected(text):
     readers = [
         parsing.whole(0), parsing.at_least_zero("m"), parsing.above_zero("m"), parsing.size,
         parsing.sigma, parsing.names, parsing.numbers, parsing.columns, parsing.joint_value,
-        parsing.joint_range, parsing.one_of(("batch", "online")), parsing.height, parsing.side,
-        parsing.margin, parsing.percent, parsing.kind_of_map(("vdsom", "som")),
+        parsing.joint_range, parsing.one_of(("batch", "online")), parsing.height,
+        parsing.kind_of_map(("vdsom", "som")),
     ]  # fmt: skip
     told = []
     for read in readers:
@@ -61,8 +61,6 @@ def test_other_values():
     assert parsing.joint_value("wrist=-1") == ("wrist", -1.0)
     assert parsing.columns("x=u,elbow=j 2") == {"x": "u", "elbow": "j 2"}
     assert parsing.kind_of_map(("vdsom", "som"))("vdsom:error") == "vdsom:error"
-    assert parsing.margin("2%") == (0.02, True)
-    assert parsing.percent("1%") == 0.01
     assert option("--seed K", "", parsing.whole(0)).parser(7) == 7
 
 

@@ -17,8 +17,7 @@ from calib.arm.urdf import read_urdf
 from calib.body.spatial import structure_of
 from calib.errors import OptionError, QueryError
 from calib.use.correct import correct
-from calib.use.nominal import nominal_in_space
-from calib.use.nominal_pose import NominalPose
+from calib.use.nominal import NominalPose, nominal_in_space
 
 Q = np.random.default_rng(0).uniform([0.4, 0.7], [1.1, 2.0], (50, 2))
 

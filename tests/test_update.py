@@ -20,7 +20,7 @@ from calib.change.own_residual import own_residual
 from calib.change.reference import kept_reference, reference_of
 from calib.change.rows import weighted
 from calib.change.update import settled, updated
-from calib.common.thinning import thinned
+from calib.common.rows import thinned
 
 LOWER, UPPER = np.radians([0.0, 15.0]), np.radians([90.0, 150.0])
 L1, L2 = 0.30, 0.25

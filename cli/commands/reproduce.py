@@ -10,9 +10,8 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 from .. import options as o
 from .. import parsing
-from ..output import Table, note, number, show, show_json
+from ..output import Table, note, number, progress_bar, show, show_json
 from ..parsing import JointValue
-from ..progress import progress_bar
 from ..units import kinds_of_joints, ranges_in_si
 from ..usage import argument, choice, flag, option
 

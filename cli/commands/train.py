@@ -10,11 +10,9 @@ from typing import TYPE_CHECKING, Annotated
 from calib.show.facts import size_in_words
 
 from .. import options as o
-from ..output import Notes, show, show_json, tell
+from ..output import Notes, progress_bar, show, show_json, tell
 from ..photo import NoPhotoOption, PhotoOption, photo_of_log, with_photo
-from ..progress import progress_bar
 from ..samples import Selection, babbled, check_sources, measured
-from ..sketch import show_sketch
 from ..summary import compact_table, summary
 from ..usage import BadOption, argument, check_output, flag, option
 
@@ -147,7 +145,6 @@ def _report(model: Model, path: str) -> None:
     about = model.about
     what = "fresh exact samples" if about.source == "simulation" else "held out blocks of the log"
     show(compact_table(model, about.errors, f"errors on {what}"))
-    show_sketch(model)
     tell(
         f"{path}: {about.options['map']}, {size_in_words(model)}, {about.samples} samples, "
         f"{model.seconds['total']:.2f} s, {Path(path).stat().st_size / 1e6:.2f} MB"

@@ -7,7 +7,7 @@ import re
 from typing import Any
 
 from ...common.wording import printable
-from ..colours import stops
+from ..error_scale import stops
 
 INK, FAINT = "#010203", "#020304"
 """Stand for the page's own colours until a figure is written."""
