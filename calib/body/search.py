@@ -108,8 +108,11 @@ class Search:
             # Numbers that the rows determine: tr(inverse gram), and inverse (gram + prior) = 1.
             used = [len(variance) - float((variance / self.sd**2).sum())]
             if len(self.sums) > 1:
-                inverse, parts = factor.inverse(), zip(self.sums, slices(self.blocks), strict=True)
-                used = [float((inverse * s.gram).sum()) / self.noise[p.start] ** 2 for s, p in parts]
+                inverse, scales = factor.inverse(), self.noise[np.cumsum(self.blocks) - 1] ** -2.0
+                used = [
+                    v * float((inverse * s.gram).sum())
+                    for s, v in zip(self.sums, scales, strict=True)
+                ]
             before = self._levels()
             self._learn(start + delta, delta, variance, used)
             if np.abs(self._levels() - before).max() < SETTLED:
