@@ -86,7 +86,8 @@ def reproduce(
             ranges=typed,
             lengths=dict(lengths or ()),
         )
-        setting = replace(setting, data=None if data is None else Path(data))
+        logs = None if data is None else Path(data)
+        setting = replace(setting, data=logs, parts=folder / "ablation_parts.jsonl")
         drawn = tuple(dict.fromkeys(formats or ("png",)))
         # the figures bring the adaptation along
         names = [name for name in SUBJECTS if name != "adaptation"] if what == "all" else [what]
