@@ -39,7 +39,7 @@ class Alignment:
 
     def inverse(self) -> Alignment:
         """The map back."""
-        back = np.linalg.inv(self.matrix)
+        back: Array = np.linalg.inv(self.matrix)
         return Alignment(back, -back @ self.shift)
 
     @property

@@ -7,7 +7,7 @@ from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
-from calib.common.units import for_people
+from calib.common.wording import for_people
 from calib.show.facts import size_in_words
 
 from .. import options as o
