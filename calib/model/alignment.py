@@ -39,7 +39,7 @@ class Alignment:
 
     def inverse(self) -> Alignment:
         """The map back."""
-        back: Array = np.linalg.inv(self.matrix)
+        back = np.asarray(np.linalg.inv(self.matrix), dtype=float)
         return Alignment(back, -back @ self.shift)
 
     @property
