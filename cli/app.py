@@ -57,8 +57,12 @@ class CalibGroup(TyperGroup):
             told = describe_error(error)
             code = told.code
             if code < _SIGNAL:
-                if "--json" in (sys.argv[1:] if args is None else args):
-                    show_json({"error": told.to_json()})
+                try:
+                    if "--json" in (sys.argv[1:] if args is None else args):
+                        show_json({"error": told.to_json()})
+                    sys.stdout.flush()
+                except OSError:  # a full disk, perhaps the error itself
+                    _reader_left()
                 note(told.line)
         code = code if isinstance(code, int) else 0
         if standalone_mode:
@@ -164,7 +168,7 @@ def _was_interrupted(error: BaseException | None) -> bool:
 
 
 def _reader_left() -> int:
-    """Point standard output at nothing, so that Python's own last flush stays quiet."""
+    """Point standard output at nothing, so that no later flush, Python's last one too, fails."""
     try:
         handle = os.open(os.devnull, os.O_WRONLY)
         os.dup2(handle, sys.stdout.fileno())

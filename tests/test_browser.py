@@ -156,10 +156,15 @@ def test_a_live_page_draws_every_branch(model: Model, tmp_path: Path):
     assert (near(sight, pixels, wanted, 1) < 40).all()
 
 
+@pytest.fixture(scope="module")
+def reported(model: Model) -> str:
+    return report(model)
+
+
 @pytest.mark.parametrize("dark", [False, True])
-def test_report_in_light_and_dark(model: Model, tmp_path: Path, dark: bool):
+def test_report_in_light_and_dark(reported: str, tmp_path: Path, dark: bool):
     page = tmp_path / "report.html"
-    page.write_text(report(model), encoding="utf-8")
+    page.write_text(reported, encoding="utf-8")
     sight = look(page, tmp_path, dark=dark, size=(900, 2600))
     assert sight.console == []
     ground = sight.pixels[:, :10].reshape(-1, 3)

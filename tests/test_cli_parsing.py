@@ -3,10 +3,12 @@
 from __future__ import annotations
 
 import math
+from dataclasses import replace
 
 import pytest
 from calib_cli import parsing
 from calib_cli.output import Table, fixed, number, plain
+from calib_cli.terms import explained
 from calib_cli.usage import BadOption, option
 from hypothesis import given
 from hypothesis import strategies as st
@@ -86,6 +88,16 @@ def test_json_holds_no_number_that_is_not_finite():
         "a": [None, None, 1.0],
         "2": [True, None, "x"],
     }
+
+
+def test_terms_of_a_table_are_explained_below_it_where_it_prints_them():
+    table = Table(["network", "error", "mean", "+-"], [["VDSOM 5x5", "x", "1", "0"]], left=2)
+    foot = explained(table).foot
+    assert foot.startswith("VDSOM: the same with varying density")
+    assert foot.endswith("standard deviation over the seeds")
+    assert explained(Table(["", "mean"], [["a", "winner"]])).foot == ""  # a number's column
+    title = "linear readout: errors"
+    assert "Hebbian links" in " ".join(explained(replace(table, title=title)).lines()[2:])
 
 
 def test_tables_are_aligned():

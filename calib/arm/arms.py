@@ -45,7 +45,7 @@ class PlanarArm(Arm):
     def jacobian(self, q: ArrayLike) -> Array:
         """Derivatives of the position by the joint values, (n, 2, dof) or (2, dof)."""
         axes = np.stack([self.plane.x, self.plane.y])
-        return self._by_rows(q, lambda rows: axes @ self.chain.jacobian(rows)[:, :3])
+        return self._by_rows(q, lambda rows: axes @ self.chain.velocities(rows))
 
     def _links(self) -> Array:
         """Vectors within the plane, at zero (dof, 3) [m]."""

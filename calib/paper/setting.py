@@ -51,6 +51,8 @@ class Setting:
         Small lattices and few samples, to see that everything runs.
     data : Path or None
         Folder of real logs, for the ablation.
+    parts : Path or None
+        File in which the ablation keeps what it has measured.
     robot : str
         A bundled robot or a URDF with two joints that turn.
     ranges : tuple of (joint, (low, high))
@@ -66,6 +68,7 @@ class Setting:
     quick: bool = False
     report: Report = field(default=lambda _share, _what: None)
     data: Path | None = None
+    parts: Path | None = None
     robot: str = ROBOT
     ranges: tuple[tuple[str, tuple[float, float]], ...] = ()
     lengths: tuple[tuple[str, float], ...] = ()

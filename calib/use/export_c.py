@@ -18,7 +18,8 @@ from ..common.wording import one_line
 from ..errors import OptionError
 from ..maps.local_models import blend_size, predict, reach_of
 from ..maps.predictor import BodyInBox
-from ..model.model import MOST_BLENDED, Model
+from ..model.model import Model
+from ..model.trust import MOST_BLENDED
 from . import c_planar, c_queries, c_spatial, c_spatial_tables
 from .c_source import HEAD, NODES, RANGE, array, filled, integers, number
 from .correct import usual_limit
@@ -71,7 +72,7 @@ def c_header(model: Model, *, prefix: str = "calib_", single: bool = False) -> C
     if apart.max() > 1e-9 * model.solver.extent:
         notes.append(
             "the header holds the body without its local models, which move positions by "
-            "{apart.mean():.3g} {model.about.unit} on average, {apart.max():.3g} at most"
+            f"{apart.mean():.3g} {model.about.unit} on average, {apart.max():.3g} at most"
         )
     return CHeader(text, tables, tuple(notes))
 

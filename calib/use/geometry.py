@@ -18,6 +18,7 @@ from ..common.choices import CAUSES, LOG_FRAMES
 from ..errors import OptionError
 from ..model.alignment import Alignment
 from ..model.model import Model
+from .nominal import nominal_in_view
 from .planar_geometry import PlanarProblem
 from .spatial_geometry import SpatialGeometry
 from .urdf import Moved
@@ -161,8 +162,16 @@ def fit_geometry(
     q, x, error = _points(model)
     # undo what adaptations found to be the sensor's
     for moved in reversed(frames(model, cause)):
-        x = np.asarray(np.linalg.solve(moved.matrix, (x - moved.shift).T).T, dtype=float)
+        x = moved.inverse().apply(x)
     if isinstance(arm, PlanarArm):
+        if free and cause == "joints" and model.history and model.body is not None:
+            # the sensor stayed where it was before the adaptations; fitted again, its frame would
+            # take what they found of the first joint
+            seen = nominal_in_view(model).predict(q)
+            for moved in reversed(frames(model)):
+                seen = moved.inverse().apply(seen)
+            x = Alignment.between(arm.forward(q), seen).inverse().apply(x)
+            free = False
         if move_tip:
             raise OptionError("a planar arm's tip is always written", parameter="move_tip")
         return _in_plane(model, arm, q, x, error, free, move_base)
@@ -181,13 +190,16 @@ def _in_plane(
     model: Model, arm: PlanarArm, q: Array, x: Array, error: float, free: bool, move_base: bool
 ) -> Geometry:
     """Fit the geometry of a planar arm; `error` is the least one of the rows' mean."""
-    problems = [PlanarProblem(arm, q, x, free, move_base, mirrored) for mirrored in (False, True)]
+    problems = [
+        PlanarProblem(arm, q, x, free, move_base, mirrored, error=error)
+        for mirrored in (False, True)
+    ]
     problems = problems if free else problems[:1]
     if free and model.about.unit == "m":
         problems = [replace(problem, scaled=False) for problem in problems]
     found = [(problem, *problem.solve()) for problem in problems]
     problem, theta, covariance = min(found, key=lambda each: each[0].rms(each[1]))
-    half = 1.96 * np.sqrt(np.diag(covariance)) * max(1.0, problem.inflation(theta, error))
+    half = 1.96 * np.sqrt(np.diag(covariance)) * problem.inflation(theta)
     reach = float(np.linalg.norm(arm.forward(q) - arm.forward(q).mean(axis=0), axis=1).max())
     scale = math.exp(theta[problem.frame][1])
     parts, widths = problem.split(theta), problem.split(half)

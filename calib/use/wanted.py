@@ -72,12 +72,14 @@ def wanted(model: Model, view: str, cause: str) -> Wanted:
 def _found(model: Model, view: str, cause: str) -> Wanted:
     free = frame_is_free(model, view)
     planar = model.body is not None and isinstance(model.body.structure, PlanarStructure)
-    if planar and free and cause == "sensor":
-        # the body knows the sensor's frame, as it is after all adaptations
-        return _of_body(nominal_in_view(model), (), free)
-    if planar and not free:
-        return _of_body(nominal_in_base(model), tuple(frames(model, cause)), free)
     moved = tuple(frames(model, cause))
+    if planar and free:
+        # the body knows the sensor's frame as it is after all adaptations; if the sensor stayed,
+        # what they found of its frame is the arm's
+        back = tuple(f.inverse() for f in reversed(frames(model))) if cause == "joints" else ()
+        return _of_body(nominal_in_view(model), back, free)
+    if planar:
+        return _of_body(nominal_in_base(model), moved, free)
     if moves_in_space(model):
         return _in_space(model, view, cause, free)
     geometry = fit_geometry(model, view=view, cause=cause) if free else None

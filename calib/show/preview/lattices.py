@@ -169,12 +169,12 @@ def labels(model: Model, placement: Placement, panel: Panel) -> list[dict[str, A
             at[2:] = 0.0
             at[axis] = share
             if axis == 2:  # along the other side, where no other joint's words are
-                at[0] = 1.0 + 2.0 * _OFF
+                at[0], at[1] = 1.0 + _OFF, 0.0
             value = about.lower[axis] + share * (about.upper[axis] - about.lower[axis])
             turns = about.revolute[axis]
             end = f"{math.degrees(value):.4g}°" if turns else f"{1e3 * value:.4g} mm"
             text = about.joint_names[axis] if share == 0.5 else end
-            side = "right" if axis == 1 else "middle"
+            side = ("middle", "right", "left")[axis]
             found.append(("Motor map", text, panel.lift(at[None])[0], side))
     return [
         {"layer": layer, "text": text, "at": [float(v) for v in at], "align": side}

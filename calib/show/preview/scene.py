@@ -86,7 +86,10 @@ class _Drawing:
         if (around @ frame[0]).max() - (around @ frame[0]).min() == 0:
             frame = np.eye(3)
         self.panel = panel_beside(frame, around, 0.75 * self.size, len(model.about.joint_names))
-        camera = Camera.onto(np.concatenate([around, self.panel.outline[0]]), frame)
+        self.labels = labels(model, placement, self.panel)
+        wide = {"left": 0.12 * self.size * frame[0]}  # what begins at the panel's edge
+        words = [np.array(each["at"]) + wide.get(each["align"], 0.0) for each in self.labels]
+        camera = Camera.onto(np.concatenate([around, self.panel.outline[0], words]), frame)
         # lines that lie on the maps are drawn a little in front of them
         self.front = 0.006 * self.size * camera.direction
         scale = self._errors()
@@ -113,9 +116,19 @@ class _Drawing:
         if placement.note:
             self.notes.append(placement.note)
         canvas.set("Grid", "visible", False)
-        canvas.place("Axes", np.diag([*[0.3 * self.size] * 3, 1.0]))
+        canvas.place("Axes", self._axes())
         page = self._page(scale, camera)
         return Scene(canvas, camera, page, tuple(self.notes), placement, motion, scale)
+
+    def _axes(self) -> Array:
+        """Transform (4, 4) of the drawn axes: the robot's; of a log alone, those it counts in."""
+        turn = np.eye(3)
+        if self.body is None and not self.in_space:
+            x, y = self.placement.axes / np.linalg.norm(self.placement.axes, axis=1)[:, None]
+            turn = np.stack([x, y, np.cross(x, y)], axis=1)  # of pixels y leads down
+        placed = np.eye(4)
+        placed[:3, :3] = 0.3 * self.size * turn
+        return placed
 
     def _errors(self) -> ErrorScale:
         model = self.model
@@ -199,7 +212,7 @@ class _Drawing:
                 "stops": list(stops()) if not scale.rounding else list(stops())[:1],
             },
             "layers": self.canvas.layers,
-            "labels": labels(self.model, self.placement, self.panel),
+            "labels": self.labels,
             "camera": camera.to_json(),
             "node": self.node,
             "link": LINK,
