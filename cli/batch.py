@@ -50,11 +50,7 @@ class Streams:
 
 
 def forward_batch(
-    model: Model,
-    joints: JointFormat,
-    streams: Streams,
-    readout: str | None,
-    frame: str = "sensor",
+    model: Model, joints: JointFormat, streams: Streams, readout: str | None, frame: str = "sensor"
 ) -> int:
     """Answer a table of joint values with positions in a frame; return the exit code."""
     batch = read_batch(streams.source, joints.names)

@@ -191,11 +191,7 @@ def _read_plain(block: bytes, width: int, separator: str, index: Sequence[int]) 
     schema = {f"c{i}": pl.Float64() if i in wanted else pl.String() for i in range(width)}
     try:
         frame = pl.read_csv(
-            io.BytesIO(block),
-            has_header=False,
-            separator=separator,
-            schema=schema,
-            columns=wanted,
+            io.BytesIO(block), has_header=False, separator=separator, schema=schema, columns=wanted
         )
     except (pl.exceptions.PolarsError, pl.exceptions.PanicException, OSError, ValueError):
         return None

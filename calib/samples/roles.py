@@ -35,10 +35,7 @@ class Roles:
 
 
 def find_roles(
-    source: Source,
-    arm: Arm | None,
-    joints: Sequence[str] | None,
-    columns: Mapping[str, str] | None,
+    source: Source, arm: Arm | None, joints: Sequence[str] | None, columns: Mapping[str, str] | None
 ) -> Roles:
     """Decide which columns to read, or say which choices there are.
 

@@ -171,10 +171,7 @@ class Canvas:
         return scene
 
     def _geometry(
-        self,
-        points: ArrayLike,
-        colour: NDArray[np.uint8] | str,
-        index: ArrayLike | None = None,
+        self, points: ArrayLike, colour: NDArray[np.uint8] | str, index: ArrayLike | None = None
     ) -> dict[str, Any]:
         points = np.asarray(points, dtype=np.float32).reshape(-1, 3)
         attributes = {"position": _attribute(points, 3)}

@@ -54,12 +54,7 @@ def panel_beside(frame: Array, points: Array, size: float, dof: int) -> Panel:
 
 
 def draw_maps(
-    canvas: Canvas,
-    model: Model,
-    placement: Placement,
-    panel: Panel,
-    scale: ErrorScale,
-    size: float,
+    canvas: Canvas, model: Model, placement: Placement, panel: Panel, scale: ErrorScale, size: float
 ) -> tuple[Array, Array]:
     """Draw both maps, coloured by their errors; return their nodes in the scene.
 

@@ -15,13 +15,7 @@ from ...model.model import Model
 from ...samples.samples import Samples
 from ..arrows import Arrows
 from ..error_scale import ErrorScale, colours, stops
-from ..workspace import (
-    border,
-    extent,
-    motor_errors,
-    sensory_errors,
-    training_positions,
-)
+from ..workspace import border, extent, motor_errors, sensory_errors, training_positions
 from . import arm as arm_layer
 from .arm import Body
 from .canvas import POINT, Canvas
@@ -217,14 +211,8 @@ class _Drawing:
             "node": self.node,
             "link": LINK,
             "target": TARGET,
-            "panel": {
-                "corner": self.panel.corner.tolist(),
-                "edges": self.panel.edges.tolist(),
-            },
-            "plane": {
-                "point": self._middle().tolist(),
-                "normal": self.placement.frame[2].tolist(),
-            },
+            "panel": {"corner": self.panel.corner.tolist(), "edges": self.panel.edges.tolist()},
+            "plane": {"point": self._middle().tolist(), "normal": self.placement.frame[2].tolist()},
             "size": self.size,
             "dot": 0.022 * self.size * POINT,
         }

@@ -19,13 +19,7 @@ from . import curves, maps, space
 from .evidence import Evidence, gather
 from .maps import over_photo
 from .style import settings, to_png, to_svg
-from .tables import (
-    adaptation_table,
-    drift_text,
-    errors_in_html,
-    fact_list,
-    is_papers_arm,
-)
+from .tables import adaptation_table, drift_text, errors_in_html, fact_list, is_papers_arm
 
 _MEAN = {2: 1.2533, 3: 1.5958}  # mean distance over the standard deviation along an axis
 _ROUNDING = "All errors are rounding (below 1 nm): there is nothing to draw."
