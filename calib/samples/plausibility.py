@@ -92,6 +92,7 @@ def misfit(a: Array, b: Array) -> float:
     a, b = a - a.mean(axis=0), b - b.mean(axis=0)
     u, size, v = np.linalg.svd(b.T @ a)
     sign = np.ones(len(size))
+    # the nearest rotation, no reflection (Kabsch): a mirrored sensor is to be seen as a misfit
     sign[-1] = np.sign(np.linalg.det(u @ v))
     total = max(float(np.sum(a**2)), 1e-300)
     scale = float(np.sum(size * sign)) / total

@@ -178,6 +178,7 @@ class PlanarProblem:
         weighted = self._weight(theta, noise)[:, None] * slope / noise
         information = weighted.T @ weighted + root.T @ root
         covariance = np.zeros((len(theta), len(theta)))
+        # flat directions of a free frame beside tight priors: an inverse would lose all digits
         covariance[np.ix_(use, use)] = np.linalg.pinv(information, rcond=1e-15, hermitian=True)
         fitted = np.isfinite(sd[use])
         cost = 2.0 * len(self.q) * math.log(noise) + 0.5 * float(np.sum((root @ theta[use]) ** 2))

@@ -107,6 +107,7 @@ def _two_opt(away: Array, order: Index) -> Index:
     for i in range(1, n - 1):
         a, b = order[i - 1], order[i]
         ends = order[i + 1 :]
+        # of the ways a-b .. e-f and a-e .. b-f: d(a,b) + d(e,f) - d(a,e) - d(b,f)
         gain = away[a, b] - away[a, ends]
         gain[:-1] += away[ends[:-1], ends[1:]] - away[b, ends[1:]]  # the last has no successor
         j = int(gain.argmax())
@@ -126,6 +127,7 @@ def _or_opt(away: Array, order: Index) -> Index:
                 saved += away[last, order[i + run]] - away[a, order[i + run]]
             after = rest[1:]
             cost = []
+            # between each two neighbours of the rest, as it is and turned round
             for head, tail in ((first, last), (last, first)):
                 extra = away[rest, head]
                 extra[:-1] += away[tail, after] - away[rest[:-1], after]

@@ -156,6 +156,7 @@ def similarity(source: Array, target: Array) -> tuple[Array, Array]:
     # no correction of the determinant's sign: a camera may see the arm mirrored
     u, spread, v = np.linalg.svd((source - a).T @ (target - b))
     power = float(np.sum((source - a) ** 2))
+    # the scale is tr(S) over the variance of the source (his equation 42)
     linear = u @ v * (spread.sum() / power if power > 0 else 1.0)
     return np.asarray(linear), np.asarray(b - a @ linear)
 
