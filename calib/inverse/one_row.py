@@ -141,9 +141,7 @@ def _solved(power: list[list[float]], gap: list[float]) -> tuple[list[float], fl
 
 
 def to_pose(
-    twist: Callable[[Sequence[float], Any], tuple[Array, Array]],
-    goal: Any,
-    near: Sequence[float],
+    twist: Callable[[Sequence[float], Any], tuple[Array, Array]], goal: Any, near: Sequence[float]
 ) -> list[float] | None:
     """Joints next to given ones that reach a pose, of an arm with six joints or more.
 

@@ -61,11 +61,7 @@ class Joints:
 
 
 def reach_poses(
-    evaluate: Evaluate,
-    q: Array,
-    position: Array,
-    rotation: Array,
-    length: float,
+    evaluate: Evaluate, q: Array, position: Array, rotation: Array, length: float
 ) -> tuple[Array, Array]:
     """Move joints towards poses by damped Newton steps, each row on its own.
 

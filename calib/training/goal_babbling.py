@@ -158,11 +158,7 @@ def _maps(
 
 
 def _own_error(
-    pair: Association,
-    scale: Scale,
-    u: Array,
-    x: Array,
-    rng: np.random.Generator,
+    pair: Association, scale: Scale, u: Array, x: Array, rng: np.random.Generator
 ) -> Array:
     """How wrong the maps are around each sample (m,), by links that have not seen it."""
     wiring, v = pair.wiring, pair.sensory.scale.to_unit(x)

@@ -231,12 +231,7 @@ def _most_telling(space: Space, tell: Choose, points: Array, n: int, taken: Arra
 
 
 def _made(
-    source: Arm | Model,
-    space: Space,
-    route: Route,
-    begin: Array | None,
-    how: str,
-    notes: list[str],
+    source: Arm | Model, space: Space, route: Route, begin: Array | None, how: str, notes: list[str]
 ) -> Plan:
     """Put the plan together, and say in words what it is."""
     # rounding must not lead beyond a limit

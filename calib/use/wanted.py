@@ -152,8 +152,7 @@ def _camera(model: Model) -> bool:
 def _near(
     model: Model, structure: SpatialStructure, beta: Array
 ) -> tuple[
-    Callable[[Array], tuple[Array, NDArray[np.bool_]]],
-    Callable[[list[float]], list[float] | None],
+    Callable[[Array], tuple[Array, NDArray[np.bool_]]], Callable[[list[float]], list[float] | None]
 ]:
     """Joints near given ones that put the real tip where the nominal one would be."""
     space = Space.of(model)
