@@ -14,9 +14,9 @@ from numpy.typing import NDArray
 
 from calib.arm.rotations import matrix_of, quaternion_of
 from calib.errors import QueryError
+from calib.inverse.pose import Reached
 from calib.inverse.self_motions import free_directions
 from calib.model.poses import described, first_of
-from calib.model.reached import Reached
 from calib.model.space import Space
 from calib.samples.orientations import QUATERNION, from_angles
 
