@@ -19,7 +19,7 @@ from calib.change.own_residual import own_residual
 from calib.change.reference import kept_reference, reference_of
 from calib.change.rows import weighted
 from calib.change.update import settled, updated
-from calib.common.thinning import thinned
+from calib.common.rows import thinned
 
 pytestmark = pytest.mark.usefixtures("one_blas_thread")
 

@@ -28,57 +28,29 @@ GRAVITY = (0.0, 0.0, -9.80665)
 
 
 class Frames(NamedTuple):
-    """World positions and axes of a chain's joints at n rows.
+    """World positions and axes of a chain's joints at n rows."""
 
-    Attributes
-    ----------
-    origins : (m, 3, n) array [m]
-    axes : (m, 3, n) array
-    tip : (3, n) array [m]
-    rotation : (3, 3, n) array
-        Orientation of the tip's frame.
-    """
-
-    origins: Array
-    axes: Array
-    tip: Array
-    rotation: Array
+    origins: Array  # (m, 3, n) [m]
+    axes: Array  # (m, 3, n)
+    tip: Array  # (3, n) [m]
+    rotation: Array  # (3, 3, n), orientation of the tip's frame
 
 
 @dataclass(frozen=True, eq=False)
 class SpatialChain:
-    """A serial chain of m joints that are moved by dof values, at its zero posture.
+    """A serial chain of m joints that are moved by dof values, at its zero posture."""
 
-    Attributes
-    ----------
-    axes : (m, 3) array
-        Unit axes in the root frame, base to tip.
-    points : (m, 3) array [m]
-        Origins of the joint frames; the axes pass through them.
-    tip : (3,) array [m]
-        Position of the tip.
-    rotation : (3, 3) array
-        Orientation of the tip's frame.
-    revolute : tuple of bool
-        Whether each joint turns about its axis or slides along it.
-    coupling : (m, dof) array
-        How much each joint follows each active value: the unit matrix without mimic joints.
-    bias : (m,) array [rad or m]
-        Offset of each mimic joint, else 0.
-    masses : (m,) array [kg]
-        Mass that each joint carries up to the next joint; empty where the URDF states none.
-    centres : (m, 3) array [m]
-        Centres of those masses at the zero posture.
-    """
-
-    axes: Array
-    points: Array
-    tip: Array
-    rotation: Array
-    revolute: tuple[bool, ...]
+    axes: Array  # (m, 3), unit axes in the root frame, base to tip
+    points: Array  # (m, 3) [m], origins of the joint frames; the axes pass through them
+    tip: Array  # (3,) [m], position of the tip
+    rotation: Array  # (3, 3), orientation of the tip's frame
+    revolute: tuple[bool, ...]  # whether each joint turns about its axis or slides along it
+    # (m, dof), how much each joint follows each active value: the unit matrix without mimic joints
     coupling: Array
-    bias: Array
+    bias: Array  # (m,) [rad or m], offset of each mimic joint, else 0
+    # (m,) [kg], mass that each joint carries up to the next joint; empty where the URDF states none
     masses: Array = field(default_factory=lambda: np.zeros(0))
+    # (m, 3) [m], centres of those masses at the zero posture
     centres: Array = field(default_factory=lambda: np.zeros((0, 3)))
 
     def __post_init__(self) -> None:

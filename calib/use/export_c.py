@@ -38,39 +38,20 @@ _CLOSE = {False: 1e-9, True: 1e-4}  # of the extent: what counts as corrected
 
 @dataclass(frozen=True)
 class CHeader:
-    """A C header and what it takes.
-
-    Attributes
-    ----------
-    text : str
-        The header.
-    tables : int
-        Bytes of its constant tables.
-    notes : tuple of str
-        What the user should be told.
-    """
+    """A C header and what it takes."""
 
     text: str
-    tables: int
-    notes: tuple[str, ...]
+    tables: int  # bytes of its constant tables
+    notes: tuple[str, ...]  # what the user should be told
 
 
 def c_header(model: Model, *, prefix: str = "calib_", single: bool = False) -> CHeader:
     """One C99 header (also valid C++) that answers as the model does.
 
-    Parameters
-    ----------
-    model : Model
-        With a body, planar or spatial.
-    prefix : str
-        Starts every name.
-    single : bool
-        ``float`` instead of ``double``, for microcontrollers.
-
-    Raises
-    ------
-    OptionError
-        If the model has no body, or the prefix is no C name.
+    model : with a body, planar or spatial
+    prefix : starts every name
+    single : ``float`` instead of ``double``, for microcontrollers
+    Raises OptionError if the model has no body, or the prefix is no C name.
 
     Notes
     -----
