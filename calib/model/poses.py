@@ -14,13 +14,8 @@ from numpy.typing import ArrayLike, NDArray
 from ..arm.rotations import matrix_of, quaternion_of
 from ..errors import QueryError
 from ..inverse.near import position_near
-<<<<<<< HEAD
 from ..inverse.pose import TOLERANCE, Reached, pose_branches, reach_poses
-from ..samples.orientations import QUATERNION, ROUNDING
-=======
-from ..inverse.pose import TOLERANCE, pose_branches, reach_poses
 from ..samples.roles import QUATERNION, ROUNDING
->>>>>>> main
 from .answers import checked_rows
 from .space import REACHED, Space
 

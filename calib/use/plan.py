@@ -232,47 +232,6 @@ def _most_telling(space: Space, tell: Choose, points: Array, n: int, taken: Arra
     return few[tell(joints, n, space.scale.from_unit(taken))]
 
 
-<<<<<<< HEAD
-def _made(
-    source: Arm | Model, space: Space, route: Route, begin: Array | None, how: str, notes: list[str]
-) -> Plan:
-    """Put the plan together, and say in words what it is."""
-    # rounding must not lead beyond a limit
-    q = np.clip(space.scale.from_unit(route.u), space.lower, space.upper)
-    first = None if begin is None else space.scale.from_unit(begin)
-    way = q if first is None else np.vstack([first, q])
-    rng, m = np.random.default_rng(0), len(route.away)
-    orders = (np.append(0, 1 + rng.permutation(m - 1)) for _ in range(_ORDERS))
-    others = [length(route.away, order) for order in orders]
-    own = float(np.abs(np.diff(way, axis=0) / space.scale.span).max(axis=1).sum())
-    bound = None if isinstance(source, Arm) else source.expected_error(q)
-    low, high = space.corners
-    border = np.isclose(route.u, low) | np.isclose(route.u, high)
-    count = int(np.count_nonzero(border.any(axis=1) & ~route.via))
-    wanted = len(q) - int(route.via.sum())
-    why = [f"{wanted} poses, {how}; {count} of them at an end of a joint's range"]
-    if route.via.any():
-        more = int(route.via.sum())
-        poses = "1 further pose leads" if more == 1 else f"{more} further poses lead"
-        why.append(f"{poses} round the border of the box")
-    return Plan(
-        space.joint_names,
-        q,
-        space.position(q),
-        bound,
-        route.via,
-        first,
-        np.abs(np.diff(way, axis=0)).sum(axis=0),
-        own,
-        float(np.mean(others)),
-        space.unit,
-        tuple(why),
-        (*notes, *route.notes),
-    )
-
-
-=======
->>>>>>> main
 def _taken(space: Space, measured: Samples | None) -> Array:
     """Joints (k, dof) of measured rows in units of the joints' ranges."""
     if measured is None:
