@@ -79,9 +79,14 @@ def model(kind):
     return calib.train(samples, size=8)
 
 
+@cache
+def header(model, single):
+    return c_header(model, single=single).text
+
+
 def answers(model, q, folder, language="c99", single=False):
     """What the compiled header says for joint values (n, dof)."""
-    (folder / "arm.h").write_text(c_header(model, single=single).text)
+    (folder / "arm.h").write_text(header(model, single))
     (folder / "program.c").write_text(PROGRAM)
     flags = [*LANGUAGES[language], "-O1", "-Wall", "-Wextra", "-Werror", "-pedantic"]
     subprocess.run(
