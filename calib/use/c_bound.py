@@ -158,7 +158,7 @@ def words(body: Body) -> dict[str, object]:
         "elastic": int(len(body.structure.groups["elastic"]) > 0),
         "waves": HARMONICS,
         "beliefs": 1 if body.second is None else 2,
-        "rank": RANK,
+        "rank": _rank(body),
         "normal": NORMAL_95,
     }
 
@@ -184,7 +184,8 @@ def tables(structure: SpatialStructure, body: Body, q: Array, *, noise: bool, si
     values, vectors = np.linalg.eigh(slope.T @ slope)
     scales = vectors, np.sqrt(np.maximum(values, 1e-14 * values[-1]))
     beliefs: list[Body | Second] = [body] if body.second is None else [body, body.second]
-    parts = [_compact(structure, each, body.beta, geometry, *scales) for each in beliefs]
+    rank = _rank(body)
+    parts = [_compact(structure, each, body.beta, geometry, rank, *scales) for each in beliefs]
     root, own, coupled = (np.vstack([part[k] for part in parts]) for k in range(3))
     signs = np.concatenate([part[3] for part in parts])
     scale = np.array([(body.kappa, SHARED**2), (1.0, 1.0)][: len(parts)])
@@ -195,11 +196,18 @@ def tables(structure: SpatialStructure, body: Body, q: Array, *, noise: bool, si
         + array("float", "calib_root", [str(len(root)), size], root, True)
         + array("float", "calib_own", [str(len(own)), str(2 * waves + 1)], own, True)
         + array("float", "calib_coupled", [str(len(coupled)), str(coupled.shape[1])], coupled, True)
-        + integers("calib_sign", str(len(signs)), signs)
+        + integers("calib_sign", str(max(len(signs), 1)), signs if rank else [0])
         + array("calib_real", "calib_scale", [str(len(scale)), "2"], scale, single)
         + array("calib_real", "calib_more", ["3"], more, single)
         + array("calib_real", "calib_flange", ["9"], structure.chain.rotation.ravel(), single)
     )
+
+
+def _rank(body: Body) -> int:
+    """Directions that are kept: none where no curve is uncertain."""
+    active = body.active if body.second is None else body.second.active
+    label = body.structure.label
+    return RANK if any(label(int(k)).group.startswith("curve") for k in active[-1:]) else 0
 
 
 def _compact(
@@ -207,6 +215,7 @@ def _compact(
     belief: Body | Second,
     beta: Array,
     geometry: int,
+    rank: int,
     vectors: Array,
     weight: Array,
 ) -> tuple[Array, Array, Array, Array]:
@@ -235,12 +244,12 @@ def _compact(
             own[k, 1::2] = 2 * terms[1 : 2 * HARMONICS + 1].real
             own[k, 2::2] = -2 * terms[1 : 2 * HARMONICS + 1].imag
     strength, kept = np.linalg.eigh((vectors * weight).T @ left @ (vectors * weight))
-    most = np.argsort(-np.abs(strength))[:RANK]
+    most = np.argsort(-np.abs(strength))[:rank]
     directions = ((vectors / weight) @ kept[:, most] * np.sqrt(np.abs(strength[most]))).T
     apart, view = belief.beta - beta, structure.groups["view.rotation"]
     apart[view] = compose(belief.beta[view], -beta[view])
     directions = np.vstack([directions, apart])
-    coupled = np.zeros((RANK + 1, geometry + 2 * HARMONICS * dof))
+    coupled = np.zeros((rank + 1, geometry + 2 * HARMONICS * dof))
     coupled[:, :geometry] = directions[:, :geometry]
     for k in range(dof):  # slides have no curve
         curve = structure.groups[f"curve.{k}"]
