@@ -14,9 +14,9 @@ import numpy as np
 from calib.arm.rotations import matrix_of, quaternion_of
 from calib.common.arrays import Array
 from calib.errors import QueryError
+from calib.inverse.pose import Reached
 from calib.inverse.self_motions import free_directions
 from calib.model.poses import described, first_of
-from calib.model.reached import Reached
 from calib.model.space import Space
 from calib.samples.roles import QUATERNION, from_angles
 
