@@ -150,17 +150,10 @@ class _Search:
         found: list[Explanation] = []
         reference, log = self.reference, self.log
         for own in OWN:
-            creep = drift(reference.body, own[1])
             space = spectrum(
-                reference.body,
-                reference.beta,
-                log.q,
-                log.weight,
-                creep,
-                own[0],
-                reference.forgotten,
-                log.shared,
-            )
+                reference.body, reference.beta, log.q, log.weight, drift(reference.body, own[1]),
+                own[0], reference.forgotten, log.shared,
+            )  # fmt: skip
             if own == OWN[0]:
                 first = self._fit(self.richest, space, own)
                 rest = space.rest(space.turn(first.residual), first.noise)
@@ -220,10 +213,8 @@ class _Search:
         sd, free, origin = self._free(member)
         point = self.points.get(member)
         if point is None:
-            beta = origin.copy()
-            if member == self.richest:
-                beta[free] = self.robust[free]
-            point = self._linearised(beta, free, sd)
+            start = self.robust if member == self.richest else origin
+            point = self._linearised(np.where(sd > 0, start, origin), free, sd)
         beta, residual = point.beta, point.residual
         y, j = space.turn(residual), space.turn_columns(point.x)
         noise = space.noise(y, self.floor)
