@@ -33,7 +33,8 @@ def curve_shape(*more: float) -> Array:
 
     `more` are the widths [waves a turn] of further Gaussians beside that of `WIDTH`.
     """
-    shape = sum(np.exp(-((ORDERS / width) ** 2) / 2) for width in (WIDTH, *more)) + FLOOR
+    widths = np.array([WIDTH, *more])[:, None]
+    shape = np.exp(-((ORDERS / widths) ** 2) / 2).sum(axis=0) + FLOOR
     return np.tile(shape / shape.mean(), 2)
 
 

@@ -62,7 +62,9 @@ class Given:
 
     def _listed(self, key: str, fits: Any, size: int | None, what: str) -> list[Any]:
         value = self.value(key)
-        good = isinstance(value, list) and len(value) == (len(value) if size is None else size)
+        good = isinstance(value, list | tuple) and len(value) == (
+            len(value) if size is None else size
+        )
         expected = f"a list{'' if size is None else f' of {size}'} of {what}"
         return list(self._fits(key, good and all(map(fits, value)), expected))
 
