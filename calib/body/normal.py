@@ -50,6 +50,8 @@ class Factor:
 
     def inverse(self) -> Array:
         """Inverse (k, k)."""
+        if not len(self.scale):  # LAPACK complains of an empty matrix on standard output
+            return np.zeros((0, 0))
         inner = np.tril(dpotri(self._factor[0], lower=1)[0])  # a third of solving for 1
         inner += np.tril(inner, -1).T
         return np.asarray(inner * self.scale[:, None] * self.scale)

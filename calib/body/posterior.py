@@ -189,6 +189,7 @@ def _over_all_rows(passed: Passed, q: Array, z: Array, floor: Array) -> Fit:
         nu=fit.nu,
         floor=floor,
         noise=fit.noise,
+        learn=bool((fit.noise > floor).any()),  # exact rows leave nothing to learn of their noise
         steps=4 if len(fit.active) > MANY else 10,
         tolerance=SETTLED,
     )

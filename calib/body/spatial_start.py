@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from ..arm.rotations import exponential, logarithm
-from ..common.thinning import thinned
+from ..common.rows import thinned
 from ..errors import LogError
 from .structure import Array, Indices, Structure
 
