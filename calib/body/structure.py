@@ -81,11 +81,14 @@ class Prior:
         Prior mean and standard deviation, in each parameter's own unit.
     hypers : tuple of Hyper
         Groups whose scale the evidence chooses; `sd` holds their starting values.
+    known : (k, k) array, optional
+        Precision of the active parameters where they depend on each other, in place of `sd`.
     """
 
     mean: Array
     sd: Array
     hypers: tuple[Hyper, ...] = ()
+    known: Array | None = None
 
     @property
     def active(self) -> Indices:
