@@ -18,7 +18,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from ..arm.planar_arm import PlanarArm
+from ..arm.arms import PlanarArm
 from ..common.choices import MAP_READOUTS
 from ..common.parallel import one_blas_thread
 from ..common.scale import Scale

@@ -16,7 +16,7 @@ from ..samples.babbling import babble
 from ..samples.samples import Samples
 
 if TYPE_CHECKING:
-    from ..arm.planar_arm import PlanarArm
+    from ..arm.arms import PlanarArm
 
 Array = NDArray[np.float64]
 
@@ -112,8 +112,8 @@ class Setting:
     @cached_property
     def arm(self) -> PlanarArm:
         """The arm, with its ranges and lengths."""
+        from ..arm.arms import PlanarArm
         from ..arm.loading import load_arm
-        from ..arm.planar_arm import PlanarArm
 
         arm = load_arm(self.robot, ranges=dict(self.ranges) or None)
         if not isinstance(arm, PlanarArm) or len(arm.joint_names) != 2 or not all(arm.revolute):

@@ -10,9 +10,9 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 from .. import options as o
 from .. import parsing
-from ..output import Table, note, number, show, show_json
+from ..output import Table, note, number, progress_bar, show, show_json
 from ..parsing import JointValue
-from ..progress import progress_bar
+from ..terms import explained
 from ..units import kinds_of_joints, ranges_in_si
 from ..usage import argument, choice, flag, option
 
@@ -144,7 +144,7 @@ def _keep(result: Result, folder: Path, *, shown: bool) -> None:
             left = next(
                 (k for k, c in enumerate(table.rows[0]) if not isinstance(c, str)), len(rows[0])
             )
-            show(Table(table.header, rows, table.title, left))
+            show(explained(Table(table.header, rows, table.title, left)))
             print()
 
 
