@@ -20,6 +20,7 @@ from . import online
 from .association import Association
 from .density import Gain, Visit
 from .epoch import Epoch, search, topographic_error
+from .fields import Neighbourhood
 from .lattice import Lattice
 from .links import Wiring, oja, sparse_links
 from .map import Map
@@ -75,7 +76,7 @@ def develop(
     epochs: int,
     wiring: Wiring,
     rng: np.random.Generator,
-    around: online.Around | None = None,
+    neighbourhood: Neighbourhood | None = None,
     *,
     grown: bool = False,
 ) -> Pair:
@@ -97,8 +98,8 @@ def develop(
         How nodes are active (eq. 6).
     rng : numpy.random.Generator
         Source of the starts and of the orders.
-    around : Around, optional
-        A neighbourhood of the user's own.
+    neighbourhood : callable, optional
+        In place of the Gaussian of eq. 3.
     grown : bool
         Whether `sigma` is the default, see :class:`~calib.maps.density.Visit`.
     """
@@ -146,11 +147,15 @@ def develop(
                         )
                         rate = rate * gain(visit)
                     weights[k] = weights[k].copy()
-                    part = points[k][rows]
-                    if around is None:
-                        online.present(weights[k], lattice, part, radius[now], rate)
-                    else:
-                        around.present(weights[k], part, radius[now], rate, now / steps)
+                    online.present(
+                        weights[k],
+                        lattice,
+                        points[k][rows],
+                        radius[now],
+                        rate,
+                        neighbourhood,
+                        now / steps,
+                    )
                 curve.append((done, radius[now[-1]], *found, error))
                 motor, sensory = maps()
                 a, b = (
