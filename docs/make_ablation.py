@@ -26,7 +26,7 @@ LONG = {
 }
 # columns beside the forward errors: which cases show them, and whether less is better
 OTHERS = (
-    ("local inverse", "inverse, body and local models [deg]", ("bump", "ripple", "UR10 A"), True),
+    ("local inverse", "inverse, body and local models [deg]", ("ripple", "UR10 A"), True),
     ("linear inverse", "inverse, `linear` [deg]", ("exact", "uneven"), True),
     ("missed", "branches missed [%]", ("exact", "uneven"), True),
     ("local covered", "covered by the 95 % bound, body [%]", ("UR10 A", "UR10 C"), None),
@@ -85,7 +85,7 @@ def digits(value: float) -> str:
     """Three digits; nothing below a tenth of a micrometre."""
     if value < 1e-4:
         return "0"
-    return f"{value:.3g}" if value >= 0.01 else f"{value:.4f}"
+    return f"{value:#.3g}".rstrip(".") if value >= 0.01 else f"{value:.4f}"
 
 
 if __name__ == "__main__":
