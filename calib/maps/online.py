@@ -200,23 +200,8 @@ def present_block(
 
     A node that meets the rates r_s = alpha_s h_s keeps exp(-sum r) of its place and moves
     towards the mean of the samples, weighted by r: what many small steps of eq. 2 add up
-    to.  It never moves beyond them.
-
-    Parameters
-    ----------
-    weights : (nodes, d) array
-        Changed in place.
-    samples : (n, d) array
-        In the unit box.
-    sigma : float
-        Neighbourhood radius [nodes].
-    rate : (n,) array
-        Learning rate (times gain) of each sample.
-
-    Returns
-    -------
-    float
-        Sum of the samples' distances to their winners.
+    to.  It never moves beyond them.  The radius is one for all samples; the result is the sum of
+    their distances to their winners.
     """
     distance, winner = winners(weights, samples)
     if lattice.dim == 2 and 2 * REACH * sigma + 3 > min(lattice.shape) / 2:

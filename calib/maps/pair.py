@@ -82,26 +82,14 @@ def develop(
 ) -> Pair:
     """Let two maps and their links develop together, one sample at a time (eq. 1 to 6).
 
+    Parameters that are not here are those of :func:`calib.maps.online.learn`.
+
     Parameters
     ----------
     q, x : (n, d), (n, k) array
         Paired samples.
-    lattice : Lattice
-        Of both maps.
-    gain : callable or None
-        Varying density.
-    sigma : (float, float) [nodes]
-        Radius at the start and at the end.
-    epochs : int
-        Passes over the samples, each in another order.
     wiring : Wiring
         How nodes are active (eq. 6).
-    rng : numpy.random.Generator
-        Source of the starts and of the orders.
-    neighbourhood : callable, optional
-        In place of the Gaussian of eq. 3.
-    grown : bool
-        Whether `sigma` is the default, see :class:`~calib.maps.density.Visit`.
     """
     if lattice.size**2 > _LARGEST:
         raise OptionError(
