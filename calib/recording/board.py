@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 import re
 from dataclasses import dataclass
 from typing import Any
@@ -10,8 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ..errors import OptionError
-from .corners import refine_corners
-from .lengths import parse_length
+from .edges import refine_corners
 from .opencv import opencv
 from .tags import find_dictionary
 
@@ -19,6 +19,9 @@ Array = NDArray[np.float64]
 
 LEAST_CORNERS = 8
 """Corners of a board that a picture must show."""
+
+
+_METRES = {"mm": 1e-3, "cm": 1e-2, "m": 1.0, "in": 0.0254}
 
 
 @dataclass(frozen=True)
@@ -130,3 +133,27 @@ class BoardFinder:
             if len(best) >= LEAST_CORNERS:
                 break
         return best
+
+
+def parse_length(text: str, what: str = "length") -> float:
+    """Return a length above zero in metres.
+
+    Raises
+    ------
+    OptionError
+        If the text has no number, or no unit.
+
+    Examples
+    --------
+    >>> parse_length("24mm"), parse_length("2.5 cm")
+    (0.024, 0.025)
+    """
+    match = re.fullmatch(r"\s*([0-9.]+(?:[eE][+-]?[0-9]+)?)\s*(mm|cm|m|in)\s*", text)
+    try:
+        value = float(match[1]) if match else math.nan
+    except ValueError:
+        value = math.nan
+    if match is None or not 0.0 < value < 1e6:
+        raise OptionError(f"{what} {text!r}: expected a number and its unit, such as 24mm")
+    scale = _METRES[match[2]]
+    return value / round(1.0 / scale) if match[2] in ("mm", "cm") else value * scale

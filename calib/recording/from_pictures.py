@@ -15,14 +15,13 @@ from ..common.wording import listed
 from ..errors import LogError, OptionError
 from .board import BoardFinder
 from .joint_table import JointTable
-from .judge import row_shift, unrelated
 from .pictures import list_pictures, match_rows, read_series
 from .plane import square_pose
 from .recorded import Recorded, told
 from .reference import PlaneReference
 from .setting import Setting
 from .tags import Tag, TagFinder
-from .track import TipTags, astray, check_motion, stuck
+from .track import TipTags, astray, check_motion, row_shift, stuck, unrelated
 from .watch import Marks
 
 Array = NDArray[np.float64]

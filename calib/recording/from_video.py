@@ -14,8 +14,7 @@ from numpy.typing import NDArray
 from ..errors import LogError, OptionError
 from ..samples.bags import MAX_GAP
 from ..samples.joint_values import covered, joints_at
-from .clock_search import Clocks
-from .clocks import align_clocks
+from .clocks import Clocks, align_clocks
 from .from_pictures import assemble, seen_instead
 from .joint_table import JointTable
 from .recorded import Recorded, told
