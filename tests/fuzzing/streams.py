@@ -57,11 +57,9 @@ WIDTHS = ("1", "20", "80", "0", "-5", "x")
 # what a stream is, and how a shell says it
 _IN = {"closed": "<&-", "empty": "</dev/null", "rows": "<q.csv", "pipe": "", "folder": "<."}
 _OUT = {"file": "", "closed": ">&-", "full": ">/dev/full", "broken": "| true"}
+_PRELOADED = ["__main__", "fuzzing.preload", "typer.rich_utils", "rich.table", "scipy.spatial",
+              "scipy.optimize", "scipy.sparse.csgraph", "scipy.special"]  # fmt: skip
 _ERR = {"file": "", "closed": "2>&-", "full": "2>/dev/full"}
-_PRELOADED = [
-    "__main__", "numpy", "typer.rich_utils", "rich.table", "calib_cli.app", "calib_cli.batch",
-    "calib.model.model", "calib.model.schemas", "calib.body.spatial", "calib.model.single",
-]  # fmt: skip  # not Polars, whose threads a child would not have
 
 
 @dataclass(frozen=True)
@@ -91,7 +89,9 @@ class Streams(Kind):
         )
         (folder / "q.csv").write_text("shoulder,elbow\n0.5,1.0\n")
         self.context = multiprocessing.get_context("forkserver")
-        self.context.set_forkserver_preload(_PRELOADED)
+        self.context.set_forkserver_preload(
+            _PRELOADED
+        )
 
     def make(self, rng: Random) -> StreamCase:
         """Choose a command, its streams, an encoding and a width."""
