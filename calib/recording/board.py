@@ -30,22 +30,15 @@ class Board:
 
     Its frame: origin at the lower left corner of the print, x to the right, y up, z out of the
     paper.
-
-    Attributes
-    ----------
-    columns, rows : int
-        Squares.
-    square, marker : float [m]
-        Sides of a square and of a tag within it.
-    dictionary : str
-        The tags' dictionary.
     """
 
+    # columns, rows: squares
     columns: int
     rows: int
+    # square, marker: sides of a square and of a tag within it [m]
     square: float
     marker: float
-    dictionary: str = "5x5_100"
+    dictionary: str = "5x5_100"  # the tags' dictionary
 
     def __post_init__(self) -> None:
         if not (2 <= self.columns <= 100 and 2 <= self.rows <= 100):
@@ -138,10 +131,7 @@ class BoardFinder:
 def parse_length(text: str, what: str = "length") -> float:
     """Return a length above zero in metres.
 
-    Raises
-    ------
-    OptionError
-        If the text has no number, or no unit.
+    Raises OptionError if the text has no number, or no unit.
 
     Examples
     --------

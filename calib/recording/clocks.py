@@ -41,26 +41,18 @@ _APART = 0.3  # candidates further apart than this are rivals [s]
 
 @dataclass(frozen=True)
 class Clocks:
-    """Joints' time of camera time `t`: `t + offset + rate (t - middle)`.
+    """Joints' time of camera time `t`: `t + offset + rate (t - middle)`."""
 
-    Attributes
-    ----------
-    offset, rate : float [s], none
-        Joints' clock less the camera's in the middle of the recording, and how much faster it runs.
-    middle : float [s]
-        That middle, by the camera's clock.
-    error, rival : float [px]
-        Median distance that held-out blocks are predicted to, and with the best other offset.
-    doubt : float [s]
-        Standard deviation of the joints' time, at the recording's ends.
-    """
-
+    # offset, rate: joints' clock less the camera's in the middle of the recording, and how much
+    # faster it runs [s]
     offset: float
     rate: float = 0.0
-    middle: float = 0.0
+    middle: float = 0.0  # that middle, by the camera's clock [s]
+    # error, rival: median distance that held-out blocks are predicted to, and with the best other
+    # offset [px]
     error: float = np.nan
     rival: float = np.inf
-    doubt: float = np.nan
+    doubt: float = np.nan  # standard deviation of the joints' time, at the recording's ends [s]
 
     def joints_time(self, time: Array) -> Array:
         """Return the joints' times of camera times [s]."""
@@ -228,19 +220,12 @@ def align_clocks(
 ) -> Clocks:
     """Find when the joints were where the camera saw the tag.
 
-    Parameters
-    ----------
-    time, pixels : (n,) array [s], (n, 2) array [px]
-        Times of frames, by the camera's clock, and where the tag was; NaN where it was not seen.
-    joint_time, q : (m,) array [s], (m, joints) array [rad or m]
-        Joints, at increasing times by their clock.
-    revolute : sequence of bool, optional
-        Which joints turn; all if not given.
-
-    Raises
-    ------
-    ClockError
-        If nothing moves, no offset fits, or more than one does.
+    time, pixels : (n,) array [s], (n, 2) array [px]; times of frames, by the camera's clock, and
+        where the tag was; NaN where it was not seen.
+    joint_time, q : (m,) array [s], (m, joints) array [rad or m]; joints, at increasing times by
+        their clock.
+    revolute : sequence of bool; which joints turn; all if not given.
+    Raises ClockError if nothing moves, no offset fits, or more than one does.
     """
     seen = np.isfinite(pixels[:, 0]) & ~jumps(pixels)
     t, x = time[seen], pixels[seen]

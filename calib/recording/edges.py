@@ -34,19 +34,10 @@ _ALONG = np.linspace(0.14, 0.82, 14)[:, None]  # of a square: near a corner edge
 def refine_square(grey: NDArray[np.uint8], corners: Array, cells: int = 8) -> tuple[Array, float]:
     """Fit lines to the four sides of a dark square on white, and cross them.
 
-    Parameters
-    ----------
-    corners : (4, 2) array [px]
-        Corners within a pixel or so, in their order around the square.
-    cells : int
-        Cells along a side, border included: a profile stays within half of one.
-
-    Returns
-    -------
-    corners : (4, 2) array [px]
-        The refined corners, in the same order.
-    roughness : float [px]
-        Rms distance of the worst side's points from its line.
+    corners : (4, 2) array [px]; corners within a pixel or so, in their order around the square.
+    cells : int; cells along a side, border included: a profile stays within half of one.
+    Returns corners : (4, 2) array [px]; the refined corners, in the same order.
+    Returns roughness : float [px]; rms distance of the worst side's points from its line.
     """
     part, low = blurred_part(grey, corners)
     c = corners - low
@@ -80,17 +71,11 @@ def edge_points(
 ) -> tuple[Array, Array]:
     """Move points near straight edges onto them.
 
-    Parameters
-    ----------
-    base, ahead : (k, n, 2) array [px], (k, 2) array
-        Points near each of k edges, and the edges' directions.
-    reach : float [px]
-        How far to look on either side.
-
-    Returns
-    -------
-    points, spread : (k, n, 2), (k, n) array [px]
-        Centroids of the gradient along the normals, and its standard deviation: the edge's blur.
+    base, ahead : (k, n, 2) array [px], (k, 2) array; points near each of k edges, and the edges'
+        directions.
+    reach : float [px]; how far to look on either side.
+    Returns points, spread : (k, n, 2), (k, n) array [px]; centroids of the gradient along the
+        normals, and its standard deviation: the edge's blur.
     """
     cv2 = opencv()
     k, n = base.shape[:2]
@@ -214,12 +199,8 @@ def _curve(
 ) -> tuple[Array, Array, Array] | None:
     """Fit `v = a + b u + c u^2` to points of an edge; None if they make no edge.
 
-    Returns
-    -------
-    u, v : (2,) array
-        Unit vectors along the edge and across it.
-    (a, b, c) : (3,) array
-        The parabola, about the origin.
+    Returns u, v : (2,) array; unit vectors along the edge and across it.
+    Returns (a, b, c) : (3,) array; the parabola, about the origin.
     """
     u = along / np.linalg.norm(along)
     v = np.array([-u[1], u[0]])

@@ -40,11 +40,8 @@ def log_pictures(
     picture, by their column of names or in natural order. `since` is what an earlier log tells of
     its source (`read_about`): how far the camera moved since is told.
 
-    Raises
-    ------
-    LogError
-        In one line, if no log can be made: no such tag, twice in a picture, at one place
-        while joints move, rows shifted against the pictures, and the like.
+    Raises LogError in one line, if no log can be made: no such tag, twice in a picture, at one
+        place while joints move, rows shifted against the pictures, and the like.
     """
     pairs, notes = match_rows(joints, list_pictures(source))
     boards = BoardFinder(setting.board) if setting.board is not None else None

@@ -29,9 +29,6 @@ WIDEST = 1000
 
 _AROUND = 0.12  # of the workspace's sides, shown beyond it
 _QUALITY = 82
-
-
-Picture = NDArray[np.uint8]
 # blue, green, red
 _TIP = (60, 200, 60)
 _OTHER = (210, 210, 210)
@@ -45,19 +42,12 @@ def take_photo(
 ) -> Photo:
     """Read a photo so that positions can be drawn over it.
 
-    Parameters
-    ----------
-    path : path-like
-        A picture or a video, whose first frame is taken, by the camera that made the log.
-    x : (n, 2) array [unit]
-        Positions that should be in it, in "px" or "m".
-    about : mapping, optional
-        What the log tells of its source (`read_about`): for metres where its camera was.
-
-    Raises
-    ------
-    LogError
-        If it cannot be read, is of another camera, or shows none of the positions.
+    path : path-like; a picture or a video, whose first frame is taken, by the camera that made the
+        log.
+    x : (n, 2) array [unit]; positions that should be in it, in "px" or "m".
+    about : mapping; what the log tells of its source (`read_about`): for metres where its camera
+        was.
+    Raises LogError if it cannot be read, is of another camera, or shows none of the positions.
     """
     about = about or {}
     picture, name = read_photo(Path(path)), Path(path).name

@@ -91,12 +91,10 @@ def row_shift(q: Array, x: Array, most: int = 3) -> tuple[int, int, float, float
 
     A picture that is missing leaves the rows before it right, so that every row may be the first.
 
-    Returns
-    -------
-    start, shift : int
-        That row, and how many rows further down its joints are; 0 where rows fit as they are.
-    own, other : float [unit of x]
-        Mean distances that blocks of rows are predicted to, as they are and shifted.
+    Returns start, shift : int; that row, and how many rows further down its joints are; 0 where
+        rows fit as they are.
+    Returns own, other : float [unit of x]; mean distances that blocks of rows are predicted to, as
+        they are and shifted.
     """
     n = len(q)
 
@@ -139,20 +137,11 @@ def unrelated(q: Array, x: Array) -> bool:
 
 @dataclass
 class TipTags:
-    """The tip's tag in pictures or frames, one after the other, and why it was not taken.
+    """The tip's tag in pictures or frames, one after the other, and why it was not taken."""
 
-    Attributes
-    ----------
-    number : int
-        Id of the tag.
-    reasons : Counter of str
-        Why pictures have no tag, and how many.
-    twice : list
-        Where it was there twice: names of pictures, or times [s].
-    """
-
-    number: int
-    reasons: Counter[str] = field(default_factory=Counter)
+    number: int  # id of the tag
+    reasons: Counter[str] = field(default_factory=Counter)  # why pictures have no tag, and how many
+    # where it was there twice: names of pictures, or times [s]
     twice: list[Any] = field(default_factory=list)
 
     def pick(self, found: Sequence[Tag], where: object) -> tuple[Tag | None, Tag | None]:
@@ -172,10 +161,7 @@ class TipTags:
 def check_motion(q: Array, pixels: Array, tag: int, what: str) -> None:
     """Refuse a recording in which the arm, or the tag alone, stands still.
 
-    Raises
-    ------
-    LogError
-        With the place of a tag that stays while joints move.
+    Raises LogError with the place of a tag that stays while joints move.
     """
     moved = float(np.linalg.norm(np.ptp(pixels, axis=0)))
     if np.ptp(q, axis=0).max() < 2e-3:
