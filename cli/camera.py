@@ -50,8 +50,7 @@ class Shooting:
 
     def setting(self, output: str, notes: Notes) -> Setting:
         """Make the setting; a lens that is calibrated is written beside the log."""
-        from calib.recording.board import Board
-        from calib.recording.lengths import parse_length
+        from calib.recording.board import Board, parse_length
         from calib.recording.setting import Setting, load_lens
         from calib.recording.watch import read_layout
 
@@ -115,8 +114,7 @@ def record(
     from calib.recording.from_pictures import log_pictures
     from calib.recording.from_video import Rows, log_video
     from calib.recording.joint_table import read_joints
-    from calib.recording.photo import read_photo
-    from calib.recording.seen import write_seen
+    from calib.recording.photo import read_photo, write_seen
     from calib.samples.tables import read_about
 
     setting = shooting.setting(output, notes)

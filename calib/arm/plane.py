@@ -185,7 +185,7 @@ def common_normal(active: Sequence[Joint], posture: Posture) -> Array:
             raise RobotError(
                 f"the arm is not planar: joint {quoted(joint.name)} has the axis {vector(axis)} "
                 f"in the root frame, expected one {wanted} the others' normal {vector(normal)}",
-                hint="choose other `joints`",
+                hint="choose other `joints`, or leave out `planar`",
                 parameter="joints",
             )
     # antiparallel axes are one direction; the mean keeps a joint's own tilt small
