@@ -10,6 +10,7 @@ import pytest
 from true_arms import Truth, read, table
 
 import calib
+from calib.model.space import Space
 from calib.samples.camera import Camera, camera_of
 
 EYE, FOCAL, CENTRE, K1 = np.array([0.35, -1.1, 0.55]), 880.0, np.array([633.0, 371.0]), -0.09
@@ -78,6 +79,16 @@ def test_pixels_and_the_tip_in_the_base_frame_are_those_of_the_truth(run, pictur
     assert (miss <= base["expected_error"]).mean() >= 0.95
     order = ["x", "y", "z", "qx", "qy", "qz", "qw", "expected_error", "model_error"]
     assert list(base) == [*names, *order]
+    space = Space.of(calib.load(folder / "m.calib"))
+    whole, alike = space.bound(q), space.bound(q, size=False)
+    assert whole.mean() < 6e-3  # not the turn about the first axis, which is a convention
+    assert alike.mean() < 0.5 * whole.mean()
+    pan = truth.arm.chain.points[0]
+    found, true = np.c_[base["x"], base["y"], base["z"]] - pan, places - pan
+    left = true - np.vdot(true, found) / np.vdot(found, found) * found
+    assert (np.linalg.norm(left, axis=1) <= alike).mean() >= 0.95
+    words = run("query", "forward", folder / "m.calib", *q[0], "--in", "base").err
+    assert "one camera cannot tell the size of the arm" in words
     one = run("query", "forward", folder / "m.calib", *q[0], "--in", "base", "--json").document
     assert one["unit"] == one["units"]["positions"] == "m"
     assert one["position"] == pytest.approx([base[axis][0] for axis in "xyz"])

@@ -99,9 +99,15 @@ class Space:
         known = np.isfinite(self.model.forward(rows)[:, :1])
         return np.where(known, position, np.nan), np.where(known, quaternion_of(rotation), np.nan)
 
-    def bound(self, q: ArrayLike) -> Array:
-        """95 % bound (n,) in the base frame [m], where the first offset is zero by convention."""
-        return self.body.bound(np.atleast_2d(np.asarray(q, dtype=float)), noise=False)
+    def bound(self, q: ArrayLike, *, size: bool = True) -> Array:
+        """95 % bound (n,) in the base frame [m], which stands where the belief has it.
+
+        Its turn about and its shift along the first joint's axis are a convention, see `in_base`.
+        A camera cannot tell the arm's size either: without `size` that is left out too.
+        """
+        own = self.model.body
+        body = self.body if size or own is None else in_base(own, size=False) or self.body
+        return body.bound(np.atleast_2d(np.asarray(q, dtype=float)), noise=False)
 
     def orientation_bound(self, q: ArrayLike) -> Array:
         """95 % bound (n,) on the orientation in the sensor's frame [rad]."""
