@@ -183,7 +183,7 @@ def _over_all_rows(passed: Passed, q: Array, z: Array, floor: Array) -> Fit:
     """The member's fit carried on over all rows, with its prior scales kept."""
     fit = passed.fit
     prior = _fixed(fit.structure.prior(passed.free), fit)
-    return maximise(
+    whole = maximise(
         fit.structure,
         q,
         z,
@@ -195,6 +195,7 @@ def _over_all_rows(passed: Passed, q: Array, z: Array, floor: Array) -> Fit:
         steps=2 if len(fit.active) > MANY else 10,
         tolerance=1e-2,
     )
+    return replace(whole, scales=fit.scales)
 
 
 def _body(fit: Fit, held: HeldOut, member: str, simulated: bool) -> Body:
