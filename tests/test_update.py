@@ -7,7 +7,6 @@ from functools import cache
 
 import numpy as np
 import pytest
-from threadpoolctl import threadpool_limits
 
 from calib.body.fitting import fit_body
 from calib.body.likeness import kernel
@@ -20,16 +19,12 @@ from calib.change.own_residual import own_residual
 from calib.change.reference import kept_reference, reference_of
 from calib.change.rows import weighted
 from calib.change.update import settled, updated
-from calib.common.thinning import thinned
+from calib.common.rows import thinned
+
+pytestmark = pytest.mark.usefixtures("one_blas_thread")
 
 LOWER, UPPER = np.radians([0.0, 15.0]), np.radians([90.0, 150.0])
 L1, L2 = 0.30, 0.25
-
-
-@pytest.fixture(autouse=True)
-def _one_thread():
-    with threadpool_limits(1, user_api="blas"):
-        yield
 
 
 def tip(q, first=L1, second=L2):

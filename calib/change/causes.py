@@ -8,6 +8,7 @@ from __future__ import annotations
 import math
 from typing import TYPE_CHECKING
 
+from ..common.wording import for_people
 from ..model.alignment import Alignment
 from ..samples.plausibility import unit_hint
 from .alike import same_as_first_joint, same_as_scale
@@ -124,7 +125,7 @@ def _noise(comparison: Comparison, drifted: bool) -> list[Cause]:
         noise = min(noise, comparison.explanations[0].noise * size)
     if noise < _NOISIER * tested.usual:
         return []
-    factor, unit = (1e3, "mm") if comparison.unit_seen == "m" else (1.0, comparison.unit_seen)
+    factor, unit = for_people(comparison.unit_seen)
     words = f"the scatter is {factor * noise:.3g} {unit} per axis"
     words += f", {noise / tested.usual:.2g} times the usual"
     return [Cause("noise", "noise", noise, None, comparison.unit_seen, words)]

@@ -12,7 +12,8 @@ from dataclasses import dataclass
 import numpy as np
 
 from ..body.bound import autocorrelation_time
-from ..body.structure import Array
+from ..body.normal import Factor
+from ..body.structure import Array, Indices
 from .members import CREEP, NOTHING, Member, drift, freedom, members_of
 from .reference import Reference
 from .rows import EXPLAINED_ROWS, Log
@@ -29,6 +30,9 @@ of 2 mrad along a line were taken for lengths and a lens."""
 
 _USUAL = 2  # of these sizes are those of an arm that has not changed
 _STEPS = 12
+_NOTHING_LEFT = 1e-2  # twice the nats by which a step must better the fit
+_HOPELESS = 10.0  # nats behind the best with which no member counts any more
+_FAR = 30.0  # the same before its noise is settled
 
 
 @dataclass(frozen=True)
@@ -52,6 +56,8 @@ class Explanation:
         Standard deviations by which they were free to change.
     evidence : float
         Logarithm of the tempered evidence [nats].
+    fit : float
+        The same without what its freedom costs, which no narrower member exceeds [nats].
     noise : float
         Noise of the log, in the sizes of `whitening.scaled`.
     temper : float
@@ -70,6 +76,7 @@ class Explanation:
     deviation: Array
     sd: Array
     evidence: float
+    fit: float
     noise: float
     temper: float
     residual: Array
@@ -101,84 +108,144 @@ def explain(
     return tuple(sorted(search.run(), key=lambda e: -e.evidence))
 
 
+@dataclass(frozen=True)
+class _Point:
+    """Where a member's rows are linearised: what every size of the log's own residual shares.
+
+    Attributes
+    ----------
+    beta : (d,) array
+    residual : (n, m) array [unit]
+        Measured less predicted outputs at `beta`.
+    x : (n, m, k) array
+        Derivatives by the free parameters, in their standard deviations.
+    """
+
+    beta: Array
+    residual: Array
+    x: Array
+
+
 class _Search:
     """The members of one log; what they share is computed once."""
 
     def __init__(self, reference: Reference, log: Log, robust: Array, cause: str | None) -> None:
         body = reference.body
-        self.reference, self.q, self.z, self.cause = reference, log.q, log.z, cause
-        self.weight, self.shared, self.robust = log.weight, log.shared, robust
-        self.members = members_of(body.structure, cause)
+        self.reference, self.log, self.robust, self.cause = reference, log, robust, cause
         self.structure = reference.structure
-        self.scaled = scaled(reference.body)
+        members = members_of(body.structure, cause)
+        self.richest = members[-1]
+        self.members = [m for m in members if m.framed or not reference.new]
         self.simulated = body.simulated
+        self.floor = scaled(body).floor
         self.temper = max(body.kappa, 1.0) ** 2
+        self.points: dict[Member, _Point] = {}
+        self.best = -np.inf
 
     def run(self) -> list[Explanation]:
-        body, reference = self.reference.body, self.reference
-        richest = self.members[-1]
-        weight, beta = self.weight, self.robust
+        """Each size of the log's own residual with all members that can still matter."""
         found: list[Explanation] = []
-        starts: dict[Member, Array] = {}
+        reference, log = self.reference, self.log
         for own in OWN:
-            found_space = spectrum(
-                body,
+            creep = drift(reference.body, own[1])
+            space = spectrum(
+                reference.body,
                 reference.beta,
-                self.q,
-                weight,
-                drift(body, own[1]),
+                log.q,
+                log.weight,
+                creep,
                 own[0],
                 reference.forgotten,
-                self.shared,
+                log.shared,
             )
             if own == OWN[0]:
-                first = self._fit(richest, found_space, own, beta)
-                rest = found_space.rest(found_space.turn(first.residual), first.noise)
+                first = self._fit(self.richest, space, own)
+                rest = space.rest(space.turn(first.residual), first.noise)
                 self.temper = max(self.temper, autocorrelation_time(rest))
+                self._start(space, first.noise)
+            # The richest member first: none that frees less fits better, whatever its prior.
+            rich = self._fit(self.richest, space, own)
+            hopeless = rich.fit < self.best - _HOPELESS
             for member in self.members:
-                if reference.new and not member.framed:
+                narrower = set(member.groups) <= set(self.richest.groups)
+                if hopeless and narrower and member != NOTHING:
                     continue
-                start = starts.get(member)
-                made = self._fit(member, found_space, own, start)
-                starts[member] = made.beta
+                made = rich if member == self.richest else self._fit(member, space, own)
                 found.append(made)
+                self.best = max(self.best, made.evidence)
         return found
 
-    def _fit(
-        self, member: Member, space: Spectrum, own: tuple[float, float], start: Array | None
-    ) -> Explanation:
-        """Damped Gauss-Newton steps of one member, its noise by likelihood."""
-        structure, z = self.structure, self.z
+    def _free(self, member: Member) -> tuple[Array, Indices, Array]:
+        """Sd (d,) of what is freed, its indices, and the parameters (d,) it starts from."""
         sd = freedom(self.reference.body, member, self.cause)
-        free = np.flatnonzero(sd > 0)
         # without a free frame the sensor is where it was
         held = member.framed or self.reference.new
-        origin = self.reference.beta if held else self.reference.body.beta
-        beta = origin.copy()
-        if start is not None:
-            beta[free] = start[free]
+        return sd, np.flatnonzero(sd > 0), self.reference.beta if held else self.reference.body.beta
 
-        def turned(at: Array) -> Array:
-            return space.turn(structure.residual(z, structure.predict(self.q, at)))
+    def _residual(self, beta: Array) -> Array:
+        with np.errstate(all="ignore"):
+            return self.structure.residual(self.log.z, self.structure.predict(self.log.q, beta))
 
-        y = turned(beta)
-        noise = space.noise(y, self.scaled.floor)
-        for _ in range(_STEPS if len(free) else 0):
-            _, x = structure.linearise(self.q, beta, free)
-            j = space.turn_columns(x) * sd[free]
-            precision = 1.0 / ((space.values + noise**2) * self.temper)
-            a = (j * precision[:, None]).T @ j
+    def _linearised(self, beta: Array, free: Indices, sd: Array) -> _Point:
+        predicted, x = self.structure.linearise(self.log.q, beta, free)
+        return _Point(beta, self.structure.residual(self.log.z, predicted), x * sd[free])
+
+    def _start(self, space: Spectrum, noise: float) -> None:
+        """Where each member starts: at its optimum in the linearisation of the richest one."""
+        rich = self.points[self.richest]
+        sd, every, _ = self._free(self.richest)
+        j, y = space.turn_columns(rich.x), space.turn(rich.residual)
+        weighted = j / ((space.values + noise**2) * self.temper)[:, None]
+        gram, pull = weighted.T @ j, weighted.T @ y
+        for member in self.members:
+            own, free, origin = self._free(member)
+            if not np.isin(free, every).all() or member == self.richest:
+                continue
+            place = np.searchsorted(every, free)
+            ratio = own[free] / sd[free]
+            away = (rich.beta - origin)[every] / sd[every]
+            a = gram[np.ix_(place, place)] * ratio[:, None] * ratio
             a[np.diag_indices(len(free))] += 1.0
+            full = np.zeros(len(sd))
+            full[free] = np.linalg.solve(a, (pull + gram @ away)[place] * ratio) * own[free]
+            tries = [origin, self.structure.retract(origin, full)]
+            size = [float(np.nansum(space.turn(self._residual(b)) ** 2)) for b in tries]
+            self.points[member] = self._linearised(tries[int(np.argmin(size))], free, own)
+
+    def _fit(self, member: Member, space: Spectrum, own: tuple[float, float]) -> Explanation:
+        """Damped Gauss-Newton steps of one member, its noise by likelihood."""
+        sd, free, origin = self._free(member)
+        point = self.points.get(member)
+        if point is None:
+            beta = origin.copy()
+            if member == self.richest:
+                beta[free] = self.robust[free]
+            point = self._linearised(beta, free, sd)
+        beta, residual = point.beta, point.residual
+        y, j = space.turn(residual), space.turn_columns(point.x)
+        noise = space.noise(y, self.floor)
+        tried = own != OWN[0] and member != self.richest
+        for _ in range(_STEPS if len(free) else 0):
+            precision = 1.0 / ((space.values + noise**2) * self.temper)
+            factor = _information(j, precision)
             away = (beta - origin)[free] / sd[free]
-            step = np.linalg.solve(a, j.T @ (precision * y) - away)
+            pull = j.T @ (precision * y) - away
+            step = factor.solve(pull)
+            gain = float(pull @ step)
+            if gain < _NOTHING_LEFT:
+                break
             before = float(precision @ y**2 + away @ away)
+            size = np.log(space.values + noise**2).sum() / self.temper + factor.log_determinant()
+            if tried and -0.5 * (size + before - gain) < self.best - _FAR:
+                break
+            tried = member != self.richest
             share = 1.0
             for _ in range(6):
                 full = np.zeros(len(beta))
                 full[free] = share * step * sd[free]
-                moved = structure.retract(beta, full)
-                with np.errstate(all="ignore"):
-                    y_new = turned(moved)
+                moved = self.structure.retract(beta, full)
+                residual_new = self._residual(moved)
+                y_new = space.turn(residual_new)
                 away = (moved - origin)[free] / sd[free]
                 after = float(precision @ y_new**2 + away @ away)
                 if after <= before * (1 + 1e-9):
@@ -186,29 +253,34 @@ class _Search:
                 share *= 0.3
             else:
                 break
-            beta, y = moved, y_new
-            noise = space.noise(y, self.scaled.floor)
-            if before - after < 1e-2:
+            beta, residual, y = moved, residual_new, y_new
+            noise = space.noise(y, self.floor)
+            if before - after < _NOTHING_LEFT:
                 break
-        determinant = 0.0
+            point = self._linearised(beta, free, sd)
+            j = space.turn_columns(point.x)
+        self.points[member] = _Point(beta, residual, point.x)
+        total = space.values + noise**2
+        factor = _information(j, 1.0 / (total * self.temper))
         deviation = np.zeros(len(beta))
         if len(free):
-            _, x = structure.linearise(self.q, beta, free)
-            j = space.turn_columns(x) * sd[free]
-            a = (j / ((space.values + noise**2) * self.temper)[:, None]).T @ j
-            a[np.diag_indices(len(free))] += 1.0
-            determinant = float(np.linalg.slogdet(a)[1])
-            deviation[free] = sd[free] * np.sqrt(np.diag(np.linalg.inv(a)))
+            deviation[free] = sd[free] * np.sqrt(np.diag(factor.inverse()))
         away = (beta - origin)[free] / sd[free]
-        total = space.values + noise**2
-        fit = -0.5 * float(np.log(total).sum() + (y**2 / total).sum()) / self.temper
-        evidence = fit - 0.5 * float(away @ away) - 0.5 * determinant
-        residual = structure.residual(z, structure.predict(self.q, beta))
+        likelihood = -0.5 * float(np.log(total).sum() + (y**2 / total).sum()) / self.temper
+        fit = likelihood - 0.5 * float(away @ away)
+        evidence = fit - 0.5 * factor.log_determinant()
         free_of_charge = member == NOTHING and (own in OWN[:_USUAL] or self.simulated)
         return Explanation(
-            member, *own, origin, beta, deviation, sd, evidence, noise, self.temper, residual,
+            member, *own, origin, beta, deviation, sd, evidence, fit, noise, self.temper, residual,
             0.0 if free_of_charge else MARGIN,
         )  # fmt: skip
+
+
+def _information(j: Array, precision: Array) -> Factor:
+    """Information of rows (N, k) and of a prior of one."""
+    a = (j * precision[:, None]).T @ j
+    a[np.diag_indices(len(a))] += 1.0
+    return Factor(a)
 
 
 def changed(found: tuple[Explanation, ...]) -> bool:

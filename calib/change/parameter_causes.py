@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from ..body.structure import Array, Indices, Label, Structure
+from ..common.wording import for_people
 from ..model.alignment import Alignment
 from .cause import AS_ONE, Cause
 from .members import FRAME, parts_of
@@ -161,7 +162,7 @@ def _rigid_motion(before: Array, after: Array, unit: str) -> tuple[float, str]:
     middle = before.mean(axis=0)
     turn, _ = Rotation.align_vectors(after - after.mean(axis=0), before - middle)
     angle = float(turn.magnitude())
-    factor, name = (1e3, "mm") if unit == "m" else (1.0, unit)
+    factor, name = for_people(unit)
     shift = factor * (after.mean(axis=0) - middle)
     axis = np.round(turn.as_rotvec() / max(angle, 1e-300), 2) + 0.0
     about = ", ".join(f"{part:.2f}" for part in axis.tolist())

@@ -9,6 +9,7 @@ import numpy as np
 from ..body.belief import Body
 from ..body.likeness import kernel
 from ..body.structure import Array
+from ..common.wording import for_people
 from ..model.model import Model
 from .adaptation import Adaptation
 from .carry import carry
@@ -16,7 +17,6 @@ from .comparison import Comparison, carried
 from .own_residual import OwnResidual
 
 _RADIUS_95 = 2.448  # radius that holds 95 % of a 2-D Gaussian of standard deviation 1
-_FACTOR = {"m": 1e3}  # people read mm
 _TAIL = 3.0  # 95 % quantile over median; of Gaussian noise in the plane it is 2.1
 _MOST = 0.5  # of the rows beyond a 95 % bound: it does not hold for their arm
 
@@ -91,8 +91,8 @@ def doubts(found: Comparison, fresh: Model, *, real: bool) -> tuple[Model, str] 
         bounds=np.maximum(model.bounds, apart),
         model_bounds=np.maximum(model.model_bounds, apart),
     )
-    size = [f"{_FACTOR.get(found.unit, 1.0) * float(v.mean()):.3g}" for v in (missed, bound, apart)]
-    name = "mm" if found.unit in _FACTOR else found.unit
+    factor, name = for_people(found.unit)
+    size = [f"{factor * float(v.mean()):.3g}" for v in (missed, bound, apart)]
     return wider, (
         f"the rows are missed by {size[0]} {name} on average, the model's bound there is {size[1]} "
         f"{name}: the bound does not hold for this arm, one of {size[2]} {name} would"
@@ -101,7 +101,7 @@ def doubts(found: Comparison, fresh: Model, *, real: bool) -> tuple[Model, str] 
 
 def elsewhere(found: Comparison, made: Adaptation, fresh: Model) -> str:
     """What an improvement at rows of a line or a corner says of the rest, in one line."""
-    factor, name = _FACTOR.get(found.unit, 1.0), "mm" if found.unit in _FACTOR else found.unit
+    factor, name = for_people(found.unit)
     before, after = (factor * e["mean"] for e in (made.before, made.after))
     bound = factor * float(np.median(fresh.model_bounds))
     return (

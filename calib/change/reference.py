@@ -13,10 +13,11 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from ..arm.rotations import logarithm
 from ..body.belief import Body
 from ..body.structure import Array, Indices, Structure
 from ..body.views import is_camera
-from ..common.thinning import thinned
+from ..common.rows import thinned
 from .members import FRAME
 
 _FAR = 0.05  # misfit, of the extents, from which another frame is looked for
@@ -215,7 +216,13 @@ def _rescaled(structure: Structure, ratio: float, z: Array, unit: str | None) ->
 
 
 def rigid_misfit(p: Array, z: Array, scaled: bool) -> tuple[float, float]:
-    """Typical distance after the best rotation, shift and scale, and the scale (Umeyama 1991).
+    """Typical distance after the best rotation, shift and scale, and that scale."""
+    error, ratio, _ = _rigid(p, z, scaled)
+    return error, ratio
+
+
+def _rigid(p: Array, z: Array, scaled: bool) -> tuple[float, float, Array]:
+    """Typical distance after the best motion, its scale and its rotation (Umeyama 1991).
 
     The rotation is a proper one: mirrors are variants of the structure.  Rows that contradict
     most others are left out of a second fit.
@@ -233,11 +240,12 @@ def rigid_misfit(p: Array, z: Array, scaled: bool) -> tuple[float, float]:
         error = np.linalg.norm(left, axis=1)
         kept = error <= max(3.0 * float(np.median(error)), 1e-12)
     # a scale that is near one is not what is asked for
-    return _typical(error) / (size if scaled and size > 0 else 1.0), max(ratio, 1e-12)
+    typical = _typical(error) / (size if scaled and size > 0 else 1.0)
+    return typical, max(ratio, 1e-12), turn
 
 
 def _framed(structure: Structure, beta: Array, q: Array, z: Array, ratio: float | None) -> Array:
-    """Parameters with the frame that fits a log best, from several rotations."""
+    """Parameters with the frame that fits a log best, from where it is and from a rigid motion."""
     groups = structure.groups
     turn, shift = np.asarray(groups["view.rotation"]), np.asarray(groups["view.shift"])
     scale = np.asarray(groups["view.scale"]) if ratio is not None else np.zeros(0, dtype=int)
@@ -245,12 +253,14 @@ def _framed(structure: Structure, beta: Array, q: Array, z: Array, ratio: float 
     beta = beta.copy()
     if ratio is not None:
         beta[scale] += np.log(ratio)
+    places = structure.blocks[0]
+    matrix = _rigid(structure.predict(q, beta)[:, :places], z[:, :places], ratio is not None)[2]
+    angle = np.arctan2(matrix[1:2, 0], matrix[0, 0]) if len(turn) == 1 else logarithm(matrix)
     tries: list[tuple[float, Array]] = []
-    for start in _rotations(len(turn)):
-        found = beta.copy()
+    for start in (np.zeros(len(turn)), angle):
         full = np.zeros(len(beta))
         full[turn] = start
-        found = structure.retract(found, full)
+        found = structure.retract(beta, full)
         left = structure.residual(z, structure.predict(q, found))
         found[shift] += np.median(left, axis=0)[: len(shift)]
         tries.append(_aligned(structure, found, q, z, free, ~np.isin(free, shift)))
@@ -258,19 +268,6 @@ def _framed(structure: Structure, beta: Array, q: Array, z: Array, ratio: float 
     if len(turn) == 1:  # the same angle, the short way round
         best[turn] -= 2 * np.pi * np.round((best[turn] - beta[turn]) / (2 * np.pi))
     return best
-
-
-def _rotations(size: int) -> Iterator[Array]:
-    if size == 1:
-        for k in range(8):
-            yield np.array([k * np.pi / 4 - (2 * np.pi if k > 4 else 0.0)])
-        return
-    yield np.zeros(size)
-    for axis in np.eye(size):
-        for angle in (np.pi / 2, np.pi, -np.pi / 2):
-            yield axis * angle
-    for corner in np.array(np.meshgrid(*[[1.0, -1.0]] * size)).T.reshape(-1, size):
-        yield corner / np.sqrt(size) * 2 * np.pi / 3
 
 
 def _aligned(

@@ -77,8 +77,8 @@ class Spectrum:
 
     def turn_columns(self, derivative: Array) -> Array:
         """Derivatives (n, m, k) in the eigenvectors, (N, k)."""
-        k = derivative.shape[2]
-        flat = (derivative / self.size[:, None] * self.root[:, None, None]).reshape(-1, k)
+        flat = derivative / self.size[:, None] * self.root[:, None, None]
+        flat = flat.reshape(len(self.vectors), derivative.shape[2])
         return np.asarray(self.vectors.T @ flat)
 
     def rest(self, turned: Array, noise: float) -> Array:

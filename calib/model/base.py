@@ -83,8 +83,8 @@ def _less(belief: Body | Second, base: Any, size: bool) -> dict[str, Any]:
 
 def drawn(model: Model) -> Body | None:
     """The drawn arm of a simulation whose arm and sensor were not changed."""
+    from ..arm.arms import SpatialArm
     from ..arm.loading import arm_from_urdf
-    from ..arm.spatial_arm import SpatialArm
     from ..body.spatial import structure_of
 
     about = model.about
