@@ -124,7 +124,7 @@ def answer_inverse(
         show_answers(joints, solutions, unit, "xyz", shown)
     if in_base:
         say_size(model, told.q[:1])
-    if in_base and not space.sees(target):
+    if in_base and not space.sees(target).all():
         note("the camera's picture does not show the target")
     if not found.reachable:
         _say_missed(found, len(joints.names), posed=turn is not None)
