@@ -38,7 +38,7 @@ LEARNED, SMOOTH = 12, 3.0
 FREE = 1e3
 
 
-def remount(body: Body, q: Array, z: Array, structure: SpatialStructure | None = None) -> Body:
+def remount(body: Body, q: Array, z: Array) -> Body:
     """Return the body of a calibrated arm in a new frame, from a few rows.
 
     Parameters
@@ -48,25 +48,20 @@ def remount(body: Body, q: Array, z: Array, structure: SpatialStructure | None =
     q : (n, dof) array [rad or m]
     z : (n, m) array
         What the sensor sees now.
-    structure : SpatialStructure, optional
-        The structure with another view; by default the body's own.
 
     Returns
     -------
     Body
         With sensor and tool from the rows, and what they say of the arm added to what was known.
     """
-    old = body.structure
-    if not isinstance(old, SpatialStructure):
+    new = body.structure
+    if not isinstance(new, SpatialStructure):
         raise TypeError("remount needs the body of a spatial arm")
-    new = old if structure is None else structure
-    free = frame_groups(new)
-    frames = np.concatenate([new.groups[group] for group in free])
-    kept = np.setdiff1d(body.active, np.concatenate([new.groups[g] for g in frame_groups(old)]))
-    active = np.union1d(kept, frames)
+    frames = np.concatenate([new.groups[group] for group in frame_groups(new)])
+    kept, active = np.setdiff1d(body.active, frames), np.union1d(body.active, frames)
     beta = frame(new, q, z, body.beta)
     mean, precision = beta.copy(), np.zeros((len(active), len(active)))
-    mean[kept], covariance = _with_spectrum(body, old, kept)
+    mean[kept], covariance = _with_spectrum(body, new, kept)
     place = np.searchsorted(active, kept)
     covariance[np.diag_indices(len(kept))] += _drift(new, kept) ** 2
     precision[np.ix_(place, place)] = Factor(covariance).inverse()
@@ -118,7 +113,6 @@ def remount(body: Body, q: Array, z: Array, structure: SpatialStructure | None =
     packed = pack(min(ratio, 1.0) ** 2 * softer)
     return replace(
         body,
-        structure=new,
         beta=beta,
         active=active,
         covariance=unpack(packed, len(active)),

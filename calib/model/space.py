@@ -7,7 +7,7 @@ for what needs the chain: poses, positions near joints, and the base frame of a 
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from functools import cached_property
 from typing import TYPE_CHECKING, Any
 
@@ -16,7 +16,6 @@ from numpy.typing import ArrayLike, NDArray
 
 from ..arm.rotations import exponential, logarithm, matrix_of, quaternion_of
 from ..body.belief import Body
-from ..body.poses import knows_orientation
 from ..body.spatial_view import look
 from ..body.views import is_camera
 from ..errors import QueryError
@@ -108,16 +107,6 @@ class Space:
         own = self.model.body
         body = self.body if size or own is None else in_base(own, size=False) or self.body
         return body.bound(np.atleast_2d(np.asarray(q, dtype=float)), noise=False)
-
-    def orientation_bound(self, q: ArrayLike) -> Array:
-        """95 % bound (n,) on the orientation in the sensor's frame [rad]."""
-        own = self.model.body
-        structure: Any = own.structure if own is not None else None
-        if own is None or not knows_orientation(own):
-            return np.full(len(np.atleast_2d(q)), np.nan)
-        six = replace(own, structure=structure.with_view("pose"), noise=np.zeros(6),
-                      residual=np.zeros(6), second=None)  # fmt: skip
-        return six.bound(np.atleast_2d(np.asarray(q, dtype=float)), noise=False, block=1)
 
     def to_sensor(self, position: Array, rotation: Array) -> tuple[Array, Array]:
         """Positions (n, 3) [unit] and orientations (n, 3, 3) in the sensor's frame."""

@@ -42,13 +42,8 @@ def hits_itself(
     """
     import pinocchio as pin
 
-    text = _without_meshes(urdf)
-    if text is None:
-        return None
-    try:
-        model: Any = pin.buildModelFromXML(text)
-        bodies: Any = pin.buildGeomFromUrdfString(model, text, pin.GeometryType.COLLISION)
-    except Exception:  # Pinocchio raises what its parser happened to throw
+    model, bodies = _bodies(urdf)
+    if bodies is None:
         return None
     bodies.addAllCollisionPairs()
     data = model.createData()
@@ -83,11 +78,9 @@ def hides_its_tip(
     import pinocchio as pin
 
     hidden = np.zeros(len(q), dtype=bool)
-    text = _without_meshes(urdf)
-    if text is None:
+    model, bodies = _bodies(urdf)
+    if bodies is None:
         return hidden
-    model: Any = pin.buildModelFromXML(text)
-    bodies: Any = pin.buildGeomFromUrdfString(model, text, pin.GeometryType.COLLISION)
     data, places = model.createData(), pin.GeometryData(bodies)
     last = max(model.getJointId(name) for name in names)
     links = [k for k, g in enumerate(bodies.geometryObjects) if g.parentJoint < last]
@@ -155,8 +148,10 @@ def _configuration(
     return np.asarray(pin.integrate(model, pin.neutral(model), velocity))
 
 
-def _without_meshes(urdf: str) -> str | None:
-    """The URDF without collision bodies in files; None where fewer than two bodies are left."""
+def _bodies(urdf: str) -> tuple[Any, Any]:
+    """Pinocchio's model and collision bodies, None without two bodies that are in no file."""
+    import pinocchio as pin
+
     root = ET.fromstring(urdf)  # noqa: S314 - a URDF was checked when it was read
     left = 0
     for link in root.iter("link"):
@@ -165,4 +160,10 @@ def _without_meshes(urdf: str) -> str | None:
                 link.remove(body)
             else:
                 left += 1
-    return ET.tostring(root, encoding="unicode") if left > 1 else None
+    text = ET.tostring(root, encoding="unicode")
+    try:
+        model = pin.buildModelFromXML(text)
+        bodies = pin.buildGeomFromUrdfString(model, text, pin.GeometryType.COLLISION)
+    except Exception:  # Pinocchio raises what its parser happened to throw
+        return None, None
+    return (model, bodies) if left > 1 else (model, None)
