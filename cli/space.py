@@ -120,7 +120,9 @@ def answer_inverse(
         shown = ["distance", *(["turned"] if turn is not None else []), "expected_error"]
         unit = "m" if in_base else model.about.unit
         show_answers(joints, solutions, unit, "xyz", shown)
-    if in_base and not space.sees(target):
+    if in_base:
+        say_size(model, told.q[:1])
+    if in_base and not space.sees(target).all():
         note("the camera's picture does not show the target")
     if not found.reachable:
         _say_missed(found, len(joints.names), posed=turn is not None)
@@ -158,6 +160,17 @@ def _say_missed(found: Reached, dof: int, *, posed: bool) -> None:
             note(words)
             return
     note(words + " away")
+
+
+def say_size(model: Model, q: Any) -> None:
+    """Say what of a bound in the base frame of a camera is the arm's size."""
+    space = Space.of(model)
+    if space.camera and np.isfinite(space.forward(q)[0]).all():
+        left = 1e3 * float(space.bound(q, size=False)[0])
+        note(
+            f"one camera cannot tell the size of the arm: but for it, the expected error is "
+            f"{left:.2g} mm"
+        )
 
 
 def say_free(joints: JointFormat, free: Array, near: bool) -> None:

@@ -4,10 +4,10 @@ from __future__ import annotations
 
 import numpy as np
 from beliefs import joints, noise
+from calib.common.thinning import thinned
 
 from calib.body.likeness import kernel
 from calib.change.own_residual import own_residual
-from calib.common.thinning import thinned
 
 
 def test_a_smooth_residual_is_kept_and_fades():
