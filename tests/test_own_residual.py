@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 from beliefs import joints, noise
-from calib.common.thinning import thinned
+from calib.common.rows import thinned
 
 from calib.body.likeness import kernel
 from calib.change.own_residual import own_residual
