@@ -180,7 +180,7 @@ def _over_all_rows(passed: Passed, q: Array, z: Array, floor: Array) -> Fit:
     """The member's fit carried on over all rows, with its prior scales kept."""
     fit = passed.fit
     prior = _fixed(fit.structure.prior(passed.free), fit)
-    return maximise(
+    whole = maximise(
         fit.structure,
         q,
         z,
@@ -193,6 +193,7 @@ def _over_all_rows(passed: Passed, q: Array, z: Array, floor: Array) -> Fit:
         steps=4 if len(fit.active) > MANY else 10,
         tolerance=SETTLED,
     )
+    return replace(whole, scales=fit.scales)
 
 
 def _body(fit: Fit, held: HeldOut, member: str, simulated: bool) -> Body:
