@@ -10,13 +10,13 @@ from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
-from numpy.typing import NDArray
 
 from calib.arm.rotations import matrix_of, quaternion_of
+from calib.common.arrays import Array
 from calib.errors import QueryError
+from calib.inverse.pose import Reached
 from calib.inverse.self_motions import free_directions
 from calib.model.poses import described, first_of
-from calib.model.reached import Reached
 from calib.model.space import Space
 from calib.samples.roles import QUATERNION, from_angles
 
@@ -27,8 +27,6 @@ from .usage import BadOption
 
 if TYPE_CHECKING:
     from calib import Model
-
-Array = NDArray[np.float64]
 
 _TOGETHER = 0.05  # of the largest share: joints that move less are not named
 

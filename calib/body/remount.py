@@ -16,14 +16,14 @@ from scipy.ndimage import gaussian_filter1d
 
 from .belief import Body
 from .curves import HARMONICS, curve_shape
-from .fitted import Fit, by_block
+from .fit import maximise
 from .held_out import FEW, leave_blocks_out
-from .normal import Factor, information_factor, student_weights
+from .normal import Factor, information_factor
 from .packing import pack, unpack
 from .spatial import SpatialStructure
 from .spatial_prior import frame_groups
 from .spatial_start import frame
-from .structure import Array
+from .structure import Array, Prior
 
 if TYPE_CHECKING:
     from .structure import Indices
@@ -31,7 +31,6 @@ if TYPE_CHECKING:
 #: How far an arm drifts between two series: origins [m], their turns and offsets [rad],
 #: elasticity [rad], curves [rad].
 DRIFT = {"shift": 5e-5, "turn": 5e-5, "elastic": 2e-4, "curve": 3e-6}
-STEPS = 10
 #: Steps of EM for the spectrum of curves, and harmonics over which it is smoothed.
 LEARNED, SMOOTH = 12, 3.0
 #: A frame that is free may move by so many extents, or turn by so many radians.
@@ -67,57 +66,23 @@ def remount(body: Body, q: Array, z: Array) -> Body:
     precision[np.ix_(place, place)] = Factor(covariance).inverse()
     flat = np.searchsorted(active, frames)
     precision[flat, flat] += _flat(new, frames) ** -2.0
+    sd = np.zeros(new.size)
+    sd[active] = _flat(new, active)
     floor = np.maximum(body.noise, 1e-12)
-    noise = floor.copy()
-    for step in range(STEPS + 1):
-        predicted, x = new.linearise(q, beta, active)
-        r = new.residual(z, predicted)
-        w = student_weights(r, noise, body.nu, new.blocks)
-        edges, grams, moments = by_block(x, r, w, noise, new.blocks)
-        gram, gradient = grams.sum(axis=0), moments.sum(axis=0) - precision @ (beta - mean)[active]
-        factor = Factor(gram + precision)
-        moved = factor.solve(gradient)
-        if step == STEPS or np.abs(moved).max() < 1e-9:
-            break
-        delta = np.zeros(new.size)
-        delta[active] = moved
-        beta = new.retract(beta, delta)
-        # What the old body could not know of this series is noise of these rows.
-        used = float((factor.inverse() * gram).sum())
-        left = float((w * ((r - x @ moved) / floor) ** 2).sum())
-        noise = floor * np.sqrt(max(1.0, left / max(r.size - used, r.size / 4 + 1)))
-    softer = Factor(gram * information_factor(new, body.nu) + precision).inverse()
-    fit = Fit(
-        structure=new,
-        beta=beta,
-        active=active,
-        sd=_flat(new, active),
-        noise=noise,
-        nu=body.nu,
-        residual=r,
-        derivative=x,
-        weight=w,
-        precision=gram + precision,
-        covariance=softer,
-        gradient=gradient,
-        edges=edges,
-        grams=grams,
-        moments=moments,
-        autocorrelation=1.0,
-        scales={},
-        evidence=0.0,
-        known=precision,
+    # What the old body could not know of this series is noise of these rows.
+    fit = maximise(
+        new, q, z, beta, Prior(mean, sd, known=precision), nu=body.nu, floor=floor, noise=floor
     )
     # The new rows calibrate the bound, down too: the old log's drift made its spread wide.
     ratio = leave_blocks_out(fit).ratio() if len(q) > FEW else body.kappa
-    packed = pack(min(ratio, 1.0) ** 2 * softer)
+    packed = pack(min(ratio, 1.0) ** 2 * fit.covariance)
     return replace(
         body,
-        beta=beta,
+        beta=fit.beta,
         active=active,
         covariance=unpack(packed, len(active)),
         packed=packed,
-        noise=noise,
+        noise=fit.noise,
         kappa=max(ratio, 1.0),
         rows=body.rows + len(q),
         second=None,

@@ -50,7 +50,7 @@ def members(structure: SpatialStructure) -> tuple[tuple[str, tuple[str, ...]], .
     if len(structure.groups["elastic"]) and structure.informed:
         chain = (*chain, "elastic")
         ladder.append(("elastic", chain))
-    if any(structure.turning):
+    if any(structure.revolute):
         ladder.append(("curves", (*chain, "curve")))
     return tuple(ladder)
 
@@ -87,9 +87,9 @@ def prior(structure: SpatialStructure, free: Sequence[str]) -> Prior:
         # sixfold what they are; of a camera's arm they took 2 deg where 0.2 deg was true
         # the first turning joint's offset and a turn of the frame about its axis are one
         first = 0 if structure.view == "base" else 1
-        turning = np.flatnonzero(structure.turning)
+        turning = np.flatnonzero(structure.revolute)
         turning = turning[turning >= first]
-        sliding = np.flatnonzero(~np.asarray(structure.turning))
+        sliding = np.flatnonzero(~np.asarray(structure.revolute))
         varied("offset", groups["offset"][turning], TURN, OFFSET_SCALES)
         varied("offset.slide", groups["offset"][sliding[sliding >= first]], SHIFT, SCALES)
     if "placement" in free and structure.informed:

@@ -21,11 +21,10 @@ from ..body.views import is_camera
 from ..errors import QueryError
 from ..inverse.near import position_near
 from ..inverse.pixel import on_plane
-from ..inverse.pose import Joints, pose_branches, reach_poses
+from ..inverse.pose import Joints, Reached, pose_branches, reach_poses
 from ..inverse.self_motions import free_directions
 from .answers import checked_rows
 from .base import drawn, in_base
-from .reached import Reached
 
 if TYPE_CHECKING:
     from .model import Model

@@ -7,21 +7,18 @@ from __future__ import annotations
 
 import xml.etree.ElementTree as ET
 from collections.abc import Mapping, Sequence
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
 from ..arm.arm import Arm
 from ..body.views import is_camera
+from ..common.arrays import Array
+from ..model.model import Model
 from ..model.space import Space as Chain
 from .geometry import moves_in_space
 from .pose_space import Space
-
-if TYPE_CHECKING:
-    from ..model.model import Model
-
-Array = NDArray[np.float64]
 
 _TRIED, _ALWAYS = 100, 0.9  # postures in which links meet that are built so, and their share
 

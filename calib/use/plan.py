@@ -13,6 +13,7 @@ from numpy.typing import ArrayLike, NDArray
 from ..arm.arm import Arm
 from ..arm.arms import SpatialArm
 from ..body.most_telling import most_telling
+from ..common.arrays import Array, Index
 from ..common.checks import whole
 from ..errors import OptionError
 from .collisions import apart, visible
@@ -25,8 +26,6 @@ if TYPE_CHECKING:
     from ..model.model import Model
     from ..samples.samples import Samples
 
-Array = NDArray[np.float64]
-Index = NDArray[np.intp]
 Choose = Callable[[Array, int, Array], Index]
 """Chooses n of some points (m, dof) beside those that are taken (k, dof), in unit ranges."""
 
