@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from dataclasses import replace
-from typing import TYPE_CHECKING
 
 import numpy as np
 
@@ -16,9 +15,6 @@ from .causes import find_causes
 from .check import outlier_note
 from .comparison import Comparison
 from .follow import BLOCK, HORIZON, OnlineAdapter
-
-if TYPE_CHECKING:
-    pass
 
 
 def adapt_online(found: Comparison, report: Progress) -> Adaptation:

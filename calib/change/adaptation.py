@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass, field, replace
 from itertools import combinations
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 
@@ -17,9 +17,6 @@ from ..model.rows import Rows
 from ..training.evaluate import evaluate_residuals, summarise
 from .cause import Cause
 from .comparison import Comparison
-
-if TYPE_CHECKING:
-    pass
 
 _CELLS = 5  # along each joint, for the share of the range that a log measured
 _BASELINE = 6000  # imagined samples that tell what is usual after an adaptation

@@ -173,21 +173,17 @@ class Comparison:
         """Whether any member comes near the rows."""
         return self.misfit < UNEXPLAINED
 
-    @cached_property
-    def lag(self) -> int:
-        """Rows by which positions follow the joints, 0 where they do not."""
-        return lag_of(self.reference, self.q, self.x - self.moved_offset)
-
     def why_not(self) -> str:
         """One line on a log that no member explains."""
         told = (
             f"nothing explains the log: its positions are {100 * self.misfit:.0f} % of their "
             "spread away from any change of the arm or the sensor"
         )
-        if self.lag:
+        lag = lag_of(self.reference, self.q, self.x - self.moved_offset)
+        if lag:
             return (
-                f"{told}; they follow the joints by {self.lag} rows: align the clocks of both, or "
-                f"shift the columns by {self.lag} rows"
+                f"{told}; they follow the joints by {lag} rows: align the clocks of both, or "
+                f"shift the columns by {lag} rows"
             )
         return (
             f"{told}; check that joints and positions of a row belong together and are of this arm"

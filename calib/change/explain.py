@@ -23,10 +23,13 @@ MARGIN = 5.0
 """Nats by which a change must be better than none.  A body that was only simulated has never seen
 how far an arm is from it: any size of what its members leave over is as likely."""
 
-OWN = ((1.0, CREEP), (4.0, CREEP), (16.0, CREEP), (1.0, 4.0))
-"""What a log may show beyond every member, of unknown size, chosen by evidence: times the usual
-size of the smooth residual, and the joints' waves over their prior.  With the least alone, waves
-of 2 mrad along a line were taken for lengths and a lens."""
+OWN = ((1.0, CREEP), (4.0, CREEP), (16.0, CREEP), (1.0, 0.7), (1.0, 4.0))
+"""What a log may show beyond every member, of unknown size: times the usual size of the smooth
+residual, and the joints' waves over their prior.  With the least alone, waves of 2 mrad along a
+line were taken for lengths and a lens."""
+
+_PRIOR = (0.0, -np.log(4.0), -np.log(16.0), 0.0, -np.log(4.0))
+"""Logarithm of their prior on this grid: a half-Cauchy tail about the usual size (Gelman 2006)."""
 
 _USUAL = 2  # of these sizes are those of an arm that has not changed
 _STEPS = 12
@@ -147,17 +150,10 @@ class _Search:
         found: list[Explanation] = []
         reference, log = self.reference, self.log
         for own in OWN:
-            creep = drift(reference.body, own[1])
             space = spectrum(
-                reference.body,
-                reference.beta,
-                log.q,
-                log.weight,
-                creep,
-                own[0],
-                reference.forgotten,
-                log.shared,
-            )
+                reference.body, reference.beta, log.q, log.weight, drift(reference.body, own[1]),
+                own[0], reference.forgotten, log.shared,
+            )  # fmt: skip
             if own == OWN[0]:
                 first = self._fit(self.richest, space, own)
                 rest = space.rest(space.turn(first.residual), first.noise)
@@ -217,10 +213,8 @@ class _Search:
         sd, free, origin = self._free(member)
         point = self.points.get(member)
         if point is None:
-            beta = origin.copy()
-            if member == self.richest:
-                beta[free] = self.robust[free]
-            point = self._linearised(beta, free, sd)
+            start = self.robust if member == self.richest else origin
+            point = self._linearised(np.where(sd > 0, start, origin), free, sd)
         beta, residual = point.beta, point.residual
         y, j = space.turn(residual), space.turn_columns(point.x)
         noise = space.noise(y, self.floor)
@@ -267,7 +261,7 @@ class _Search:
             deviation[free] = sd[free] * np.sqrt(np.diag(factor.inverse()))
         away = (beta - origin)[free] / sd[free]
         likelihood = -0.5 * float(np.log(total).sum() + (y**2 / total).sum()) / self.temper
-        fit = likelihood - 0.5 * float(away @ away)
+        fit = likelihood - 0.5 * float(away @ away) + _PRIOR[OWN.index(own)]
         evidence = fit - 0.5 * factor.log_determinant()
         free_of_charge = member == NOTHING and (own in OWN[:_USUAL] or self.simulated)
         return Explanation(
@@ -288,6 +282,12 @@ def changed(found: tuple[Explanation, ...]) -> bool:
     best = max(found, key=lambda e: e.evidence - e.margin)
     nothing = [e.evidence for e in found if e.unchanged]
     return not nothing or best.evidence > max(nothing) + MARGIN
+
+
+def surprised(found: tuple[Explanation, ...]) -> bool:
+    """Whether a log shows more than an arm as it was, with the usual residual, by the margin."""
+    usual = [e.evidence for e in found if e.member == NOTHING and (e.factor, e.waves) == OWN[0]]
+    return not usual or found[0].evidence > usual[0] + MARGIN
 
 
 def likely(found: tuple[Explanation, ...], most: int = 6) -> list[tuple[float, Explanation]]:

@@ -100,7 +100,7 @@ def reference_of(body: Body, q: Array, z: Array, unit: str | None = None) -> Ref
         structure = _replaced(body.structure, change)
         p = structure.predict(q, start)[:, :places]
         for scaled in (False,) if held else (False, True):
-            error, ratio = rigid_misfit(p, z[:, :places], scaled)
+            error, ratio, _ = rigid_misfit(p, z[:, :places], scaled)
             # each further freedom must halve what is left
             free = len(change) + len(held) + (scaled and not 0.5 < ratio < 2.0)
             tries.append((max(error, _EXACT * extent) / _BETTER**free, change, start, held, ratio))
@@ -215,13 +215,7 @@ def _rescaled(structure: Structure, ratio: float, z: Array, unit: str | None) ->
     return _replaced(structure, change)
 
 
-def rigid_misfit(p: Array, z: Array, scaled: bool) -> tuple[float, float]:
-    """Typical distance after the best rotation, shift and scale, and that scale."""
-    error, ratio, _ = _rigid(p, z, scaled)
-    return error, ratio
-
-
-def _rigid(p: Array, z: Array, scaled: bool) -> tuple[float, float, Array]:
+def rigid_misfit(p: Array, z: Array, scaled: bool) -> tuple[float, float, Array]:
     """Typical distance after the best motion, its scale and its rotation (Umeyama 1991).
 
     The rotation is a proper one: mirrors are variants of the structure.  Rows that contradict
@@ -254,7 +248,9 @@ def _framed(structure: Structure, beta: Array, q: Array, z: Array, ratio: float 
     if ratio is not None:
         beta[scale] += np.log(ratio)
     places = structure.blocks[0]
-    matrix = _rigid(structure.predict(q, beta)[:, :places], z[:, :places], ratio is not None)[2]
+    matrix = rigid_misfit(structure.predict(q, beta)[:, :places], z[:, :places], ratio is not None)[
+        2
+    ]
     angle = np.arctan2(matrix[1:2, 0], matrix[0, 0]) if len(turn) == 1 else logarithm(matrix)
     tries: list[tuple[float, Array]] = []
     for start in (np.zeros(len(turn)), angle):

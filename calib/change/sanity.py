@@ -34,18 +34,12 @@ class Comparable:
     ----------
     u, x : (n, dof), (n, 2) array
         Joints in the unit box and positions, repeated rows once.
-    rows : (n,) int array
-        Where they stand in the log.
-    left_out : int
-        Rows outside of what the model has learned.
     notes : tuple of str
         What the user should be told.
     """
 
     u: Array
     x: Array
-    rows: NDArray[np.intp]
-    left_out: int
     notes: tuple[str, ...]
 
 
@@ -59,17 +53,12 @@ def comparable(model: Model, log: Samples) -> Comparable:
         or in degrees.
     """
     about = model.about
-    if log.joint_names != about.joint_names:
-        if sorted(log.joint_names) == sorted(about.joint_names):
-            order = [log.joint_names.index(name) for name in about.joint_names]
-            log_q = log.q[:, order]
-        else:
-            raise LogError(
-                f"the log's joints are {', '.join(log.joint_names)}, the model's are "
-                f"{', '.join(about.joint_names)}: give a log of the same arm"
-            )
-    else:
-        log_q = log.q
+    if sorted(log.joint_names) != sorted(about.joint_names):
+        raise LogError(
+            f"the log's joints are {', '.join(log.joint_names)}, the model's are "
+            f"{', '.join(about.joint_names)}: give a log of the same arm"
+        )
+    log_q = log.q[:, [log.joint_names.index(name) for name in about.joint_names]]
     table = np.hstack([log_q, log.x])
     first = np.sort(np.unique(table, axis=0, return_index=True)[1])
     notes = []
@@ -95,7 +84,7 @@ def comparable(model: Model, log: Samples) -> Comparable:
     u, x, q = u[known], x[known], q[known]
     _check_swapped(model, q, u, x)
     notes += _coverage(model, u)
-    return Comparable(u, x, first[known], left_out, tuple(notes))
+    return Comparable(u, x, tuple(notes))
 
 
 def _check_degrees(model: Model, q: Array, known: NDArray[np.bool_]) -> None:
