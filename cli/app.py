@@ -20,7 +20,7 @@ from calib.common.wording import one_line
 from calib.errors import CalibError
 
 from .on_demand import COMMANDS, OnDemand, plainly_read
-from .output import NO, note, show_json, tell
+from .output import NO, note, show_json, silence, tell
 from .process import received
 from .translation import as_typed, option_of
 
@@ -168,13 +168,7 @@ def _was_interrupted(error: BaseException | None) -> bool:
 
 
 def _reader_left() -> int:
-    """Point standard output at nothing, so that no later flush, Python's last one too, fails."""
-    try:
-        handle = os.open(os.devnull, os.O_WRONLY)
-        os.dup2(handle, sys.stdout.fileno())
-        os.close(handle)
-    except (OSError, ValueError):  # no real stream, as in tests
-        pass
+    silence(sys.stdout)
     return 0
 
 

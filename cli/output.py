@@ -8,12 +8,13 @@ from __future__ import annotations
 
 import json
 import math
+import os
 import sys
 import textwrap
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass, replace
-from typing import Any
+from typing import Any, TextIO
 
 from calib.common.wording import one_line, printable
 
@@ -131,7 +132,22 @@ def plain(value: Any) -> Any:
 
 def note(text: str) -> None:
     """Say something on standard error, in one line."""
-    print(one_line(" ".join(as_typed(text).split())), file=sys.stderr)
+    try:
+        print(one_line(" ".join(as_typed(text).split())), file=sys.stderr, flush=True)
+    except BrokenPipeError:
+        raise
+    except OSError:  # a full disk: nobody is told, but the exit code stays the command's
+        silence(sys.stderr)
+
+
+def silence(stream: TextIO) -> None:
+    """Point a stream at nothing, so that no later flush, Python's last one too, fails."""
+    try:
+        handle = os.open(os.devnull, os.O_WRONLY)
+        os.dup2(handle, stream.fileno())
+        os.close(handle)
+    except (OSError, ValueError):  # no real stream, as in tests
+        pass
 
 
 def tell(text: str) -> None:

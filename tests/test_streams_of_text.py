@@ -91,6 +91,12 @@ def test_a_full_disk_is_one_line(command, word):
     assert done.stderr.count(b"\n") == 1
 
 
+@pytest.mark.skipif(not Path("/dev/full").exists(), reason="Linux has this device")
+def test_words_that_find_no_room_leave_the_exit_code_alone():
+    """It was 120, Python's own for a last flush that fails."""
+    assert shell('"$@" info x 2> /dev/full').returncode == 1
+
+
 def test_a_closed_input_is_an_empty_table(model):
     done = shell(f'"$@" query forward "{model}" --input - <&-')
     assert done.returncode == 1
