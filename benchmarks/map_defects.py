@@ -11,10 +11,8 @@ from functools import partial
 import numpy as np
 
 from calib.common.parallel import one_blas_thread
-from calib.common.scale import Scale
-from calib.paper.ablation import train_on
+from calib.paper.ablation import Ground, train_on
 from calib.paper.ablation_cases import bump, ripple, simulated
-from calib.training.smooth import find_smooth_part
 
 ROWS, TESTED, SIDE = 20_000, 20_000, 20
 NETWORKS = ("vdsom", "som", "grid", "random")
@@ -35,14 +33,12 @@ SHAPES = (
 def row(label: str, defect, noise: float | None, seed: int) -> str:
     """A row of the table: mean errors [mm] of each network, in the defect and elsewhere."""
     case = simulated("defect", ROWS, TESTED, seed, defect, noise)
-    samples, inside = case.samples, case.defect
-    scale = Scale.of_range(samples.lower, samples.upper, samples.revolute)
-    part = find_smooth_part(samples, scale, body="auto", view="auto", seed=seed)
+    inside, ground = case.defect, Ground.of(case, seed)
     found = []
     for network in NETWORKS:
-        trained = train_on(case, scale, part, network, SIDE, seed)
+        trained = train_on(case, ground, network, SIDE, seed)
         for name in ("local",) if found else ("body", "local"):
-            said = trained.predictors[name].value(scale.to_unit(case.q))
+            said = trained.predictors[name].value(ground.scale.to_unit(case.q))
             error = 1e3 * np.linalg.norm(said - case.x, axis=1)
             found.append((error[inside].mean(), error[~inside].mean()))
     cells = []

@@ -17,8 +17,8 @@ from importlib import import_module
 from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
+    from .arm.arms import PlanarArm as PlanarArm
     from .arm.loading import load_arm as load_arm
-    from .arm.planar_arm import PlanarArm as PlanarArm
     from .arm.robots import list_robots as list_robots
     from .change.adapt import adapt as adapt
     from .change.adaptation import Adaptation as Adaptation
@@ -84,7 +84,7 @@ _HOME = {
     "Pairs": "maps.fields",
     "Path": "model.paths",
     "Plan": "use.plan",
-    "PlanarArm": "arm.planar_arm",
+    "PlanarArm": "arm.arms",
     "QueryError": "errors",
     "Recognition": "change.schemas",
     "RobotError": "errors",

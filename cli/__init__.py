@@ -7,15 +7,15 @@ __all__ = ["main"]
 
 def main() -> None:
     """Run the command line and end the process with its exit code."""
-    from . import interrupts, streams
+    from . import process
 
-    streams.prepare()
-    interrupts.install()
+    process.prepare()
+    process.install()
     try:
         from .app import app
 
         app(prog_name="calib")
     except BaseException as error:
         code = error.code if isinstance(error, SystemExit) else None
-        interrupts.leave(code if isinstance(code, int) else None)
+        process.leave(code if isinstance(code, int) else None)
         raise

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 from typing import Any
 
-from calib.common.units import for_people
+from calib.common.wording import for_people
 
 from .output import Table, fixed, show
 from .units import JointFormat

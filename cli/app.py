@@ -19,9 +19,9 @@ from typer.core import TyperGroup
 from calib.common.wording import one_line
 from calib.errors import CalibError
 
-from .interrupts import received
 from .on_demand import COMMANDS, OnDemand, plainly_read
 from .output import NO, note, show_json, tell
+from .process import received
 from .translation import as_typed, option_of
 
 USAGE, INTERRUPTED = 2, 130
@@ -57,8 +57,12 @@ class CalibGroup(TyperGroup):
             told = describe_error(error)
             code = told.code
             if code < _SIGNAL:
-                if "--json" in (sys.argv[1:] if args is None else args):
-                    show_json({"error": told.to_json()})
+                try:
+                    if "--json" in (sys.argv[1:] if args is None else args):
+                        show_json({"error": told.to_json()})
+                    sys.stdout.flush()
+                except OSError:  # a full disk, perhaps the error itself
+                    _reader_left()
                 note(told.line)
         code = code if isinstance(code, int) else 0
         if standalone_mode:
@@ -91,28 +95,15 @@ class CalibGroup(TyperGroup):
 
 @dataclass(frozen=True)
 class ErrorReport:
-    """An error as the command line tells it.
+    """An error as the command line tells it."""
 
-    Attributes
-    ----------
-    kind : str
-        Its type, such as "LogError"; "UsageError" for what was typed wrongly.
-    message : str
-        What was given and what was expected, in one line.
-    code : int
-        Exit code: 130 for an interruption, 2 for wrong usage, else 1.
-    hint, option : str or None
-        What to do, and the option that is concerned.
-    value : object
-        The value that is wrong, None if there is none.
-    """
-
-    kind: str
-    message: str
-    code: int
+    kind: str  # its type, such as "LogError"; "UsageError" for what was typed wrongly
+    message: str  # what was given and what was expected, in one line
+    code: int  # exit code: 130 for an interruption, 2 for wrong usage, else 1
+    # what to do, and the option that is concerned
     hint: str | None = None
     option: str | None = None
-    value: Any = None
+    value: Any = None  # the value that is wrong, None if there is none
 
     @property
     def line(self) -> str:
@@ -177,7 +168,7 @@ def _was_interrupted(error: BaseException | None) -> bool:
 
 
 def _reader_left() -> int:
-    """Point standard output at nothing, so that Python's own last flush stays quiet."""
+    """Point standard output at nothing, so that no later flush, Python's last one too, fails."""
     try:
         handle = os.open(os.devnull, os.O_WRONLY)
         os.dup2(handle, sys.stdout.fileno())

@@ -15,7 +15,7 @@ from numpy.typing import ArrayLike, NDArray
 from calib.errors import QueryError
 from calib.model.answers import forward_bounds
 from calib.samples.joint_values import check_joint_values
-from calib.samples.orientations import QUATERNION
+from calib.samples.roles import QUATERNION
 from calib.samples.tables import Batch, read_batch, write_table
 
 from .output import NO, Notes, note, show_json
@@ -32,22 +32,13 @@ _TOLD = 10  # so many rows are named at most
 
 @dataclass(frozen=True)
 class Streams:
-    """Where the queries of a batch come from and how their answers go.
+    """Where the queries of a batch come from and how their answers go."""
 
-    Attributes
-    ----------
-    source : str
-        Table of queries; `-` is standard input.
-    target : str or None
-        Table of answers; `-` is standard output. None prints them there too, or puts
-        them into the JSON document.
-    as_json : bool
-        Whether to print a JSON document.
-    """
-
-    source: str
+    source: str  # table of queries; `-` is standard input
+    # table of answers; `-` is standard output. None prints them there too, or puts them into the
+    # JSON document.
     target: str | None
-    as_json: bool
+    as_json: bool  # whether to print a JSON document
 
     def write(self, columns: Mapping[str, Any]) -> None:
         """Write the answers, where they do not go into the document."""
@@ -103,20 +94,12 @@ def inverse_batch(
     A target out of reach has no joint values, but its distance from the nearest
     attainable point.
 
-    Parameters
-    ----------
-    model : Model
-    joints : JointFormat
-        Unit of the joint values in both tables.
-    streams : Streams
-        The tables.  Columns near_JOINT, one for each, choose the branch row by row; of an arm
+    joints : unit of the joint values in both tables
+    streams : the tables.  Columns near_JOINT, one for each, choose the branch row by row; of an arm
         in space with six joints, qx, qy, qz, qw ask for an orientation too.
-    readout, near
-        Passed on to `Model.solve`.
-    frame : {"sensor", "base"}
-        Of the positions.
-    every : bool
-        Whether to write all branches of each pose, a row each.
+    readout, near : passed on to `Model.solve`
+    frame : {"sensor", "base"}, of the positions
+    every : whether to write all branches of each pose, a row each
     """
     base, beside = frame == "base", [f"near_{name}" for name in joints.names]
     turns = QUATERNION if len(joints.names) >= 6 and (base or len(model.axes) == 3) else ()

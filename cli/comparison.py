@@ -7,9 +7,10 @@ from collections.abc import Sequence
 from typing import TYPE_CHECKING, Any
 
 from calib.common.choices import READOUTS
-from calib.common.units import for_people
+from calib.common.wording import for_people
 
 from .output import Table, fixed, number
+from .terms import explained
 
 if TYPE_CHECKING:
     from calib import Sweep, Trial
@@ -53,7 +54,7 @@ def tables(found: Sweep, readouts: Sequence[str]) -> list[Table]:
         if seeds > 1:
             title += f", mean of {seeds} seeds and its standard deviation"
         lines.append(Table([*header, "seconds"], rows, title, left=1 + len(varied)))
-    return lines
+    return [*lines[:-1], *map(explained, lines[-1:])]  # the terms once, below the last
 
 
 def summary(found: Sweep, output: str | None) -> str:

@@ -29,7 +29,6 @@ COMMANDS = {
     "report": "Write figures and tables that explain a calibration.",
     "reproduce": "Repeat the paper's tables, figures and experiments.",
     "info": "Show what a model is and how it was made.",
-    "nodes": "List the nodes of a model's map with their bounds.",
 }
 """What the command line can do, in the order of its use, and what ``calib --help`` says of it."""
 

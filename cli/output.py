@@ -10,7 +10,8 @@ import json
 import math
 import sys
 import textwrap
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+from contextlib import contextmanager
 from dataclasses import dataclass, replace
 from typing import Any
 
@@ -27,27 +28,13 @@ _HUGE = 1e12  # written out it would be wider than its column
 
 @dataclass(frozen=True)
 class Table:
-    """A table for people.
+    """A table for people."""
 
-    Attributes
-    ----------
-    header : sequence of str
-        Names of the columns.
-    rows : sequence of sequence of str
-        Cells, already as text.
-    title : str
-        What it shows.
-    left : int
-        How many columns, from the left, hold words rather than numbers.
-    foot : str
-        What its terms mean, in one line below it.
-    """
-
-    header: Sequence[str]
-    rows: Sequence[Sequence[str]]
-    title: str = ""
-    left: int = 1
-    foot: str = ""
+    header: Sequence[str]  # names of the columns
+    rows: Sequence[Sequence[str]]  # cells, already as text
+    title: str = ""  # what it shows
+    left: int = 1  # how many columns, from the left, hold words rather than numbers
+    foot: str = ""  # what its terms mean, in one line below it
 
     def __post_init__(self) -> None:
         """Write out control characters, which names from a file may hold."""
@@ -186,3 +173,38 @@ def fixed(value: float, decimals: int) -> str:
     if abs(value) >= _HUGE:
         return f"{value:.3e}"
     return f"{round(value, decimals) + 0.0:.{decimals}f}"
+
+
+Report = Callable[[float, str, float], None]
+
+
+@contextmanager
+def progress_bar(unit: str) -> Iterator[Report | None]:
+    """Show how far a training is, on standard error.
+
+    Yields what takes the share of the work that is done, the stage and its error [unit]; None
+    where standard error is no terminal.
+    """
+    if not sys.stderr.isatty():
+        yield None
+        return
+    from rich.console import Console
+    from rich.progress import BarColumn, Progress, TextColumn, TimeRemainingColumn
+
+    bar = Progress(
+        TextColumn("{task.description}"),
+        BarColumn(),
+        TextColumn("{task.percentage:>3.0f} %"),
+        TimeRemainingColumn(compact=True),
+        TextColumn("{task.fields[error]}"),
+        console=Console(stderr=True),
+        transient=True,
+    )
+    with bar:
+        task = bar.add_task("babbling", total=1.0, error="")
+
+        def report(share: float, stage: str, error: float) -> None:
+            shown = f"error {error:.3g} {unit}" if math.isfinite(error) else ""
+            bar.update(task, completed=share, description=stage, error=shown)
+
+        yield report

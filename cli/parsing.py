@@ -66,21 +66,6 @@ class JointRange(NamedTuple):
     high: float
 
 
-class Margin(NamedTuple):
-    """A distance from limits [rad, m, or deg as typed], or a share of each joint's range."""
-
-    value: float
-    share: bool
-
-
-class Side(NamedTuple):
-    """An axis of the plane and bounds along it."""
-
-    axis: str
-    low: float
-    high: float
-
-
 def expects(expected: str) -> Callable[[Reader[T]], Reader[T]]:
     """Say what a reader expects: its plain ValueErrors become an `ReadingError` that tells it."""
 
@@ -249,33 +234,7 @@ def joint_range(text: str) -> JointRange:
     return JointRange(joint.strip(), *_interval(limits))
 
 
-@expects("x=LOW:HIGH or y=LOW:HIGH with LOW below HIGH such as x=0.1:0.4")
-def side(text: str) -> Side:
-    """Read `x=lo:hi`."""
-    axis, _, limits = text.partition("=")
-    require(axis.strip() in ("x", "y"))
-    return Side(axis.strip(), *_interval(limits))
-
-
 def _interval(text: str) -> tuple[float, float]:
     low, high = map(finite, text.split(":"))
     require(low < high)
     return low, high
-
-
-@expects("a number, zero or more, or a share below 50% such as 2%")
-def margin(text: str) -> Margin:
-    """Read `0.02` or `2%`."""
-    share = text.strip().endswith("%")
-    value = finite(text.strip().removesuffix("%"))
-    require(value >= 0.0 and not (share and value >= 50.0))
-    return Margin(value / 100.0 if share else value, share)
-
-
-@expects("a share above zero such as 1%")
-def percent(text: str) -> float:
-    """Read a share such as `1%`, as a number from 0 to 1."""
-    require(text.strip().endswith("%"))
-    value = finite(text.strip().removesuffix("%"))
-    require(0.0 < value <= 100.0)
-    return value / 100.0

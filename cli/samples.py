@@ -21,31 +21,16 @@ SAMPLES = 20_000
 
 @dataclass(frozen=True)
 class Selection:
-    """Which arm, and which part of it, as the options say.
+    """Which arm, and which part of it, as the options say."""
 
-    Attributes
-    ----------
-    robot : str or None
-        A URDF or a bundled robot.
-    joints : sequence of str or None
-        Active joints.
-    tip : str or None
-        The frame that is sensed.
-    lock, ranges : sequence
-        As typed.
-    degrees : bool
-        Whether joints that turn are typed in degrees.
-    planar : bool
-        Whether to look only for planar arms within the robot.
-    """
+    robot: str | None  # a URDF or a bundled robot
+    joints: Sequence[str] | None = None  # active joints
+    tip: str | None = None  # the frame that is sensed
 
-    robot: str | None
-    joints: Sequence[str] | None = None
-    tip: str | None = None
     lock: Sequence[JointValue] = ()
     ranges: Sequence[JointRange] = ()
-    degrees: bool = False
-    planar: bool = False
+    degrees: bool = False  # whether joints that turn are typed in degrees
+    planar: bool = False  # whether to look only for planar arms within the robot
 
     def load(
         self, held: Mapping[str, float] | None = None, columns: Collection[str] | None = None
@@ -79,14 +64,7 @@ def check_sources(
 ) -> None:
     """Refuse that there is nothing to learn from, and options that would be without effect.
 
-    Parameters
-    ----------
-    robots : sequence of str
-        As typed.
-    logged : bool
-        Whether logs were given.
-    simulated, of_logs : mapping of str to object
-        Options of simulated babbling and of logs, and what was given for them.
+    simulated, of_logs : options of simulated babbling and of logs, and what was given for them
     """
     if not robots and not logged:
         raise BadOption("no source to learn from: expected ROBOT, --data LOG, or both")

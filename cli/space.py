@@ -18,7 +18,7 @@ from calib.inverse.self_motions import free_directions
 from calib.model.poses import described, first_of
 from calib.model.reached import Reached
 from calib.model.space import Space
-from calib.samples.orientations import QUATERNION, from_angles
+from calib.samples.roles import QUATERNION, from_angles
 
 from .answers import answers, show_answers
 from .output import note, show_json
@@ -35,25 +35,14 @@ _TOGETHER = 0.05  # of the largest share: joints that move less are not named
 
 @dataclass(frozen=True)
 class Asked:
-    """What was asked besides the numbers.
+    """What was asked besides the numbers."""
 
-    Attributes
-    ----------
-    frame : str
-        ``"sensor"`` or ``"base"``.
-    quaternion, rpy : sequence of float or None
-        The orientation wanted.
-    keep : bool
-        Whether the orientation at `near` is kept softly.
-    height : float or None [m]
-        Of the plane z of the base frame that a pixel lies on.
-    """
-
-    frame: str
+    frame: str  # ``"sensor"`` or ``"base"``
+    # the orientation wanted
     quaternion: Sequence[float] | None = None
     rpy: Sequence[float] | None = None
-    keep: bool = False
-    height: float | None = None
+    keep: bool = False  # whether the orientation at `near` is kept softly
+    height: float | None = None  # [m], of the plane z of the base frame that a pixel lies on
 
     def __bool__(self) -> bool:
         return self.frame == "base" or self.keep or self.height is not None or self.posed

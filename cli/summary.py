@@ -6,10 +6,11 @@ from collections.abc import Mapping
 from typing import TYPE_CHECKING, Any
 
 from calib.common.choices import READOUTS
-from calib.common.units import for_people
+from calib.common.wording import for_people
 from calib.show.facts import quantities
 
 from .output import Table, number
+from .terms import explained
 from .units import units_of
 
 if TYPE_CHECKING:
@@ -80,13 +81,6 @@ def view_of(model: Model) -> dict[str, Any]:
     return view
 
 
-READ_OUT = (
-    "local: body and local models; body: the body alone; linear, activity, winner: the maps and "
-    "their Hebbian links alone"
-)
-"""What the readouts are, below tables that name them."""
-
-
 def error_table(model: Model, errors: Errors, title: str) -> Table:
     """Return all errors, a line for each readout, direction and quantity."""
     rows = []
@@ -99,7 +93,7 @@ def error_table(model: Model, errors: Errors, title: str) -> Table:
             rows.append([labels[0], shown, name, unit, *values])
             labels = ["", direction]
     header = ["readout", "direction", "error of", "unit", *STATISTICS]
-    return Table(header, rows, title, left=4, foot=READ_OUT)
+    return explained(Table(header, rows, title, left=4))
 
 
 def compact_table(model: Model, errors: Errors, title: str) -> Table:
@@ -115,7 +109,7 @@ def compact_table(model: Model, errors: Errors, title: str) -> Table:
             for k in ("mean", "max")
         )
         rows.append([f"{direction} {name} [{unit}]", means[0], largest[0], *means[1:]])
-    return Table(["mean, and max", best, "max", *others], rows, title, foot=READ_OUT)
+    return explained(Table(["mean, and max", best, "max", *others], rows, title))
 
 
 def _ordered(errors: Errors) -> list[str]:

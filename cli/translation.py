@@ -11,7 +11,7 @@ import re
 
 _SAME = (
     "board body cause columns degrees dictionary epochs force frames max_gap joints joints_topic "
-    "keep lens limit lock map margin meshes method motor_size move_base near noise planar port "
+    "lens limit lock map margin meshes method motor_size move_base near noise planar port "
     "prismatic readout rule seed sensory_size sigma size since still tag tag_height tag_size "
     "tags_at time_offset tip tip_topic tolerance unit view weights"
 )
@@ -22,7 +22,6 @@ OPTIONS = {name: f"--{name.replace('_', '-')}" for name in _SAME.split()} | {
     "ranges": "--range",
     "robot": "ROBOT",
     "samples": "--data",
-    "share": "--residual",
     "start": "--from",
 }
 """Options by the Python names of the parameters that they set."""

@@ -6,7 +6,7 @@ import math
 from collections.abc import Iterable, Mapping, Sequence
 from typing import TYPE_CHECKING, Any
 
-from calib.common.units import for_people
+from calib.common.wording import for_people
 from calib.show.facts import learned_range
 
 from .output import fixed
@@ -41,13 +41,9 @@ def meaning(about: About, frame: str = "sensor") -> dict[str, Any]:
 class JointFormat:
     """How the values of a model's joints are typed and printed.
 
-    Parameters
-    ----------
-    about : About or Arm
-        Which joints there are, and which of them turn.
-    degrees : bool
-        Whether those that turn are in degrees, else in rad. What slides is typed in m
-        and printed in mm.
+    about : which joints there are, and which of them turn
+    degrees : whether those that turn are in degrees, else in rad. What slides is typed in m and
+        printed in mm.
     """
 
     def __init__(self, about: About | Arm, degrees: bool) -> None:
@@ -137,10 +133,7 @@ def one_each(
 ) -> list[float]:
     """Return one value for each joint [rad or m] of what was typed, over the factors.
 
-    Raises
-    ------
-    BadOption
-        If there are more or fewer.
+    Raises BadOption if there are more or fewer.
     """
     if len(typed) != len(names):
         shown = ",".join(f"{value:g}" for value in typed)

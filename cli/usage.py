@@ -17,12 +17,8 @@ T = TypeVar("T")
 class BadOption(typer.BadParameter):
     """Wrong usage, told by its message alone.
 
-    Parameters
-    ----------
-    message : str
-        What was typed and what was expected.
-    option, value : str or None
-        The option that is wrong, and what was typed.
+    message : what was typed and what was expected
+    option, value : the option that is wrong, and what was typed
     """
 
     def __init__(self, message: str, option: str | None = None, value: str | None = None) -> None:

@@ -1,4 +1,4 @@
-"""Fixtures that the tests of the command line share."""
+"""Fixtures that tests share: commands, small models and logs, one thread."""
 
 from __future__ import annotations
 
@@ -14,6 +14,7 @@ from pathlib import Path
 
 import pytest
 from hypothesis import settings
+from threadpoolctl import threadpool_limits
 
 # a deadline would test how busy the machine is
 settings.register_profile("calib", deadline=None)
@@ -60,6 +61,13 @@ def run_process(*args: object, stdin: str = "", env: dict[str, str] | None = Non
         env={**os.environ, **(env or {})},
     )
     return Outcome(done.returncode, done.stdout, done.stderr)
+
+
+@pytest.fixture
+def one_blas_thread():
+    """Small matrices in one thread: several would wait for each other."""
+    with threadpool_limits(1, user_api="blas"):
+        yield
 
 
 @pytest.fixture(scope="session")

@@ -137,7 +137,8 @@ class Desk:
     """All that a picture shows, and what spoils it.
 
     `lengths` [m] of the links from the base at the origin; `height` of the arm's plane, the tag
-    lies on it. `tip_tag` is the pattern on the tip, `tip_size` the side of its black square.
+    lies on it. `tip_tag` is the pattern on the tip, `tip_size` the side of its black square,
+    `tip_tilt` a rotation vector by which the tag leans.
     """
 
     camera: Camera = field(default_factory=Camera)
@@ -147,6 +148,7 @@ class Desk:
     width: float = 0.028
     tip_tag: int = 7
     tip_size: float = 0.04
+    tip_tilt: tuple[float, float, float] = (0.0, 0.0, 0.0)
     still: tuple[Sticker, ...] = ()
     blur: float = 0.7
     noise: float = 2.0
@@ -246,7 +248,8 @@ class Desk:
             self._capsule(scene, a, a, 0.4 * self.width, self.height, 200)
         angle = float(np.sum(q)) + float(np.sum(self.offsets[: len(self.lengths)]))
         place = (*places[-1], self.height, angle)
-        self._paint_sticker(scene, tag(self.tip_tag, self.tip_size, place))
+        tip = tag(self.tip_tag, self.tip_size, place, tilt=self.tip_tilt)
+        self._paint_sticker(scene, tip)
 
     def _capsule(
         self, scene: np.ndarray, a: Array, b: Array, width: float, z: float, grey: float

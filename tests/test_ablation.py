@@ -4,10 +4,8 @@ import numpy as np
 import pytest
 
 from calib.arm.loading import load_arm
-from calib.common.scale import Scale
-from calib.paper.ablation import measure, train_on
+from calib.paper.ablation import Ground, measure, train_on
 from calib.paper.ablation_cases import bump, ripple, simulated
-from calib.training.smooth import find_smooth_part
 
 
 def test_a_bump_is_three_millimetres_high_and_gone_outside():
@@ -41,10 +39,7 @@ def test_an_uneven_log_dwells_and_is_tested_evenly():
 @pytest.mark.parametrize("network", ["vdsom", "grid"])
 def test_a_trained_network_is_measured_in_full(network):
     case = simulated("exact", 800, 200, seed=0)
-    samples = case.samples
-    scale = Scale.of_range(samples.lower, samples.upper, samples.revolute)
-    part = find_smooth_part(samples, scale, body="auto", view="auto", seed=0)
-    figures = measure(case, train_on(case, scale, part, network, 8, 0))
+    figures = measure(case, train_on(case, Ground.of(case, 0), network, 8, 0))
     assert figures["local elsewhere"] < 1e-6
     assert figures["local defect"] is None
     assert figures["linear elsewhere"] < figures["activity elsewhere"] < figures["winner elsewhere"]

@@ -8,7 +8,6 @@ from functools import cache
 
 import numpy as np
 import pytest
-from threadpoolctl import threadpool_limits
 
 import calib
 from calib.change import adapt_online
@@ -23,10 +22,8 @@ from calib.maps.online import present
 
 
 @pytest.fixture(autouse=True)
-def _brief(monkeypatch):
+def _brief(monkeypatch, one_blas_thread):
     monkeypatch.setattr(adapt_online, "HORIZON", 1500)
-    with threadpool_limits(1, user_api="blas"):
-        yield
 
 
 @cache

@@ -12,7 +12,7 @@ from drifting import arm
 import calib
 from calib.body.approach import learn_play
 from calib.errors import QueryError
-from calib.samples.approach import directions
+from calib.samples.joint_values import directions
 
 PLAY = 0.01
 

@@ -8,15 +8,15 @@ from pathlib import Path
 import numpy as np
 import pytest
 from browser import Sight, document, look
+from scenes import project
 
 import calib
 from calib.model.model import Model
-from calib.show.colours import colours, rgb, stops
-from calib.show.preview.live import Live
+from calib.show.error_scale import colours, rgb, stops
 from calib.show.preview.motion import REACHED
 from calib.show.preview.page import html
 from calib.show.preview.scene import Scene, draw
-from calib.show.preview.server import PreviewServer
+from calib.show.preview.server import Live, PreviewServer
 from calib.show.report.page import report
 from calib.show.workspace import motor_errors, sensory_errors
 
@@ -71,7 +71,7 @@ def test_nodes_have_their_colours_where_they_are(
         points = np.array(panel["corner"]) + model.motor.units @ np.array(panel["edges"])
         errors = motor_errors(model)
     wanted = colours(scene.scale.share(errors)).astype(int)
-    pixels = scene.camera.project(points, *SIZE, PANEL)
+    pixels = project(scene.camera, points, *SIZE, PANEL)
     hit = near(seen, pixels, wanted) < 40
     # the arm, links and paths hide some of them
     assert hit.mean() > 0.75
@@ -81,7 +81,7 @@ def test_nodes_have_their_colours_where_they_are(
 
 def test_the_tip_is_where_forward_puts_it(model: Model, scene: Scene, seen: Sight):
     tip = model.forward(scene.motion.q[0])
-    expected = scene.camera.project(scene.placement.lift(tip[None]), *SIZE, PANEL)[0]
+    expected = project(scene.camera, scene.placement.lift(tip[None]), *SIZE, PANEL)[0]
     orange = np.linalg.norm(seen.pixels - np.array(rgb(REACHED)), axis=2) < 30
     rows, columns = np.nonzero(orange)
     close = np.hypot(columns - expected[0], rows - expected[1]) < 12
@@ -126,7 +126,7 @@ def test_other_arms_in_the_dark(robot: str, tmp_path: Path):
     sight = look(page, tmp_path, dark=True, size=(1440, 900))
     assert sight.console == []
     assert sight.pixels[-8:, -8:].max() < 60
-    nodes = scene.camera.project(scene.placement.lift(model.sensory.weights), 1440, 900, PANEL)
+    nodes = project(scene.camera, scene.placement.lift(model.sensory.weights), 1440, 900, PANEL)
     tint = colours(scene.scale.share(sensory_errors(model))).astype(int)
     assert (near(sight, nodes, tint) < 45).mean() > 0.6
 
@@ -151,15 +151,20 @@ def test_a_live_page_draws_every_branch(model: Model, tmp_path: Path):
     assert len(branches) == 2
     u = model.motor.scale.to_unit(branches)
     dots = np.array(panel["corner"]) + u @ np.array(panel["edges"])
-    pixels = scene.camera.project(dots, *SIZE, PANEL)
+    pixels = project(scene.camera, dots, *SIZE, PANEL)
     wanted = np.array([rgb("#1c7ed6"), rgb("#e8590c")])
     assert (near(sight, pixels, wanted, 1) < 40).all()
 
 
+@pytest.fixture(scope="module")
+def reported(model: Model) -> str:
+    return report(model)
+
+
 @pytest.mark.parametrize("dark", [False, True])
-def test_report_in_light_and_dark(model: Model, tmp_path: Path, dark: bool):
+def test_report_in_light_and_dark(reported: str, tmp_path: Path, dark: bool):
     page = tmp_path / "report.html"
-    page.write_text(report(model), encoding="utf-8")
+    page.write_text(reported, encoding="utf-8")
     sight = look(page, tmp_path, dark=dark, size=(900, 2600))
     assert sight.console == []
     ground = sight.pixels[:, :10].reshape(-1, 3)

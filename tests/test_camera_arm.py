@@ -15,6 +15,7 @@ pytest.importorskip("cv2")
 from rendering import Camera, Desk
 
 import calib
+from calib.errors import CalibError
 from calib.recording.board import Board
 from calib.recording.lens import Lens
 from calib.recording.watch import board_layout, motion, watch
@@ -139,3 +140,36 @@ def test_motion_of_the_camera_is_told_with_its_doubt():
     told = motion(about, bumped.parts[0])
     assert "the camera moved by" in told
     assert "found again to" in told
+
+
+def marks(count=10, place=lambda k: DESK.camera):
+    """What pictures show of the board, each with a camera of its own."""
+    rng, points = np.random.default_rng(3), BOARD.corners()
+    return [
+        (k, dict(enumerate(place(k).project(points) + rng.normal(0, 0.03, (len(points), 2)))))
+        for k in range(count)
+    ]
+
+
+@pytest.mark.parametrize("scale", [lambda k: 1.0 + 0.004 * (k % 3), lambda k: 1.0 + 0.01 * (k > 4)])
+def test_a_camera_that_refocuses_is_no_camera_that_was_bumped(scale):
+    refocused = marks(place=lambda k: replace(DESK.camera, focal=DESK.camera.focal * scale(k)))
+    with pytest.raises(CalibError, match=r"1.0\d+ times as large .*autofocus"):
+        watch(board_layout(BOARD), refocused, LENS)
+    bumped = watch(
+        board_layout(BOARD), marks(place=lambda k: BUMPED if k > 4 else DESK.camera), LENS
+    )
+    assert bumped.starts == (0, 5)
+    assert not bumped.off
+
+
+def test_pictures_of_a_shaken_camera_are_left_out():
+    """They were placed by the board as the others saw it."""
+    shaken = replace(DESK.camera, target=(0.2025, 0.08, 0.0))
+    found = watch(
+        board_layout(BOARD), marks(place=lambda k: shaken if k in (3, 7) else DESK.camera), LENS
+    )
+    assert found.off == {3, 7}
+    cameras = [replace(DESK.camera, target=(0.2 + 0.002 * k, 0.08, 0.0)) for k in range(10)]
+    with pytest.raises(CalibError, match="is the camera loose"):
+        watch(board_layout(BOARD), marks(place=lambda k: cameras[k]), LENS)

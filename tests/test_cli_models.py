@@ -257,18 +257,6 @@ def test_robots_lists_the_catalogue(run):
     assert len(lines) == 1 + len(entries)  # a header, then one line each
 
 
-def test_nodes_lists_a_node_a_row(run):
-    run("train", "two_link", *SMALL)
-    done = run("nodes", "two_link.calib")
-    assert done.code == 0, done.err
-    model = calib.load("two_link.calib")
-    rows = [line.split(",") for line in done.out.splitlines()[1:]]
-    assert rows[0] == ["shoulder", "elbow", "x", "y", "expected_error", "model_error"]
-    table = np.array(rows[1:], dtype=float)
-    np.testing.assert_array_equal(table[:, :2], model.motor.weights)
-    np.testing.assert_array_equal(table[:, 2:4], model.forward(model.motor.weights))
-
-
 @pytest.mark.parametrize(
     ("factor", "offset", "words"),
     [(1e3, 0.0, "--unit mm"), (640.0, 500.0, "pixels"), (1.0, 0.3, "")],

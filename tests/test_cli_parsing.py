@@ -3,10 +3,12 @@
 from __future__ import annotations
 
 import math
+from dataclasses import replace
 
 import pytest
 from calib_cli import parsing
 from calib_cli.output import Table, fixed, number, plain
+from calib_cli.terms import explained
 from calib_cli.usage import BadOption, option
 from hypothesis import given
 from hypothesis import strategies as st
@@ -24,8 +26,8 @@ def test_readers_answer_or_say_what_they_expected(text):
     readers = [
         parsing.whole(0), parsing.at_least_zero("m"), parsing.above_zero("m"), parsing.size,
         parsing.sigma, parsing.names, parsing.numbers, parsing.columns, parsing.joint_value,
-        parsing.joint_range, parsing.one_of(("batch", "online")), parsing.height, parsing.side,
-        parsing.margin, parsing.percent, parsing.kind_of_map(("vdsom", "som")),
+        parsing.joint_range, parsing.one_of(("batch", "online")), parsing.height,
+        parsing.kind_of_map(("vdsom", "som")),
     ]  # fmt: skip
     told = []
     for read in readers:
@@ -61,8 +63,6 @@ def test_other_values():
     assert parsing.joint_value("wrist=-1") == ("wrist", -1.0)
     assert parsing.columns("x=u,elbow=j 2") == {"x": "u", "elbow": "j 2"}
     assert parsing.kind_of_map(("vdsom", "som"))("vdsom:error") == "vdsom:error"
-    assert parsing.margin("2%") == (0.02, True)
-    assert parsing.percent("1%") == 0.01
     assert option("--seed K", "", parsing.whole(0)).parser(7) == 7
 
 
@@ -88,6 +88,16 @@ def test_json_holds_no_number_that_is_not_finite():
         "a": [None, None, 1.0],
         "2": [True, None, "x"],
     }
+
+
+def test_terms_of_a_table_are_explained_below_it_where_it_prints_them():
+    table = Table(["network", "error", "mean", "+-"], [["VDSOM 5x5", "x", "1", "0"]], left=2)
+    foot = explained(table).foot
+    assert foot.startswith("VDSOM: the same with varying density")
+    assert foot.endswith("standard deviation over the seeds")
+    assert explained(Table(["", "mean"], [["a", "winner"]])).foot == ""  # a number's column
+    title = "linear readout: errors"
+    assert "Hebbian links" in " ".join(explained(replace(table, title=title)).lines()[2:])
 
 
 def test_tables_are_aligned():

@@ -17,8 +17,8 @@ from calib.arm.urdf import read_urdf
 from calib.body.spatial import structure_of
 from calib.errors import OptionError, QueryError
 from calib.use.correct import correct
-from calib.use.nominal import nominal_in_space
-from calib.use.nominal_pose import NominalPose
+from calib.use.geometry import fit_geometry
+from calib.use.nominal import NominalPose, nominal_in_space
 
 Q = np.random.default_rng(0).uniform([0.4, 0.7], [1.1, 2.0], (50, 2))
 
@@ -190,11 +190,35 @@ def test_the_frame_of_a_tracker_is_not_corrected():
     assert "first joint's offset is taken as zero" in found.notes[0]
     assert np.linalg.norm(truth(found.q) - arm().forward(Q), axis=1).max() < 1e-3
     assert np.abs(found.change).max() < np.radians(3.0)
-    told = correct(calib.train(seen, size=6), Q, cause="joints").notes
-    assert any("stays zero" in note for note in told)  # the option has nothing to act on
     based = correct(calib.train(replace(changed, simulation=None), size=12), Q, view="base")
     assert based.notes == ()
     assert np.linalg.norm(truth(based.q) - arm().forward(Q), axis=1).max() < 1e-3
+
+
+def test_a_free_frame_hides_the_first_joints_offset_until_the_cause_is_said():
+    """`cause="joints"` was asked for by a note, and then changed nothing."""
+
+    def seen(*changes, n):
+        made = log(*changes, n=n, noise=1e-5)
+        turned = made.x @ np.array([[0.6, 0.8], [-0.8, 0.6]]) + [3.0, -2.0]
+        return replace(made, x=turned, simulation=None, arm=arm())
+
+    learned = calib.train(seen(n=200), size=6)
+    first = correct(learned, Q, cause="joints")
+    assert np.abs(first.change).max() < 1e-4
+    assert any("stays zero" in note for note in first.notes)  # nothing to act on yet
+    later = seen("shoulder.offset=0.02", n=60)
+    turned, offset = (calib.adapt(learned, later, cause=c).model for c in (None, "joints"))
+    assert np.abs(correct(turned, Q).change).max() < 1e-4
+    for found in (correct(turned, Q, cause="joints"), correct(offset, Q, cause="joints")):
+        np.testing.assert_allclose(found.change[:, 0], -0.02, atol=2e-4)
+        assert any("as it was before" in note for note in found.notes)
+    np.testing.assert_allclose(correct(offset, Q).change[:, 0], -0.02, atol=2e-4)
+    for model_, cause in ((turned, "joints"), (offset, "joints"), (turned, "sensor")):
+        geometry = fit_geometry(model_, cause=cause)
+        assert geometry.offsets[0] == pytest.approx(0.02 * (cause == "joints"), abs=5e-4)
+        # what the prior holds to 1 mm is no more open than a few of them
+        assert geometry.interval_moved.max() < 0.05
 
 
 def test_six_joints_keep_the_tools_orientation():

@@ -41,6 +41,8 @@ def test_a_video_becomes_slow_frames(film):
     assert len(made) > 30
     miss = np.linalg.norm(made.x - film.scene.tip_pixels(made.q), axis=1)
     assert np.median(miss) < 0.2
+    assert any("rolling shutter of 30 ms" in note for note in made.notes)
+    assert np.median(miss) < 1.5 * made.noise
 
 
 def test_videos_that_make_no_log(film, tmp_path):

@@ -12,7 +12,7 @@ from calib.samples import csv_rows, parquet
 from calib.samples.columns import open_source, read_batches, read_columns
 from calib.samples.locked import locked_from_log
 from calib.samples.logs import read_log
-from calib.samples.reservoir import Reservoir
+from calib.samples.measured_rows import Reservoir
 
 N = 3000
 JOINTS = ["shoulder", "elbow"]

@@ -27,7 +27,7 @@ from calib.samples.tables import write_table
 from calib.show.arrows import Arrows, magnification
 from calib.show.preview.scene import draw
 from calib.show.report.evidence import gather
-from calib.show.report.over_photo import over_photo
+from calib.show.report.maps import over_photo
 from calib.show.report.page import SECTIONS
 from calib.show.report.style import settings
 

@@ -1,9 +1,10 @@
-"""Plans: within the limits, spread, in a short order; the tip stays where it is kept."""
+"""Plans: within the limits, spread, in a short order; what is impossible is told."""
 
 from __future__ import annotations
 
 import itertools
 import math
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -12,8 +13,7 @@ from hypothesis import strategies as st
 
 import calib
 from calib.common.scale import TURN, Scale
-from calib.use.spread import farthest
-from calib.use.tour import length, shortest_tour
+from calib.use.spread import farthest, length, shortest_tour
 
 DEGREE = math.radians(1.0)
 UNIT = Scale(np.zeros(2), np.ones(2), np.zeros(2, dtype=bool))
@@ -41,7 +41,6 @@ def test_poses_keep_their_margin_and_touch_it(robot):
     np.testing.assert_allclose(plan.q.max(axis=0), arm.upper - margin, atol=1e-12)
     assert (plan.q >= arm.lower + margin - 1e-12).all()
     np.testing.assert_allclose(plan.x, arm.forward(plan.q), atol=1e-12)
-    assert not plan.via.any()
 
 
 def test_a_margin_for_all_or_for_each(arm):
@@ -179,3 +178,62 @@ def test_the_start_is_neutral_within_the_limits(arm):
     one = calib.plan(arm, 1)
     assert one.q.shape == (1, 2)
     assert one.length == one.random_length
+
+
+# --- Python's errors and the file ---------------------------------------------------------
+
+
+def test_the_same_seed_gives_the_same_plan(arm):
+    a, b, c = (calib.plan(arm, 30, seed=s) for s in (4, 4, 5))
+    np.testing.assert_array_equal(a.q, b.q)
+    assert not np.array_equal(a.q, c.q)
+    with pytest.raises(ValueError, match="read-only"):
+        a.q[0] = 0
+
+
+@pytest.mark.parametrize(
+    ("n", "options", "part"),
+    [
+        (0, {}, "n is 0"),
+        (1001, {}, "expected 1 to 1,000"),
+        (2.5, {}, "whole number"),
+        (5, {"seed": -1}, "seed is -1"),
+        (5, {"margin": -0.1}, "margin -0.1"),
+        (5, {"margin": float("nan")}, "margin nan"),
+        (5, {"margin": [0.1, 0.1, 0.1]}, "one for each of shoulder, elbow"),
+        (5, {"margin": 2.0}, "no room is left in shoulder"),
+        (5, {"ranges": {"elbow": (0.0, 1.0)}}, "outside the joint's limits"),
+        (5, {"ranges": {"ellbow": (0.5, 1.0)}}, "did you mean elbow"),
+        (5, {"start": [0.5]}, "expected 2 finite joint values"),
+        (5, {"start": ["a", "b"]}, "expected 2 finite joint values"),
+        (5, {"start": [0.5, 9.0]}, "elbow = 9 is outside of its range"),
+    ],
+)
+def test_what_is_impossible_is_told_in_one_line(arm, n, options, part):
+    with pytest.raises(calib.OptionError) as told:
+        calib.plan(arm, n, **options)
+    assert part in str(told.value)
+    assert "\n" not in str(told.value)
+
+
+def test_a_log_of_other_joints_is_refused(arm):
+    log = calib.babble(calib.load_arm("polar"), 20)
+    with pytest.raises(calib.OptionError, match="have the joints"):
+        calib.plan(arm, 5, measured=log)
+
+
+def test_a_written_plan_is_no_log_by_mistake(arm, tmp_path):
+    path = tmp_path / "poses.csv"
+    plan = calib.plan(arm, 12)
+    plan.write(path)
+    with pytest.raises(calib.LogError, match="x"):
+        calib.read_log(path, arm)
+    log = calib.read_log(path, arm, columns={"x": "expected_x", "y": "expected_y"})
+    np.testing.assert_array_equal(log.q, plan.q)
+    np.testing.assert_array_equal(log.x, plan.x)
+
+
+def test_a_joint_is_not_taken_for_what_is_expected(arm):
+    plan = replace(calib.plan(arm, 5), joint_names=("shoulder", "expected_y"))
+    with pytest.raises(calib.OptionError, match="cannot be told from the plan's own column"):
+        plan.columns()

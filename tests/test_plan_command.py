@@ -40,19 +40,15 @@ def test_command_in_degrees(run, arm):
     same = calib.plan(arm, 8, margin=math.radians(2)).q
     np.testing.assert_allclose(table[:, :2], np.degrees(same), atol=1e-9)
     assert table[:, 0].min() == pytest.approx(2.0)
-    half = run("plan", "two_link", "-n", "8", "--margin", "10%", "-o", "-").out.splitlines()[1:]
-    first = [float(row.split(",")[0]) for row in half]
-    assert (min(first), max(first)) == pytest.approx((0.05 * math.pi, 0.45 * math.pi))
 
 
 def test_command_prints_one_document(run, tmp_path):
     path = tmp_path / "p.csv"
-    done = run("plan", "polar", "-n", "9", "--keep", "x=-0.1:0.3", "-o", path, "--json")
+    done = run("plan", "polar", "-n", "9", "-o", path, "--json")
     assert done.code == 0, done.err
     found = done.document
     assert found["joints"] == ["base", "slide"] or len(found["joints"]) == 2
-    assert found["rows"] == 9 + len(found["via"]) == len(found["poses"]["expected_x"])
-    assert min(found["poses"]["expected_x"]) > -0.1
+    assert found["rows"] == 9 == len(found["poses"]["expected_x"])
     assert len(path.read_text().splitlines()) == 1 + found["rows"]
 
 
@@ -83,11 +79,8 @@ def test_command_completes_a_log(run, log, tmp_path, arm):
         (["two_link"], 2, "-o"),
         (["two_link", "-n", "0"], 2, "1 or more"),
         (["two_link", "-n", "5000"], 2, "at most 1000"),
-        (["two_link", "--margin", "60%"], 2, "below 50%"),
+        (["two_link", "--margin", "2%"], 2, "zero or more"),
         (["two_link", "--margin", "-1"], 2, "zero or more"),
-        (["two_link", "--keep", "z=0:1"], 2, "x=LOW:HIGH"),
-        (["two_link", "--keep", "x=0:1", "--keep", "x=0:2"], 2, "twice"),
-        (["two_link", "--keep", "x=2:3"], 1, "the tip reaches"),
         (["two_link", "--from", "1"], 2, "2 values"),
         (["two_link", "--from", "1,9"], 1, "elbow = 9"),
         (["two_link", "--columns", "x=u"], 2, "--data"),

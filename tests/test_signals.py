@@ -40,9 +40,9 @@ main()
 # Compiled code that never comes back to Python: a lock that is taken twice.
 DEEP = """
 import ctypes
-from calib_cli import interrupts
+from calib_cli import process
 
-interrupts.install()
+process.install()
 library, mutex = ctypes.CDLL(None), ctypes.create_string_buffer(128)
 library.pthread_mutex_init(mutex, None)
 library.pthread_mutex_lock(mutex)
@@ -50,7 +50,7 @@ try:
     print("ready", flush=True)
     library.pthread_mutex_lock(mutex)
 except KeyboardInterrupt:
-    interrupts.leave(None)
+    process.leave(None)
 """
 
 STAGES = [

@@ -15,8 +15,10 @@ from models import in_pixels, in_space, six, trained
 
 import calib
 from calib.arm.loading import arm_from_urdf
+from calib.body.belief import Body, Second
 from calib.body.planar_row import PlanarRow
 from calib.body.spatial import structure_of
+from calib.body.spatial_bound_row import SpatialBoundRow
 from calib.body.spatial_row import SpatialRow
 from calib.common.scale import TURN, Scale
 from calib.errors import QueryError
@@ -135,6 +137,31 @@ def test_one_correction_in_space_is_that_of_the_batch(kind):
     for k in np.flatnonzero(kept):
         if quick[k] is not None:
             np.testing.assert_allclose(quick[k], found.q[k], rtol=0, atol=1e-8)
+
+
+@pytest.mark.parametrize("robot", ["six", "slide", "mimic"])
+def test_a_bound_of_one_row_is_that_of_the_body(robot):
+    """With any covariance, curves of some joints alone, a slide, and a joint that follows."""
+    urdf = {"slide": MIXED, "mimic": FOLLOWED}.get(robot)
+    arm = calib.load_arm("six_axis") if urdf is None else arm_from_urdf(urdf)
+    structure = structure_of(arm, "similarity")
+    rng = np.random.default_rng(0)
+
+    def belief(share):
+        beta = structure.neutral() + rng.normal(0, 1e-3, structure.size)
+        active = np.flatnonzero(rng.random(structure.size) < share)
+        active = np.setdiff1d(active, structure.groups["lens"])
+        root = rng.normal(0, 1e-4, (len(active), 60))
+        return beta, active, root @ root.T
+
+    none, noise = np.zeros(3), np.full(3, 2e-3)
+    other = Second(*belief(1.0), noise)
+    body = Body(structure, *belief(0.7), noise, 1.3, none, 0.5 * noise, np.inf, 1.0, second=other)
+    q = rng.uniform(arm.lower, arm.upper, (20, arm.dof))
+    row = SpatialBoundRow(body)
+    for counts in (False, True):
+        one = [row.bound(each, noise=counts) for each in q.tolist()]
+        np.testing.assert_allclose(one, body.bound(q, noise=counts), rtol=1e-10)
 
 
 @pytest.mark.parametrize("view", ["base", "similarity", "pinhole"])

@@ -4,25 +4,14 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
-from closed_arms import (
-    THREE,
-    TWO,
-    both_elbows,
-    drawn,
-    solver,
-)
+from closed_arms import THREE, TWO, both_elbows, drawn, solver
 from planar import families_3r
-from threadpoolctl import threadpool_limits
 
 from calib.inverse.newton import CLOSE
 from calib.inverse.self_motions import representatives
 from calib.inverse.solver import SAME, Solver
 
-
-@pytest.fixture(autouse=True)
-def _one_thread():
-    with threadpool_limits(1, user_api="blas"):
-        yield
+pytestmark = pytest.mark.usefixtures("one_blas_thread")
 
 
 # --- two joints -------------------------------------------------------------------------

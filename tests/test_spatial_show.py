@@ -10,10 +10,10 @@ from models import in_pixels, in_space, trained
 from calib.arm.loading import arm_from_urdf
 from calib.body.curves import curve_value
 from calib.body.spatial_words import camera_place
-from calib.show.preview.body import Body
-from calib.show.preview.live import Live
+from calib.show.preview.arm import Body
 from calib.show.preview.placement import place
 from calib.show.preview.scene import draw
+from calib.show.preview.server import Live
 from calib.show.report import space
 from calib.show.report.evidence import gather
 from calib.show.report.page import SECTIONS

@@ -6,23 +6,13 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from closed_arms import (
-    both_elbows,
-    drawn,
-    elbow_of,
-    solver,
-)
-from threadpoolctl import threadpool_limits
+from closed_arms import both_elbows, drawn, elbow_of, solver
 
 from calib.inverse.newton import CLOSE
 from calib.inverse.solver import Solver
 from calib.maps.map import Map
 
-
-@pytest.fixture(autouse=True)
-def _one_thread():
-    with threadpool_limits(1, user_api="blas"):
-        yield
+pytestmark = pytest.mark.usefixtures("one_blas_thread")
 
 
 # --- what the links propose -------------------------------------------------------------

@@ -6,6 +6,7 @@ import os
 import subprocess
 import sys
 import threading
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -77,6 +78,17 @@ def test_closed_standard_streams_are_no_internal_error(model, closed):
     assert done.returncode == 0, done.stderr
     assert b"internal" not in done.stderr
     assert b"Traceback" not in done.stderr
+
+
+@pytest.mark.skipif(not Path("/dev/full").exists(), reason="Linux has this device")
+@pytest.mark.parametrize(("command", "word"), [("robots", b"space"), ("info x --json", b"x: no")])
+def test_a_full_disk_is_one_line(command, word):
+    """The JSON of an error met the same full disk: a traceback."""
+    done = shell(f'"$@" {command} > /dev/full', PYTHONUNBUFFERED="1")
+    assert done.returncode == 1
+    assert done.stderr.startswith(b"error: ")
+    assert word in done.stderr
+    assert done.stderr.count(b"\n") == 1
 
 
 def test_a_closed_input_is_an_empty_table(model):

@@ -4,20 +4,12 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
-from closed_arms import (
-    both_elbows,
-    solver,
-)
-from threadpoolctl import threadpool_limits
+from closed_arms import both_elbows, solver
 
 from calib.inverse.newton import CLOSE
 from calib.inverse.tracking import follow
 
-
-@pytest.fixture(autouse=True)
-def _one_thread():
-    with threadpool_limits(1, user_api="blas"):
-        yield
+pytestmark = pytest.mark.usefixtures("one_blas_thread")
 
 
 # --- following --------------------------------------------------------------------------

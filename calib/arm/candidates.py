@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 
 from ..common.wording import listed, quoted
 from ..errors import RobotError
-from .planarity import MIN_LEVER, PARALLEL, common_normal, fits, frames_moved
+from .plane import MIN_LEVER, PARALLEL, common_normal, fits, frames_moved
 from .posture import Posture
 from .ranges import full_range, limits_fault, ranges_wanted
 from .tree import Joint, Urdf
@@ -119,10 +119,7 @@ def find_candidates(
 def choose(candidates: Sequence[Candidate]) -> tuple[Candidate, str | None]:
     """Return the one candidate that makes sense, and what to say about it.
 
-    Raises
-    ------
-    RobotError
-        If there are several of like reach, with the options that name each.
+    Raises RobotError if there are several of like reach, with the options that name each.
     """
     best = candidates[0]
     rivals = [found for found in candidates if found.size >= RIVAL * best.size]

@@ -1,20 +1,33 @@
-"""Finding: which joints and which tip, for users who named none: planar or spatial."""
+"""Finding: which joints and which tip, for users who named none: the arm that reaches furthest.
+
+A chain from the root to a tip reaches as far as its joints' distances and slides add up to.
+Fingers are no part of an arm: where a link branches and what lies beyond a joint of it is short
+beside the way up to it, the arm ends before that joint.
+"""
 
 from __future__ import annotations
 
+import re
 from collections.abc import Collection, Mapping, Sequence
 from dataclasses import dataclass
 
 import numpy as np
 
-from ..common.wording import listed
+from ..common.wording import listed, quoted
 from ..errors import RobotError
-from .candidates import Candidate, choose, find_candidates, nothing_found
-from .choosing import choose_chain, find_chains, no_chain
+from .candidates import (
+    Candidate,
+    alternatives,
+    choose,
+    find_candidates,
+    find_tip,
+    largest,
+    nothing_found,
+)
 from .folding import followers
-from .planarity import PARALLEL, common_normal
+from .plane import PARALLEL, common_normal
 from .posture import Posture
-from .ranges import Range, fixed_by_limits
+from .ranges import Range, fixed_by_limits, full_range, limits_fault
 from .tree import Joint, Urdf
 
 Found = tuple[list[Joint], str, bool]
@@ -106,3 +119,103 @@ def _only_planar(candidates: Sequence[Candidate]) -> Candidate | None:
         return choose(candidates)[0]
     except RobotError:
         return None
+
+
+#: More joints than this are no arm that a log could cover: those nearest to the root are held.
+MOST_JOINTS = 7
+#: What lies beyond a joint of a branching link is a finger if it is shorter than this share of
+#: the way from the first joint up to it.
+FINGER = 0.35
+#: Chains whose reach differs by less than this share are equals.
+EQUAL = 0.01
+#: Last joints of these names open a hand and move no arm.
+_FINGER_NAME = re.compile(r"(gripper|finger|jaw|claw|thumb)(_(left|right|joint|\d+))*$", re.I)
+
+
+def find_chains(
+    urdf: Urdf, posture: Posture, tip: str | None, excluded: Collection[str]
+) -> list[Candidate]:
+    """Return the chains of two joints or more, the one that reaches furthest first.
+
+    `posture` has all joints at their locked values; `excluded` are not to be used.
+    """
+    movable = [joint for joint in urdf.joints if joint.movable and not joint.mimic]
+    tips = [tip] if tip else sorted({_arm_tip(urdf, posture, joint) for joint in movable})
+    found: list[Candidate] = []
+    for link in tips:
+        usable = [j for j in urdf.path(link) if j in movable and j.name not in excluded]
+        if len(usable) >= 2:
+            reach = _reach(usable, link, posture)
+            found.append(Candidate(tuple(usable[-MOST_JOINTS:]), link, reach))
+    chains = largest(found)
+    longer = [chain.names for chain in chains]
+    return [
+        chain
+        for chain in chains
+        if not any(other[: len(chain.names)] == chain.names != other for other in longer)
+    ]
+
+
+def choose_chain(chains: Sequence[Candidate], *, strict: bool) -> tuple[Candidate, str | None]:
+    """Return the chain that reaches furthest, and what to say about it.
+
+    Where several reach alike, `strict` refuses them with the options that name each: a log was
+    measured on one of them only. In simulation the first serves, and the others are told.
+    """
+    best = chains[0]
+    equals = [chain for chain in chains if chain.size >= (1 - EQUAL) * best.size]
+    if len(equals) == 1:
+        return best, None
+    if strict:
+        shown = alternatives(equals, 6)
+        raise RobotError(f"the robot has {len(equals)} arms of one reach, choose one: {shown}")
+    others = alternatives(equals[1:], 3)
+    first = f"chosen, as the first of {len(equals)} arms of one reach"
+    return best, f"{first}: {best} (others: {others})"
+
+
+def no_chain(
+    urdf: Urdf, tip: str | None, locked: Collection[str], columns: Collection[str] | None
+) -> RobotError | None:
+    """Explain that no two joints of a chain are among a log's columns, or None."""
+    if columns is None:
+        return None
+    joints = [joint for joint in (urdf.path(tip) if tip else urdf.joints) if joint.movable]
+    named = [joint.name for joint in joints if joint.name in columns and joint.name not in locked]
+    to_tip = f" to {quoted(tip)}" if tip else ""
+    return RobotError(
+        f"an arm needs at least two joints of one chain{to_tip}; joints among the log's columns: "
+        f"{listed(named)}; the robot's joints: "
+        f"{listed(joint.name for joint in joints)}",
+        hint="if columns have other names, give `columns={'JOINT': 'COLUMN'}`",
+        parameter="columns",
+        value=list(named),
+    )
+
+
+def _arm_tip(urdf: Urdf, posture: Posture, joint: Joint) -> str:
+    """Follow a joint outwards to the tip it leads to, and back to before its fingers."""
+    tip = find_tip(urdf, joint.child)
+    path = [other for other in urdf.path(tip) if other.movable]
+    while len(path) > 2 and _FINGER_NAME.search(path[-1].name):
+        tip = find_tip(urdf, path[-1].parent)
+        tip = path[-1].parent if path[-1] in urdf.path(tip) else tip
+        path = path[:-1]
+    for k, other in enumerate(path[1:], start=1):
+        end = find_tip(urdf, other.parent)
+        if end != tip and other not in urdf.path(end):
+            before = _reach(path[:k], other.parent, posture)
+            if _reach(path[k:], tip, posture) < FINGER * before:
+                return end
+    return tip
+
+
+def _reach(joints: Sequence[Joint], tip: str, posture: Posture) -> float:
+    """Distances from joint to joint and to the tip, and the travel of slides [m]."""
+    stops = np.array([*(posture.points[joint.name] for joint in joints), posture.links[tip]])
+    reach = float(np.linalg.norm(np.diff(stops, axis=0), axis=1).sum())
+    for joint in joints:
+        if not joint.revolute and not limits_fault(joint):
+            lower, upper = full_range(joint)
+            reach += upper - lower
+    return reach

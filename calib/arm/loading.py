@@ -15,14 +15,11 @@ import numpy as np
 
 from ..common.wording import listed, one_line, quoted, suggestion
 from ..errors import OptionError, RobotError
+from .arms import PlanarArm, SpatialArm
 from .candidates import find_tip
-from .choosing import MOST_JOINTS
-from .finding import Choice, find_arm, in_line, is_planar
-from .folding import folded, followers, refuse_followers
-from .inertia import carried
-from .planar_arm import PlanarArm
-from .planarity import check_tip, common_normal
-from .plane import plane_of
+from .finding import MOST_JOINTS, Choice, find_arm, in_line, is_planar
+from .folding import carried, folded, followers, refuse_followers
+from .plane import check_tip, common_normal, plane_of
 from .posture import Kinematics, Posture
 from .ranges import (
     Range,
@@ -33,7 +30,6 @@ from .ranges import (
     unit_of,
 )
 from .robots import resolve_robot
-from .spatial_arm import SpatialArm
 from .tree import Joint, Urdf
 from .urdf import parse_urdf, read_urdf
 
@@ -131,7 +127,7 @@ def arm_from_urdf(
         _movable(urdf, locked, "lock")
     tip = None if tip is None else _find_link(urdf, tip)
     kinematics = Kinematics(urdf)
-    values = _held_values(urdf, lock)
+    values = held_values(urdf, lock)
     choice = Choice(joints, tip, lock, ranges, planar, columns)
     active, tip, flat = _select(urdf, kinematics.posture(values), choice, notes)
     path = urdf.path(tip)
@@ -258,7 +254,7 @@ def _find_link(urdf: Urdf, tip: str) -> str:
     return joint.child
 
 
-def _held_values(urdf: Urdf, lock: Mapping[str, float]) -> dict[str, float]:
+def held_values(urdf: Urdf, lock: Mapping[str, float]) -> dict[str, float]:
     """Values of all movable joints when held: as told, as their leader, or neutral."""
     values: dict[str, float] = {}
     for joint in urdf.joints:

@@ -17,24 +17,12 @@ Array = NDArray[np.float64]
 
 @dataclass(frozen=True, eq=False)
 class Posture:
-    """Axes and positions at one posture, in the root link's frame.
+    """Axes and positions at one posture, in the root link's frame."""
 
-    Attributes
-    ----------
-    axes : dict of str to (3,) array
-        Unit axis of each movable joint.
-    points : dict of str to (3,) array [m]
-        Origin of each movable joint's frame.
-    links : dict of str to (3,) array [m]
-        Origin of each link's frame.
-    rotations : dict of str to (3, 3) array
-        Orientation of each link's frame.
-    """
-
-    axes: dict[str, Array]
-    points: dict[str, Array]
-    links: dict[str, Array]
-    rotations: dict[str, Array]
+    axes: dict[str, Array]  # (3,), unit axis of each movable joint
+    points: dict[str, Array]  # (3,) [m], origin of each movable joint's frame
+    links: dict[str, Array]  # (3,) [m], origin of each link's frame
+    rotations: dict[str, Array]  # (3, 3), orientation of each link's frame
 
 
 class Kinematics:
@@ -59,14 +47,7 @@ class Kinematics:
 
     def posture(self, values: Mapping[str, float]) -> Posture:
         """Return the posture at joint values [rad or m]; joints not named are at zero."""
-        pin, model = self._pin, self._model
-        data = model.createData()
-        q = np.zeros(model.nq)
-        for name, value in values.items():
-            q[model.joints[self._joints[name]].idx_q] = value
-        # columns of the world Jacobian are the joints' axes, whatever a URDF says of its frames
-        pin.computeJointJacobians(model, data, q)
-        pin.updateFramePlacements(model, data)
+        model, data = self._model, self._placed(values)
         jacobian = np.reshape(data.J, (6, model.nv))  # of one joint it would be a vector
         axes: dict[str, Array] = {}
         points: dict[str, Array] = {}
@@ -78,13 +59,26 @@ class Kinematics:
             rows = slice(3, 6) if joint.revolute else slice(0, 3)
             axes[joint.name] = jacobian[rows, column].copy()
             points[joint.name] = np.array(data.oMi[number].translation)
-        links = {
-            link: np.array(data.oMf[frame].translation) for link, frame in self._frames.items()
-        }
-        rotations = {
-            link: np.array(data.oMf[frame].rotation) for link, frame in self._frames.items()
-        }
+        frames = {link: data.oMf[frame] for link, frame in self._frames.items()}
+        links = {link: np.array(frame.translation) for link, frame in frames.items()}
+        rotations = {link: np.array(frame.rotation) for link, frame in frames.items()}
         return Posture(axes, points, links, rotations)
+
+    def transforms(self, values: Mapping[str, float]) -> dict[str, Array]:
+        """Transforms (4, 4) of every link in the root's frame at joint values [rad or m]."""
+        data = self._placed(values)
+        return {link: data.oMf[frame].homogeneous for link, frame in self._frames.items()}
+
+    def _placed(self, values: Mapping[str, float]) -> Any:
+        """Pinocchio's data at joint values."""
+        pin, model = self._pin, self._model
+        data, q = model.createData(), np.zeros(model.nq)
+        for name, value in values.items():
+            q[model.joints[self._joints[name]].idx_q] = value
+        # columns of the world Jacobian are the joints' axes, whatever a URDF says of its frames
+        pin.computeJointJacobians(model, data, q)
+        pin.updateFramePlacements(model, data)
+        return data
 
 
 def _import_pinocchio() -> Any:

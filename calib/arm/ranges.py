@@ -86,10 +86,7 @@ def full_range(joint: Joint) -> Range:
 def checked_range(name: str, chosen: Range, limits: Range, unit: str) -> Range:
     """Return a range that the user chose, clipped into the limits if only rounding is over.
 
-    Raises
-    ------
-    OptionError
-        If it is not finite, empty or inverted, or goes beyond the joint's limits.
+    Raises OptionError if it is not finite, empty or inverted, or goes beyond the joint's limits.
     """
     lower, upper = (float(end) for end in chosen)
     shown = f"`ranges={{{name!r}: ({lower:g}, {upper:g})}}`"
@@ -111,11 +108,7 @@ def checked_range(name: str, chosen: Range, limits: Range, unit: str) -> Range:
 def cut_to_one_turn(chosen: Range) -> tuple[Range, bool]:
     """Cut a revolute joint's range to one turn, centred as near to 0 as it allows.
 
-    Returns
-    -------
-    range : (lower, upper) [rad]
-    cut : bool
-        Whether more than rounding was cut, which `notes_of_turns` tells.
+    Returns the range and whether more than rounding was cut, which `notes_of_turns` tells
     """
     lower, upper = chosen
     if upper - lower <= TURN:

@@ -4,9 +4,9 @@ from __future__ import annotations
 
 import re
 from dataclasses import dataclass
-from difflib import get_close_matches
 from pathlib import Path
 
+from ..common.wording import listed, quoted, suggestion
 from ..errors import RobotError
 from .urdf import parse_urdf, read_urdf
 
@@ -41,17 +41,16 @@ def resolve_robot(robot: str | Path) -> Path:
     A bundled name wins over a file of the same name in the current folder (`./two_link`
     means the file).
 
-    Raises
-    ------
-    RobotError
-        If it is neither, with the names there are.
+    Raises RobotError if it is neither, with the names there are.
     """
     text = str(robot)
     names = {path.stem: path for path in robots_folder().glob("*.urdf")}
     if isinstance(robot, str) and text in names:
         return names[text]
     if not text.strip() or "\0" in text:
-        raise RobotError(f"robot {text!r}: expected a path to a URDF or one of {_joined(names)}")
+        raise RobotError(
+            f"robot {text!r}: expected a path to a URDF or one of {listed(sorted(names))}"
+        )
     path = Path(robot)
     try:
         found = path.exists()
@@ -59,17 +58,10 @@ def resolve_robot(robot: str | Path) -> Path:
         found = False
     if found:
         return path
-    close = get_close_matches(path.stem, names, n=1)
-    meant = f"did you mean {close[0]}? " if close else ""
-    shown = text if len(text) <= 200 else text[:197] + "..."
     raise RobotError(
-        f"robot {shown!r}: no such file and no bundled robot; {meant}"
-        f"give a path to a URDF or one of {_joined(names)}"
+        f"robot {quoted(text)}: no such file and no bundled robot; give a path to a URDF, or "
+        f"{suggestion(path.stem, sorted(names))}"
     )
-
-
-def _joined(names: dict[str, Path]) -> str:
-    return ", ".join(sorted(names))
 
 
 def _read_entry(path: Path) -> RobotEntry:

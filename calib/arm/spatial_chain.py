@@ -28,57 +28,29 @@ GRAVITY = (0.0, 0.0, -9.80665)
 
 
 class Frames(NamedTuple):
-    """World positions and axes of a chain's joints at n rows.
+    """World positions and axes of a chain's joints at n rows."""
 
-    Attributes
-    ----------
-    origins : (m, 3, n) array [m]
-    axes : (m, 3, n) array
-    tip : (3, n) array [m]
-    rotation : (3, 3, n) array
-        Orientation of the tip's frame.
-    """
-
-    origins: Array
-    axes: Array
-    tip: Array
-    rotation: Array
+    origins: Array  # (m, 3, n) [m]
+    axes: Array  # (m, 3, n)
+    tip: Array  # (3, n) [m]
+    rotation: Array  # (3, 3, n), orientation of the tip's frame
 
 
 @dataclass(frozen=True, eq=False)
 class SpatialChain:
-    """A serial chain of m joints that are moved by dof values, at its zero posture.
+    """A serial chain of m joints that are moved by dof values, at its zero posture."""
 
-    Attributes
-    ----------
-    axes : (m, 3) array
-        Unit axes in the root frame, base to tip.
-    points : (m, 3) array [m]
-        Origins of the joint frames; the axes pass through them.
-    tip : (3,) array [m]
-        Position of the tip.
-    rotation : (3, 3) array
-        Orientation of the tip's frame.
-    revolute : tuple of bool
-        Whether each joint turns about its axis or slides along it.
-    coupling : (m, dof) array
-        How much each joint follows each active value: the unit matrix without mimic joints.
-    bias : (m,) array [rad or m]
-        Offset of each mimic joint, else 0.
-    masses : (m,) array [kg]
-        Mass that each joint carries up to the next joint; empty where the URDF states none.
-    centres : (m, 3) array [m]
-        Centres of those masses at the zero posture.
-    """
-
-    axes: Array
-    points: Array
-    tip: Array
-    rotation: Array
-    revolute: tuple[bool, ...]
+    axes: Array  # (m, 3), unit axes in the root frame, base to tip
+    points: Array  # (m, 3) [m], origins of the joint frames; the axes pass through them
+    tip: Array  # (3,) [m], position of the tip
+    rotation: Array  # (3, 3), orientation of the tip's frame
+    revolute: tuple[bool, ...]  # whether each joint turns about its axis or slides along it
+    # (m, dof), how much each joint follows each active value: the unit matrix without mimic joints
     coupling: Array
-    bias: Array
+    bias: Array  # (m,) [rad or m], offset of each mimic joint, else 0
+    # (m,) [kg], mass that each joint carries up to the next joint; empty where the URDF states none
     masses: Array = field(default_factory=lambda: np.zeros(0))
+    # (m, 3) [m], centres of those masses at the zero posture
     centres: Array = field(default_factory=lambda: np.zeros((0, 3)))
 
     def __post_init__(self) -> None:
@@ -171,6 +143,26 @@ class SpatialChain:
             else:
                 columns[:, :3, i] = axis.T
         return np.asarray(columns @ self.coupling)
+
+    def velocities(self, q: Array) -> Array:
+        """Its first three rows alone, (n, 3, dof): as `positions`, without turned matrices."""
+        values = self.values(q)
+        moved = np.zeros((3, self.joints + 1, len(q)))  # by each joint; last the tip itself
+        tip = moved[:, -1]
+        tip += self.tip[:, None]
+        for i in reversed(range(self.joints)):
+            axis, point = self.axes[i][:, None], self.points[i][:, None]
+            if self.revolute[i]:
+                tip -= point
+                across = cross(axis[..., None], moved[:, i + 1 :])
+                moved[:, i + 1 :] += np.sin(values[i]) * across
+                moved[:, i + 1 :] += (1.0 - np.cos(values[i])) * cross(axis[..., None], across)
+                moved[:, i] = cross(axis, tip)
+                tip += point
+            else:
+                moved[:, i] = axis
+                tip += axis * values[i]
+        return np.asarray(np.moveaxis(moved[:, :-1], 2, 0) @ self.coupling)
 
     def skeleton(self, q: Array) -> Array:
         """Joint origins and the tip, to draw the arm: (n, dof) -> (n, m + 1, 3) [m]."""

@@ -29,10 +29,7 @@ _INFINITE = re.compile(r"([+-]?)inf(inity)?", re.IGNORECASE)
 def read_urdf(path: Path) -> str:
     """Read a URDF file as text.
 
-    Raises
-    ------
-    RobotError
-        If it is missing, a folder, empty, not UTF-8, or larger than `MAX_BYTES`.
+    Raises RobotError if it is missing, a folder, empty, not UTF-8, or larger than `MAX_BYTES`.
     """
     try:
         if path.is_dir():
@@ -67,17 +64,8 @@ def read_urdf(path: Path) -> str:
 def parse_urdf(text: str, name: str = "robot") -> Urdf:
     """Check the text of a URDF and return its links and joints.
 
-    Parameters
-    ----------
-    text : str
-        The URDF.
-    name : str
-        Name to use where the URDF gives its robot none.
-
-    Raises
-    ------
-    RobotError
-        In one line: what is wrong, what was expected and what to do.
+    name : name to use where the URDF gives its robot none
+    Raises RobotError: what is wrong, what was expected and what to do.
     """
     robot = _parse_xml(text)
     notes: list[str] = []

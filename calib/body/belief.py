@@ -11,8 +11,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ..common.frozen import ReadOnly
-from .bound import radius_95, root_of, spread_of
-from .packing import Packed
+from .bound import radius_95, spread_of
+from .packing import Packed, root_in
 from .structure import Array, Indices, Structure
 
 CHUNK = 2000
@@ -74,7 +74,7 @@ class Second(ReadOnly):
     @cached_property
     def root(self) -> Array:
         """A root of the covariance."""
-        return root_of(self.covariance)
+        return root_in(self.covariance, self.packed)
 
 
 @dataclass(frozen=True)
@@ -135,7 +135,7 @@ class Body(ReadOnly):
     @cached_property
     def root(self) -> Array:
         """A root (k, k) of the covariance."""
-        return root_of(self.covariance)
+        return root_in(self.covariance, self.packed)
 
     def predict(self, q: Array) -> Array:
         """Outputs (n, m) at joint values (n, dof) [rad or m]."""

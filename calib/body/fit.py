@@ -70,7 +70,7 @@ def maximise(
             now = first_noise(structure.residual(z, predicted), floor, structure.blocks)
             search.noise = np.maximum(search.noise, now / 1.2)
         moved = np.abs(delta) / np.sqrt(variance)
-        fresh = not keeps or it < 1 or share < 0.9 or bool(moved.max() > 1.0)
+        fresh = not keeps or share < 0.9 or bool(moved.max() > 5.0)
         if (it > (2 if learn else 0) and moved.max() <= tolerance) or share == 0.0:
             break
     return _finished(search)

@@ -5,6 +5,7 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
+from .bound import root_of
 from .structure import Array
 
 Packed = NDArray[np.float32]
@@ -31,6 +32,17 @@ def unpack(packed: Packed, size: int) -> Array:
     upper = np.zeros((size, size))
     upper[np.triu_indices(size)] = packed
     return np.asarray(upper.T @ upper)
+
+
+def root_in(covariance: Array, packed: Packed | None) -> Array:
+    """A root (k, k) of a covariance: the packed triangle where that is its own."""
+    size = len(covariance)
+    upper = np.zeros((size, size))
+    if packed is not None and len(packed) == size * (size + 1) // 2:
+        upper[np.triu_indices(size)] = packed
+        if np.array_equal(upper.T @ upper, covariance):
+            return upper.T  # a fifth of the eigenvectors' time, and half of it is zero
+    return root_of(covariance)
 
 
 def packed_of(covariance: Array, packed: Packed | None) -> Packed:

@@ -34,6 +34,9 @@ LEAST_SHARE = 0.5
 FEW = 1000
 """Rows from which on the second fit's spread is no more scaled by its held-out errors."""
 
+SETTLED = 0.05
+"""Share of a posterior sd that the last step of a log's member moves at most."""
+
 STUDENT = 6.0
 """Degrees of freedom of the noise of a log."""
 
@@ -149,7 +152,7 @@ def _through_gate(
                 start.structure.prior(free),
                 nu=nu,
                 floor=floor,
-                tolerance=1e-3 if gaussian else 1e-2,
+                tolerance=1e-3 if gaussian else SETTLED,
                 steps=20 if gaussian else 10,
             )
             for each in dict.fromkeys(starts)
@@ -192,8 +195,9 @@ def _over_all_rows(passed: Passed, q: Array, z: Array, floor: Array) -> Fit:
         nu=fit.nu,
         floor=floor,
         noise=fit.noise,
-        steps=2 if len(fit.active) > MANY else 10,
-        tolerance=1e-2,
+        learn=bool((fit.noise > floor).any()),  # exact rows leave nothing to learn of their noise
+        steps=4 if len(fit.active) > MANY else 10,
+        tolerance=SETTLED,
     )
 
 

@@ -14,7 +14,7 @@ import numpy as np
 
 from ..arm.rotations import exponential, logarithm
 from ..arm.spatial_chain import SpatialChain
-from ..common.thinning import thinned
+from ..common.rows import thinned
 from .structure import Array, Structure
 
 if TYPE_CHECKING:

@@ -48,7 +48,8 @@ class SpatialRow:
         self._bias = chain.bias
         elastic = beta[groups["elastic"]]
         # Pinocchio's generalised gravity is the torque that holds the arm: the load's negative
-        self._bending = -elastic / structure.loads.torque if elastic.any() else None
+        self._torque = structure.loads.torque
+        self._bending = -elastic / self._torque if elastic.any() else None
         loads = _model(chain, placements(chain), structure.gravity)
         self._own = _Own(_model(chain, moved), loads)
         self._see, self._seen = _view(structure, beta)
@@ -67,6 +68,17 @@ class SpatialRow:
         """Placement (pinocchio.SE3) of the tip in the arm's root frame, a copy."""
         self._move(q)
         return self._own.placement.copy()
+
+    def frames(self, q: Sequence[float]) -> tuple[Array, Array, Array]:
+        """Places (m, 3) and orientations (m, 3, 3) of the joints, and the tip (3,), in the root."""
+        self._move(q)
+        own = self._own
+        return np.array(own.places), np.array(own.rotations), np.array(own.tip())
+
+    def shares(self, q: Sequence[float]) -> Array:
+        """Loads (m,) of the nominal chain's joints, as `Loads.shares`."""
+        own = self._own
+        return np.asarray(own.load(own.loads, own.weighed, self._nominal(q)) / -self._torque)
 
     def twist(self, q: Sequence[float], goal: Any) -> tuple[Array, Array]:
         """Twist (6,) from the tip's placement to a goal, and its derivative's negative (6, dof).
@@ -112,10 +124,12 @@ class SpatialRow:
             moved = self._coupling @ moved + self._bias
         if self._bending is None:
             return moved, None
-        nominal = np.array(q)
-        if self._coupling is not None:
-            nominal = self._coupling @ nominal + self._bias
+        nominal = self._nominal(q)
         return moved + self._bending * own.load(own.loads, own.weighed, nominal), nominal
+
+    def _nominal(self, q: Sequence[float]) -> Array:
+        nominal = np.array(q)
+        return nominal if self._coupling is None else self._coupling @ nominal + self._bias
 
 
 class _Own(threading.local):
@@ -128,6 +142,8 @@ class _Own(threading.local):
         self.data = self.model.createData()
         self.placement = self.data.oMf[self.frame]  # a live view, as is its translation
         self.tip = self.placement.translation.tolist
+        self.places = [place.translation for place in self.data.oMi][1:]
+        self.rotations = [place.rotation for place in self.data.oMi][1:]
         self.loads = loads[0]
         self.weighed = self.loads.createData()
         self.move, self.settle = pin.framesForwardKinematics, pin.updateFramePlacement

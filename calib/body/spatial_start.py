@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from ..arm.rotations import exponential, logarithm
-from ..common.thinning import thinned
+from ..common.rows import thinned
 from ..errors import LogError
 from .structure import Array, Indices, Structure
 
@@ -31,6 +31,8 @@ FEW = 45
 OTHER = 0.3
 #: A median distance beyond this share of the rows' spread is no calibration error.
 MISFIT = 0.1
+#: Tools, as shares of the reach, from which tool and frame are fitted by turns, and how often.
+TOOL, TURNS = 0.1, 8
 #: Degrees of freedom of the Student noise that keeps outliers from deciding.
 NU = 6.0
 
@@ -198,24 +200,43 @@ def _guesses(structure: SpatialStructure, q: Array, z: Array, arm: Array) -> lis
     points, rotations = structure.pose(q, beta)
     if structure.camera:
         return _cameras(structure, points, z, beta)
-    guesses = []
     if structure.outputs == 6:
         return [_from_pose(structure, points, rotations, z, beta)]
-    size = 0.1 * structure.chain.reach
-    tools = np.vstack([np.zeros(3), size * np.eye(3), -size * np.eye(3)])
-    for tool in tools:
-        guess = beta.copy()
+    reach = TOOL * structure.chain.reach
+    tools = np.vstack([np.zeros(3), reach * np.eye(3), -reach * np.eye(3)])
+    found = [_placed(structure, points, rotations, z, tool) for tool in tools]
+    _, tool, turn, shift, factor = min(found, key=lambda each: each[0])
+    beta[structure.groups["tool"]], beta[structure.groups["view.shift"]] = tool, shift
+    beta[structure.groups["view.rotation"]] = logarithm(turn)
+    if structure.seen_as.scaled:
+        beta[structure.groups["view.scale"]] = np.log(factor / structure.metre)
+    return [beta]
+
+
+def _placed(
+    structure: SpatialStructure, points: Array, rotations: Array, z: Array, tool: Array
+) -> tuple[float, Array, Array, Array, float]:
+    """Median distance, tool, turn, shift and scale that fit rows, by turns, from a tool."""
+    for _ in range(TURNS):
         seen = points + rotations @ tool
-        turn, _, scale = similarity(seen, z)
-        guess[structure.groups["tool"]] = tool
-        guess[structure.groups["view.rotation"]] = logarithm(turn)
-        factor = structure.metre
-        if structure.seen_as.scaled:
-            factor = scale
-            guess[structure.groups["view.scale"]] = np.log(scale / structure.metre)
-        guess[structure.groups["view.shift"]] = z.mean(axis=0) - factor * turn @ seen.mean(axis=0)
-        guesses.append(guess)
-    return guesses
+        turn, shift, factor = similarity(seen, z)
+        if not structure.seen_as.scaled:
+            factor = structure.metre
+        tool, shift = _tool(points, rotations, z, turn, factor)
+    miss = z - factor * (points + rotations @ tool) @ turn.T - shift
+    return float(np.median(np.linalg.norm(miss, axis=1))), tool, turn, shift, factor
+
+
+def _tool(
+    points: Array, rotations: Array, z: Array, turn: Array, factor: float
+) -> tuple[Array, Array]:
+    """Tool (3,) and shift (3,) of z = shift + factor turn (p + R tool), which is linear in both."""
+    arms = np.concatenate(
+        [factor * (turn @ rotations), np.broadcast_to(np.eye(3), rotations.shape)], axis=2
+    )
+    target = (z[:, :3] - factor * points @ turn.T).reshape(-1)
+    solution = np.linalg.lstsq(arms.reshape(-1, 6), target, rcond=None)[0]
+    return solution[:3], solution[3:]
 
 
 def similarity(a: Array, b: Array) -> tuple[Array, Array, float]:
@@ -249,16 +270,11 @@ def _from_pose(
     left = np.einsum("nij,jk,nkl->nil", np.swapaxes(rotations, 1, 2), turn.T, seen)
     u, _, vt = np.linalg.svd(left.sum(axis=0))
     tool_turn = u @ np.diag([1.0, 1.0, np.linalg.det(u @ vt)]) @ vt
-    # z = shift + turn (p + R tool): linear in shift and tool
-    metre = structure.metre
-    arms = np.concatenate(
-        [metre * (turn @ rotations), np.broadcast_to(np.eye(3), rotations.shape)], axis=2
-    )
-    target = (z[:, :3] - metre * points @ turn.T).reshape(-1)
-    solution = np.linalg.lstsq(arms.reshape(-1, 6), target, rcond=None)[0]
     beta[groups["view.rotation"]] = logarithm(turn)
     beta[groups["tool.rotation"]] = logarithm(tool_turn)
-    beta[groups["tool"]], beta[groups["view.shift"]] = solution[:3], solution[3:]
+    beta[groups["tool"]], beta[groups["view.shift"]] = _tool(
+        points, rotations, z, turn, structure.metre
+    )
     return beta
 
 

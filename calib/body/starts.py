@@ -68,9 +68,10 @@ def best_starts(
     if len(q) > ROWS:
         rows = np.sort(np.random.default_rng(0).permutation(len(q))[:ROWS])
         q, z = q[rows], z[rows]
-    runs = []
-    for each, beta in structure.starts(q, z):
-        runs.append(_refine(each, q, z, beta, each.prior(free), 6))
+    found = structure.starts(q, z)
+    if len(found) == 1:  # nothing to choose from: the gate goes on from here
+        return (Start(found[0][0], found[0][1], 0.0, 0.0),)
+    runs = [_refine(each, q, z, beta, each.prior(free), 6) for each, beta in found]
     runs.sort(key=lambda run: run.cost)
     runs = [
         _refine(run.structure, q, z, run.beta, run.structure.prior(free), 40) for run in runs[:KEPT]

@@ -13,7 +13,7 @@ from ..body.most_telling import most_telling
 from ..body.structure import Array
 from ..common.choices import METHODS
 from ..common.parallel import one_blas_thread
-from ..common.thinning import thinned
+from ..common.rows import thinned
 from ..errors import OptionError
 from ..model.model import Model
 from ..training.evaluate import figures

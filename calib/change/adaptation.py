@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 
 from ..body.structure import Array
-from ..common.thinning import thinned
+from ..common.rows import thinned
 from ..model.alignment import Alignment
 from ..model.baseline import learn_baseline
 from ..model.model import Model

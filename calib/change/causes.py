@@ -8,7 +8,7 @@ from __future__ import annotations
 import math
 from typing import TYPE_CHECKING
 
-from ..common.units import for_people
+from ..common.wording import for_people
 from ..model.alignment import Alignment
 from ..samples.plausibility import unit_hint
 from .alike import same_as_first_joint, same_as_scale

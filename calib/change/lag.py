@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from ..body.structure import Array
-from ..common.thinning import thinned
+from ..common.rows import thinned
 from .reference import Reference, rigid_misfit
 
 MOST = 30

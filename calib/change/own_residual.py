@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 
 from ..body.likeness import kernel
 from ..body.structure import Array
-from ..common.thinning import thinned
+from ..common.rows import thinned
 from .rows import RESIDUAL_ROWS
 
 _PARTITIONS = (2, 5, 10)  # contiguous blocks: half of the log must tell of the other half

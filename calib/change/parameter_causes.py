@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from ..body.structure import Array, Indices, Label, Structure
-from ..common.units import for_people
+from ..common.wording import for_people
 from ..model.alignment import Alignment
 from .cause import AS_ONE, Cause
 from .members import FRAME, parts_of

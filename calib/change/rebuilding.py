@@ -9,7 +9,7 @@ import numpy as np
 from ..body.belief import Body
 from ..body.likeness import kernel
 from ..body.structure import Array
-from ..common.units import for_people
+from ..common.wording import for_people
 from ..model.model import Model
 from .adaptation import Adaptation
 from .carry import carry

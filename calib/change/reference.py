@@ -17,7 +17,7 @@ from ..arm.rotations import logarithm
 from ..body.belief import Body
 from ..body.structure import Array, Indices, Structure
 from ..body.views import is_camera
-from ..common.thinning import thinned
+from ..common.rows import thinned
 from .members import FRAME
 
 _FAR = 0.05  # misfit, of the extents, from which another frame is looked for

@@ -8,7 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ..body.structure import Array
-from ..common.thinning import thinned
+from ..common.rows import thinned
 from .members import drift, freedom, members_of
 from .reference import Reference
 from .whitening import scaled

@@ -17,7 +17,7 @@ from ..body.bound import radius_95
 from ..body.likeness import kernel, lengths_of
 from ..body.normal import Factor
 from ..body.structure import Array, Indices
-from ..common.thinning import thinned
+from ..common.rows import thinned
 from .explain import Explanation
 from .members import drift
 from .reference import Reference

@@ -33,19 +33,9 @@ def atomic_write(path: str | os.PathLike[str], data: bytes | Callable[[BinaryIO]
     permissions of an older file are kept, a new one follows the umask. What is no
     regular file (a pipe, a device) is written to directly.
 
-    Parameters
-    ----------
-    path : path-like
-        Where the file shall be.
-    data : bytes or callable
-        The content, or a function that writes it to the binary file that it is given.
-
-    Raises
-    ------
-    CalibError
-        If the folder is missing, a permission is lacking or the disk is full.
-    BrokenPipeError
-        If the reader of a pipe has left.
+    data : the content, or a function that writes it to the binary file that it is given
+    Raises CalibError if the folder is missing, a permission is lacking or the disk is full.
+    Raises BrokenPipeError if the reader of a pipe has left.
 
     Examples
     --------
@@ -65,10 +55,8 @@ def atomic_write(path: str | os.PathLike[str], data: bytes | Callable[[BinaryIO]
 def check_writable(path: str | os.PathLike[str]) -> None:
     """Refuse a place that cannot be written, before the work whose result goes there.
 
-    Raises
-    ------
-    CalibError
-        If the folder is missing or write-protected, or `path` is a folder or write-protected.
+    Raises CalibError if the folder is missing or write-protected, or `path` is a folder or
+    write-protected.
     """
     with _told(path):
         _target(path)

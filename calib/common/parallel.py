@@ -19,10 +19,7 @@ def side_by_side(aside: Callable[[], S], here: Callable[[], T]) -> tuple[S, T]:
     and never keeps the program alive.  NumPy's and SciPy's loops release the interpreter's
     lock, so two cores are used.  What each computes cannot depend on the other's pace.
 
-    Parameters
-    ----------
-    aside, here : callable
-        The tasks.  An error of either is raised.
+    An error of either is raised.
     """
     task = _Aside(aside)
     thread = threading.Thread(target=task.run, daemon=True)

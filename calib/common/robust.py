@@ -14,15 +14,7 @@ _STEPS = 30
 def solve(features: Array, x: Array, weight: Array | None = None) -> Array:
     """Least squares, of smallest norm where the features depend on each other.
 
-    Parameters
-    ----------
-    features : (n, p) array
-    x : (n, k) array
-    weight : (n,) array, optional
-
-    Returns
-    -------
-    (p, k) array
+    Features (n, p), x (n, k) and weights (n,) give coefficients (p, k).
     """
     if weight is not None:
         root = np.sqrt(weight)[:, None]

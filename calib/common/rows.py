@@ -23,29 +23,13 @@ def number_rows(
 ) -> tuple[Array, bool]:
     """Return rows of numbers, and whether they were given as a single vector.
 
-    Parameters
-    ----------
-    values : (n, len(names)) or (len(names),) array-like, or named columns
-        Polars and pandas tables, mappings and structured arrays are read by name; what they
-        hold besides is left alone.
-    names : sequence of str
-        What each column is.
-    what : str
-        What a message calls the values.
-    error : type
-        Class of the error that is raised.
-
-    Returns
-    -------
-    rows : (n, len(names)) array
-        A copy. It may hold NaN: whether that is wrong is the caller's to say.
-    single : bool
-        Whether it was one vector.
-
-    Raises
-    ------
-    CalibError
-        If a column is missing, or the values are masked, dates or no numbers.
+    values : (n, len(names)) or (len(names),) array-like, or named columns: Polars and pandas
+        tables, mappings and structured arrays are read by name, their other columns ignored
+    names : what each column is
+    Returns rows : (n, len(names)) array, a copy. It may hold NaN: whether that is wrong is the
+        caller's to say.
+    Returns single : whether it was one vector
+    Raises CalibError if a column is missing, or the values are masked, dates or no numbers.
 
     Examples
     --------
@@ -118,3 +102,14 @@ def _numbers(values: Any, what: str, error: type[CalibError]) -> Array:
         return np.array(array, dtype=np.float64, order="C")
     except (TypeError, ValueError) as problem:
         raise error(f"{what}: expected numbers, got {values!r:.60}") from problem
+
+
+def thinned(count: int, most: int) -> NDArray[np.intp]:
+    """Return at most `most` row numbers of `count`, evenly spread, in order.
+
+    Examples
+    --------
+    >>> thinned(10, 4).tolist(), thinned(3, 4).tolist()
+    ([0, 3, 6, 9], [0, 1, 2])
+    """
+    return np.unique(np.linspace(0, count - 1, min(count, most)).round().astype(np.intp))

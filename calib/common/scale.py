@@ -16,18 +16,12 @@ TURN = 2 * np.pi
 
 @dataclass(frozen=True)
 class Scale(ReadOnly):
-    """An affine map of a box onto [0, 1] along each coordinate.
+    """An affine map of a box onto [0, 1] along each coordinate."""
 
-    Attributes
-    ----------
-    lower, span : (d,) array
-        Lower end and width of the box, in the coordinate's own unit.
-    periodic : (d,) bool array
-        Coordinates whose box is one full turn: its two ends are the same place.
-    """
-
+    # (d,), lower end and width of the box, in the coordinate's own unit
     lower: Array
     span: Array
+    # (d,), coordinates whose box is one full turn: its two ends are the same place
     periodic: NDArray[np.bool_]
 
     @staticmethod

@@ -1,7 +1,8 @@
-"""Wording: names and choices in messages that stay one short line."""
+"""Wording: names, choices and units as people read them, in messages that stay one short line."""
 
 from __future__ import annotations
 
+import math
 from collections.abc import Iterable
 from difflib import get_close_matches
 
@@ -54,3 +55,17 @@ def suggestion(name: str, names: Iterable[str]) -> str:
     close = get_close_matches(name, items, n=1)
     meant = f"did you mean {clipped(close[0])}? " if close else ""
     return f"{meant}choose from {listed(items)}"
+
+
+def for_people(unit: str) -> tuple[float, str]:
+    """Return the factor from a unit to the one that tables and figures show, and its name.
+
+    Metres become mm and radians degrees; the sensor's own unit stays.
+    """
+    named = {"m": (1e3, "mm"), "rad": (math.degrees(1.0), "deg")}
+    return named.get(unit, (1.0, unit))
+
+
+def vector(values: Iterable[float]) -> str:
+    """Return a vector as text, in which rounding errors, and a zero's sign, do not show."""
+    return "(" + ", ".join(f"{round(float(value), 6) + 0.0:.4g}" for value in values) + ")"

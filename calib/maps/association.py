@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from functools import cached_property
 from typing import TYPE_CHECKING, cast
@@ -115,12 +115,18 @@ class Association:
         a = self.wiring.activity(self.motor, u)
         # sum_i a_i c_ij w_j / sum_i a_i c_ij
         total = a @ self._strength
-        predicted = (a @ self._weighted) / np.where(total > 0, total, 1.0)[:, None]
-        winner = self.sensory.units[self._strongest_partner[self.motor.nearest(u)[1][:, 0]]]
-        return np.where(total[:, None] > 0, predicted, winner)
+        predicted = np.asarray(a @ self._weighted) / np.where(total > 0, total, 1.0)[:, None]
+        unlinked = np.flatnonzero(~(total > 0))
+        if len(unlinked):
+            predicted[unlinked] = self.forward(u[unlinked], "winner")
+        return predicted
 
     def inverse(self, v: Array, near: Array, readout: str) -> Array:
-        """Joints in the unit box (n, dof) for positions `v` (n, 2) in theirs.
+        """Joints in the unit box (n, dof) for positions `v` (n, 2) in theirs; `inverses`."""
+        return self.inverses(v, near, (readout,))[readout]
+
+    def inverses(self, v: Array, near: Array, readouts: Sequence[str]) -> dict[str, Array]:
+        """Joints in the unit box (n, dof) for positions `v` (n, 2) in theirs, by readout.
 
         Of the branches of the winner the one closest to `near` (n, dof) answers:
         ``winner`` with its strongest partner there, ``activity`` with the mean within that
@@ -131,8 +137,11 @@ class Association:
         winner = self.sensory.nearest(v)[1][:, 0]
         away = np.linalg.norm(scale.difference(clusters.center[winner], near[:, None]), axis=2)
         branch = np.where(clusters.strength[winner] > 0, away, np.inf).argmin(axis=1)
-        if readout == "winner":
-            return np.asarray(self.motor.units[clusters.core[winner, branch]])
+        found: dict[str, Array] = {}
+        if "winner" in readouts:
+            found["winner"] = self.motor.units[clusters.core[winner, branch]]
+        if not set(readouts) - {"winner"}:
+            return found
         a = self.wiring.activity(self.sensory, v)
         n, k = len(v), a.nnz // max(len(v), 1)
         nodes, weight = a.indices.reshape(n, k), a.data.reshape(n, k)
@@ -145,14 +154,14 @@ class Association:
         weight = np.where(close, weight * strength, 0.0)
         weight[:, 0] += 1e-300
         step = np.take_along_axis(gap, best[..., None], 2)[:, :, 0]
-        if readout == "linear":
+        if "linear" in readouts:
             places = self.sensory.units if self.sensory_means is None else self.sensory_means
             middle, mean, slope = regress(places[nodes] - v[:, None], step, weight)
-            mean = mean - np.einsum("nd,ndo->no", middle, slope)
-        else:
+            found["linear"] = anchor + mean - np.einsum("nd,ndo->no", middle, slope)
+        if "activity" in readouts:
             mean = np.einsum("nk,nkd->nd", weight, step) / weight.sum(axis=1, keepdims=True)
-        joints: Array = anchor + mean
-        return joints
+            found["activity"] = anchor + mean
+        return found
 
     @cached_property
     def linear(self) -> LinearModels:

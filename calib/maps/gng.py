@@ -188,7 +188,8 @@ def _renew(gas: Gas, low: Index, high: Index) -> None:
     n = len(gas.weights)
     fresh = np.unique(low * n + high)
     key = gas.pairs[:, 0] * n + gas.pairs[:, 1]
-    stay = ~np.isin(key, fresh)
+    # fresh is sorted: a search is sooner than np.isin, which sorts all edges
+    stay = fresh[np.minimum(np.searchsorted(fresh, key), len(fresh) - 1)] != key
     joined = np.stack(np.divmod(fresh, n), axis=1)
     gas.pairs = np.concatenate([gas.pairs[stay], joined])
     gas.age = np.concatenate([gas.age[stay], np.zeros(len(joined))])

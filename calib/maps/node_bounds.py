@@ -34,9 +34,9 @@ def learn_bounds(motor: Map, u: Array, errors: Array, doubt: Array | None = None
         Samples that training never saw, in the unit box.
     errors : (n,) array [unit]
         Their errors.
-    doubt : (nodes + n,) array, optional
-        What a teacher says of its own uncertainty at the nodes and at the samples, in
-        place of the mean error around them.
+    doubt : (nodes,) array, optional
+        What a teacher says of its own uncertainty at the nodes, in place of the mean error
+        around them.
 
     Returns
     -------
@@ -45,16 +45,14 @@ def learn_bounds(motor: Map, u: Array, errors: Array, doubt: Array | None = None
     floor = max(1e-9 * float(errors.max(initial=0.0)), 1e-15)
     if doubt is None:
         k = max(1, min(_AROUND, len(u) // 2))
-        where = np.concatenate([np.clip(motor.units, 0.0, 1.0), u])
+        where = np.clip(motor.units, 0.0, 1.0)
         _, index = search_tree(u, motor.scale).query(where, k=np.arange(1, k + 1), workers=-1)
         doubt = errors[np.asarray(index, dtype=np.intp)].mean(axis=1)
-    doubt = np.maximum(doubt, floor)
-    nodes = doubt[: motor.size]
     border, edge = near_border(motor, u), near_border(motor, motor.units)
     groups = [(edge == near, border == near) for near in (False, True)]
     if min(np.count_nonzero(rows) for _, rows in groups) < _ENOUGH:
         groups = [(np.ones_like(edge), np.ones_like(border))]  # too few to tell them apart
-    bound = nodes.copy()
+    bound = np.maximum(doubt, floor)
     index, weight = blend(motor, u, blend_size(u.shape[1]))
     # both groups' nodes speak for samples between them: again, until both fit
     for _ in range(_PASSES):

@@ -29,8 +29,10 @@ _SURE = 1.0  # standard errors by which another choice must win
 _RUN = 20  # neighbouring rows that may be repeats of each other
 _AROUND = 5  # rows whose median residual tells whether a row is calm
 _BESIDE = 20  # rows of which one has to be wrong for a calm row to lie beside a defect
+_GAPS = 8  # neighbours of such a row towards which the gap between rows is watched
+_NONE = 3.0  # of a mean of noise's own variance: a smaller one is taken for no residual
 _CALM = 0.99  # quantile of that median where the smooth part is right
-_HARM = 100.0  # weight of a calm row: what mends a defect must not spoil what is right beside it
+_HARM = 30.0  # weight of a calm row: what mends a defect must not spoil what is right beside it
 
 
 @dataclass(frozen=True, eq=False)
@@ -87,19 +89,22 @@ class NodeChoice:
         place[nodes] = np.arange(len(nodes))
         rows = np.flatnonzero((place[index] >= 0).any(axis=1))
         held = np.concatenate([part[fold] for part, fold in zip(unseen, folds, strict=True)])
-        calm, beside, between, usually = _calm(motor, u, held, wrong)
+        calm, beside, between, usually, known = _calm(motor, u, held, wrong)
         more = local.speaking(motor, between)
         index = place[np.concatenate([index[rows], more[0]])]
         weight, gap = np.concatenate([weight[rows], more[1]]), np.concatenate([gap[rows], more[2]])
         owner = np.concatenate([rows, beside])
         predicted = held_out(motor, nodes, u, unseen, folds, owner, index, gap, shapes)
-        target = np.concatenate([held[rows], usually])
+        target = np.concatenate([known[rows], usually])
         calm = np.concatenate([calm[rows], np.ones(len(beside), dtype=bool)])
         usual = -1 if common is None else list(shapes).index(common)
+        square, quiet = np.einsum("mo,mo->m", held[rows], held[rows]), calm[: len(rows)]
+        noise = max(float(np.mean(square[quiet]) if quiet.any() else np.median(square)), 1e-300)
         chosen, remains = _settled(
-            owner, target, predicted, index, weight, calm, len(rows), len(nodes), usual
+            owner, target, predicted, index, weight, calm, noise, len(nodes), usual
         )
-        return NodeChoice(nodes, chosen, rows, remains[: len(rows)])
+        # what is reported are the rows as they were measured
+        return NodeChoice(nodes, chosen, rows, remains[: len(rows)] + held[rows] - known[rows])
 
     def remaining(self, rows: Index, otherwise: Array) -> Array:
         """What remained of some rows (k, o); `otherwise` where none of these nodes speaks."""
@@ -182,7 +187,7 @@ def held_out(
 
 def _calm(
     motor: Map, u: Array, held: Array, wrong: NDArray[np.bool_]
-) -> tuple[NDArray[np.bool_], Index, Array, Array]:
+) -> tuple[NDArray[np.bool_], Index, Array, Array, Array]:
     """Rows (n,) around which the smooth part is right, and places between those beside others.
 
     A median of a few rows tells sooner on which side of a sharp edge a row lies than the mean
@@ -194,19 +199,32 @@ def _calm(
     calm : (n,) bool array
     row, place, residual : (k,), (k, d), (k, o) array
         Of each such place a row, itself in the unit box, and the mean of the calm rows around.
+    known : (n, o) array
+        Residuals of all rows, zero where nothing but noise is known of them.
     """
     tree = search_tree(u, motor.scale)
     near = np.asarray(tree.query(u, k=np.arange(1, min(_BESIDE, len(u)) + 1), workers=-1)[1])
     if wrong.all():
-        return ~wrong, near[:0, 0], u[:0], held[:0]
-    middle = np.median(np.einsum("no,no->n", held, held)[near[:, :_AROUND]], axis=1)
+        return ~wrong, near[:0, 0], u[:0], held[:0], held
+    square = np.einsum("no,no->n", held, held)
+    middle = np.median(square[near[:, :_AROUND]], axis=1)
     calm = np.asarray(middle <= np.quantile(middle[~wrong], _CALM))
     beside = calm & ~calm[near].all(axis=1)
-    row, k = np.nonzero(calm[near[:, 1:_AROUND]] & beside[:, None])
+    row, k = np.nonzero(calm[near[:, 1 : _GAPS + 1]] & beside[:, None])
     # their mean: nothing beside a sharp edge, the slope of a wide defect
-    share = calm[near[row]] / np.count_nonzero(calm[near[row]], axis=1)[:, None]
-    residual = np.einsum("nk,nko->no", share, held[near[row]])
-    return calm, row, u[row] + 0.5 * motor.scale.difference(u[near[row, k + 1]], u[row]), residual
+    count = np.count_nonzero(calm[near], axis=1)
+    residual = np.einsum("nk,nko->no", calm[near] / np.maximum(count, 1)[:, None], held[near])
+    # Judged by its own noisy residual, every second correction of a calm row seems to help.
+    # So where the mean of mostly calm rows is no larger than that of noise, it counts as zero;
+    # with zero for all calm rows a ripple would not be mended where it crosses zero.
+    noise = _NONE * square[calm].mean() / np.maximum(count, 1)
+    nothing = (
+        calm & (count >= near.shape[1] / 2) & (np.einsum("no,no->n", residual, residual) < noise)
+    )
+    residual[nothing] = 0.0
+    known = np.where(nothing[:, None], 0.0, held)
+    place = u[row] + 0.5 * motor.scale.difference(u[near[row, k + 1]], u[row])
+    return calm, row, place, residual[row], known
 
 
 def _settled(
@@ -216,7 +234,7 @@ def _settled(
     index: Index,
     weight: Array,
     calm: NDArray[np.bool_],
-    real: int,
+    noise: float,
     nodes: int,
     usual: int,
 ) -> tuple[Index, Array]:
@@ -230,8 +248,6 @@ def _settled(
     node, own = index[row, column], weight[row, column]
     every = predicted[:, row, column] * own[:, None]  # (1 + shapes, pairs, o)
     total = np.maximum(weight.sum(axis=1), 1e-300)
-    square, quiet = np.einsum("mo,mo->m", target, target)[:real], calm[:real]  # means have less
-    noise = max(float(np.mean(square[quiet]) if quiet.any() else np.median(square)), 1e-300)
     care = np.where(calm, _HARM, 1.0)
 
     # neighbouring rows of a log can be near-repeats: those of a run count as one

@@ -37,6 +37,11 @@ class Alignment:
         """Map positions (n, 2)."""
         return x @ self.matrix.T + self.shift
 
+    def inverse(self) -> Alignment:
+        """The map back."""
+        back = np.asarray(np.linalg.inv(self.matrix), dtype=float)
+        return Alignment(back, -back @ self.shift)
+
     @property
     def scale(self) -> float:
         """Factor of lengths, by the area."""

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import itertools
+from collections.abc import Sequence
 from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
@@ -69,17 +70,28 @@ class Answer(NamedTuple):
 def solve(model: Model, x: Array, near: Array, readout: str) -> Answer:
     """Answer the targets `x` (n, 2) with the solutions closest to `near` (n, dof, unit box)."""
     check_readout(readout)
-    seen = in_sight(model, x)
-    if readout == "local" or (readout == "body" and model.body is not None):
-        solver = model.solver if readout == "local" else model.body_solver
-        u, _ = solver.solve(seen, near)
-        return answer(model, u, x, None if readout == "local" else model.smooth().value(u))
+    u = unit_joints(model, x, near, (readout,))[readout]
+    if readout == "local":
+        return answer(model, u, x, None)
     if readout == "body":
-        model.smooth()  # tells that there is none
-    sensory, association = model.sensory, model.association
-    v = sensory.scale.to_unit(seen)
-    u = model.solver.clip(association.inverse(v, near, readout))
-    return answer(model, u, x, sensory.scale.from_unit(association.forward(u, readout)))
+        return answer(model, u, x, model.smooth().value(u))
+    seen = model.association.forward(u, readout)
+    return answer(model, u, x, model.sensory.scale.from_unit(seen))
+
+
+def unit_joints(model: Model, x: Array, near: Array, readouts: Sequence[str]) -> dict[str, Array]:
+    """Joints of the unit box (n, dof) that answer targets (n, 2), by readout; see `solve`."""
+    seen = in_sight(model, x)
+    own = ("local", model.default_readout)
+    found = {r: model.solver.solve(seen, near)[0] for r in readouts if r in own}
+    if "body" in readouts:
+        found["body"] = model.body_solver.solve(seen, near)[0]
+    linked = [r for r in readouts if r not in found]
+    if linked:
+        v = model.sensory.scale.to_unit(seen)
+        answered = model.association.inverses(v, near, linked)
+        found |= {r: model.solver.clip(u) for r, u in answered.items()}
+    return found
 
 
 def joints(model: Model, x: Array, near: Array, *, nearest: bool) -> Array:

@@ -44,8 +44,8 @@ def in_base(body: Body) -> Body | None:
 
 def drawn(model: Model) -> Body | None:
     """The drawn arm of a simulation whose arm and sensor were not changed."""
+    from ..arm.arms import SpatialArm
     from ..arm.loading import arm_from_urdf
-    from ..arm.spatial_arm import SpatialArm
     from ..body.spatial import structure_of
 
     about = model.about

@@ -12,12 +12,9 @@ from . import answers
 from .answers import Answer, checked_rows
 from .doors import Doors
 from .parts import Parts
-from .trust import MOST_SHARE
+from .trust import MOST_BLENDED, MOST_SHARE
 
 Array = NDArray[np.float64]
-
-MOST_BLENDED = 3
-"""Joints up to which bounds are blended between the motor map's nodes."""
 
 _REPEATS = 16  # until the interpreter has adapted to a query's code
 
@@ -75,13 +72,14 @@ class Model(Parts, Doors):
         if self.single is not None:
             _ = self.single.cells
         for _ in range(_REPEATS):
-            self.forward(middle)
+            # the largest first: what it sweeps out of the caches is back for the others
             self.expected_error(middle)
             self.model_error(middle)
+            if known and self.about.urdf:
+                self.correct(middle)
             if known:
                 self.inverse(x, near=middle)
-                if self.about.urdf:
-                    self.correct(middle)
+            self.forward(middle)
         return self
 
     def forward(
@@ -243,7 +241,7 @@ class Model(Parts, Doors):
 
     def _bound(self, q: ArrayLike, which: str) -> Array:
         if self.single is not None:
-            answer = self.single.bound(q, which)
+            answer = self.single.bound(q, which, noise=self._noisy(which))
             if answer is not None:
                 return np.float64(answer)  # type: ignore[return-value]
         q, single = checked_rows(q, self.about.joint_names, "joint values")

@@ -60,6 +60,10 @@ class Parts:
     def __post_init__(self) -> None:
         freeze(self, "bounds", "model_bounds", "visited")
 
+    def __getstate__(self) -> dict[str, Any]:
+        """What is compiled for single queries stays behind when a model is pickled."""
+        return {name: value for name, value in vars(self).items() if name != "single"}
+
     def __repr__(self) -> str:
         """Say in three lines what it is a model of, what it has learned and how well."""
         about = self.about

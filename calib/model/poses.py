@@ -15,7 +15,7 @@ from ..arm.rotations import matrix_of, quaternion_of
 from ..errors import QueryError
 from ..inverse.near import position_near
 from ..inverse.pose import TOLERANCE, pose_branches, reach_poses
-from ..samples.orientations import QUATERNION, ROUNDING
+from ..samples.roles import QUATERNION, ROUNDING
 from .answers import checked_rows
 from .reached import Reached
 from .space import REACHED, Space

@@ -7,8 +7,7 @@ them.  Everything is compiled when it is first asked for, or by `Model.warm_up`.
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Iterator, Sequence
-from dataclasses import dataclass, field
+from collections.abc import Callable, Sequence
 from functools import cached_property
 from itertools import count
 from typing import TYPE_CHECKING, Any
@@ -19,11 +18,13 @@ from numpy.typing import NDArray
 from ..body.planar import PlanarStructure
 from ..body.planar_row import PlanarRow, Sloped
 from ..body.spatial import SpatialStructure
+from ..body.spatial_bound_row import SpatialBoundRow
 from ..body.spatial_row import SpatialRow
 from ..inverse.one_row import FURTHEST, nearest, two_joints
 from ..maps.node_cells import NodeCells
 from ..maps.node_models import NodeModels
 from ..maps.predictor import BodyInBox
+from .trust import MOST_BLENDED
 
 if TYPE_CHECKING:
     from .model import Model
@@ -34,22 +35,32 @@ _FEW = 20  # queries that take less than the cells take to make
 _SLACK = 1e-9  # as `Trust` has it
 
 
-@dataclass(frozen=True, eq=False)
 class Single:
     """Queries of one row.
 
-    Attributes
+    Parameters
     ----------
     model : Model
         With a planar body, or one in space without local models.
     """
 
-    model: Model
-    _asked: Iterator[int] = field(default_factory=count)
-
-    def __reduce__(self) -> tuple[Any, ...]:
-        """What is compiled stays behind when a model is pickled."""
-        return Single, (self.model,)
+    def __init__(self, model: Model) -> None:
+        scale, body = model.motor.scale, model.body
+        self.model, self._asked = model, count()
+        self._planar = isinstance(getattr(body, "structure", None), PlanarStructure)
+        self._everywhere = bool((model.model_bounds <= model.trust.most).all())
+        self._smooth = self._everywhere and model.predictor.models.degree < 0
+        self._lower: list[float] = scale.lower.tolist()
+        self._span: list[float] = scale.span.tolist()
+        self._turning: list[int] = np.flatnonzero(scale.periodic).tolist()
+        ranges = list(zip(self._lower, self._span, strict=True))
+        self._limits = [
+            (-math.inf, math.inf) if turns else (low - _SLACK * span, low + (1.0 + _SLACK) * span)
+            for (low, span), turns in zip(ranges, scale.periodic, strict=True)
+        ]
+        # unit of a joint's distance: a radian, or the range of a slide
+        kinds = zip(self._span, model.about.revolute, strict=True)
+        self._wide = [1.0 if turns else span for span, turns in kinds]
 
     @staticmethod
     def of(model: Model) -> Single | None:
@@ -82,10 +93,6 @@ class Single:
             return False
         return self._smooth or self._has_cells()
 
-    @cached_property
-    def _smooth(self) -> bool:
-        return self._everywhere and self.model.predictor.models.degree < 0
-
     def forward(self, q: Any) -> Array | None:
         """Position (m,) for joint values (dof,); None where the batch path has to answer."""
         row = self._row(q)
@@ -97,10 +104,19 @@ class Single:
             return None  # the posterior has to be asked
         return np.array(self._position(row))
 
-    def bound(self, q: Any, values: str) -> float | None:
-        """Bound at joint values, from ``"bounds"`` or ``"model_bounds"``; None as above."""
+    def bound(self, q: Any, values: str, *, noise: bool) -> float | None:
+        """Bound at joint values, from ``"bounds"`` or ``"model_bounds"``; None as above.
+
+        `noise` says whether it counts the noise of a single reading.
+        """
         row = self._row(q)
-        if row is None or not self._has_cells():
+        if row is None:
+            return None
+        if self._posterior is not None:
+            if not (self._everywhere and self._ready()):
+                return None
+            return self._posterior.bound(row, noise=noise) if self._in_range(row) else math.nan
+        if not self._has_cells():
             return None
         if not self._in_range(row):
             return math.nan
@@ -233,9 +249,12 @@ class Single:
         return sloped
 
     @cached_property
-    def _planar(self) -> bool:
+    def _posterior(self) -> SpatialBoundRow | None:
+        """Of more than three joints in space, unless a camera sees them: the posterior's bound."""
         body: Any = self.model.body
-        return isinstance(body.structure, PlanarStructure)
+        if self._planar or body.structure.outputs != 3 or len(self._lower) <= MOST_BLENDED:
+            return None
+        return SpatialBoundRow(body)
 
     @cached_property
     def _models(self) -> NodeModels | None:
@@ -247,37 +266,6 @@ class Single:
     @cached_property
     def _nodes(self) -> dict[str, list[float]]:
         return {name: getattr(self.model, name).tolist() for name in ("bounds", "model_bounds")}
-
-    @cached_property
-    def _everywhere(self) -> bool:
-        return bool((self.model.model_bounds <= self.model.trust.most).all())
-
-    @cached_property
-    def _lower(self) -> list[float]:
-        return list(map(float, self.model.motor.scale.lower))
-
-    @cached_property
-    def _span(self) -> list[float]:
-        return list(map(float, self.model.motor.scale.span))
-
-    @cached_property
-    def _turning(self) -> list[int]:
-        return list(map(int, np.flatnonzero(self.model.motor.scale.periodic)))
-
-    @cached_property
-    def _wide(self) -> list[float]:
-        """Unit of a joint's distance: a radian, or the range of a slide."""
-        kinds = zip(self._span, self.model.about.revolute, strict=True)
-        return [1.0 if turns else span for span, turns in kinds]
-
-    @cached_property
-    def _limits(self) -> list[tuple[float, float]]:
-        return [
-            (-math.inf, math.inf) if turns else (low - _SLACK * span, low + (1.0 + _SLACK) * span)
-            for low, span, turns in zip(
-                self._lower, self._span, self.model.motor.scale.periodic, strict=True
-            )
-        ]
 
 
 def _floats(values: Any, count: int) -> list[float] | None:

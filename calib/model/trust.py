@@ -22,6 +22,9 @@ Array = NDArray[np.float64]
 MOST_SHARE = 0.1
 """Share of the reach: where the bound on the position exceeds it, there is no answer."""
 
+MOST_BLENDED = 3
+"""Joints up to which bounds are blended between the motor map's nodes."""
+
 KNOWN = 2.0
 """Without a body the bound of a node that samples have visited holds within so many times
 the root mean square distance of its samples."""

@@ -6,15 +6,19 @@ alone), the training of the maps, their varying density.  ``docs/maps.md`` reads
 
 from __future__ import annotations
 
+import contextlib
+import itertools
+import json
 import time
 from collections.abc import Iterator
 from dataclasses import dataclass
+from pathlib import Path
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
-from ..arm.planar_arm import PlanarArm
+from ..arm.arms import PlanarArm
 from ..common.choices import MAP_READOUTS
 from ..common.parallel import one_blas_thread
 from ..common.scale import Scale
@@ -45,7 +49,7 @@ _JOINTS = ("shoulder_lift_joint", "elbow_joint")
 _SIDES = (10, 20, 40, 70)
 _ROWS = 20_000
 _TESTED = 5_000
-_TARGETS = 200  # of which all branches are asked
+_TARGETS = 200  # of which all branches are asked, and the one nearest to the truth
 _BLOCKS = 5  # contiguous blocks of a real log, two of which are held out in turn
 _FOUND = np.radians(1.0)  # a branch that is further off in a joint was missed
 
@@ -80,30 +84,29 @@ def ablation(setting: Setting) -> Result:
     ----------
     setting : Setting
         Its first seed is used; ``quick`` makes everything small; ``data`` is a folder with
-        ``series_a.csv`` and ``series_c.csv`` of a UR10.
+        ``series_a.csv`` and ``series_c.csv`` of a UR10.  Its file ``parts`` keeps each network
+        as it ends, so that a run that was stopped goes on where it was.
     """
     sides = (6, 8) if setting.quick else _SIDES
     rows = 600 if setting.quick else _ROWS
-    cases = list(_cases(setting, rows))
+    seed, cases = setting.seeds[0], list(_cases(setting, rows))
+    grounds: dict[int, Ground] = {}
+    kept = _kept(setting.parts)
     records: list[dict[str, Any]] = []
     total = len(cases) * len(sides) * len(NETWORKS)
     with one_blas_thread():
-        for case in cases:
-            samples = case.samples
-            scale = Scale.of_range(samples.lower, samples.upper, samples.revolute)
-            part = find_smooth_part(samples, scale, body="auto", view="auto", seed=setting.seeds[0])
-            for side in sides:
-                for network in NETWORKS:
-                    setting.report(len(records) / total, f"{case.name}, {network} {side}x{side}")
-                    trained = train_on(case, scale, part, network, side, setting.seeds[0])
-                    records.append(
-                        {
-                            "case": case.name,
-                            "nodes": f"{side}x{side}",
-                            "network": network,
-                            **measure(case, trained),
-                        }
-                    )
+        for side, (k, case), network in itertools.product(sides, enumerate(cases), NETWORKS):
+            setting.report(len(records) / total, f"{case.name}, {network} {side}x{side}")
+            cell = {"case": case.name, "nodes": f"{side}x{side}", "network": network}
+            key = json.dumps([k, len(case.samples), seed, *cell.values()])
+            if key not in kept:
+                if k not in grounds:  # one body fit for all networks of a case
+                    grounds[k] = Ground.of(case, seed)
+                kept[key] = measure(case, train_on(case, grounds[k], network, side, seed))
+                if setting.parts is not None:
+                    with setting.parts.open("a") as file:
+                        file.write(json.dumps([key, kept[key]]) + "\n")
+            records.append({**cell, **kept[key]})
     merged = _merged(records)
     tables = tuple(
         _table(name, [r for r in merged if r["case"] == name]) for name in _names(merged)
@@ -115,6 +118,16 @@ def ablation(setting: Setting) -> Result:
         [tuple(record.values()) for record in merged],
     )
     return Result({"rows": merged, "quick": setting.quick}, (*tables, everything))
+
+
+def _kept(parts: Path | None) -> dict[str, dict[str, float | None]]:
+    """Figures of an earlier run by their keys; a line that it did not end is left out."""
+    found = {}
+    for line in parts.read_text().splitlines() if parts is not None and parts.exists() else ():
+        with contextlib.suppress(ValueError):
+            key, figures = json.loads(line)
+            found[key] = figures
+    return found
 
 
 def _cases(setting: Setting, rows: int) -> Iterator[Case]:
@@ -133,18 +146,33 @@ def _cases(setting: Setting, rows: int) -> Iterator[Case]:
             yield case
 
 
-def train_on(
-    case: Case, scale: Scale, part: SmoothPart, network: str, side: int, seed: int
-) -> Trained:
-    """Train one network of side x side nodes on a case whose smooth part is known.
+@dataclass(frozen=True, eq=False)
+class Ground:
+    """What all networks of a case share: the unit box, the body, and where it is wrong."""
+
+    scale: Scale
+    part: SmoothPart
+    wrong: Array | None
+
+    @staticmethod
+    def of(case: Case, seed: int) -> Ground:
+        """Fit the body of a case."""
+        samples = case.samples
+        scale = Scale.of_range(samples.lower, samples.upper, samples.revolute)
+        part = find_smooth_part(samples, scale, body="auto", view="auto", seed=seed)
+        wrong = wrong_around(part, scale, samples, scale.to_unit(samples.q))
+        return Ground(scale, part, wrong)
+
+
+def train_on(case: Case, ground: Ground, network: str, side: int, seed: int) -> Trained:
+    """Train one network of side x side nodes on a case.
 
     The maps of a log learn from its rows alone here, without imagined samples, so that
     the networks differ by what they make of the same rows.
     """
-    samples = case.samples
+    samples, scale, part, wrong = case.samples, ground.scale, ground.part, ground.wrong
     options = Options((side,) * 2, (side,) * 2, network, "batch", None, None, seed, False)
     u = scale.to_unit(samples.q)
-    wrong = wrong_around(part, scale, samples, u)
     started = time.perf_counter()
     motor, sensory = both_maps(scale, u, samples.x, options, Stopwatch(), None, wrong)
     seconds = time.perf_counter() - started
@@ -196,7 +224,7 @@ def measure(case: Case, trained: Trained) -> dict[str, float | None]:
         answer = np.clip(maps.inverse(v, near, readout), 0.0, 1.0)
         figures[f"{readout} inverse"] = _degrees(scale, answer, u)
     solver = Solver(pair, trained.predictors["local"])
-    some = slice(None, None, max(1, len(x) // 1000))
+    some = slice(None, None, max(1, len(x) // _TARGETS))
     answer = solver.solve(x[some], near[some])[0]
     figures["local inverse"] = _degrees(scale, answer, u[some])
     figures["missed"] = None if case.arm is None else _missed(case, case.arm, solver)

@@ -13,7 +13,7 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
-from ..arm.planar_arm import PlanarArm
+from ..arm.arms import PlanarArm
 from ..samples.samples import Samples
 
 Array = NDArray[np.float64]

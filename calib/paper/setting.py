@@ -16,7 +16,7 @@ from ..samples.babbling import babble
 from ..samples.samples import Samples
 
 if TYPE_CHECKING:
-    from ..arm.planar_arm import PlanarArm
+    from ..arm.arms import PlanarArm
 
 Array = NDArray[np.float64]
 
@@ -51,6 +51,8 @@ class Setting:
         Small lattices and few samples, to see that everything runs.
     data : Path or None
         Folder of real logs, for the ablation.
+    parts : Path or None
+        File in which the ablation keeps what it has measured.
     robot : str
         A bundled robot or a URDF with two joints that turn.
     ranges : tuple of (joint, (low, high))
@@ -66,6 +68,7 @@ class Setting:
     quick: bool = False
     report: Report = field(default=lambda _share, _what: None)
     data: Path | None = None
+    parts: Path | None = None
     robot: str = ROBOT
     ranges: tuple[tuple[str, tuple[float, float]], ...] = ()
     lengths: tuple[tuple[str, float], ...] = ()
@@ -109,8 +112,8 @@ class Setting:
     @cached_property
     def arm(self) -> PlanarArm:
         """The arm, with its ranges and lengths."""
+        from ..arm.arms import PlanarArm
         from ..arm.loading import load_arm
-        from ..arm.planar_arm import PlanarArm
 
         arm = load_arm(self.robot, ranges=dict(self.ranges) or None)
         if not isinstance(arm, PlanarArm) or len(arm.joint_names) != 2 or not all(arm.revolute):

@@ -11,8 +11,8 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
-from ..common.thinning import thinned
-from ..samples.between import joints_at
+from ..common.rows import thinned
+from ..samples.joint_values import joints_at
 from .chain_judge import fit_timing
 from .judge import Judge, softness
 

@@ -84,17 +84,20 @@ def log_pictures(
     q, pixels = joints.q[index], np.array([t.centre for t in tags])
     if len(tags) > 1:
         check_motion(q, pixels, setting.tag, what)
+    watched = setting.watch(marks, since)
+    notes += watched.notes
     with one_blas_thread():
         notes += _check_order(q, pixels, [pairs[number][1].name for number in rows])
         good = ~stuck(q, pixels)
         reasons["at one place while the joints move: a second tag?"] = int((~good).sum())
+        shaken = good & np.isin(rows, list(watched.off))
+        reasons["the reference is elsewhere in them: camera shaken, refocused?"] = int(shaken.sum())
+        good &= ~shaken
         lost = astray(q[good], pixels[good])
     reasons["far from where the joints put the tip"] = int(lost.sum())
     good[np.flatnonzero(good)[lost]] = False
     numbers = np.array(rows)[good]
     kept = [tag for tag, ok in zip(tags, good, strict=True) if ok]
-    watched = setting.watch(marks, since)
-    notes += watched.notes
     return assemble(
         setting,
         watched.positions(pixels[good], numbers),
@@ -131,6 +134,9 @@ def assemble(
     if setting.pose:
         x, quaternion, unit = *_poses(setting, tags, poses), "m"
     shared = float(np.sqrt(np.mean(common**2)))
+    if steep := sum(tag.upright < 0.5 for tag in tags):
+        notes = [*notes, f"the tag is seen at more than 60 deg in {steep} rows: let it face the "
+                 "camera"]  # fmt: skip
     return Recorded(
         joint_names=names,
         q=q,

@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 
 from ..errors import LogError, OptionError
 from ..samples.bags import MAX_GAP
-from ..samples.between import covered, joints_at
+from ..samples.joint_values import covered, joints_at
 from .clock_search import Clocks
 from .clocks import align_clocks
 from .from_pictures import assemble, seen_instead
@@ -30,6 +30,7 @@ Mask = NDArray[np.bool_]
 _REST = 0.01  # a joint that moves slower rests [rad/s or m/s]
 _LEAST = 3  # frames that a rest must have
 _SETTLE = 0.04  # left out at either end of a rest [s]
+_SHUTTER = 0.03  # that a rolling shutter takes from the first row to the last [s]
 _SHAKE = 0.5  # a tag that moves more has not come to rest [px]
 
 
@@ -126,6 +127,16 @@ def log_video(
         if not groups:
             raise LogError(f"no frame of {name} is slower than `still={rows.still:g}`")
     tags = [_middle([tag for k in g if (tag := track.tags[k]) is not None]) for g in groups]
+    if rows.still is not None:
+        late = _late(when, pixels, np.concatenate(groups), track.sample[0].shape[0])
+        tags = [
+            replace(tag, noise=float(np.hypot(tag.noise, more)))
+            for tag, more in zip(tags, late, strict=True)
+        ]
+        notes.append(
+            f"frames in motion: the noise allows for a rolling shutter of {1e3 * _SHUTTER:g} ms, "
+            "which would shift the tag; rests have no such error"
+        )
     centres = np.array([tag.centre for tag in tags])
     watched = setting.watch(track.marks, since)
     notes += watched.notes
@@ -161,6 +172,17 @@ def _usable(
         "outside of the joints' times": int((seen & ~jump & ~inside).sum()),
         f"joints more than {max_gap:g} s apart": int((seen & ~jump & inside & ~close).sum()),
     }
+
+
+def _late(when: Array, pixels: Array, frames: NDArray[np.intp], height: int) -> Array:
+    """Return what a rolling shutter may shift frames in motion by (n,), along an axis [px].
+
+    It sees lower rows later.  The clocks' offset takes the mean of that, not its spread.
+    """
+    seen = np.isfinite(pixels[:, 0])
+    speed = np.linalg.norm(np.gradient(pixels[seen], when[seen], axis=0), axis=1) / np.sqrt(2.0)
+    late = _SHUTTER * float(pixels[seen, 1].std()) / height
+    return np.asarray(np.interp(when[frames], when[seen], late * speed))
 
 
 def _speed(when: Array, joint_time: Array, q: Array) -> Array:

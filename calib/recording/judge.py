@@ -9,7 +9,7 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
-from ..common.thinning import thinned
+from ..common.rows import thinned
 
 Array = NDArray[np.float64]
 

@@ -13,7 +13,7 @@ from typing import Any
 
 from ..common.atomic import atomic_write
 from ..errors import LogError
-from ..samples.cells import parse_cell
+from ..samples.places import parse_cell
 from .opencv import opencv
 from .setting import Setting
 

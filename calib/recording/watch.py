@@ -26,6 +26,8 @@ Marks = Mapping[int, Array]
 Seen = Sequence[tuple[int, Marks]]
 
 _MOVED = 0.7  # [px]; marks further off than this show that the camera was bumped
+_STRETCH = 1.5e-3  # growth of the marks about the picture's middle that a new focus is told by
+_RADIAL = (0.05, 0.1)  # share of the motion and [px] that such growth leaves at most
 _CLEAR = 3.0  # standard deviations that a motion between recordings must have
 
 
@@ -100,11 +102,14 @@ class Watch:
         The reference of each.
     notes : tuple of str
         What moved.
+    off : frozenset of int
+        Pictures whose marks are elsewhere than the reference of their part.
     """
 
     starts: tuple[int, ...]
     parts: tuple[Reference, ...]
     notes: tuple[str, ...] = ()
+    off: frozenset[int] = frozenset()
 
     def positions(self, pixels: Array, numbers: Array) -> tuple[Array, Array, Array]:
         """Return positions (n, 2), noise of a pixel (n,) and shared noise (n,) [unit].
@@ -153,6 +158,8 @@ def watch(layout: Layout | None, seen: Seen, lens: Lens | None, height: float = 
         if len(doubtful) >= 2 and _shift(doubtful[0][1], marks) < _MOVED:
             groups.append(doubtful)
             doubtful = []
+    looked = [(number, marks) for number, marks in seen if len(marks) >= layout.least]
+    _check_focus(layout, looked, lens)
     middles = [_middle(group) for group in groups]
     parts = tuple(layout.reference(middle, lens, height) for middle in middles)
     notes = [
@@ -161,7 +168,49 @@ def watch(layout: Layout | None, seen: Seen, lens: Lens | None, height: float = 
         for before, after, group in zip(middles, middles[1:], groups[1:], strict=False)
     ]
     starts = tuple(group[0][0] if k else 0 for k, group in enumerate(groups))
-    return Watch(starts, parts, tuple(notes))
+    own = np.searchsorted(starts, [number for number, _ in looked], side="right") - 1
+    off = frozenset(
+        number
+        for k, (number, marks) in zip(own, looked, strict=True)
+        if _shift(middles[k], marks) > _MOVED
+    )
+    if len(off) > 0.3 * len(looked):
+        raise LogError(
+            f"{layout.what} is elsewhere in {len(off)} of {len(looked)} pictures: is the camera "
+            "loose, or does it refocus? fix it and switch its autofocus off"
+        )
+    return Watch(starts, parts, tuple(notes), off)
+
+
+def _check_focus(layout: Layout, looked: Seen, lens: Lens | None) -> None:
+    """Refuse pictures between which the focal length changes: marks grow about the middle.
+
+    A camera that was bumped moves them otherwise.  Its pose would take most of a new focal length,
+    and be off by a millimetre away from the board.
+    """
+    if lens is None:
+        return
+    flat = [
+        dict(zip(marks, lens.undistort(list(marks.values())), strict=True)) for _, marks in looked
+    ]
+    growth = []
+    for now in flat:
+        both = [k for k in now if k in flat[0]]
+        if len(both) < 3:
+            continue
+        a, b = (np.array([each[k] for k in both]) for each in (flat[0], now))
+        factor = float((a * b).sum() / (a * a).sum())
+        left, moved = (
+            float(np.sqrt(np.square((b - f * a) * lens.focal).sum(1).mean())) for f in (factor, 1.0)
+        )
+        radial = left < _RADIAL[0] * moved + _RADIAL[1]
+        growth.append(factor if radial and moved > _MOVED else 1.0)
+    if np.ptp(growth) > _STRETCH and np.sum(np.abs(np.subtract(growth, growth[0])) > _STRETCH) > 1:
+        raise LogError(
+            f"{layout.what} appears {min(growth):.4f} to {max(growth):.4f} times as large about "
+            "the middle of the picture: does the camera refocus? switch its autofocus off, or make "
+            "a log of each part"
+        )
 
 
 def motion(about: Mapping[str, Any], now: Reference) -> str:

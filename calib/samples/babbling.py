@@ -9,6 +9,7 @@ import numpy as np
 from numpy.random import Generator
 from numpy.typing import NDArray
 
+from ..common.checks import whole
 from ..errors import OptionError
 from .changes import Change, parse_changes
 from .samples import Samples
@@ -73,8 +74,8 @@ def babble(
     >>> log.q.shape, log.x.shape
     ((1000, 2), (1000, 2))
     """
-    n = _count("samples", n, 1, MAX_SAMPLES)
-    seed = _count("seed", seed, 0, 2**63 - 1)
+    n = whole("samples", n, 1, MAX_SAMPLES)
+    seed = whole("seed", seed, 0, 2**63 - 1)
     if method not in METHODS:
         raise OptionError(f"babbling {method!r} is unknown; choices: {', '.join(METHODS)}")
     if ranges:
@@ -148,12 +149,3 @@ METHODS: dict[str, Callable[[int, int, Generator], Array]] = {
     "sobol": sobol_points,
     "smooth": smooth_points,
 }
-
-
-def _count(name: str, value: object, least: int, most: int) -> int:
-    """Return a whole number within bounds; True and 3.0 are none."""
-    if isinstance(value, bool) or not isinstance(value, (int, np.integer)):
-        raise OptionError(f"{name} is {value!r}, expected a whole number such as {least + 1}")
-    if not least <= value <= most:
-        raise OptionError(f"{name} is {value}, expected {least} to {most:,}")
-    return int(value)

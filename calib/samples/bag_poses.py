@@ -71,11 +71,7 @@ def stamped_poses(messages: Iterable[tuple[float, Any]], kind: str, topic: str) 
 def tf_poses(messages: Iterable[tuple[float, Any]], frames: Sequence[str] | None) -> Poses:
     """Read the one moving transform of a tf tree between two frames, still ones around it.
 
-    Parameters
-    ----------
-    messages : iterable of (time, TFMessage)
-    frames : (parent, child), optional
-        The sensor's frame and what it sees; found if only one transform moves.
+    frames : the sensor's frame and what it sees; found if only one transform moves
     """
     edges: dict[str, _Edge] = {}
     for received, message in messages:

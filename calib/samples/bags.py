@@ -18,7 +18,7 @@ from numpy.typing import NDArray
 from ..common.wording import listed, suggestion
 from ..errors import LogError, OptionError
 from .bag_poses import POSITIONS, TF, Poses, stamped_poses, tf_poses
-from .between import covered, joints_at
+from .joint_values import covered, joints_at
 
 Array = NDArray[np.float64]
 
@@ -31,27 +31,16 @@ _INSTALL = "reading bags needs rosbags: pip install 'calib-arm[ros]'"
 
 @dataclass(frozen=True, eq=False)
 class Recording:
-    """A bag as a table.
-
-    Attributes
-    ----------
-    q : (n, joints) array [rad or m]
-        Joint values at the times of the positions, in the order of the joint states.
-    x : (n, 3) array [m]
-        Positions as recorded.
-    time : (n,) array [s]
-        Times of the positions, since the first.
-    notes : tuple of str
-        What was left out, and why.
-    quaternion : (n, 4) array, optional
-        Orientations as qx, qy, qz, qw, where they were published.
-    """
+    """A bag as a table."""
 
     joint_names: tuple[str, ...]
+    # (n, joints) [rad or m], joint values at the times of the positions, in the order of the joint
+    # states
     q: Array
-    x: Array
-    time: Array
-    notes: tuple[str, ...]
+    x: Array  # (n, 3) [m], positions as recorded
+    time: Array  # (n,) [s], times of the positions, since the first
+    notes: tuple[str, ...]  # what was left out, and why
+    # (n, 4), orientations as qx, qy, qz, qw, where they were published
     quaternion: Array | None = None
 
 
@@ -68,27 +57,14 @@ def read_bag(
 ) -> Recording:
     """Read joint states and positions, or poses, of the tip from a recording.
 
-    Parameters
-    ----------
-    path : path-like
-        A ROS 1 ``.bag``, a ROS 2 bag (its folder), or an ``.mcap`` or ``.db3`` file.
-    joints_topic, tip_topic : str, optional
-        Topics; found where only one has a fitting type.
-    joints : sequence of str, optional
-        Joints to keep; all where not given.
-    max_gap : float [s]
-        Positions between joint states further apart are left out.
-    still : float, optional [rad/s or m/s]
-        Positions taken while a joint moved faster are left out.
-    time_offset : float [s]
-        Added to the times of the positions: the sensor's clock or latency.
-    frames : (str, str), optional
-        Of tf: the sensor's frame and the tip's, or what is fixed to it.
-
-    Raises
-    ------
-    LogError
-        If rosbags is missing, the file is no recording, or a topic is not in it.
+    path : a ROS 1 ``.bag``, a ROS 2 bag (its folder), or an ``.mcap`` or ``.db3`` file
+    joints_topic, tip_topic : topics; found where only one has a fitting type
+    joints : joints to keep; all where not given
+    max_gap : [s], positions between joint states further apart are left out
+    still : [rad/s or m/s], positions taken while a joint moved faster are left out
+    time_offset : [s], added to the times of the positions: the sensor's clock or latency
+    frames : of tf: the sensor's frame and the tip's, or what is fixed to it
+    Raises LogError if rosbags is missing, the file is no recording, or a topic is not in it.
     """
     if max_gap <= 0:
         raise OptionError(f"max gap {max_gap:g} s: expected more than zero")

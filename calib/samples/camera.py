@@ -29,22 +29,13 @@ _BENT = 0.3
 
 @dataclass(frozen=True)
 class Camera:
-    """The camera of a log of pixels.
+    """The camera of a log of pixels."""
 
-    Attributes
-    ----------
-    size : (int, int) [px]
-        Width and height of its pictures.
-    lens, lens_sd : (float, float, float, float)
-        Focal length, centre u, v [px] and k1, and how sure each is; all 0 for a lens that is known.
-    note : str
-        What was assumed.
-    """
-
-    size: tuple[int, int]
+    size: tuple[int, int]  # [px], width and height of its pictures
+    # focal length, centre u, v [px] and k1, and how sure each is; all 0 for a lens that is known
     lens: tuple[float, float, float, float]
     lens_sd: tuple[float, float, float, float] = (0.0, 0.0, 0.0, 0.0)
-    note: str = ""
+    note: str = ""  # what was assumed
 
     @property
     def known(self) -> bool:
@@ -64,10 +55,7 @@ class Camera:
         One number k1 replaces its distortion. Where that is more than 0.3 px wrong within the
         picture, or fx is not fy, the lens is a prior with that doubt.
 
-        Raises
-        ------
-        LogError
-            If a value is impossible.
+        Raises LogError if a value is impossible.
         """
         try:
             width, height = (int(side) for side in told["size"])
@@ -115,10 +103,7 @@ def bent(n: ArrayLike, distortion: ArrayLike) -> Array:
 def camera_of(about: Mapping[str, Any], pixels: ArrayLike) -> Camera:
     """Return the camera of pixels (n, 2), from what their log says of it or from their extent.
 
-    Raises
-    ------
-    LogError
-        If pixels lie outside of the picture that is stated.
+    Raises LogError if pixels lie outside of the picture that is stated.
     """
     pixels = np.asarray(pixels, dtype=float)
     low, high = pixels.min(axis=0), pixels.max(axis=0)

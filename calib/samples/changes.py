@@ -33,28 +33,17 @@ _CHOICES = f"JOINT.{'|'.join(JOINT_CHANGES)}, tip.offset, sensor.{'|'.join(SENSO
 
 @dataclass(frozen=True)
 class Change:
-    """One change of the simulated arm or sensor.
-
-    Attributes
-    ----------
-    joint : str
-        The joint's name; empty for the tip and the sensor.
-    what : str
-        `length`, `offset`, ...: one of `JOINT_CHANGES`, `SENSOR_CHANGES`; the tip has `offset`.
-    values : tuple of float
-        One number, or two for `tip.offset` and `sensor.shift` [rad, m or 1]. For
-        `sensor.mirror` the factors of x and y, such as (-1, 1). Where `relative`, the
-        factor itself: 1.2 for +20%.
-    text : str
-        The change as typed.
-    """
+    """One change of the simulated arm or sensor."""
 
     part: Literal["joint", "tip", "sensor"]
-    joint: str
+    joint: str  # the joint's name; empty for the tip and the sensor
+    # `length`, `offset`, ...: one of `JOINT_CHANGES`, `SENSOR_CHANGES`; the tip has `offset`
     what: str
+    # one number, or two for `tip.offset` and `sensor.shift` [rad, m or 1]. For `sensor.mirror` the
+    # factors of x and y, such as (-1, 1). Where `relative`, the factor itself: 1.2 for +20%.
     values: tuple[float, ...]
     relative: bool
-    text: str
+    text: str  # the change as typed
 
     def __str__(self) -> str:
         return self.text
@@ -73,10 +62,7 @@ def parse_change(text: str, *, degrees: Collection[str] = ()) -> Change:
     changes differ from a sensor's, and the tip's offset has two numbers.  Offset, noise, backlash
     and lock of the joints in `degrees` are typed in degrees; the answer is in SI units.
 
-    Raises
-    ------
-    OptionError
-        If the text is no change or its value is impossible.
+    Raises OptionError if the text is no change or its value is impossible.
 
     Examples
     --------

@@ -11,15 +11,15 @@ from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass
 from difflib import get_close_matches
 from pathlib import Path
-from typing import TYPE_CHECKING, Protocol
+from typing import TYPE_CHECKING
 
 import numpy as np
 from numpy.typing import NDArray
 
 from ..common.wording import clipped, listed, quoted
 from ..errors import LogError
-from .csv_rows import open_csv
-from .parquet import open_parquet
+from .csv_rows import CsvFile, open_csv
+from .parquet import ParquetFile, open_parquet
 from .places import Place, find_place
 
 if TYPE_CHECKING:
@@ -32,22 +32,8 @@ PARQUET = (".parquet", ".pq")
 _ENDLESS = tuple(map(Path, ("/dev/zero", "/dev/random", "/dev/urandom", "/dev/full")))
 
 
-class Format(Protocol):
-    """A file of one format, of which the header is read."""
-
-    @property
-    def header(self) -> tuple[str, ...]:
-        """Names of the columns."""
-
-    def batches(self, places: Sequence[Place], *, lenient: bool) -> Iterator[Array]:
-        """Read places of the header as numbers, some rows at a time; see `read_batches`."""
-
-    def texts(self, names: Sequence[str]) -> dict[str, pl.Series]:
-        """Read columns as they are; see `read_texts`."""
-
-    def about(self) -> str:
-        """Return what the file says of all its rows, as JSON; "{}" if nothing."""
-
+Format = CsvFile | ParquetFile
+"""A file of one format, of which the header is read."""
 
 _FORMATS: dict[bytes, Callable[[str, Path], Format]] = {b"PAR1": open_parquet}
 """Formats by the first four bytes of their files; all others are taken for CSV."""
@@ -55,21 +41,11 @@ _FORMATS: dict[bytes, Callable[[str, Path], Format]] = {b"PAR1": open_parquet}
 
 @dataclass(frozen=True)
 class Source:
-    """A table that is ready to be read, as often as wanted.
+    """A table that is ready to be read, as often as wanted."""
 
-    Attributes
-    ----------
-    label : str
-        What messages call it.
-    file : Format
-        Reads it; of standard input a temporary copy.
-    keep : object
-        Whatever has to live as long as the file is needed.
-    """
-
-    label: str
-    file: Format
-    keep: object = None
+    label: str  # what messages call it
+    file: Format  # reads it; of standard input a temporary copy
+    keep: object = None  # whatever has to live as long as the file is needed
 
     @property
     def header(self) -> tuple[str, ...]:
@@ -83,10 +59,7 @@ def open_source(path: str | os.PathLike[str] | Source) -> Source:
     `-` reads CSV from standard input.  A table that is open stays as it is, so that a pipe, which
     can be read only once, serves several readers.
 
-    Raises
-    ------
-    LogError
-        If there is no such file, or no header in it.
+    Raises LogError if there is no such file, or no header in it.
     """
     if isinstance(path, Source):
         return path
@@ -115,10 +88,7 @@ def read_batches(source: Source, names: Sequence[str], *, lenient: bool = False)
     Of a Parquet file's lists a name is one element, as in `state[0]`. NaN is a missing value, where
     `lenient` also text in a number's place. Blank lines are no rows.
 
-    Raises
-    ------
-    LogError
-        If a column is missing or there twice, or a value is no number.
+    Raises LogError if a column is missing or there twice, or a value is no number.
     """
     places = [_place(source, name) for name in names]
     return source.file.batches(places, lenient=lenient)

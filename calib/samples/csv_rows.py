@@ -15,8 +15,7 @@ from numpy.typing import NDArray
 
 from ..common.wording import quoted
 from ..errors import LogError
-from .cells import parse_cell
-from .places import Place
+from .places import Place, parse_cell
 
 if TYPE_CHECKING:
     import polars as pl
@@ -35,23 +34,13 @@ _ROWS = 1 << 16  # rows of a batch that is read cell by cell
 
 @dataclass(frozen=True)
 class CsvFile:
-    """A CSV file, of which the header is read.
+    """A CSV file, of which the header is read."""
 
-    Attributes
-    ----------
-    label : str
-        What errors call the file.
-    separator : str
-        Between the fields of a row.
-    skip : int
-        Lines up to the end of the header, the `comments` above it included.
-    """
-
-    label: str
+    label: str  # what errors call the file
     path: Path
     header: tuple[str, ...]
-    separator: str
-    skip: int
+    separator: str  # between the fields of a row
+    skip: int  # lines up to the end of the header, the `comments` above it included
     comments: tuple[str, ...]
 
     def batches(self, places: Sequence[Place], *, lenient: bool) -> Iterator[Array]:
@@ -118,12 +107,8 @@ class CsvFile:
     ) -> Iterator[Array]:
         """Read the rest of a file row by row: slower, with an opinion on every cell.
 
-        Parameters
-        ----------
-        number, lines : int
-            Rows and lines that were read before.
-        skip : int
-            Lines up to the end of the header, where it is part of the rest.
+        number, lines : rows and lines that were read before
+        skip : lines up to the end of the header, where it is part of the rest
         """
         width, values = len(self.header), array("d")
         for line, row in csv_rows(self.label, file, self.separator, lines):

@@ -1,6 +1,6 @@
-"""Joint values in a plausible range and unit: one check for every place where they are read.
+"""Joint values: a plausible range and unit, the direction of approach, values between two times.
 
-Use it on a table of queries, a trajectory to correct or a log for a model that exists.
+Use it on a table of queries, a trajectory to correct or a log: one check for all of them.
 """
 
 from __future__ import annotations
@@ -63,16 +63,9 @@ def check_joint_values(
 
     Values a little outside of the range pass: whoever uses them says what becomes of them.
 
-    Parameters
-    ----------
-    q : (n, dof) array [rad or m]
-        Joint values; rows that are not finite are passed over.
-    lower, upper : (dof,) array [rad or m]
-        The joints' learned range.
-    degrees : bool
-        Whether the values were given in degrees, and converted.
-    label : str
-        What a message calls them.
+    q : (n, dof) [rad or m], joint values; rows that are not finite are passed over
+    lower, upper : (dof,) [rad or m], the joints' learned range
+    degrees : whether the values were given in degrees, and converted
 
     Examples
     --------
@@ -110,3 +103,45 @@ as degrees it fits: give `degrees=True`
             parameter="degrees",
             value=degrees,
         )
+
+
+_STILL = 1e-9  # of a joint's largest move: less is no motion
+
+
+def directions(q: Array) -> Array:
+    """Sign of the last motion of each joint (n, dof), for joint values in the order of motion.
+
+    1 or -1; 0 before a joint's first motion, where it is not known.
+
+    Examples
+    --------
+    >>> directions(np.array([[0.0], [1.0], [1.0], [0.5]])).ravel().tolist()
+    [0.0, 1.0, 1.0, -1.0]
+    """
+    step = np.diff(q, axis=0, prepend=q[:1])
+    least = _STILL * np.abs(step).max(axis=0, initial=0.0)
+    sign = np.where(np.abs(step) > least, np.sign(step), 0.0)
+    # a joint that rests keeps the side from which it came
+    moved = np.where(sign != 0.0, np.arange(len(q))[:, None], 0)
+    latest = np.maximum.accumulate(moved, axis=0)
+    return np.take_along_axis(sign, latest, axis=0)
+
+
+Mask = NDArray[np.bool_]
+
+
+def joints_at(when: Array, time: Array, q: Array) -> Array:
+    """Interpolate joints q (m, joints), recorded at times (m,), to times `when` (n,) [s]."""
+    return np.stack([np.interp(when, time, column) for column in q.T], axis=1)
+
+
+def covered(when: Array, time: Array, max_gap: float) -> tuple[Mask, Mask, NDArray[np.intp]]:
+    """Tell which times (n,) lie between joints that are close enough to interpolate.
+
+    Returns inside, close : (n,), whether a time lies within the recording, and between joints at
+        most `max_gap` [s] apart
+    Returns after : (n,), the joints next after each time
+    """
+    after = np.clip(np.searchsorted(time, when), 1, len(time) - 1)
+    inside = (when >= time[0]) & (when <= time[-1])
+    return inside, time[after] - time[after - 1] <= max_gap, after

@@ -10,8 +10,8 @@ import numpy as np
 
 from ..errors import LogError
 from .columns import Source, open_source, read_batches
+from .measured_rows import HELD_ROWS, Reservoir
 from .places import find_place
-from .reservoir import HELD_ROWS, Reservoir
 
 _STANDS = {True: math.radians(5.0), False: 2e-2}  # further it takes part [rad, m]
 _SOME = 0.02  # share of rows in which it may do so: wrong readings
@@ -28,19 +28,10 @@ def locked_from_log(
 ) -> tuple[dict[str, float], tuple[str, ...]]:
     """Find where the locked joints stood while a log was recorded.
 
-    Parameters
-    ----------
-    path, columns, degrees, prismatic
-        As of `read_log`.
-    names : sequence of str
-        Joints that are not active. Those without a column are passed over.
-
-    Returns
-    -------
-    values : dict of str to float [rad or m]
-        The median of each joint's column, for `load_arm(..., lock=values)`.
-    notes : tuple of str
-        A warning for each joint that moved more than 0.5 deg or 1 mm from it.
+    path, columns, degrees, prismatic : as of `read_log`
+    names : joints that are not active. Those without a column are passed over.
+    Returns values : [rad or m], the median of each joint's column, for `load_arm(..., lock=values)`
+    Returns notes : a warning for each joint that moved more than 0.5 deg or 1 mm from it
     """
     source = open_source(path)
     used = {name: (columns or {}).get(name, name) for name in names}

@@ -22,30 +22,19 @@ _LARGE_GAP = 0.5  # [rad]; a gap that shows where the joint cannot go
 
 @dataclass(frozen=True)
 class JointColumn:
-    """The values of one joint in a log, and what is known about it.
+    """The values of one joint in a log, and what is known about it."""
 
-    Attributes
-    ----------
-    label, joint : str
-        What messages call the log, and the joint's name.
-    values : (n,) array [rad or m]
-        What was recorded.
-    limits, chosen : (float, float) or None [rad or m]
-        The arm's range of this joint, where there is an arm; the range that the user asked for,
-        which goes before it: all values lie in it, see `ChosenRange`.
-    degrees : bool
-        Whether the log and the messages are in degrees.
-    rows : (n,) array of int or None
-        Numbers of the rows in the file, where some were left out.
-    """
-
+    # what messages call the log, and the joint's name
     label: str
     joint: str
-    values: Array
+    values: Array  # (n,) [rad or m], what was recorded
     revolute: bool
+    # [rad or m], the arm's range of this joint, where there is an arm; the range that the user
+    # asked for, which goes before it: all values lie in it, see `ChosenRange`
     limits: Range | None = None
     chosen: Range | None = None
-    degrees: bool = False
+    degrees: bool = False  # whether the log and the messages are in degrees
+    # (n,), numbers of the rows in the file, where some were left out
     rows: NDArray[np.intp] | None = None
 
     def settle(self) -> tuple[Array, Range, list[str]]:
@@ -201,19 +190,11 @@ class ChosenRange:
 def one_turn(angles: Array) -> tuple[Array, Range, float]:
     """Wrap angles into one turn that is cut where they leave the largest gap.
 
-    Parameters
-    ----------
-    angles : (n,) array [rad]
-        Any number of turns.
-
-    Returns
-    -------
-    wrapped : (n,) array [rad]
-        The angles; those that lay in the turn already are left as they were.
-    turn : (float, float) [rad]
-        The turn, centred on the angles, or on 0 where they fill the whole circle.
-    gap : float [rad]
-        The largest gap.
+    angles : (n,) [rad], any number of turns
+    Returns wrapped : (n,) [rad], the angles; those that lay in the turn already are left as they
+        were
+    Returns turn : [rad], the turn, centred on the angles, or on 0 where they fill the whole circle
+    Returns gap : [rad], the largest gap
 
     Examples
     --------

@@ -11,16 +11,23 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import NDArray
 
+from ..common.wording import vector
 from ..errors import LogError, OptionError
 from .camera import camera_of
 from .columns import Source, open_source
 from .log_ranges import ChosenRange, JointColumn, Range
-from .measured_rows import MeasuredRows
-from .orientations import QUATERNION, from_angles, unit_quaternions
+from .measured_rows import HELD_ROWS, MeasuredRows, Reservoir
 from .places import find_place
 from .plausibility import check_against_robot, check_flat
-from .reservoir import HELD_ROWS, Reservoir
-from .roles import PIXELS, check_names, find_roles, sees_pixels
+from .roles import (
+    PIXELS,
+    QUATERNION,
+    check_names,
+    find_roles,
+    from_angles,
+    sees_pixels,
+    unit_quaternions,
+)
 from .samples import Samples
 from .tables import about_source, unit_of, write_table
 
@@ -168,8 +175,8 @@ def read_log(
             check_flat(source.label, x, plane.distances(x), unit, rows)
         x = plane.project(x)
         notes.append(
-            f"plane fitted to x, y, z: x along {_vector(plane.x)}, y along {_vector(plane.y)}, "
-            f"origin {_vector(plane.origin)}, out-of-plane rms {rms:.4g} {unit}"
+            f"plane fitted to x, y, z: x along {vector(plane.x)}, y along {vector(plane.y)}, "
+            f"origin {vector(plane.origin)}, out-of-plane rms {rms:.4g} {unit}"
         )
     camera = None
     if arm is not None and arm.outputs == 3 and len(axes) == 2:
@@ -294,7 +301,3 @@ def _degrees_note(q: Array, revolute: Sequence[bool]) -> list[str]:
     if any(revolute) and np.abs(q[:, list(revolute)]).max() <= math.radians(2.0 * math.pi):
         return ["no joint goes beyond 6.3 degrees; if the log is in rad, leave out `degrees`"]
     return []
-
-
-def _vector(vector: Array) -> str:
-    return "(" + ", ".join(f"{value + 0.0:.4g}" for value in np.round(vector, 6)) + ")"

@@ -14,8 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ..errors import LogError
-from .cells import parse_cell
-from .places import Place
+from .places import Place, parse_cell
 
 if TYPE_CHECKING:
     import polars as pl

@@ -1,4 +1,4 @@
-"""Places: a column of a log, or one element of a column of lists."""
+"""Places and cells: a column of a log or an element of its lists, and one number that it holds."""
 
 from __future__ import annotations
 
@@ -7,7 +7,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 from ..common.wording import quoted
-from ..errors import OptionError
+from ..errors import LogError, OptionError
 
 _ELEMENT = re.compile(r"(.+)\[(.*)\]", re.DOTALL)
 _INDEX = re.compile(r"0|[1-9][0-9]{0,8}")
@@ -15,30 +15,18 @@ _INDEX = re.compile(r"0|[1-9][0-9]{0,8}")
 
 @dataclass(frozen=True)
 class Place:
-    """Where the numbers of one name stand.
+    """Where the numbers of one name stand."""
 
-    Attributes
-    ----------
-    name : str
-        As asked for: `time`, or `observation.state[0]`.
-    column : str
-        A column of the file.
-    element : int or None
-        Which element of the column's lists, counted from 0; None for a column of numbers.
-    """
-
-    name: str
-    column: str
+    name: str  # as asked for: `time`, or `observation.state[0]`
+    column: str  # a column of the file
+    # which element of the column's lists, counted from 0; None for a column of numbers
     element: int | None = None
 
 
 def find_place(header: Sequence[str], name: str) -> Place | None:
     """Find a name in a header; one that is there as written is a column, whatever it looks like.
 
-    Raises
-    ------
-    OptionError
-        If what stands in the brackets is no place in a list.
+    Raises OptionError if what stands in the brackets is no place in a list.
 
     Examples
     --------
@@ -60,3 +48,28 @@ def find_place(header: Sequence[str], name: str) -> Place | None:
             "counted from 0"
         )
     return Place(name, match[1], int(match[2]))
+
+
+MISSING = ("", "na", "n/a", "nan", "null", "none", "-", "?")
+
+
+def parse_cell(text: str, where: str, *, lenient: bool = False) -> float:
+    """Read one number, NaN for an empty cell and for the usual words for a missing value.
+
+    `text` has no blanks around it; errors call it `where`; where `lenient` other text is NaN too.
+
+    Examples
+    --------
+    >>> parse_cell("1.5", "row 1"), parse_cell("NA", "row 1")
+    (1.5, nan)
+    """
+    try:
+        if text.isascii() and "_" not in text:  # float() also takes 1_0 and other digits
+            return float(text)
+    except ValueError:
+        pass
+    if lenient or text.lower() in MISSING:
+        return float("nan")
+    shown = repr(text if len(text) <= 40 else text[:37] + "...")
+    remedy = "write decimals with a point" if "," in text else "empty the cell if it is missing"
+    raise LogError(f"{where}: {shown} is not a number; {remedy}")

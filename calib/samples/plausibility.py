@@ -13,7 +13,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 from numpy.typing import NDArray
 
-from ..common.thinning import thinned
+from ..common.rows import thinned
 from ..errors import LogError
 
 if TYPE_CHECKING:
@@ -50,22 +50,11 @@ def check_against_robot(
 ) -> list[str]:
     """Compare a log with the nominal kinematics, whatever the sensor's frame.
 
-    Parameters
-    ----------
-    label : str
-        What messages call the log.
-    arm : Arm
-        Its kinematics are nominal: errors of some percent are none.
-    q, x : (n, dof) array [rad or m], (n, m) array [unit]
-        Joint values and positions in the order of the log.
-    fitted_plane : bool
-        Whether the axes of the positions are those of a plane that was fitted to x, y, z.
-
-    Raises
-    ------
-    LogError
-        For another unit of length than was said, for exchanged columns of joints and, of an arm
-        in space, for a joint that counts the other way.
+    arm : its kinematics are nominal: errors of some percent are none
+    q, x : (n, dof) [unit], joint values and positions in the order of the log
+    fitted_plane : whether the axes of the positions are those of a plane that was fitted to x, y, z
+    Raises LogError for another unit of length than was said, for exchanged columns of joints and,
+    of an arm in space, for a joint that counts the other way.
     """
     if len(q) < 8:
         return []
@@ -150,10 +139,7 @@ def lag_of(arm: Arm, q: Array, x: Array) -> int:
 def check_flat(label: str, x: Array, distance: Array, unit: str, rows: NDArray[np.intp]) -> None:
     """Refuse positions (n, 3) of a planar arm whose distances (n,) from their plane are large.
 
-    Raises
-    ------
-    LogError
-        If their root mean square is above `OUT_OF_PLANE` of the extent.
+    Raises LogError if their root mean square is above `OUT_OF_PLANE` of the extent.
     """
     rms = float(np.sqrt(np.mean(distance**2)))
     share = rms / max(_size(x), 1e-300)

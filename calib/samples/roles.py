@@ -1,4 +1,4 @@
-"""Roles: which column of a log is which joint or position."""
+"""Roles: which column of a log is which joint, position or part of an orientation."""
 
 from __future__ import annotations
 
@@ -6,9 +6,12 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
-from ..errors import OptionError
+import numpy as np
+from numpy.typing import NDArray
+
+from ..arm.rotations import exponential, quaternion_of
+from ..errors import LogError, OptionError
 from .columns import Source
-from .orientations import ANGLES, QUATERNION
 
 if TYPE_CHECKING:
     from ..arm.arm import Arm
@@ -20,21 +23,14 @@ PIXELS = {"x": "u", "y": "v"}
 
 @dataclass(frozen=True)
 class Roles:
-    """The columns that a log is read from.
+    """The columns that a log is read from."""
 
-    Attributes
-    ----------
-    joints, axes : tuple of str
-        Names of the joints, base to tip; `("x", "y")` or `("x", "y", "z")`.
-    columns : tuple of str
-        The column of each joint, then of each axis and of each part of the orientation.
-    turns : tuple of str
-        `("qx", "qy", "qz", "qw")`, `("roll", "pitch", "yaw")`, or nothing.
-    """
-
+    # names of the joints, base to tip; `("x", "y")` or `("x", "y", "z")`
     joints: tuple[str, ...]
     axes: tuple[str, ...]
+    # the column of each joint, then of each axis and of each part of the orientation
     columns: tuple[str, ...]
+    # `("qx", "qy", "qz", "qw")`, `("roll", "pitch", "yaw")`, or nothing
     turns: tuple[str, ...] = ()
 
 
@@ -154,3 +150,50 @@ def _joint_names(source: Source, arm: Arm | None, joints: Sequence[str] | None) 
         )
     check_names(names)
     return names
+
+
+Array = NDArray[np.float64]
+
+QUATERNION = ("qx", "qy", "qz", "qw")
+ANGLES = ("roll", "pitch", "yaw")
+#: A quaternion's length may differ from 1 by this much: files round to a few digits.
+ROUNDING = 0.01
+#: Roll, pitch and yaw beyond it [rad] are in another unit.
+_MOST = 2 * np.pi + 0.1
+
+
+def unit_quaternions(values: Array, label: str) -> Array:
+    """Unit quaternions (n, 4) with qw >= 0 of a log's quaternions qx, qy, qz, qw.
+
+    Raises LogError if one has no length near 1: it is no orientation.
+    """
+    length = np.linalg.norm(values, axis=1)
+    bad = np.abs(length - 1) > ROUNDING
+    if bad.any():
+        row = int(np.argmax(bad))
+        shown = ", ".join(f"{value:.4g}" for value in values[row])
+        raise LogError(
+            f"{label}: {int(bad.sum()):,} of {len(values):,} rows hold no orientation, the first "
+            f"(usable row {row + 1}) has qx, qy, qz, qw = {shown} of length {length[row]:.4g}, "
+            "expected 1; leave those rows out, or check which columns are named"
+        )
+    unit = values / length[:, None]
+    return np.asarray(np.where(unit[:, 3:] < 0, -unit, unit))
+
+
+def from_angles(angles: Array) -> Array:
+    """Unit quaternions (n, 4) of roll, pitch and yaw (n, 3) [rad].
+
+    As in URDF: turns about the fixed x, then y, then z axis.
+
+    Raises LogError if they are beyond a turn: they are in degrees.
+    """
+    most = float(np.abs(angles).max(initial=0.0))
+    if most > _MOST:
+        raise LogError(
+            f"roll, pitch and yaw reach {most:.4g}, in rad more than a turn",
+            hint="convert them to rad, or give `degrees=True` if all angles are in degrees",
+            parameter="degrees",
+        )
+    x, y, z = (exponential(angles[:, k, None] * np.eye(3)[k]) for k in range(3))
+    return quaternion_of(z @ y @ x)

@@ -31,25 +31,15 @@ _MARK = COMMENT.decode()
 
 @dataclass(frozen=True, eq=False)
 class Batch:
-    """A table of queries, with the columns that go along unread.
+    """A table of queries, with the columns that go along unread."""
 
-    Attributes
-    ----------
-    values : (n, k) array
-        The columns asked for as `names`; NaN throughout a row that has no number for each.
-    invalid : tuple of int
-        Numbers of the rows that are NaN; 1 is the first below the header.
-    others : dict of str to Series
-        The other columns of the `header`, as they are in the file.
-    dropped : tuple of str
-        Other columns that cannot go along: their name is empty or there twice.
-    """
-
+    # (n, k), the columns asked for as `names`; NaN throughout a row that has no number for each
     values: Array
     names: tuple[str, ...]
-    invalid: tuple[int, ...]
+    invalid: tuple[int, ...]  # numbers of the rows that are NaN; 1 is the first below the header
     header: tuple[str, ...]
-    others: Mapping[str, pl.Series]
+    others: Mapping[str, pl.Series]  # the other columns of the `header`, as they are in the file
+    # other columns that cannot go along: their name is empty or there twice
     dropped: tuple[str, ...] = ()
 
     def answered(self, added: Mapping[str, ArrayLike]) -> dict[str, Any]:
@@ -117,13 +107,9 @@ def read_table(
 ) -> tuple[Array, tuple[int, ...]]:
     """Read a batch of queries from CSV or Parquet; rows that are no numbers do not stop it.
 
-    Returns
-    -------
-    values : (n, len(names)) array
-        Rows in the file's order; rows with a value that is missing, not finite or no
-        number are NaN throughout.
-    invalid : tuple of int
-        Numbers of those rows; 1 is the first below the header.
+    Returns values : (n, len(names)) array, rows in the file's order; rows with a value that is
+        missing, not finite or no number are NaN throughout
+    Returns invalid : numbers of those rows; 1 is the first below the header
     """
     values = read_columns(open_source(path), names, lenient=True)
     invalid = np.logical_not(np.isfinite(values).all(axis=1))
@@ -139,14 +125,9 @@ def write_table(
 ) -> None:
     """Write columns of numbers, in full, whole or not at all.
 
-    Parameters
-    ----------
-    path : path-like
-        Parquet if it ends in .parquet or .pq, else CSV; `-` writes CSV to standard output.
-    columns : mapping of str to (n,) array
-        The columns in their order. NaN is written as `nan`.
-    about : mapping of str to plain values, optional
-        What holds for all rows, such as `unit`: a line of comment above the header of a CSV
+    path : Parquet if it ends in .parquet or .pq, else CSV; `-` writes CSV to standard output
+    columns : mapping of str to (n,) array, the columns in their order. NaN is written as `nan`.
+    about : what holds for all rows, such as `unit`: a line of comment above the header of a CSV
         file, metadata of a Parquet file. `read_about` reads it back.
     """
     import polars as pl
@@ -176,13 +157,7 @@ def write_table(
 
 
 def read_about(path: str | os.PathLike[str]) -> dict[str, Any]:
-    """Return what `write_table` wrote about all rows of a table; empty if nothing.
-
-    Parameters
-    ----------
-    path : path-like
-        CSV or Parquet, a file; standard input has none.
-    """
+    """Return what `write_table` wrote about all rows of a table; empty if nothing."""
     return {} if os.fspath(path) == "-" else about_source(open_source(path))
 
 

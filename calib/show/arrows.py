@@ -21,19 +21,12 @@ _MOST = 300
 
 @dataclass(frozen=True, eq=False)
 class Arrows:
-    """Arrows of some measured rows.
+    """Arrows of some measured rows."""
 
-    Attributes
-    ----------
-    seen, ends : (n, 2) array [unit]
-        Where they start and end.
-    words : str
-        What they mean.
-    """
-
+    # (n, 2) [unit], where they start and end
     seen: Array
     ends: Array
-    words: str
+    words: str  # what they mean
 
     @staticmethod
     def of(model: Model, q: Array, x: Array, width: float) -> Arrows | None:

@@ -1,4 +1,4 @@
-"""Error scale: how errors become colours, shades and words, noise-free ones included."""
+"""Error scale: how errors become colours and words, for colour-blind eyes, noise-free ones too."""
 
 from __future__ import annotations
 
@@ -43,25 +43,14 @@ def length_in_words(value: float, unit: str) -> str:
 
 @dataclass(frozen=True)
 class ErrorScale:
-    """A scale of errors from low to high, linear or logarithmic.
+    """A scale of errors from low to high, linear or logarithmic."""
 
-    Attributes
-    ----------
-    low, high : float [unit]
-        Its two ends.
-    log : bool
-        Whether equal steps are equal ratios.
-    unit : str
-        Unit of the errors.
-    rounding : bool
-        Whether all of it is rounding, so that there is nothing to tell apart.
-    """
-
+    # [unit], its two ends
     low: float
     high: float
-    log: bool
-    unit: str
-    rounding: bool
+    log: bool  # whether equal steps are equal ratios
+    unit: str  # unit of the errors
+    rounding: bool  # whether all of it is rounding, so that there is nothing to tell apart
 
     @staticmethod
     def of(errors: Array, unit: str, extent: float) -> ErrorScale:
@@ -110,3 +99,40 @@ class ErrorScale:
             few = "below 1 nm" if self.unit == "m" else f"below {self.high:.2g} {self.unit}"
             return f"{few} everywhere"
         return f"{length_in_words(self.low, self.unit)} to {length_in_words(self.high, self.unit)}"
+
+
+# the middle of the "plasma" map (van der Walt and Smith, CC0): its lightness rises evenly,
+# and its two ends, which vanish on dark and on light ground, are left out
+_STOPS = (
+    "#5c01a6",
+    "#7e03a8",
+    "#9c179e",
+    "#b52f8c",
+    "#cc4778",
+    "#de5f65",
+    "#ed7953",
+    "#f89540",
+    "#fdb42f",
+)
+
+UNKNOWN = "#8b97a3"
+"""Nodes that no sample has visited."""
+
+
+def rgb(colour: str) -> tuple[int, int, int]:
+    """Red, green and blue, 0 to 255, of a colour such as ``#5c01a6``."""
+    return int(colour[1:3], 16), int(colour[3:5], 16), int(colour[5:7], 16)
+
+
+def colours(share: NDArray[np.float64]) -> NDArray[np.uint8]:
+    """Colours (n, 3) of places (n,) on a scale from 0 to 1; NaN is grey."""
+    stops = np.array([rgb(c) for c in _STOPS], dtype=float)
+    place = np.where(np.isfinite(share), share, 0.0) * (len(stops) - 1)
+    mixed = [np.interp(place, np.arange(len(stops)), stops[:, k]) for k in range(3)]
+    mixed = [np.where(np.isfinite(share), m, u) for m, u in zip(mixed, rgb(UNKNOWN), strict=True)]
+    return np.round(np.stack(mixed, axis=-1)).astype(np.uint8)
+
+
+def stops() -> tuple[str, ...]:
+    """Colours at equal steps of the scale, low to high."""
+    return _STOPS

@@ -6,6 +6,8 @@ import math
 from collections.abc import Mapping
 from typing import TYPE_CHECKING, Any
 
+from ..common.wording import vector
+
 if TYPE_CHECKING:
     from ..arm.arm import Arm
     from ..model.about import About
@@ -27,8 +29,7 @@ def facts(model: Model, *, degrees: bool = True) -> dict[str, str]:
         found["locked"] = ", ".join(f"{name}={value:.6g}" for name, value in about.locked.items())
     if about.plane:
         found["plane"] = ", ".join(
-            f"{name} ({', '.join(f'{value + 0.0:.4g}' for value in about.plane[name])})"
-            for name in ("origin", "x", "y")
+            f"{name} {vector(about.plane[name])}" for name in ("origin", "x", "y")
         )
     found["positions in"] = about.unit
     found["learned from"] = _source(about)

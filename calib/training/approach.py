@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 from ..body.approach import Approach, learn_play
 from ..common.scale import Scale
 from ..maps.node_bounds import learn_bounds
-from ..samples.approach import directions
+from ..samples.joint_values import directions
 from ..samples.samples import Samples
 from .smooth import SmoothPart
 

@@ -12,6 +12,7 @@ from numpy.typing import NDArray
 from ..arm.rotations import logarithm, matrix_of
 from ..body.poses import knows_orientation
 from ..errors import LogError, OptionError
+from ..model.answers import unit_joints
 from ..model.space import Space
 
 if TYPE_CHECKING:
@@ -61,7 +62,7 @@ class Residuals:
     @staticmethod
     def of(model: Model, q: Array, x: Array, readouts: Sequence[str]) -> Residuals:
         """Forward residuals."""
-        known = np.isfinite(model.forward(q, "winner")[:, 0])
+        known = model.trust.covers(model.motor.scale.to_unit(q))
         q, x = q[known], x[known]
         forward = {r: model.forward(q, r) - x if len(q) else np.empty_like(x) for r in readouts}
         left_out = int(np.count_nonzero(~known))
@@ -118,16 +119,15 @@ def evaluate_residuals(
     inverse: dict[str, Array] = {}
     distance: dict[str, Array] = {}
     scale = model.motor.scale
-    for readout in model.readouts if len(q) else ():
-        near = scale.from_unit(model.solver.clip(scale.to_unit(q)))
-        answer = model.solve(x, near, readout)
-        gap = scale.difference(scale.to_unit(answer.q), scale.to_unit(q))
-        inverse[readout] = gap * scale.span
-        if truth is not None:
-            distance[readout] = np.linalg.norm(truth(answer.q) - x, axis=1)
-        else:
-            moved = model.forward(answer.q) - model.forward(q)
-            distance[readout] = np.linalg.norm(moved, axis=1)
+    own = scale.to_unit(q)
+    # the answers' bounds, of which `Model.solve` takes most of the time, are not asked for
+    near = model.solver.clip(own)
+    found = unit_joints(model, x, near, model.readouts) if len(q) else {}
+    for readout, u in found.items():
+        answered = scale.from_unit(u)
+        inverse[readout] = scale.difference(u, own) * scale.span
+        there = model.forward(answered) - model.forward(q) if truth is None else truth(answered) - x
+        distance[readout] = np.linalg.norm(there, axis=1)
     return Residuals(
         q, x, forward.forward, inverse, distance, forward.joint_names, forward.left_out
     )

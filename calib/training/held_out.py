@@ -124,12 +124,12 @@ def _add_maps(
     scale, sensory = model.motor.scale, other.sensory
     u = scale.to_unit(q[chosen])
     here = model.predictor.value(u)
-    near = model.solver.clip(u)
+    near, v = model.solver.clip(u), sensory.scale.to_unit(x[chosen])
+    answers = other.association.inverses(v, near, MAP_READOUTS)
     for readout in MAP_READOUTS:
         predicted = sensory.scale.from_unit(other.association.forward(u, readout))
         forward[readout][chosen] = predicted - x[chosen]
-        v = sensory.scale.to_unit(x[chosen])
-        answer = model.solver.clip(other.association.inverse(v, near, readout))
+        answer = model.solver.clip(answers[readout])
         inverse[readout][chosen] = scale.difference(answer, u) * scale.span
         moved = model.predictor.value(answer) - here
         distance[readout][chosen] = np.linalg.norm(moved, axis=1)

@@ -20,10 +20,7 @@ if TYPE_CHECKING:
 def camera_info(model: Model) -> str:
     """The lens as the YAML that ROS's camera_info_manager reads.
 
-    Raises
-    ------
-    OptionError
-        If the model was not learned from pixels of an arm in space.
+    Raises OptionError if the model was not learned from pixels of an arm in space.
     """
     structure: Any = model.body.structure if model.body is not None else None
     if model.body is None or not is_camera(structure.view):
@@ -57,10 +54,7 @@ def static_transform(model: Model) -> str:
 
     A camera's frame is optical: x right, y down, z ahead.
 
-    Raises
-    ------
-    OptionError
-        If the model knows no sensor in space.
+    Raises OptionError if the model knows no sensor in space.
     """
     sensor = SensorPose.of(model.body)
     if sensor is None:

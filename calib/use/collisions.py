@@ -31,10 +31,7 @@ def hits_itself(
     Links that are joined, and those that meet in nearly all postures, are built so and not
     compared. Meshes are left out: their files are not part of a URDF.
 
-    Returns
-    -------
-    (n,) bool array or None
-        None where no two links have collision bodies that could be compared.
+    Returns (n,), None where no two links have collision bodies that could be compared.
     """
     import pinocchio as pin
 

@@ -42,6 +42,16 @@ CAUSE_OF_NOTHING = (
     "own log, so the first joint's offset stays zero"
 )
 
+FRAME_BEFORE = (
+    "the sensor's frame is taken as it was before the adaptation, where the first joint's offset "
+    "was taken as zero"
+)
+
+FRAME_IN_SPACE = (
+    "of an arm in space `cause='joints'` is said to the adaptation itself: adapt with it, then the "
+    "first joint's offset is corrected without it"
+)
+
 TURNED_FRAME = (
     "an adaptation found that the sensor's frame turned, which is not corrected; an offset of the "
     "first joint looks the same: if the sensor stayed, give `cause='joints'`"
@@ -174,8 +184,11 @@ def correct(
 
 def free_frame(model: Model, cause: str) -> tuple[str, ...]:
     """Return what is assumed where the sensor's frame is fitted to the model's own log."""
-    useless = cause == "joints" and not frames(model)
-    return (FREE_FRAME, CAUSE_OF_NOTHING) if useless else (FREE_FRAME,)
+    if cause == "sensor":
+        return (FREE_FRAME,)
+    if not model.history:
+        return (FREE_FRAME, CAUSE_OF_NOTHING)
+    return (FRAME_IN_SPACE,) if moves_in_space(model) else (FRAME_BEFORE,)
 
 
 def correct_one(model: Model, q: ArrayLike) -> Array | None:

@@ -18,7 +18,7 @@ from ..common.wording import one_line
 from ..errors import OptionError
 from ..maps.local_models import blend_size, predict, reach_of
 from ..maps.predictor import BodyInBox
-from ..model.model import MOST_BLENDED
+from ..model.trust import MOST_BLENDED
 from . import c_planar, c_queries, c_spatial, c_spatial_tables
 from .c_source import HEAD, NODES, RANGE, array, filled, integers, number
 from .correct import usual_limit
@@ -38,39 +38,20 @@ _CLOSE = {False: 1e-9, True: 1e-4}  # of the extent: what counts as corrected
 
 @dataclass(frozen=True)
 class CHeader:
-    """A C header and what it takes.
-
-    Attributes
-    ----------
-    text : str
-        The header.
-    tables : int
-        Bytes of its constant tables.
-    notes : tuple of str
-        What the user should be told.
-    """
+    """A C header and what it takes."""
 
     text: str
-    tables: int
-    notes: tuple[str, ...]
+    tables: int  # bytes of its constant tables
+    notes: tuple[str, ...]  # what the user should be told
 
 
 def c_header(model: Model, *, prefix: str = "calib_", single: bool = False) -> CHeader:
     """One C99 header (also valid C++) that answers as the model does.
 
-    Parameters
-    ----------
-    model : Model
-        With a body, planar or spatial.
-    prefix : str
-        Starts every name.
-    single : bool
-        ``float`` instead of ``double``, for microcontrollers.
-
-    Raises
-    ------
-    OptionError
-        If the model has no body, or the prefix is no C name.
+    model : with a body, planar or spatial
+    prefix : starts every name
+    single : ``float`` instead of ``double``, for microcontrollers
+    Raises OptionError if the model has no body, or the prefix is no C name.
 
     Notes
     -----
@@ -96,7 +77,7 @@ def c_header(model: Model, *, prefix: str = "calib_", single: bool = False) -> C
     if apart.max() > 1e-9 * model.solver.extent:
         notes.append(
             "the header holds the body without its local models, which move positions by "
-            "{apart.mean():.3g} {model.about.unit} on average, {apart.max():.3g} at most"
+            f"{apart.mean():.3g} {model.about.unit} on average, {apart.max():.3g} at most"
         )
     return CHeader(text, tables, tuple(notes))
 

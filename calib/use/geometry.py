@@ -12,16 +12,17 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import NDArray
 
-from ..arm.planar_arm import PlanarArm
+from ..arm.arms import PlanarArm
 from ..body.spatial import SpatialStructure
 from ..common.choices import CAUSES, LOG_FRAMES
 from ..errors import OptionError
 from ..model.alignment import Alignment
-from .origins import Moved
+from .nominal import nominal_in_view
 from .planar_geometry import PlanarProblem
+from .urdf import Moved
 
 if TYPE_CHECKING:
-    from ..arm.spatial_arm import SpatialArm
+    from ..arm.arms import SpatialArm
     from ..model.model import Model
     from .spatial_geometry import SpatialGeometry
 
@@ -32,45 +33,25 @@ _POINTS, _ROWS = 500, 2_000
 
 @dataclass(frozen=True, eq=False)
 class Geometry:
-    """A fitted planar geometry.
+    """A fitted planar geometry."""
 
-    Attributes
-    ----------
-    arm : PlanarArm
-        The nominal arm.
-    offsets : (dof,) array [rad or m]
-        Joint value at which the nominal arm stands where the real one reads zero.
-    moved : (dof, 2) array [m]
-        How far each joint's successor (the last one's: the tip) is displaced in the plane,
-        in the axes of the plane at the zero posture.
-    base : (2,) array [m]
-        Displacement of the first joint; zero unless it was freed.
-    interval_offsets, interval_moved, interval_base : arrays
-        Half widths of the 95 % intervals; what the data cannot tell apart is within them.
-    frame : Alignment
-        From the root link's plane to the frame that the model answers in.
-    free : bool
-        Whether that frame was fitted; the first joint's offset is zero then, by convention.
-    residual : float [m]
-        Root mean square distance that this geometry does not explain.
-    before : float [m]
-        The same for the nominal geometry, in the same frame.
-    reach : float [m]
-        Furthest distance of the tip from the first joint.
-    """
-
-    arm: PlanarArm
+    arm: PlanarArm  # the nominal arm
+    # (dof,) [rad or m], joint value at which the nominal arm stands where the real one reads zero
     offsets: Array
+    # (dof, 2) [m], how far each joint's successor (the last one's: the tip) is displaced in the
+    # plane, in the axes of the plane at the zero posture
     moved: Array
-    base: Array
+    base: Array  # (2,) [m], displacement of the first joint; zero unless it was freed
+    # half widths of the 95 % intervals; what the data cannot tell apart is within them
     interval_offsets: Array
     interval_moved: Array
     interval_base: Array
-    frame: Alignment
+    frame: Alignment  # from the root link's plane to the frame that the model answers in
+    # whether that frame was fitted; the first joint's offset is zero then, by convention
     free: bool
-    residual: float
-    before: float
-    reach: float
+    residual: float  # [m], root mean square distance that this geometry does not explain
+    before: float  # [m], the same for the nominal geometry, in the same frame
+    reach: float  # [m], furthest distance of the tip from the first joint
     unit = "m"
 
     def origins(self) -> dict[str, Moved]:
@@ -161,20 +142,13 @@ def fit_geometry(
     the data cannot tell apart, such as an offset and a turned link; the intervals hold that
     freedom.  Of a spatial arm they are offsets, six numbers per joint origin, and the tip.
 
-    Parameters
-    ----------
-    model : Model
-        It must have a URDF.
-    view : {"auto", "base"}
-        "base" says that a log's positions are in the root link's frame.
-    cause : {"sensor", "joints"}
-        What an adaptation found that turns the sensor's frame and the first joint alike; with
-        "joints" the frame is taken to have stayed.
-    move_base : bool
-        Whether the first joint's place is fitted too; only in a known frame.
-    move_tip : bool
-        Whether the sensed point of a spatial arm is the tip itself and belongs to the geometry;
-        else it is a probe or tag that was put on, and the tip stays where the URDF has it.
+    model : it must have a URDF
+    view : {"auto", "base"}, "base" says that a log's positions are in the root link's frame
+    cause : {"sensor", "joints"}, what an adaptation found that turns the sensor's frame and the
+        first joint alike; with "joints" the frame is taken to have stayed
+    move_base : whether the first joint's place is fitted too; only in a known frame
+    move_tip : whether the sensed point of a spatial arm is the tip itself and belongs to the
+        geometry; else it is a probe or tag that was put on, and the tip stays where the URDF has it
     """
     arm, free = nominal_arm(model), frame_is_free(model, view)
     if move_base and free:
@@ -193,8 +167,16 @@ def fit_geometry(
     q, x, error = _points(model)
     # undo what adaptations found to be the sensor's
     for moved in reversed(frames(model, cause)):
-        x = np.asarray(np.linalg.solve(moved.matrix, (x - moved.shift).T).T, dtype=float)
+        x = moved.inverse().apply(x)
     if isinstance(arm, PlanarArm):
+        if free and cause == "joints" and model.history and model.body is not None:
+            # the sensor stayed where it was before the adaptations; fitted again, its frame would
+            # take what they found of the first joint
+            seen = nominal_in_view(model).predict(q)
+            for moved in reversed(frames(model)):
+                seen = moved.inverse().apply(seen)
+            x = Alignment.between(arm.forward(q), seen).inverse().apply(x)
+            free = False
         if move_tip:
             raise OptionError("a planar arm's tip is always written", parameter="move_tip")
         return _in_plane(model, arm, q, x, error, free, move_base)
@@ -213,13 +195,16 @@ def _in_plane(
     model: Model, arm: PlanarArm, q: Array, x: Array, error: float, free: bool, move_base: bool
 ) -> Geometry:
     """Fit the geometry of a planar arm; `error` is the least one of the rows' mean."""
-    problems = [PlanarProblem(arm, q, x, free, move_base, mirrored) for mirrored in (False, True)]
+    problems = [
+        PlanarProblem(arm, q, x, free, move_base, mirrored, error=error)
+        for mirrored in (False, True)
+    ]
     problems = problems if free else problems[:1]
     if free and model.about.unit == "m":
         problems = [replace(problem, scaled=False) for problem in problems]
     found = [(problem, *problem.solve()) for problem in problems]
     problem, theta, covariance = min(found, key=lambda each: each[0].rms(each[1]))
-    half = 1.96 * np.sqrt(np.diag(covariance)) * max(1.0, problem.inflation(theta, error))
+    half = 1.96 * np.sqrt(np.diag(covariance)) * problem.inflation(theta)
     reach = float(np.linalg.norm(arm.forward(q) - arm.forward(q).mean(axis=0), axis=1).max())
     scale = math.exp(theta[problem.frame][1])
     parts, widths = problem.split(theta), problem.split(half)

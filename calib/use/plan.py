@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from functools import partial
 from typing import TYPE_CHECKING, Any
@@ -11,16 +11,13 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from ..arm.arm import Arm
-from ..arm.spatial_arm import SpatialArm
+from ..arm.arms import SpatialArm
 from ..body.most_telling import most_telling
+from ..common.checks import whole
 from ..errors import OptionError
 from .collisions import apart
-from .information import most_telling_of_arm
-from .keep_inside import keep_of
 from .pose_space import Space, space_of
-from .routes import Choose, Route, dense, free_route, kept_route
-from .spread import candidates, farthest
-from .tour import length
+from .spread import candidates, farthest, length, most_telling_of_arm, shortest_tour
 
 if TYPE_CHECKING:
     import os
@@ -30,6 +27,8 @@ if TYPE_CHECKING:
 
 Array = NDArray[np.float64]
 Index = NDArray[np.intp]
+Choose = Callable[[Array, int, Array], Index]
+"""Chooses n of some points (m, dof) beside those that are taken (k, dof), in unit ranges."""
 
 MOST_POSES = 1000
 """More are babbled, not planned."""
@@ -53,10 +52,7 @@ class Plan:
         Where the tip is expected, by the robot's description or by the model.
     expected_error : (n,) array [unit] or None
         The model's 95 % bound there; None without a model.
-    via : (n,) bool array
-        Rows that lead the tip round the border of the box that it is to stay in. They may
-        be measured like the others.
-    start : (dof,) array [rad or m] or None
+    start : (dof,) array [rad or m]
         Where the arm is expected to be before the first row.
     travel : (dof,) array [rad or m]
         Sum of each joint's moves, from the start on.
@@ -75,8 +71,7 @@ class Plan:
     q: Array
     x: Array
     expected_error: Array | None
-    via: NDArray[np.bool_]
-    start: Array | None
+    start: Array
     travel: Array
     length: float
     random_length: float
@@ -86,7 +81,7 @@ class Plan:
 
     def __post_init__(self) -> None:
         """Freeze the arrays."""
-        for name in ("q", "x", "expected_error", "via", "start", "travel"):
+        for name in ("q", "x", "expected_error", "start", "travel"):
             array = getattr(self, name)
             if array is not None:
                 array = np.array(array)
@@ -107,8 +102,6 @@ class Plan:
         table: dict[str, NDArray[Any]] = {f"expected_{axis}": values for axis, values in axes}
         if self.expected_error is not None:
             table["expected_error"] = self.expected_error
-        if self.via.any():
-            table["via"] = self.via.astype(np.int64)
         for name in self.joint_names:
             if name in table:
                 raise OptionError(
@@ -131,7 +124,6 @@ def plan(
     margin: float | Sequence[float] | None = None,
     ranges: Mapping[str, tuple[float, float]] | None = None,
     start: ArrayLike | None = None,
-    keep: Mapping[str, tuple[float, float]] | None = None,
     measured: Samples | None = None,
 ) -> Plan:
     """Plan poses to measure with a real arm.
@@ -151,12 +143,7 @@ def plan(
     ranges : mapping of str to (lower, upper), optional [rad or m]
         Part of a joint's range to plan in.
     start : (dof,) array [rad or m], optional
-        Where the arm is before the first pose: zero, clipped into the ranges, where not
-        given. With `keep`, any pose within the box where that one is outside.
-    keep : mapping of {"x", "y"} to (low, high), optional [unit]
-        The tip stays within these bounds at all poses and along all straight moves
-        between them. Other parts of the arm, obstacles and self-collision are not looked
-        at.
+        Where the arm is before the first pose: zero, clipped into the ranges, where not given.
     measured : Samples, optional
         What was measured already: the new poses go where those are not.
 
@@ -167,7 +154,7 @@ def plan(
     Raises
     ------
     OptionError
-        If an argument is outside of what is possible, or `keep` leaves too few poses.
+        If an argument is outside of what is possible.
 
     Examples
     --------
@@ -176,34 +163,49 @@ def plan(
     >>> plan.q.shape, plan.length < 0.5 * plan.random_length
     ((30, 2), True)
     """
-    n, seed = _whole("n", n, 1, MOST_POSES), _whole("seed", seed, 0, 2**63 - 1)
+    n, seed = whole("n", n, 1, MOST_POSES), whole("seed", seed, 0, 2**63 - 1)
     space = space_of(source, margin, ranges)
     rng = np.random.default_rng(seed)
     taken = _taken(space, measured)
     choose, how, beside = _choice(source, space)
-    begin = None if start is None else _in_unit(space, space.joints(start, "start"))
-    neutral = _in_unit(space, np.clip(0.0, space.lower, space.upper))
-    drawn = dense(space, rng) if keep else candidates(space, rng)
-    points, seen = apart(source, space, drawn)
+    first = np.clip(0.0, space.lower, space.upper)
+    if start is not None:
+        first = space.joints(start, "start")
+    # not `to_unit`: the upper end of a whole turn is not its lower end to a cable
+    begin = (first - space.scale.lower) / space.scale.span
+    points, seen = apart(source, space, candidates(space, rng))
     notes = [seen]
     if measured is None and not isinstance(source, Arm) and choose.func is farthest:
         notes.append(
             "the model keeps no samples: give the log too, so that the new poses lie between the "
             "measured ones"
         )
-    if keep:
-        box = keep_of(space, keep)
-        if begin is None and box.holds(neutral[None])[0]:
-            begin = neutral
-        route = kept_route(box, n, begin, taken, points, choose, rng)
-        if begin is None:
-            notes.append("it begins at the first pose: give `start` to begin where the arm is")
-    else:
-        begin = neutral if begin is None else begin
-        route = free_route(n, begin, taken, points, choose)
     if measured is not None:
         how += f" {beside} the {len(measured)} measured ones"
-    return _made(source, space, route, begin, how, notes)
+    nodes = np.vstack([begin, points[choose(points, n, taken)]])
+    away = np.abs(nodes[:, None] - nodes[None]).max(axis=-1)
+    order = shortest_tour(away)
+    u = nodes[order[1:]]
+    # rounding must not lead beyond a limit
+    q = np.clip(space.scale.from_unit(u), space.lower, space.upper)
+    way = np.vstack([space.scale.from_unit(begin), q])
+    rng = np.random.default_rng(0)
+    others = [length(away, np.append(0, 1 + rng.permutation(n))) for _ in range(_ORDERS)]
+    low, high = space.corners
+    border = (np.isclose(u, low) | np.isclose(u, high)).any(axis=1)
+    return Plan(
+        space.joint_names,
+        q,
+        space.position(q),
+        None if isinstance(source, Arm) else source.expected_error(q),
+        way[0],
+        np.abs(np.diff(way, axis=0)).sum(axis=0),
+        float(np.abs(np.diff(way, axis=0) / space.scale.span).max(axis=1).sum()),
+        float(np.mean(others)),
+        space.unit,
+        (f"{n} poses, {how}; {np.count_nonzero(border)} of them at an end of a joint's range",),
+        tuple(notes),
+    )
 
 
 def _choice(source: Arm | Model, space: Space) -> tuple[partial[Index], str, str]:
@@ -230,49 +232,6 @@ def _most_telling(space: Space, tell: Choose, points: Array, n: int, taken: Arra
     return few[tell(joints, n, space.scale.from_unit(taken))]
 
 
-def _made(
-    source: Arm | Model,
-    space: Space,
-    route: Route,
-    begin: Array | None,
-    how: str,
-    notes: list[str],
-) -> Plan:
-    """Put the plan together, and say in words what it is."""
-    # rounding must not lead beyond a limit
-    q = np.clip(space.scale.from_unit(route.u), space.lower, space.upper)
-    first = None if begin is None else space.scale.from_unit(begin)
-    way = q if first is None else np.vstack([first, q])
-    rng, m = np.random.default_rng(0), len(route.away)
-    orders = (np.append(0, 1 + rng.permutation(m - 1)) for _ in range(_ORDERS))
-    others = [length(route.away, order) for order in orders]
-    own = float(np.abs(np.diff(way, axis=0) / space.scale.span).max(axis=1).sum())
-    bound = None if isinstance(source, Arm) else source.expected_error(q)
-    low, high = space.corners
-    border = np.isclose(route.u, low) | np.isclose(route.u, high)
-    count = int(np.count_nonzero(border.any(axis=1) & ~route.via))
-    wanted = len(q) - int(route.via.sum())
-    why = [f"{wanted} poses, {how}; {count} of them at an end of a joint's range"]
-    if route.via.any():
-        more = int(route.via.sum())
-        poses = "1 further pose leads" if more == 1 else f"{more} further poses lead"
-        why.append(f"{poses} round the border of the box")
-    return Plan(
-        space.joint_names,
-        q,
-        space.position(q),
-        bound,
-        route.via,
-        first,
-        np.abs(np.diff(way, axis=0)).sum(axis=0),
-        own,
-        float(np.mean(others)),
-        space.unit,
-        tuple(why),
-        (*notes, *route.notes),
-    )
-
-
 def _taken(space: Space, measured: Samples | None) -> Array:
     """Joints (k, dof) of measured rows in units of the joints' ranges."""
     if measured is None:
@@ -284,16 +243,3 @@ def _taken(space: Space, measured: Samples | None) -> Array:
         )
     columns = [measured.joint_names.index(name) for name in space.joint_names]
     return space.scale.to_unit(measured.q[:, columns])
-
-
-def _in_unit(space: Space, q: Array) -> Array:
-    # not `to_unit`: the upper end of a whole turn is not its lower end to a cable
-    return np.asarray((q - space.scale.lower) / space.scale.span)
-
-
-def _whole(name: str, value: object, least: int, most: int) -> int:
-    if isinstance(value, bool) or not isinstance(value, (int, np.integer)):
-        raise OptionError(f"{name} is {value!r}, expected a whole number such as {least + 59}")
-    if not least <= value <= most:
-        raise OptionError(f"{name} is {value}, expected {least} to {most:,}")
-    return int(value)

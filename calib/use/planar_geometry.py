@@ -8,7 +8,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
-from ..arm.planar_arm import PlanarArm
+from ..arm.arms import PlanarArm
 from ..body.bound import autocorrelation_time
 from ..model.alignment import Alignment
 
@@ -24,7 +24,11 @@ _FLOOR = 1e-6  # of the reach: a residual below is rounding
 
 @dataclass(frozen=True, eq=False)
 class PlanarProblem:
-    """One least-squares problem; its parameters are offsets, places, base and frame."""
+    """One least-squares problem; its parameters are offsets, places, base and frame.
+
+    `error` [unit] is the least noise along an axis that positions are credited with: an adapted
+    model answers without noise, yet with the error of its rows.
+    """
 
     arm: PlanarArm
     q: Array
@@ -33,6 +37,7 @@ class PlanarProblem:
     move_base: bool
     mirrored: bool
     scaled: bool = True
+    error: float = 0.0
 
     @property
     def frame(self) -> slice:
@@ -63,16 +68,19 @@ class PlanarProblem:
         residual = self.x - self.predicted(theta)
         return float(np.sqrt(np.mean(np.sum(residual**2, axis=1))))
 
-    def inflation(self, theta: Array, error: float) -> float:
+    @property
+    def _floor(self) -> float:
+        """Least noise along an axis that residuals are credited with [unit]."""
+        rounding = _FLOOR * float(np.linalg.norm(np.ptp(self.x, axis=0)))
+        return max(rounding, self.error, 1e-300)
+
+    def inflation(self, theta: Array) -> float:
         """Return by how much intervals of independent residuals are too small.
 
         Neighbouring rows err alike: the mean of n has the error of n over their
         autocorrelation time.
         """
-        residual = self.x - self.predicted(theta)
-        noise = self.rms(theta) / math.sqrt(2.0)
-        time = autocorrelation_time(residual)
-        return max(math.sqrt(time), error / max(noise, 1e-300))
+        return math.sqrt(max(1.0, autocorrelation_time(self.x - self.predicted(theta))))
 
     def solve(self) -> tuple[Array, Array]:
         """Return the most probable parameters and their covariance."""
@@ -153,8 +161,7 @@ class PlanarProblem:
         held = theta.copy()
         held[sd == 0.0] = 0.0
         theta = held
-        floor = _FLOOR * float(np.linalg.norm(np.ptp(self.x, axis=0)))
-        noise = max(self.rms(theta) / math.sqrt(2.0), floor)
+        noise = max(self.rms(theta) / math.sqrt(2.0), self._floor)
         slope = self._slopes(theta, use)
         for _ in range(_STEPS):
             weight = self._weight(theta, noise)
@@ -165,7 +172,7 @@ class PlanarProblem:
             turned = float(np.abs(step).max())
             theta = theta.copy()
             theta[use] += step * min(1.0, 0.5 / turned) if turned > 0.5 and not self.free else step
-            before, noise = noise, max(self._noise(theta, noise), floor)
+            before, noise = noise, max(self._noise(theta, noise), self._floor)
             slope = self._slopes(theta, use)
             if turned < 1e-9 and abs(noise - before) < 1e-6 * noise:
                 break

@@ -30,31 +30,18 @@ SHARE = 0.02
 
 @dataclass(frozen=True, eq=False)
 class Space:
-    """A box of joint values, and where the tip is expected for them.
+    """A box of joint values, and where the tip is expected for them."""
 
-    Attributes
-    ----------
-    joint_names : tuple of str
-        Joints from base to tip.
-    lower, upper : (dof,) array [rad or m]
-        The box. It is convex: a straight move between two of its poses never leaves it.
-    scale : Scale
-        The whole range of each joint, without margins, as the unit box.
-    revolute : tuple of bool
-        Whether each joint turns (rad) or slides (m).
-    position : callable
-        Joint values (n, dof) to expected tip positions (n, 2); NaN where nothing is known.
-    unit : str
-        Unit of the positions.
-    """
-
-    joint_names: tuple[str, ...]
+    joint_names: tuple[str, ...]  # joints from base to tip
+    # (dof,) [rad or m], the box. It is convex: a straight move between two of its poses never
+    # leaves it.
     lower: Array
     upper: Array
-    scale: Scale
-    revolute: tuple[bool, ...]
+    scale: Scale  # the whole range of each joint, without margins, as the unit box
+    revolute: tuple[bool, ...]  # whether each joint turns (rad) or slides (m)
+    # joint values (n, dof) to expected tip positions (n, 2); NaN where nothing is known
     position: Callable[[Array], Array]
-    unit: str
+    unit: str  # unit of the positions
 
     @property
     def dof(self) -> int:
@@ -98,22 +85,13 @@ def space_of(
 ) -> Space:
     """Return the space of an arm, or of what a model has learned.
 
-    Parameters
-    ----------
-    source : Arm or Model
-        An arm predicts with its kinematics, a model with what it has learned.
-    margin : float or sequence of float, optional [rad or m]
-        Distance from the joints' mechanical limits, for all or for each joint. Without it
-        1 deg (17 mm for a slide), or 2 % of the range if that is less. A model of a log
+    source : an arm predicts with its kinematics, a model with what it has learned
+    margin : [rad or m], distance from the joints' mechanical limits, for all or for each joint.
+        Without it 1 deg (17 mm for a slide), or 2 % of the range if that is less. A model of a log
         without a robot knows no limits: its range is what was measured.
-    ranges : mapping of str to (lower, upper), optional [rad or m]
-        Part of a joint's range to plan in.
-
-    Raises
-    ------
-    OptionError
-        If a joint is unknown, a range is outside of what there is, or the margins leave
-        nothing.
+    ranges : [rad or m], part of a joint's range to plan in
+    Raises OptionError if a joint is unknown, a range is outside of what there is, or the margins
+    leave nothing.
     """
     space, limits = _of_arm(source) if isinstance(source, Arm) else _of_model(source)
     lower, upper = space.lower.copy(), space.upper.copy()

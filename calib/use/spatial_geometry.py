@@ -11,7 +11,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from ..arm.spatial_arm import SpatialArm
+from ..arm.arms import SpatialArm
 from ..arm.urdf import parse_urdf
 from ..body.belief import Body
 from ..body.fit import maximise
@@ -21,7 +21,7 @@ from ..body.spatial import SpatialStructure, structure_of
 from ..body.spatial_prior import SHIFT, frame_groups
 from ..body.spatial_start import frame
 from ..body.structure import Prior
-from .origins import Moved
+from .urdf import Moved
 
 Array = NDArray[np.float64]
 
@@ -32,37 +32,23 @@ _STEPS = 15
 
 @dataclass(frozen=True, eq=False)
 class SpatialGeometry:
-    """A fitted geometry of a spatial arm.
+    """A fitted geometry of a spatial arm."""
 
-    Attributes
-    ----------
-    arm : SpatialArm
-        The nominal arm.
-    structure : SpatialStructure
-        Its chain and view.
-    beta, sd : (d,) array
-        Parameters and their posterior standard deviations, 0 where nothing was fitted.
-    free : bool
-        Whether the sensor's frame was fitted; the first joint's offset and place are nominal
-        then, by convention.
-    move_tip : bool
-        Whether the tip's fitted place belongs to the arm; else it is the sensor's: a probe, a tag.
-    residual, before : float [m; px]
-        Root mean square distance that this geometry, and the nominal one, do not explain, each
-        with the sensor and the tip where they fit best.
-    reach : float [m; px]
-        Furthest distance of the tip from the middle of its positions.
-    """
-
-    arm: SpatialArm
-    structure: SpatialStructure
+    arm: SpatialArm  # the nominal arm
+    structure: SpatialStructure  # its chain and view
+    # (d,), parameters and their posterior standard deviations, 0 where nothing was fitted
     beta: Array
     sd: Array
+    # whether the sensor's frame was fitted; the first joint's offset and place are nominal then, by
+    # convention
     free: bool
+    # whether the tip's fitted place belongs to the arm; else it is the sensor's: a probe, a tag
     move_tip: bool
+    # [m; px], root mean square distance that this geometry, and the nominal one, do not explain,
+    # each with the sensor and the tip where they fit best
     residual: float
     before: float
-    reach: float
+    reach: float  # [m; px], furthest distance of the tip from the middle of its positions
 
     @property
     def unit(self) -> str:

@@ -1,19 +1,26 @@
-"""Spread: poses that cover the joint space, its border included.
+"""Poses to measure: which of many, and in which order the joints travel little.
 
-A learned map is a smooth function fitted to noisy positions: it is least certain at the
-border of what was measured, and beyond it. Farthest-point selection (Gonzalez 1985) puts
-the first poses into corners and onto borders and fills what is left evenly, needs no model
-of the arm, and continues any set of poses that there is already.
+Where a belief of the body is known, the poses are those that tell most of it: D-optimal design
+takes each pose that shrinks the volume of the posterior most, given all before it (Fedorov 1972;
+for robots Borm and Menq 1991). Else farthest-point selection (Gonzalez 1985) puts the first poses
+into corners and onto borders, where a fitted function is least certain, and fills the rest evenly.
 """
 
 from __future__ import annotations
 
+from typing import TYPE_CHECKING
+
 import numpy as np
 from numpy.typing import NDArray
 
+from ..body.most_telling import greedy
+from ..body.spatial import SpatialStructure, structure_of
 from ..common.scale import Scale
 from ..maps.map import search_tree
 from .pose_space import Space
+
+if TYPE_CHECKING:
+    from ..arm.arms import SpatialArm
 
 Array = NDArray[np.float64]
 Index = NDArray[np.intp]
@@ -26,15 +33,7 @@ _CORNERS = 256  # most corners, which are as many as 2^dof
 def candidates(space: Space, rng: np.random.Generator) -> Array:
     """Draw poses to choose from: within the box, on its faces, at its corners.
 
-    Parameters
-    ----------
-    space : Space
-    rng : Generator
-
-    Returns
-    -------
-    (m, dof) array
-        In units of the joints' ranges.
+    Returns (m, dof), in units of the joints' ranges.
     """
     dof = space.dof
     inside, faces = rng.random((_INSIDE, dof)), rng.random((_FACES, dof))
@@ -51,21 +50,10 @@ def candidates(space: Space, rng: np.random.Generator) -> Array:
 def farthest(scale: Scale, points: Array, n: int, taken: Array) -> Index:
     """Choose points one by one, each as far as possible from all that were chosen before.
 
-    Parameters
-    ----------
-    scale : Scale
-        Knows the periodic joints.
-    points : (m, dof) array
-        What to choose from, in units of the joints' ranges.
-    n : int
-        How many, at most m.
-    taken : (k, dof) array
-        Points that there are already; without any the first point is the first corner.
-
-    Returns
-    -------
-    (n,) int array
-        Rows of `points`, in the order of choice.
+    scale : knows the periodic joints
+    points : (m, dof), what to choose from, in units of the joints' ranges
+    taken : (k, dof), points that there are already; without any the first point is the first corner
+    Returns (n,), rows of `points`, in the order of choice.
     """
     away = np.full(len(points), np.inf)
     if len(taken):
@@ -78,3 +66,120 @@ def farthest(scale: Scale, points: Array, n: int, taken: Array) -> Index:
         away = np.minimum(away, gap)
         away[row] = -1.0  # where points repeat, none is chosen twice
     return chosen
+
+
+_LONGEST_RUN = 3  # poses that Or-opt moves together
+_SWEEPS = 50  # each lowers the length; far fewer are needed
+
+
+def shortest_tour(away: Array) -> Index:
+    """Order points so that the way from the first one through all others is short.
+
+    Nearest neighbours first, then 2-opt (Croes 1958: a stretch is turned round) and Or-opt
+    (Or 1976: a short stretch is moved elsewhere) until neither shortens it. The way is
+    open: it does not return.
+
+    away : (n, n), symmetric distances; the way starts at row 0
+    Returns (n,), a permutation that begins with 0.
+    """
+    order = _nearest_neighbours(away)
+    for _ in range(_SWEEPS):
+        before = length(away, order)
+        order = _two_opt(away, order)
+        order = _or_opt(away, order)
+        if length(away, order) >= before * (1 - 1e-12):
+            break
+    return order
+
+
+def length(away: Array, order: Index) -> float:
+    """Length of the way through the points in this order."""
+    return float(away[order[:-1], order[1:]].sum())
+
+
+def _nearest_neighbours(away: Array) -> Index:
+    order = np.zeros(len(away), dtype=np.intp)
+    left = np.ones(len(away), dtype=bool)
+    left[0] = False
+    for k in range(1, len(away)):
+        order[k] = np.where(left, away[order[k - 1]], np.inf).argmin()
+        left[order[k]] = False
+    return order
+
+
+def _two_opt(away: Array, order: Index) -> Index:
+    """Turn round the stretch from i to j that gains most, for each i in turn."""
+    order = order.copy()
+    n = len(order)
+    for i in range(1, n - 1):
+        a, b = order[i - 1], order[i]
+        ends = order[i + 1 :]
+        gain = away[a, b] - away[a, ends]
+        gain[:-1] += away[ends[:-1], ends[1:]] - away[b, ends[1:]]  # the last has no successor
+        j = int(gain.argmax())
+        if gain[j] > 1e-12:
+            order[i : i + j + 2] = order[i : i + j + 2][::-1]
+    return order
+
+
+def _or_opt(away: Array, order: Index) -> Index:
+    """Move the stretch at each place to where it gains most, turned round if need be."""
+    for run in range(1, min(_LONGEST_RUN, len(order) - 2) + 1):
+        for i in range(1, len(order) - run + 1):
+            stretch, rest = order[i : i + run], np.delete(order, np.s_[i : i + run])
+            a, first, last = order[i - 1], stretch[0], stretch[-1]
+            saved = away[a, first]
+            if i + run < len(order):
+                saved += away[last, order[i + run]] - away[a, order[i + run]]
+            after = rest[1:]
+            cost = []
+            for head, tail in ((first, last), (last, first)):
+                extra = away[rest, head]
+                extra[:-1] += away[tail, after] - away[rest[:-1], after]
+                cost.append(extra)
+            least = np.minimum(*cost)
+            place = int(least.argmin())
+            if saved - least[place] > 1e-12:
+                if cost[1][place] < cost[0][place]:
+                    stretch = stretch[::-1]
+                order = np.insert(rest, place + 1, stretch)
+    return order
+
+
+_NOISE = 1e-4  # [m] of a sensor that is not known yet
+_CHUNK = 200
+
+
+def most_telling_of_arm(arm: SpatialArm, q: Array, n: int, measured: Array) -> Index:
+    """Choose n poses of an arm that was never measured, (n,) rows of `q` (m, dof) [rad or m].
+
+    `measured` (k, dof) are poses whose rows exist, of which no belief knows yet.
+    """
+    return greedy(tells(arm, q, measured), n)
+
+
+def tells(arm: SpatialArm, q: Array, taken: Array) -> Array:
+    """Directions (m, p, k) in which poses tell of the body, in units of noise and of the prior.
+
+    q : (m, dof) [rad or m], poses to choose from
+    taken : (t, dof) [rad or m], poses that were measured
+    """
+    structure = structure_of(arm, "rigid")
+    free = ("view.rotation", "view.shift", "tool", "placement", "offset", "elastic", "curve")
+    prior = structure.prior(free)
+    told = _directions(structure, np.vstack([q, taken]), structure.neutral(), prior.active)
+    told = told * (prior.sd[prior.active] / _NOISE)
+    told, known = told[: len(q)], told[len(q) :].reshape(-1, told.shape[2])
+    if not len(known):
+        return np.asarray(told)
+    # the posterior (I + T' T)^-1 of the measured rows T is R^-T R^-1, so that told R^-T tells it
+    root = np.linalg.cholesky(np.eye(told.shape[2]) + known.T @ known)
+    flat = np.linalg.solve(root, told.reshape(-1, told.shape[2]).T)
+    return np.asarray(flat.T.reshape(told.shape))
+
+
+def _directions(structure: SpatialStructure, q: Array, beta: Array, active: Index) -> Array:
+    parts = [
+        structure.linearise(q[i : i + _CHUNK], beta, active)[1] for i in range(0, len(q), _CHUNK)
+    ]
+    return np.concatenate(parts)

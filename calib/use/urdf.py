@@ -5,10 +5,10 @@ Only attributes that change are rewritten; comments, other elements and the layo
 
 from __future__ import annotations
 
-import math
 import re
-from dataclasses import dataclass
-from typing import Any
+import warnings
+from dataclasses import dataclass, field
+from typing import TYPE_CHECKING
 from xml.parsers import expat
 
 import numpy as np
@@ -17,10 +17,12 @@ from numpy.typing import NDArray
 from ..arm.rotations import exponential
 from ..arm.tree import Joint
 from ..arm.urdf import parse_urdf
+from ..common.wording import for_people
 from ..errors import OptionError, RobotError
-from .geometry import Geometry
-from .origins import Moved
-from .spatial_geometry import SpatialGeometry
+
+if TYPE_CHECKING:
+    from .geometry import Geometry
+    from .spatial_geometry import SpatialGeometry
 
 Array = NDArray[np.float64]
 
@@ -30,53 +32,25 @@ MOST_UNEXPLAINED = 0.01
 _TINY = 1e-12  # [m or rad]; a smaller change is rounding
 
 
-def check_explained(geometry: Geometry | SpatialGeometry, share: float = MOST_UNEXPLAINED) -> None:
-    """Refuse a geometry that does not describe the model.
-
-    Parameters
-    ----------
-    geometry : Geometry or SpatialGeometry
-    share : float
-        Largest residual, as a share of the arm's reach.
-
-    Raises
-    ------
-    RobotError
-        If the residual is larger.
-    """
-    if not geometry.residual <= share * geometry.reach:
-        factor, unit = (1e3, "mm") if geometry.unit == "m" else (1.0, geometry.unit)
-        raise RobotError(
-            f"joint offsets and link placements leave {factor * geometry.residual:.4g} {unit} rms "
-            f"unexplained, {100.0 * geometry.residual / geometry.reach:.3g} % of the reach "
-            f"(at most {100.0 * share:g} %)",
-            hint="check the joints, the tip and the unit of the log; a log in the robot's root "
-            "frame needs `view='base'`, one in a sensor's frame must not have it",
-            parameter="share",
-            value=geometry.residual / geometry.reach,
-        )
-
-
-def corrected_urdf(geometry: Geometry | SpatialGeometry, share: float = MOST_UNEXPLAINED) -> str:
+def corrected_urdf(geometry: Geometry | SpatialGeometry) -> str:
     """Text of the nominal URDF with corrected joint origins.
 
     A joint's offset becomes a turn of its origin about its axis (or a shift along it, if it
     slides), a displacement a shift of the origin of the joint that it moves; the tip's
     displacement that of the joint which carries the tip.
 
-    Parameters
-    ----------
-    geometry : Geometry or SpatialGeometry
-        What was fitted.
-    share : float
-        Largest residual that is accepted, as a share of the arm's reach.
-
-    Raises
-    ------
-    RobotError
-        If the residual is larger, or the tip has no joint of its own that could be moved.
+    Raises RobotError if the geometry does not describe the model to `MOST_UNEXPLAINED` of its
+    reach, or the tip has no joint of its own that could be moved.
     """
-    check_explained(geometry, share)
+    share = geometry.residual / geometry.reach
+    if not share <= MOST_UNEXPLAINED:
+        factor, unit = for_people(geometry.unit)
+        raise RobotError(
+            f"joint offsets and link placements leave {factor * geometry.residual:.4g} {unit} rms "
+            f"unexplained, {100.0 * share:.3g} % of the reach (at most {MOST_UNEXPLAINED:.0%})",
+            hint="check the joints, the tip and the unit of the log; a log in the robot's root "
+            "frame needs `view='base'`, one in a sensor's frame must not have it",
+        )
     arm, moved, tip = geometry.arm, geometry.origins(), geometry.tip()
     joints = parse_urdf(arm.urdf).path(arm.tip)
     last = joints[-1]
@@ -112,12 +86,7 @@ def corrected_urdf(geometry: Geometry | SpatialGeometry, share: float = MOST_UNE
 def edited(text: str, origins: dict[str, dict[str, Array]]) -> str:
     """Return a URDF's text with other origins of joints, all else as it was.
 
-    Parameters
-    ----------
-    text : str
-        The URDF.
-    origins : dict of str to dict
-        By joint the new "xyz" [m] and "rpy" [rad], either of them or both.
+    origins : by joint the new "xyz" [m] and "rpy" [rad], either of them or both
     """
     data = text.encode()
     edits = []
@@ -206,58 +175,38 @@ def _changed(joint: Joint, moved: Array) -> dict[str, Array]:
 
 
 def _origin(joint: Joint) -> Array:
+    from scipy.spatial.transform import Rotation
+
     origin = np.eye(4)
-    roll, pitch, yaw = joint.rpy
-    origin[:3, :3] = _about(2, yaw) @ _about(1, pitch) @ _about(0, roll)
+    origin[:3, :3] = Rotation.from_euler("xyz", joint.rpy).as_matrix()
     origin[:3, 3] = joint.xyz
     return origin
 
 
-def _about(axis: int, angle: float) -> Array:
-    unit = np.zeros(3)
-    unit[axis] = 1.0
-    return _rotation(unit, angle)
-
-
-def _rotation(axis: Array, angle: float) -> Array:
-    """Rodrigues' formula; (3, 3) for a unit vector and an angle [rad]."""
-    k = np.cross(np.eye(3), axis)
-    return np.asarray(np.eye(3) + math.sin(angle) * k + (1.0 - math.cos(angle)) * k @ k)
-
-
 def _rpy(rotation: Array) -> Array:
-    """Roll, pitch and yaw [rad] of a rotation (3, 3), as URDF means them."""
-    pitch = math.atan2(-rotation[2, 0], math.hypot(rotation[0, 0], rotation[1, 0]))
-    if abs(rotation[2, 0]) > 1.0 - 1e-12:  # roll and yaw turn about one axis
-        return np.array([0.0, pitch, math.atan2(-rotation[0, 1], rotation[1, 1])])
-    return np.array(
-        [
-            math.atan2(rotation[2, 1], rotation[2, 2]),
-            pitch,
-            math.atan2(rotation[1, 0], rotation[0, 0]),
-        ]
-    )
+    """Roll, pitch and yaw [rad] of a rotation (3, 3), as URDF means them: about fixed axes."""
+    from scipy.spatial.transform import Rotation
+
+    with warnings.catch_warnings():  # at a pitch of 90 deg SciPy sets one of the others to zero
+        warnings.simplefilter("ignore", UserWarning)
+        return np.asarray(Rotation.from_matrix(rotation).as_euler("xyz"))
 
 
 def _motion(joint: Joint, value: float) -> Array:
     """Transform (4, 4) of a joint at a value [rad or m]."""
-    motion = np.eye(4)
-    axis: Any = np.asarray(joint.axis, dtype=float)
-    axis = axis / max(float(np.linalg.norm(axis)), 1e-300)
+    motion, axis = np.eye(4), np.asarray(joint.axis, dtype=float)
+    moved = value * axis / max(float(np.linalg.norm(axis)), 1e-300)
     if joint.kind == "prismatic":
-        motion[:3, 3] = value * axis
+        motion[:3, 3] = moved
     elif value:
-        motion[:3, :3] = _rotation(axis, value)
+        motion[:3, :3] = exponential(moved)
     return motion
 
 
 def check_output(path: str, nominal: str) -> None:
     """Refuse to write over the URDF that the model was made with.
 
-    Raises
-    ------
-    OptionError
-        If the file at `path` is that URDF.
+    Raises OptionError if the file at `path` is that URDF.
     """
     from pathlib import Path
 
@@ -272,3 +221,13 @@ def check_output(path: str, nominal: str) -> None:
             parameter="output",
             value=path,
         )
+
+
+@dataclass(frozen=True, eq=False)
+class Moved:
+    """How far an origin is from where the URDF has it, seen with all joints at zero."""
+
+    shift: Array = field(default_factory=lambda: np.zeros(3))  # (3,) [m], in the root link's axes
+    # (3,) [rad], rotation vector in the same axes
+    turn: Array = field(default_factory=lambda: np.zeros(3))
+    value: float = 0.0  # [rad or m], what the joint's own motion is at zero: its offset

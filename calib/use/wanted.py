@@ -28,8 +28,7 @@ from .geometry import (
     moves_in_space,
     nominal_arm,
 )
-from .nominal import NominalArm, nominal_in_base, nominal_in_space, nominal_in_view
-from .nominal_pose import NominalPose
+from .nominal import NominalArm, NominalPose, nominal_in_base, nominal_in_space, nominal_in_view
 from .spatial_geometry import SpatialGeometry
 
 if TYPE_CHECKING:
@@ -40,30 +39,17 @@ Array = NDArray[np.float64]
 
 @dataclass(frozen=True, eq=False)
 class Wanted:
-    """Where a nominal arm would be.
+    """Where a nominal arm would be."""
 
-    Attributes
-    ----------
-    forward : callable
-        Joint values (n, dof) to positions (n, m) of the nominal arm.
-    frames : tuple of Alignment
-        What moves these positions into the sensor's frame.
-    free : bool
-        Whether the sensor's frame was fitted.
-    single : callable or None
-        `forward` for one row in plain floats.
-    pose : NominalPose or None
-        Of an arm in space with six joints or more.
-    near : callable or None
-        Of an arm that a camera sees: joints (n, dof) whose tip stands in space where the nominal
-        one would, since a pixel alone does not say how far away that is, and whether it can.
-    """
-
+    # joint values (n, dof) to positions (n, m) of the nominal arm
     forward: Callable[[Array], Array]
-    frames: tuple[Alignment, ...]
-    free: bool
+    frames: tuple[Alignment, ...]  # what moves these positions into the sensor's frame
+    free: bool  # whether the sensor's frame was fitted
+    # `forward` for one row in plain floats
     single: Callable[[Sequence[float]], Sequence[float]] | None = None
-    pose: NominalPose | None = None
+    pose: NominalPose | None = None  # of an arm in space with six joints or more
+    # of an arm that a camera sees: joints (n, dof) whose tip stands in space where the nominal one
+    # would, since a pixel alone does not say how far away that is, and whether it can
     near: Callable[[Array], tuple[Array, NDArray[np.bool_]]] | None = None
     near_one: Callable[[list[float]], list[float] | None] | None = None
 
@@ -90,12 +76,14 @@ def wanted(model: Model, view: str, cause: str) -> Wanted:
 def _found(model: Model, view: str, cause: str) -> Wanted:
     free = frame_is_free(model, view)
     planar = model.body is not None and isinstance(model.body.structure, PlanarStructure)
-    if planar and free and cause == "sensor":
-        # the body knows the sensor's frame, as it is after all adaptations
-        return _of_body(nominal_in_view(model), (), free)
-    if planar and not free:
-        return _of_body(nominal_in_base(model), tuple(frames(model, cause)), free)
     moved = tuple(frames(model, cause))
+    if planar and free:
+        # the body knows the sensor's frame as it is after all adaptations; if the sensor stayed,
+        # what they found of its frame is the arm's
+        back = tuple(f.inverse() for f in reversed(frames(model))) if cause == "joints" else ()
+        return _of_body(nominal_in_view(model), back, free)
+    if planar:
+        return _of_body(nominal_in_base(model), moved, free)
     if moves_in_space(model):
         return _in_space(model, view, cause, free)
     geometry = fit_geometry(model, view=view, cause=cause) if free else None

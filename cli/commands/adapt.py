@@ -8,13 +8,12 @@ from typing import Annotated
 import typer
 
 from calib.common.choices import METHODS
-from calib.common.units import for_people
+from calib.common.wording import for_people
 
 from .. import options as o
 from ..measurements import log_for
-from ..output import NO, Notes, Table, note, number, show, show_json, tell
+from ..output import NO, Notes, Table, note, number, progress_bar, show, show_json, tell
 from ..photo import photo_of_log
-from ..progress import progress_bar
 from ..translation import as_typed
 from ..units import units_of
 from ..usage import check_output, choice, option

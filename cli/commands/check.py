@@ -6,12 +6,13 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from calib.common.units import for_people
+from calib.common.wording import for_people
 
 from .. import options as o
 from ..measurements import log_for
 from ..output import NO, Notes, Table, number, show, show_json, tell
 from ..parsing import number as number_of
+from ..terms import explained
 from ..translation import as_typed
 from ..units import units_of
 from ..usage import option
@@ -21,12 +22,6 @@ if TYPE_CHECKING:
 
 MOST = 8
 """Groups that are printed."""
-
-GROUPS = (
-    "found: test statistic of a change of these parameters, above its threshold it fired; "
-    "smallest: the smallest change that these rows could have shown"
-)
-ZETA = "zeta: mean squared distance of rows to winning nodes, in the unit box (eq. 9)"
 
 SIGNALS = {
     "motor": "motor map, zeta",
@@ -108,13 +103,13 @@ def _show(drift: Drift, title: str, factor: float, name: str) -> None:
         for group in groups
     ]
     header = ["what may have changed", "found", "threshold", f"smallest [{name}]", ""]
-    show(Table(header, rows, title, left=1, foot=GROUPS))
+    show(explained(Table(header, rows, title)))
     rows = [
         [SIGNALS[key], factor_unit, number(size * found.value), number(size * found.threshold)]
         for key, found in drift.distortion.items()
         for size, factor_unit in [(factor, name) if key == "links" else (1e6, "1e-6")]
     ]
-    show(Table(["on the maps", "unit", "found", "usual"], rows, "", left=2, foot=ZETA))
+    show(explained(Table(["on the maps", "unit", "found", "usual"], rows, left=2)))
     for text in drift.explanations:
         tell(as_typed(text))
     verdict = "still calibrated"

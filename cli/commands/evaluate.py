@@ -7,7 +7,6 @@ import time
 from .. import options as o
 from ..measurements import log_of
 from ..output import Notes, show, show_json
-from ..sketch import show_sketch
 from ..summary import error_table, summary
 
 
@@ -40,4 +39,3 @@ def evaluate(
         return
     title = f"{model}: errors on {result.rows} rows ({result.source})"
     show(error_table(loaded, result.errors, title))
-    show_sketch(loaded)

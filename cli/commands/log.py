@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 from typing import Annotated, Any
 
-from calib.common.units import for_people
+from calib.common.wording import for_people
 
 from .. import camera as c
 from .. import options as o
@@ -203,7 +203,7 @@ def _from_camera(
 
 def _from_bag(bag: str, output: str, as_json: bool, **options: Any) -> None:
     from calib.samples.bags import read_bag
-    from calib.samples.orientations import QUATERNION
+    from calib.samples.roles import QUATERNION
     from calib.samples.tables import write_table
 
     recording = read_bag(bag, **options)

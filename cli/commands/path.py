@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
-from calib.common.units import for_people
+from calib.common.wording import for_people
 
 from .. import options as o
 from ..output import NO, note, show_json

@@ -2,17 +2,17 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any, cast
 
 from .. import options as o
 from ..measurements import log_for
 from ..output import Notes, note, show_json, tell
-from ..parsing import Margin, Numbers, Side, margin, numbers, side, whole
+from ..parsing import Numbers, at_least_zero, numbers, whole
 from ..samples import Selection
 from ..units import JointFormat, one_each, ranges_in_si
-from ..usage import BadOption, argument, one_document, option, refuse
+from ..usage import argument, one_document, option, refuse
 
 if TYPE_CHECKING:
     from calib import Model, Plan, Samples
@@ -38,13 +38,13 @@ def plan(
     planar: o.PlanarOption = False,
     lock: o.LockOption = None,
     ranges: o.RangeOption = None,
-    margins: Annotated[
-        Margin | None,
+    margin: Annotated[
+        float | None,
         option(
-            "--margin M|P%",
-            "Distance from the joints' limits [rad or m], or a share of each range; 1 deg, "
-            "but at most 2 %, if not given.",
-            margin,
+            "--margin M",
+            "Distance from the joints' limits [rad or m]; 1 deg, but at most 2 % of the range, if "
+            "not given.",
+            at_least_zero("rad or m"),
         ),
     ] = None,
     start: Annotated[
@@ -53,15 +53,6 @@ def plan(
             "--from Q1,Q2",
             "Joint values before the first pose; neutral if not given.",
             numbers,
-        ),
-    ] = None,
-    keep: Annotated[
-        list[Side] | None,
-        option(
-            "--keep x|y=LO:HI",
-            "Keep the tip within these bounds, at poses and along the straight moves between "
-            "them [m, or the sensor's unit]; repeatable.",
-            side,
         ),
     ] = None,
     data: Annotated[
@@ -94,11 +85,10 @@ def plan(
         known,
         poses,
         seed=seed,
-        margin=_margin(margins, facts, typed),
+        margin=None if margin is None else [margin / factor for factor in typed],
         # an arm was loaded with them, which it may need where it states no limits
         ranges=ranges_in_si(ranges or (), turning, degrees) if _is_model(source) else None,
         start=None if start is None else one_each("--from", start, names, typed),
-        keep=_box(keep or ()),
         measured=None if data is None else _measured(known, data, columns, degrees, notes),
     )
     notes.say(found.notes)
@@ -158,26 +148,6 @@ def _facts(known: Arm | Model) -> Arm | About:
     return cast("Arm", known) if about is None else about
 
 
-def _margin(
-    typed: Margin | None, facts: Arm | About, factors: Sequence[float]
-) -> list[float] | None:
-    """Return the margin of each joint [rad or m]."""
-    if typed is None:
-        return None
-    if not typed.share:
-        return [typed.value / factor for factor in factors]
-    return [typed.value * width for width in (facts.upper - facts.lower).tolist()]
-
-
-def _box(sides: Sequence[Side]) -> dict[str, tuple[float, float]]:
-    box: dict[str, tuple[float, float]] = {}
-    for axis, low, high in sides:
-        if axis in box:
-            raise BadOption(f"--keep {axis} is given twice: expected one interval for each axis")
-        box[axis] = (low, high)
-    return box
-
-
 def _measured(
     known: Arm | Model,
     data: str,
@@ -214,7 +184,6 @@ def _document(found: Plan, output: str, seed: int) -> dict[str, Any]:
         "rows": len(found),
         "joints": found.joint_names,
         "seed": seed,
-        "via": [int(row) + 1 for row in found.via.nonzero()[0]],
         "start": found.start,
         "travel": dict(zip(found.joint_names, found.travel.tolist(), strict=True)),
         "length": found.length,

@@ -76,7 +76,7 @@ def _serve(model: Model, page: str, port: int, *, no_open: bool, live: bool) -> 
 
     answer = None
     if live:
-        from calib.show.preview.live import Live
+        from calib.show.preview.server import Live
 
         answer = Live(model).answer
     with PreviewServer(page, port, answer) as server:

@@ -10,9 +10,9 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 from .. import options as o
 from .. import parsing
-from ..output import Table, note, number, show, show_json
+from ..output import Table, note, number, progress_bar, show, show_json
 from ..parsing import JointValue
-from ..progress import progress_bar
+from ..terms import explained
 from ..units import kinds_of_joints, ranges_in_si
 from ..usage import argument, choice, flag, option
 
@@ -87,7 +87,8 @@ def reproduce(
             ranges=typed,
             lengths=dict(lengths or ()),
         )
-        setting = replace(setting, data=None if data is None else Path(data))
+        logs = None if data is None else Path(data)
+        setting = replace(setting, data=logs, parts=folder / "ablation_parts.jsonl")
         drawn = tuple(dict.fromkeys(formats or ("png",)))
         # the figures bring the adaptation along
         names = [name for name in SUBJECTS if name != "adaptation"] if what == "all" else [what]
@@ -143,7 +144,7 @@ def _keep(result: Result, folder: Path, *, shown: bool) -> None:
             left = next(
                 (k for k, c in enumerate(table.rows[0]) if not isinstance(c, str)), len(rows[0])
             )
-            show(Table(table.header, rows, table.title, left))
+            show(explained(Table(table.header, rows, table.title, left)))
             print()
 
 

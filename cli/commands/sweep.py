@@ -15,9 +15,8 @@ from calib.common.choices import MAPS, READOUTS, RULES
 from .. import options as o
 from .. import parsing
 from ..comparison import document, failures, summary, tables
-from ..output import Notes, note, show, show_json, tell
+from ..output import Notes, note, progress_bar, show, show_json, tell
 from ..parsing import Values, several
-from ..progress import progress_bar
 from ..samples import Selection, check_sources, measured
 from ..usage import BadOption, argument, choice, one_document, option
 

@@ -7,14 +7,13 @@ from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
+from calib.common.wording import for_people
 from calib.show.facts import size_in_words
 
 from .. import options as o
-from ..output import Notes, show, show_json, tell
+from ..output import Notes, progress_bar, show, show_json, tell
 from ..photo import NoPhotoOption, PhotoOption, photo_of_log, with_photo
-from ..progress import progress_bar
 from ..samples import Selection, babbled, check_sources, measured
-from ..sketch import show_sketch
 from ..summary import compact_table, summary
 from ..usage import BadOption, argument, check_output, flag, option
 
@@ -129,7 +128,7 @@ def train(
             seed=seed,
             progress=progress,
         )
-    notes.say(model.about.notes)
+    notes.say([*model.about.notes, *_unexplained(model, log)])
     if no_rows:
         model = replace(model, rows=None)
     if photo is not None:
@@ -147,11 +146,24 @@ def _report(model: Model, path: str) -> None:
     about = model.about
     what = "fresh exact samples" if about.source == "simulation" else "held out blocks of the log"
     show(compact_table(model, about.errors, f"errors on {what}"))
-    show_sketch(model)
     tell(
         f"{path}: {about.options['map']}, {size_in_words(model)}, {about.samples} samples, "
         f"{model.seconds['total']:.2f} s, {Path(path).stat().st_size / 1e6:.2f} MB"
     )
+
+
+def _unexplained(model: Model, log: Samples) -> list[str]:
+    """Tell of rows that are predicted far worse than their log says that they were measured."""
+    stated, unit = log.source.get("noise"), model.about.unit
+    left = next(iter(model.about.errors.values()))["forward"]["distance"]["mean"]
+    if not isinstance(stated, float) or log.source.get("unit") != unit or left < 10.0 * stated:
+        return []
+    factor, name = for_people(unit)
+    return [
+        f"rows are predicted to {factor * left:.2g} {name} and were measured to "
+        f"{factor * stated:.2g} {name}: too few rows, or something moved that no joint tells, such "
+        "as a camera that refocuses, a loose tag or play"
+    ]
 
 
 def _check_same_origin(path: str, log: Samples) -> None:

@@ -6,10 +6,9 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from calib.common.units import for_people
+from calib.common.wording import for_people
 
 from .. import options as o
-from .. import parsing
 from ..output import NO, Notes, Table, fixed, note, number, show, show_json, tell
 from ..units import units_of
 from ..usage import flag, option
@@ -34,14 +33,6 @@ def urdf(
             "Write the sensed point of a spatial arm as its tip; else it is a probe or a tag.",
         ),
     ] = False,
-    residual: Annotated[
-        float | None,
-        option(
-            "--residual P%",
-            "Largest residual that is accepted, as a share of the arm's reach (default 1%).",
-            parsing.percent,
-        ),
-    ] = None,
     as_json: o.JsonOption = False,
 ) -> None:
     """Write a copy of the URDF with the joint offsets and link placements that fit the model best.
@@ -55,14 +46,13 @@ def urdf(
     from calib.use.geometry import Geometry, fit_geometry
     from calib.use.urdf import MOST_UNEXPLAINED, check_output, corrected_urdf
 
-    share = MOST_UNEXPLAINED if residual is None else residual
     check_writable(output)
     loaded = calib.load(model)
     check_output(output, loaded.about.urdf)
     geometry = fit_geometry(loaded, view=view, cause=cause, move_base=move_base, move_tip=move_tip)
-    explained = geometry.residual <= share * geometry.reach
+    explained = geometry.residual <= MOST_UNEXPLAINED * geometry.reach
     if explained:
-        atomic_write(output, corrected_urdf(geometry, share).encode())
+        atomic_write(output, corrected_urdf(geometry).encode())
     if as_json:
         show_json(
             {
@@ -81,7 +71,7 @@ def urdf(
     rms = f"{number(factor * geometry.residual)} {unit} rms ({left:.3g} % of the reach)"
     if not explained:
         note(
-            f"offsets and placements leave {rms} unexplained, more than {100.0 * share:g} %: "
+            f"offsets and placements leave {rms} unexplained, more than {MOST_UNEXPLAINED:.0%}: "
             "nothing was written; check the joints, the tip and the unit of the log, and --view"
         )
         raise typer.Exit(NO)

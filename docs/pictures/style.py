@@ -16,7 +16,7 @@ from numpy.typing import NDArray
 from PIL import Image
 
 from calib.maps.map import Map
-from calib.show.colours import UNKNOWN, stops
+from calib.show.error_scale import UNKNOWN, stops
 
 FOLDER = Path(__file__).parents[1] / "img"
 SCALE = LinearSegmentedColormap.from_list("calib", stops())

@@ -3,9 +3,6 @@
 from __future__ import annotations
 
 import io
-import os
-import subprocess
-import sys
 from contextlib import redirect_stderr, redirect_stdout
 from dataclasses import dataclass
 from pathlib import Path
@@ -23,7 +20,7 @@ from .kinds import Kind
 from .mutate import NAMES
 
 _UNITS = {"m": 1.0, "mm": 1e3, "cm": 1e2, "in": 39.3700787, "px": 640.0}
-_RAW = {chr(c) for c in (*range(9), *range(11, 32), *range(127, 160), *range(0x202A, 0x202F))}
+RAW = {chr(c) for c in (*range(9), *range(11, 32), *range(127, 160), *range(0x202A, 0x202F))}
 
 
 @dataclass(frozen=True)
@@ -176,47 +173,6 @@ class HostileNames(Kind):
         except SystemExit as end:
             code = int(end.code or 0)
         for text in (out.getvalue(), err.getvalue()):
-            if _RAW & set(text) or "Traceback" in text or "internal error" in text:
+            if RAW & set(text) or "Traceback" in text or "internal error" in text:
                 raise Violation(f"{where} {name!r} printed {text[:200]!r}")
         return f"{where} exit {code}"
-
-
-class Streams(Kind):
-    """Processes whose standard streams are closed, narrow or of a small alphabet."""
-
-    def __init__(self, folder: Path) -> None:
-        super().__init__(folder)
-        self.model = folder / "m.calib"
-        calib.train(calib.babble(calib.load_arm("two_link"), 300, seed=0), size=4).save(self.model)
-        (folder / "q.csv").write_text("shoulder,elbow\n0.5,1.0\n")
-
-    def make(self, rng: Random) -> tuple[str, str, str, str]:
-        """Choose a command, what is closed, an encoding and a width."""
-        words = ("info M", "query inverse M 0.1 0.4", "query forward M --input Q", "robots",
-                 "query forward M --input - < Q", "query forward M 9 9", "evaluate none --json",
-                 "cat Q | C query forward M --input /dev/stdin")  # fmt: skip
-        closed = " ".join(c for c in ("<&-", ">&-", "2>&-") if rng.random() < 0.3)
-        return (rng.choice(words), closed, rng.choice(("ascii", "latin-1", "utf-8", "cp1252")),
-                rng.choice(("1", "20", "80", "0", "-5", "x")))  # fmt: skip
-
-    def judge(self, case: tuple[str, str, str, str]) -> str:
-        """Run it in a shell."""
-        words, closed, encoding, columns = case
-        command = words if "C " in words else f"C {words}"
-        names = {"C": f"{sys.executable} -m calib_cli", "M": str(self.model), "Q": "q.csv"}
-        line = " ".join(names.get(word, word) for word in command.split())
-        done = subprocess.run(
-            ["sh", "-c", f"{line} {closed}"],
-            capture_output=True,
-            timeout=60,
-            check=False,
-            cwd=self.folder,
-            env={**os.environ, "PYTHONIOENCODING": encoding, "COLUMNS": columns},
-        )
-        for data in (done.stdout, done.stderr):
-            text = data.decode(encoding)
-            if "Traceback" in text or "internal error" in text or _RAW & set(text):
-                raise Violation(f"{case}: {text[-300:]!r}")
-        if done.returncode not in (0, 1, 2, 3):
-            raise Violation(f"{case}: exit code {done.returncode}")
-        return f"exit {done.returncode}"

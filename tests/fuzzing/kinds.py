@@ -58,5 +58,5 @@ KINDS = {
     "units": ("honest", "Units"),
     "columns": ("honest", "NamedColumns"),
     "names": ("honest", "HostileNames"),
-    "streams": ("honest", "Streams"),
+    "streams": ("streams", "Streams"),
 }

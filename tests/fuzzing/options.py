@@ -28,15 +28,14 @@ COMMANDS: dict[str, tuple[str, ...]] = {
             "--time-offset"),
     "preview": ("model", "--html!", "--data", "--columns", "--meshes", "--port"),
     "info": ("model",),
-    "nodes": ("model", "--output"),
     "plan": ("either", "-o!", "--poses!", "--joints", "--tip", "--lock", "--range", "--margin",
-             "--from", "--keep", "--data", "--columns", "--seed"),
+             "--from", "--data", "--columns", "--seed"),
 }  # fmt: skip
 RARE = {"report": ("model", "-o!", "--data"), "reproduce": ("subject", "-o!", "--seed")}
 LONG = {"report": 20.0, "reproduce": 60.0}  # s; a dozen figures are work and no hang
 WORKING = ("train", "train", "babble", "query inverse", "query forward", "query path", "adapt")
 OF_LOGS = ("--data", "--columns", "--unit", "--prismatic")
-NO_DEGREES = ("robots", "nodes", "urdf", "log", "preview", "reproduce", "report")
+NO_DEGREES = ("robots", "urdf", "log", "preview", "reproduce", "report")
 
 FILES = ("polar", "scara", "three_link", "bad.calib", "bad.csv", "bad.urdf", "m.calib", "log.csv", "log.parquet", "x.csv", "q.csv",  # noqa: E501
          "far.csv", "r.urdf", "folder", "none", "/dev/null", "/dev/full", "/dev/zero", "-",

@@ -15,8 +15,8 @@ from calib.arm.loading import PlanarArm, SpatialArm, arm_from_urdf, load_arm
 from calib.arm.robots import resolve_robot
 from calib.arm.urdf import parse_urdf
 from calib.errors import CalibError
+from calib.show.preview.arm import visuals
 from calib.show.preview.meshes import resolve_mesh
-from calib.show.preview.visuals import visuals
 
 from .arms import RandomArm, random_arm
 from .guard import Trap, guarded, one_line

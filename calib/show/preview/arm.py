@@ -1,18 +1,27 @@
-"""Arm: a robot's shapes on the canvas, or its skeleton where it has none."""
+"""Arm: where a robot's links are, and their shapes on the canvas, or a skeleton in their place."""
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+import xml.etree.ElementTree as ET
+from collections.abc import Iterator, Mapping
+from dataclasses import dataclass, field
+from functools import cached_property
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 import numpy as np
-from numpy.typing import NDArray
+from numpy.typing import ArrayLike, NDArray
 
+from ...arm.loading import held_values
+from ...arm.posture import Kinematics
+from ...arm.urdf import parse_urdf
 from ...errors import CalibError
-from .body import Body
 from .canvas import Canvas
 from .meshes import read_mesh, resolve_mesh
-from .visuals import Visual, visuals
+
+if TYPE_CHECKING:
+    from ...arm.tree import Urdf
+    from ...model.about import About
 
 Array = NDArray[np.float64]
 
@@ -27,15 +36,9 @@ def draw_arm(
 ) -> tuple[str, ...]:
     """Draw a robot at a posture; return what could not be drawn, for the user.
 
-    Parameters
-    ----------
-    canvas, body
-    poses : mapping of str to (n, 4, 4) array
-        Transforms of its links; the first row is drawn.
-    size : float [m]
-        The workspace's extent, which tells how thick bones are.
-    meshes : Path or None
-        The folder that mesh files may be taken from.
+    poses : mapping of str to (n, 4, 4) array, transforms of its links; the first row is drawn
+    size : [m], the workspace's extent, which tells how thick bones are
+    meshes : the folder that mesh files may be taken from
     """
     shapes = visuals(body.text)
     notes: list[str] = []
@@ -108,3 +111,135 @@ def _along(end: Array) -> Array:
     matrix[:3, :3] = np.stack([x, y, np.cross(x, y)], axis=1)
     matrix[:3, 3] = end / 2
     return matrix
+
+
+@dataclass(frozen=True, eq=False)
+class Body:
+    """The links of a robot, moved by its active joints."""
+
+    urdf: Urdf  # the checked tree
+    text: str  # its own text
+    kinematics: Kinematics
+    joint_names: tuple[str, ...]  # active joints, base to tip
+    tip: str  # the link whose position is sensed
+    locked: Mapping[str, float]  # [rad or m], other joints; those not named are neutral
+
+    @staticmethod
+    def of(about: About) -> Body | None:
+        """Return the body of a model's robot, None where no URDF came with it."""
+        if not about.urdf or not about.tip:
+            return None
+        try:
+            urdf = parse_urdf(about.urdf, about.robot)
+            kinematics = Kinematics(urdf)
+        except CalibError:
+            return None
+        return Body(urdf, about.urdf, kinematics, about.joint_names, about.tip, about.locked)
+
+    def poses(self, q: ArrayLike) -> dict[str, Array]:
+        """Transforms (n, 4, 4) of every link in the root's frame, for joints (n, dof)."""
+        rows = np.atleast_2d(np.asarray(q, dtype=float)).tolist()
+        posed = [{**self.locked, **dict(zip(self.joint_names, row, strict=True))} for row in rows]
+        found = [self.kinematics.transforms(held_values(self.urdf, values)) for values in posed]
+        return {link: np.stack([each[link] for each in found]) for link in self.urdf.links}
+
+    def tips(self, q: ArrayLike) -> Array:
+        """Position (n, 3) of the tip in the root's frame [m]."""
+        return np.asarray(self.poses(q)[self.tip][:, :3, 3])
+
+    @cached_property
+    def way(self) -> tuple[str, ...]:
+        """Links from the root to the tip."""
+        return (self.urdf.root, *(joint.child for joint in self.urdf.path(self.tip)))
+
+
+GREY = "#8a929b"
+_SIZES = {"box": 3, "cylinder": 2, "capsule": 2, "sphere": 1, "mesh": 0}
+
+
+@dataclass(frozen=True, eq=False)
+class Visual:
+    """One shape of a link."""
+
+    link: str
+    kind: str  # "box", "cylinder", "sphere" or "mesh"
+    # [m], sides of a box; radius and length of a cylinder; radius of a sphere
+    size: tuple[float, ...]
+    origin: Array  # (4, 4), where it is in the link's frame
+    colour: str  # as ``#rrggbb``
+    opacity: float = 1.0  # 1 for solid
+    mesh: str = ""  # file name as the URDF has it
+    scale: Array = field(default_factory=lambda: np.ones(3))  # (3,), of a mesh
+
+
+def visuals(text: str) -> list[Visual]:
+    """Read the shapes of a URDF that has been checked; what cannot be read is left out."""
+    robot = ET.fromstring(text)  # noqa: S314 - parse_urdf has refused DTDs before
+    palette = {
+        node.get("name", ""): colour
+        for node in robot.iter("material")
+        if (colour := _colour(node)) is not None
+    }
+    found: list[Visual] = []
+    for link in robot.findall("link"):
+        for node in link.findall("visual"):
+            found += _shapes(link.get("name", ""), node, palette)
+    return found
+
+
+def _shapes(link: str, node: ET.Element, palette: dict[str, tuple[str, float]]) -> Iterator[Visual]:
+    material = node.find("material")
+    colour = (GREY, 1.0)
+    if material is not None:
+        colour = _colour(material) or palette.get(material.get("name", ""), colour)
+    geometry = node.find("geometry")
+    for shape in geometry if geometry is not None else ():
+        try:
+            origin = _origin(node.find("origin"))
+            size, scale = _size(shape), _numbers(shape.get("scale", "1 1 1"), 3)
+        except (ValueError, KeyError):
+            continue
+        kind = "cylinder" if shape.tag == "capsule" else shape.tag
+        yield Visual(link, kind, size, origin, *colour, shape.get("filename", ""), scale)
+
+
+def _size(shape: ET.Element) -> tuple[float, ...]:
+    count = _SIZES[shape.tag]
+    if shape.tag == "box":
+        size = _numbers(shape.get("size", ""), 3)
+    else:
+        keys = ("radius", "length")[:count]
+        size = _numbers(" ".join(shape.get(key, "?") for key in keys), count)
+    if (size <= 0).any():
+        raise ValueError("a shape without extent")
+    return tuple(size.tolist())
+
+
+def _origin(node: ET.Element | None) -> Array:
+    if node is None:
+        return np.eye(4)
+    from scipy.spatial.transform import Rotation
+
+    origin = np.eye(4)  # roll, pitch and yaw turn about fixed axes
+    turn = Rotation.from_euler("xyz", _numbers(node.get("rpy", "0 0 0"), 3))
+    origin[:3, :3], origin[:3, 3] = turn.as_matrix(), _numbers(node.get("xyz", "0 0 0"), 3)
+    return origin
+
+
+def _numbers(text: str, count: int) -> Array:
+    values = np.array([float(part) for part in text.split()], dtype=float)
+    if values.shape != (count,) or not np.isfinite(values).all():
+        raise ValueError(f"{text!r}: expected {count} numbers")
+    return values
+
+
+def _colour(material: ET.Element) -> tuple[str, float] | None:
+    node = material.find("color")
+    if node is None:
+        return None
+    try:
+        red, green, blue, alpha = np.clip(_numbers(node.get("rgba", ""), 4), 0.0, 1.0)
+    except ValueError:
+        return None
+    parts = (round(255 * float(c)) for c in (red, green, blue))
+    return "#" + "".join(f"{part:02x}" for part in parts), float(alpha)

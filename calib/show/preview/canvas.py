@@ -15,7 +15,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from ...arm.rotations import quaternion_of
-from .camera import FIELD_OF_VIEW
+from .placement import FIELD_OF_VIEW
 
 Array = NDArray[np.float64]
 

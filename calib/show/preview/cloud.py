@@ -20,24 +20,12 @@ _THICK = 0.01  # half the thickness of a cut, as a share of the cloud's extent
 
 @dataclass(frozen=True, eq=False)
 class Cloud:
-    """Positions of random postures over the learned range.
+    """Positions of random postures over the learned range."""
 
-    Attributes
-    ----------
-    x : (n, 3) array [unit]
-    errors : (n,) array [unit]
-        95 % bounds on the true position in the sensor's frame.
-    q : (m, dof) array [rad or m]
-        More postures, for cuts.
-    positions : (m, 3) array [unit]
-        Theirs.
-    model : Model
-    """
-
-    x: Array
-    errors: Array
-    q: Array
-    positions: Array
+    x: Array  # (n, 3) [unit]
+    errors: Array  # (n,) [unit], 95 % bounds on the true position in the sensor's frame
+    q: Array  # (m, dof) [rad or m], more postures, for cuts
+    positions: Array  # (m, 3) [unit], theirs
     model: Model
 
     def cuts(self, lift: Callable[[Array], Array], frame: Array) -> tuple[Array, Array]:

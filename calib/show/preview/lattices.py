@@ -1,15 +1,16 @@
-"""Lattices: both maps and their links as points and lines of the scene."""
+"""Lattices: both maps, their links and their labels as points, lines and words of the scene."""
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from numpy.typing import NDArray
 
-from ..colours import colours, rgb
-from ..workspace import drawn_edges, motor_errors, sensory_errors
+from ..error_scale import colours, rgb
+from ..workspace import drawn_edges, extent, motor_errors, sensory_errors
 
 if TYPE_CHECKING:
     from ...model.model import Model
@@ -27,18 +28,10 @@ _FEWEST, _MOST = 6, 24
 
 @dataclass(frozen=True, eq=False)
 class Panel:
-    """The box beside the workspace in which the joints' ranges are drawn.
+    """The box beside the workspace in which the joints' ranges are drawn."""
 
-    Attributes
-    ----------
-    corner : (3,) array
-        Where every joint is at the lower end of its range.
-    edges : (k, 3) array
-        Where the first two or three joints lead, over their whole range.
-    """
-
-    corner: Array
-    edges: Array
+    corner: Array  # (3,), where every joint is at the lower end of its range
+    edges: Array  # (k, 3), where the first two or three joints lead, over their whole range
 
     def lift(self, u: Array) -> Array:
         """Points (n, 3) of the scene for joints (n, dof) in their unit box."""
@@ -124,12 +117,9 @@ def draw_links(
 def strongest_partners(model: Model) -> tuple[NDArray[np.int64], NDArray[np.uint8]]:
     """Strongest motor partners of each sensory node, and their strengths.
 
-    Returns
-    -------
-    partners : (sensory nodes, k) int array
-        Motor nodes, the strongest first; -1 where there are fewer.
-    strength : (sensory nodes, k) uint8 array
-        255 for the strongest.
+    Returns partners : (sensory nodes, k), motor nodes, the strongest first; -1 where there are
+        fewer
+    Returns strength : (sensory nodes, k), 255 for the strongest
     """
     links = model.links.T.tocsr()
     width = min(_MOST, max(_FEWEST, _LINKS // links.shape[0]))
@@ -157,3 +147,40 @@ def telling_node(model: Model, among: NDArray[np.intp]) -> int:
     mean = (links @ units) / total[:, None]
     spread = np.asarray(links @ (units**2)).sum(axis=1) / total - (mean**2).sum(axis=1)
     return int(among[np.argmax(spread)])
+
+
+_OFF = 0.05  # of the panel's side, from its edge to the words
+
+
+def labels(model: Model, placement: Placement, panel: Panel) -> list[dict[str, Any]]:
+    """Names of both maps and the ends of the joints' ranges, with their places.
+
+    Returns "layer" that a label belongs to, "text", "at", its place in the scene, and
+    "align", which of its ends is there.
+    """
+    about, dim = model.about, len(panel.edges)
+    points = placement.lift(model.sensory.weights)
+    up = placement.frame[1]
+    size = extent(model) * float(np.linalg.norm(placement.axes[1]))
+    highest = points[np.argmax(points @ up)] + _OFF * size * up
+    found = [("Sensory map", "sensory map", highest, "middle")]
+    above = np.zeros(dim)
+    above[:2] = 0.5, 1.0 + 1.5 * _OFF
+    found.append(("Motor map", "motor map", panel.lift(above[None])[0], "middle"))
+    for axis in range(dim):
+        for share in (0.0, 0.5, 1.0):
+            at = np.full(dim, -_OFF)
+            at[2:] = 0.0
+            at[axis] = share
+            if axis == 2:  # along the other side, where no other joint's words are
+                at[0], at[1] = 1.0 + _OFF, 0.0
+            value = about.lower[axis] + share * (about.upper[axis] - about.lower[axis])
+            turns = about.revolute[axis]
+            end = f"{math.degrees(value):.4g}°" if turns else f"{1e3 * value:.4g} mm"
+            text = about.joint_names[axis] if share == 0.5 else end
+            side = ("middle", "right", "left")[axis]
+            found.append(("Motor map", text, panel.lift(at[None])[0], side))
+    return [
+        {"layer": layer, "text": text, "at": [float(v) for v in at], "align": side}
+        for layer, text, at, side in found
+    ]

@@ -28,26 +28,15 @@ _VISIBLE = 1 / 60  # of the extent: deviations are drawn at least so large
 
 @dataclass(frozen=True, eq=False)
 class Motion:
-    """A path, the joints that the inverse map answers with, and where they lead.
+    """A path, the joints that the inverse map answers with, and where they lead."""
 
-    Attributes
-    ----------
-    q : (n, dof) array [rad or m]
-        Answered joints; the last row is the first.
-    target, reached : (n, 2) array [unit]
-        What was asked for, and where the arm comes to be: the simulated arm, or for a
-        log the place where the learned map expects it.
-    true : bool
-        Whether `reached` is the simulated arm.
-    rounding : float [unit]
-        Deviations below this are rounding.
-    """
-
-    q: Array
+    q: Array  # (n, dof) [rad or m], answered joints; the last row is the first
+    # (n, 2) [unit], what was asked for, and where the arm comes to be: the simulated arm, or for a
+    # log the place where the learned map expects it
     target: Array
     reached: Array
-    true: bool
-    rounding: float
+    true: bool  # whether `reached` is the simulated arm
+    rounding: float  # [unit], deviations below this are rounding
 
     @property
     def deviation(self) -> Array:

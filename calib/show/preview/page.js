@@ -119,6 +119,7 @@
   // ------------------------------------------------------------------ words in the picture
   const labels = data.labels.map(({ layer: name, text, at, align }) => {
     const node = make("span", text, element("calib-labels"));
+    if (align === "left") node.style.transform = "translate(0, -50%)";
     if (align === "right") node.style.transform = "translate(-100%, -50%)";
     return { name, node, at: space(at) };
   });

@@ -1,9 +1,10 @@
-"""Placement: where in space a sensor's positions and the joints' box are drawn."""
+"""Placement: where in space positions and joints are drawn, and from where they are seen."""
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -12,12 +13,13 @@ from ...arm.plane import Plane, fit_plane
 from ...body.spatial import SpatialStructure
 from ...body.spatial_words import camera_place
 from ...body.views import is_camera
+from ...common.rows import thinned
 from ...errors import CalibError
 from ..workspace import downwards, extent
 
 if TYPE_CHECKING:
     from ...model.model import Model
-    from .body import Body
+    from .arm import Body
 
 Array = NDArray[np.float64]
 
@@ -29,28 +31,15 @@ _AZIMUTH = np.radians(-60.0)  # from where a scene in space is seen
 
 @dataclass(frozen=True, eq=False)
 class Placement:
-    """An affine map from the sensor's plane, or its space, into the scene.
+    """An affine map from the sensor's plane, or its space, into the scene."""
 
-    Attributes
-    ----------
-    origin : (3,) array
-        Where the sensor's (0, 0) is.
-    axes : (2, 3) or (3, 3) array
-        Where its x and y, and in space its z, lead, for one unit.
-    scale : float
-        Size of the scene over that of the world, not 1 only for very small or large arms
-        and for sensors with units of their own.
-    note : str
-        What the user should be told, or "".
-    up : float
-        Sign of y that leads up a picture: -1 where it counts downwards, as pixels do.
-    """
-
-    origin: Array
-    axes: Array
+    origin: Array  # (3,), where the sensor's (0, 0) is
+    axes: Array  # (2, 3) or (3, 3), where its x and y, and in space its z, lead, for one unit
+    # size of the scene over that of the world, not 1 only for very small or large arms and for
+    # sensors with units of their own
     scale: float
-    note: str = ""
-    up: float = 1.0
+    note: str = ""  # what the user should be told, or ""
+    up: float = 1.0  # sign of y that leads up a picture: -1 where it counts downwards, as pixels do
 
     def lift(self, x: ArrayLike) -> Array:
         """Points (n, 3) of the scene for positions (n, 2) or (n, 3) [unit]."""
@@ -96,7 +85,7 @@ def place(model: Model, body: Body | None) -> Placement:
         axes = scale * np.stack([plane.x, up * plane.y])
         return Placement(scale * plane.origin, axes, scale, up=up)
     nodes = model.motor.scale.from_unit(np.clip(model.motor.units[model.visited], 0.0, 1.0))
-    nodes = nodes[:: max(1, len(nodes) // 2000)]
+    nodes = nodes[thinned(len(nodes), 300)]
     learned = model.forward(nodes)
     known = np.isfinite(learned).all(axis=1)
     tips, learned = body.tips(nodes[known]), learned[known]
@@ -145,6 +134,7 @@ def _picture(model: Model, body: Body) -> Placement:
     place, turn = camera_place(own.structure, own.beta)
     f, u, v, _ = own.beta[own.structure.groups["lens"]]
     nodes = model.motor.scale.from_unit(np.clip(model.motor.units[model.visited], 0.0, 1.0))
+    nodes = nodes[thinned(len(nodes), 300)]
     depth = float(np.mean((body.tips(nodes) - place) @ turn[:, 2]))
     axes = depth / f * turn[:, :2].T
     note = "the picture is drawn as far from the camera as the tip is on average"
@@ -160,10 +150,8 @@ def _scale_of(size: float) -> float:
 def similarity(source: Array, target: Array) -> tuple[Array, Array]:
     """Similarity, mirrored or not, that brings points (n, 2) closest to others (n, 2).
 
-    Returns
-    -------
-    linear, shift : (2, 2), (2,) array
-        ``source @ linear + shift`` is close to `target` (Umeyama 1991).
+    Returns linear, shift : (2, 2), (2,), ``source @ linear + shift`` is close to `target` (Umeyama
+        1991)
     """
     a, b = source.mean(axis=0), target.mean(axis=0)
     # no correction of the determinant's sign: a camera may see the arm mirrored
@@ -177,3 +165,51 @@ def _stated(plane: object) -> Plane:
     if isinstance(plane, dict):
         return Plane(*(np.array(plane[key], dtype=float) for key in ("origin", "x", "y")))
     return Plane(np.zeros(3), np.eye(3)[0], np.eye(3)[1])
+
+
+FIELD_OF_VIEW = 35.0  # degrees, from bottom to top
+_TILT = math.radians(24.0)  # off the plane's normal, so that depth can be seen
+_MARGIN = 1.05
+_UPRIGHT = 0.75  # cosine of normal and vertical; planes above it are seen from above
+
+
+@dataclass(frozen=True, eq=False)
+class Camera:
+    """A perspective camera that shows a box of the scene whatever the window's shape."""
+
+    target: Array  # (3,), middle of the picture
+    direction: Array  # (3,), unit vector from there to the camera
+    half: Array  # (3,), half the extent of what is shown, along right, up and depth
+
+    @staticmethod
+    def onto(points: Array, frame: Array) -> Camera:
+        """Camera that shows points (n, 3) and looks onto a plane of axes `frame` (3, 3)."""
+        normal, up = frame[2], np.array([0.0, 0.0, 1.0])
+        if abs(normal @ up) > _UPRIGHT:
+            # from above, y leading up the screen
+            normal = normal * math.copysign(1.0, normal @ up)
+            direction = math.cos(_TILT) * normal - math.sin(_TILT) * frame[1]
+        else:
+            direction = math.cos(_TILT) * normal + math.sin(_TILT) * up
+        direction = direction / np.linalg.norm(direction)
+        axes = _axes(direction)
+        seen = points @ axes.T
+        low, high = seen.min(axis=0), seen.max(axis=0)
+        return Camera((low + high) / 2 @ axes, direction, (high - low) / 2)
+
+    def to_json(self) -> dict[str, Any]:
+        """Plain data for the page, which computes the same."""
+        return {
+            "target": self.target.tolist(),
+            "direction": self.direction.tolist(),
+            "half": self.half.tolist(),
+            "fov": FIELD_OF_VIEW,
+            "margin": _MARGIN,
+        }
+
+
+def _axes(direction: Array) -> Array:
+    """Rows right, up and towards the camera (3, 3); the scene's z leads upwards."""
+    right = np.cross([0.0, 0.0, 1.0], direction)
+    right = right / np.linalg.norm(right)
+    return np.stack([right, np.cross(direction, right), direction])

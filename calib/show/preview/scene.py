@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import base64
 import math
 from dataclasses import dataclass
 from pathlib import Path
@@ -10,8 +11,8 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import NDArray
 
-from ..colours import colours, stops
-from ..error_scale import ErrorScale
+from ..arrows import Arrows
+from ..error_scale import ErrorScale, colours, stops
 from ..workspace import (
     border,
     extent,
@@ -20,15 +21,12 @@ from ..workspace import (
     training_positions,
 )
 from . import arm as arm_layer
-from . import photo as photo_layer
-from .body import Body
-from .camera import Camera
+from .arm import Body
 from .canvas import POINT, Canvas
 from .cloud import Cloud, cloud
-from .labels import labels
-from .lattices import LINK, draw_links, draw_maps, panel_beside
+from .lattices import LINK, draw_links, draw_maps, labels, panel_beside
 from .motion import FPS, TARGET, Motion, draw_motion, drive
-from .placement import Placement, place
+from .placement import Camera, Placement, place
 
 if TYPE_CHECKING:
     from ...model.model import Model
@@ -36,52 +34,29 @@ if TYPE_CHECKING:
 
 Array = NDArray[np.float64]
 
-BORDER, SAMPLE = "#2a9d8f", "#6c7a89"
+BORDER, SAMPLE, ARROW = "#2a9d8f", "#6c7a89", "#e8590c"
 _MOST_SAMPLES = 5000
 _REPETITIONS = 3
 
 
 @dataclass(frozen=True, eq=False)
 class Scene:
-    """A drawn model.
-
-    Attributes
-    ----------
-    canvas : Canvas
-        The layers.
-    camera : Camera
-        From where they are seen.
-    page : dict
-        Plain data for the page: title, legend, layers, labels, links.
-    notes : tuple of str
-        What the user should be told.
-    placement : Placement
-        Where the sensor's positions are.
-    motion : Motion
-        The path of the animation.
-    scale : ErrorScale
-        What the nodes' colours mean.
-    """
+    """A drawn model."""
 
     canvas: Canvas
-    camera: Camera
-    page: dict[str, Any]
-    notes: tuple[str, ...]
-    placement: Placement
-    motion: Motion
-    scale: ErrorScale
+    camera: Camera  # from where they are seen
+    page: dict[str, Any]  # plain data for the page: title, legend, layers, labels, links
+    notes: tuple[str, ...]  # what the user should be told
+    placement: Placement  # where the sensor's positions are
+    motion: Motion  # the path of the animation
+    scale: ErrorScale  # what the nodes' colours mean
 
 
 def draw(model: Model, *, samples: Samples | None = None, meshes: Path | None = None) -> Scene:
     """Draw a model.
 
-    Parameters
-    ----------
-    model : Model
-    samples : Samples, optional
-        Measured samples to show; without them a simulated model's are drawn again.
-    meshes : Path, optional
-        The folder that the URDF's mesh files may be taken from.
+    samples : measured samples to show; without them a simulated model's are drawn again
+    meshes : the folder that the URDF's mesh files may be taken from
     """
     return _Drawing(model, samples, meshes).run()
 
@@ -107,22 +82,27 @@ class _Drawing:
         poses: dict[str, Array] = {}
         if self.body is not None:
             poses = self.body.poses(motion.q)
-            around = np.concatenate([around, placement.scale * self.body.skeleton(motion.q[:1])[0]])
-        photo = photo_layer.corners(model, placement)
+            stops = np.array([poses[link][0, :3, 3] for link in self.body.way])
+            around = np.concatenate([around, placement.scale * stops])
+        photo = self._corners()
         around = np.concatenate([around, photo])
         frame = placement.frame
         if (around @ frame[0]).max() - (around @ frame[0]).min() == 0:
             frame = np.eye(3)
         self.panel = panel_beside(frame, around, 0.75 * self.size, len(model.about.joint_names))
-        camera = Camera.onto(np.concatenate([around, self.panel.outline[0]]), frame)
+        self.labels = labels(model, placement, self.panel)
+        wide = {"left": 0.12 * self.size * frame[0]}  # what begins at the panel's edge
+        words = [np.array(each["at"]) + wide.get(each["align"], 0.0) for each in self.labels]
+        camera = Camera.onto(np.concatenate([around, self.panel.outline[0], words]), frame)
         # lines that lie on the maps are drawn a little in front of them
         self.front = 0.006 * self.size * camera.direction
         scale = self._errors()
 
-        if len(photo):
-            self.canvas.layer(photo_layer.LAYER, "", "by the camera that measured the arm")
+        if model.photo is not None and len(photo):
+            canvas.layer("Photo", "", "by the camera that measured the arm")
             behind = 0.01 * self.size * camera.direction
-            photo_layer.draw_photo(canvas, model, photo - behind)
+            content = base64.b64encode(model.photo.jpeg).decode("ascii")
+            canvas.image("Photo/picture", photo - behind, f"data:image/jpeg;base64,{content}")
         self._arm(poses)
         both = draw_maps(canvas, model, placement, self.panel, scale, self.size)
         self.node = draw_links(canvas, model, motion, both, self.size)
@@ -140,9 +120,19 @@ class _Drawing:
         if placement.note:
             self.notes.append(placement.note)
         canvas.set("Grid", "visible", False)
-        canvas.place("Axes", np.diag([*[0.3 * self.size] * 3, 1.0]))
+        canvas.place("Axes", self._axes())
         page = self._page(scale, camera)
         return Scene(canvas, camera, page, tuple(self.notes), placement, motion, scale)
+
+    def _axes(self) -> Array:
+        """Transform (4, 4) of the drawn axes: the robot's; of a log alone, those it counts in."""
+        turn = np.eye(3)
+        if self.body is None and not self.in_space:
+            x, y = self.placement.axes / np.linalg.norm(self.placement.axes, axis=1)[:, None]
+            turn = np.stack([x, y, np.cross(x, y)], axis=1)  # of pixels y leads down
+        placed = np.eye(4)
+        placed[:3, :3] = 0.3 * self.size * turn
+        return placed
 
     def _errors(self) -> ErrorScale:
         model = self.model
@@ -192,12 +182,26 @@ class _Drawing:
             f"{name}/positions", self.placement.lift(shown), SAMPLE, 0.006 * self.size
         )
 
+    def _corners(self) -> Array:
+        """The photo's corners in the scene, (4, 3) from the lower left; (0, 3) without one."""
+        if self.model.photo is None or self.in_space:
+            return np.empty((0, 3))
+        left, right, low, high = self.model.photo.box
+        return self.placement.lift([[left, low], [right, low], [right, high], [left, high]])
+
     def _residuals(self) -> None:
-        found = photo_layer.arrows(self.model, self.samples)
-        if found is not None:
-            self.canvas.layer(photo_layer.ARROWS, photo_layer.ARROW, found.words)
-            seen, ends = (self.placement.lift(x) + self.front for x in (found.seen, found.ends))
-            photo_layer.draw_arrows(self.canvas, seen, ends, 0.012 * self.size)
+        """Arrows over the photo, as lines that start at dots: of a log's rows or of those kept."""
+        model, rows = self.model, self.samples or self.model.rows
+        if rows is None or model.photo is None:
+            return
+        found = Arrows.of(model, rows.q, rows.x, model.photo.box[1] - model.photo.box[0])
+        if found is None:
+            return
+        name, n = self.canvas.layer("Residuals", ARROW, found.words), len(found.seen)
+        seen, ends = (self.placement.lift(x) + self.front for x in (found.seen, found.ends))
+        pairs = np.arange(2 * n).reshape(2, n).T
+        self.canvas.lines(f"{name}/lines", np.concatenate([seen, ends]), pairs, ARROW)
+        self.canvas.points(f"{name}/seen", seen, "#ffffff", 0.012 * self.size)
 
     def _page(self, scale: ErrorScale, camera: Camera) -> dict[str, Any]:
         about = self.model.about
@@ -212,7 +216,7 @@ class _Drawing:
                 "stops": list(stops()) if not scale.rounding else list(stops())[:1],
             },
             "layers": self.canvas.layers,
-            "labels": labels(self.model, self.placement, self.panel),
+            "labels": self.labels,
             "camera": camera.to_json(),
             "node": self.node,
             "link": LINK,

@@ -100,6 +100,8 @@ def training(evidence: Evidence) -> Any:
 
 def calibration(evidence: Evidence) -> Any:
     """Whether errors keep to what is expected of them."""
+    from matplotlib.ticker import LogLocator, NullFormatter
+
     pairs = bound_pairs(evidence)
     if pairs is None:
         return None
@@ -120,6 +122,10 @@ def calibration(evidence: Evidence) -> Any:
         ylabel=f"95 % of the errors are below [{unit}]",
         title="bound and measured error",
     )
+    for axis in (left.xaxis, left.yaxis):  # less than a decade has no power of ten to tell
+        axis.set_major_locator(LogLocator(subs=(1.0, 2.0, 5.0)))
+        axis.set_major_formatter("{x:g}")
+        axis.set_minor_formatter(NullFormatter())
     left.legend(fontsize=7.5)
     ratio = np.sort(error / bound)
     share = 100 * np.arange(1, len(ratio) + 1) / len(ratio)

@@ -26,33 +26,17 @@ Array = NDArray[np.float64]
 
 @dataclass(frozen=True, eq=False)
 class Evidence:
-    """A model and how it did.
-
-    Attributes
-    ----------
-    model : Model
-        What is reported on.
-    errors : dict
-        Error table, as `calib evaluate --json` has it.
-    source : str
-        What the errors are measured on.
-    residuals : Residuals or None
-        The errors themselves; None for a model of a log without that log.
-    left_out : int
-        Rows outside of what was learned.
-    u, v : (n, dof), (n, 2) array
-        Training samples in the unit boxes of both maps, as far as they can be had.
-    noise : float or None [unit]
-        Standard deviation of the sensor along each axis, where it is known.
-    """
+    """A model and how it did."""
 
     model: Model
-    errors: dict[str, Any]
-    source: str
-    residuals: Residuals | None
-    left_out: int
+    errors: dict[str, Any]  # error table, as `calib evaluate --json` has it
+    source: str  # what the errors are measured on
+    residuals: Residuals | None  # the errors themselves; None for a model of a log without that log
+    left_out: int  # rows outside of what was learned
+    # (n, dof), (n, 2), training samples in the unit boxes of both maps, as far as they can be had
     u: Array
     v: Array
+    # [unit], standard deviation of the sensor along each axis, where it is known
     noise: float | None
 
     @property

@@ -14,11 +14,16 @@ from ...use.geometry import moves_in_space
 from ..error_scale import length_in_words
 from ..facts import facts
 from . import curves, maps, space
-from .changes import adaptation_table, drift_text, history_table
 from .evidence import Evidence, gather
-from .over_photo import over_photo
+from .maps import over_photo
 from .style import settings, to_png, to_svg
-from .tables import errors_in_html, fact_list, is_papers_arm
+from .tables import (
+    adaptation_table,
+    drift_text,
+    errors_in_html,
+    fact_list,
+    is_papers_arm,
+)
 
 if TYPE_CHECKING:
     from ...model.model import Model
@@ -31,27 +36,13 @@ _POLICY = "default-src 'none'; style-src 'unsafe-inline'; img-src data:"
 
 @dataclass(frozen=True)
 class Section:
-    """A figure of the report.
+    """A figure of the report."""
 
-    Attributes
-    ----------
-    name : str
-        For its file and its place in the page.
-    title : str
-        What it shows.
-    text : str
-        How to read it.
-    draw : callable
-        Draws it; None where there is nothing to draw it from.
-    when : callable
-        Whether it is of a model at all.
-    """
-
-    name: str
-    title: str
-    text: str
-    draw: Callable[[Evidence], Any]
-    when: Callable[[Model], bool] = lambda _: True
+    name: str  # for its file and its place in the page
+    title: str  # what it shows
+    text: str  # how to read it
+    draw: Callable[[Evidence], Any]  # draws it; None where there is nothing to draw it from
+    when: Callable[[Model], bool] = lambda _: True  # whether it is of a model at all
 
 
 def heat_maps(evidence: Evidence, direction: str) -> Any:
@@ -145,12 +136,8 @@ SECTIONS = (
 def report(model: Model, samples: Samples | None = None) -> str:
     """Return a report of a model as a page.
 
-    Parameters
-    ----------
-    model : Model
-    samples : Samples, optional
-        A log to judge the model by; without it a simulated model is judged by fresh exact
-        samples and a model of a log by its own table alone.
+    samples : a log to judge the model by; without it a simulated model is judged by fresh exact
+        samples and a model of a log by its own table alone
     """
     evidence = gather(model, samples)
     about = model.about
@@ -170,7 +157,6 @@ def report(model: Model, samples: Samples | None = None) -> str:
             _heading("Before and after"),
             '<p class="soft">Earlier states of this model and what made it change.</p>',
             adaptation_table(model.history, about.unit),
-            history_table(model.history),
         ]
     if samples is not None:
         parts += [_heading("Does the log still fit?"), drift_text(model.check(samples))]

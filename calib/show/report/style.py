@@ -7,7 +7,7 @@ import re
 from typing import Any
 
 from ...common.wording import printable
-from ..colours import stops
+from ..error_scale import stops
 
 INK, FAINT = "#010203", "#020304"
 """Stand for the page's own colours until a figure is written."""
@@ -91,6 +91,9 @@ def to_svg(figure: Any, name: str, words: str) -> str:
     """Return a figure as SVG for a page; `words` say what it shows."""
     buffer = io.StringIO()
     metadata = {"Date": None, "Creator": None, "Format": None, "Type": None}
+    # laid out here, since savefig draws a figure twice to lay it out
+    figure.get_layout_engine().execute(figure)
+    figure.set_layout_engine("none")
     figure.savefig(buffer, format="svg", dpi=150, metadata=metadata)
     svg = buffer.getvalue()
     svg = svg[svg.index("<svg") :]

@@ -5,15 +5,17 @@ from __future__ import annotations
 import html
 import math
 from collections.abc import Iterable, Mapping, Sequence
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 from ...common.choices import READOUTS
-from ...common.units import for_people
+from ...common.wording import for_people
 from ...paper.published import TABLE1
+from ..error_scale import length_in_words
 from ..facts import quantities
 from .style import plain_text
 
 if TYPE_CHECKING:
+    from ...change.check import Drift
     from ...model.about import About
     from .evidence import Evidence
 
@@ -84,3 +86,37 @@ def fact_list(facts: Mapping[str, str]) -> str:
         for name, value in facts.items()
     )
     return f"<dl>{items}</dl>"
+
+
+def adaptation_table(history: Sequence[Mapping[str, Any]], unit: str) -> str:
+    """Return mean (largest) distances before and after each adaptation, "" where none tells."""
+    rows = []
+    for state in history:
+        before, after = state.get("before"), state.get("after")
+        if not isinstance(before, Mapping) or not isinstance(after, Mapping):
+            continue
+        cells = [str(state.get("method", "")), f"{state.get('samples', '')}"]
+        for errors in (before, after):
+            mean, most = (
+                length_in_words(float(errors.get(key) or 0.0), unit) for key in ("mean", "max")
+            )
+            cells.append(f"{mean} ({most})")
+        rows.append(cells)
+    if not rows:
+        return ""
+    return table(["adapted by", "rows", "before: mean (largest)", "after: mean (largest)"], rows)
+
+
+def drift_text(drift: Drift) -> str:
+    """Return what the log that was given says: drifted or not, each signal, the causes."""
+    verdict = "It has drifted." if drift.drifted else "No drift was found."
+    told = "".join(f'<p class="soft">{html.escape(text)}</p>' for text in drift.explanations)
+    rows = [
+        [name, f"{signal.value:.3g}", f"{signal.threshold:.3g}", f"{signal.score:.2f}"]
+        for name, signal in drift.distortion.items()
+    ]
+    header = ["distortion", "value", "threshold", "value over threshold"]
+    return (
+        f"<p>{verdict} {drift.samples:,} rows were compared, {drift.outliers:,} outliers "
+        f"were left out.</p>{told}{table(header, rows)}"
+    )

@@ -1,7 +1,8 @@
-"""Ctrl-C and a polite kill: the process ends within a second, in silence, nothing half done."""
+"""Process: Ctrl-C and a polite kill end it at once, nothing half done; closed streams work too."""
 
 from __future__ import annotations
 
+import io
 import os
 import signal
 import sys
@@ -9,6 +10,31 @@ import threading
 import time
 from contextlib import suppress
 from types import FrameType
+
+
+def prepare() -> None:
+    """Make every standard stream one that can be written or read.
+
+    A closed stream becomes the null device, before any file could take its number; a character
+    that a stream's encoding lacks is written out as its code.
+    """
+    for number, name in enumerate(("stdin", "stdout", "stderr")):
+        stream = getattr(sys, name)
+        if stream is None:
+            mode = os.O_RDONLY if number == 0 else os.O_WRONLY
+            handle = os.open(os.devnull, mode)
+            if handle != number:
+                try:
+                    os.fstat(number)
+                except OSError:
+                    os.dup2(handle, number)
+                    os.close(handle)
+                    handle = number
+            stream = open(handle, "r" if number == 0 else "w", encoding="utf-8", closefd=False)  # noqa: SIM115
+            setattr(sys, name, stream)
+        elif number and isinstance(stream, io.TextIOWrapper):
+            stream.reconfigure(errors="backslashreplace")
+
 
 _PATIENCE = 0.7  # for what is under way, before the process ends without it [s]
 _STARTING, _WORKING = 0.1, 10.0  # how long to wait for another thread [s]

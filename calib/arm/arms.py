@@ -1,4 +1,4 @@
-"""Planar arm: an arm that moves within one plane, whose positions are x and y there."""
+"""Arms: planar, whose positions are x and y in their plane, or spatial, with x, y and z."""
 
 from __future__ import annotations
 
@@ -44,7 +44,7 @@ class PlanarArm(Arm):
     def jacobian(self, q: ArrayLike) -> Array:
         """Derivatives of the position by the joint values, (n, 2, dof) or (2, dof)."""
         axes = np.stack([self.plane.x, self.plane.y])
-        return self._by_rows(q, lambda rows: axes @ self.chain.jacobian(rows)[:, :3])
+        return self._by_rows(q, lambda rows: axes @ self.chain.velocities(rows))
 
     def _links(self) -> Array:
         """Vectors within the plane, at zero (dof, 3) [m]."""
@@ -63,3 +63,30 @@ class PlanarArm(Arm):
         along = along / length if length >= MIN_LENGTH else self.plane.x
         left = np.cross(self.plane.normal, along)
         return replace(self, chain=replace(self.chain, tip=self.chain.tip + dx * along + dy * left))
+
+
+@dataclass(frozen=True, eq=False, kw_only=True)
+class SpatialArm(Arm):
+    """A spatial arm: joints, limits, tip and kinematics.
+
+    Mimic joints on the way to the tip follow their leader; they are part of `chain` and not of
+    `joint_names`.
+    """
+
+    @property
+    def view(self) -> str:
+        """What is measured: the tip's position in space."""
+        return "space"
+
+    @property
+    def outputs(self) -> int:
+        """Number of coordinates of a position."""
+        return 3
+
+    def with_tip_offset(self, dx: float, dy: float, dz: float = 0.0) -> SpatialArm:
+        """Return the arm with its tip moved by dx, dy, dz [m] along the axes of its own frame."""
+        offset = np.array([dx, dy, dz], dtype=float)
+        if not np.isfinite(offset).all():
+            raise OptionError(f"tip offset {dx}, {dy}, {dz}: expected three finite numbers [m]")
+        tip = self.chain.tip + self.chain.rotation @ offset
+        return replace(self, chain=replace(self.chain, tip=tip))

@@ -1,0 +1,253 @@
+"""What a real camera brings: rolling shutter, autofocus, tilted tags, hidden and clipped boards.
+
+    python benchmarks/camera_real.py [--only NAME] [--pictures 24]
+
+Everything is rendered by tests/rendering.py, 1280x720, the tag on the board's plane, and logged as
+users do. Printed are the log's error against the truth, the noise that the log states (both rms
+along an axis), rows that were taken, and what was said.
+"""
+
+from __future__ import annotations
+
+import argparse
+import sys
+import tempfile
+from collections.abc import Callable
+from dataclasses import replace
+from pathlib import Path
+
+import cv2
+import numpy as np
+
+sys.path.insert(0, str(Path(__file__).parent))
+sys.path.insert(0, str(Path(__file__).parents[1] / "tests"))
+from camera_arm import BOARD, DESK, LYING, NAMES, on_board, postures
+from rendering import Camera, Desk, board, write_video
+
+from calib.errors import CalibError
+from calib.recording.from_pictures import log_pictures
+from calib.recording.from_video import Rows, log_video
+from calib.recording.joint_table import JointTable
+from calib.recording.lens import Lens
+from calib.recording.recorded import Recorded
+from calib.recording.setting import Setting
+
+Change = Callable[[np.ndarray, int, np.random.Generator], np.ndarray]
+
+
+def lens_of(camera: Camera, stretch: float = 1.0) -> Lens:
+    """Return the true lens, its focal length stretched."""
+    bent = np.array([camera.k1, camera.k2, 0.0, 0.0, 0.0])
+    return Lens(camera.size, np.full(2, stretch * camera.focal), camera.centre, bent)
+
+
+METRES = Setting(7, board=BOARD, lens=lens_of(DESK.camera))
+PIXELS = Setting(7)
+
+
+def same(picture: np.ndarray, _k: int, _rng: np.random.Generator) -> np.ndarray:
+    """Leave a picture as it is."""
+    return picture
+
+
+def shots(
+    desk: Desk, count: int, change: Change = same, cameras: Callable[[int], Camera] | None = None
+) -> tuple[np.ndarray, list[np.ndarray]]:
+    """Return postures and their pictures; each may have a camera of its own."""
+    rng = np.random.default_rng(4)
+    q = postures(desk, count, rng)
+    pictures = []
+    for k, row in enumerate(q):
+        seen = desk if cameras is None else replace(desk, camera=cameras(k))
+        pictures.append(change(seen.picture(row, rng), k, rng))
+    return q, pictures
+
+
+def logged(q: np.ndarray, pictures: list[np.ndarray], setting: Setting) -> Recorded:
+    """Make the log of pictures."""
+    with tempfile.TemporaryDirectory() as folder:
+        for k, picture in enumerate(pictures):
+            cv2.imwrite(f"{folder}/img_{k}.png", picture)
+        names = tuple(f"img_{k}.png" for k in range(len(pictures)))
+        return log_pictures(folder, JointTable("joints", tuple(NAMES), q, None, names), setting)
+
+
+def told(name: str, desk: Desk, make: Callable[[], Recorded]) -> None:
+    """Print how far a log is off, and what it says."""
+    try:
+        log = make()
+    except CalibError as error:
+        print(f"{name}: refused: {error}")
+        return
+    metres = log.unit == "m"
+    miss = log.x - (on_board(desk, log.q) if metres else desk.tip_pixels(log.q))
+    scale, unit = (1e3, "mm") if metres else (1.0, "px")
+    rms = scale * np.sqrt(np.square(miss).mean())
+    worst = scale * np.linalg.norm(miss, axis=1).max()
+    print(
+        f"{name}: rms {rms:.3f} {unit}, stated {scale * log.noise:.3f}, worst {worst:.3f} {unit}, "
+        f"{len(log)} rows"
+    )
+    for note in log.notes:
+        print(f"    {note}")
+
+
+def clipped(count: int) -> None:
+    """A board that leaves the picture: fewer and fewer of its 24 corners are in it."""
+    for shift in (0.0, 0.06, 0.10, 0.12, 0.14):
+        lying = board(7, 5, 0.024, 0.018, (0.36 + shift, -0.06 - shift, 0.0, 0.1))
+        desk = replace(DESK, still=(lying,))
+        q, pictures = shots(desk, count)
+
+        def made(q=q, pictures=pictures) -> Recorded:
+            return logged(q, pictures, METRES)
+
+        seen = desk.camera.project(lying.outline())
+        share = np.mean(((seen > 0) & (seen < desk.camera.size)).all(1))
+        moved = (np.array([shift, -shift]) @ LYING.frame[0][:2, :2]) if shift else np.zeros(2)
+        print(f"clipped, {100 * share:.0f} % of the outline in the picture, moved {moved.round(3)}")
+        told("   ", _Placed(desk, lying), made)  # type: ignore[arg-type]
+
+
+class _Placed:
+    """A desk whose board lies elsewhere: the truth is told in that board's frame."""
+
+    def __init__(self, desk: Desk, lying: object) -> None:
+        self.desk, self.lying, self.height = desk, lying, desk.height
+
+    def tip(self, q: np.ndarray) -> np.ndarray:
+        """Return tips as if the board lay where `on_board` has it."""
+        turn, at = self.lying.frame  # type: ignore[attr-defined]
+        world = np.c_[self.desk.tip(q), np.full(len(q), self.height)]
+        turn0, at0 = LYING.frame
+        return (((world - at) @ turn) @ turn0.T + at0)[:, :2]
+
+
+def hand(count: int) -> None:
+    """A hand over the board: in some pictures, in all at one place, over nearly all of it."""
+    u, v = DESK.camera.project(LYING.outline()).mean(0)
+
+    def covered(which: Callable[[int], bool], size: float, wander: float) -> Change:
+        def change(picture: np.ndarray, k: int, rng: np.random.Generator) -> np.ndarray:
+            if which(k):
+                x, y = np.array([u, v]) + wander * rng.normal(size=2)
+                for finger in range(4):
+                    a = int(x + finger * 0.4 * size - size), int(y - size)
+                    b = int(x + finger * 0.3 * size - size), int(y + 2.5 * size)
+                    cv2.line(picture, a, b, 170 + 10 * finger, int(0.3 * size), cv2.LINE_AA)
+            return picture
+
+        return change
+
+    for name, change in (
+        ("hand in a third of the pictures", covered(lambda k: k % 3 == 0, 60, 30)),
+        ("hand in all pictures, at one place", covered(lambda _: True, 60, 0)),
+        ("hand over nearly all of it, in all", covered(lambda _: True, 130, 0)),
+    ):
+        q, pictures = shots(DESK, count, change)
+        told(name, DESK, lambda q=q, p=pictures: logged(q, p, METRES))
+
+
+def resolution(count: int) -> None:
+    """A picture of another resolution in the series, or all of another than the lens."""
+
+    def smaller(picture: np.ndarray, k: int, _rng: np.random.Generator) -> np.ndarray:
+        return cv2.resize(picture, None, fx=0.5, fy=0.5) if k == 7 else picture
+
+    q, pictures = shots(DESK, min(count, 12), smaller)
+    told("one picture of another resolution", DESK, lambda: logged(q, pictures, PIXELS))
+    halves = [cv2.resize(p, (640, 360)) for p in pictures]
+    told("all of another than the lens", DESK, lambda: logged(q, halves, METRES))
+
+
+def tilted(count: int) -> None:
+    """A tag that leans on the tip: its centre stays where it is."""
+    for degrees in (0, 30, 45, 60, 70, 75, 80):
+        desk = replace(DESK, tip_tilt=(0.0, np.radians(degrees), 0.0))
+        q, pictures = shots(desk, count)
+        told(f"tag tilted by {degrees} deg", desk, lambda q=q, p=pictures: logged(q, p, METRES))
+
+
+def focus(count: int) -> None:
+    """Autofocus: the focal length changes by 1 % between pictures, or since the lens was made."""
+    rng = np.random.default_rng(2)
+    change = 1.0 + 0.01 * rng.uniform(-1, 1, count)
+
+    def camera(k: int) -> Camera:
+        return replace(DESK.camera, focal=DESK.camera.focal * change[k])
+
+    def stepped(k: int) -> Camera:
+        return replace(DESK.camera, focal=DESK.camera.focal * (1.01 if k >= count // 2 else 1.0))
+
+    for name, cameras in (("random", camera), ("once, halfway", stepped)):
+        q, pictures = shots(DESK, count, cameras=cameras)
+        for what, setting in (("metres", METRES), ("pixels", PIXELS)):
+            told(
+                f"focal length +-1 %, {name}, {what}",
+                DESK,
+                lambda q=q, p=pictures, s=setting: logged(q, p, s),
+            )
+    q, pictures = shots(DESK, count)
+    other = replace(METRES, lens=lens_of(DESK.camera, 1.01))
+    told("lens made at another focus (1 %)", DESK, lambda: logged(q, pictures, other))
+
+
+def shutter(_count: int) -> None:
+    """A rolling shutter that takes 30 ms from the first row to the last, in a video of 15 s."""
+    rng = np.random.default_rng(3)
+    goals, rate, bands, last = postures(DESK, 30, rng), 15.0, 12, 0.03
+
+    def joints(t: np.ndarray) -> np.ndarray:
+        k = np.clip(t.astype(int), 0, len(goals) - 2)
+        s = np.clip((t - k) / 0.5, 0, 1)[:, None]
+        s = s**3 * (10 - 15 * s + 6 * s**2)
+        return goals[k] * (1 - s) + goals[k + 1] * s
+
+    table_time = np.arange(0.0, 22.0, 0.01)
+    table = JointTable("joints", tuple(NAMES), joints(table_time), table_time + 100.0, None)
+    edges = np.linspace(0, DESK.camera.size[1], bands + 1).astype(int)
+    for name, readout in (("global", 0.0), ("rolling, 30 ms", last)):
+        frames = []
+        for t in 2.0 + np.arange(0.0, 15.0, 1.0 / rate):
+            when = t + readout * (np.arange(bands) + 0.5) / bands
+            q = joints(when if readout else np.array([t]))
+            parts = {}
+            picture = None
+            for k, row in enumerate(q):
+                key = row.tobytes()
+                if key not in parts:
+                    parts[key] = DESK.picture(row, rng)
+                picture = parts[key].copy() if picture is None else picture
+                picture[edges[k] : edges[k + 1]] = parts[key][edges[k] : edges[k + 1]]
+            frames.append(picture)
+        with tempfile.TemporaryDirectory() as folder:
+            write_video(f"{folder}/run.mp4", frames, rate)
+            for what, rows in (
+                ("rests", Rows()),
+                ("in motion up to 0.5 rad/s", Rows(still=0.5)),
+                ("in motion up to 3 rad/s", Rows(still=3.0)),
+            ):
+
+                def made(rows: Rows = rows, folder: str = folder) -> Recorded:
+                    return log_video(f"{folder}/run.mp4", table, PIXELS, rows)
+
+                told(f"{name} shutter, {what}", DESK, made)
+
+
+CASES = {f.__name__: f for f in (clipped, hand, resolution, tilted, focus, shutter)}
+
+
+def main() -> None:
+    """Run all."""
+    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
+    parser.add_argument("--only", choices=CASES)
+    parser.add_argument("--pictures", type=int, default=24)
+    typed = parser.parse_args()
+    cv2.setNumThreads(1)
+    for name, case in CASES.items():
+        if typed.only in (None, name):
+            case(typed.pictures)
+
+
+if __name__ == "__main__":
+    main()
