@@ -11,6 +11,8 @@ from beliefs import L1, L2, body, compared, exact_body, joints, moved, noise, ti
 from calib.change.explain import changed, likely
 from calib.change.update import settled, updated
 
+pytestmark = pytest.mark.usefixtures("one_blas_thread")
+
 
 def test_nothing_is_the_explanation_of_an_unchanged_arm():
     for seed in range(3):

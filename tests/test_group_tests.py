@@ -10,6 +10,8 @@ from calib.change.group_tests import group_tests
 from calib.change.reference import kept_reference
 from calib.change.rows import weighted
 
+pytestmark = pytest.mark.usefixtures("one_blas_thread")
+
 
 def checked(z, q):
     reference = kept_reference(body())

@@ -3,11 +3,14 @@
 from __future__ import annotations
 
 import numpy as np
+import pytest
 from beliefs import joints, noise
-from calib.common.rows import thinned
 
 from calib.body.likeness import kernel
 from calib.change.own_residual import own_residual
+from calib.common.rows import thinned
+
+pytestmark = pytest.mark.usefixtures("one_blas_thread")
 
 
 def test_a_smooth_residual_is_kept_and_fades():

@@ -10,6 +10,8 @@ from calib.change.comparison import carried
 from calib.change.lag import lag_of
 from calib.change.reference import kept_reference, reference_of
 
+pytestmark = pytest.mark.usefixtures("one_blas_thread")
+
 
 def test_a_log_in_the_old_frame_stays_there():
     q = joints(60, 3)

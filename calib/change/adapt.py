@@ -152,6 +152,11 @@ def _few_shot(found: Comparison, log: Samples, report: Progress) -> Adaptation:
         if doubted is None:
             return made
         return replace(made, model=doubted[0], notes=(*made.notes, doubted[1]))
+    if not np.isfinite(fresh.expected_error(found.q)).any():
+        told = (
+            "the new bound is a tenth of the reach or more at every row: measure more of the range"
+        )
+        return replace(made, improved=False, notes=(*made.notes, told))
     if not found.spans:
         made = replace(made, notes=(*made.notes, elsewhere(found, made, fresh)))
     frame = frame_between(found, moved.beta) if chosen[0][1].member.framed else None

@@ -28,7 +28,7 @@ OWN = ((1.0, CREEP), (4.0, CREEP), (16.0, CREEP), (1.0, 0.7), (1.0, 4.0))
 residual, and the joints' waves over their prior.  With the least alone, waves of 2 mrad along a
 line were taken for lengths and a lens."""
 
-_PRIOR = (0.0, -np.log(4.0), -np.log(16.0), 0.0, -np.log(4.0))
+_PRIOR = tuple(-np.log(size) for size in (1.0, 4.0, 16.0, 1.0, 4.0))
 """Logarithm of their prior on this grid: a half-Cauchy tail about the usual size (Gelman 2006)."""
 
 _USUAL = 2  # of these sizes are those of an arm that has not changed

@@ -42,6 +42,8 @@ def rebuilt(found: Comparison, body: Body, own: OwnResidual | None, *, anew: boo
     fresh = carry(model, body if model.body is not None else None, value)
     nodes = scale.from_unit(np.clip(fresh.motor.units, 0.0, 1.0))
     bounds = [body.bound(nodes, noise=noise) for noise in (True, False)]
+    if own is not None and model.body is not None:  # away from the rows nobody knows it
+        bounds = [np.hypot(bound, _RADIUS_95 * own.deviation(nodes)) for bound in bounds]
     if model.body is None:
         growth = np.zeros(len(nodes)) if own is None else _growth(found, fresh, own, nodes)
         noise = _RADIUS_95 * float(body.noise[0])
