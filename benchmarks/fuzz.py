@@ -131,7 +131,7 @@ def _run(options: argparse.Namespace) -> int:
             if line["failed"]:
                 failures.append(f"{at}: {line['failed'][:300]}")
                 print(failures[-1], flush=True)
-            if done % 1000 == 0:
+            if done % 250 == 0:
                 print(f"... {done} of {options.n}, {len(failures)} failed", flush=True)
         if i < options.n:  # the process ended or was stuck within input `at`
             _keep(options, at, None, "the process crashed or was stuck")

@@ -20,6 +20,33 @@ WIDE = partial(bump, width=np.radians(6.0))
 LOW = partial(bump, height=1e-3, width=np.radians(3.0))
 ELSEWHERE = partial(ripple, window=np.radians([100.0, 110.0]))
 SMALL = partial(ripple, amplitude=np.radians(0.2))
+
+
+def step(arm):
+    """1 mm within a square of both joints, nothing outside: an edge that is not smooth."""
+    low, high = np.radians([30.0, 40.0]), np.radians([50.0, 60.0])
+
+    def inside(q):
+        return ((q > low) & (q < high)).all(axis=1)
+
+    return lambda q: arm.forward(q) + 1e-3 * inside(q)[:, None] * np.array([0.6, 0.8]), inside
+
+
+def disc(arm):
+    """A wave of 2 mm, 60 cycles a turn of the elbow, within 8 deg of a place."""
+
+    def inside(q):
+        return np.linalg.norm(q - np.radians([60.0, 110.0]), axis=1) < np.radians(8.0)
+
+    def truth(q):
+        height = np.where(inside(q), 2e-3 * np.sin(60.0 * q[:, 1]), 0.0)
+        return arm.forward(q) + height[:, None] * np.array([1.0, 0.3])
+
+    return truth, inside
+
+
+SHORT = partial(ripple, amplitude=np.radians(0.3), window=np.radians([40.0, 50.0]))
+END = partial(ripple, window=np.radians([118.0, 130.0]))
 # those of the ablation with every seed; the others with one of their own
 SHAPES = (
     ("ripple, 100 to 110 deg", ELSEWHERE, None, 3),
@@ -27,6 +54,14 @@ SHAPES = (
     ("ripple, noise of 1 mm", ripple, 1e-3, 5),
     ("bump, 6 deg wide", WIDE, None, 2),
     ("bump of 1 mm, 3 deg wide", LOW, None, 3),
+    # with which nothing was developed
+    ("ripple", ripple, None, 11),
+    ("ripple", ripple, None, 12),
+    ("bump", bump, None, 13),
+    ("ripple, 118 to 130 deg", END, None, 14),
+    ("ripple of 0.3 deg, 40 to 50 deg", SHORT, None, 15),
+    ("step of 1 mm", step, None, 18),
+    ("wave in a disc", disc, None, 20),
 )
 
 

@@ -12,6 +12,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from calib.common.arrays import Array
 from calib.errors import QueryError
 from calib.model.answers import forward_bounds
 from calib.samples.joint_values import check_joint_values
@@ -24,8 +25,6 @@ from .usage import BadOption
 
 if TYPE_CHECKING:
     from calib import Model
-
-Array = NDArray[np.float64]
 
 _TOLD = 10  # so many rows are named at most
 
@@ -51,11 +50,7 @@ class Streams:
 
 
 def forward_batch(
-    model: Model,
-    joints: JointFormat,
-    streams: Streams,
-    readout: str | None,
-    frame: str = "sensor",
+    model: Model, joints: JointFormat, streams: Streams, readout: str | None, frame: str = "sensor"
 ) -> int:
     """Answer a table of joint values with positions in a frame; return the exit code."""
     batch = read_batch(streams.source, joints.names)

@@ -42,18 +42,15 @@ class Shooting:
     tag_height: str | None
     lens: str | None
     pose: bool
-    since: str | None
-    picture: str | None
-    camera: str | None = None
+    camera: str | None
 
     def __bool__(self) -> bool:
-        typed = (self.joints_file, self.tag, self.board, self.tags_at, self.lens, self.picture)
-        return any(value is not None for value in (*typed, self.camera))
+        typed = (self.joints_file, self.tag, self.board, self.tags_at, self.lens, self.camera)
+        return any(value is not None for value in typed)
 
     def setting(self, output: str, notes: Notes) -> Setting:
         """Make the setting; a lens that is calibrated is written beside the log."""
-        from calib.recording.board import Board
-        from calib.recording.lengths import parse_length
+        from calib.recording.board import Board, parse_length
         from calib.recording.setting import Setting, load_lens
         from calib.recording.watch import read_layout
 
@@ -106,6 +103,8 @@ def record(
     joints: Sequence[str] | None,
     degrees: bool,
     prismatic: Sequence[str],
+    since: str | None,
+    picture: str | None,
     time_offset: str,
     still: float | None,
     max_gap: float,
@@ -115,8 +114,7 @@ def record(
     from calib.recording.from_pictures import log_pictures
     from calib.recording.from_video import Rows, log_video
     from calib.recording.joint_table import read_joints
-    from calib.recording.photo import read_photo
-    from calib.recording.seen import write_seen
+    from calib.recording.photo import read_photo, write_seen
     from calib.samples.tables import read_about
 
     setting = shooting.setting(output, notes)
@@ -131,24 +129,24 @@ def record(
         degrees=degrees,
         prismatic=prismatic,
     )
-    since = read_about(shooting.since) if shooting.since is not None else None
+    earlier = read_about(since) if since is not None else None
     if Path(source).is_file() and Path(source).suffix.lower() not in PICTURES:
         turns = tuple(name not in prismatic for name in table.names)
         offset = None if time_offset == "auto" else float(time_offset)
         rows = Rows(offset, still, max_gap)
-        made = log_video(source, table, setting, rows, revolute=turns, since=since)
+        made = log_video(source, table, setting, rows, revolute=turns, since=earlier)
     else:
         if still is not None or time_offset != "auto":
             raise BadOption("--still and --time-offset are for videos and bags, not for pictures")
-        made = log_pictures(source, table, setting, since=since)
+        made = log_pictures(source, table, setting, since=earlier)
     notes.say(made.notes)
     path = _middle_picture(source, made)
     folder = Path(output).resolve().parent
     if output != "-" and path.resolve().is_relative_to(folder):
         name = path.resolve().relative_to(folder).as_posix()  # train finds it there
         made = replace(made, source={**made.source, "photo": name})
-    if shooting.picture is not None:
-        write_seen(shooting.picture, read_photo(path), setting, made.pixels)
+    if picture is not None:
+        write_seen(picture, read_photo(path), setting, made.pixels)
     return made
 
 

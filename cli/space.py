@@ -10,13 +10,13 @@ from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
-from numpy.typing import NDArray
 
 from calib.arm.rotations import matrix_of, quaternion_of
+from calib.common.arrays import Array
 from calib.errors import QueryError
+from calib.inverse.pose import Reached
 from calib.inverse.self_motions import free_directions
 from calib.model.poses import described, first_of
-from calib.model.reached import Reached
 from calib.model.space import Space
 from calib.samples.roles import QUATERNION, from_angles
 
@@ -27,8 +27,6 @@ from .usage import BadOption
 
 if TYPE_CHECKING:
     from calib import Model
-
-Array = NDArray[np.float64]
 
 _TOGETHER = 0.05  # of the largest share: joints that move less are not named
 
@@ -122,7 +120,9 @@ def answer_inverse(
         shown = ["distance", *(["turned"] if turn is not None else []), "expected_error"]
         unit = "m" if in_base else model.about.unit
         show_answers(joints, solutions, unit, "xyz", shown)
-    if in_base and not space.sees(target):
+    if in_base:
+        say_size(model, told.q[:1])
+    if in_base and not space.sees(target).all():
         note("the camera's picture does not show the target")
     if not found.reachable:
         _say_missed(found, len(joints.names), posed=turn is not None)
@@ -160,6 +160,17 @@ def _say_missed(found: Reached, dof: int, *, posed: bool) -> None:
             note(words)
             return
     note(words + " away")
+
+
+def say_size(model: Model, q: Any) -> None:
+    """Say what of a bound in the base frame of a camera is the arm's size."""
+    space = Space.of(model)
+    if space.camera and np.isfinite(space.forward(q)[0]).all():
+        left = 1e3 * float(space.bound(q, size=False)[0])
+        note(
+            f"one camera cannot tell the size of the arm: but for it, the expected error is "
+            f"{left:.2g} mm"
+        )
 
 
 def say_free(joints: JointFormat, free: Array, near: bool) -> None:

@@ -20,10 +20,7 @@ _MEANINGS = (
         "found: test statistic of a change of these parameters, above its threshold it fired; "
         "smallest: the smallest change that these rows could have shown",
     ),
-    (
-        {"zeta"},
-        "zeta: mean squared distance of rows to winning nodes, in the unit box (eq. 9)",
-    ),
+    ({"zeta"}, "zeta: mean squared distance of rows to winning nodes, in the unit box (eq. 9)"),
     ({"som"}, "SOM: self-organizing map of even density"),
     (
         {"vdsom"},

@@ -25,9 +25,8 @@ from calib.recording.board import Board  # noqa: E402
 from calib.recording.from_pictures import log_pictures  # noqa: E402
 from calib.recording.joint_table import read_joints  # noqa: E402
 from calib.recording.lens import Lens  # noqa: E402
-from calib.recording.photo import take_photo  # noqa: E402
+from calib.recording.photo import take_photo, write_seen  # noqa: E402
 from calib.recording.pictures import list_pictures, read_picture  # noqa: E402
-from calib.recording.seen import write_seen  # noqa: E402
 from calib.recording.setting import Setting  # noqa: E402
 from calib.show.report.page import pictures  # noqa: E402
 

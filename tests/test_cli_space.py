@@ -10,6 +10,7 @@ import pytest
 from true_arms import Truth, read, table
 
 import calib
+from calib.model.space import Space
 from calib.samples.camera import Camera, camera_of
 
 EYE, FOCAL, CENTRE, K1 = np.array([0.35, -1.1, 0.55]), 880.0, np.array([633.0, 371.0]), -0.09
@@ -78,6 +79,16 @@ def test_pixels_and_the_tip_in_the_base_frame_are_those_of_the_truth(run, pictur
     assert (miss <= base["expected_error"]).mean() >= 0.95
     order = ["x", "y", "z", "qx", "qy", "qz", "qw", "expected_error", "model_error"]
     assert list(base) == [*names, *order]
+    space = Space.of(calib.load(folder / "m.calib"))
+    whole, alike = space.bound(q), space.bound(q, size=False)
+    assert whole.mean() < 6e-3  # not the turn about the first axis, which is a convention
+    assert alike.mean() < 0.5 * whole.mean()
+    pan = truth.arm.chain.points[0]
+    found, true = np.c_[base["x"], base["y"], base["z"]] - pan, places - pan
+    left = true - np.vdot(true, found) / np.vdot(found, found) * found
+    assert (np.linalg.norm(left, axis=1) <= alike).mean() >= 0.95
+    words = run("query", "forward", folder / "m.calib", *q[0], "--in", "base").err
+    assert "one camera cannot tell the size of the arm" in words
     one = run("query", "forward", folder / "m.calib", *q[0], "--in", "base", "--json").document
     assert one["unit"] == one["units"]["positions"] == "m"
     assert one["position"] == pytest.approx([base[axis][0] for axis in "xyz"])
@@ -102,6 +113,16 @@ def test_a_pixel_on_a_plane_gives_a_point_and_joints_that_stand_there(run, pictu
     alone = run(*ask, u, v, "--near", "0,0.5,-1", "--keep-orientation")
     assert (alone.code, alone.err.count("\n")) == (1, 1)
     assert "--on z=H" in alone.err
+
+
+def test_a_plan_for_a_camera_keeps_the_tip_in_its_picture(run, pictures):
+    truth, folder, _ = pictures
+    plan = calib.plan(calib.load(folder / "m.calib"), 12)
+    places = truth.pose(plan.q)[0]
+    assert (((places - EYE) @ CAMERA.T)[:, 2] > 0).all()
+    pixels = project(places)
+    assert ((pixels > -1) & (pixels < (1281, 721))).all()
+    assert any("does not see the tip" in note for note in plan.notes)
 
 
 def test_a_mirrored_picture_and_a_view_of_another_arm_are_told_in_one_line(run, pictures):

@@ -6,10 +6,18 @@ import numpy as np
 import pytest
 
 from calib.errors import LogError
-from calib.recording.clock_search import Clocks, joints_at
-from calib.recording.clocks import SURE, ClockError, align_clocks
-from calib.recording.judge import Judge, held_out, kernel, row_shift, unrelated
-from calib.recording.track import astray, check_motion, jumps, stuck
+from calib.recording.clocks import SURE, ClockError, Clocks, align_clocks, joints_at
+from calib.recording.track import (
+    Judge,
+    astray,
+    check_motion,
+    held_out,
+    jumps,
+    kernel,
+    row_shift,
+    stuck,
+    unrelated,
+)
 
 LENGTHS = np.array([0.18, 0.14, 0.09])
 

@@ -9,7 +9,7 @@ import calib
 from calib.errors import LogError, OptionError
 from calib.maps.lattice import Lattice
 from calib.maps.neighbourhood import spread, spread_by
-from calib.maps.online import Around, present
+from calib.maps.online import present
 
 X = np.random.default_rng(0).uniform(size=(600, 2))
 Q = np.random.default_rng(1).uniform(size=(600, 2))
@@ -39,7 +39,7 @@ def test_online_the_gaussian_moves_the_nodes_as_the_built_in_one_does():
     start = np.random.default_rng(3).random((36, 2))
     ours, theirs = start.copy(), start.copy()
     sigma, rate = np.full(50, 0.6), np.full(50, 0.4)
-    told = Around(lattice, gauss).present(ours, X[:50], sigma, rate, np.linspace(0, 1, 50))
+    told = present(ours, lattice, X[:50], sigma, rate, gauss, np.linspace(0, 1, 50))
     said = present(theirs, lattice, X[:50], sigma, rate)
     np.testing.assert_allclose(told, said, rtol=1e-3, atol=1e-4)
     np.testing.assert_allclose(ours, theirs, atol=2e-3)

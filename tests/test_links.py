@@ -7,7 +7,7 @@ from scipy.sparse import csr_array
 from calib.common.scale import TURN, Scale
 from calib.errors import OptionError
 from calib.maps.lattice import Lattice
-from calib.maps.links import BANDWIDTH, NEAREST, WIRINGS, activity, check_wiring, link, oja
+from calib.maps.links import BANDWIDTH, NEAREST, WIRINGS, Wiring, check_wiring, oja
 from calib.maps.map import Map
 
 UNIT_BOX = Scale(np.zeros(2), np.ones(2), np.zeros(2, dtype=bool))
@@ -24,6 +24,14 @@ LINE = Scale(np.zeros(1), np.ones(1), np.zeros(1, dtype=bool))
 
 def points(n, seed=0):
     return np.random.default_rng(seed).random((n, 2))
+
+
+def activity(network, u, bandwidth=BANDWIDTH, *, local=False):
+    return Wiring(local=local, bandwidth=bandwidth).activity(network, u)
+
+
+def link(a_motor, a_sensory, beta=1.0, *, mutual=False):
+    return Wiring(mutual=mutual).link(a_motor, a_sensory, beta)
 
 
 def equation_6(network, u, bandwidth):

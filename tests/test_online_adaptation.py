@@ -12,6 +12,8 @@ import calib
 from calib.change.follow import BLOCK, OnlineAdapter, follow
 from calib.change.radius import matching_sigma
 from calib.errors import OptionError
+from calib.maps import dsom
+from calib.maps.graph import Graph
 from calib.maps.map import Map
 
 HORIZON = 3000
@@ -108,6 +110,24 @@ def test_the_map_follows_by_the_gain_that_it_was_trained_with():
     assert np.array_equal(followed["vdsom"], followed["vdsom:border"])
     assert np.array_equal(followed["vdsom"], followed["<function gain>"])
     assert not np.array_equal(followed["vdsom"], followed["som"])
+
+
+def test_a_dsom_follows_by_its_own_rule():
+    about = replace(model().about, options={**model().about.options, "map": "dsom"})
+    samples, before = log("elbow.length=+20%", n=BLOCK, noise=0.0), model().sensory
+    adapter = OnlineAdapter(replace(model(), about=about), HORIZON, force=True)
+    adapter.feed(samples.q, samples.x)
+    weights = before.units.copy()
+    dsom.present(weights, before.lattice, before.scale.to_unit(samples.x))
+    assert np.array_equal(adapter.model().sensory.units, weights)
+    assert np.abs(weights - before.units).max() > 1e-3
+
+
+def test_a_growing_gas_says_why_it_does_not_follow():
+    gas = replace(model().sensory, lattice=Graph(2, np.array([[0, 1]])))
+    grown = replace(model(), association=replace(model().association, sensory=gas))
+    with pytest.raises(OptionError, match="growing neural gas has neither"):
+        OnlineAdapter(grown)
 
 
 def test_what_cannot_be():

@@ -11,7 +11,7 @@ from models import in_space, trained
 import calib
 from calib.body.most_telling import greedy
 from calib.common.scale import Scale
-from calib.use.collisions import hits_itself
+from calib.use.collisions import hides_its_tip, hits_itself
 from calib.use.pose_space import space_of
 from calib.use.spread import candidates, farthest, tells
 
@@ -121,3 +121,13 @@ def test_links_that_meet_are_seen_and_those_that_are_built_so_are_not():
     assert np.median(folded[hits]) > np.median(folded[~hits]) + 0.5
     flat = calib.load_arm("two_link_full")
     assert hits_itself(flat.urdf, flat.joint_names, flat.locked, np.zeros((3, 2))) is None
+
+
+def test_a_link_between_the_camera_and_the_tip_hides_it():
+    arm = calib.load_arm("spatial_three")
+    q = np.array([[0.0, 0.3, 0.9], [np.pi, 0.3, 0.9]])
+    tips = arm.forward(q)
+    column = np.array([0.0, 0.0, 0.075])
+    behind = tips[1] + 4 * (column - tips[1])
+    hidden = hides_its_tip(arm.urdf, arm.joint_names, arm.locked, q, tips, behind)
+    assert hidden.tolist() == [False, True]

@@ -113,3 +113,29 @@ def test_blocks_add_up_to_the_normal_equations():
     flat, heavy = x.reshape(-1, 4), (w / noise**2).ravel()
     np.testing.assert_allclose(grams.sum(axis=0), (flat * heavy[:, None]).T @ flat, atol=1e-10)
     np.testing.assert_allclose(moments.sum(axis=0), flat.T @ (heavy * r.ravel()), atol=1e-10)
+
+
+def test_the_spectrum_of_curves_carries_over_to_joints_that_turn_elsewhere(arm):
+    structure, rng = structure_of(arm), np.random.default_rng(0)
+    prior = structure.prior(["curve.1"])
+    true = structure.neutral()
+    waves = structure.groups["curve.1"][[6, 7, 54, 55]]  # cycles a turn that no prior says
+    true[waves] = rng.normal(0, 1e-3, 4)
+    middle = 0.5 * (arm.lower + arm.upper)
+
+    def rows(n, lower, upper):
+        q = rng.uniform(lower, upper, (n, arm.dof))
+        return q, structure.predict(q, true) + rng.normal(0, NOISE, (n, 3))
+
+    q, z = rows(200, arm.lower, middle)
+    nominal, x = structure.linearise(q, structure.neutral(), prior.active)
+    x = x.reshape(-1, len(prior.active)) / NOISE
+    covariance = np.linalg.inv(x.T @ x + np.diag(prior.sd[prior.active] ** -2.0))
+    beta, none = structure.neutral(), np.zeros(3)
+    beta[prior.active] = covariance @ x.T @ ((z - nominal).ravel() / NOISE)
+    scales = {h.name: h.scale for h in prior.hypers}
+    body = Body(structure, beta, prior.active, covariance, none + NOISE, 1.0, none, none, np.inf,
+                1.0, scales, len(q), member="curves")  # fmt: skip
+    few, fresh = rows(14, middle, arm.upper), rows(200, middle, arm.upper)
+    learned, plain = remount(body, *few), remount(replace(body, scales={}), *few)
+    assert apart(learned, *fresh).mean() < 0.8 * apart(plain, *fresh).mean()

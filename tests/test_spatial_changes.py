@@ -9,6 +9,7 @@ import pytest
 from scipy.spatial.transform import Rotation
 
 import calib
+from calib.model.space import Space
 from calib.samples.samples import Samples
 
 NOISE = 2e-4
@@ -78,6 +79,13 @@ def posed(arm, seed, bend=0.0, turn=FRAME, n=60):
     return replace(log, orientation=(noise * Rotation.from_matrix(turn) * tips).as_quat())
 
 
+def turned_by(model, log):
+    """Angles (n,) [rad] of a log's orientations from those that the model answers."""
+    space = Space.of(model)
+    seen = space.to_sensor(*space.evaluate(log.q)[:2])[1]
+    return (Rotation.from_quat(log.orientation) * Rotation.from_matrix(seen).inv()).magnitude()
+
+
 @pytest.fixture(scope="module")
 def oriented(arm):
     return calib.train(posed(arm, 10), size=6, motor_size=6)
@@ -92,7 +100,21 @@ def test_a_tool_that_is_bent_in_its_orientation_only_is_noticed(arm, oriented):
     assert cause.interval[0] < np.radians(0.3) < cause.interval[1]
     assert np.degrees(cause.value) == pytest.approx(0.3, abs=0.02)
     adapted = calib.adapt(oriented, posed(arm, 12, bend=np.radians(0.3)))
-    assert any("the tool is turned by" in note for note in adapted.notes)
+    assert adapted.improved
+    assert [cause.group for cause in adapted.changed] == ["tool.rotation"]
+    fresh = posed(arm, 15, bend=np.radians(0.3))
+    for model, least, most in ((oriented, 0.28, 0.32), (adapted.model, 0.0, 0.05)):
+        turned = turned_by(model, fresh)
+        assert least < np.degrees(np.median(turned)) < most
+        assert np.linalg.norm(model.forward(fresh.q) - fresh.x, axis=1).mean() < 3 * NOISE
+
+
+def test_an_adaptation_to_a_tracker_elsewhere_and_a_bent_tool_follows_both(arm, oriented):
+    bend, turn = np.radians(2.0), np.eye(3)
+    adapted = calib.adapt(oriented, posed(arm, 16, bend=bend, turn=turn))
+    assert {cause.group for cause in adapted.changed} >= {"tool.rotation"}
+    turned = turned_by(adapted.model, posed(arm, 17, bend=bend, turn=turn))
+    assert np.degrees(np.median(turned)) < 0.05
 
 
 def test_a_tracker_that_was_turned_bends_no_tool(arm, oriented):

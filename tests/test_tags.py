@@ -15,9 +15,8 @@ import cv2
 from rendering import Camera, Desk, Sticker, board, board_shots, tag
 
 from calib.errors import OptionError
-from calib.recording.board import Board, BoardFinder
+from calib.recording.board import Board, BoardFinder, parse_length
 from calib.recording.edges import crossing
-from calib.recording.lengths import parse_length
 from calib.recording.lens import Lens, calibrate_lens, read_lens
 from calib.recording.plane import cut_plane, find_pose, square_pose
 from calib.recording.printing import print_board, print_tag, tag_cells

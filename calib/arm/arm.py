@@ -7,8 +7,9 @@ from dataclasses import dataclass, replace
 from typing import TypeVar
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
+from ..common.arrays import Array
 from ..common.frozen import own_floats
 from ..common.rows import number_rows
 from ..common.wording import quoted, suggestion
@@ -17,7 +18,6 @@ from .ranges import TURN, Range, checked_range, cut_to_one_turn, notes_of_turns
 from .rotations import quaternion_of
 from .spatial_chain import SpatialChain
 
-Array = NDArray[np.float64]
 _A = TypeVar("_A", bound="Arm")
 
 MIN_LENGTH = 1e-9

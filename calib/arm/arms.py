@@ -7,8 +7,9 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import ArrayLike
 
+from ..common.arrays import Array
 from ..errors import OptionError
-from .arm import MIN_LENGTH, Arm, Array
+from .arm import MIN_LENGTH, Arm
 from .plane import Plane
 
 

@@ -11,16 +11,14 @@ from dataclasses import dataclass
 from itertools import combinations
 
 import numpy as np
-from numpy.typing import NDArray
 
+from ..common.arrays import Array
 from ..common.wording import listed, quoted
 from ..errors import RobotError
 from .plane import MIN_LEVER, PARALLEL, common_normal, fits, frames_moved
 from .posture import Posture
 from .ranges import full_range, limits_fault, ranges_wanted
 from .tree import Joint, Urdf
-
-Array = NDArray[np.float64]
 
 #: Joints that are chosen without being asked: at most so many, and none whose link is
 #: shorter than this share of the arm's reach.

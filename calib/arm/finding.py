@@ -98,11 +98,7 @@ def in_line(joints: Sequence[Joint], posture: Posture) -> bool:
 
 
 def _planar(
-    urdf: Urdf,
-    posture: Posture,
-    choice: Choice,
-    fixed: Collection[str],
-    excluded: Collection[str],
+    urdf: Urdf, posture: Posture, choice: Choice, fixed: Collection[str], excluded: Collection[str]
 ) -> tuple[Found, list[str]]:
     candidates = find_candidates(urdf, posture, choice.tip, excluded)
     if not candidates:

@@ -6,15 +6,13 @@ import xml.etree.ElementTree as ET
 from collections.abc import Mapping, Sequence
 
 import numpy as np
-from numpy.typing import NDArray
 
+from ..common.arrays import Array
 from ..common.wording import quoted
 from ..errors import RobotError
 from .posture import Posture
 from .spatial_chain import SpatialChain
 from .tree import Joint, Urdf
-
-Array = NDArray[np.float64]
 
 #: The active joint that a mimic joint follows, its multiplier and its offset [rad or m].
 Following = Mapping[str, tuple[str, float, float]]

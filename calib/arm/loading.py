@@ -21,14 +21,7 @@ from .finding import MOST_JOINTS, Choice, find_arm, in_line, is_planar
 from .folding import carried, folded, followers, refuse_followers
 from .plane import check_tip, common_normal, plane_of
 from .posture import Kinematics, Posture
-from .ranges import (
-    Range,
-    check_limits,
-    full_range,
-    neutral,
-    travel,
-    unit_of,
-)
+from .ranges import Range, check_limits, full_range, neutral, travel, unit_of
 from .robots import resolve_robot
 from .tree import Joint, Urdf
 from .urdf import parse_urdf, read_urdf

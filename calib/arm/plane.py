@@ -13,14 +13,13 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
+from ..common.arrays import Array
 from ..common.wording import listed, quoted, vector
 from ..errors import LogError, RobotError
 from .posture import Posture
 from .tree import Joint, Urdf
-
-Array = NDArray[np.float64]
 
 #: Axes closer to the normal than this (cosine of 45 degrees, rounding apart) are skipped.
 _NEAR_NORMAL = np.cos(np.pi / 4) + 1e-6
@@ -186,7 +185,7 @@ def common_normal(active: Sequence[Joint], posture: Posture) -> Array:
             raise RobotError(
                 f"the arm is not planar: joint {quoted(joint.name)} has the axis {vector(axis)} "
                 f"in the root frame, expected one {wanted} the others' normal {vector(normal)}",
-                hint="choose other `joints`",
+                hint="choose other `joints`, or leave out `planar`",
                 parameter="joints",
             )
     # antiparallel axes are one direction; the mean keeps a joint's own tilt small

@@ -7,12 +7,10 @@ from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
+from ..common.arrays import Array
 from ..errors import RobotError
 from .tree import Urdf
-
-Array = NDArray[np.float64]
 
 
 @dataclass(frozen=True, eq=False)

@@ -6,9 +6,9 @@ Quaternions of rows that follow each other may change sign; what is returned has
 from __future__ import annotations
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
-Array = NDArray[np.float64]
+from ..common.arrays import Array
 
 #: Below this angle [rad] the series of an exponential or a logarithm is used.
 _SMALL = 1e-4

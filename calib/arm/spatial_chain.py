@@ -16,12 +16,10 @@ from dataclasses import dataclass, field
 from typing import NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
+from ..common.arrays import Array
 from ..common.frozen import own_floats
 from .rotations import cross_matrix
-
-Array = NDArray[np.float64]
 
 #: Standard gravity in the root frame of an arm that stands upright [m/s2].
 GRAVITY = (0.0, 0.0, -9.80665)

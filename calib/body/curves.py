@@ -28,9 +28,13 @@ PER_RADIAN = KNOTS / (2 * math.pi)
 Row = tuple[float, float, float, float, float, float]
 
 
-def curve_shape() -> Array:
-    """Relative prior variances (96,) of the cosines, then the sines; their mean is 1."""
-    shape = np.exp(-((ORDERS / WIDTH) ** 2) / 2) + FLOOR
+def curve_shape(*more: float) -> Array:
+    """Relative prior variances (96,) of the cosines, then the sines; their mean is 1.
+
+    `more` are the widths [waves a turn] of further Gaussians beside that of `WIDTH`.
+    """
+    widths = np.array([WIDTH, *more])[:, None]
+    shape = np.exp(-((ORDERS / widths) ** 2) / 2).sum(axis=0) + FLOOR
     return np.tile(shape / shape.mean(), 2)
 
 

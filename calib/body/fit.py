@@ -81,18 +81,14 @@ def _finished(search: Search) -> Fit:
     search.see(True)
     edges, grams, moments = by_block(search.x, search.r, search.w, search.noise, search.blocks)
     gram, moment = grams.sum(axis=0), moments.sum(axis=0)
-    k = np.diag_indices(len(search.sd))
-    precision = gram.copy()
-    precision[k] += search.sd**-2.0
-    factor = Factor(precision)
+    prior, distance = search.prior, search.distance(search.beta)
+    precision = gram + prior
     # Rows that err together count once for the time that they do.
     time = autocorrelation_time(search.r) if np.isfinite(search.nu) else 1.0
-    softer = gram * (information_factor(search.structure, search.nu) / time)
-    softer[k] += search.sd**-2.0
-    distance = search.distance(search.beta)
+    softer = gram * (information_factor(search.structure, search.nu) / time) + prior
     evidence = -negative_log_likelihood(search.r, search.noise, search.nu, search.blocks)
-    evidence -= 0.5 * float(((distance / search.sd) ** 2).sum())
-    evidence -= 0.5 * factor.log_determinant() + float(np.log(search.sd).sum())
+    evidence -= 0.5 * float(distance @ prior @ distance)
+    evidence += 0.5 * (Factor(prior).log_determinant() - Factor(precision).log_determinant())
     return Fit(
         search.structure,
         search.beta,
@@ -105,11 +101,12 @@ def _finished(search: Search) -> Fit:
         search.w,
         precision,
         Factor(softer).inverse(),
-        moment - distance / search.sd**2,
+        moment - prior @ distance,
         edges,
         grams,
         moments,
         time,
         dict(search.scales),
         evidence,
+        search.known,
     )

@@ -24,85 +24,73 @@ class Given:
             raise ModelError(f"{self.where}: {key!r} is missing")
         return self.header[key]
 
-    def refuse(self, key: str, expected: str) -> ModelError:
-        """Error for a value that is not what is expected."""
-        return ModelError(f"{self.where}: {key!r} is {self.header[key]!r}, expected {expected}")
+    def _fits(self, key: str, fits: bool, expected: str) -> Any:
+        """The value of a key, or an error that says what was expected."""
+        if not fits:
+            raise ModelError(f"{self.where}: {key!r} is {self.header[key]!r}, expected {expected}")
+        return self.header[key]
 
     def mapping(self, key: str) -> Mapping[str, Any]:
         """An object."""
-        value = self.value(key)
-        if not isinstance(value, Mapping):
-            raise self.refuse(key, "an object")
-        return value
+        return dict(self._fits(key, isinstance(self.value(key), Mapping), "an object"))
 
     def text(self, key: str) -> str:
         """A short text."""
-        value = self.value(key)
-        if not isinstance(value, str) or len(value) > 1000:
-            raise self.refuse(key, "a short text")
-        return value
+        return str(self._fits(key, _is_text(self.value(key)), "a short text"))
 
     def truth(self, key: str) -> bool:
         """True or false."""
-        value = self.value(key)
-        if not isinstance(value, bool):
-            raise self.refuse(key, "true or false")
-        return value
+        return bool(self._fits(key, isinstance(self.value(key), bool), "true or false"))
 
     def number(self, key: str, least: float = -np.inf) -> float:
         """A finite number of at least `least`."""
         value = self.value(key)
-        if not _is_number(value) or value < least:
-            limit = "" if least == -np.inf else f" of at least {least:g}"
-            raise self.refuse(key, f"a finite number{limit}")
-        return float(value)
+        limit = "" if least == -np.inf else f" of at least {least:g}"
+        return float(
+            self._fits(key, _is_number(value) and value >= least, f"a finite number{limit}")
+        )
 
     def count(self, key: str) -> int:
         """A whole number, 0 or more."""
         value = self.value(key)
-        if not isinstance(value, int) or isinstance(value, bool) or not 0 <= value < 2**53:
-            raise self.refuse(key, "a count")
-        return value
+        whole = isinstance(value, int) and not isinstance(value, bool) and 0 <= value < 2**53
+        return int(self._fits(key, whole, "a count"))
 
     def sign(self, key: str) -> int:
         """1 or -1."""
-        if self.value(key) not in (1, -1) or isinstance(self.value(key), bool):
-            raise self.refuse(key, "1 or -1")
-        return int(self.value(key))
+        return int(self._fits(key, _is_sign(self.value(key)), "1 or -1"))
 
-    def _items(self, key: str, size: int | None) -> list[Any]:
+    def _listed(self, key: str, fits: Any, size: int | None, what: str) -> list[Any]:
         value = self.value(key)
-        if not isinstance(value, list) or (size is not None and len(value) != size):
-            raise self.refuse(key, "a list" if size is None else f"a list of {size}")
-        return value
+        good = isinstance(value, list | tuple) and len(value) == (
+            len(value) if size is None else size
+        )
+        expected = f"a list{'' if size is None else f' of {size}'} of {what}"
+        return list(self._fits(key, good and all(map(fits, value)), expected))
 
     def texts(self, key: str) -> tuple[str, ...]:
         """Short texts."""
-        items = self._items(key, None)
-        if not all(isinstance(v, str) and len(v) <= 1000 for v in items):
-            raise self.refuse(key, "short texts")
-        return tuple(items)
+        return tuple(self._listed(key, _is_text, None, "short texts"))
 
     def truths(self, key: str, size: int) -> tuple[bool, ...]:
         """`size` values that are true or false."""
-        items = self._items(key, size)
-        if not all(isinstance(v, bool) for v in items):
-            raise self.refuse(key, "true or false each")
-        return tuple(items)
+        return tuple(self._listed(key, lambda v: isinstance(v, bool), size, "true or false"))
 
-    def numbers(self, key: str, size: int) -> list[float]:
+    def numbers(self, key: str, size: int) -> tuple[float, ...]:
         """`size` finite numbers."""
-        items = self._items(key, size)
-        if not all(_is_number(v) for v in items):
-            raise self.refuse(key, "finite numbers")
-        return [float(v) for v in items]
+        return tuple(float(v) for v in self._listed(key, _is_number, size, "finite numbers"))
 
     def signs(self, key: str, size: int) -> tuple[int, ...]:
         """`size` values that are 1 or -1."""
-        items = self._items(key, size)
-        if not all(v in (1, -1) and not isinstance(v, bool) for v in items):
-            raise self.refuse(key, "1 or -1 each")
-        return tuple(int(v) for v in items)
+        return tuple(int(v) for v in self._listed(key, _is_sign, size, "1 or -1"))
+
+
+def _is_text(value: Any) -> bool:
+    return isinstance(value, str) and len(value) <= 1000
+
+
+def _is_sign(value: Any) -> bool:
+    return value in (1, -1) and not isinstance(value, bool)
 
 
 def _is_number(value: Any) -> bool:

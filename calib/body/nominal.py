@@ -44,17 +44,6 @@ class Nominal:
         if not self.signs:
             object.__setattr__(self, "signs", (1,) * len(self.lengths))
 
-    def header(self) -> dict[str, Any]:
-        """JSON-ready description."""
-        return {
-            "lengths": list(self.lengths),
-            "offsets": list(self.offsets),
-            "rotation": self.rotation,
-            "shift": list(self.shift),
-            "mirror": self.mirror,
-            "signs": list(self.signs),
-        }
-
 
 def chain_of(
     t: NDArray[np.complexfloating[Any, Any]], mirror: int, revolute: tuple[bool, ...]

@@ -11,7 +11,7 @@ Equations of ``docs/body.md``; angles accumulate along the chain::
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import asdict, dataclass
 from typing import Any
 
 import numpy as np
@@ -28,7 +28,7 @@ Complex = NDArray[np.complex128]
 
 
 @dataclass(frozen=True)
-class PlanarStructure:
+class PlanarStructure(Structure):
     """Structure of a planar body; its parameters are a plain vector.
 
     Attributes
@@ -57,6 +57,7 @@ class PlanarStructure:
         Whether the rows are samples of a simulation.
     """
 
+    kind = "planar"
     joint_names: tuple[str, ...]
     revolute: tuple[bool, ...]
     view: str
@@ -71,34 +72,9 @@ class PlanarStructure:
     simulated: bool
 
     @property
-    def kind(self) -> str:
-        """``"planar"``."""
-        return "planar"
-
-    @property
     def layout(self) -> Layout:
         """Where each parameter stands."""
         return layout_of(self.revolute)
-
-    @property
-    def size(self) -> int:
-        """Number of parameters."""
-        return self.layout.size
-
-    @property
-    def outputs(self) -> int:
-        """Two coordinates."""
-        return 2
-
-    @property
-    def blocks(self) -> tuple[int, ...]:
-        """One block: both coordinates share a noise."""
-        return (2,)
-
-    @property
-    def dof(self) -> int:
-        """Number of joints."""
-        return len(self.revolute)
 
     @property
     def extents(self) -> Array:
@@ -107,7 +83,7 @@ class PlanarStructure:
 
     @property
     def groups(self) -> Mapping[str, Indices]:
-        """Indices of each group of parameters."""
+        """As in `Structure`."""
         return self.layout.groups
 
     @property
@@ -218,10 +194,6 @@ class PlanarStructure:
                 put(ix, turned[:, i, None] * np.concatenate([waves.real, waves.imag], axis=1))
         return z, out
 
-    def slope(self, q: Array, beta: Array) -> Array:
-        """Derivative (n, 2, dof) of the positions by the joint values."""
-        return self.predict_and_slope(q, beta)[1]
-
     def predict_and_slope(self, q: Array, beta: Array) -> tuple[Array, Array]:
         """Positions (n, 2) and their derivative (n, 2, dof) by the joint values."""
         lay = self.layout
@@ -245,14 +217,6 @@ class PlanarStructure:
         z, view, _ = planar_view.columns(self, terms.sum(axis=1), beta, place, 0)
         return z, np.asarray(view @ np.stack([by_joint.real, by_joint.imag], axis=1))
 
-    def retract(self, beta: Array, delta: Array) -> Array:
-        """The sum: no parameter of a planar body is a rotation matrix."""
-        return beta + delta
-
-    def residual(self, z: Array, predicted: Array) -> Array:
-        """The difference."""
-        return z - predicted
-
     def label(self, index: int) -> Label:
         """What parameter `index` is."""
         return planar_words.label(self, index)
@@ -275,22 +239,4 @@ class PlanarStructure:
 
     def header(self) -> dict[str, Any]:
         """JSON-ready description."""
-        return {
-            "kind": self.kind,
-            "joint_names": list(self.joint_names),
-            "revolute": list(self.revolute),
-            "view": self.view,
-            "unit": self.unit,
-            "metre": self.metre,
-            "lens": self.lens,
-            "signs": list(self.signs),
-            "mirror": self.mirror,
-            "extent": self.extent,
-            "centre": list(self.centre),
-            "nominal": None if self.nominal is None else self.nominal.header(),
-            "simulated": self.simulated,
-        }
-
-    def arrays(self) -> dict[str, Array]:
-        """Nothing: the header is enough."""
-        return {}
+        return {"kind": self.kind, **asdict(self)}

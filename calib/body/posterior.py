@@ -16,17 +16,11 @@ from .packing import pack, unpack
 from .starts import Start, best_starts
 from .structure import Array, Hyper, Indices, Prior, Structure
 
-ROWS = 3000
-"""Rows that the gate and the evidence use; the rest enters the final step."""
-
 LOG_FLOOR, SIMULATED_FLOOR = 1e-4, 1e-7
 """Least noise, as a share of the extents."""
 
 NO_CURVES = 8.0
 """Nats against joint curves from which the bound needs no second fit with large ones."""
-
-WIDE = (200.0, 3e-3)
-"""Pseudo-observations of the curves' wider hyperprior, and their rms [rad]."""
 
 LEAST_SHARE = 0.5
 """Of the second fit's spread: so much stays, however small the held-out errors are."""
@@ -91,12 +85,12 @@ def fit_structure(
     notes : sequence of str
         Passed on.
     """
-    simulated = bool(getattr(template, "simulated", False)) if simulated is None else simulated
+    simulated = template.simulated if simulated is None else simulated
     floor = (SIMULATED_FLOOR if simulated else LOG_FLOOR) * template.extents
     nu = np.inf if simulated else STUDENT
     members = template.members()
     chain = next((free for name, free in members if name == "chain"), members[0][1])
-    rows = _subset(len(q), seed, int(getattr(template, "gate_rows", ROWS)))
+    rows = _subset(len(q), seed, template.gate_rows)
     sub_q, sub_z = (q, z) if rows is None else (q[rows], z[rows])
     passed = max(
         (
@@ -186,7 +180,7 @@ def _over_all_rows(passed: Passed, q: Array, z: Array, floor: Array) -> Fit:
     """The member's fit carried on over all rows, with its prior scales kept."""
     fit = passed.fit
     prior = _fixed(fit.structure.prior(passed.free), fit)
-    return maximise(
+    whole = maximise(
         fit.structure,
         q,
         z,
@@ -199,6 +193,7 @@ def _over_all_rows(passed: Passed, q: Array, z: Array, floor: Array) -> Fit:
         steps=4 if len(fit.active) > MANY else 10,
         tolerance=SETTLED,
     )
+    return replace(whole, scales=fit.scales)
 
 
 def _body(fit: Fit, held: HeldOut, member: str, simulated: bool) -> Body:
@@ -239,8 +234,7 @@ def _second(
     prior = fit.structure.prior(free)
     sd = prior.sd.copy()
     sd[fit.active] = fit.sd
-    wide = getattr(fit.structure, "wide", WIDE)
-    hypers = tuple(_wider(h, wide) for h in prior.hypers if _left_out(h, fit.active))
+    hypers = tuple(_wider(h, fit.structure.wide) for h in prior.hypers if _left_out(h, fit.active))
     for h in hypers:
         sd[h.indices] = h.scale * np.sqrt(h.shape)
     made = maximise(

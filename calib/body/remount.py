@@ -2,6 +2,8 @@
 
 The old posterior is the prior of the arm itself, a little loosened because arms drift between
 two series; the sensor's frame and the tool start from nothing. Ten rows and more place them.
+Joints that now turn where they did not before have curves of which the old rows say only how they
+are elsewhere: their spectrum, which is learned first.
 """
 
 from __future__ import annotations
@@ -10,16 +12,18 @@ from dataclasses import replace
 from typing import TYPE_CHECKING
 
 import numpy as np
+from scipy.ndimage import gaussian_filter1d
 
 from .belief import Body
-from .fitted import Fit, by_block
+from .curves import HARMONICS, curve_shape
+from .fit import maximise
 from .held_out import FEW, leave_blocks_out
-from .normal import Factor, information_factor, student_weights
+from .normal import Factor, information_factor
 from .packing import pack, unpack
 from .spatial import SpatialStructure
 from .spatial_prior import frame_groups
 from .spatial_start import frame
-from .structure import Array
+from .structure import Array, Prior
 
 if TYPE_CHECKING:
     from .structure import Indices
@@ -27,12 +31,13 @@ if TYPE_CHECKING:
 #: How far an arm drifts between two series: origins [m], their turns and offsets [rad],
 #: elasticity [rad], curves [rad].
 DRIFT = {"shift": 5e-5, "turn": 5e-5, "elastic": 2e-4, "curve": 3e-6}
-STEPS = 10
+#: Steps of EM for the spectrum of curves, and harmonics over which it is smoothed.
+LEARNED, SMOOTH = 12, 3.0
 #: A frame that is free may move by so many extents, or turn by so many radians.
 FREE = 1e3
 
 
-def remount(body: Body, q: Array, z: Array, structure: SpatialStructure | None = None) -> Body:
+def remount(body: Body, q: Array, z: Array) -> Body:
     """Return the body of a calibrated arm in a new frame, from a few rows.
 
     Parameters
@@ -42,88 +47,83 @@ def remount(body: Body, q: Array, z: Array, structure: SpatialStructure | None =
     q : (n, dof) array [rad or m]
     z : (n, m) array
         What the sensor sees now.
-    structure : SpatialStructure, optional
-        The structure with another view; by default the body's own.
 
     Returns
     -------
     Body
         With sensor and tool from the rows, and what they say of the arm added to what was known.
     """
-    old = body.structure
-    if not isinstance(old, SpatialStructure):
+    new = body.structure
+    if not isinstance(new, SpatialStructure):
         raise TypeError("remount needs the body of a spatial arm")
-    new = old if structure is None else structure
-    free = frame_groups(new)
-    frames = np.concatenate([new.groups[group] for group in free])
-    kept = np.setdiff1d(body.active, np.concatenate([new.groups[g] for g in frame_groups(old)]))
-    active = np.union1d(kept, frames)
+    frames = np.concatenate([new.groups[group] for group in frame_groups(new)])
+    kept, active = np.setdiff1d(body.active, frames), np.union1d(body.active, frames)
     beta = frame(new, q, z, body.beta)
     mean, precision = beta.copy(), np.zeros((len(active), len(active)))
-    mean[kept] = body.beta[kept]
+    mean[kept], covariance = _with_spectrum(body, new, kept)
     place = np.searchsorted(active, kept)
-    rows = np.searchsorted(body.active, kept)
-    covariance = body.covariance[np.ix_(rows, rows)].copy()
     covariance[np.diag_indices(len(kept))] += _drift(new, kept) ** 2
     precision[np.ix_(place, place)] = Factor(covariance).inverse()
     flat = np.searchsorted(active, frames)
     precision[flat, flat] += _flat(new, frames) ** -2.0
+    sd = np.zeros(new.size)
+    sd[active] = _flat(new, active)
     floor = np.maximum(body.noise, 1e-12)
-    noise = floor.copy()
-    for step in range(STEPS + 1):
-        predicted, x = new.linearise(q, beta, active)
-        r = new.residual(z, predicted)
-        w = student_weights(r, noise, body.nu, new.blocks)
-        edges, grams, moments = by_block(x, r, w, noise, new.blocks)
-        gram, gradient = grams.sum(axis=0), moments.sum(axis=0) - precision @ (beta - mean)[active]
-        factor = Factor(gram + precision)
-        moved = factor.solve(gradient)
-        if step == STEPS or np.abs(moved).max() < 1e-9:
-            break
-        delta = np.zeros(new.size)
-        delta[active] = moved
-        beta = new.retract(beta, delta)
-        # What the old body could not know of this series is noise of these rows.
-        used = float((factor.inverse() * gram).sum())
-        left = float((w * ((r - x @ moved) / floor) ** 2).sum())
-        noise = floor * np.sqrt(max(1.0, left / max(r.size - used, r.size / 4 + 1)))
-    softer = Factor(gram * information_factor(new, body.nu) + precision).inverse()
-    fit = Fit(
-        structure=new,
-        beta=beta,
-        active=active,
-        sd=_flat(new, active),
-        noise=noise,
-        nu=body.nu,
-        residual=r,
-        derivative=x,
-        weight=w,
-        precision=gram + precision,
-        covariance=softer,
-        gradient=gradient,
-        edges=edges,
-        grams=grams,
-        moments=moments,
-        autocorrelation=1.0,
-        scales={},
-        evidence=0.0,
-        known=precision,
+    # What the old body could not know of this series is noise of these rows.
+    fit = maximise(
+        new, q, z, beta, Prior(mean, sd, known=precision), nu=body.nu, floor=floor, noise=floor
     )
     # The new rows calibrate the bound, down too: the old log's drift made its spread wide.
     ratio = leave_blocks_out(fit).ratio() if len(q) > FEW else body.kappa
-    packed = pack(min(ratio, 1.0) ** 2 * softer)
+    packed = pack(min(ratio, 1.0) ** 2 * fit.covariance)
     return replace(
         body,
-        structure=new,
-        beta=beta,
+        beta=fit.beta,
         active=active,
         covariance=unpack(packed, len(active)),
         packed=packed,
-        noise=noise,
+        noise=fit.noise,
         kappa=max(ratio, 1.0),
         rows=body.rows + len(q),
         second=None,
     )
+
+
+def _with_spectrum(body: Body, structure: SpatialStructure, kept: Indices) -> tuple[Array, Array]:
+    """Belief in the arm's parameters, its curves' prior replaced by the spectrum that they have.
+
+    EM for the variance of each harmonic, the same for all joints but for a scale: curves of one
+    series are too few to tell that of each harmonic alone, and a width of the Gaussian that the
+    prior has, chosen by evidence, gained half as much. Of 30 rows of a UR10 where the elbow and the
+    pan had turned elsewhere before, the error fell by 5 %.
+    """
+    rows = np.searchsorted(body.active, kept)
+    value, covariance = body.beta[kept], body.covariance[np.ix_(rows, rows)].copy()
+    free = [group for group, index in structure.groups.items() if np.isin(index, kept).any()]
+    prior = structure.prior(free)
+    curves = [h for h in prior.hypers if h.name.startswith("curve") and h.name in body.scales]
+    for hyper in prior.hypers:
+        scale = body.scales.get(hyper.name, hyper.scale)
+        prior.sd[hyper.indices] = scale * np.sqrt(hyper.shape)
+    sd = prior.sd[kept]
+    if not curves or not (sd > 0).all():
+        return value, covariance
+    soft = Factor(covariance).inverse() - np.diag(sd**-2.0)
+    # the covariance counts rows that err together once, the maximum took them as they came
+    rows_alone = soft * (body.autocorrelation / information_factor(structure, body.nu))
+    pull = (rows_alone + np.diag(sd**-2.0)) @ (value - prior.mean[kept])
+    places = [np.searchsorted(kept, h.indices) for h in curves]
+    shape = curve_shape()[:HARMONICS]
+    for _ in range(LEARNED):
+        inverse = Factor(rows_alone + np.diag(sd**-2.0)).inverse()
+        square = (inverse @ pull) ** 2 + np.diag(inverse)
+        powers = np.array([square[at].reshape(2, HARMONICS).mean(axis=0) for at in places])
+        common = (powers / powers.mean(axis=1, keepdims=True)).mean(axis=0)
+        common = shape * gaussian_filter1d(common / shape, SMOOTH, mode="nearest")
+        for at, power in zip(places, powers, strict=True):
+            sd[at] = np.sqrt(np.tile(common * (power / common).mean(), 2))
+    value = prior.mean[kept] + Factor(rows_alone + np.diag(sd**-2.0)).solve(pull)
+    return value, Factor(soft + np.diag(sd**-2.0)).inverse()
 
 
 def _drift(structure: SpatialStructure, indices: Indices) -> Array:

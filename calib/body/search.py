@@ -50,6 +50,7 @@ class Search:
         self.place[self.active] = np.arange(len(self.active))
         self.beta = np.where(prior.sd > 0, beta, prior.mean)
         self.mean, self.sd = prior.mean, prior.sd[self.active].copy()
+        self.known = prior.known
         self.hypers = [h for h in prior.hypers if (self.place[h.indices] >= 0).all()]
         self.scales = {h.name: h.scale for h in self.hypers}
         self.nu, self.floor = nu, floor
@@ -60,6 +61,11 @@ class Search:
             r = structure.residual(z, structure.predict(q, self.beta))
             noise = first_noise(r, floor, self.blocks)
         self.noise = noise
+
+    @property
+    def prior(self) -> Array:
+        """Prior precision (k, k) at the present scales."""
+        return np.diag(self.sd**-2.0) if self.known is None else self.known
 
     def distance(self, beta: Array) -> Array:
         """Active parameters (k,) beyond the prior mean."""
@@ -97,17 +103,15 @@ class Search:
         """Gauss-Newton step (k,) and posterior variances (k,); EM of noise and scales."""
         start = self.distance(self.beta)
         for _ in range(INNER):
-            gram, moment = self.data()
-            precision = gram.copy()
-            precision[np.diag_indices(len(self.sd))] += self.sd**-2.0
-            factor = Factor(precision)
-            delta = factor.solve(moment - start / self.sd**2)
+            (gram, moment), prior = self.data(), self.prior
+            factor = Factor(gram + prior)
+            delta = factor.solve(moment - prior @ start)
             variance = factor.variances()
             if not learn:
                 break
             # Numbers that the rows determine: tr(inverse gram), and inverse (gram + prior) = 1.
             used = [len(variance) - float((variance / self.sd**2).sum())]
-            if len(self.sums) > 1:
+            if len(self.sums) > 1 or self.known is not None:
                 inverse, scales = factor.inverse(), self.noise[np.cumsum(self.blocks) - 1] ** -2.0
                 used = [
                     v * float((inverse * s.gram).sum())
@@ -184,7 +188,11 @@ class Search:
             if self.fixed is not None:
                 r = r * np.sqrt(self.fixed)[:, None]
             value = negative_log_likelihood(r, self.noise, self.nu, self.blocks)
-            value += 0.5 * float(((self.distance(beta) / self.sd) ** 2).sum())
+            away = self.distance(beta)
+            if self.known is None:
+                value += 0.5 * float(((away / self.sd) ** 2).sum())
+            else:
+                value += 0.5 * float(away @ self.known @ away)
         return value if np.isfinite(value) else np.inf
 
     def move(self, delta: Array) -> float:
@@ -205,9 +213,10 @@ class Search:
                 return float(share)
         if gaussian:
             return 0.0
-        precision, moment = self.data()
-        diagonal = np.diag(precision) + self.sd**-2.0
-        pull, best = moment - self.distance(self.beta) / self.sd**2, None
+        (gram, moment), prior = self.data(), self.prior
+        precision = gram + prior
+        diagonal = np.diag(precision).copy()
+        pull, best = moment - prior @ self.distance(self.beta), None
         for damping in DAMPINGS:
             precision[np.diag_indices(len(self.sd))] = (1 + damping) * diagonal
             beta, value = self._after(Factor(precision).solve(pull))

@@ -59,7 +59,7 @@ class SensorPose:
         slope = np.hstack([slope, -position[:, None]])
         spread = slope @ covariance @ slope.T
         ahead = back[:, 2]
-        free = structure.view != "base" and structure.turning[0]
+        free = structure.view != "base" and structure.revolute[0]
         return SensorPose(
             position,
             back,

@@ -29,7 +29,7 @@ _CHAIN_ARRAYS = ("axes", "points", "tip", "rotation", "coupling", "bias", "masse
 
 
 @dataclass(frozen=True, eq=False)
-class SpatialStructure:
+class SpatialStructure(Structure):
     """The structure of a spatial arm and its sensor; see `Structure`.
 
     Attributes
@@ -38,7 +38,7 @@ class SpatialStructure:
         The nominal chain [m]: of a URDF, or what `starts` found without one.
     joint_names, chain_names : tuple of str
         Active joints (dof), and all joints of the chain (m) with mimic joints.
-    turning : tuple of bool
+    revolute : tuple of bool
         Which active joints turn.
     view : str
         ``"base"``, ``"rigid"``, ``"similarity"``, ``"pose"`` or ``"pinhole"``.
@@ -62,10 +62,13 @@ class SpatialStructure:
         Whether the rows are too few to move joint origins; `starts` finds out.
     """
 
+    kind = "spatial"
+    gate_rows = 1200  # each has three outputs and hundreds of parameters
+    wide = (200.0, 1e-3)
     chain: SpatialChain
     joint_names: tuple[str, ...]
     chain_names: tuple[str, ...]
-    turning: tuple[bool, ...]
+    revolute: tuple[bool, ...]
     view: str = "rigid"
     unit: str = "m"
     metre: float = 1.0
@@ -76,31 +79,6 @@ class SpatialStructure:
     gravity: tuple[float, float, float] = GRAVITY
     simulated: bool = False
     few: bool = False
-
-    @property
-    def kind(self) -> str:
-        """How a model file finds the class again."""
-        return "spatial"
-
-    @property
-    def revolute(self) -> tuple[bool, ...]:
-        """Which active joints turn; the others slide."""
-        return self.turning
-
-    @property
-    def gate_rows(self) -> int:
-        """Rows that the gate uses, each of which has three outputs and hundreds of parameters."""
-        return 1200
-
-    @property
-    def wide(self) -> tuple[float, float]:
-        """Wider hyperprior of the curves for a second fit: pseudo-observations, rms [rad]."""
-        return (200.0, 1e-3)
-
-    @property
-    def dof(self) -> int:
-        """Number of joint values."""
-        return len(self.joint_names)
 
     @property
     def seen_as(self) -> ViewKind:
@@ -118,11 +96,6 @@ class SpatialStructure:
         return self.outputs == 2
 
     @property
-    def blocks(self) -> tuple[int, ...]:
-        """Sizes of the outputs that share a unit and a noise."""
-        return (3, 3) if self.outputs == 6 else (self.outputs,)
-
-    @property
     def extents(self) -> Array:
         """Size of the workspace along each output [unit]; 1 rad for rotations."""
         out = np.full(self.outputs, self.extent)
@@ -133,12 +106,7 @@ class SpatialStructure:
     def layout(self) -> SpatialLayout:
         """Which parameter is what."""
         weighted = len(self.chain.masses) > 0
-        return SpatialLayout(self.joint_names, self.chain_names, self.turning, weighted)
-
-    @property
-    def size(self) -> int:
-        """Number d of parameters."""
-        return self.layout.size
+        return SpatialLayout(self.joint_names, self.chain_names, self.revolute, weighted)
 
     @property
     def groups(self) -> Mapping[str, Indices]:
@@ -166,10 +134,6 @@ class SpatialStructure:
     ) -> tuple[Array, Array]:
         """Outputs (n, m) and their derivative (n, m, k) by the parameters `active` (or all)."""
         return by_parameters(self, q, beta, active)
-
-    def slope(self, q: Array, beta: Array) -> Array:
-        """Derivative (n, m, dof) of the outputs by the joint values."""
-        return self.predict_and_slope(q, beta)[1]
 
     def predict_and_slope(self, q: Array, beta: Array) -> tuple[Array, Array]:
         """Outputs (n, m) and their derivative (n, m, dof) by the joint values."""
@@ -231,6 +195,7 @@ class SpatialStructure:
         own = {f.name: getattr(self, f.name) for f in fields(self)}
         kept = {k: list(v) if isinstance(v, tuple) else v for k, v in own.items()}
         del kept["chain"], kept["few"]
+        kept["turning"] = kept.pop("revolute")
         return {"kind": self.kind, "chain_revolute": list(self.chain.revolute), **kept}
 
     def arrays(self) -> dict[str, Array]:

@@ -60,11 +60,6 @@ class SpatialLayout:
             start += size
         return groups
 
-    @cached_property
-    def size(self) -> int:
-        """Number d of parameters."""
-        return sum(len(ix) for ix in self.groups.values())
-
     @property
     def shifts(self) -> Indices:
         """Shifts of the joint origins (m, 3)."""

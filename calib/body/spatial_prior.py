@@ -50,7 +50,7 @@ def members(structure: SpatialStructure) -> tuple[tuple[str, tuple[str, ...]], .
     if len(structure.groups["elastic"]) and structure.informed:
         chain = (*chain, "elastic")
         ladder.append(("elastic", chain))
-    if any(structure.turning):
+    if any(structure.revolute):
         ladder.append(("curves", (*chain, "curve")))
     return tuple(ladder)
 
@@ -82,6 +82,16 @@ def prior(structure: SpatialStructure, free: Sequence[str]) -> Prior:
         varied("tool", groups["tool"], TAG, SCALES)
     elif "tool" in free:
         sd[groups["tool"]] = FREE * reach if structure.informed else reach
+    if "offset" in free:
+        # before the placements: turned and shifted origins would explain an offset too, by freeing
+        # sixfold what they are; of a camera's arm they took 2 deg where 0.2 deg was true
+        # the first turning joint's offset and a turn of the frame about its axis are one
+        first = 0 if structure.view == "base" else 1
+        turning = np.flatnonzero(structure.revolute)
+        turning = turning[turning >= first]
+        sliding = np.flatnonzero(~np.asarray(structure.revolute))
+        varied("offset", groups["offset"][turning], TURN, OFFSET_SCALES)
+        varied("offset.slide", groups["offset"][sliding[sliding >= first]], SHIFT, SCALES)
     if "placement" in free and structure.informed:
         # in a free frame the first origin's place is the frame's own
         first = 0 if structure.view == "base" else 1
@@ -90,14 +100,6 @@ def prior(structure: SpatialStructure, free: Sequence[str]) -> Prior:
     elif "placement" in free:
         sd[layout.shifts] = reach
         sd[layout.turns] = 3.0
-    if "offset" in free:
-        # the first turning joint's offset and a turn of the frame about its axis are one
-        first = 0 if structure.view == "base" else 1
-        turning = np.flatnonzero(structure.turning)
-        turning = turning[turning >= first]
-        sliding = np.flatnonzero(~np.asarray(structure.turning))
-        varied("offset", groups["offset"][turning], TURN, OFFSET_SCALES)
-        varied("offset.slide", groups["offset"][sliding[sliding >= first]], SHIFT, SCALES)
     if "gain" in free:
         varied("gain", groups["gain"], 1e-3, SCALES)
     if "elastic" in free and len(groups["elastic"]):

@@ -15,6 +15,7 @@ import numpy as np
 from ..arm.rotations import exponential, logarithm
 from ..arm.spatial_chain import SpatialChain
 from ..common.rows import thinned
+from .starts import settle
 from .structure import Array, Structure
 
 if TYPE_CHECKING:
@@ -24,7 +25,7 @@ STARTS = 24
 #: Damped steps of every start, and of the few that are best by then.
 FIRST, LAST, KEPT = 40, 80, 4
 #: So many starts that end alike, to this cost, need no others.
-AGREE, SAME = 4, 1.0
+AGREE, SAME = 4, 0.5
 #: Rows that they are fitted to.
 ROWS = 150
 
@@ -83,8 +84,6 @@ def unknown_structure(
 
 def chains(structure: SpatialStructure, q: Array, z: Array) -> Sequence[tuple[Structure, Array]]:
     """Chains that fit rows, the best first: structures at whose origins the parameters are zero."""
-    from .spatial_start import settle
-
     rows = thinned(len(q), ROWS)
     q, z = q[rows], z[rows]
     rng = np.random.default_rng(0)
@@ -92,7 +91,7 @@ def chains(structure: SpatialStructure, q: Array, z: Array) -> Sequence[tuple[St
     tried: list[tuple[float, SpatialStructure]] = []
     for _ in range(STARTS):
         drawn = _drawn(structure, z, rng)
-        beta, cost = settle(drawn, q, z, drawn.neutral(), free.active, free.sd, FIRST)
+        beta, cost, _ = settle(drawn, q, z, drawn.neutral(), free, FIRST)
         tried.append((cost, absorbed(drawn, beta)))
         best = min(other for other, _ in tried)
         if sum(other < best + SAME for other, _ in tried) >= AGREE:
@@ -100,7 +99,7 @@ def chains(structure: SpatialStructure, q: Array, z: Array) -> Sequence[tuple[St
     tried.sort(key=lambda pair: pair[0])
     found: list[tuple[float, SpatialStructure]] = []
     for _, each in tried[:KEPT]:
-        beta, cost = settle(each, q, z, each.neutral(), free.active, free.sd, LAST)
+        beta, cost, _ = settle(each, q, z, each.neutral(), free, LAST)
         found.append((cost, absorbed(each, beta)))
     found.sort(key=lambda pair: pair[0])
     return [(each, each.neutral()) for _, each in found[:2]]

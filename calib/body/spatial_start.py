@@ -11,7 +11,8 @@ import numpy as np
 from ..arm.rotations import exponential, logarithm
 from ..common.rows import thinned
 from ..errors import LogError
-from .structure import Array, Indices, Structure
+from .starts import settle
+from .structure import Array, Prior, Structure
 
 if TYPE_CHECKING:
     from .spatial import SpatialStructure
@@ -33,8 +34,6 @@ OTHER = 0.3
 MISFIT = 0.1
 #: Tools, as shares of the reach, from which tool and frame are fitted by turns, and how often.
 TOOL, TURNS = 0.1, 8
-#: Degrees of freedom of the Student noise that keeps outliers from deciding.
-NU = 6.0
 
 
 def starts(structure: SpatialStructure, q: Array, z: Array) -> Sequence[tuple[Structure, Array]]:
@@ -67,26 +66,25 @@ def frame(structure: SpatialStructure, q: Array, z: Array, arm: Array | None = N
     from .spatial_prior import frame_groups
 
     groups = [group for group in frame_groups(structure) if group != "lens"]
-    active = np.concatenate([structure.groups[group] for group in groups])
     sd = structure.prior(groups).sd
     every = max(1, len(q) // GUESSED)
+    steps = STEPS if every == 1 else FIRST
     guesses = [
-        settle(structure, q[::every], z[::every], beta, active, sd, STEPS if every == 1 else FIRST)
+        settle(structure, q[::every], z[::every], beta, Prior(beta, sd), steps)
         for beta in _guesses(structure, q, z, arm)
     ]
-    beta = min(guesses, key=lambda pair: pair[1])[0] if guesses else arm
+    beta = min(guesses, key=lambda found: found[1])[0]
     if every > 1:
-        beta, _ = settle(structure, q, z, beta, active, sd, STEPS)
+        beta = settle(structure, q, z, beta, Prior(beta, sd), STEPS)[0]
     if not (structure.camera or structure.seen_as.scaled):
         _refuse_misfit(structure, q, z, beta)
     if (
         structure.camera and not (arm - structure.neutral()).any()
     ):  # a camera's pose and its focal length help each other
         free = [*groups, "lens", "offset"] if any(structure.lens_sd) else [*groups, "offset"]
-        prior = structure.prior(free)
-        sd = prior.sd.copy()
+        sd = structure.prior(free).sd
         sd[structure.groups["offset"]] *= 20.0
-        beta, _ = settle(structure, q, z, beta, prior.active, sd, 60)
+        beta = settle(structure, q, z, beta, Prior(beta, sd), 60)[0]
     return beta
 
 
@@ -125,69 +123,6 @@ def _refuse_misfit(structure: SpatialStructure, q: Array, z: Array, beta: Array)
             f"more than {misfitting:.3g} off, of {size:.3g} that they spread; check the order of "
             "the joints, degrees, and whether it is this robot"
         )
-
-
-def settle(
-    structure: SpatialStructure,
-    q: Array,
-    z: Array,
-    beta: Array,
-    active: Indices,
-    sd: Array,
-    steps: int,
-) -> tuple[Array, float]:
-    """Fit some parameters by robust Levenberg-Marquardt steps from `beta`.
-
-    Returns
-    -------
-    beta : (d,) array
-    cost : float
-        Minus twice the log likelihood of Student noise, of which the scale was fitted.
-    """
-    mean, size, n = beta.copy(), structure.outputs, len(q)
-    scale = structure.extents
-    floor = 1e-7
-
-    def noise(r: Array) -> float:
-        return max(float(np.sqrt(np.median((r**2).sum(axis=1)) / size)), floor)
-
-    def cost(r: Array, b: Array, s: float) -> float:
-        with np.errstate(over="ignore", invalid="ignore"):
-            misfit = (NU + size) * np.log1p((r**2).sum(axis=1) / (NU * s * s)).sum()
-            return float(misfit + (((b - mean)[active] / sd[active]) ** 2).sum())
-
-    residual = structure.residual(z, structure.predict(q, beta)) / scale
-    damping, s = 1e-3, noise(residual)
-    for step in range(steps):
-        s = min(s, noise(residual)) if step else s
-        _, slope = structure.linearise(q, beta, active)
-        slope = slope / scale[:, None]
-        weight = (NU + size) / (NU + (residual**2).sum(axis=1) / s**2) / s**2
-        unit = np.sqrt(np.einsum("nmk,nmk,n->k", slope, slope, weight) + 1 / sd[active] ** 2)
-        scaled = (slope / unit).reshape(n * size, -1)
-        heavy = np.repeat(weight, size)
-        information = (scaled * heavy[:, None]).T @ scaled
-        information += np.diag(1 / (sd[active] * unit) ** 2)
-        pull = scaled.T @ (heavy * residual.ravel())
-        pull -= (beta - mean)[active] / sd[active] ** 2 / unit
-        before = cost(residual, beta, s)
-        for _ in range(8):
-            delta = np.zeros(structure.size)
-            delta[active] = np.linalg.solve(information + damping * np.eye(len(unit)), pull) / unit
-            trial = structure.retract(beta, delta)
-            with np.errstate(all="ignore"):
-                moved = structure.residual(z, structure.predict(q, trial)) / scale
-            if np.isfinite(moved).all() and cost(moved, trial, s) < before:
-                break
-            damping = min(damping * 8, 1e8)
-        else:
-            break
-        done = np.abs(delta[active] * unit).max() < 1e-3
-        beta, residual, damping = trial, moved, max(damping / 10, 1e-12)
-        if done:
-            break
-    s = noise(residual)
-    return beta, cost(residual, beta, s) + 2 * n * size * float(np.log(s))
 
 
 def _guesses(structure: SpatialStructure, q: Array, z: Array, arm: Array) -> list[Array]:

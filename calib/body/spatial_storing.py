@@ -63,7 +63,7 @@ def rebuild_spatial(
         chain=chain,
         joint_names=names,
         chain_names=chain_names,
-        turning=given.truths("turning", dof),
+        revolute=given.truths("turning", dof),
         view=view,
         unit=given.text("unit"),
         metre=given.number("metre", least=1e-12),

@@ -24,7 +24,7 @@ def words(structure: SpatialStructure, beta: Array, sd: Array) -> tuple[str, ...
             k = structure.joint_names.index(name)
             at = groups["offset"][k]
             if sd[at] > 0:
-                factor, unit = (180 / np.pi, "deg") if structure.turning[k] else (1e3, "mm")
+                factor, unit = (180 / np.pi, "deg") if structure.revolute[k] else (1e3, "mm")
                 parts.append(f"{factor * beta[at]:+.3f} ± {factor * 1.96 * sd[at]:.3f} {unit}")
             elif sd[groups["offset"]].any() and structure.view != "base" and k == 0:
                 parts.append("offset zero by convention: the frame's turn is the same")

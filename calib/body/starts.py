@@ -17,6 +17,9 @@ KEPT = 8
 
 NU = 6.0
 
+SETTLED = 1e-3
+"""Share of a parameter's own sd below which a step ends a run."""
+
 RIVAL = 2.0
 """A rival's residuals are at most this many times the best start's."""
 
@@ -117,11 +120,34 @@ def _spread(r: Array, extents: Array, blocks: tuple[int, ...]) -> Array:
 def _refine(
     structure: Structure, q: Array, z: Array, beta: Array, prior: Prior, steps: int
 ) -> Start:
-    """The end of a short robust Levenberg-Marquardt run."""
-    active, blocks, extents = prior.active, structure.blocks, structure.extents
-    sd = prior.sd[active]
-    mean = prior.mean[active]
+    """The end of a short run from `beta`."""
     beta = np.where(prior.sd > 0, beta, prior.mean)
+    beta, cost, noise = settle(structure, q, z, beta, prior, steps)
+    return Start(structure, beta, cost, noise)
+
+
+def settle(
+    structure: Structure,
+    q: Array,
+    z: Array,
+    beta: Array,
+    prior: Prior,
+    steps: int,
+) -> tuple[Array, float, float]:
+    """Fit some parameters by robust Levenberg-Marquardt steps from `beta`.
+
+    A step below `SETTLED` sd ends them.
+
+    Returns
+    -------
+    beta : (d,) array
+    cost : float
+        Negative log posterior with Student noise, of which the scale was fitted.
+    noise : float
+        Share of the extents that the residuals have.
+    """
+    active, blocks, extents = prior.active, structure.blocks, structure.extents
+    sd, mean = prior.sd[active], prior.mean[active]
     damping = 1e-3
 
     def posterior(r: Array, b: Array, sigma: Array) -> float:
@@ -132,7 +158,7 @@ def _refine(
             predicted, x = structure.linearise(q, beta, active)
             r = structure.residual(z, predicted)
             if not (np.isfinite(r).all() and np.isfinite(x).all()):
-                return Start(structure, beta, np.inf, np.inf)
+                return beta, np.inf, np.inf
             sigma = _spread(r, extents, blocks)
             w = student_weights(r, sigma, NU, blocks)
             parts = sums_of(x / sigma[:, None], r / sigma, w, blocks)
@@ -140,7 +166,7 @@ def _refine(
             pull = np.sum([s.moment for s in parts], axis=0) - (beta[active] - mean) / sd**2
             gram[np.diag_indices(len(sd))] += sd**-2.0
             before = posterior(r, beta, sigma)
-            for _ in range(7):
+            for _ in range(8):
                 damped = gram.copy()
                 damped[np.diag_indices(len(sd))] *= 1 + damping
                 try:
@@ -159,11 +185,11 @@ def _refine(
                 break
             damping = max(damping / 10, 1e-12)
             beta = moved
-            if float(np.abs(delta / sd).max()) < 1e-9:
+            if float((np.abs(delta) * np.sqrt(np.diag(gram))).max()) < SETTLED:
                 break
         r = structure.residual(z, structure.predict(q, beta))
         if not np.isfinite(r).all():
-            return Start(structure, beta, np.inf, np.inf)
+            return beta, np.inf, np.inf
         sigma = _spread(r, extents, blocks)
     cost = posterior(r, beta, sigma) + len(r) * float(np.log(sigma).sum())
-    return Start(structure, beta, cost, float((sigma / extents).max()))
+    return beta, cost, float((sigma / extents).max())

@@ -1,7 +1,7 @@
-"""The protocol of a body's structure: its parameters, its prediction and their derivatives.
+"""What a body's structure is: its parameters, its prediction and their derivatives.
 
-The fit, the gate, the bound, ``check`` and ``adapt`` know a body only through this protocol;
-`PlanarStructure` and `SpatialStructure` implement it.  A structure is immutable.  Its vector of
+The fit, the gate, the bound, ``check`` and ``adapt`` know a body only through this class, of which
+`PlanarStructure` and `SpatialStructure` are kinds.  A structure is immutable.  Its vector of
 parameters ``beta`` (d,) always has the full layout: a group that a model does not use (a lens,
 the joint curves) is there with its neutral value, so that it can be freed later.
 """
@@ -10,7 +10,8 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
-from typing import Any, NamedTuple, Protocol
+from functools import cached_property
+from typing import Any, ClassVar, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -80,11 +81,14 @@ class Prior:
         Prior mean and standard deviation, in each parameter's own unit.
     hypers : tuple of Hyper
         Groups whose scale the evidence chooses; `sd` holds their starting values.
+    known : (k, k) array, optional
+        Precision of the active parameters where they depend on each other, in place of `sd`.
     """
 
     mean: Array
     sd: Array
     hypers: tuple[Hyper, ...] = ()
+    known: Array | None = None
 
     @property
     def active(self) -> Indices:
@@ -92,62 +96,60 @@ class Prior:
         return np.flatnonzero(self.sd > 0)
 
 
-class Structure(Protocol):
+class Structure:
     """What a body needs to know of its structure (planar chain and view, spatial chain and view).
 
     ``n`` rows, ``dof`` joints, ``m`` outputs, ``d`` parameters.  Joint values are in rad or m as
     they are logged; positions in the structure's own unit.
+
+    Attributes
+    ----------
+    kind : str
+        ``"planar"`` or ``"spatial"``: how a model file finds the class again.
+    joint_names : tuple of str
+        Names of the joints, base to tip.
+    revolute : tuple of bool
+        Which joints turn; the others slide.
+    view : str
+        ``"rigid"``, ``"similarity"``, ``"affine"``, ``"homography"``, ``"base"``, ...
+    unit : str
+        Unit of positions: ``"m"``, ``"px"``, ``"sensor"``, ...
+    simulated : bool
+        Whether the rows are samples of a simulation.
+    gate_rows : int
+        Rows that the gate and the evidence use; the rest enters the final step.
+    wide : (float, float)
+        Wider hyperprior of the curves for a second fit: pseudo-observations, rms [rad].
     """
 
-    @property
-    def kind(self) -> str:
-        """``"planar"`` or ``"spatial"``: how a model file finds the class again."""
-        ...
-
-    @property
-    def view(self) -> str:
-        """``"rigid"``, ``"similarity"``, ``"affine"``, ``"homography"``, ``"base"``, ..."""
-        ...
-
-    @property
-    def unit(self) -> str:
-        """Unit of positions: ``"m"``, ``"px"``, ``"sensor"``, ..."""
-        ...
-
-    @property
-    def joint_names(self) -> tuple[str, ...]:
-        """Names of the joints, base to tip."""
-        ...
-
-    @property
-    def revolute(self) -> tuple[bool, ...]:
-        """Which joints turn; the others slide."""
-        ...
-
-    @property
-    def size(self) -> int:
-        """Number d of parameters."""
-        ...
-
-    @property
-    def outputs(self) -> int:
-        """Number m of outputs: 2 in the plane or pixels, 3 in space, 6 with orientation."""
-        ...
-
-    @property
-    def blocks(self) -> tuple[int, ...]:
-        """Sizes of the outputs that share a unit and a noise: ``(2,)``, ``(3,)``, ``(3, 3)``."""
-        ...
+    kind: ClassVar[str]
+    gate_rows: ClassVar[int] = 3000
+    wide: ClassVar[tuple[float, float]] = (200.0, 3e-3)
+    joint_names: tuple[str, ...]
+    revolute: tuple[bool, ...]
+    view: str
+    unit: str
+    simulated: bool
 
     @property
     def dof(self) -> int:
         """Number of joints."""
-        ...
+        return len(self.joint_names)
+
+    @property
+    def outputs(self) -> int:
+        """Number m of outputs: 2 in the plane or pixels, 3 in space, 6 with orientation."""
+        return 2
+
+    @property
+    def blocks(self) -> tuple[int, ...]:
+        """Sizes of the outputs that share a unit and a noise: ``(2,)``, ``(3,)``, ``(3, 3)``."""
+        return (3, 3) if self.outputs == 6 else (self.outputs,)
 
     @property
     def extents(self) -> Array:
         """Size (m,) of the workspace along the outputs: the reach [unit]; 1 rad for rotations."""
-        ...
+        raise NotImplementedError
 
     @property
     def groups(self) -> Mapping[str, Indices]:
@@ -157,58 +159,63 @@ class Structure(Protocol):
         ``"view.tilt"``, ``"lens"``, ``"length"``, ``"offset"``, ``"gain"``, ``"elastic"``,
         ``"curve.0"``, ... (planar); spatial ones add ``"placement"``, ``"tool"``.
         """
-        ...
+        raise NotImplementedError
+
+    @cached_property
+    def size(self) -> int:
+        """Number d of parameters."""
+        return sum(len(ix) for ix in self.groups.values())
 
     def predict(self, q: Array, beta: Array) -> Array:
         """Outputs (n, m) at joint values (n, dof); a rotation is a rotation vector."""
-        ...
+        raise NotImplementedError
 
     def linearise(
         self, q: Array, beta: Array, active: Indices | None = None
     ) -> tuple[Array, Array]:
         """Outputs (n, m) and their derivative (n, m, k) by the parameters `active` (or all)."""
-        ...
-
-    def slope(self, q: Array, beta: Array) -> Array:
-        """Derivative (n, m, dof) of the outputs by the joint values."""
-        ...
+        raise NotImplementedError
 
     def predict_and_slope(self, q: Array, beta: Array) -> tuple[Array, Array]:
         """Outputs (n, m) and their derivative (n, m, dof) by the joint values."""
-        ...
+        raise NotImplementedError
+
+    def slope(self, q: Array, beta: Array) -> Array:
+        """Derivative (n, m, dof) of the outputs by the joint values."""
+        return self.predict_and_slope(q, beta)[1]
 
     def retract(self, beta: Array, delta: Array) -> Array:
         """`beta` (d,) moved by `delta` (d,): the sum, or a step on a rotation."""
-        ...
+        return beta + delta
 
     def residual(self, z: Array, predicted: Array) -> Array:
         """Residuals (n, m) of observed against predicted outputs."""
-        ...
+        return z - predicted
 
     def label(self, index: int) -> Label:
         """What parameter `index` is."""
-        ...
+        raise NotImplementedError
 
     def prior(self, free: Sequence[str]) -> Prior:
         """Prior of the member that fits the groups of `free`; ``"curve"`` stands for all curves."""
-        ...
+        raise NotImplementedError
 
     def members(self) -> tuple[tuple[str, tuple[str, ...]], ...]:
         """The gate's members from simple to rich: a name and the groups that it fits."""
-        ...
+        raise NotImplementedError
 
     def starts(self, q: Array, z: Array) -> Sequence[tuple[Structure, Array]]:
-        """Candidate starts: structures (signs, mirror) with their parameters (d,)."""
-        ...
+        """Candidate starts: structures (signs, mirror) with their parameters (d,), best first."""
+        raise NotImplementedError
 
     def words(self, beta: Array, sd: Array) -> tuple[str, ...]:
         """Lines that say the parameters in words; `sd` (d,) is zero where nothing was fitted."""
-        ...
+        raise NotImplementedError
 
     def header(self) -> dict[str, Any]:
         """JSON-ready description from which `rebuild_structure` makes the structure again."""
-        ...
+        raise NotImplementedError
 
     def arrays(self) -> dict[str, Array]:
         """Arrays that the header refers to; empty where the header is enough."""
-        ...
+        return {}

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import itertools
 from dataclasses import dataclass
 from functools import cached_property
 
@@ -60,20 +59,13 @@ class Trend:
         return self.value_and_slope(u)[1]
 
     def _features(self, u: Array) -> Array:
-        """Products of plain functions of the coordinates, (terms, n), in the order of `_plan`."""
-        parts = np.concatenate(self.basis.plain(u))
-        result = np.empty((len(self._plan.orders), len(u)))
-        result[0] = 1.0
-        for begin, end, parent, part in self._plan.steps:
-            if begin == 1:
-                result[1:end] = parts[part]
-            else:
-                np.multiply(result[parent], parts[part], out=result[begin:end])
+        """Products of plain functions of the coordinates, (terms, n), in the basis' order."""
+        first, *others = self.basis.plain(u)
+        result = first[self.basis.orders[:, 0]]
+        for part, order in zip(others, self.basis.orders.T[1:], strict=True):
+            used = np.flatnonzero(order)  # the function of order 0 is 1
+            result[used] *= part[order[used]]
         return result
-
-    @cached_property
-    def _plan(self) -> _Plan:
-        return _Plan.of(self.basis)
 
     @cached_property
     def _weights(self) -> Array:
@@ -84,50 +76,12 @@ class Trend:
         """
         shape = [len(matrix) for matrix in self.basis.orthogonal]
         tensor = np.zeros((*shape, self.outputs))
-        tensor[tuple(self.basis.orders.T)] = self.coefficients
+        place = tuple(self.basis.orders.T)
+        tensor[place] = self.coefficients
         for k, matrix in enumerate(self.basis.orthogonal):
             tensor = _along(matrix, tensor, k)
         slopes = [_along(matrix, tensor, k) for k, matrix in enumerate(self.basis.derivatives)]
-        place = tuple(self._plan.orders.T)
         return np.concatenate([t[place].T for t in (tensor, *slopes)])
-
-
-@dataclass(frozen=True, eq=False)
-class _Plan:
-    """How the products of a basis are built from one another.
-
-    Attributes
-    ----------
-    orders : (terms, d) int array
-        The basis' terms: those of no coordinate first, then of one, of two, ...
-    steps : list of (begin, end, parent, part)
-        The terms begin ... end - 1 are products of the earlier terms `parent` and of the
-        one-dimensional functions `part`, all coordinates' functions counted through.
-    """
-
-    orders: NDArray[np.int_]
-    steps: list[tuple[int, int, NDArray[np.intp], NDArray[np.intp]]]
-
-    @staticmethod
-    def of(basis: Basis) -> _Plan:
-        used = np.count_nonzero(basis.orders, axis=1)
-        orders = basis.orders[np.argsort(used, kind="stable")]
-        used = np.sort(used, kind="stable")
-        place = {tuple(term): i for i, term in enumerate(orders.tolist())}
-        sizes = [len(matrix) for matrix in basis.orthogonal]
-        offset = np.cumsum([0, *sizes[:-1]])
-        parent = np.zeros(len(orders), dtype=np.intp)
-        part = np.zeros(len(orders), dtype=np.intp)
-        for i, term in enumerate(orders.tolist()):
-            if not i:
-                continue
-            last = max(k for k, order in enumerate(term) if order)
-            part[i] = offset[last] + term[last]
-            term[last] = 0
-            parent[i] = place[tuple(term)]
-        edges = np.searchsorted(used, np.arange(1, used[-1] + 2))
-        steps = [(int(a), int(b), parent[a:b], part[a:b]) for a, b in itertools.pairwise(edges)]
-        return _Plan(orders, steps)
 
 
 def _along(matrix: Array, tensor: Array, axis: int) -> Array:

@@ -27,7 +27,7 @@ from .comparison import UNEXPLAINED, Comparison, compare
 from .drawing import fit_from_drawing
 from .explain import Explanation
 from .members import CREEP, NOTHING
-from .orientation import turned_tool
+from .orientation import turned_tool, with_orientations
 from .own_residual import OwnResidual, own_residual
 from .parameter_causes import frame_between
 from .rebuilding import doubts, elsewhere, rebuilt
@@ -122,6 +122,13 @@ def _few_shot(found: Comparison, log: Samples, report: Progress) -> Adaptation:
     explained = found.explained or _followed(found, own)
     improved = explained and _improves(found, body, own, changed, before, after)
     causes, unsettled = find_causes(found, changed or not found.explained)
+    _, bent, untold = turned_tool(found, log)
+    if bent and not improved:  # the tool alone
+        body, own, after = found.belief, None, before
+    if log.orientation is not None and not untold and (improved or bent):
+        body = with_orientations(body, log.q, log.orientation, bool(bent))
+    notes = (*_notes(found, body, causes, unsettled, improved), *untold)
+    improved = improved or bool(bent)
     made = Adaptation(
         model,
         improved,
@@ -130,10 +137,10 @@ def _few_shot(found: Comparison, log: Samples, report: Progress) -> Adaptation:
         figures(before),
         figures(after),
         _named(chosen[0][1], own, changed),
-        tuple(c for c in causes if c.cause != "noise"),
+        tuple(c for c in (*causes, *bent) if c.cause != "noise"),
         _left(found, chosen[0][1]) if changed else ("the arm and the sensor",),
         measured_share(model, found.q),
-        (*_notes(found, body, causes, unsettled, improved), *_orientation(found, log)),
+        notes,
         found.spans,
     )
     if not found.explained and not improved:
@@ -248,12 +255,6 @@ def _notes(
                 f"such as {_poses(found, body)}, or those that calib plan proposes"
             )
     return notes
-
-
-def _orientation(found: Comparison, log: Samples) -> list[str]:
-    """What an adaptation, which is to positions, says of a log's orientations."""
-    _, bent, untold = turned_tool(found, log)
-    return untold + [f"{c.words}: train again to answer for orientations" for c in bent]
 
 
 def _poses(found: Comparison, body: Body) -> str:

@@ -1,20 +1,26 @@
-"""Orientation: whether the tool of a log is turned otherwise than the model's.
+"""Orientation: whether the tool of a log is turned otherwise than the model's, and what follows.
 
 Positions of a tool that is bent about its own tip stay as they were; only orientations tell.
 """
 
 from __future__ import annotations
 
+from dataclasses import replace
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from scipy.special import chdtri
 
 from ..arm.rotations import exponential, logarithm, matrix_of
+from ..body.belief import Body
 from ..body.bound import autocorrelation_time
+from ..body.normal import Factor
 from ..body.poses import knows_orientation
+from ..body.structure import Array
+from ..common.rows import thinned
 from .cause import Cause
 from .group_tests import FALSE_ALARM
+from .rows import UPDATED_ROWS
 
 if TYPE_CHECKING:
     from ..samples.samples import Samples
@@ -71,3 +77,44 @@ def turned_tool(found: Comparison, log: Samples) -> tuple[float, tuple[Cause, ..
     words = f"the tool is turned by {np.degrees(size):.3g} deg (its orientation, not its position)"
     cause = Cause("tool", "tool.rotation", size, (size - half, size + half), "rad", words)
     return score, (cause,), []
+
+
+def with_orientations(body: Body, q: Array, quaternions: Array, bent: bool) -> Body:
+    """Update a belief by the orientations of a log, after its positions.
+
+    Gauss-Newton steps of all parameters with Student noise, whose size is that of these rows: the
+    body keeps that of positions alone. Rows that err together count once.
+
+    Parameters
+    ----------
+    body : Body
+        Of an arm in space that was learned from orientations too.
+    q : (n, dof) array
+    quaternions : (n, 4) array
+        qx, qy, qz, qw.
+    bent : bool
+        Whether the tool is turned otherwise: its old orientation then tells nothing.
+    """
+    structure: Any = body.structure
+    posed, rows = structure.with_view("pose"), thinned(len(q), UPDATED_ROWS)
+    q, seen = q[rows], matrix_of(quaternions[rows])
+    prior = body.kappa**2 * body.covariance
+    tool = np.searchsorted(body.active, structure.groups["tool.rotation"])
+    prior[tool, tool] += float(bent)  # rad^2
+    known, beta = Factor(prior).inverse(), body.beta
+    moved, weight = np.zeros(len(prior)), np.ones(len(q))
+    for step in range(_STEPS + 1):
+        predicted, x = posed.linearise(q, beta, body.active)
+        left = logarithm(seen @ np.swapaxes(exponential(predicted[:, 3:]), 1, 2))
+        square, x = (left**2).sum(axis=1), x[:, 3:]
+        noise = max(float((weight * square).sum()) / (3 * len(q)), 1e-18)
+        weight = (_NU + 3) / (_NU + square / noise)
+        each = weight / (noise * autocorrelation_time(left))
+        factor = Factor(np.einsum("nij,nik,n->jk", x, x, each, optimize=True) + known)
+        if step == _STEPS:
+            break
+        delta = np.zeros(structure.size)
+        delta[body.active] = factor.solve(np.einsum("nij,ni,n->j", x, left, each) - known @ moved)
+        beta, moved = structure.retract(beta, delta), moved + delta[body.active]
+    # the bound inflates by kappa what is kept here without it
+    return replace(body, beta=beta, covariance=factor.inverse() / body.kappa**2, packed=None)

@@ -3,9 +3,8 @@
 from __future__ import annotations
 
 import numpy as np
-from numpy.typing import NDArray
 
-Array = NDArray[np.float64]
+from .arrays import Array
 
 _TUNING = 4.7  # bisquare: 95 % efficient where the noise is Gaussian
 _STEPS = 30
@@ -39,6 +38,7 @@ def robust_solve(features: Array, x: Array) -> Array:
         if step < _STEPS // 2:
             weight = 1.0 / np.maximum(r, 0.1 * middle)
         else:
+            # the median of a Rayleigh distance is sigma sqrt(2 ln 2): wrong rows do not move it
             z = r / (_TUNING * middle / np.sqrt(2.0 * np.log(2.0)))
             weight = np.where(z < 1.0, (1.0 - np.minimum(z, 1.0) ** 2) ** 2, 0.0)
         before = coefficients

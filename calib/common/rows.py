@@ -13,9 +13,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ..errors import CalibError, QueryError
+from .arrays import Array
 from .wording import listed, quoted, suggestion
-
-Array = NDArray[np.float64]
 
 
 def number_rows(

@@ -7,9 +7,8 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from .arrays import Array
 from .frozen import ReadOnly
-
-Array = NDArray[np.float64]
 
 TURN = 2 * np.pi
 

@@ -17,25 +17,12 @@ _FLAT = 1e-6  # share of the largest curvature that every direction has at least
 
 
 def closest(newton: Newton, u: Array, x: Array) -> tuple[Array, Array]:
-    """Newton steps on the distance to the target, with second derivatives.
+    """Joints (n, dof) that come nearest to targets `x` (n, m), and the distances (n,) left.
 
-    At the edge of the workspace the Jacobian alone says little of how the distance grows,
-    because the edge itself is curved.  The way to a far target counts as no longer than the
-    workspace: the nearest point is the same for all targets along one normal of its edge.
-
-    Parameters
-    ----------
-    newton : Newton
-        Holds the forward map.
-    u, x : (n, dof), (n, 2) array
-        Joints in the unit box that are near the answer, and targets.
-
-    Returns
-    -------
-    u : (n, dof) array
-        Joints in the unit box.
-    distance : (n,) array
-        From their position to the target.
+    Newton steps on the distance from `u` (n, dof, unit box), with second derivatives: at the edge
+    of the workspace the Jacobian alone says little of how the distance grows, because the edge
+    itself is curved. The way to a far target counts as no longer than the workspace: the nearest
+    point is the same for all targets along one normal of its edge.
     """
     u = u.copy()
     position, slope = newton.predictor.value_and_slope(u)

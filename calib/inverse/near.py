@@ -28,33 +28,12 @@ def position_near(
     *,
     keep: float = 0.0,
 ) -> tuple[Array, Array]:
-    """Joint values nearest to given ones that reach positions.
+    """Joints (n, dof) nearest to `near` that reach positions (n, 3), and distances (n,) left.
 
-    Parameters
-    ----------
-    evaluate : callable
-        Position (n, 3), orientation (n, 3, 3) and Jacobian (n, 6, dof) at joints (n, dof).
-    position : (n, 3) array [m]
-    near : (n, dof) array [rad or m]
-        Where the search starts, and from where distances count.
-    joints : Joints
-    length : float [m]
-        The arm's length.
-    keep : float
-        How much a radian of turn away from the orientation at `near` counts beside a radian of
-        joint motion: 0 leaves it free, 10 keeps it where that is possible.
-
-    Returns
-    -------
-    q : (n, dof) array [rad or m]
-        Within the ranges.
-    distance : (n,) array [m]
-        Distance of the tip from the position; not small where it is out of reach.
-
-    Notes
-    -----
-    Each step solves the linearised problem with its Lagrange multipliers, and is shortened until
-    the position comes nearer; joints that meet a limit stay there for that step.
+    The search starts at `near`. A radian of turn away from the orientation there counts `keep`
+    times a radian of joint motion: 0 leaves it free, 10 keeps it where that is possible. Each step
+    solves the linearised problem with its Lagrange multipliers, and is shortened until the position
+    comes nearer; joints that meet a limit stay there for that step. Lengths are in m.
     """
     q = np.clip(near, joints.lower, joints.upper)
     wanted = evaluate(q)[1]

@@ -47,24 +47,11 @@ class Newton:
     extent: float
 
     def refine(self, u: Array, x: Array, tolerance: float = ROUNDING) -> tuple[Array, Array]:
-        """Damped Newton steps (Levenberg-Marquardt) inside of the box.
+        """Joints (n, dof) nearest to targets `x` (n, m) from starts `u`, and distances (n,) left.
 
-        A joint at a limit that a step would push further is left out of that step, so that
-        the others take over.
-
-        Parameters
-        ----------
-        u, x : (n, dof), (n, m) array
-            Starts in the unit box and their targets.
-        tolerance : float
-            Share of the extent at which a target counts as met.
-
-        Returns
-        -------
-        u : (n, dof) array
-            The nearest attainable point that was found from each start.
-        distance : (n,) array
-            What is left between its position and the target.
+        Damped Newton steps (Levenberg-Marquardt) in the unit box. A joint at a limit that a step
+        would push further is left out of that step, so that the others take over. A target counts
+        as met within a share `tolerance` of the extent.
         """
         if len(u) <= _CHUNK:
             return self._refine(u, x, tolerance)
@@ -145,25 +132,12 @@ class Newton:
     def settle(
         self, u: Array, x: Array, near: Array, longest: float = _LONGEST
     ) -> tuple[Array, Array]:
-        """Slide redundant joints along their self-motion towards `near`, on target.
+        """Joints (n, dof) on targets `x` (n, m) near to `near`, and distances (n,) left.
 
-        The null space of the Jacobian is left free by the target; each move within it is
-        followed by :meth:`refine`, and kept if it is closer.  The length of a move follows
-        from the last one (Barzilai and Borwein 1988), because the self-motion is curved.
-
-        Parameters
-        ----------
-        u, x, near : (n, dof), (n, m), (n, dof) array
-            Starts, their targets, and the joints that are wished for.
-        longest : float
-            No slide is longer, in shares of the joints' range.
-
-        Returns
-        -------
-        u : (n, dof) array
-            Locally closest solutions.
-        distance : (n,) array
-            What is left between their position and the target.
+        Redundant joints slide from `u` along their self-motion. The null space of the Jacobian is
+        left free by the target; each move within it, at most `longest` (a share of the range), is
+        followed by :meth:`refine`, and kept if it is closer. The length of a move follows from the
+        last one (Barzilai and Borwein 1988), because the self-motion is curved.
         """
         if u.shape[1] <= x.shape[1]:
             return self.refine(u, x)
@@ -256,15 +230,9 @@ class Newton:
 
 
 def damped_solution(slope: Array, gap: Array, damping: Array) -> Array:
-    """J' (J J' + damping)^-1 gap, (dof, n).
+    """J' (J J' + damping)^-1 gap, (dof, n), of transposed Jacobians (dof, m, n) and a gap (m, n).
 
-    Parameters
-    ----------
-    slope : (dof, m, n) array
-        Transposed Jacobians.
-    gap : (m, n) array
-    damping : (n,) array
-        As a share of each Jacobian's sum of squares.
+    The damping (n,) is a share of each Jacobian's sum of squares.
     """
     power = np.einsum("din,djn->nij", slope, slope)
     diagonal = np.einsum("nii->ni", power)

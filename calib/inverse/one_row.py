@@ -141,18 +141,11 @@ def _solved(power: list[list[float]], gap: list[float]) -> tuple[list[float], fl
 
 
 def to_pose(
-    twist: Callable[[Sequence[float], Any], tuple[Array, Array]],
-    goal: Any,
-    near: Sequence[float],
+    twist: Callable[[Sequence[float], Any], tuple[Array, Array]], goal: Any, near: Sequence[float]
 ) -> list[float] | None:
-    """Joints next to given ones that reach a pose, of an arm with six joints or more.
+    """Joints next to given ones (dof,) that reach a pose, of an arm with six joints or more.
 
-    Parameters
-    ----------
-    twist : callable
-        Twist (6,) that is left to the goal, and the Jacobian (6, dof), at joints (dof,).
-    goal : placement
-    near : (dof,) floats [rad or m]
+    `twist` tells the twist (6,) that is left to the goal, and the Jacobian (6, dof), at joints.
     """
     at = np.array(near)
     for _ in range(_STEPS):

@@ -57,24 +57,10 @@ def on_plane(
     offset: float,
     bend: Law = cubic,
 ) -> Array:
-    """Points of a plane in the arm's base frame that are seen at pixels.
+    """Points (n, 3) [m] of the plane ``normal @ point = offset`` that are seen at pixels (n, 2).
 
-    Parameters
-    ----------
-    pixels : (n, 2) array
-    rotation, shift : (3, 3) and (3,) arrays
-        The camera sees ``rotation @ point + shift`` [m].
-    lens : (4,) array
-        Focal length, centre [px] and k1.
-    normal, offset : (3,) array, float [m]
-        The plane ``normal @ point = offset``; z = h is (0, 0, 1), h.
-    bend : callable
-        The lens's law.
-
-    Returns
-    -------
-    (n, 3) array [m]
-        NaN where the line of sight does not meet the plane in front of the camera.
+    The camera sees ``rotation @ point + shift`` [m] through a `lens` (f, u0, v0, k1) of law `bend`.
+    NaN where the line of sight does not meet the plane in front of the camera.
     """
     ideal = undistorted(np.asarray(pixels, dtype=float), lens, bend)
     rays = np.column_stack([ideal, np.ones(len(ideal))]) @ rotation

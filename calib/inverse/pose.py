@@ -60,30 +60,38 @@ class Joints:
         return np.asarray(np.abs(away - np.where(self.revolute, whole, 0.0)).max(axis=1))
 
 
-def reach_poses(
-    evaluate: Evaluate,
-    q: Array,
-    position: Array,
-    rotation: Array,
-    length: float,
-) -> tuple[Array, Array]:
-    """Move joints towards poses by damped Newton steps, each row on its own.
+@dataclass(frozen=True, eq=False)
+class Reached:
+    """Joint values that answer one target.
 
-    Parameters
+    Attributes
     ----------
-    evaluate : callable
-    q : (n, dof) array
-        Starts.
-    position, rotation : (n, 3) and (n, 3, 3) arrays
-        Wanted poses.
-    length : float [m]
-        What a radian of orientation is worth: the arm's length.
+    q : (k, dof) array [rad or m]
+        The preferred one first.
+    position, rotation : (k, 3) and (k, 3, 3) arrays [m]
+        Where they put the tip, in the base frame.
+    away : (k,) array [m]
+        Distance from the position asked for.
+    turned : (k,) array [rad]
+        Turn from the orientation asked for, 0 where none was.
+    reachable : bool
+    """
 
-    Returns
-    -------
-    q : (n, dof) array
-    distance : (n,) array [m]
-        What is left of the position and, times `length`, of the orientation.
+    q: Array
+    position: Array
+    rotation: Array
+    away: Array
+    turned: Array
+    reachable: bool
+
+
+def reach_poses(
+    evaluate: Evaluate, q: Array, position: Array, rotation: Array, length: float
+) -> tuple[Array, Array]:
+    """Joints (n, dof) moved from starts `q` towards poses (n, 3), (n, 3, 3) by damped Newton steps.
+
+    Also what is left (n,) [m] of the position and, times `length`, of the orientation: a radian is
+    worth the arm's length. Each row is on its own.
     """
     scale = np.r_[np.ones(3), np.full(3, length)][:, None]
 
@@ -132,32 +140,13 @@ def pose_branches(
     seed: int = 0,
     rounds: int = 12,
 ) -> list[Array]:
-    """Every way in which an arm reaches each of some poses.
+    """Every way (b, dof) in which an arm reaches each of some poses (n, 3), (n, 3, 3) [m].
 
-    Parameters
-    ----------
-    evaluate : callable
-    position, rotation : (n, 3) and (n, 3, 3) arrays
-        The poses, in the arm's own frame [m].
-    joints : Joints
-    length : float [m]
-        The arm's length.
-    starts : (n, dof) array, optional
-        Joints that were active near each pose, tried first.
-    seed : int
-        Of the starts that are drawn, the same for each pose.
-    rounds : int
-        Most rounds of starts; the search ends when two in a row find nothing new.
-
-    Returns
-    -------
-    list of (b, dof) arrays
-        Joint values within the ranges, each of which reaches the pose to 1e-9 of the arm's length;
-        sorted; empty where nothing does. Of a redundant arm, some of its infinitely many.
-
-    Notes
-    -----
-    The poses are searched side by side: an evaluation of one row costs as much as one of a hundred.
+    Joints are within their ranges and reach the pose to 1e-9 of the arm's length; sorted; empty
+    where nothing does. Of a redundant arm they are some of infinitely many. `starts` (n, dof) were
+    active near each pose and are tried first, then starts that are drawn by `seed`, in at most so
+    many rounds; the search ends when two in a row find nothing new. The poses are searched side by
+    side: an evaluation of one row costs as much as one of a hundred.
     """
     searches = [
         _Search(joints, seed, None if starts is None else starts[i]) for i in range(len(position))
@@ -184,14 +173,7 @@ def pose_branches(
 
 
 class _Search:
-    """Branches of one pose that are known, and where to look for more.
-
-    Parameters
-    ----------
-    joints : Joints
-    seed : int
-    start : (dof,) array or None
-    """
+    """Branches of one pose that are known, and where to look for more: `start` (dof,) first."""
 
     def __init__(self, joints: Joints, seed: int, start: Array | None) -> None:
         self._joints, self._rng = joints, np.random.default_rng(seed)

@@ -19,27 +19,10 @@ _ROUNDS = 8  # most attempts to join what is still apart
 def representatives(newton: Newton, target: Index, u: Array, x: Array) -> tuple[Index, Array]:
     """One solution of each connected family: the one closest to the middle of the ranges.
 
-    Two solutions belong to one family if small steps along the self-motion, on target and
-    inside of the limits, lead from one to the other.  Each group of solutions tries the
-    nearest solution of another group, until no more can be joined.
-
-    Parameters
-    ----------
-    newton : Newton
-        Holds the forward map.
-    target : (m,) int array
-        Which target each solution belongs to, ascending.
-    u : (m, dof) array
-        Solutions in the unit box, many of each family.
-    x : (n, 2) array
-        Targets.
-
-    Returns
-    -------
-    target : (k,) int array
-        Which target each representative belongs to, ascending.
-    u : (k, dof) array
-        Joints in the unit box.
+    Two solutions belong to one family if small steps along the self-motion, on target and inside of
+    the limits, lead from one to the other. Each group of solutions tries the nearest solution of
+    another group, until no more can be joined. `target` (m,) says, ascending, to which row of `x`
+    (n, m) each solution of `u` (m, dof, unit box) belongs; returned are the same of what is left.
     """
     from scipy.sparse import coo_array
     from scipy.sparse.csgraph import connected_components
@@ -114,15 +97,8 @@ def _walk(newton: Newton, start: Array, goal: Array, x: Array) -> NDArray[np.boo
 def free_directions(jacobian: Array) -> Array:
     """Directions (k, dof) in which joints move on without changing what they reach.
 
-    Parameters
-    ----------
-    jacobian : (m, dof) array
-        Derivative of what is reached, its rows of comparable size.
-
-    Returns
-    -------
-    (k, dof) array
-        Each with a joint of its own at 1 that the other directions leave still.
+    The Jacobian (m, dof) has rows of comparable size. Each direction has a joint of its own at 1
+    that the others leave still.
     """
     from scipy.linalg import qr
 

@@ -20,28 +20,12 @@ _FAR = 0.3  # of the joints' range: a twin is not looked for further away
 
 
 def twins(newton: Newton, u: Array, spacing: float = 0.0) -> tuple[Index, Array]:
-    """Starts for the solutions across a nearby fold, of two joints.
+    """Starts (m, 2) for the solutions across a nearby fold of `u` (n, 2), and of which rows (m,).
 
-    A Jacobian of determinant zero is a fold: two solutions meet there.  Along the direction
-    that hardly moves the tip the determinant falls linearly to zero, and the other solution
-    lies about as far beyond as this one lies before.
-
-    Parameters
-    ----------
-    newton : Newton
-        Holds the forward map.
-    u : (n, 2) array
-        Solutions in the unit box.
-    spacing : float
-        Of the motor nodes, in the unit box: a coarse map overlooks branches that are
-        further apart, so that twins are looked for further away.
-
-    Returns
-    -------
-    rows : (m,) int array
-        Which solutions are near a fold.
-    start : (m, 2) array
-        Where to look for their twins.
+    A Jacobian of determinant zero is a fold: two solutions meet there. Along the direction that
+    hardly moves the tip the determinant falls linearly to zero, and the other solution lies about
+    as far beyond as this one lies before. A coarse map, its nodes `spacing` apart in the unit box,
+    overlooks branches that are further apart, so that twins are looked for further away.
     """
     slope = newton.predictor.value_and_slope(u)[1]
     share = min(max(_FINE, _COARSE * spacing), SINGULAR)

@@ -70,17 +70,10 @@ class Starts:
         object.__setattr__(self, "_folded", np.zeros(nodes, dtype=bool))
 
     def of(self, x: Array) -> tuple[Array, Array, NDArray[np.bool_]]:
-        """Starts for the targets `x` (n, m).
+        """Starts (n, k, dof) for targets `x` (n, m) in the unit box; NaN beyond the last.
 
-        Returns
-        -------
-        u : (n, k, dof) array
-            Joints in the unit box, one linear step from a start towards the target; NaN
-            where there are fewer than `k`.
-        step : (n, k) array
-            Length of that step in node spacings.
-        folded : (n,) bool array
-            Whether two branches may meet near the target.
+        Each is one linear step towards the target from a start, `step` (n, k) node spacings long.
+        Whether two branches may meet near the target is told by `folded` (n,).
         """
         motor, sensory = self.association.motor, self.association.sensory
         node = sensory.nearest(sensory.scale.to_unit(x))[1][:, 0]
@@ -156,14 +149,10 @@ class Starts:
         return kept
 
     def propose(self, x: Array, sensory_nodes: int = _SENSORY) -> tuple[Index, Array]:
-        """What the links say of the targets `x` (n, m), unrefined.
+        """What the links say of targets `x` (n, m): joints (k, dof), and of which target (k,).
 
-        Returns
-        -------
-        target : (m,) int array
-            Which target each proposal belongs to, ascending.
-        u : (m, dof) array
-            Joints in the unit box, one node's linear step towards the target.
+        Joints are in the unit box, one node's linear step towards the target, unrefined; targets
+        ascend.
         """
         motor, sensory = self.association.motor, self.association.sensory
         partners = self.association.partners

@@ -37,22 +37,12 @@ class Track(NamedTuple):
 
 
 def follow(solver: Solver, x: Array, start: Array | None) -> Track:
-    """Follow the targets with as few jumps as possible.
+    """Follow the targets `x` (k, 2), in order, with as few jumps as possible.
 
-    Every solution of the first target sets out, or the one nearest to `start`; the one that
-    gets furthest without a jump is taken, of several the one that moves least.  Where it
-    ends every solution of the next target sets out, and so on: no other choice of branches
-    jumps less often.  Where a target is out of reach, joints stay as close to it as they
-    can, which is no jump.
-
-    Parameters
-    ----------
-    solver : Solver
-        Solves single targets.
-    x : (k, 2) array
-        Targets, in order.
-    start : (dof,) array or None
-        Joints in the unit box that the first row should be near.
+    Every solution of the first target sets out, or the one nearest to `start` (dof,); the one that
+    gets furthest without a jump is taken, of several the one that moves least. Where it ends every
+    solution of the next target sets out, and so on: no other choice of branches jumps less often.
+    Where a target is out of reach, joints stay as close to it as they can, which is no jump.
     """
     middle = np.full((len(x), solver.scale.span.size), 0.5)
     reachable = solver.solve(x, middle)[1] <= CLOSE * solver.extent

@@ -151,17 +151,21 @@ def density(visit: Visit, strength: float = 1.0) -> Array:
     return gain[visit.winners]
 
 
+def _remoteness(visit: Visit) -> Array:
+    """Rho of equation 7 with O the whole lattice, (nodes,)."""
+    # sum over i of |w_j - w_i|^2, up to the factor n: |w_j - mean|^2 + variance
+    total = np.sum((visit.weights - visit.weights.mean(axis=0)) ** 2, axis=1)
+    total = total + total.mean()
+    return np.asarray(np.exp(-total / max(float(total.mean()), 1e-300)))
+
+
 def lattice(visit: Visit, strength: float = 3.0) -> Array:
     """Gain of remote nodes: equation 7 summed over "each node in the lattice".
 
     rho = exp(-sum over all i of |w_bmu - w_i|^2 / its mean) is smallest at the border, so
     1 / rho of equation 8 favours the border, as the text says.
     """
-    mean = visit.weights.mean(axis=0)
-    # sum over i of |w_j - w_i|^2, up to the factor n: |w_j - mean|^2 + variance
-    total = np.sum((visit.weights - mean) ** 2, axis=1)
-    total = total + total.mean()
-    rho = np.exp(-total / max(float(total.mean()), 1e-300))
+    rho = _remoteness(visit)
     gain: Array = (rho.mean() / rho) ** (strength * visit.progress**4)
     return gain[visit.winners]
 
@@ -173,10 +177,7 @@ def rho(visit: Visit) -> Array:
     exponent of the time: at t = 0 the gain is 1, at the end it is 2 where rho is its mean.
     With the sum over "each node in the lattice" rho is smallest at the border.
     """
-    mean = visit.weights.mean(axis=0)
-    total = np.sum((visit.weights - mean) ** 2, axis=1)
-    total = total + total.mean()
-    rho = np.exp(-total / max(float(total.mean()), 1e-300))  # eq. 7
+    rho = _remoteness(visit)
     gain: Array = 1.0 + (visit.progress * rho.mean() / rho) ** 4  # eq. 8
     return gain[visit.winners]
 

@@ -28,19 +28,7 @@ _REACH = 4.0  # neighbourhood beyond so many sigma is left out
 
 
 def learn(u: Array, lattice: Lattice, epochs: int, rng: np.random.Generator) -> Iterator[Epoch]:
-    """Train a map that starts in the middle; yields after each pass over the samples.
-
-    Parameters
-    ----------
-    u : (n, d) array
-        Samples in the unit box.
-    lattice : Lattice
-        The lattice.
-    epochs : int
-        Passes over the samples, each in another order.
-    rng : numpy.random.Generator
-        Source of the start and of the orders.
-    """
+    """Train a map that starts in the middle, see :func:`calib.maps.online.learn`."""
     # from one place it unfolds; scattered nodes are close to every sample and stay put
     weights = 0.5 + 0.01 * (rng.random((lattice.size, u.shape[1])) - 0.5)
     for _ in range(epochs):
@@ -67,19 +55,8 @@ def present(
 
     Exact, but for the neighbourhood being cut where it falls below exp(-8).
 
-    Parameters
-    ----------
-    weights : (nodes, d) array
-        Changed in place.
-    samples : (n, d) array
-        In the unit box.
-    elasticity, rate : float
-        Parameters of the source.
-
-    Returns
-    -------
-    list of float
-        Distance of each sample to its winner.
+    Arguments and result are those of :func:`calib.maps.online.present`, but for the source's
+    `elasticity` and `rate`.
     """
     dim = samples.shape[1]
     diagonal = float(np.sqrt(dim))

@@ -30,20 +30,9 @@ _NEAREST = 8  # nodes that a sample pulls; beyond, its pull is below 2 %
 def learn(
     u: Array, nodes: int, gain: Gain | None, epochs: int, rng: np.random.Generator
 ) -> Iterator[Epoch]:
-    """Train a gas from rows as nodes; yields after each pass over the samples.
+    """Train a gas of `nodes` nodes from rows; yields after each pass over the samples (n, d).
 
-    Parameters
-    ----------
-    u : (n, d) array
-        Samples in the unit box.
-    nodes : int
-        Number of nodes.
-    gain : callable or None
-        Varying density: a factor on each sample's pull.
-    epochs : int
-        Passes over the samples.
-    rng : numpy.random.Generator
-        Source of the start.
+    A gain is a factor on each sample's pull; see :func:`calib.maps.online.learn`.
     """
     drawn = rng.choice(len(u), nodes, replace=len(u) < nodes)
     weights = u[drawn] + 1e-7 * rng.standard_normal((nodes, u.shape[1]))

@@ -104,18 +104,16 @@ def learn(
 ) -> Iterator[Epoch]:
     """Grow a gas of `nodes` nodes; yields after each pass over the samples.
 
+    Parameters that are not here are those of :func:`calib.maps.online.learn`.
+
     Parameters
     ----------
-    u : (n, d) array
-        Samples in the unit box.
     nodes : int
         Nodes to grow to: within the first 60 % of the samples, at an even pace.
     gain : callable or None
         Varying density: a factor on the errors that are accumulated.
     epochs : int
         Passes over the samples, each in another order; a pass ends after 15 per node.
-    rng : numpy.random.Generator
-        Source of the start and of the orders.
     error : float, optional
         Quantization error, in the unit box, at which the gas stops growing; `nodes` are
         then the most that it may have.

@@ -60,12 +60,45 @@ class Wiring:
         return {"local": self.local, "mutual": self.mutual, "bandwidth": self.bandwidth}
 
     def activity(self, network: Map, u: Array) -> csr_array:
-        """Activity of the nodes nearest to each row of `u`, see :func:`activity`."""
-        return activity(network, u, self.bandwidth, local=self.local)
+        """Activity a_j of the nodes nearest to each row of `u` (n, d), in the unit box (eq. 6).
+
+        Returns
+        -------
+        csr_array of shape (n, nodes)
+            exp(-|w_j - u|^2 / sigma^2), relative to the winner's, which is never zero even for
+            a point far from every node.
+        """
+        from scipy.sparse import csr_array
+
+        k = min(NEAREST, network.size)
+        distance, index = network.nearest(u, k)
+        spacing = network.spacings[index] if self.local else network.spacing
+        exponent = (distance / (self.bandwidth * spacing)) ** 2
+        a = np.exp(exponent.min(axis=1, keepdims=True) - exponent)  # eq. 6
+        rows = np.arange(0, a.size + 1, k)
+        return csr_array((a.ravel(), index.ravel(), rows), shape=(len(u), network.size))
 
     def link(self, a_motor: csr_array, a_sensory: csr_array, beta: float = 1.0) -> csr_array:
-        """Links of two maps that were active together, see :func:`link`."""
-        return link(a_motor, a_sensory, beta, mutual=self.mutual)
+        """Links at the fixed point of Oja's rule (eq. 5, with the forgetting factor of eq. 11).
+
+        Where the mean change of eq. 11 vanishes, c_ij = <a_i a_j> / (beta <a_j^2>), or with both
+        sides <a_i a_j> / (beta (<a_i^2> <a_j^2>)^(1/2)).  A node that was hardly ever active has
+        not come that far: its links stand at the share 1 - exp(-beta sum a_j^2) of it that the
+        rule, at a learning rate of one, has reached.
+
+        Parameters
+        ----------
+        a_motor, a_sensory : csr_array of shape (n, nodes)
+            Activities of both maps for the same samples.
+        beta : float
+            Forgetting factor.
+
+        Returns
+        -------
+        csr_array of shape (motor nodes, sensory nodes)
+            Weak links are left out.
+        """
+        return _linked([(a_motor, a_sensory)], beta, mutual=self.mutual)
 
     def learn(self, motor: Map, u: Array, sensory: Map, v: Array) -> csr_array:
         """Links of two maps from samples (n, dof) and (n, 2) in their unit boxes.
@@ -83,7 +116,7 @@ class Wiring:
             yield rows, self.activity(motor, u[rows]), self.activity(sensory, v[rows])
 
     def linked(self, parts: Iterable[tuple[csr_array, csr_array]]) -> csr_array:
-        """Links from the activities of both maps, part after part, see :func:`link`."""
+        """Links from the activities of both maps, part after part, see :meth:`link`."""
         return _linked(parts, 1.0, mutual=self.mutual, rule=self.rule)
 
 
@@ -110,65 +143,6 @@ def check_wiring(name: str | LinkRule) -> None:
         raise OptionError(f"links {name!r} are unknown, choose one of {', '.join(WIRINGS)}")
 
 
-def activity(
-    network: Map, u: Array, bandwidth: float = BANDWIDTH, *, local: bool = False
-) -> csr_array:
-    """Activity a_j of the nodes nearest to each row of `u` (eq. 6).
-
-    Parameters
-    ----------
-    network : Map
-        Motor or sensory map.
-    u : (n, d) array
-        Points in the unit box.
-    bandwidth : float
-        Width sigma of the Gaussian in units of the node spacing.
-    local : bool
-        Whether that is each node's own spacing or the mean of the map.
-
-    Returns
-    -------
-    csr_array of shape (n, nodes)
-        exp(-|w_j - u|^2 / sigma^2), relative to the winner's, which is never zero even for
-        a point far from every node.
-    """
-    from scipy.sparse import csr_array
-
-    k = min(NEAREST, network.size)
-    distance, index = network.nearest(u, k)
-    spacing = network.spacings[index] if local else network.spacing
-    exponent = (distance / (bandwidth * spacing)) ** 2
-    a = np.exp(exponent.min(axis=1, keepdims=True) - exponent)  # eq. 6
-    rows = np.arange(0, a.size + 1, k)
-    return csr_array((a.ravel(), index.ravel(), rows), shape=(len(u), network.size))
-
-
-def link(
-    a_motor: csr_array, a_sensory: csr_array, beta: float = 1.0, *, mutual: bool = False
-) -> csr_array:
-    """Links at the fixed point of Oja's rule (eq. 5, with the forgetting factor of eq. 11).
-
-    Where the mean change of eq. 11 vanishes, c_ij = <a_i a_j> / (beta <a_j^2>).  A node
-    that was hardly ever active has not come that far: its links stand at the share
-    1 - exp(-beta sum a_j^2) of it that the rule, at a learning rate of one, has reached.
-
-    Parameters
-    ----------
-    a_motor, a_sensory : csr_array of shape (n, nodes)
-        Activities of both maps for the same samples.
-    beta : float
-        Forgetting factor.
-    mutual : bool
-        Normalise by both sides, <a_i a_j> / (beta (<a_i^2> <a_j^2>)^(1/2)).
-
-    Returns
-    -------
-    csr_array of shape (motor nodes, sensory nodes)
-        Weak links are left out.
-    """
-    return _linked([(a_motor, a_sensory)], beta, mutual=mutual)
-
-
 def _linked(
     parts: Iterable[tuple[csr_array, csr_array]],
     beta: float,
@@ -176,7 +150,7 @@ def _linked(
     mutual: bool,
     rule: LinkRule | None = None,
 ) -> csr_array:
-    """Links from the activities of the samples, part after part; see :func:`link`."""
+    """Links from the activities of the samples, part after part; see :meth:`link`."""
     together: csr_array | None = None
     square: list[Array | float] = [0.0, 0.0]
     samples = 0

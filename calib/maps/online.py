@@ -90,8 +90,7 @@ def learn(
                 rates = rates * gain(visit)
             if neighbourhood is not None:
                 t = np.arange(now.start, now.stop) / steps
-                around = Around(lattice, neighbourhood)
-                total += sum(around.present(weights, chunk, sigmas, rates, t))
+                total += sum(present(weights, lattice, chunk, sigmas, rates, neighbourhood, t))
                 continue
             length = block_length(lattice, float(sigmas[0]), float(alpha[now][0]))
             if length <= _EXACT:
@@ -130,7 +129,13 @@ def winners(weights: Array, u: Array) -> tuple[Array, NDArray[np.intp]]:
 
 
 def present(
-    weights: Array, lattice: Lattice, samples: Array, sigma: Array, rate: Array
+    weights: Array,
+    lattice: Lattice,
+    samples: Array,
+    sigma: Array,
+    rate: Array,
+    neighbourhood: Neighbourhood | None = None,
+    progress: Array | None = None,
 ) -> list[float]:
     """Show samples to a map one after the other, in place (eq. 1 to 3).
 
@@ -143,6 +148,10 @@ def present(
     sigma, rate : (n,) array
         Neighbourhood radius [nodes] and learning rate (times gain) of each sample.  A node
         never moves beyond the sample: the step is min(1, rate h).
+    neighbourhood : callable, optional
+        In place of the Gaussian of eq. 3, asked for the whole lattice.
+    progress : (n,) array, optional
+        t / T of each sample, which such a neighbourhood is told.
 
     Returns
     -------
@@ -151,57 +160,33 @@ def present(
     """
     grid = weights.reshape(*lattice.shape, -1)
     axes = [np.arange(n, dtype=float) for n in lattice.shape]
+    apart = None if neighbourhood is None else lattice_steps(lattice)
     distances = []
-    for x, s, a in zip(samples, sigma, rate, strict=True):
+    for k, (x, s, a) in enumerate(zip(samples, sigma, rate, strict=True)):
         gap = weights - x
         square = np.einsum("ij,ij->i", gap, gap)
         winner = int(square.argmin())  # eq. 1
         distances.append(float(np.sqrt(square[winner])))
         place = np.unravel_index(winner, lattice.shape)
-        reach = int(REACH * s) + 1
-        window = tuple(slice(max(0, int(p) - reach), int(p) + reach + 1) for p in place)
-        h = np.array(a)
-        for axis, p, part in zip(axes, place, window, strict=True):  # eq. 3, axis by axis
-            h = np.multiply.outer(h, np.exp((axis[part] - p) ** 2 / (-2.0 * s * s)))
+        if neighbourhood is not None and apart is not None:
+            # the part of all steps that begins at this winner
+            here = tuple(
+                slice(n - 1 - int(p), 2 * n - 1 - int(p))
+                for n, p in zip(lattice.shape, place, strict=True)
+            )
+            t = 0.0 if progress is None else float(progress[k])
+            around = Surroundings(apart[0][here], apart[1][here], float(s), t)
+            window: tuple[slice, ...] = (slice(None),) * lattice.dim
+            h = a * checked_h(neighbourhood, around)
+        else:
+            reach = int(REACH * s) + 1
+            window = tuple(slice(max(0, int(p) - reach), int(p) + reach + 1) for p in place)
+            h = np.array(a)
+            for axis, p, part in zip(axes, place, window, strict=True):  # eq. 3, axis by axis
+                h = np.multiply.outer(h, np.exp((axis[part] - p) ** 2 / (-2.0 * s * s)))
         near = grid[window]
         near += np.minimum(h, 1.0)[..., None] * (x - near)  # eq. 2
     return distances
-
-
-class Around:
-    """Shows samples to a map by a neighbourhood of the user's own (eq. 1 and 2).
-
-    Parameters
-    ----------
-    lattice : Lattice
-        The lattice.
-    neighbourhood : callable
-        See :data:`calib.maps.fields.Neighbourhood`; it is asked for the whole lattice.
-    """
-
-    def __init__(self, lattice: Lattice, neighbourhood: Neighbourhood) -> None:
-        self._lattice, self._neighbourhood = lattice, neighbourhood
-        self._distance, self._steps = lattice_steps(lattice)
-
-    def present(
-        self, weights: Array, samples: Array, sigma: Array, rate: Array, progress: Array
-    ) -> list[float]:
-        """Show samples one after the other, in place; their distances to their winners."""
-        shape = self._lattice.shape
-        distances = []
-        for x, s, a, t in zip(samples, sigma, rate, progress, strict=True):
-            gap = x - weights
-            square = np.einsum("ij,ij->i", gap, gap)
-            winner = int(square.argmin())  # eq. 1
-            distances.append(float(np.sqrt(square[winner])))
-            place = np.unravel_index(winner, shape)
-            window = tuple(
-                slice(n - 1 - int(p), 2 * n - 1 - int(p)) for n, p in zip(shape, place, strict=True)
-            )
-            around = Surroundings(self._distance[window], self._steps[window], float(s), float(t))
-            h = checked_h(self._neighbourhood, around).ravel()
-            weights += np.minimum(a * h, 1.0)[:, None] * gap  # eq. 2
-        return distances
 
 
 def present_block(
@@ -215,23 +200,8 @@ def present_block(
 
     A node that meets the rates r_s = alpha_s h_s keeps exp(-sum r) of its place and moves
     towards the mean of the samples, weighted by r: what many small steps of eq. 2 add up
-    to.  It never moves beyond them.
-
-    Parameters
-    ----------
-    weights : (nodes, d) array
-        Changed in place.
-    samples : (n, d) array
-        In the unit box.
-    sigma : float
-        Neighbourhood radius [nodes].
-    rate : (n,) array
-        Learning rate (times gain) of each sample.
-
-    Returns
-    -------
-    float
-        Sum of the samples' distances to their winners.
+    to.  It never moves beyond them.  The radius is one for all samples; the result is the sum of
+    their distances to their winners.
     """
     distance, winner = winners(weights, samples)
     if lattice.dim == 2 and 2 * REACH * sigma + 3 > min(lattice.shape) / 2:

@@ -20,6 +20,7 @@ from . import online
 from .association import Association
 from .density import Gain, Visit
 from .epoch import Epoch, search, topographic_error
+from .fields import Neighbourhood
 from .lattice import Lattice
 from .links import Wiring, oja, sparse_links
 from .map import Map
@@ -75,32 +76,20 @@ def develop(
     epochs: int,
     wiring: Wiring,
     rng: np.random.Generator,
-    around: online.Around | None = None,
+    neighbourhood: Neighbourhood | None = None,
     *,
     grown: bool = False,
 ) -> Pair:
     """Let two maps and their links develop together, one sample at a time (eq. 1 to 6).
 
+    Parameters that are not here are those of :func:`calib.maps.online.learn`.
+
     Parameters
     ----------
     q, x : (n, d), (n, k) array
         Paired samples.
-    lattice : Lattice
-        Of both maps.
-    gain : callable or None
-        Varying density.
-    sigma : (float, float) [nodes]
-        Radius at the start and at the end.
-    epochs : int
-        Passes over the samples, each in another order.
     wiring : Wiring
         How nodes are active (eq. 6).
-    rng : numpy.random.Generator
-        Source of the starts and of the orders.
-    around : Around, optional
-        A neighbourhood of the user's own.
-    grown : bool
-        Whether `sigma` is the default, see :class:`~calib.maps.density.Visit`.
     """
     if lattice.size**2 > _LARGEST:
         raise OptionError(
@@ -146,11 +135,15 @@ def develop(
                         )
                         rate = rate * gain(visit)
                     weights[k] = weights[k].copy()
-                    part = points[k][rows]
-                    if around is None:
-                        online.present(weights[k], lattice, part, radius[now], rate)
-                    else:
-                        around.present(weights[k], part, radius[now], rate, now / steps)
+                    online.present(
+                        weights[k],
+                        lattice,
+                        points[k][rows],
+                        radius[now],
+                        rate,
+                        neighbourhood,
+                        now / steps,
+                    )
                 curve.append((done, radius[now[-1]], *found, error))
                 motor, sensory = maps()
                 a, b = (

@@ -209,21 +209,17 @@ class SOM:
         if self.rule == "online" and kind_of(self.map) == "som":
             if wiring.rule is not None:
                 raise OptionError("a link rule of your own needs rule='batch'")
-            lattice, around = Lattice(self.size), None
-            if self.neighbourhood is not None:
-                around = online.Around(lattice, self.neighbourhood)
-            rng = np.random.default_rng(self.seed)
-            sigma = self._online_sigma(lattice)
+            lattice = Lattice(self.size)
             return pairs.develop(
                 q,
                 x,
                 lattice,
                 self._gain(),
-                sigma,
+                self._online_sigma(lattice),
                 self._passes(),
                 wiring,
-                rng,
-                around,
+                np.random.default_rng(self.seed),
+                self.neighbourhood,
                 grown=self.sigma is None,
             )
         scales = (Scale.of_data(q), Scale.of_data(x))
@@ -246,13 +242,11 @@ class SOM:
         return self.sigma or (max(lattice.shape) / 2, 0.5 if self.map == "som" else 1.5)
 
     def _stages(self) -> list[Stage]:
-        if self.neighbourhood is not None:
-            epochs = self.epochs or 20
-            return coarse_to_fine(Lattice(self.size), epochs, self.sigma, varying=self.map != "som")
+        # a neighbourhood of the user's own trains the full lattice alone
+        epochs = self.epochs or (None if self.neighbourhood is None else 20)
         if self.map in ("vdsom", "vdsom:residual"):
-            return growing(Lattice(self.size), self.epochs, self.sigma)
-        varying = self.map != "som"
-        return coarse_to_fine(Lattice(self.size), self.epochs, self.sigma, varying=varying)
+            return growing(Lattice(self.size), epochs, self.sigma)
+        return coarse_to_fine(Lattice(self.size), epochs, self.sigma, varying=self.map != "som")
 
     def _passes(self) -> int:
         """Passes over the samples of the rules that see one sample at a time."""

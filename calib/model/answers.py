@@ -21,10 +21,7 @@ Array = NDArray[np.float64]
 REACHED = 1e-9
 """Share of the workspace's extent that always counts as reached."""
 
-SURE = 1e-2
-"""Share of the extent: a larger expected error does not make a target reachable."""
-
-
+_SURE = 1e-2  # of the extent: a larger expected error does not make a target reachable
 _IN_SIGHT = 1e6  # extents of the workspace
 
 
@@ -57,14 +54,7 @@ class Answer(NamedTuple):
 
     def take(self, rows: slice | list[int] | NDArray[np.intp]) -> Answer:
         """Some of the rows."""
-        return Answer(
-            self.q[rows],
-            self.position[rows],
-            self.distance[rows],
-            self.expected_error[rows],
-            self.model_error[rows],
-            self.reachable[rows],
-        )
+        return Answer._make(values[rows] for values in self)
 
 
 def solve(model: Model, x: Array, near: Array, readout: str) -> Answer:
@@ -148,7 +138,7 @@ def _apart(a: Array, b: Array) -> Array:
 def within_reach(model: Model, bound: Array) -> Array:
     """Distance (n,) to a target at which it counts as reached [unit]."""
     extent = model.solver.extent
-    return np.maximum(np.minimum(bound, SURE * extent), REACHED * extent)
+    return np.maximum(np.minimum(bound, _SURE * extent), REACHED * extent)
 
 
 def forward_bounds(

@@ -49,16 +49,10 @@ class Baseline(ReadOnly):
 
 
 def learn_baseline(association: Association, u: Array, x: Array, errors: Array) -> Baseline:
-    """Learn what to expect.
+    """Learn what to expect from samples that training never saw.
 
-    Parameters
-    ----------
-    association : Association
-        Both maps.
-    u, x : (n, dof), (n, 2) array
-        Samples that training never saw: joints in the unit box, positions.
-    errors : (m,) array [unit]
-        Distance from measured to predicted position of the samples of training.
+    They are joints `u` (n, dof) in the unit box and positions `x` (n, m); `errors` (m,) [unit] are
+    the distances from measured to predicted positions of the samples of training.
     """
     motor, first = _expected(association.motor, u)
     sensory, second = _expected(association.sensory, association.sensory.scale.to_unit(x))

@@ -25,25 +25,14 @@ _MOST = 1_000_000  # rows of a path
 
 @dataclass(frozen=True, eq=False)
 class Path:
-    """Joints along straight lines through waypoints, without times.
+    """Joints along straight lines through waypoints, without times; one row for each target.
 
     Attributes
     ----------
-    target : (k, 2) array [unit]
+    target : (k, m) array [unit]
         Points on the lines between the waypoints.
-    q : (k, dof) array [rad or m]
-        Joint values; they stay on one branch between jumps.
-    position : (k, 2) array [unit]
-        Where the map says that they lead.
-    distance : (k,) array [unit]
-        From target to position.
-    expected_error : (k,) array [unit]
-        95 % bound on the distance from that position to what the sensor will read (a log) or
-        to the true one (a simulation).
-    model_error : (k,) array [unit]
-        95 % bound on the distance to the true position in the sensor's frame.
-    reachable : (k,) bool array
-        Whether the distance is within the expected error and within 1 % of the extent.
+    q, position, distance, expected_error, model_error, reachable
+        As of `Answer`; joints stay on one branch between jumps.
     waypoint : (k,) int array
         Index of the waypoint that each row leads to; the last such row stands on it.
     jumps : (j,) int array

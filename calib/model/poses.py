@@ -14,10 +14,9 @@ from numpy.typing import ArrayLike, NDArray
 from ..arm.rotations import matrix_of, quaternion_of
 from ..errors import QueryError
 from ..inverse.near import position_near
-from ..inverse.pose import TOLERANCE, pose_branches, reach_poses
+from ..inverse.pose import TOLERANCE, Reached, pose_branches, reach_poses
 from ..samples.roles import QUATERNION, ROUNDING
 from .answers import checked_rows
-from .reached import Reached
 from .space import REACHED, Space
 
 if TYPE_CHECKING:

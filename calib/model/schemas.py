@@ -111,18 +111,10 @@ class Schema:
         return smooth.body if isinstance(smooth, BodyInBox) else None
 
     def contradictions(self, u: Array, x: Array) -> tuple[Array, Array, Array]:
-        """How far positions are from what the schema says of joints.
+        """How far positions `x` (n, m) are from what the schema says of joints `u` (n, dof).
 
-        Parameters
-        ----------
-        u, x : (n, dof), (n, 2) array
-            Joints in the unit box and measured positions.
-
-        Returns
-        -------
-        ratio : (n,) array
-            Distance over bound; NaN where nothing was learned.
-        distance, bound : (n,) array [unit]
+        Returns distance over bound, NaN where nothing was learned; distance; bound: each (n,)
+        [unit]. Joints are in the unit box.
         """
         motor = self.predictor.motor
         known = self.trust.covers(u)

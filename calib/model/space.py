@@ -7,7 +7,7 @@ for what needs the chain: poses, positions near joints, and the base frame of a 
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from functools import cached_property
 from typing import TYPE_CHECKING, Any
 
@@ -16,17 +16,15 @@ from numpy.typing import ArrayLike, NDArray
 
 from ..arm.rotations import exponential, logarithm, matrix_of, quaternion_of
 from ..body.belief import Body
-from ..body.poses import knows_orientation
 from ..body.spatial_view import look
 from ..body.views import is_camera
 from ..errors import QueryError
 from ..inverse.near import position_near
 from ..inverse.pixel import on_plane
-from ..inverse.pose import Joints, pose_branches, reach_poses
+from ..inverse.pose import Joints, Reached, pose_branches, reach_poses
 from ..inverse.self_motions import free_directions
 from .answers import checked_rows
 from .base import drawn, in_base
-from .reached import Reached
 
 if TYPE_CHECKING:
     from .model import Model
@@ -99,19 +97,15 @@ class Space:
         known = np.isfinite(self.model.forward(rows)[:, :1])
         return np.where(known, position, np.nan), np.where(known, quaternion_of(rotation), np.nan)
 
-    def bound(self, q: ArrayLike) -> Array:
-        """95 % bound (n,) in the base frame [m], where the first offset is zero by convention."""
-        return self.body.bound(np.atleast_2d(np.asarray(q, dtype=float)), noise=False)
+    def bound(self, q: ArrayLike, *, size: bool = True) -> Array:
+        """95 % bound (n,) in the base frame [m], which stands where the belief has it.
 
-    def orientation_bound(self, q: ArrayLike) -> Array:
-        """95 % bound (n,) on the orientation in the sensor's frame [rad]."""
+        Its turn about and its shift along the first joint's axis are a convention, see `in_base`.
+        A camera cannot tell the arm's size either: without `size` that is left out too.
+        """
         own = self.model.body
-        structure: Any = own.structure if own is not None else None
-        if own is None or not knows_orientation(own):
-            return np.full(len(np.atleast_2d(q)), np.nan)
-        six = replace(own, structure=structure.with_view("pose"), noise=np.zeros(6),
-                      residual=np.zeros(6), second=None)  # fmt: skip
-        return six.bound(np.atleast_2d(np.asarray(q, dtype=float)), noise=False, block=1)
+        body = self.body if size or own is None else in_base(own, size=False) or self.body
+        return body.bound(np.atleast_2d(np.asarray(q, dtype=float)), noise=False)
 
     def to_sensor(self, position: Array, rotation: Array) -> tuple[Array, Array]:
         """Positions (n, 3) [unit] and orientations (n, 3, 3) in the sensor's frame."""
@@ -221,20 +215,20 @@ class Space:
         jacobian[:3] /= self.length
         return free_directions(jacobian)
 
-    def sees(self, position: Array) -> bool:
-        """Whether a camera's picture shows a point (3,) of the base frame."""
+    def sees(self, position: ArrayLike) -> NDArray[np.bool_]:
+        """Whether a camera's picture shows points (n, 3) of the base frame, (n,)."""
         own: Any = self.model.body
+        points = np.atleast_2d(np.asarray(position, dtype=float))
         if not self.camera:
-            return True
+            return np.ones(len(points), dtype=bool)
         sensor = own.structure.sensor(own.beta)
-        if (sensor.rotation @ position + sensor.shift)[2] <= 0:
-            return False
-        view = look(sensor, position[:, None], np.eye(3)[:, :, None])
+        ahead = (points @ sensor.rotation.T + sensor.shift)[:, 2] > 0
+        view = look(sensor, points.T, np.repeat(np.eye(3)[:, :, None], len(points), axis=2))
         size = self.model.about.picture or tuple(2 * sensor.lens[1:3])
+        inside = ((view.values >= 0) & (view.values <= size)).all(axis=1)
         # where the lens folds over, the picture shrinks as the point moves outwards
-        x, y, _ = view.point[:, 0]
-        outwards = view.seen(np.array([[x], [y], [0.0]]))[:, 0] @ (x, y)
-        return bool((view.values >= 0).all() and (view.values <= size).all() and outwards >= 0)
+        out = view.point * np.array([[1.0], [1.0], [0.0]])
+        return np.asarray(ahead & inside & ((view.seen(out) * out[:2]).sum(axis=0) >= 0))
 
     def _near(self, p: Array, starts: Array, keep: bool) -> tuple[Array, Array]:
         n = len(starts)

@@ -105,19 +105,14 @@ def ablation(setting: Setting) -> Result:
                 kept[key] = measure(case, train_on(case, grounds[k], network, side, seed))
                 if setting.parts is not None:
                     with setting.parts.open("a") as file:
-                        file.write(json.dumps([key, kept[key]]) + "\n")
+                        file.write("\n" + json.dumps([key, kept[key]]))
             records.append({**cell, **kept[key]})
     merged = _merged(records)
-    tables = tuple(
-        _table(name, [r for r in merged if r["case"] == name]) for name in _names(merged)
-    )
-    everything = Table(
-        "ablation",
-        "ablation, all figures",
-        tuple(merged[0]),
-        [tuple(record.values()) for record in merged],
-    )
-    return Result({"rows": merged, "quick": setting.quick}, (*tables, everything))
+    names = dict.fromkeys(r["case"] for r in merged)
+    tables = [_table(name, [r for r in merged if r["case"] == name]) for name in names]
+    rows_of_all = [tuple(record.values()) for record in merged]
+    tables.append(Table("ablation", "ablation, all figures", tuple(merged[0]), rows_of_all))
+    return Result({"rows": merged, "quick": setting.quick}, tuple(tables))
 
 
 def _kept(parts: Path | None) -> dict[str, dict[str, float | None]]:
@@ -267,21 +262,16 @@ def _missed(case: Case, arm: PlanarArm, solver: Solver) -> float:
 
 def _merged(records: list[dict[str, Any]]) -> list[dict[str, Any]]:
     """Blocks of one log as one row: the means of their figures."""
-    groups: dict[tuple[str, str, str], list[dict[str, Any]]] = {}
+    groups: dict[tuple[str, ...], list[dict[str, Any]]] = {}
     for record in records:
-        groups.setdefault((record["case"], record["nodes"], record["network"]), []).append(record)
-    found = []
-    for group in groups.values():
-        row = dict(group[0])
-        for key, value in row.items():
-            if isinstance(value, float):
-                row[key] = float(np.mean([g[key] for g in group]))
-        found.append(row)
-    return found
-
-
-def _names(records: list[dict[str, Any]]) -> list[str]:
-    return list(dict.fromkeys(r["case"] for r in records))
+        groups.setdefault(tuple(record[k] for k in ("case", "nodes", "network")), []).append(record)
+    return [
+        {
+            k: float(np.mean([r[k] for r in group])) if isinstance(v, float) else v
+            for k, v in group[0].items()
+        }
+        for group in groups.values()
+    ]
 
 
 def _table(name: str, records: list[dict[str, Any]]) -> Table:
@@ -292,11 +282,7 @@ def _table(name: str, records: list[dict[str, Any]]) -> Table:
     columns += [f"{r} inverse" for r in ("local", "linear", "activity")]
     columns += ["missed", "local covered", "linear covered", "seconds"]
     kept = [c for c in columns if records[0][c] is not None]
-    header = [
-        "nodes",
-        "network",
-        *(c.removesuffix(" elsewhere") if not defect else c for c in kept),
-    ]
+    header = ["nodes", "network", *(c if defect else c.removesuffix(" elsewhere") for c in kept)]
     rows = [[r["nodes"], r["network"], *(r[c] for c in kept)] for r in records]
     title = (
         f"{name}: mean errors [mm], inverse [deg], missed branches and coverage [%], training [s]"

@@ -82,7 +82,7 @@ def changed_figure(
 ) -> None:
     """Sensory map before a change, with its distortion there, and after it has followed."""
     figure = _figure(12.4, 3.0 * len(episodes))
-    axes = np.atleast_2d(figure.subplots(len(episodes), 3))
+    axes = np.atleast_2d(figure.subplots(len(episodes), 3, sharex="row", sharey="row"))
     for row, (name, e) in zip(axes, episodes.items(), strict=True):
         span = float(e.before.sensory.scale.span.mean()) * 1e3
         old, new = (distortion(model.sensory, e.x) * span for model in (e.before, e.after))
@@ -101,7 +101,6 @@ def changed_figure(
             lines = draw_lattice(ax, net, values, 1e3, (0.0, top))
             ax.set(title=title, xlabel="x [mm]", ylabel="y [mm]", aspect="equal")
             _bar(figure, lines, ax, label)
-        _share_limits(row)
     _save(figure, path, formats)
 
 
@@ -190,14 +189,6 @@ def draw_lattice(ax: Any, net: Map, heat: Array, factor: float, limits: tuple[fl
     ax.add_collection(lines)
     ax.autoscale()
     return lines
-
-
-def _share_limits(row: Any) -> None:
-    x = [ax.get_xlim() for ax in row]
-    y = [ax.get_ylim() for ax in row]
-    for ax in row:
-        ax.set_xlim(min(low for low, _ in x), max(high for _, high in x))
-        ax.set_ylim(min(low for low, _ in y), max(high for _, high in y))
 
 
 def _bar(figure: Any, lines: Any, ax: Any, label: str) -> None:

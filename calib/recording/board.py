@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 import re
 from dataclasses import dataclass
 from typing import Any
@@ -10,8 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ..errors import OptionError
-from .corners import refine_corners
-from .lengths import parse_length
+from .edges import refine_corners
 from .opencv import opencv
 from .tags import find_dictionary
 
@@ -21,28 +21,24 @@ LEAST_CORNERS = 8
 """Corners of a board that a picture must show."""
 
 
+_METRES = {"mm": 1e-3, "cm": 1e-2, "m": 1.0, "in": 0.0254}
+
+
 @dataclass(frozen=True)
 class Board:
     """A chessboard with tags in its white squares.
 
     Its frame: origin at the lower left corner of the print, x to the right, y up, z out of the
     paper.
-
-    Attributes
-    ----------
-    columns, rows : int
-        Squares.
-    square, marker : float [m]
-        Sides of a square and of a tag within it.
-    dictionary : str
-        The tags' dictionary.
     """
 
+    # columns, rows: squares
     columns: int
     rows: int
+    # square, marker: sides of a square and of a tag within it [m]
     square: float
     marker: float
-    dictionary: str = "5x5_100"
+    dictionary: str = "5x5_100"  # the tags' dictionary
 
     def __post_init__(self) -> None:
         if not (2 <= self.columns <= 100 and 2 <= self.rows <= 100):
@@ -130,3 +126,24 @@ class BoardFinder:
             if len(best) >= LEAST_CORNERS:
                 break
         return best
+
+
+def parse_length(text: str, what: str = "length") -> float:
+    """Return a length above zero in metres.
+
+    Raises OptionError if the text has no number, or no unit.
+
+    Examples
+    --------
+    >>> parse_length("24mm"), parse_length("2.5 cm")
+    (0.024, 0.025)
+    """
+    match = re.fullmatch(r"\s*([0-9.]+(?:[eE][+-]?[0-9]+)?)\s*(mm|cm|m|in)\s*", text)
+    try:
+        value = float(match[1]) if match else math.nan
+    except ValueError:
+        value = math.nan
+    if match is None or not 0.0 < value < 1e6:
+        raise OptionError(f"{what} {text!r}: expected a number and its unit, such as 24mm")
+    scale = _METRES[match[2]]
+    return value / round(1.0 / scale) if match[2] in ("mm", "cm") else value * scale

@@ -24,20 +24,14 @@ _RATE_SD = 4e-3  # how much rates of clocks differ
 
 @dataclass(frozen=True)
 class Timing:
-    """Clocks as a chain would have them.
+    """Clocks as a chain would have them."""
 
-    Attributes
-    ----------
-    offset, rate : float [s], none
-        Added to those that the rows were matched with; `doubt` has their standard deviations.
-    error : float [px]
-        Median distance of the rows from the chain.
-    """
-
+    # offset, rate: added to those that the rows were matched with; `doubt` has their standard
+    # deviations [s]
     offset: float
     rate: float
     doubt: tuple[float, float]
-    error: float
+    error: float  # median distance of the rows from the chain [px]
 
 
 def fit_timing(
@@ -45,17 +39,10 @@ def fit_timing(
 ) -> Timing | None:
     """Fit a chain, a view, an offset of clocks and, where the track shows one, their rate.
 
-    Parameters
-    ----------
-    time, x : (n,) array [s], (n, 2) array
-        Joints' times of the rows as far as known, and the track.
-    joints : callable
-        Returns joints (n, dof) at joints' times (n,).
-
-    Returns
-    -------
-    Timing or None
-        None where no chain can be fitted.
+    time, x : (n,) array [s], (n, 2) array; joints' times of the rows as far as known, and the
+        track.
+    joints : callable; returns joints (n, dof) at joints' times (n,).
+    Returns Timing or None; None where no chain can be fitted.
     """
     from ..body.fitting import planar_structure
     from ..body.starts import best_starts

@@ -1,23 +1,33 @@
 """The camera's clock against the joints': offset and rate, or a refusal.
 
-The best of the offsets that may fit must be clearly better than its rival.
+A correlation of speeds alone is wrong by many seconds where an arm repeats itself. It only
+names candidates. Each is judged by how well held-out blocks of joints predict the pixels; the best
+must be clearly better than its rival.
 """
 
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import replace
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
 
 from ..common.parallel import one_blas_thread
+from ..common.rows import thinned
 from ..errors import LogError
-from .clock_search import Clocks, Pair
-from .track import jumps
+from ..samples.joint_values import joints_at
+from .chain_judge import fit_timing
+from .track import Judge, jumps, softness
 
 Array = NDArray[np.float64]
 
+_CANDIDATES = 15  # peaks of the correlation of speeds that are judged
+_GRID = 50.0  # [1/s]
+_OVERLAP = 0.8  # of the shorter recording must have a counterpart
+_ROWS = (120, 300, 160)  # that judge candidates, refine the best, and fit a chain
+_STEP = 0.01  # over which the fit's velocity is taken [s]
+_FARTHEST = 0.15  # that a candidate moves from its peak [s]
 SURE = 1.5e-3
 """The standard deviation of the offset that is accepted [s]."""
 
@@ -27,6 +37,173 @@ _CLEARLY = 0.6  # the best candidate's error must be less than this share of its
 _FITS = 0.25  # and less than this share of the track's spread
 _FASTEST = 0.012  # difference of the rates: beyond it the stated frame rate is not the true one
 _APART = 0.3  # candidates further apart than this are rivals [s]
+
+
+@dataclass(frozen=True)
+class Clocks:
+    """Joints' time of camera time `t`: `t + offset + rate (t - middle)`."""
+
+    # offset, rate: joints' clock less the camera's in the middle of the recording, and how much
+    # faster it runs [s]
+    offset: float
+    rate: float = 0.0
+    middle: float = 0.0  # that middle, by the camera's clock [s]
+    # error, rival: median distance that held-out blocks are predicted to, and with the best other
+    # offset [px]
+    error: float = np.nan
+    rival: float = np.inf
+    doubt: float = np.nan  # standard deviation of the joints' time, at the recording's ends [s]
+
+    def joints_time(self, time: Array) -> Array:
+        """Return the joints' times of camera times [s]."""
+        return np.asarray(time + self.offset + self.rate * (time - self.middle))
+
+    def words(self) -> str:
+        """Say it in a line."""
+        rate = f", rates differ by {100 * self.rate:+.3f} %" if abs(self.rate) > 5e-5 else ""
+        return (
+            f"clocks: joints are {self.offset:+.4f} s from the camera{rate}; they predict the tag "
+            f"to {self.error:.2g} px, with the next best offset to {self.rival:.2g} px"
+        )
+
+
+@dataclass(frozen=True, eq=False)
+class Pair:
+    """A track (n, 2) at times (n,), and joints (m, joints) at times (m,) of another clock."""
+
+    t: Array
+    x: Array
+    joint_time: Array
+    q: Array
+
+    def joints(self, when: Array) -> Array:
+        """Return joints (k, joints) at their clock's times (k,)."""
+        return joints_at(when, self.joint_time, self.q)
+
+    def peaks(self) -> list[float]:
+        """Return the offsets of the highest peaks of the correlation of speeds [s]."""
+        camera = np.arange(self.t[0], self.t[-1], 1.0 / _GRID)
+        joints = np.arange(self.joint_time[0], self.joint_time[-1], 1.0 / _GRID)
+        if min(len(camera), len(joints)) < 2 * _GRID:
+            return []
+        a = _speed(joints_at(camera, self.t, self.x))
+        b = _speed(self.joints(joints) / np.maximum(self.q.std(0), 1e-9))
+        a, b = a - a.mean(), b - b.mean()
+        n, m = len(a), len(b)
+        need = int(_OVERLAP * min(n, m))
+        lags = np.arange(need - n, m - need + 1)
+        start, stop = np.maximum(0, lags), np.minimum(m, n + lags)  # of b
+        count = stop - start
+        size = 1 << int(np.ceil(np.log2(n + m)))
+
+        def sums(values: Array, low: NDArray[np.intp], high: NDArray[np.intp]) -> Array:
+            total = np.r_[0.0, np.cumsum(values)]
+            return np.asarray(total[high] - total[low])
+
+        both = np.fft.irfft(np.fft.rfft(b, size) * np.conj(np.fft.rfft(a, size)), size)
+        sa, saa = (sums(v, start - lags, stop - lags) for v in (a, a**2))
+        sb, sbb = (sums(v, start, stop) for v in (b, b**2))
+        scale = (saa - sa**2 / count) * (sbb - sb**2 / count)
+        c = (both[lags % size] - sa * sb / count) / np.sqrt(np.maximum(scale, 1e-12))
+        wide = np.pad(c, 10, mode="edge")
+        highest = np.max([wide[k : k + len(c)] for k in range(21)], axis=0)
+        top = np.flatnonzero(c >= highest)
+        top = top[np.argsort(-c[top], kind="stable")][:_CANDIDATES]
+        return [float(joints[0] - camera[0] + lags[k] / _GRID) for k in top]
+
+    def matched(self, clocks: Clocks, rows: int) -> tuple[Array, Array, Array]:
+        """Return joints (n, joints), pixels (n, 2) and joints' times (n,) of some frames."""
+        when = clocks.joints_time(self.t)
+        inside = np.flatnonzero((when >= self.joint_time[0]) & (when <= self.joint_time[-1]))
+        some = inside[thinned(len(inside), rows)] if len(inside) else inside
+        return self.joints(when[some]), self.x[some], when[some]
+
+    def candidate(self, peak: float) -> Clocks:
+        """Move a peak to the offset near it that fits best, and judge it."""
+        clocks = best = Clocks(peak, 0.0, float(0.5 * (self.t[0] + self.t[-1])), error=np.inf)
+        for _ in range(4):
+            there, seen, when = self.matched(clocks, _ROWS[0])
+            if len(there) < 16:
+                break
+            judge = Judge(there)
+            clocks = replace(clocks, error=judge.error(seen))
+            best = min(best, clocks, key=lambda each: each.error)
+            step = self._step(judge, seen, when, rate=False)[0][0]
+            offset = clocks.offset + float(np.clip(step, -0.06, 0.06))
+            offset = float(np.clip(offset, peak - _FARTHEST, peak + _FARTHEST))
+            clocks = replace(clocks, offset=offset)
+        return best
+
+    def chain(self, start: Clocks, revolute: tuple[bool, ...]) -> Clocks | None:
+        """Fit a planar chain, the offset and, where it shows, the rate; None where none fits."""
+        _, seen, when = self.matched(start, _ROWS[2])
+        timing = fit_timing(when, seen, self.joints, revolute) if len(when) >= 16 else None
+        if timing is None:
+            return None
+        # the rate was fitted about the middle of the rows that were used
+        shift = timing.rate * (start.middle + start.offset - 0.5 * (when[0] + when[-1]))
+        return replace(
+            start,
+            offset=start.offset + timing.offset + float(shift),
+            rate=timing.rate,
+            error=timing.error,
+            doubt=self._at_ends(*timing.doubt),
+        )
+
+    def refined(self, start: Clocks) -> Clocks:
+        """Fit the offset, and the rate where the rows show one, by Gauss and Newton's method."""
+        there, seen, _ = self.matched(start, _ROWS[1])
+        soft = softness(there, seen)
+        tried = []
+        for rate in (False, True):
+            clocks = start
+            for _ in range(8):
+                there, seen, when = self.matched(clocks, _ROWS[1])
+                judge = Judge(there, soft=soft)
+                step, sd = self._step(judge, seen, when, rate=rate)
+                clocks = replace(clocks, error=judge.error(seen), doubt=self._at_ends(*sd))
+                if abs(step[0]) < 2e-5 and abs(step[1]) * np.ptp(self.t) < 4e-5:
+                    break
+                clocks = replace(clocks, offset=clocks.offset + step[0], rate=clocks.rate + step[1])
+            tried.append((clocks, float(sd[1])))
+        (plain, _), (free, sd_rate) = tried
+        # a rate that is nothing but noise would spoil both ends
+        shown = abs(free.rate) > 4.0 * sd_rate and free.error < 0.97 * plain.error
+        return free if shown else plain
+
+    def _at_ends(self, offset: float, rate: float) -> float:
+        """Return the standard deviation of the joints' time at the track's ends [s]."""
+        return float(np.hypot(offset, 0.5 * rate * np.ptp(self.t)))
+
+    def _step(self, judge: Judge, seen: Array, when: Array, *, rate: bool) -> tuple[Array, Array]:
+        """Return the change of offset and rate that the held-out misses ask for, and their sd.
+
+        Were the joints late by d, held-out blocks would miss by d times the tip's velocity, less
+        what the fit would have made of that: the same linear map takes both.
+        """
+        ahead, behind = (judge.predict(self.joints(when + h), seen) for h in (_STEP, -_STEP))
+        velocity = (ahead - behind) / (2.0 * _STEP)
+        miss = judge.miss(seen).ravel()
+        terms = [velocity, velocity * (when - when.mean())[:, None]][: 2 if rate else 1]
+        A = np.stack([judge.miss(term).ravel() for term in terms], axis=1)
+        weight: Array = np.ones(len(miss))
+        for _ in range(4):
+            B = A * weight[:, None]
+            found = np.asarray(np.linalg.lstsq(B, miss * weight, rcond=None)[0], float)
+            left = np.abs(miss - A @ found)
+            scale = 1.48 * float(np.median(left)) + 1e-9
+            weight = np.sqrt(np.minimum(1.0, 2.0 * scale / np.maximum(left, 1e-12)))
+        B = A * weight[:, None]
+        # neighbouring rows err alike: about three of them say as much as one
+        sd = np.sqrt(3.0 * scale**2 * np.diag(np.linalg.pinv(B.T @ B)))
+        return np.r_[found, 0.0][:2], np.r_[sd, 0.0][:2]
+
+
+def _speed(values: Array) -> Array:
+    """Return smoothed speeds of values (n, d) on a grid of times."""
+    along = np.gradient(values, 1.0 / _GRID, axis=0)
+    window = np.hanning(15)[1:-1]
+    return np.convolve(np.linalg.norm(along, axis=1), window / window.sum(), "same")
 
 
 class ClockError(LogError):
@@ -43,19 +220,12 @@ def align_clocks(
 ) -> Clocks:
     """Find when the joints were where the camera saw the tag.
 
-    Parameters
-    ----------
-    time, pixels : (n,) array [s], (n, 2) array [px]
-        Times of frames, by the camera's clock, and where the tag was; NaN where it was not seen.
-    joint_time, q : (m,) array [s], (m, joints) array [rad or m]
-        Joints, at increasing times by their clock.
-    revolute : sequence of bool, optional
-        Which joints turn; all if not given.
-
-    Raises
-    ------
-    ClockError
-        If nothing moves, no offset fits, or more than one does.
+    time, pixels : (n,) array [s], (n, 2) array [px]; times of frames, by the camera's clock, and
+        where the tag was; NaN where it was not seen.
+    joint_time, q : (m,) array [s], (m, joints) array [rad or m]; joints, at increasing times by
+        their clock.
+    revolute : sequence of bool; which joints turn; all if not given.
+    Raises ClockError if nothing moves, no offset fits, or more than one does.
     """
     seen = np.isfinite(pixels[:, 0]) & ~jumps(pixels)
     t, x = time[seen], pixels[seen]

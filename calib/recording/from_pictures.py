@@ -15,14 +15,13 @@ from ..common.wording import listed
 from ..errors import LogError, OptionError
 from .board import BoardFinder
 from .joint_table import JointTable
-from .judge import row_shift, unrelated
 from .pictures import list_pictures, match_rows, read_series
 from .plane import square_pose
 from .recorded import Recorded, told
 from .reference import PlaneReference
 from .setting import Setting
 from .tags import Tag, TagFinder
-from .track import TipTags, astray, check_motion, stuck
+from .track import TipTags, astray, check_motion, row_shift, stuck, unrelated
 from .watch import Marks
 
 Array = NDArray[np.float64]
@@ -41,11 +40,8 @@ def log_pictures(
     picture, by their column of names or in natural order. `since` is what an earlier log tells of
     its source (`read_about`): how far the camera moved since is told.
 
-    Raises
-    ------
-    LogError
-        In one line, if no log can be made: no such tag, twice in a picture, at one place
-        while joints move, rows shifted against the pictures, and the like.
+    Raises LogError in one line, if no log can be made: no such tag, twice in a picture, at one
+        place while joints move, rows shifted against the pictures, and the like.
     """
     pairs, notes = match_rows(joints, list_pictures(source))
     boards = BoardFinder(setting.board) if setting.board is not None else None

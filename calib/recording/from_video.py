@@ -14,8 +14,7 @@ from numpy.typing import NDArray
 from ..errors import LogError, OptionError
 from ..samples.bags import MAX_GAP
 from ..samples.joint_values import covered, joints_at
-from .clock_search import Clocks
-from .clocks import align_clocks
+from .clocks import Clocks, align_clocks
 from .from_pictures import assemble, seen_instead
 from .joint_table import JointTable
 from .recorded import Recorded, told
@@ -36,21 +35,13 @@ _SHAKE = 0.5  # a tag that moves more has not come to rest [px]
 
 @dataclass(frozen=True)
 class Rows:
-    """Which frames become rows of a log.
+    """Which frames become rows of a log."""
 
-    Attributes
-    ----------
-    time_offset : float or None [s]
-        Added to the video's times; found if not given.
-    still : float or None [rad/s or m/s]
-        Every frame in which no joint moves faster is a row; else the median of each rest is.
-    max_gap : float [s]
-        Frames between joints further apart are left out.
-    """
-
-    time_offset: float | None = None
+    time_offset: float | None = None  # added to the video's times; found if not given [s]
+    # every frame in which no joint moves faster is a row; else the median of each rest is
+    # [rad/s or m/s]
     still: float | None = None
-    max_gap: float = MAX_GAP
+    max_gap: float = MAX_GAP  # frames between joints further apart are left out [s]
 
     def __post_init__(self) -> None:
         if self.still is not None and not self.still > 0:
@@ -73,11 +64,8 @@ def log_video(
     The joints have times, by a clock of their own. `revolute` says which of them turn; all if it is
     not given.
 
-    Raises
-    ------
-    LogError
-        In one line, if no log can be made: no such tag, clocks that cannot be aligned, an
-        arm that never rests, and the like.
+    Raises LogError in one line, if no log can be made: no such tag, clocks that cannot be aligned,
+        an arm that never rests, and the like.
     """
     rows = rows or Rows()
     if joints.time is None:

@@ -24,23 +24,15 @@ _TURNS = 4.0 * np.pi  # [rad]; joints that go beyond two turns are taken for deg
 
 @dataclass(frozen=True, eq=False)
 class JointTable:
-    """Joints as they were recorded.
-
-    Attributes
-    ----------
-    q : (n, joints) array [rad or m]
-        Their values; rows with a missing one are left out, and counted in `dropped`.
-    time : (n,) array [s] or None
-        Times of the rows, by the joints' clock.
-    pictures : tuple of str or None
-        Names of the rows' pictures.
-    """
+    """Joints as they were recorded."""
 
     label: str
     names: tuple[str, ...]
+    # their values; rows with a missing one are left out, and counted in `dropped` (n, joints) [rad
+    # or m]
     q: Array
-    time: Array | None
-    pictures: tuple[str, ...] | None
+    time: Array | None  # times of the rows, by the joints' clock (n,) [s]
+    pictures: tuple[str, ...] | None  # names of the rows' pictures
     dropped: int = 0
 
 
@@ -53,17 +45,10 @@ def read_joints(
 ) -> JointTable:
     """Read a table of joints; a column `time` [s] or `picture` says what a row is of.
 
-    Parameters
-    ----------
-    joints : sequence of str, optional
-        The joints' columns; all columns of numbers but those if not given.
-    degrees, prismatic : bool, sequence of str
-        Whether joints that turn are in degrees, and which slide [m].
-
-    Raises
-    ------
-    LogError
-        If there are no joints, or they look like degrees and are not said to be.
+    joints : sequence of str; the joints' columns; all columns of numbers but those if not given.
+    degrees, prismatic : bool, sequence of str; whether joints that turn are in degrees, and which
+        slide [m].
+    Raises LogError if there are no joints, or they look like degrees and are not said to be.
     """
     source = open_source(path)
     time_column, picture_column = _named(source, TIMES), _named(source, PICTURES)

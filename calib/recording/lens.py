@@ -29,28 +29,18 @@ _TANGENTIAL = 10  # pictures from which a lens that sits askew can be told
 
 @dataclass(frozen=True, eq=False)
 class Lens:
-    """A pinhole with radial and tangential distortion (Brown's model, as in OpenCV).
+    """A pinhole with radial and tangential distortion (Brown's model, as in OpenCV)."""
 
-    Attributes
-    ----------
-    size : (int, int) [px]
-        Width and height of the pictures it holds for.
-    focal, centre : (2,) array [px]
-        Focal lengths along x and y, principal point.
-    distortion : (5,) array
-        k1, k2, p1, p2, k3.
-    rms, pictures : float [px], int
-        Rms distance of the calibration's corners from their places, in how many pictures.
-    covariance : (9, 9) array
-        Of `parameters`; zero where a lens is taken for exact.
-    """
-
-    size: tuple[int, int]
+    size: tuple[int, int]  # width and height of the pictures it holds for [px]
+    # focal, centre: focal lengths along x and y, principal point (2,) [px]
     focal: Array
     centre: Array
-    distortion: Array
+    distortion: Array  # k1, k2, p1, p2, k3 (5,)
+    # rms, pictures: rms distance of the calibration's corners from their places, in how many
+    # pictures [px]
     rms: float = 0.0
     pictures: int = 0
+    # of `parameters`; zero where a lens is taken for exact (9, 9)
     covariance: Array = field(default_factory=lambda: np.zeros((9, 9)))
 
     @property
@@ -102,10 +92,7 @@ class Lens:
     def from_json(cls, told: Mapping[str, Any]) -> Lens:
         """Return the lens that `to_json` told.
 
-        Raises
-        ------
-        KeyError, TypeError, ValueError
-            If it is none.
+        Raises KeyError, TypeError, ValueError if it is none.
         """
         width, height = (int(side) for side in told["size"])
         focal, centre, distortion = (
@@ -128,10 +115,7 @@ class Lens:
 def read_lens(path: str | os.PathLike[str]) -> Lens:
     """Read a lens that `Lens.save` wrote.
 
-    Raises
-    ------
-    LogError
-        If the file is none.
+    Raises LogError if the file is none.
     """
     try:
         return Lens.from_json(json.loads(Path(path).read_text(encoding="utf-8")))
@@ -151,17 +135,10 @@ def calibrate_lens(
 ) -> tuple[Lens, tuple[str, ...]]:
     """Fit a lens to pictures of a board held at different angles; notes say what makes it doubtful.
 
-    Parameters
-    ----------
-    corners : sequence of mapping of int to (2,) array [px]
-        Corners that each picture shows, as `BoardFinder.find` returns them.
-    size : (int, int) [px]
-        Width and height of the pictures.
-
-    Raises
-    ------
-    LogError
-        If too few pictures show the board, or it was never tilted.
+    corners : sequence of mapping of int to (2,) array [px]; corners that each picture shows, as
+        `BoardFinder.find` returns them.
+    size : (int, int) [px]; width and height of the pictures.
+    Raises LogError if too few pictures show the board, or it was never tilted.
     """
     cv2 = opencv()
     usable = [c for c in corners if len(c) >= LEAST_CORNERS]
@@ -202,12 +179,8 @@ def _fit(
 
     Terms that the pictures do not need are free near the border, where no board was.
 
-    Returns
-    -------
-    lens : Lens
-        The best.
-    doubt : float
-        Standard deviation of its focal length, as a share of it.
+    Returns lens : Lens; the best.
+    Returns doubt : float; standard deviation of its focal length, as a share of it.
     """
     cv2 = opencv()
     one = cv2.CALIB_FIX_K3 | cv2.CALIB_ZERO_TANGENT_DIST | cv2.CALIB_FIX_K2

@@ -32,26 +32,13 @@ def record_live(
 ) -> Path:
     """Take a picture for each line of joints, until the lines end or Ctrl-C.
 
-    Parameters
-    ----------
-    device : str
-        The camera's number, such as `0`, or a stream that OpenCV opens.
-    lines : iterable of str
-        CSV: the joints' names, then their values [rad or m], a line when the arm has come to rest.
-    folder : Path
-        Where pictures and `joints.csv` go; new, or empty.
-    setting : Setting
-        Names the tag; `say` tells for each picture whether it was seen.
-
-    Returns
-    -------
-    Path
-        The table of joints, with a column `picture`.
-
-    Raises
-    ------
-    LogError
-        If there is no such camera, it stops, or a line has no joints.
+    device : str; the camera's number, such as `0`, or a stream that OpenCV opens.
+    lines : iterable of str; CSV: the joints' names, then their values [rad or m], a line when the
+        arm has come to rest.
+    folder : Path; where pictures and `joints.csv` go; new, or empty.
+    setting : names the tag; `say` tells for each picture whether it was seen.
+    Returns Path; the table of joints, with a column `picture`.
+    Raises LogError if there is no such camera, it stops, or a line has no joints.
     """
     if folder.exists() and (not folder.is_dir() or any(folder.iterdir())):
         raise LogError(f"{str(folder)!r} is not empty: expected a new folder for the pictures")

@@ -14,10 +14,7 @@ _INSTALL = "reading pictures needs OpenCV: pip install 'calib-arm[camera]'"
 def opencv() -> Any:
     """Import OpenCV and silence what it and FFmpeg write to standard error.
 
-    Raises
-    ------
-    LogError
-        If it is missing or older than 4.11.
+    Raises LogError if it is missing or older than 4.11.
     """
     os.environ.setdefault("OPENCV_LOG_LEVEL", "SILENT")
     os.environ.setdefault("OPENCV_FFMPEG_LOGLEVEL", "-8")  # read when a video is opened

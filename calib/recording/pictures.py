@@ -36,10 +36,7 @@ def natural(name: str) -> list[tuple[int, int | str]]:
 def list_pictures(source: str | os.PathLike[str]) -> list[Path]:
     """Return the pictures of a folder or a pattern such as `shots/*.jpg`, in natural order.
 
-    Raises
-    ------
-    LogError
-        If there is no such folder, or no picture in it.
+    Raises LogError if there is no such folder, or no picture in it.
     """
     text = os.fspath(source)
     folder = Path(text)
@@ -61,10 +58,7 @@ def list_pictures(source: str | os.PathLike[str]) -> list[Path]:
 def read_picture(path: str | os.PathLike[str], *, colour: bool = False) -> Picture:
     """Read a picture whole: grey (height, width), or red, green, blue (height, width, 3).
 
-    Raises
-    ------
-    UnreadableError
-        If it is cut off, damaged or no picture.
+    Raises UnreadableError if it is cut off, damaged or no picture.
 
     Notes
     -----
@@ -101,10 +95,7 @@ def read_picture(path: str | os.PathLike[str], *, colour: bool = False) -> Pictu
 def read_series(paths: Sequence[Path], damaged: list[str]) -> Iterator[tuple[int, Picture]]:
     """Yield the numbers and the grey pictures of one camera; say of others why they are left out.
 
-    Raises
-    ------
-    LogError
-        If they have several sizes: intrinsics hold for one setting of a camera.
+    Raises LogError if they have several sizes: intrinsics hold for one setting of a camera.
     """
     size: tuple[int, ...] | None = None
     for number, path in enumerate(paths):
@@ -131,10 +122,7 @@ def match_rows(
 ) -> tuple[list[tuple[int, Path]], list[str]]:
     """Pair rows of the joints with their pictures, in the rows' order; notes say what is left.
 
-    Raises
-    ------
-    LogError
-        If their names do not fit, or without names their counts.
+    Raises LogError if their names do not fit, or without names their counts.
     """
     if table.pictures is None:
         rows = len(table.q) + table.dropped

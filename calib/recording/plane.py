@@ -18,25 +18,14 @@ _LEAST_NOISE = 0.01  # [px]; corners are credited with no less
 
 @dataclass(frozen=True, eq=False)
 class Pose:
-    """Where a frame is in the camera's: `seen = rotation @ point + shift` [m].
+    """Where a frame is in the camera's: `seen = rotation @ point + shift` [m]."""
 
-    Attributes
-    ----------
-    rotation : (3, 3) array
-        Frame to camera (x right, y down, z ahead).
-    shift : (3,) array [m]
-        The frame's origin in the camera's.
-    covariance : (15, 15) array
-        Of a small turn [rad] in the camera's axes, of the shift [m], and of the lens's
-        parameters, which the pose was found with.
-    rms : float [px]
-        Rms distance of the points from where the pose puts them.
-    """
-
-    rotation: Array
-    shift: Array
+    rotation: Array  # frame to camera (x right, y down, z ahead) (3, 3)
+    shift: Array  # the frame's origin in the camera's (3,) [m]
+    # of a small turn [rad] in the camera's axes, of the shift [m], and of the lens's parameters,
+    # which the pose was found with (15, 15)
     covariance: Array
-    rms: float
+    rms: float  # rms distance of the points from where the pose puts them [px]
 
     @property
     def camera(self) -> Array:
@@ -68,14 +57,8 @@ def rotation_of(turn: Array) -> Array:
 def find_pose(lens: Lens, points: Array, pixels: Array) -> Pose:
     """Fit the pose of a flat frame to points of it and their pixels, outliers weighed down.
 
-    Parameters
-    ----------
-    lens : Lens
-        The camera.
-    points : (n, 3) array [m]
-        Points of the plane z = 0, four or more.
-    pixels : (n, 2) array [px]
-        Where they appear.
+    points : (n, 3) array [m]; points of the plane z = 0, four or more.
+    pixels : (n, 2) array [px]; where they appear.
     """
     from scipy.optimize import least_squares
 
@@ -120,10 +103,7 @@ def find_pose(lens: Lens, points: Array, pixels: Array) -> Pose:
 def cut_plane(lens: Lens, pose: Pose, pixels: ArrayLike, height: float = 0.0) -> Array:
     """Cut the rays of pixels (n, 2) with the plane `z = height` of a frame.
 
-    Returns
-    -------
-    (n, 2) array [m]
-        x and y in the frame; NaN where the ray does not meet the plane ahead.
+    Returns (n, 2) array [m]; x and y in the frame; NaN where the ray does not meet the plane ahead.
     """
     flat = lens.undistort(pixels)
     rays = np.c_[flat, np.ones(len(flat))] @ pose.rotation
@@ -138,10 +118,8 @@ def cut_plane(lens: Lens, pose: Pose, pixels: ArrayLike, height: float = 0.0) ->
 def cut_noise(lens: Lens, pose: Pose, pixels: Array, height: float = 0.0) -> Array:
     """Tell how far positions are off because pose and lens are known to their covariance.
 
-    Returns
-    -------
-    (n,) array [m]
-        Standard deviation along each axis; all positions of a recording share it.
+    Returns (n,) array [m]; standard deviation along each axis; all positions of a recording share
+        it.
     """
     base = cut_plane(lens, pose, pixels, height)
     variance = np.zeros(len(base))
@@ -170,23 +148,14 @@ def homography(pixels: Array, points: Array) -> Array:
     Normalised direct linear transform (Hartley and Zisserman, section 4.4).  OpenCV's
     `findHomography` rounds to single precision and answers for points on a line too.
     """
-    scaled, maps = [], []
+    maps = []
     for values in (pixels, points):
         middle, spread = values.mean(0), float(np.sqrt(2.0) / max(values.std(), 1e-12))
-        maps.append(
-            np.array(
-                [[spread, 0, -spread * middle[0]], [0, spread, -spread * middle[1]], [0, 0, 1]]
-            )
-        )
-        scaled.append((values - middle) * spread)
-    (u, v), (x, y) = scaled[0].T, scaled[1].T
-    one, zero = np.ones_like(u), np.zeros_like(u)
-    rows = np.concatenate(
-        [
-            np.stack([u, v, one, zero, zero, zero, -x * u, -x * v, -x], 1),
-            np.stack([zero, zero, zero, u, v, one, -y * u, -y * v, -y], 1),
-        ]
-    )
+        maps.append(np.vstack([np.c_[spread * np.eye(2), -spread * middle], [0.0, 0.0, 1.0]]))
+    one = np.ones(len(pixels))
+    p, (x, y, _) = np.c_[pixels, one] @ maps[0].T, maps[1] @ np.stack([*points.T, one])
+    none = np.zeros_like(p)
+    rows = np.block([[p, none, -x[:, None] * p], [none, p, -y[:, None] * p]])
     values, vectors = np.linalg.svd(rows)[1:]
     if values[7] < 1e-9 * values[0]:
         raise LogError("three of the reference's tags lie on a line: spread them as a rectangle")

@@ -23,10 +23,7 @@ _FOOT = 12.0  # [mm] for the line and the words
 def tag_cells(number: int, dictionary: str = DICTIONARY) -> Cells:
     """Return which cells of a tag are white, its black border included: (cells, cells).
 
-    Raises
-    ------
-    OptionError
-        If the dictionary has no such id.
+    Raises OptionError if the dictionary has no such id.
     """
     known = find_dictionary(dictionary)
     count = len(known.bytesList)

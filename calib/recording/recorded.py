@@ -17,41 +17,24 @@ Array = NDArray[np.float64]
 
 @dataclass(frozen=True, eq=False)
 class Recorded:
-    """Joints and what a camera saw with them.
-
-    Attributes
-    ----------
-    q : (n, joints) array [rad or m]
-        Values of the joints named in `joint_names`.
-    x : (n, 2) or (n, 3) array [unit]
-        The tag's centre, in "m", or in "px" without a reference.
-    noise, common : float [unit]
-        Standard deviation of a row along each axis, and the part of it that all rows share: how
-        well the reference was found.
-    pixels : (n, 2) array [px]
-        Where the tag was seen.
-    source : dict
-        What it was made of, as plain values: `Recorded.write` keeps it with the log.
-    quaternion : (n, 4) array or None
-        Orientation of the tag, x, y, z, w.
-    time : (n,) array [s] or None
-        Times since the first row; of pictures their names in `pictures` instead.
-    dropped : dict of str to int
-        Why rows are missing, and how many.
-    """
+    """Joints and what a camera saw with them."""
 
     joint_names: tuple[str, ...]
-    q: Array
-    x: Array
+    q: Array  # values of the joints named in `joint_names` (n, joints) [rad or m]
+    x: Array  # the tag's centre, in "m", or in "px" without a reference (n, 2) or (n, 3) [unit]
     unit: str
+    # noise, common: standard deviation of a row along each axis, and the part of it that all rows
+    # share: how well the reference was found [unit]
     noise: float
-    pixels: Array
+    pixels: Array  # where the tag was seen (n, 2) [px]
     common: float = 0.0
+    # what it was made of, as plain values: `Recorded.write` keeps it with the log
     source: Mapping[str, Any] = field(default_factory=dict)
-    quaternion: Array | None = None
+    quaternion: Array | None = None  # orientation of the tag, x, y, z, w (n, 4)
+    # times since the first row; of pictures their names in `pictures` instead (n,) [s]
     time: Array | None = None
     pictures: tuple[str, ...] | None = None
-    dropped: Mapping[str, int] = field(default_factory=dict)
+    dropped: Mapping[str, int] = field(default_factory=dict)  # why rows are missing, and how many
     notes: tuple[str, ...] = ()
 
     def __len__(self) -> int:

@@ -114,10 +114,7 @@ def _scale(positions: Callable[[Array], Array], pixels: Array) -> Array:
 def read_reference(about: Mapping[str, Any]) -> Reference:
     """Return the reference that a log tells of itself; see `Reference.told`.
 
-    Raises
-    ------
-    LogError
-        If it tells none.
+    Raises LogError if it tells none.
     """
     try:
         told = about["reference"]

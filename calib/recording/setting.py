@@ -24,32 +24,21 @@ Picture = NDArray[np.uint8]
 
 @dataclass(frozen=True)
 class Setting:
-    """What is in the pictures, and what is known of the camera.
+    """What is in the pictures, and what is known of the camera."""
 
-    Attributes
-    ----------
-    tag, dictionary : int, str
-        Id of the tag on the tip, and its dictionary, which is that of tags around the arm too.
-    board, tags_at : Board or None, Layout or None
-        What lies on the desk, a board or tags at known places: positions are in its frame [m].
-    lens : Lens or None
-        The camera's.
-    tag_size : float or None [m]
-        Side of the tip's tag: its pose needs it.
-    tag_height : float [m]
-        How far the tip's tag is above the board, or above the tags on the desk.
-    pose : bool
-        Whether z and the orientation of the tag are wanted too.
-    """
-
+    # tag, dictionary: id of the tag on the tip, and its dictionary, which is that of tags around
+    # the arm too
     tag: int
     dictionary: str = DICTIONARY
+    # board, tags_at: what lies on the desk, a board or tags at known places: positions are in its
+    # frame [m]
     board: Board | None = None
     tags_at: Layout | None = None
-    lens: Lens | None = None
-    tag_size: float | None = None
+    lens: Lens | None = None  # the camera's
+    tag_size: float | None = None  # side of the tip's tag: its pose needs it [m]
+    # how far the tip's tag is above the board, or above the tags on the desk [m]
     tag_height: float = 0.0
-    pose: bool = False
+    pose: bool = False  # whether z and the orientation of the tag are wanted too
     finder: TagFinder = field(init=False, repr=False, compare=False)
 
     def __post_init__(self) -> None:

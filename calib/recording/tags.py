@@ -30,25 +30,16 @@ _MARGINS = (0.13, 0.3)  # of a cell that is not read; OpenCV 4 reads small tags 
 
 @dataclass(frozen=True, eq=False)
 class Tag:
-    """A tag in a picture; pixel centres have whole coordinates, y runs down.
+    """A tag in a picture; pixel centres have whole coordinates, y runs down."""
 
-    Attributes
-    ----------
-    number : int
-        Its id.
-    corners, centre : (4, 2), (2,) array [px]
-        The black square, clockwise in print from the top left; where its diagonals cross.
-    noise : float [px]
-        Standard deviation of the centre along each axis, from how well lines fit the sides.
-    sharp : bool
-        Whether they fit at all.
-    """
-
-    number: int
+    number: int  # its id
+    # corners, centre: the black square, clockwise in print from the top left; where its diagonals
+    # cross (4, 2), (2,) [px]
     corners: Array
     centre: Array
+    # standard deviation of the centre along each axis, from how well lines fit the sides [px]
     noise: float = FLOOR
-    sharp: bool = True
+    sharp: bool = True  # whether they fit at all
 
     @property
     def side(self) -> float:
@@ -76,10 +67,7 @@ def dictionary_names() -> tuple[str, ...]:
 def find_dictionary(name: str) -> Any:
     """Return OpenCV's dictionary of a name; case, `DICT_` and `apriltag_` may be left out.
 
-    Raises
-    ------
-    OptionError
-        If there is none.
+    Raises OptionError if there is none.
     """
     aruco = opencv().aruco
     plain = name.strip().lower().removeprefix("dict_").replace("-", "_")
@@ -94,12 +82,9 @@ def find_dictionary(name: str) -> Any:
 class TagFinder:
     """Finds tags of one dictionary.
 
-    Parameters
-    ----------
-    dictionary : str
-        Its name.
-    wanted : collection of int, optional
-        Ids to look for; all if not given, which takes ten times as long with OpenCV 5.
+    dictionary : str; its name.
+    wanted : collection of int; ids to look for; all if not given, which takes ten times as long
+        with OpenCV 5.
     """
 
     def __init__(self, dictionary: str = DICTIONARY, wanted: Collection[int] | None = None) -> None:

@@ -76,26 +76,16 @@ class Video:
 
 @dataclass(frozen=True, eq=False)
 class Track:
-    """The tag through a video.
+    """The tag through a video."""
 
-    Attributes
-    ----------
-    time, tags : (n,) array [s], tuple of Tag or None
-        Times of the frames, by the camera's clock, and the tag in each.
-    marks : tuple of (int, marks)
-        Frames in which the reference was looked for, and what they show.
-    reasons : Counter of str
-        Why frames have no tag, and how many.
-    sample : tuple of (height, width) array
-        A few frames.
-    """
-
+    # time, tags: times of the frames, by the camera's clock, and the tag in each (n,) [s]
     time: Array
     tags: tuple[Tag | None, ...]
+    # frames in which the reference was looked for, and what they show
     marks: tuple[tuple[int, Marks], ...]
-    reasons: Counter[str]
+    reasons: Counter[str]  # why frames have no tag, and how many
     notes: tuple[str, ...]
-    sample: tuple[Picture, ...]
+    sample: tuple[Picture, ...]  # a few frames (height, width)
 
     @property
     def pixels(self) -> Array:
@@ -107,10 +97,7 @@ class Track:
 def follow(path: str | os.PathLike[str], setting: Setting) -> Track:
     """Track the tag of a setting through a video, within a window where it was just seen.
 
-    Raises
-    ------
-    LogError
-        If the file is no video, or the tag is there twice.
+    Raises LogError if the file is no video, or the tag is there twice.
     """
     video = Video(path)
     setting.check_size(video.name, video.size)

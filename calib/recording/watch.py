@@ -33,21 +33,11 @@ _CLEAR = 3.0  # standard deviations that a motion between recordings must have
 
 @dataclass(frozen=True, eq=False)
 class Layout:
-    """Marks at known places of a flat frame: a board's corners, or tags on a desk.
+    """Marks at known places of a flat frame: a board's corners, or tags on a desk."""
 
-    Attributes
-    ----------
-    what : str
-        What messages call it.
-    points : mapping of int to (2,) array [m]
-        Places by number.
-    least : int
-        Marks that must be seen.
-    """
-
-    what: str
-    points: Marks
-    least: int
+    what: str  # what messages call it
+    points: Marks  # places by number (2,) [m]
+    least: int  # marks that must be seen
 
     def reference(self, seen: Marks, lens: Lens | None, height: float) -> Reference:
         """Fit the reference to the marks of a recording."""
@@ -70,10 +60,7 @@ def board_layout(board: Board) -> Layout:
 def read_layout(path: str | os.PathLike[str]) -> Layout:
     """Read tags at known places: a table with the columns `tag`, `x`, `y` [m].
 
-    Raises
-    ------
-    LogError
-        If there are fewer than four, or a tag has two places.
+    Raises LogError if there are fewer than four, or a tag has two places.
     """
     source = open_source(path)
     rows = read_columns(source, ["tag", "x", "y"])
@@ -92,23 +79,12 @@ def read_layout(path: str | os.PathLike[str]) -> Layout:
 
 @dataclass(frozen=True, eq=False)
 class Watch:
-    """The reference over a recording, which may have been bumped on the way.
+    """The reference over a recording, which may have been bumped on the way."""
 
-    Attributes
-    ----------
-    starts : tuple of int
-        First picture of each part.
-    parts : tuple of Reference
-        The reference of each.
-    notes : tuple of str
-        What moved.
-    off : frozenset of int
-        Pictures whose marks are elsewhere than the reference of their part.
-    """
-
-    starts: tuple[int, ...]
-    parts: tuple[Reference, ...]
-    notes: tuple[str, ...] = ()
+    starts: tuple[int, ...]  # first picture of each part
+    parts: tuple[Reference, ...]  # the reference of each
+    notes: tuple[str, ...] = ()  # what moved
+    # pictures whose marks are elsewhere than the reference of their part
     off: frozenset[int] = frozenset()
 
     def positions(self, pixels: Array, numbers: Array) -> tuple[Array, Array, Array]:

@@ -7,8 +7,8 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 from numpy.random import Generator
-from numpy.typing import NDArray
 
+from ..common.arrays import Array
 from ..common.checks import whole
 from ..errors import OptionError
 from .changes import Change, parse_changes
@@ -17,8 +17,6 @@ from .simulation import Simulation
 
 if TYPE_CHECKING:
     from ..arm.arm import Arm
-
-Array = NDArray[np.float64]
 
 MAX_SAMPLES = 10_000_000
 

@@ -7,13 +7,11 @@ from dataclasses import dataclass, field
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
 from ..arm.rotations import matrix_of, quaternion_of
+from ..common.arrays import Array
 from ..common.wording import listed
 from ..errors import LogError
-
-Array = NDArray[np.float64]
 
 #: Types of messages with a position, where it stands, and where the orientation does.
 POSITIONS = {

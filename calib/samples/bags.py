@@ -13,14 +13,12 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
+from ..common.arrays import Array
 from ..common.wording import listed, suggestion
 from ..errors import LogError, OptionError
 from .bag_poses import POSITIONS, TF, Poses, stamped_poses, tf_poses
 from .joint_values import covered, joints_at
-
-Array = NDArray[np.float64]
 
 JOINT_STATE = "sensor_msgs/msg/JointState"
 MAX_GAP = 0.1

@@ -14,9 +14,9 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 import numpy as np
-from numpy.typing import NDArray
 
-from ..common.wording import clipped, listed, quoted
+from ..common.arrays import Array
+from ..common.wording import clipped, listed, printable, quoted
 from ..errors import LogError
 from .csv_rows import CsvFile, open_csv
 from .parquet import ParquetFile, open_parquet
@@ -24,8 +24,6 @@ from .places import Place, find_place
 
 if TYPE_CHECKING:
     import polars as pl
-
-Array = NDArray[np.float64]
 
 PARQUET = (".parquet", ".pq")
 
@@ -64,7 +62,7 @@ def open_source(path: str | os.PathLike[str] | Source) -> Source:
     if isinstance(path, Source):
         return path
     name, keep = os.fspath(path), None
-    label = "standard input" if name == "-" else _printable(name)
+    label = "standard input" if name == "-" else printable(name)
     try:
         file = Path(name)
         if name == "-" or _is_stream(file):
@@ -150,7 +148,3 @@ def _spooled(path: Path) -> tuple[Path, object]:
         else:  # a test's or a notebook's, of text alone
             file.write(sys.stdin.read().encode())
     return copy, folder
-
-
-def _printable(text: str) -> str:
-    return text if text.isprintable() else ascii(text)

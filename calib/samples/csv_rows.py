@@ -11,16 +11,14 @@ from pathlib import Path
 from typing import IO, TYPE_CHECKING
 
 import numpy as np
-from numpy.typing import NDArray
 
+from ..common.arrays import Array
 from ..common.wording import quoted
 from ..errors import LogError
 from .places import Place, parse_cell
 
 if TYPE_CHECKING:
     import polars as pl
-
-Array = NDArray[np.float64]
 
 BLOCK = 1 << 23
 """Bytes of a CSV file that are held at once."""
@@ -193,11 +191,7 @@ def _read_plain(block: bytes, width: int, separator: str, index: Sequence[int]) 
     schema = {f"c{i}": pl.Float64() if i in wanted else pl.String() for i in range(width)}
     try:
         frame = pl.read_csv(
-            io.BytesIO(block),
-            has_header=False,
-            separator=separator,
-            schema=schema,
-            columns=wanted,
+            io.BytesIO(block), has_header=False, separator=separator, schema=schema, columns=wanted
         )
     except (pl.exceptions.PolarsError, pl.exceptions.PanicException, OSError, ValueError):
         return None

@@ -11,9 +11,8 @@ from collections.abc import Sequence
 import numpy as np
 from numpy.typing import NDArray
 
+from ..common.arrays import Array, Mask
 from ..errors import CalibError, LogError
-
-Array = NDArray[np.float64]
 
 TURN = 2.0 * math.pi
 
@@ -125,9 +124,6 @@ def directions(q: Array) -> Array:
     moved = np.where(sign != 0.0, np.arange(len(q))[:, None], 0)
     latest = np.maximum.accumulate(moved, axis=0)
     return np.take_along_axis(sign, latest, axis=0)
-
-
-Mask = NDArray[np.bool_]
 
 
 def joints_at(when: Array, time: Array, q: Array) -> Array:

@@ -62,7 +62,8 @@ def locked_from_log(
             raise LogError(
                 f"{source.label}: {name} is locked but moved by up to {shown} (row "
                 f"{_furthest(reservoir, values[name], turns and degrees)})",
-                hint="name it in `joints` too, or leave out the rows in which it moved",
+                hint="name it in `joints` too, without `planar` if its axis is not parallel to the "
+                "others', or leave out the rows in which it moved",
                 parameter="joints",
                 value=name,
             )

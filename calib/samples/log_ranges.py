@@ -8,10 +8,10 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from ..common.arrays import Array
 from ..errors import LogError, OptionError
 from .joint_values import TURN, beyond, in_degrees, many_turns, unit_of_joint
 
-Array = NDArray[np.float64]
 Range = tuple[float, float]
 
 _SLACK = 0.05  # share of a range by which a log may leave it: limits are rounded, arms differ

@@ -9,12 +9,13 @@ from dataclasses import replace
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
-from numpy.typing import NDArray
 
+from ..common.arrays import Array
 from ..common.wording import vector
 from ..errors import LogError, OptionError
 from .camera import camera_of
 from .columns import Source, open_source
+from .joint_values import TURN
 from .log_ranges import ChosenRange, JointColumn, Range
 from .measured_rows import HELD_ROWS, MeasuredRows, Reservoir
 from .places import find_place
@@ -33,8 +34,6 @@ from .tables import about_source, unit_of, write_table
 
 if TYPE_CHECKING:
     from ..arm.arm import Arm
-
-Array = NDArray[np.float64]
 
 _THICK = 0.02
 """Out-of-plane share of the positions' spread from which on an unknown arm moves in space."""
@@ -110,7 +109,8 @@ def read_log(
     if isinstance(most, bool) or not isinstance(most, (int, np.integer)) or most < 2:
         raise OptionError(f"most is {most!r}, expected a whole number of rows, 2 or more")
     source = open_source(path)
-    columns = {**_there(source, usual or {}), **(columns or {})}
+    there = {k: name for k, name in (usual or {}).items() if find_place(source.header, name)}
+    columns = {**there, **(columns or {})}
     about = about_source(source)
     if sees_pixels(source.header, columns, arm.joint_names if arm else joints or ()):
         columns |= PIXELS
@@ -147,8 +147,9 @@ def read_log(
         notes.append(f"{count:,} rows: {held}; other counts of values are of these")
     _check_values(source, values, names, axes)
     q = np.ascontiguousarray(values[:, : len(names)])
-    if degrees:
-        notes += _degrees_note(q, revolute)
+    # values of a few degrees at most are doubted
+    if degrees and any(revolute) and np.abs(q[:, list(revolute)]).max() <= math.radians(TURN):
+        notes.append("no joint goes beyond 6.3 degrees; if the log is in rad, leave out `degrees`")
     lower, upper = np.empty(len(names)), np.empty(len(names))
     for k, joint in enumerate(names):
         column = JointColumn(
@@ -264,11 +265,6 @@ def _revolute(arm: Arm | None, names: Sequence[str], prismatic: Sequence[str]) -
     return tuple(name not in prismatic for name in names)
 
 
-def _there(source: Source, usual: Mapping[str, str]) -> dict[str, str]:
-    """Return those of the usual names of columns that a log has."""
-    return {name: column for name, column in usual.items() if find_place(source.header, column)}
-
-
 def _check_values(source: Source, values: Array, names: Sequence[str], axes: Sequence[str]) -> None:
     if len(values) < 2:
         raise LogError(f"{source.label} has one usable row; learning needs two or more")
@@ -294,10 +290,3 @@ def _check_values(source: Source, values: Array, names: Sequence[str], axes: Seq
                 f"{source.label}: {name} is {values[0, k]:g} in every row; the sensor saw no "
                 "motion along it"
             )
-
-
-def _degrees_note(q: Array, revolute: Sequence[bool]) -> list[str]:
-    """Doubt that values of a few degrees at most are degrees."""
-    if any(revolute) and np.abs(q[:, list(revolute)]).max() <= math.radians(2.0 * math.pi):
-        return ["no joint goes beyond 6.3 degrees; if the log is in rad, leave out `degrees`"]
-    return []

@@ -8,12 +8,12 @@ from dataclasses import dataclass, field
 import numpy as np
 from numpy.typing import NDArray
 
+from ..common.arrays import Array
 from ..common.checks import LARGEST
 from ..errors import LogError
 from .columns import Source, read_batches
 from .log_ranges import ChosenRange
 
-Array = NDArray[np.float64]
 Numbers = NDArray[np.intp]
 
 
@@ -150,6 +150,8 @@ class Reservoir:
         """Let go of all but the rows with the smallest keys."""
         keys, values, numbers = (np.concatenate(part) for part in zip(*self._parts, strict=True))
         if len(keys) > self.most:
+            # rows of the smallest keys are a draw without replacement, and no later key above
+            # the limit can be among them: memory stays bounded whatever the length
             self._limit = float(np.partition(keys, self.most)[self.most])
             chosen = keys < self._limit
             keys, values, numbers = keys[chosen], values[chosen], numbers[chosen]

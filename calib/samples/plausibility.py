@@ -13,13 +13,12 @@ from typing import TYPE_CHECKING
 import numpy as np
 from numpy.typing import NDArray
 
+from ..common.arrays import Array
 from ..common.rows import thinned
 from ..errors import LogError
 
 if TYPE_CHECKING:
     from ..arm.arm import Arm
-
-Array = NDArray[np.float64]
 
 LENGTHS = {"mm": 1e3, "cm": 1e2, "in": 39.3700787, "um": 1e6}
 """Units of length, as how many of them are a metre."""
@@ -93,6 +92,7 @@ def misfit(a: Array, b: Array) -> float:
     a, b = a - a.mean(axis=0), b - b.mean(axis=0)
     u, size, v = np.linalg.svd(b.T @ a)
     sign = np.ones(len(size))
+    # the nearest rotation, no reflection (Kabsch): a mirrored sensor is to be seen as a misfit
     sign[-1] = np.sign(np.linalg.det(u @ v))
     total = max(float(np.sum(a**2)), 1e-300)
     scale = float(np.sum(size * sign)) / total

@@ -7,9 +7,9 @@ from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
 import numpy as np
-from numpy.typing import NDArray
 
 from ..arm.rotations import exponential, quaternion_of
+from ..common.arrays import Array
 from ..errors import LogError, OptionError
 from .columns import Source
 
@@ -35,10 +35,7 @@ class Roles:
 
 
 def find_roles(
-    source: Source,
-    arm: Arm | None,
-    joints: Sequence[str] | None,
-    columns: Mapping[str, str] | None,
+    source: Source, arm: Arm | None, joints: Sequence[str] | None, columns: Mapping[str, str] | None
 ) -> Roles:
     """Decide which columns to read, or say which choices there are.
 
@@ -151,8 +148,6 @@ def _joint_names(source: Source, arm: Arm | None, joints: Sequence[str] | None) 
     check_names(names)
     return names
 
-
-Array = NDArray[np.float64]
 
 QUATERNION = ("qx", "qy", "qz", "qw")
 ANGLES = ("roll", "pitch", "yaw")

@@ -7,8 +7,9 @@ from dataclasses import dataclass, field, replace
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
+from ..common.arrays import Array
 from ..common.checks import LARGEST
 from ..common.rows import column_names, number_rows
 from ..errors import LogError
@@ -18,8 +19,6 @@ if TYPE_CHECKING:
     from ..arm.plane import Plane
     from .camera import Camera
     from .simulation import Simulation
-
-Array = NDArray[np.float64]
 
 
 @dataclass(frozen=True, eq=False)

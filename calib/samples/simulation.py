@@ -10,16 +10,15 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from numpy.random import Generator
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
+from ..common.arrays import Array
 from ..common.checks import LARGEST
 from ..errors import OptionError
 from .changes import Change, parse_changes
 
 if TYPE_CHECKING:
     from ..arm.arm import Arm
-
-Array = NDArray[np.float64]
 
 _IN_SPACE = ("scale", "outliers")  # changes of the sensor that an arm in space can have
 _BOX_SAMPLES = 4096  # enough to know the extent of the workspace to a few percent

@@ -14,6 +14,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from ..common.arrays import Array
 from ..common.atomic import atomic_write
 from ..common.wording import listed, printable
 from .columns import PARQUET, Source, open_source, read_columns, read_texts
@@ -23,8 +24,6 @@ from .places import find_place
 
 if TYPE_CHECKING:
     import polars as pl
-
-Array = NDArray[np.float64]
 
 _MARK = COMMENT.decode()
 

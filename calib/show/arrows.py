@@ -3,17 +3,12 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import TYPE_CHECKING
 
 import numpy as np
-from numpy.typing import NDArray
 
+from ..common.arrays import Array
+from ..model.model import Model
 from .error_scale import length_in_words
-
-if TYPE_CHECKING:
-    from ..model.model import Model
-
-Array = NDArray[np.float64]
 
 _LONG = 0.06  # of the picture's width: the longest arrows, about
 _MOST = 300

@@ -8,7 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-Array = NDArray[np.float64]
+from ..common.arrays import Array
 
 ROUNDING = 1e-9
 """Errors below this [m], or below this share of a sensor's extent, are rounding."""

@@ -3,17 +3,16 @@
 from __future__ import annotations
 
 from itertools import product
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
-if TYPE_CHECKING:
-    from ..maps.map import Map
-    from ..model.model import Model
-    from ..samples.samples import Samples
+from ..common.arrays import Array
+from ..maps.map import Map
+from ..model.model import Model
+from ..samples.samples import Samples
 
-Array = NDArray[np.float64]
 Shape = tuple[int, int]
 
 _INSIDE = 25_000  # joint values spread over the whole range

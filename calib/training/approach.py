@@ -28,21 +28,12 @@ _TREND = 7  # degree of what a joint's value tells of its direction
 def play_of(samples: Samples, scale: Scale, part: SmoothPart) -> Array | None:
     """Half the play of each joint (dof,) [rad or m], None where the rows' order shows none.
 
-    Parameters
-    ----------
-    samples : Samples
-        In the order of motion.
-    scale : Scale
-        Range of the joints.
-    part : SmoothPart
-        What predicts without the direction.
+    `samples` are in the order of motion; `part` predicts without the direction.
     """
     if not part.candidates:
         return None  # nothing predicts before the maps have learned
     if samples.simulation is not None and not samples.simulation.hidden:
         return None  # nothing that rows could show
-    if not part.candidates:  # maps and links alone
-        return None
     few = max(1, -(-len(part.rows) // _ROWS))
     rows = part.rows[::few]
     smooth, u = part.candidates[0].smooth, scale.to_unit(samples.q[rows])

@@ -98,21 +98,11 @@ class Residuals:
 def evaluate_residuals(
     model: Model, q: Array, x: Array, truth: Callable[[Array], Array] | None
 ) -> Residuals:
-    """Residuals of all readouts in both directions.
+    """Residuals of all readouts in both directions, at joints and positions training never saw.
 
-    Parameters
-    ----------
-    model : Model
-    q, x : (n, dof), (n, 2) array
-        Joints and positions that training never saw.
-    truth : callable or None
-        True kinematics; without it (a log) the learned map tells how far the answered
-        joints lead from the recorded ones.
-
-    Returns
-    -------
-    Residuals
-        Joint errors are those of the answer nearest to the true joints.
+    Joint errors are those of the answer nearest to the true joints. `truth` is the true kinematics;
+    without it (a log) the learned map tells how far the answered joints lead from the recorded
+    ones.
     """
     forward = Residuals.of(model, q, x, model.readouts)
     q, x = forward.q, forward.x

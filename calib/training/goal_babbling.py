@@ -9,6 +9,7 @@ of it is measured and learned before the next targets are picked.
 from __future__ import annotations
 
 from collections.abc import Iterable, Mapping
+from dataclasses import replace
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -100,32 +101,11 @@ def goal_babble(
             # the arm goes on from where it stands, so that backlash has its history
             seen = simulation.measure(np.concatenate([q[-1:], new]), sensor)[1:]
             q, x = np.concatenate([q, new]), np.concatenate([x, seen])
-    return Samples(
-        q=q,
-        x=x,
-        joint_names=begun.joint_names,
-        lower=begun.lower,
-        upper=begun.upper,
-        revolute=begun.revolute,
-        simulation=simulation,
-        arm=begun.arm,
-    )
+    return replace(begun, q=q, x=x)
 
 
 def next_joints(scale: Scale, q: Array, x: Array, n: int, rng: np.random.Generator) -> Array:
-    """Joints (n, dof) of the unit box to measure next.
-
-    Parameters
-    ----------
-    scale : Scale
-        Range of the joints.
-    q, x : (m, dof), (m, k) array
-        What was measured so far.
-    n : int
-        How many.
-    rng : numpy.random.Generator
-        Source of the targets and of what is tried at random.
-    """
+    """Joints (n, dof) of the unit box to measure next, after `q` (m, dof) and `x` (m, k)."""
     u = scale.to_unit(q)
     dof = u.shape[1]
     side = int(np.clip((len(u) / _PER_NODE) ** (1 / 2), 4, _LARGEST))
@@ -158,11 +138,7 @@ def _maps(
 
 
 def _own_error(
-    pair: Association,
-    scale: Scale,
-    u: Array,
-    x: Array,
-    rng: np.random.Generator,
+    pair: Association, scale: Scale, u: Array, x: Array, rng: np.random.Generator
 ) -> Array:
     """How wrong the maps are around each sample (m,), by links that have not seen it."""
     wiring, v = pair.wiring, pair.sensory.scale.to_unit(x)

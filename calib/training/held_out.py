@@ -12,9 +12,8 @@ from ..maps.model_selection import Selected
 from ..model.model import Model
 from ..samples.samples import Samples
 from .evaluate import Residuals
-from .imagined import with_imagined
 from .learn import Options, Stopwatch, both_maps, link
-from .smooth import SmoothPart, wrong_around
+from .smooth import SmoothPart, with_imagined, wrong_around
 
 Array = NDArray[np.float64]
 

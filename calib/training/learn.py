@@ -158,12 +158,7 @@ def both_maps(
                 progress(0.7 * done, "maps", error)
 
         som = SOM(
-            size,
-            options.map,
-            options.rule,
-            options.epochs,
-            options.sigma,
-            options.stream(name),
+            size, options.map, options.rule, options.epochs, options.sigma, options.stream(name)
         )
         return som.fit(points, scale=box, progress=tell, partners=partners, residual=residual)
 

@@ -23,18 +23,9 @@ def node_bounds(
 ) -> tuple[Array, Array]:
     """Bounds (nodes,) on what the sensor reads and on the true position.
 
-    Parameters
-    ----------
-    model : Model
-        Whose bounds are still to be learned.
-    u : (n, dof) array
-        Measured rows, in the unit box.
-    rows : (k,) int array
-        Those that were held out.
-    errors : (k,) array [unit]
-        Their held-out errors.
-    has_models : bool
-        Whether local models mend what the smooth part leaves over.
+    Of a model whose bounds are still to be learned, of rows `u` (n, dof, unit box); `rows` (k,) of
+    them were held out with `errors` (k,) [unit]; local models mend what the smooth part leaves over
+    or not.
     """
     motor = model.motor
     nodes = np.clip(motor.units, 0.0, 1.0)

@@ -30,13 +30,7 @@ _CHUNK = 50_000  # rows whose functions are held at once
 
 @dataclass(frozen=True, eq=False)
 class Screening:
-    """Which rows of a log can be believed.
-
-    Attributes
-    ----------
-    kept : (n,) bool array
-        False where the row is a gross outlier.
-    """
+    """Which rows of a log can be believed: `kept` (n,) is False for a gross outlier."""
 
     kept: NDArray[np.bool_] = field(repr=False)
 

@@ -6,6 +6,7 @@ varying density may need to know where it is wrong.
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -21,6 +22,7 @@ from ..maps.model_selection import Candidate, of_body, of_trends
 from ..maps.predictor import BodyInBox, Both, Predictor
 from ..samples.samples import Samples
 from .in_space import fit_in_space, sees_from_anywhere
+from .learn import Options
 
 Array = NDArray[np.float64]
 
@@ -34,6 +36,7 @@ _NO_ARM = 0.02  # share of the extent: a body that is further off is compared wi
 _EXACT_LOG = 1e-6  # share of the extent below which a log leaves nothing to mend
 _MUCH_BETTER = 0.2  # of a body's error: what a trend around it has to reach
 _ROWS_PER_CELL, _FILLED = 10, 0.5  # rows that fill so much of the joints' box are no path
+_IMAGINED = 5  # samples for each motor node
 _FAR_BETTER = 0.5  # of a body's error: what a trend without any kinematics has to reach
 
 
@@ -172,6 +175,20 @@ def wrong_around(part: SmoothPart, scale: Scale, samples: Samples, u: Array) -> 
     x = samples.x[part.rows]
     extent = float(np.linalg.norm(np.ptp(x, axis=0)))
     return misfit(scale, scale.to_unit(samples.q[part.rows]), candidate.held_out, extent, u)
+
+
+def with_imagined(u: Array, x: Array, part: SmoothPart, options: Options) -> tuple[Array, Array]:
+    """Rows and imagined samples (k, dof), (k, m) that the maps learn from, joints in the unit box.
+
+    The body of `part` imagines them, five for each motor node.
+    """
+    if not options.taught or part.fit is None:
+        return u, x
+    every = -(-len(u) // LEARNED_ROWS)
+    rng = np.random.default_rng(options.stream("imagined"))
+    drawn = rng.random((_IMAGINED * math.prod(options.motor_size), u.shape[1]))
+    seen = part.candidates[0].smooth.value(drawn)
+    return np.concatenate([u[::every], drawn]), np.concatenate([x[::every], seen])
 
 
 def nominal_geometry(samples: Samples) -> Nominal | None:

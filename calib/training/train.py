@@ -29,12 +29,11 @@ from .about import about_of
 from .approach import corrected, play_of, play_words, simulated_approach, widened
 from .evaluate import Residuals, fresh_residuals, summarise
 from .held_out import held_out_residuals, tested_rows, turned_of
-from .imagined import with_imagined
 from .learn import UNFOLD, Options, Progress, Stopwatch, both_maps, link
 from .log_bounds import node_bounds
 from .screening import screen
 from .sizes import Size, lattice_sizes
-from .smooth import SmoothPart, find_smooth_part, uses_body, wrong_around
+from .smooth import SmoothPart, find_smooth_part, uses_body, with_imagined, wrong_around
 
 if TYPE_CHECKING:
     from ..samples.simulation import Simulation

@@ -2,18 +2,12 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING
-
 import numpy as np
-from numpy.typing import NDArray
 
 from ..body.curves import HARMONICS
+from ..body.planar import PlanarStructure
+from ..common.arrays import Array
 from .c_source import array, integers, number
-
-if TYPE_CHECKING:
-    from ..body.planar import PlanarStructure
-
-Array = NDArray[np.float64]
 
 SOURCE = """\
 /* Error curve of a joint and its derivative, by Horner's rule in exp(j q). */

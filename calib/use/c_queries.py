@@ -100,8 +100,7 @@ static inline int calib_jacobian(const calib_real *q, calib_real J[CALIB_OUT * C
 static inline int calib_expected_error(const calib_real q[CALIB_DOF], calib_real *bound) {
   *bound = calib_not_a_number();
   if (!calib_in_range(q)@trusted@) return 0;
-  *bound = calib_blended(calib_bound, q);
-  return 1;
+@bounded@  return 1;
 }
 
 /* The step of least squares for n residuals: q += J' (J J' + damping trace(J J'))^-1 r. */

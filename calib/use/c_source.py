@@ -10,9 +10,8 @@ import re
 from collections.abc import Iterable, Mapping, Sequence
 
 import numpy as np
-from numpy.typing import NDArray
 
-Array = NDArray[np.float64]
+from ..common.arrays import Array
 
 _FUNCTIONS = re.compile(r"\b(cos|sin|sqrt|floor|fabs)\(")
 

@@ -130,9 +130,10 @@ static inline void calib_loads(const calib_real q[CALIB_DOF], calib_real load[CA
 }
 
 /* Position and orientation in the root's frame; where G is not null also the geometric
- * Jacobian, of which the rows 0 to 2 are velocities and the rows 3 to 5 angular velocities. */
+ * Jacobian, of which the rows 0 to 2 are velocities and the rows 3 to 5 angular velocities, and
+ * where `at` is not null each joint's frame before and after its own turn, and its origin. */
 static inline void calib_chain(const calib_arm *arm, const calib_real q[CALIB_DOF], calib_real p[3],
-                               calib_real R[9], calib_real *G) {
+                               calib_real R[9], calib_real *G, calib_real at[][21]) {
   calib_real value[CALIB_DOF], rate[CALIB_DOF], load[CALIB_CHAIN], bent[CALIB_CHAIN][CALIB_DOF];
   calib_real origin[CALIB_CHAIN][3], axis[CALIB_CHAIN][3], arrow[3], swept[3], factor;
   int i, k, o;
@@ -150,7 +151,9 @@ static inline void calib_chain(const calib_arm *arm, const calib_real q[CALIB_DO
     for (k = 0; k < CALIB_DOF; ++k) v += calib_coupling[i][k] * value[k];
     if (arm->elastic) v += arm->bending[i] * load[i];
     calib_add(R, arm->stride[i], p);
+    for (k = 0; at && k < 9; ++k) at[i][k] = R[k];
     calib_times(R, arm->turned[i]);
+    for (k = 0; at && k < 12; ++k) at[i][9 + k] = k < 9 ? R[k] : p[k - 9];
     for (k = 0; k < 3; ++k) axis[i][k] = calib_dot(R + 3 * k, calib_axis[i]);
     if (calib_bends[i]) calib_turn(R, calib_axis[i], v);
     for (k = 0; k < 3; ++k) {
@@ -158,6 +161,7 @@ static inline void calib_chain(const calib_arm *arm, const calib_real q[CALIB_DO
       origin[i][k] = p[k];
     }
   }
+  for (k = 0; at && k < 9; ++k) at[CALIB_CHAIN][k] = R[k];
   calib_add(R, arm->tip, p);
   calib_times(R, arm->tip_turn);
   for (i = 0; G && i < 6 * CALIB_DOF; ++i) G[i] = 0;
@@ -180,7 +184,7 @@ static inline void calib_seen(const calib_arm *arm, const calib_real q[CALIB_DOF
                               calib_real x[CALIB_OUT], calib_real *J, calib_real R[9]) {
   calib_real p[3], G[6 * CALIB_DOF], at[3], V[9];
   int i, j, k;
-  calib_chain(arm, q, p, R, J ? G : 0);
+  calib_chain(arm, q, p, R, J ? G : 0, 0);
   for (i = 0; i < 3; ++i) at[i] = calib_shift[i] + calib_dot(calib_view + 3 * i, p);
   for (i = 0; i < 9; ++i) V[i] = calib_view[i];
 @view@  for (i = 0; J && i < CALIB_OUT; ++i)
@@ -249,9 +253,9 @@ static inline void calib_posed(const calib_real q[CALIB_DOF], calib_real out[CAL
   calib_real goal[3], p[3], want[9], R[9], G[6 * CALIB_DOF], r[6];
   int i, k, step;
   if (CALIB_DOF < 6) return;
-  calib_chain(&calib_nominal, q, goal, want, 0);
+  calib_chain(&calib_nominal, q, goal, want, 0, 0);
   for (step = 0; step < @poses@; ++step) {
-    calib_chain(&calib_body, out, p, R, G);
+    calib_chain(&calib_body, out, p, R, G, 0);
     for (k = 0; k < 3; ++k) {
       r[k] = goal[k] - p[k];
       r[3 + k] = 0;

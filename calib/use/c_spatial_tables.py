@@ -2,21 +2,15 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING
-
 import numpy as np
-from numpy.typing import NDArray
 
 from ..body.curves import HARMONICS
+from ..body.spatial import SpatialStructure
 from ..body.spatial_motion import placements
 from ..body.spatial_view import NEAREST
+from ..common.arrays import Array
 from .c_source import array, integers, number
 from .c_spatial import LINEAR, PINHOLE
-
-if TYPE_CHECKING:
-    from ..body.spatial import SpatialStructure
-
-Array = NDArray[np.float64]
 
 _POSES, _POSE_CALM = 2, 1e-6  # steps towards a pose, and their damping
 

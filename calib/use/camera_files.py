@@ -6,15 +6,13 @@ Use them where other programs need the camera of an arm: image pipelines and tf.
 from __future__ import annotations
 
 import json
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 from ..arm.urdf import parse_urdf
 from ..body.sensor import SensorPose
 from ..body.views import SPATIAL, is_camera
 from ..errors import OptionError
-
-if TYPE_CHECKING:
-    from ..model.model import Model
+from ..model.model import Model
 
 
 def camera_info(model: Model) -> str:

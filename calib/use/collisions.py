@@ -1,24 +1,28 @@
-"""Collisions: postures in which an arm hits itself, by the collision bodies of its URDF."""
+"""Collisions: postures in which an arm hits itself or hides its tip from the camera.
+
+Both are found by the collision bodies of its URDF.
+"""
 
 from __future__ import annotations
 
 import xml.etree.ElementTree as ET
 from collections.abc import Mapping, Sequence
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
 from ..arm.arm import Arm
+from ..body.views import is_camera
+from ..common.arrays import Array
+from ..model.model import Model
+from ..model.space import Space as Chain
 from .geometry import moves_in_space
 from .pose_space import Space
 
-if TYPE_CHECKING:
-    from ..model.model import Model
-
-Array = NDArray[np.float64]
-
 _TRIED, _ALWAYS = 100, 0.9  # postures in which links meet that are built so, and their share
+
+_SIGHT = 1e-3  # m: radius of a line of sight
 
 _UNSEEN = "obstacles and self-collision are not checked: move slowly the first time"
 
@@ -35,13 +39,8 @@ def hits_itself(
     """
     import pinocchio as pin
 
-    text = _without_meshes(urdf)
-    if text is None:
-        return None
-    try:
-        model: Any = pin.buildModelFromXML(text)
-        bodies: Any = pin.buildGeomFromUrdfString(model, text, pin.GeometryType.COLLISION)
-    except Exception:  # Pinocchio raises what its parser happened to throw
+    model, bodies = _bodies(urdf)
+    if bodies is None:
         return None
     bodies.addAllCollisionPairs()
     data = model.createData()
@@ -63,6 +62,61 @@ def hits_itself(
     results = pin.GeometryData(bodies)
     hits = [pin.computeCollisions(model, data, bodies, results, at, True) for at in rows]
     return np.array(hits, dtype=bool)
+
+
+def hides_its_tip(
+    urdf: str, names: Sequence[str], locked: Mapping[str, float], q: Array, tips: Array, eye: Array
+) -> NDArray[np.bool_]:
+    """Whether a link stands between a camera at `eye` (3,) and the tips (n, 3) [m], (n,).
+
+    The last link carries what is seen and hides nothing.
+    """
+    import coal  # type: ignore[import-untyped]
+    import pinocchio as pin
+
+    hidden = np.zeros(len(q), dtype=bool)
+    model, bodies = _bodies(urdf)
+    if bodies is None:
+        return hidden
+    data, places = model.createData(), pin.GeometryData(bodies)
+    last = max(model.getJointId(name) for name in names)
+    links = [k for k, g in enumerate(bodies.geometryObjects) if g.parentJoint < last]
+    for i, (values, tip) in enumerate(zip(q, tips, strict=True)):
+        at = _configuration(pin, model, names, locked, values)
+        pin.updateGeometryPlacements(model, data, bodies, places, at)
+        way = eye - tip
+        length = float(np.linalg.norm(way))
+        turn = pin.Quaternion.FromTwoVectors(np.array([0.0, 0.0, 1.0]), way).matrix()
+        sight, middle = coal.Capsule(_SIGHT, length), coal.Transform3s(turn, tip + 0.5 * way)
+        for k in links:
+            own = coal.Transform3s(places.oMg[k].rotation, places.oMg[k].translation)
+            geometry, found = bodies.geometryObjects[k].geometry, coal.CollisionResult()
+            if coal.collide(geometry, own, sight, middle, coal.CollisionRequest(), found):
+                hidden[i] = True
+                break
+    return hidden
+
+
+def visible(source: Arm | Model, space: Space, points: Array) -> tuple[Array, list[str]]:
+    """The candidates whose tip the camera of a model sees, and what was left out."""
+    from ..body.sensor import SensorPose
+
+    body = None if isinstance(source, Arm) else source.body
+    camera = SensorPose.of(body)
+    if isinstance(source, Arm) or body is None or not is_camera(body.structure.view) or not camera:
+        return points, []
+    q, chain, about = space.scale.from_unit(points), Chain.of(source), source.about
+    tips = chain.evaluate(q)[0]
+    seen = np.flatnonzero(chain.sees(tips))
+    asked = about.urdf, about.joint_names, about.locked, q[seen], tips[seen], camera.position
+    seen = seen[~hides_its_tip(*asked)]
+    if not len(seen):
+        return points, ["the camera sees the tip in none of the poses: look where it stands"]
+    left = 1 - len(seen) / len(points)
+    return points[seen], [
+        f"{left:.0%} of the candidates were left out because the camera does not see the tip there "
+        "(outside of its picture, or behind a link by the URDF's collision bodies)"
+    ]
 
 
 def apart(source: Arm | Model, space: Space, points: Array) -> tuple[Array, str]:
@@ -91,8 +145,10 @@ def _configuration(
     return np.asarray(pin.integrate(model, pin.neutral(model), velocity))
 
 
-def _without_meshes(urdf: str) -> str | None:
-    """The URDF without collision bodies in files; None where fewer than two bodies are left."""
+def _bodies(urdf: str) -> tuple[Any, Any]:
+    """Pinocchio's model and collision bodies, None without two bodies that are in no file."""
+    import pinocchio as pin
+
     root = ET.fromstring(urdf)  # noqa: S314 - a URDF was checked when it was read
     left = 0
     for link in root.iter("link"):
@@ -101,4 +157,10 @@ def _without_meshes(urdf: str) -> str | None:
                 link.remove(body)
             else:
                 left += 1
-    return ET.tostring(root, encoding="unicode") if left > 1 else None
+    text = ET.tostring(root, encoding="unicode")
+    try:
+        model = pin.buildModelFromXML(text)
+        bodies = pin.buildGeomFromUrdfString(model, text, pin.GeometryType.COLLISION)
+    except Exception:  # Pinocchio raises what its parser happened to throw
+        return None, None
+    return (model, bodies) if left > 1 else (model, None)

@@ -7,25 +7,21 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass
-from typing import TYPE_CHECKING
 from weakref import WeakKeyDictionary
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from ..common.arrays import Array
 from ..common.rows import number_rows
 from ..common.scale import TURN
 from ..errors import OptionError, QueryError
+from ..model.answers import Answer
+from ..model.model import Model
 from ..samples.joint_values import check_joint_values
 from ..samples.log_ranges import wrap
 from .geometry import frames, moves_in_space
 from .wanted import Wanted, wanted
-
-if TYPE_CHECKING:
-    from ..model.answers import Answer
-    from ..model.model import Model
-
-Array = NDArray[np.float64]
 
 _USUAL = 3.0  # a correction this many times the 95 % quantile of the model's own is not trusted
 _LEAST = 0.01  # [rad or m]; a limit below would refuse what is harmless

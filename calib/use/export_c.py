@@ -4,36 +4,40 @@ from __future__ import annotations
 
 import re
 from dataclasses import dataclass
-from typing import TYPE_CHECKING
 
 import numpy as np
-from numpy.typing import NDArray
 
 from ..body.basis import exponents
+from ..body.belief import Body
 from ..body.curves import HARMONICS
 from ..body.planar import PlanarStructure
 from ..body.spatial import SpatialStructure
 from ..body.views import cubic
+from ..common.arrays import Array
 from ..common.wording import one_line
 from ..errors import OptionError
 from ..maps.local_models import blend_size, predict, reach_of
 from ..maps.predictor import BodyInBox
+from ..model.model import Model
 from ..model.trust import MOST_BLENDED
-from . import c_planar, c_queries, c_spatial, c_spatial_tables
+from . import c_bound, c_planar, c_queries, c_spatial, c_spatial_tables
 from .c_source import HEAD, NODES, RANGE, array, filled, integers, number
 from .correct import usual_limit
 from .nominal import nominal_in_space, nominal_in_view
-
-if TYPE_CHECKING:
-    from ..body.belief import Body
-    from ..model.model import Model
-
-Array = NDArray[np.float64]
 
 _NAME = re.compile(r"[A-Za-z_][A-Za-z0-9_]{0,40}")
 _CALM = 1e-9  # damping of a Newton step, as a share of the Jacobian's power
 _ENOUGH = {False: 1e-12, True: 1e-6}  # of the extent: a corrected tip that is as close as this
 _CLOSE = {False: 1e-9, True: 1e-4}  # of the extent: what counts as corrected
+
+_BLENDED = "  *bound = calib_blended(calib_bound, q);\n"
+_POSTERIOR = """\
+  {
+    calib_real inside[CALIB_DOF];
+    calib_wrapped(q, inside);
+    *bound = calib_posterior(inside);
+  }
+"""
 
 
 @dataclass(frozen=True)
@@ -109,6 +113,12 @@ class _Writer:
                 own = nominal_in_space(structure, beta)
                 nominal = c_spatial_tables.arm("calib_nominal", structure, own, self.single)
             parts, pose = [c_spatial.SOURCE, c_spatial.WANTED], c_spatial.POSE
+            if self._posterior:
+                about, noisy = self.model.about, self.model.about.bound_of == "sensor reading"
+                q = np.random.default_rng(0).uniform(about.lower, about.upper, (400, structure.dof))
+                parts[0] += c_bound.SOURCE
+                words |= c_bound.words(self.body)
+                tables += c_bound.tables(structure, self.body, q, noise=noisy, single=self.single)
             words |= c_spatial_tables.words(structure, self.single)
             keeps = bool(nominal) and structure.dof >= 6
             words["limit"] = self._n(usual_limit(self.model).max() if keeps else 0.0)
@@ -118,7 +128,13 @@ class _Writer:
             [parts[1], c_queries.CORRECT] if nominal else []
         )
         whole = "".join(parts) + "\n#endif /* @guard@ */\n"
-        return filled(whole, words, self.prefix, self.single), _bytes(tables, self.single)
+        return filled(whole, words, self.prefix, self.single), _bytes(tables)
+
+    @property
+    def _posterior(self) -> bool:
+        """Whether the expected error is the posterior's, as in `Model.bound_at`."""
+        structure = self.body.structure
+        return structure.kind == "spatial" and structure.outputs == 3 < structure.dof
 
     @property
     def _local(self) -> bool:
@@ -141,6 +157,7 @@ class _Writer:
     def _words(self) -> dict[str, object]:
         model = self.model
         extent, dof = model.solver.extent, self.body.structure.dof
+        coarse = dof > MOST_BLENDED and not self._posterior
         trusted = bool((model.model_bounds <= model.trust.most).all())
         blended = f" || !(calib_blended(calib_position_bound, q) <= {self._n(model.trust.most)})"
         models = model.predictor.models
@@ -150,7 +167,8 @@ class _Writer:
             "facts": self._facts(),
             "unit": _comment(model.about.unit),
             "bound_of": _comment(model.about.bound_of),
-            "how": ", blended between the motor map's nodes" if dof > MOST_BLENDED else "",
+            "how": ", blended between the motor map's nodes" if coarse else "",
+            "bounded": _POSTERIOR if self._posterior else _BLENDED,
             "guard": "CALIB_MODEL_H",
             "real": "float" if self.single else "double",
             "dof": dof,
@@ -189,7 +207,8 @@ class _Writer:
         model, one = self.model, self.single
         nodes, dof, real = "CALIB_NODES", "CALIB_DOF", "calib_real"
         out = array(real, "calib_node", [nodes, dof], model.motor.units, one)
-        out += array(real, "calib_bound", [nodes], model.bounds, one)
+        if not self._posterior:
+            out += array(real, "calib_bound", [nodes], model.bounds, one)
         if not (model.model_bounds <= model.trust.most).all():
             out += array(real, "calib_position_bound", [nodes], model.model_bounds, one)
         if not self._local:
@@ -225,10 +244,10 @@ class _Writer:
         return c_planar.beta_table("calib_nominal", structure, nominal.beta, self.single)
 
 
-def _bytes(tables: str, single: bool) -> int:
-    """Size of constant tables, from their numbers."""
+def _bytes(tables: str) -> int:
+    """Size of constant tables, from their numbers: double ones have a point and no suffix."""
     found = re.findall(r"(?<=[\s{])-?\d[\d.e+-]*f?(?=[,}])", tables)
-    return sum((4 if single else 8) if re.search("[.e]", text) else 4 for text in found)
+    return sum(4 if text.endswith("f") or not re.search("[.e]", text) else 8 for text in found)
 
 
 def _comment(text: str) -> str:

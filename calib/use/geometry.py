@@ -7,26 +7,21 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass, replace
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
-from ..arm.arms import PlanarArm
+from ..arm.arms import PlanarArm, SpatialArm
 from ..body.spatial import SpatialStructure
+from ..common.arrays import Array
 from ..common.choices import CAUSES, LOG_FRAMES
 from ..errors import OptionError
 from ..model.alignment import Alignment
+from ..model.model import Model
 from .nominal import nominal_in_view
 from .planar_geometry import PlanarProblem
+from .spatial_geometry import SpatialGeometry
 from .urdf import Moved
-
-if TYPE_CHECKING:
-    from ..arm.arms import SpatialArm
-    from ..model.model import Model
-    from .spatial_geometry import SpatialGeometry
-
-Array = NDArray[np.float64]
 
 _POINTS, _ROWS = 500, 2_000
 

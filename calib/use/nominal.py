@@ -10,10 +10,8 @@ from __future__ import annotations
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
-from typing import TYPE_CHECKING
 
 import numpy as np
-from numpy.typing import NDArray
 
 from ..arm.rotations import exponential, logarithm
 from ..body.nominal import Nominal, nominal_of
@@ -21,14 +19,11 @@ from ..body.planar import PlanarStructure
 from ..body.planar_row import PlanarRow
 from ..body.spatial import SpatialStructure
 from ..body.spatial_row import SpatialRow
+from ..common.arrays import Array
 from ..errors import OptionError
 from ..inverse.one_row import to_pose
 from ..inverse.pose import reach_poses
-
-if TYPE_CHECKING:
-    from ..model.model import Model
-
-Array = NDArray[np.float64]
+from ..model.model import Model
 
 
 @dataclass(frozen=True)

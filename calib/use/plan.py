@@ -13,9 +13,10 @@ from numpy.typing import ArrayLike, NDArray
 from ..arm.arm import Arm
 from ..arm.arms import SpatialArm
 from ..body.most_telling import most_telling
+from ..common.arrays import Array, Index
 from ..common.checks import whole
 from ..errors import OptionError
-from .collisions import apart
+from .collisions import apart, visible
 from .pose_space import Space, space_of
 from .spread import candidates, farthest, length, most_telling_of_arm, shortest_tour
 
@@ -25,8 +26,6 @@ if TYPE_CHECKING:
     from ..model.model import Model
     from ..samples.samples import Samples
 
-Array = NDArray[np.float64]
-Index = NDArray[np.intp]
 Choose = Callable[[Array, int, Array], Index]
 """Chooses n of some points (m, dof) beside those that are taken (k, dof), in unit ranges."""
 
@@ -173,8 +172,9 @@ def plan(
         first = space.joints(start, "start")
     # not `to_unit`: the upper end of a whole turn is not its lower end to a cable
     begin = (first - space.scale.lower) / space.scale.span
-    points, seen = apart(source, space, candidates(space, rng))
-    notes = [seen]
+    points, safe = apart(source, space, candidates(space, rng))
+    points, hidden = visible(source, space, points)
+    notes = [safe, *hidden]
     if measured is None and not isinstance(source, Arm) and choose.func is farthest:
         notes.append(
             "the model keeps no samples: give the log too, so that the new poses lie between the "

@@ -10,9 +10,8 @@ from numpy.typing import NDArray
 
 from ..arm.arms import PlanarArm
 from ..body.bound import autocorrelation_time
+from ..common.arrays import Array
 from ..model.alignment import Alignment
-
-Array = NDArray[np.float64]
 
 _STEPS = 60
 _OFFSET = math.radians(10.0)  # prior standard deviation of a joint's offset [rad]
@@ -179,6 +178,7 @@ class PlanarProblem:
         weighted = self._weight(theta, noise)[:, None] * slope / noise
         information = weighted.T @ weighted + root.T @ root
         covariance = np.zeros((len(theta), len(theta)))
+        # flat directions of a free frame beside tight priors: an inverse would lose all digits
         covariance[np.ix_(use, use)] = np.linalg.pinv(information, rcond=1e-15, hermitian=True)
         fitted = np.isfinite(sd[use])
         cost = 2.0 * len(self.q) * math.log(noise) + 0.5 * float(np.sum((root @ theta[use]) ** 2))

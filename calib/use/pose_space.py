@@ -6,21 +6,17 @@ import math
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
-from typing import TYPE_CHECKING
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
 from ..arm.arm import Arm
 from ..arm.ranges import Range, checked_range
+from ..common.arrays import Array
 from ..common.scale import Scale
 from ..common.wording import quoted, suggestion
 from ..errors import OptionError
-
-if TYPE_CHECKING:
-    from ..model.model import Model
-
-Array = NDArray[np.float64]
+from ..model.model import Model
 
 LARGEST_MARGIN = math.radians(1.0)
 """Default distance [rad or m] that a pose keeps from a joint's mechanical limit, ..."""

@@ -2,18 +2,13 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING
-
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
+from ..common.arrays import Array
 from ..errors import QueryError
 from ..model import answers
-
-if TYPE_CHECKING:
-    from ..model.model import Model
-
-Array = NDArray[np.float64]
+from ..model.model import Model
 
 _LONGEST = 0.1  # of the joints' range: no step is longer
 

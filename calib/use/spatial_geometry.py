@@ -21,9 +21,8 @@ from ..body.spatial import SpatialStructure, structure_of
 from ..body.spatial_prior import SHIFT, frame_groups
 from ..body.spatial_start import frame
 from ..body.structure import Prior
+from ..common.arrays import Array
 from .urdf import Moved
-
-Array = NDArray[np.float64]
 
 _NU = 6.0  # degrees of freedom of the residuals: a few rows may be grossly wrong
 _FLOOR = 1e-7  # of the extent: a residual below is rounding

@@ -8,22 +8,15 @@ into corners and onto borders, where a fitted function is least certain, and fil
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING
-
 import numpy as np
-from numpy.typing import NDArray
 
+from ..arm.arms import SpatialArm
 from ..body.most_telling import greedy
 from ..body.spatial import SpatialStructure, structure_of
+from ..common.arrays import Array, Index
 from ..common.scale import Scale
 from ..maps.map import search_tree
 from .pose_space import Space
-
-if TYPE_CHECKING:
-    from ..arm.arms import SpatialArm
-
-Array = NDArray[np.float64]
-Index = NDArray[np.intp]
 
 _INSIDE = 4000  # candidates within the box
 _FACES = 3000  # candidates with one joint at an end of its range
@@ -114,6 +107,7 @@ def _two_opt(away: Array, order: Index) -> Index:
     for i in range(1, n - 1):
         a, b = order[i - 1], order[i]
         ends = order[i + 1 :]
+        # of the ways a-b .. e-f and a-e .. b-f: d(a,b) + d(e,f) - d(a,e) - d(b,f)
         gain = away[a, b] - away[a, ends]
         gain[:-1] += away[ends[:-1], ends[1:]] - away[b, ends[1:]]  # the last has no successor
         j = int(gain.argmax())
@@ -133,6 +127,7 @@ def _or_opt(away: Array, order: Index) -> Index:
                 saved += away[last, order[i + run]] - away[a, order[i + run]]
             after = rest[1:]
             cost = []
+            # between each two neighbours of the rest, as it is and turned round
             for head, tail in ((first, last), (last, first)):
                 extra = away[rest, head]
                 extra[:-1] += away[tail, after] - away[rest[:-1], after]

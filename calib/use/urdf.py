@@ -12,19 +12,17 @@ from typing import TYPE_CHECKING
 from xml.parsers import expat
 
 import numpy as np
-from numpy.typing import NDArray
 
 from ..arm.rotations import exponential
 from ..arm.tree import Joint
 from ..arm.urdf import parse_urdf
+from ..common.arrays import Array
 from ..common.wording import for_people
 from ..errors import OptionError, RobotError
 
 if TYPE_CHECKING:
     from .geometry import Geometry
     from .spatial_geometry import SpatialGeometry
-
-Array = NDArray[np.float64]
 
 MOST_UNEXPLAINED = 0.01
 """Share of the arm's reach that a geometry may leave unexplained."""

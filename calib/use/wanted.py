@@ -5,7 +5,6 @@ from __future__ import annotations
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 from functools import cache, partial
-from typing import TYPE_CHECKING
 from weakref import WeakKeyDictionary
 
 import numpy as np
@@ -15,9 +14,11 @@ from ..body.planar import PlanarStructure
 from ..body.spatial import SpatialStructure, structure_of
 from ..body.spatial_row import SpatialRow
 from ..body.views import is_camera
+from ..common.arrays import Array
 from ..inverse.near import position_near
 from ..inverse.one_row import nearest
 from ..model.alignment import Alignment
+from ..model.model import Model
 from ..model.space import REACHED, Space
 from .geometry import (
     Geometry,
@@ -30,11 +31,6 @@ from .geometry import (
 )
 from .nominal import NominalArm, NominalPose, nominal_in_base, nominal_in_space, nominal_in_view
 from .spatial_geometry import SpatialGeometry
-
-if TYPE_CHECKING:
-    from ..model.model import Model
-
-Array = NDArray[np.float64]
 
 
 @dataclass(frozen=True, eq=False)
@@ -140,8 +136,7 @@ def _camera(model: Model) -> bool:
 def _near(
     model: Model, structure: SpatialStructure, beta: Array
 ) -> tuple[
-    Callable[[Array], tuple[Array, NDArray[np.bool_]]],
-    Callable[[list[float]], list[float] | None],
+    Callable[[Array], tuple[Array, NDArray[np.bool_]]], Callable[[list[float]], list[float] | None]
 ]:
     """Joints near given ones that put the real tip where the nominal one would be."""
     space = Space.of(model)

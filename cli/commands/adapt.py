@@ -36,10 +36,7 @@ def adapt(
     ] = "few-shot",
     schema: Annotated[
         str | None,
-        option(
-            "--schema NAME",
-            "Name of the new state; the old state is kept in the same file.",
-        ),
+        option("--schema NAME", "Name of the new state; the old state is kept in the same file."),
     ] = None,
     cause: o.CauseOption = None,
     columns: o.ColumnsOption = None,

@@ -89,6 +89,7 @@ def correct(
     streams = Streams(input_, output, as_json)
     if not beyond:
         streams.write(table)
+    changes = None if found is None else _changes(found, joints)
     if as_json:
         show_json(
             {
@@ -97,7 +98,7 @@ def correct(
                 "invalid": batch.invalid,
                 "out_of_reach": missed,
                 "beyond_limit": beyond,
-                "change": None if found is None else _change(found, joints),
+                "change": changes,
                 "unit": loaded.about.unit,
                 "units": units_of(loaded.about),
                 **({} if output is not None or beyond else {"answers": joints.in_si(table)}),
@@ -106,14 +107,22 @@ def correct(
     notes.say(batch.notes(names))
     say_rows(batch.invalid, n, "not all values are numbers, no answer")
     say_rows(missed, n, "out of reach for the real arm, no answer")
-    if found is not None and found.reachable.any():
-        _tell(found, joints, to_stdout=not as_json and output not in (None, "-"))
+    if found is not None and changes and found.reachable.any():
+        parts = []
+        for k, (name, change) in enumerate(changes.items()):
+            factor, unit = joints.of_change(k)
+            mean, most = (number(factor * change[key]) for key in ("mean", "max"))
+            parts.append(f"{name} {mean} (largest {most}) {unit}")
+        say = note if as_json or output in (None, "-") else tell
+        say(f"mean change: {', '.join(parts)}")
     if beyond and found is not None:
-        worst = _worst(found)
-        row, k = int(rows[worst[0]]), worst[1]
+        # the row and the joint whose change is largest, measured by its limit
+        share = np.nan_to_num(np.abs(found.change) / found.limit)
+        row, worst = map(int, np.unravel_index(int(np.argmax(share)), share.shape))
         note(
-            f"{numbered(beyond)} of {n}: a joint would change by more than the limit (row {row}: "
-            f"{joints.size(k, found.change[worst])}, limit {joints.size(k, found.limit[k])}); "
+            f"{numbered(beyond)} of {n}: a joint would change by more than the limit (row "
+            f"{rows[row]}: {joints.size(worst, found.change[row, worst])}, limit "
+            f"{joints.size(worst, found.limit[worst])}); "
             "nothing was written; if the change is right, give a larger --limit"
         )
     if batch.invalid and not beyond:
@@ -122,38 +131,12 @@ def correct(
         raise typer.Exit(NO)
 
 
-def _worst(found: Corrected) -> tuple[int, int]:
-    """Return the row and the joint whose change is largest, measured by its limit."""
-    import numpy as np
-
-    share = np.nan_to_num(np.abs(found.change) / found.limit)
-    row, k = np.unravel_index(int(np.argmax(share)), share.shape)
-    return int(row), int(k)
-
-
-def _change(found: Corrected, joints: JointFormat) -> dict[str, Any]:
+def _changes(found: Corrected, joints: JointFormat) -> dict[str, Any]:
+    """Mean, largest and accepted change of each joint, None where no row was answered."""
     import numpy as np
 
     size = np.abs(found.change[found.reachable])
-    return {
-        name: {
-            "mean": float(size[:, k].mean()) if len(size) else None,
-            "max": float(size[:, k].max()) if len(size) else None,
-            "limit": float(found.limit[k]),
-        }
-        for k, name in enumerate(joints.names)
-    }
-
-
-def _tell(found: Corrected, joints: JointFormat, *, to_stdout: bool) -> None:
-    """Print the mean and the largest change of each joint."""
-    import numpy as np
-
-    size = np.abs(found.change[found.reachable])
-    parts = []
-    for k, name in enumerate(joints.names):
-        factor, unit = joints.of_change(k)
-        mean, largest = size[:, k].mean() * factor, size[:, k].max() * factor
-        parts.append(f"{name} {number(mean)} (largest {number(largest)}) {unit}")
-    line = f"mean change: {', '.join(parts)}"
-    tell(line) if to_stdout else note(line)
+    mean, most = (size.mean(axis=0), size.max(axis=0)) if len(size) else (np.nan, np.nan)
+    rows = np.stack(np.broadcast_arrays(mean, most, found.limit), axis=-1).tolist()
+    keys = ("mean", "max", "limit")
+    return {n: dict(zip(keys, row, strict=True)) for n, row in zip(joints.names, rows, strict=True)}

@@ -133,20 +133,9 @@ def log(
     """
     notes = Notes()
     shooting = c.Shooting(
-        joints_file,
-        tag,
-        dictionary,
-        board,
-        tags_at,
-        tag_size,
-        tag_height,
-        lens,
-        pose,
-        since,
-        picture,
-        camera,
+        joints_file, tag, dictionary, board, tags_at, tag_size, tag_height, lens, pose, camera
     )
-    if shooting or c.is_camera(bag):
+    if shooting or picture is not None or c.is_camera(bag):
         of_bags = {"--joints-topic": joints_topic, "--tip-topic": tip_topic, "--frames": frames}
         refuse(of_bags, "is for bags, not for pictures and videos")
         if rests and still is not None:
@@ -159,6 +148,8 @@ def log(
             joints=joints,
             degrees=degrees,
             prismatic=prismatic or (),
+            since=since,
+            picture=picture,
             time_offset=time_offset,
             still=still,
             max_gap=max_gap,

@@ -50,9 +50,7 @@ def plan(
     start: Annotated[
         Numbers | None,
         option(
-            "--from Q1,Q2",
-            "Joint values before the first pose; neutral if not given.",
-            numbers,
+            "--from Q1,Q2", "Joint values before the first pose; neutral if not given.", numbers
         ),
     ] = None,
     data: Annotated[
@@ -149,11 +147,7 @@ def _facts(known: Arm | Model) -> Arm | About:
 
 
 def _measured(
-    known: Arm | Model,
-    data: str,
-    columns: Mapping[str, str] | None,
-    degrees: bool,
-    notes: Notes,
+    known: Arm | Model, data: str, columns: Mapping[str, str] | None, degrees: bool, notes: Notes
 ) -> Samples:
     """Read the log of what was measured already."""
     import calib

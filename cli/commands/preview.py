@@ -17,10 +17,7 @@ if TYPE_CHECKING:
 
 MeshesOption = Annotated[
     str | None,
-    option(
-        "--meshes FOLDER",
-        "Folder of the URDF's mesh files; nothing outside of it is read.",
-    ),
+    option("--meshes FOLDER", "Folder of the URDF's mesh files; nothing outside of it is read."),
 ]
 PortOption = Annotated[
     int, option("--port N", "Port of the page (default: any free port).", parsing.whole(0, 65535))

@@ -96,6 +96,10 @@ def forward(
         show_answers(joints, [answer], unit, axes, _bounds(loaded, frame))
         if turn is not None:
             print("quaternion " + " ".join(fixed(value, 6) for value in turn))
+        if in_base:
+            from ..space import say_size
+
+            say_size(loaded, [q])
 
 
 @query_app.command(context_settings=_NEGATIVE)

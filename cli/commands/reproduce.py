@@ -80,12 +80,7 @@ def reproduce(
         arm = robot or ROBOT
         typed = ranges_in_si(ranges or (), kinds_of_joints(arm), degrees) if ranges else None
         setting = Setting.of(
-            seed,
-            quick=quick,
-            report=report,
-            robot=arm,
-            ranges=typed,
-            lengths=dict(lengths or ()),
+            seed, quick=quick, report=report, robot=arm, ranges=typed, lengths=dict(lengths or ())
         )
         logs = None if data is None else Path(data)
         setting = replace(setting, data=logs, parts=folder / "ablation_parts.jsonl")

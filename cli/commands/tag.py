@@ -19,8 +19,7 @@ def tag(
 ) -> None:
     """Write a tag for the arm's tip, or a board for the desk, to print at its true size (SVG)."""
     from calib.common.atomic import atomic_write
-    from calib.recording.board import Board
-    from calib.recording.lengths import parse_length
+    from calib.recording.board import Board, parse_length
     from calib.recording.printing import print_board, print_tag
 
     if (number is None) == (board is None):

@@ -7,23 +7,19 @@ from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, field
 from functools import cached_property
 from pathlib import Path
-from typing import TYPE_CHECKING
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
 from ...arm.loading import held_values
 from ...arm.posture import Kinematics
+from ...arm.tree import Urdf
 from ...arm.urdf import parse_urdf
+from ...common.arrays import Array
 from ...errors import CalibError
+from ...model.about import About
 from .canvas import Canvas
 from .meshes import read_mesh, resolve_mesh
-
-if TYPE_CHECKING:
-    from ...arm.tree import Urdf
-    from ...model.about import About
-
-Array = NDArray[np.float64]
 
 LAYER = "Arm"
 _BONE, _JOINT = "#e0853c", "#59636e"
@@ -62,7 +58,6 @@ def draw_arm(
 def _draw_shape(
     canvas: Canvas, path: str, shape: Visual, meshes: Path | None, notes: list[str]
 ) -> bool:
-    origin = shape.origin
     if shape.kind == "mesh":
         if meshes is None:
             return False
@@ -73,14 +68,9 @@ def _draw_shape(
             return False
         vertices = mesh.vertices * shape.scale.astype(np.float32)
         canvas.mesh(path, vertices, mesh.faces, shape.colour, shape.opacity)
-    elif shape.kind == "box":
-        canvas.box(path, shape.size, shape.colour, shape.opacity)
-    elif shape.kind == "sphere":
-        canvas.sphere(path, shape.size[0], shape.colour, shape.opacity)
     else:
-        canvas.cylinder(path, shape.size[0], shape.size[1], shape.colour, shape.opacity)
-        origin = origin @ _UPRIGHT
-    canvas.place(path, origin)
+        canvas.solid(path, shape.kind, shape.size, shape.colour, shape.opacity)
+    canvas.place(path, shape.origin @ _UPRIGHT if shape.kind == "cylinder" else shape.origin)
     return True
 
 
@@ -88,7 +78,7 @@ def _draw_skeleton(canvas: Canvas, body: Body, poses: Mapping[str, Array], size:
     """Bones from each link on the way to the tip to the next, and balls between them."""
     way = body.way
     for link, following in zip(way, [*way[1:], None], strict=True):
-        canvas.sphere(f"{LAYER}/{link}/joint", 0.02 * size, _JOINT)
+        canvas.solid(f"{LAYER}/{link}/joint", "sphere", [0.02 * size], _JOINT)
         if following is None:
             continue
         # in the frame of the link that carries it, so that it moves along
@@ -97,7 +87,7 @@ def _draw_skeleton(canvas: Canvas, body: Body, poses: Mapping[str, Array], size:
         length = float(np.linalg.norm(end))
         if length < 1e-3 * size:
             continue
-        canvas.cylinder(f"{LAYER}/{link}/bone", 0.012 * size, length, _BONE)
+        canvas.solid(f"{LAYER}/{link}/bone", "cylinder", [0.012 * size, length], _BONE)
         canvas.place(f"{LAYER}/{link}/bone", _along(end))
 
 

@@ -15,9 +15,8 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from ...arm.rotations import quaternion_of
+from ...common.arrays import Array
 from .placement import FIELD_OF_VIEW
-
-Array = NDArray[np.float64]
 
 POINT = 1.0 / math.tan(math.radians(FIELD_OF_VIEW) / 2)
 """Size of a dot in three.js, which forgets the field of view, over its true size."""
@@ -85,14 +84,12 @@ class Canvas:
             {"uuid": texture, "image": f"image-{self._count}", "wrap": [1001, 1001]}
         ]
 
-    def box(self, path: str, size: Sequence[float], colour: str, opacity: float = 1.0) -> None:
-        """A box of this size [m] along x, y and z."""
-        geometry = dict(zip(("width", "height", "depth"), map(float, size), strict=True))
-        self._shape(path, {"type": "BoxGeometry", **geometry}, colour, opacity)
-
-    def sphere(self, path: str, radius: float, colour: str, opacity: float = 1.0) -> None:
-        """A sphere of this radius [m]."""
-        self._shape(path, _ball(radius), colour, opacity)
+    def solid(
+        self, path: str, kind: str, size: Sequence[float], colour: str, opacity: float = 1.0
+    ) -> None:
+        """A "box", "sphere" or "cylinder", sized [m] as in a URDF; cylinders stand along y."""
+        material = self._material("MeshPhong", colour, opacity)
+        self._object(path, "Mesh", _solid(kind, size), material)
 
     def marker(
         self, path: str, radius: float, colour: str, opacity: float = 1.0, order: int = 1
@@ -100,15 +97,7 @@ class Canvas:
         """A ball that nothing hides, flat in any light; one of a higher `order` is on top."""
         material = self._material("MeshBasic", colour, opacity)
         material |= {"transparent": True, "depthTest": False, "depthWrite": False}
-        self._object(path, "Mesh", _ball(radius), material, order)
-
-    def cylinder(
-        self, path: str, radius: float, length: float, colour: str, opacity: float = 1.0
-    ) -> None:
-        """A cylinder along y, as three.js has it [m]."""
-        geometry = {"type": "CylinderGeometry", "height": float(length), "radialSegments": 28}
-        geometry |= {"radiusTop": float(radius), "radiusBottom": float(radius)}
-        self._shape(path, geometry, colour, opacity)
+        self._object(path, "Mesh", _solid("sphere", [radius]), material, order)
 
     def place(self, path: str, transform: ArrayLike) -> None:
         """Put everything below a path where a transform (4, 4) says."""
@@ -142,9 +131,6 @@ class Canvas:
 
         return [umsgpack.packb(command) for command in self._commands]
 
-    def _shape(self, path: str, geometry: dict[str, Any], colour: str, opacity: float) -> None:
-        self._object(path, "Mesh", geometry, self._material("MeshPhong", colour, opacity))
-
     def _object(
         self,
         path: str,
@@ -172,10 +158,7 @@ class Canvas:
         return scene
 
     def _geometry(
-        self,
-        points: ArrayLike,
-        colour: NDArray[np.uint8] | str,
-        index: ArrayLike | None = None,
+        self, points: ArrayLike, colour: NDArray[np.uint8] | str, index: ArrayLike | None = None
     ) -> dict[str, Any]:
         points = np.asarray(points, dtype=np.float32).reshape(-1, 3)
         attributes = {"position": _attribute(points, 3)}
@@ -222,9 +205,19 @@ def quaternions(rotations: Array) -> Array:
     return np.asarray(q * signs[:, None])
 
 
-def _ball(radius: float) -> dict[str, Any]:
-    size = {"radius": float(radius), "widthSegments": 24, "heightSegments": 16}
-    return {"type": "SphereGeometry", **size}
+def _solid(kind: str, size: Sequence[float]) -> dict[str, Any]:
+    if kind == "box":
+        keys: tuple[str, ...] = ("width", "height", "depth")
+        shape: dict[str, Any] = {"type": "BoxGeometry"}
+    elif kind == "sphere":
+        keys, shape = (
+            ("radius",),
+            {"type": "SphereGeometry", "widthSegments": 24, "heightSegments": 16},
+        )
+    else:
+        size, keys = [size[0], *size], ("radiusTop", "radiusBottom", "height")
+        shape = {"type": "CylinderGeometry", "radialSegments": 28}
+    return shape | dict(zip(keys, map(float, size), strict=True))
 
 
 def _attribute(array: NDArray[Any], width: int) -> dict[str, Any]:

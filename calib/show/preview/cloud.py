@@ -4,15 +4,11 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass
-from typing import TYPE_CHECKING
 
 import numpy as np
-from numpy.typing import NDArray
 
-if TYPE_CHECKING:
-    from ...model.model import Model
-
-Array = NDArray[np.float64]
+from ...common.arrays import Array
+from ...model.model import Model
 
 _POSTURES, _SHOWN, _CUT = 40_000, 3_000, 1_500
 _THICK = 0.01  # half the thickness of a cut, as a share of the cloud's extent

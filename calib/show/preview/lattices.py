@@ -4,22 +4,18 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
-from ..error_scale import colours, rgb
+from ...common.arrays import Array
+from ...model.model import Model
+from ..error_scale import ErrorScale, colours, rgb
 from ..workspace import drawn_edges, extent, motor_errors, sensory_errors
-
-if TYPE_CHECKING:
-    from ...model.model import Model
-    from ..error_scale import ErrorScale
-    from .canvas import Canvas
-    from .motion import Motion
-    from .placement import Placement
-
-Array = NDArray[np.float64]
+from .canvas import Canvas
+from .motion import Motion
+from .placement import Placement
 
 LINK, FRAME = "#2f9e44", "#8b97a3"
 _LINKS = 120_000
@@ -58,12 +54,7 @@ def panel_beside(frame: Array, points: Array, size: float, dof: int) -> Panel:
 
 
 def draw_maps(
-    canvas: Canvas,
-    model: Model,
-    placement: Placement,
-    panel: Panel,
-    scale: ErrorScale,
-    size: float,
+    canvas: Canvas, model: Model, placement: Placement, panel: Panel, scale: ErrorScale, size: float
 ) -> tuple[Array, Array]:
     """Draw both maps, coloured by their errors; return their nodes in the scene.
 

@@ -3,21 +3,16 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import TYPE_CHECKING
 
 import numpy as np
-from numpy.typing import NDArray
 
+from ...common.arrays import Array
+from ...model.model import Model
 from ..arrows import round_factor
 from ..error_scale import ROUNDING, length_in_words
 from ..workspace import extent
-
-if TYPE_CHECKING:
-    from ...model.model import Model
-    from .canvas import Canvas
-    from .placement import Placement
-
-Array = NDArray[np.float64]
+from .canvas import Canvas
+from .placement import Placement
 
 TARGET, REACHED = "#1c7ed6", "#e8590c"
 FRAMES = 180

@@ -7,14 +7,11 @@ import json
 import re
 from importlib.util import find_spec
 from pathlib import Path
-from typing import TYPE_CHECKING
 
 from ...errors import CalibError
+from ...model.model import Model
 from .lattices import strongest_partners
 from .scene import Scene
-
-if TYPE_CHECKING:
-    from ...model.model import Model
 
 _HERE = Path(__file__).parent
 _POLICY = (

@@ -7,12 +7,13 @@ from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
 from ...arm.plane import Plane, fit_plane
 from ...body.spatial import SpatialStructure
 from ...body.spatial_words import camera_place
 from ...body.views import is_camera
+from ...common.arrays import Array
 from ...common.rows import thinned
 from ...errors import CalibError
 from ..workspace import downwards, extent
@@ -20,8 +21,6 @@ from ..workspace import downwards, extent
 if TYPE_CHECKING:
     from ...model.model import Model
     from .arm import Body
-
-Array = NDArray[np.float64]
 
 _TRUSTED = 0.15  # a sensor that differs less [share of the extent] is drawn where it says
 _SIZES = (0.05, 20.0)  # extents [m] that are drawn as they are
@@ -157,6 +156,7 @@ def similarity(source: Array, target: Array) -> tuple[Array, Array]:
     # no correction of the determinant's sign: a camera may see the arm mirrored
     u, spread, v = np.linalg.svd((source - a).T @ (target - b))
     power = float(np.sum((source - a) ** 2))
+    # the scale is tr(S) over the variance of the source (his equation 42)
     linear = u @ v * (spread.sum() / power if power > 0 else 1.0)
     return np.asarray(linear), np.asarray(b - a @ linear)
 

@@ -6,20 +6,16 @@ import base64
 import math
 from dataclasses import dataclass
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
+from ...common.arrays import Array
+from ...model.model import Model
+from ...samples.samples import Samples
 from ..arrows import Arrows
 from ..error_scale import ErrorScale, colours, stops
-from ..workspace import (
-    border,
-    extent,
-    motor_errors,
-    sensory_errors,
-    training_positions,
-)
+from ..workspace import border, extent, motor_errors, sensory_errors, training_positions
 from . import arm as arm_layer
 from .arm import Body
 from .canvas import POINT, Canvas
@@ -27,12 +23,6 @@ from .cloud import Cloud, cloud
 from .lattices import LINK, draw_links, draw_maps, labels, panel_beside
 from .motion import FPS, TARGET, Motion, draw_motion, drive
 from .placement import Camera, Placement, place
-
-if TYPE_CHECKING:
-    from ...model.model import Model
-    from ...samples.samples import Samples
-
-Array = NDArray[np.float64]
 
 BORDER, SAMPLE, ARROW = "#2a9d8f", "#6c7a89", "#e8590c"
 _MOST_SAMPLES = 5000
@@ -221,14 +211,8 @@ class _Drawing:
             "node": self.node,
             "link": LINK,
             "target": TARGET,
-            "panel": {
-                "corner": self.panel.corner.tolist(),
-                "edges": self.panel.edges.tolist(),
-            },
-            "plane": {
-                "point": self._middle().tolist(),
-                "normal": self.placement.frame[2].tolist(),
-            },
+            "panel": {"corner": self.panel.corner.tolist(), "edges": self.panel.edges.tolist()},
+            "plane": {"point": self._middle().tolist(), "normal": self.placement.frame[2].tolist()},
             "size": self.size,
             "dot": 0.022 * self.size * POINT,
         }

@@ -7,18 +7,16 @@ import secrets
 import sys
 from collections.abc import Callable
 from http.server import BaseHTTPRequestHandler, ThreadingHTTPServer
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 
 from ...common.wording import one_line
 from ...errors import CalibError, OptionError, QueryError
+from ...model.model import Model
 from ..error_scale import length_in_words
 from .arm import Body
 from .placement import place
-
-if TYPE_CHECKING:
-    from ...model.model import Model
 
 ADDRESS = "127.0.0.1"
 """The loopback interface: no other computer can reach it."""

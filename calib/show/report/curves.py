@@ -2,21 +2,17 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
+from ...common.arrays import Array
 from ...maps.node_bounds import COVERAGE
 from ..error_scale import ROUNDING, length_in_words
+from .evidence import Evidence
 from .maps import WIDE
 from .style import DASHES, INK, SERIES, new_figure
 from .tables import figure_unit
-
-if TYPE_CHECKING:
-    from .evidence import Evidence
-
-Array = NDArray[np.float64]
 
 _GROUPS = 10
 

@@ -3,11 +3,13 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
+from ...common.arrays import Array
+from ...model.model import Model
+from ...samples.samples import Samples
 from ...training.evaluate import (
     Residuals,
     evaluate_residuals,
@@ -16,12 +18,6 @@ from ...training.evaluate import (
     summarise,
 )
 from ..workspace import extent, training_samples
-
-if TYPE_CHECKING:
-    from ...model.model import Model
-    from ...samples.samples import Samples
-
-Array = NDArray[np.float64]
 
 
 @dataclass(frozen=True, eq=False)

@@ -3,11 +3,14 @@
 from __future__ import annotations
 
 import math
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
+from ...common.arrays import Array
+from ...maps.map import Map
+from ...model.about import About
+from ...model.photo import Photo
 from ..arrows import Arrows
 from ..error_scale import UNKNOWN, ErrorScale
 from ..workspace import (
@@ -19,16 +22,9 @@ from ..workspace import (
     motor_errors,
     sensory_errors,
 )
+from .evidence import Evidence
 from .style import colour_map, new_figure, plain_text
 from .tables import figure_unit
-
-if TYPE_CHECKING:
-    from ...maps.map import Map
-    from ...model.about import About
-    from ...model.photo import Photo
-    from .evidence import Evidence
-
-Array = NDArray[np.float64]
 
 _BINS = 36
 _PAPERS = "activity"  # the readout of the paper, beside the default

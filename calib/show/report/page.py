@@ -6,10 +6,12 @@ import html
 from collections.abc import Callable
 from dataclasses import dataclass
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 
+from ...model.model import Model
+from ...samples.samples import Samples
 from ...use.geometry import moves_in_space
 from ..error_scale import length_in_words
 from ..facts import facts
@@ -17,17 +19,7 @@ from . import curves, maps, space
 from .evidence import Evidence, gather
 from .maps import over_photo
 from .style import settings, to_png, to_svg
-from .tables import (
-    adaptation_table,
-    drift_text,
-    errors_in_html,
-    fact_list,
-    is_papers_arm,
-)
-
-if TYPE_CHECKING:
-    from ...model.model import Model
-    from ...samples.samples import Samples
+from .tables import adaptation_table, drift_text, errors_in_html, fact_list, is_papers_arm
 
 _MEAN = {2: 1.2533, 3: 1.5958}  # mean distance over the standard deviation along an axis
 _ROUNDING = "All errors are rounding (below 1 nm): there is nothing to draw."

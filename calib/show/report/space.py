@@ -2,22 +2,17 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
 from ...body.curves import powers
+from ...model.model import Model
 from ..error_scale import ErrorScale, length_in_words
+from .evidence import Evidence
 from .maps import WIDE, colour_bar, heat, joint_axis
 from .style import SERIES, new_figure
 from .tables import figure_unit
-
-if TYPE_CHECKING:
-    from ...model.model import Model
-    from .evidence import Evidence
-
-Array = NDArray[np.float64]
 
 _VIEWS = ((0, 1), (0, 2), (1, 2))
 _ARROWS = 250

@@ -5,19 +5,17 @@ from __future__ import annotations
 import html
 import math
 from collections.abc import Iterable, Mapping, Sequence
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
+from ...change.check import Drift
 from ...common.choices import READOUTS
 from ...common.wording import for_people
+from ...model.about import About
 from ...paper.published import TABLE1
 from ..error_scale import length_in_words
 from ..facts import quantities
+from .evidence import Evidence
 from .style import plain_text
-
-if TYPE_CHECKING:
-    from ...change.check import Drift
-    from ...model.about import About
-    from .evidence import Evidence
 
 PAPER_ARM = "two_link"
 
