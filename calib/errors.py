@@ -61,10 +61,7 @@ class CalibError(Exception):
     def within(self: E, label: str) -> E:
         """Return the same error with the place of what is wrong, such as a file, before it."""
         return type(self)(
-            f"{label}: {self.message}",
-            hint=self.hint,
-            parameter=self.parameter,
-            value=self.value,
+            f"{label}: {self.message}", hint=self.hint, parameter=self.parameter, value=self.value
         )
 
 

@@ -12,7 +12,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-Array = NDArray[np.float64]
+from ..common.arrays import Array
 
 _FOLDS = 10
 _SURE = 4.0  # standard errors by which a play is no chance
@@ -21,18 +21,10 @@ _PAYS = 0.03  # share of the held-out error that it must mend
 
 @dataclass(frozen=True, eq=False)
 class Approach:
-    """What the direction of approach tells.
+    """What the direction of approach tells."""
 
-    Attributes
-    ----------
-    play : (dof,) array [rad or m]
-        Half the play of each joint, 0 where the log shows none.
-    bounds : (motor nodes,) array [unit]
-        95 % bound on the error where the direction is known.
-    """
-
-    play: Array
-    bounds: Array
+    play: Array  # (dof,) [rad or m], half the play of each joint, 0 where the log shows none
+    bounds: Array  # (motor nodes,) [unit], 95 % bound on the error where the direction is known
 
     def effective(self, q: Array, direction: ArrayLike) -> Array:
         """Where joints (n, dof) stand that came from a direction, 1, -1 or 0 (unknown)."""
@@ -46,19 +38,10 @@ class Approach:
 def learn_play(residual: Array, slope: Array, direction: Array) -> Array | None:
     """Half the play of each joint, None where the direction of approach does not pay.
 
-    Parameters
-    ----------
-    residual : (n, m) array [unit]
-        Measured less predicted position, in the order of motion.
-    slope : (n, m, dof) array [unit / rad or m]
-        Derivative of the position by the joint values.
-    direction : (n, dof) array
-        Sign of the last motion of each joint.
-
-    Returns
-    -------
-    (dof,) array [rad or m] or None
-        Zero for joints whose play is not four standard errors above zero.
+    residual : (n, m) [unit], measured less predicted position, in the order of motion
+    slope : (n, m, dof) [unit / rad or m], derivative of the position by the joint values
+    direction : (n, dof), sign of the last motion of each joint
+    Returns (dof,), zero for joints whose play is not four standard errors above zero.
     """
     features = -slope * direction[:, None, :]
     use = np.ones(slope.shape[2], dtype=bool)

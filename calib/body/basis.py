@@ -9,7 +9,8 @@ from functools import cached_property
 import numpy as np
 from numpy.typing import NDArray
 
-Array = NDArray[np.float64]
+from ..common.arrays import Array
+
 Exponents = NDArray[np.int_]
 
 
@@ -41,20 +42,13 @@ class Basis:
     Along a coordinate either Legendre polynomials, or the harmonics of a joint that turns:
     1, cos, sin, cos 2, sin 2, ... of its angle, made orthogonal over its range.  All that
     is known of the arm is that a whole turn brings a joint back to where it was.
-
-    Attributes
-    ----------
-    turns : tuple of float [rad]
-        Angle that each coordinate's unit interval spans, 0 for polynomials.
-    degree : int
-        Largest total degree; the harmonic k has degree k.
-    each : int
-        Largest degree along one coordinate, 0 for no such limit.  With 1, a function of
-        many joints is affine in the cosine and sine of each, as a chain of rigid links is.
     """
 
+    # [rad], angle that each coordinate's unit interval spans, 0 for polynomials
     turns: tuple[float, ...]
-    degree: int
+    degree: int  # largest total degree; the harmonic k has degree k
+    # largest degree along one coordinate, 0 for no such limit.  With 1, a function of many joints
+    # is affine in the cosine and sine of each, as a chain of rigid links is.
     each: int = 0
 
     @cached_property

@@ -10,10 +10,11 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from ..common.arrays import Array
 from ..common.frozen import ReadOnly
 from .bound import radius_95, spread_of
 from .packing import Packed, root_in
-from .structure import Array, Indices, Structure
+from .structure import Indices, Structure
 
 CHUNK = 2000
 """Rows that a bound is evaluated for at a time."""
@@ -29,21 +30,12 @@ covered in 19 of 20 logs.
 
 @dataclass(frozen=True)
 class Parameter:
-    """One parameter of a body with its 95 % interval.
-
-    Attributes
-    ----------
-    name : str
-    group : str
-    joint : str or None
-    value, low, high : float
-        In `unit`.
-    unit : str
-    """
+    """One parameter of a body with its 95 % interval."""
 
     name: str
     group: str
     joint: str | None
+    # in `unit`
     value: float
     low: float
     high: float
@@ -52,23 +44,13 @@ class Parameter:
 
 @dataclass(frozen=True)
 class Second(ReadOnly):
-    """A second fit with a wider hyperprior of the curves; the bound takes the worse of both.
+    """A second fit with a wider hyperprior of the curves; the bound takes the worse of both."""
 
-    Attributes
-    ----------
-    beta : (d,) array
-    active : (l,) int array
-        Its parameters: those of the first fit and the curves.
-    covariance : (l, l) array
-    noise : (m,) array
-    packed : (l (l + 1) / 2,) float32 array, optional
-        The covariance's root as a model file keeps it.
-    """
-
-    beta: Array
-    active: Indices
-    covariance: Array
-    noise: Array
+    beta: Array  # (d,)
+    active: Indices  # (l,), its parameters: those of the first fit and the curves
+    covariance: Array  # (l, l)
+    noise: Array  # (m,)
+    # (l (l + 1) / 2,) float32 array, optional, the covariance's root as a model file keeps it
     packed: Packed | None = field(default=None, repr=False, compare=False)
 
     @cached_property
@@ -79,57 +61,27 @@ class Second(ReadOnly):
 
 @dataclass(frozen=True)
 class Body(ReadOnly):
-    """A Gaussian belief over the parameters of an arm and its sensor.
-
-    Attributes
-    ----------
-    structure : Structure
-    beta : (d,) array
-        Parameters at the maximum of the posterior.
-    active : (k,) int array
-        The parameters that were fitted.
-    covariance : (k, k) array
-        Posterior covariance of the active parameters.
-    noise : (m,) array
-        Noise sd of each output [unit; rad for rotations].
-    kappa : float
-        Inflation of the bound by leave-block-out errors, at least 1.
-    tau : (m,) array
-        Residual sd of the body itself, from leave-block-out errors beyond the noise [unit].
-    residual : (m,) array
-        Sd of a residual that an adaptation could not settle; added to the bound [unit].
-    nu : float
-        Degrees of freedom of the Student noise; infinite for Gaussian.
-    autocorrelation : float
-        Integrated autocorrelation time of the residuals [rows].
-    scales : mapping of str to float
-        Prior scales that the evidence chose, by the name of their `Hyper`.
-    rows : int
-        Rows of the fit.
-    simulated : bool
-        Whether the rows were exact samples of a simulation.
-    member : str
-        Name of the gate's member.
-    second : Second or None
-    packed : (k (k + 1) / 2,) float32 array, optional
-        The covariance's root as a model file keeps it.
-    """
+    """A Gaussian belief over the parameters of an arm and its sensor."""
 
     structure: Structure
-    beta: Array
-    active: Indices
-    covariance: Array
-    noise: Array
-    kappa: float
+    beta: Array  # (d,), parameters at the maximum of the posterior
+    active: Indices  # (k,), the parameters that were fitted
+    covariance: Array  # (k, k), posterior covariance of the active parameters
+    noise: Array  # (m,), noise sd of each output [unit; rad for rotations]
+    kappa: float  # inflation of the bound by leave-block-out errors, at least 1
+    # (m,), residual sd of the body itself, from leave-block-out errors beyond the noise [unit]
     tau: Array
+    # (m,), sd of a residual that an adaptation could not settle; added to the bound [unit]
     residual: Array
-    nu: float
-    autocorrelation: float
+    nu: float  # degrees of freedom of the Student noise; infinite for Gaussian
+    autocorrelation: float  # integrated autocorrelation time of the residuals [rows]
+    # prior scales that the evidence chose, by the name of their `Hyper`
     scales: Mapping[str, float] = field(default_factory=dict)
-    rows: int = 0
-    simulated: bool = False
-    member: str = ""
+    rows: int = 0  # rows of the fit
+    simulated: bool = False  # whether the rows were exact samples of a simulation
+    member: str = ""  # name of the gate's member
     second: Second | None = None
+    # (k (k + 1) / 2,) float32 array, optional, the covariance's root as a model file keeps it
     packed: Packed | None = field(default=None, repr=False, compare=False)
 
     @cached_property
@@ -148,14 +100,9 @@ class Body(ReadOnly):
     def bound(self, q: Array, *, noise: bool = True, block: int = 0) -> Array:
         """95 % bound (n,) on the distance to what the sensor reads, or to the true output.
 
-        Parameters
-        ----------
-        q : (n, dof) array
-            Joint values.
-        noise : bool
-            Whether the sensor's noise is part of the distance.
-        block : int
-            Block of the outputs: 0 for positions, 1 for the orientation of a pose [rad].
+        q : (n, dof), joint values
+        noise : whether the sensor's noise is part of the distance
+        block : block of the outputs: 0 for positions, 1 for the orientation of a pose [rad]
         """
         q = np.asarray(q, dtype=float)
         parts = [self._bound(q[i : i + CHUNK], noise, block) for i in range(0, len(q), CHUNK)]

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from .structure import Array
+from ..common.arrays import Array
 
 NORMAL_95 = 1.6448536269514722
 

@@ -6,10 +6,10 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from ..common.arrays import Array
 from ..errors import LogError
 from .sensor import SensorPose
 from .spatial_start import frame
-from .structure import Array
 
 if TYPE_CHECKING:
     from .posterior import BodyFit
@@ -27,10 +27,7 @@ _DRAWN = 400
 def told_by(fit: BodyFit, q: Array, pixels: Array, lower: Array, upper: Array) -> list[str]:
     """Say what pictures could not tell, and which poses would.
 
-    Raises
-    ------
-    LogError
-        If the arm does not explain the pixels, or only mirrored ones.
+    Raises LogError if the arm does not explain the pixels, or only mirrored ones.
     """
     body = fit.body
     structure: Any = body.structure

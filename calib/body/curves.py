@@ -12,7 +12,7 @@ import math
 import numpy as np
 from numpy.typing import NDArray
 
-from .structure import Array
+from ..common.arrays import Array
 
 HARMONICS = 48
 WIDTH = 20.0

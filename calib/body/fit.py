@@ -4,11 +4,12 @@ from __future__ import annotations
 
 import numpy as np
 
+from ..common.arrays import Array
 from .bound import autocorrelation_time
 from .fitted import Fit, by_block
 from .normal import Factor, first_noise, information_factor, negative_log_likelihood
 from .search import Search
-from .structure import Array, Prior, Structure
+from .structure import Prior, Structure
 
 MANY = 60
 """Parameters beyond which the information of an earlier step serves where the steps are small."""
@@ -31,31 +32,17 @@ def maximise(
 ) -> Fit:
     """Fit one member: parameters at the maximum of the posterior, noise and scales by evidence.
 
-    Parameters
-    ----------
-    structure : Structure
-    q : (n, dof) array
-        Joint values [rad or m].
-    z : (n, m) array
-        What the sensor saw.
-    beta : (d,) array
-        Start.
-    prior : Prior
-        Parameters with a zero sd stay at the prior's mean.
-    nu : float
-        Degrees of freedom of the Student noise; infinite for Gaussian.
-    floor : (m,) array
-        Least noise [unit].
-    noise : (m,) array, optional
-        Noise to start from.
-    weight : (n,) array, optional
-        Weights of the rows.
-    learn : bool
-        Whether noise and scales are learned; otherwise they stay.
-    steps : int
-        Most linearisations.
-    tolerance : float
-        A step below this share of the posterior sd ends the search.
+    q : (n, dof), joint values [rad or m]
+    z : (n, m), what the sensor saw
+    beta : (d,), start
+    prior : parameters with a zero sd stay at the prior's mean
+    nu : degrees of freedom of the Student noise; infinite for Gaussian
+    floor : (m,), least noise [unit]
+    noise : (m,), noise to start from
+    weight : (n,), weights of the rows
+    learn : whether noise and scales are learned; otherwise they stay
+    steps : most linearisations
+    tolerance : a step below this share of the posterior sd ends the search
     """
     search = Search(structure, q, z, beta, prior, nu, floor, noise, weight)
     fresh, keeps = True, len(search.active) > MANY and np.isfinite(nu)

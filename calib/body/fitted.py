@@ -7,8 +7,9 @@ from itertools import pairwise
 
 import numpy as np
 
+from ..common.arrays import Array
 from .normal import sums_of
-from .structure import Array, Indices, Structure
+from .structure import Indices, Structure
 
 BLOCKS = 10
 """Contiguous blocks of rows whose information is kept apart."""
@@ -16,58 +17,32 @@ BLOCKS = 10
 
 @dataclass(frozen=True)
 class Fit:
-    """A member fitted to rows, with what the leave-block-out needs.
-
-    Attributes
-    ----------
-    structure : Structure
-    beta : (d,) array
-    active : (k,) int array
-    sd : (k,) array
-        Prior sd of the active parameters, with the scales that the evidence chose.
-    known : (k, k) array or None
-        Prior precision where the parameters' priors depend on each other; then not `sd`.
-    noise : (m,) array
-    nu : float
-    residual : (n, m) array
-    derivative : (n, m, k) array
-    weight : (n, m) array
-    precision : (k, k) array
-        Weighted information and prior.
-    covariance : (k, k) array
-        Posterior covariance, with the Student noise's loss of information and that of residuals
-        that are correlated in the order of the log.
-    gradient : (k,) array
-        Of the log posterior: zero at its maximum, not quite where the steps ended before it.
-    edges : (b + 1,) int array
-        Limits of contiguous blocks of rows.
-    grams, moments : (b, k, k) and (b, k) array
-        What each block adds to the information and to the gradient.
-    autocorrelation : float
-        Integrated autocorrelation time of the residuals [rows]; 1 for Gaussian noise.
-    scales : dict of str to float
-    evidence : float
-        Laplace approximation of the logarithm of the evidence.
-    """
+    """A member fitted to rows, with what the leave-block-out needs."""
 
     structure: Structure
-    beta: Array
-    active: Indices
-    sd: Array
-    noise: Array
+    beta: Array  # (d,)
+    active: Indices  # (k,)
+    sd: Array  # (k,), prior sd of the active parameters, with the scales that the evidence chose
+    noise: Array  # (m,)
     nu: float
-    residual: Array
-    derivative: Array
-    weight: Array
-    precision: Array
+    residual: Array  # (n, m)
+    derivative: Array  # (n, m, k)
+    weight: Array  # (n, m)
+    precision: Array  # (k, k), weighted information and prior
+    # (k, k), posterior covariance, with the Student noise's loss of information and that of
+    # residuals that are correlated in the order of the log
     covariance: Array
+    # (k,), of the log posterior: zero at its maximum, not quite where the steps ended before it
     gradient: Array
-    edges: Indices
+    edges: Indices  # (b + 1,), limits of contiguous blocks of rows
+    # (b, k, k) and (b, k) array, what each block adds to the information and to the gradient
     grams: Array
     moments: Array
+    # integrated autocorrelation time of the residuals [rows]; 1 for Gaussian noise
     autocorrelation: float
     scales: dict[str, float]
-    evidence: float
+    evidence: float  # Laplace approximation of the logarithm of the evidence
+    # (k, k), prior precision where the parameters' priors depend on each other; then not `sd`
     known: Array | None = None
 
     @property

@@ -7,11 +7,11 @@ from dataclasses import replace
 
 import numpy as np
 
+from ..common.arrays import Array
 from ..errors import LogError, OptionError
 from .nominal import Nominal
 from .planar import PlanarStructure
 from .posterior import BodyFit, fit_structure
-from .structure import Array
 from .telling import warnings_of
 from .views import PLANAR
 
@@ -41,35 +41,19 @@ def fit_body(
 ) -> BodyFit:
     """Fit the body of a planar arm.
 
-    Parameters
-    ----------
-    q : (n, dof) array
-        Joint values as they are logged [rad or m].
-    z : (n, 2) array
-        Positions that the sensor saw [unit].
-    joint_names, revolute : sequences
-        Names of the joints and which of them turn.
-    nominal : Nominal, optional
-        Geometry of a URDF as prior; with logs only.
-    view : {"auto", "base", "rigid", "similarity", "affine", "homography"}
-        ``auto`` is rigid for lengths, homography otherwise.
-    lens : bool, optional
-        Whether the gate may fit a lens; by default where the view is a camera's.
-    unit : str
-        Unit of positions.
-    simulated : bool
-        Whether the rows are samples of a simulation: Gaussian weights, a lower noise floor.
-    lower, upper : (dof,) array, optional
-        Joint ranges, for what the rows cannot tell.
-    seed : int
-        Chooses the rows of the gate where there are more than 3,000.
-
-    Raises
-    ------
-    LogError
-        If a value is not finite or the shapes do not fit.
-    OptionError
-        If the view is unknown or needs a nominal geometry.
+    q : (n, dof), joint values as they are logged [rad or m]
+    z : (n, 2), positions that the sensor saw [unit]
+    joint_names, revolute : names of the joints and which of them turn
+    nominal : geometry of a URDF as prior; with logs only
+    view : {"auto", "base", "rigid", "similarity", "affine", "homography"}, ``auto`` is rigid for
+        lengths, homography otherwise
+    lens : whether the gate may fit a lens; by default where the view is a camera's
+    unit : unit of positions
+    simulated : whether the rows are samples of a simulation: Gaussian weights, a lower noise floor
+    lower, upper : (dof,), joint ranges, for what the rows cannot tell
+    seed : chooses the rows of the gate where there are more than 3,000
+    Raises LogError if a value is not finite or the shapes do not fit.
+    Raises OptionError if the view is unknown or needs a nominal geometry.
     """
     q, z = np.asarray(q, dtype=float), np.asarray(z, dtype=float)
     template = planar_structure(q, z, joint_names, revolute, nominal, view, lens, unit, simulated)

@@ -16,25 +16,13 @@ NATS = 3.0
 
 @dataclass(frozen=True)
 class Tried:
-    """One member that the gate tried.
-
-    Attributes
-    ----------
-    name : str
-    error : float
-        Mean held-out error over ten contiguous blocks [unit].
-    score : float
-        Mean negative log predictive density, up to a constant.
-    parameters : int
-    evidence : float
-        Log evidence, up to a constant that the members share.
-    """
+    """One member that the gate tried."""
 
     name: str
-    error: float
-    score: float
+    error: float  # mean held-out error over ten contiguous blocks [unit]
+    score: float  # mean negative log predictive density, up to a constant
     parameters: int
-    evidence: float
+    evidence: float  # log evidence, up to a constant that the members share
 
 
 @dataclass(frozen=True)
@@ -83,13 +71,8 @@ def choose_member(
 ) -> Passed:
     """Fit members from simple to rich, each with what has passed; a richer one must win.
 
-    Parameters
-    ----------
-    members : tuple of (name, groups)
-    fit : callable
-        Fits the member with these groups.
-    enough : callable
-        Whether a fit is as good as the numbers allow, so that nothing richer is tried.
+    fit : fits the member with these groups
+    enough : whether a fit is as good as the numbers allow, so that nothing richer is tried
     """
     best: Passed | None = None
     tried: list[Tried] = []

@@ -8,10 +8,11 @@ from itertools import pairwise
 import numpy as np
 from numpy.typing import NDArray
 
+from ..common.arrays import Array
 from .bound import radius_95
 from .fitted import Fit
 from .normal import Factor, information_factor, slices
-from .structure import Array, Indices
+from .structure import Indices
 
 WORK = 5e5
 """Rows times parameters beyond which only some rows, evenly spaced, get a predicted spread."""
@@ -30,29 +31,17 @@ UNKNOWN_KAPPA = 1.5
 
 @dataclass(frozen=True)
 class HeldOut:
-    """What a fit predicts for each contiguous block of rows from the others.
+    """What a fit predicts for each contiguous block of rows from the others."""
 
-    Attributes
-    ----------
-    residual : (n, m) array
-        Held-out residuals of ten blocks; NaN where the others do not determine the body.
-    error : (n,) array
-        Their length in the first block of outputs [unit].
-    score : (n,) array
-        Negative log predictive density, up to a constant; NaN for rows without a spread.
-    edges : (b + 1,) int array
-        Limits of the blocks.
-    ratios : dict of int to (n,) array
-        Error over the 95 % radius, for partitions into 2, 5 and 10 blocks.
-    common : (n,) bool array
-        Rows that are no outliers of the fit itself; the others do not enter `kappa`.
-    """
-
+    # (n, m), held-out residuals of ten blocks; NaN where the others do not determine the body
     residual: Array
-    error: Array
+    error: Array  # (n,), their length in the first block of outputs [unit]
+    # (n,), negative log predictive density, up to a constant; NaN for rows without a spread
     score: Array
-    edges: Indices
+    edges: Indices  # (b + 1,), limits of the blocks
+    # dict of int to (n,) array, error over the 95 % radius, for partitions into 2, 5 and 10 blocks
     ratios: dict[int, Array]
+    # (n,), rows that are no outliers of the fit itself; the others do not enter `kappa`
     common: NDArray[np.bool_]
 
     def blockwise(self, values: Array) -> Array:

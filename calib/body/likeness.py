@@ -6,7 +6,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from .structure import Array
+from ..common.arrays import Array
 
 if TYPE_CHECKING:
     from .belief import Body

@@ -12,9 +12,9 @@ from collections.abc import Callable
 import numpy as np
 from numpy.typing import NDArray
 
+from ..common.arrays import Array
 from .belief import Body
 from .likeness import kernel, lengths_of
-from .structure import Array
 
 _MEASURED = 300  # measured rows that the residual is compared with, evenly spread
 
@@ -22,21 +22,11 @@ _MEASURED = 300  # measured rows that the residual is compared with, evenly spre
 def most_telling(body: Body, q: Array, n: int, measured: Array) -> NDArray[np.intp]:
     """Choose poses one by one, each the most informative beside those chosen before.
 
-    Parameters
-    ----------
-    body : Body
-        Its posterior holds the measured rows already.
-    q : (k, dof) array [rad or m]
-        Poses to choose from.
-    n : int
-        How many, at most k.
-    measured : (l, dof) array [rad or m]
-        Joints of rows that were measured.
-
-    Returns
-    -------
-    (n,) int array
-        Rows of `q`, in the order of choice.
+    body : its posterior holds the measured rows already
+    q : (k, dof) [rad or m], poses to choose from
+    n : how many, at most k
+    measured : (l, dof) [rad or m], joints of rows that were measured
+    Returns (n,), rows of `q`, in the order of choice.
     """
     p = body.structure.blocks[0]
     noise = body.noise[:p]
@@ -57,24 +47,15 @@ def most_telling(body: Body, q: Array, n: int, measured: Array) -> NDArray[np.in
 
 
 def greedy(
-    known: Array,
-    n: int,
-    more: Array | float = 0.0,
-    common: Callable[[int], Array] | None = None,
+    known: Array, n: int, more: Array | float = 0.0, common: Callable[[int], Array] | None = None
 ) -> NDArray[np.intp]:
     """Choose rows one by one, each of the largest gain of information beside those before.
 
-    Parameters
-    ----------
-    known : (k, p, r) array
-        Directions in which each row tells of the belief, in units of the noise: products of
-        two rows' directions are the covariance of their readings.
-    n : int
-        How many, at most k.
-    more : (k, p, p) array
-        Covariance of each row that the belief has no part in.
-    common : callable, optional
-        Of one row its covariances of that kind with all rows (k, p, p).
+    known : (k, p, r), directions in which each row tells of the belief, in units of the noise:
+        products of two rows' directions are the covariance of their readings
+    n : how many, at most k
+    more : (k, p, p), covariance of each row that the belief has no part in
+    common : of one row its covariances of that kind with all rows (k, p, p)
 
     Notes
     -----

@@ -9,35 +9,23 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from ..common.arrays import Array
 from ..errors import OptionError
-from .structure import Array
 
 
 @dataclass(frozen=True)
 class Nominal:
-    """Lengths, offsets and frame of a planar chain, in metres and radians.
+    """Lengths, offsets and frame of a planar chain, in metres and radians."""
 
-    Attributes
-    ----------
-    lengths : tuple of float
-        Length beyond each turning joint; along a slide its displacement at zero.
-    offsets : tuple of float
-        Angle of each link against the one before; direction of a slide.  The first is zero.
-    rotation : float
-        Angle of the chain's own frame in the forward function's frame [rad].
-    shift : tuple of float
-        Origin of the chain in the forward function's frame [m].
-    mirror : int
-        -1 where the first turning joint turns clockwise in that frame.
-    signs : tuple of int
-        Direction of each joint against the first turning one; slides are +1.
-    """
-
+    # length beyond each turning joint; along a slide its displacement at zero
     lengths: tuple[float, ...]
+    # angle of each link against the one before; direction of a slide.  The first is zero.
     offsets: tuple[float, ...]
-    rotation: float = 0.0
+    rotation: float = 0.0  # angle of the chain's own frame in the forward function's frame [rad]
+    # origin of the chain in the forward function's frame [m]
     shift: tuple[float, float] = (0.0, 0.0)
-    mirror: int = 1
+    mirror: int = 1  # -1 where the first turning joint turns clockwise in that frame
+    # direction of each joint against the first turning one; slides are +1
     signs: tuple[int, ...] = ()
 
     def __post_init__(self) -> None:
@@ -78,31 +66,16 @@ def regressors(q: Array, signs: Array, revolute: tuple[bool, ...]) -> Array:
 
 
 def nominal_of(
-    forward: Callable[[Array], Array],
-    lower: Array,
-    upper: Array,
-    revolute: tuple[bool, ...],
+    forward: Callable[[Array], Array], lower: Array, upper: Array, revolute: tuple[bool, ...]
 ) -> Nominal:
     """Nominal geometry of a planar arm from its forward function.
 
-    Parameters
-    ----------
-    forward : callable
-        Positions (n, 2) [m] at joint values (n, dof).
-    lower, upper : (dof,) array
-        Range in which the function is asked [rad or m].
-    revolute : tuple of bool
-        Which joints turn.
-
-    Returns
-    -------
-    Nominal
-        With ``forward(q) = shift + rotation mirror chain(q)`` to rounding.
-
-    Raises
-    ------
-    OptionError
-        If the function is not that of a planar chain whose joints all turn or slide in its plane.
+    forward : positions (n, 2) [m] at joint values (n, dof)
+    lower, upper : (dof,), range in which the function is asked [rad or m]
+    revolute : which joints turn
+    Returns Nominal, with ``forward(q) = shift + rotation mirror chain(q)`` to rounding.
+    Raises OptionError if the function is not that of a planar chain whose joints all turn or slide
+    in its plane.
     """
     generator = np.random.default_rng(0)
     lower, upper = np.asarray(lower, dtype=float), np.asarray(upper, dtype=float)

@@ -10,21 +10,15 @@ import numpy as np
 from scipy.linalg import cho_factor, cho_solve, solve_triangular
 from scipy.linalg.lapack import dpotri, dtrtri
 
-from .structure import Array, Structure
+from ..common.arrays import Array
+from .structure import Structure
 
 
 class Factor:
     """Cholesky factor of a symmetric positive matrix after scaling its diagonal to one.
 
-    Parameters
-    ----------
-    matrix : (k, k) array
-        Flat and tight priors differ by many decades; the scaling removes that.
-
-    Raises
-    ------
-    numpy.linalg.LinAlgError
-        If the matrix is not positive even with a jitter of 1e-6.
+    matrix : (k, k), flat and tight priors differ by many decades; the scaling removes that
+    Raises numpy.linalg.LinAlgError if the matrix is not positive even with a jitter of 1e-6.
     """
 
     def __init__(self, matrix: Array) -> None:
@@ -76,24 +70,12 @@ class Factor:
 
 @dataclass(frozen=True)
 class Sums:
-    """Weighted sums of one block of outputs, noise not yet divided out.
+    """Weighted sums of one block of outputs, noise not yet divided out."""
 
-    Attributes
-    ----------
-    gram : (k, k) array
-        ``X' W X``.
-    moment : (k,) array
-        ``X' W r``.
-    square : float
-        ``r' W r``.
-    count : int
-        Number of residuals.
-    """
-
-    gram: Array
-    moment: Array
-    square: float
-    count: int
+    gram: Array  # (k, k), ``X' W X``
+    moment: Array  # (k,), ``X' W r``
+    square: float  # ``r' W r``
+    count: int  # number of residuals
 
 
 def slices(blocks: tuple[int, ...]) -> list[slice]:

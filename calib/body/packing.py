@@ -5,8 +5,8 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
+from ..common.arrays import Array
 from .bound import root_of
-from .structure import Array
 
 Packed = NDArray[np.float32]
 

@@ -17,11 +17,12 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from ..common.arrays import Array
 from . import planar_prior, planar_start, planar_view, planar_words
 from .curves import curve_slope, curve_value, powers
 from .nominal import Nominal
 from .planar_layout import Layout, layout_of
-from .structure import Array, Indices, Label, Prior, Structure
+from .structure import Indices, Label, Prior, Structure
 from .views import PLANAR, ViewKind
 
 Complex = NDArray[np.complex128]
@@ -29,47 +30,21 @@ Complex = NDArray[np.complex128]
 
 @dataclass(frozen=True)
 class PlanarStructure(Structure):
-    """Structure of a planar body; its parameters are a plain vector.
-
-    Attributes
-    ----------
-    joint_names : tuple of str
-    revolute : tuple of bool
-    view : str
-        One of :data:`calib.body.views.PLANAR`.
-    unit : str
-        Unit of positions.
-    metre : float
-        Units per metre where the sensor's unit is a length, else 1.
-    lens : bool
-        Whether the lens is fitted where the gate prefers it.
-    signs : tuple of int
-        Direction of each joint against its log, +1 or -1.
-    mirror : int
-        -1 where the sensor sees the plane from behind.
-    extent : float
-        Root mean square distance of the rows from their mean [unit].
-    centre : tuple of float
-        Mean position [unit]; origin of the lens.
-    nominal : Nominal or None
-        Prior geometry, in metres.
-    simulated : bool
-        Whether the rows are samples of a simulation.
-    """
+    """Structure of a planar body; its parameters are a plain vector."""
 
     kind = "planar"
     joint_names: tuple[str, ...]
     revolute: tuple[bool, ...]
-    view: str
-    unit: str
-    metre: float
-    lens: bool
-    signs: tuple[int, ...]
-    mirror: int
-    extent: float
-    centre: tuple[float, float]
-    nominal: Nominal | None
-    simulated: bool
+    view: str  # one of :data:`calib.body.views.PLANAR`
+    unit: str  # unit of positions
+    metre: float  # units per metre where the sensor's unit is a length, else 1
+    lens: bool  # whether the lens is fitted where the gate prefers it
+    signs: tuple[int, ...]  # direction of each joint against its log, +1 or -1
+    mirror: int  # -1 where the sensor sees the plane from behind
+    extent: float  # root mean square distance of the rows from their mean [unit]
+    centre: tuple[float, float]  # mean position [unit]; origin of the lens
+    nominal: Nominal | None  # prior geometry, in metres
+    simulated: bool  # whether the rows are samples of a simulation
 
     @property
     def layout(self) -> Layout:

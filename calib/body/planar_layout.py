@@ -18,10 +18,7 @@ VIEW = 11
 class Layout:
     """Indices of the parameters of a planar chain with these joints.
 
-    Parameters
-    ----------
-    revolute : tuple of bool
-        Which joints turn.
+    revolute : which joints turn
     """
 
     def __init__(self, revolute: tuple[bool, ...]) -> None:

@@ -7,8 +7,9 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
+from ..common.arrays import Array
 from .curves import HARMONICS, curve_shape
-from .structure import Array, Hyper, Indices, Prior
+from .structure import Hyper, Indices, Prior
 from .views import PLANAR
 
 if TYPE_CHECKING:

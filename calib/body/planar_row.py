@@ -9,9 +9,9 @@ import math
 from collections.abc import Callable, Sequence
 from typing import NamedTuple
 
+from ..common.arrays import Array
 from .curves import curve_table, in_table, in_table_with_slope
 from .planar import PlanarStructure
-from .structure import Array
 
 Sloped = tuple[float, float, list[float], list[float]]
 """x, y, and their derivatives by each joint."""
@@ -20,18 +20,11 @@ _Step = tuple[float, float, float, float]  # rate, or direction of a slide; wher
 
 
 class PlanarRow(NamedTuple):
-    """A compiled body; joint values [rad or m] are not checked.
+    """A compiled body; joint values [rad or m] are not checked."""
 
-    Attributes
-    ----------
-    predict : callable
-        ``predict(q) -> (x, y)`` for a sequence of joint values.
-    sloped : callable
-        ``sloped(q) -> (x, y, dx/dq, dy/dq)``.
-    """
-
+    # ``predict(q) -> (x, y)`` for a sequence of joint values
     predict: Callable[[Sequence[float]], tuple[float, float]]
-    sloped: Callable[[Sequence[float]], Sloped]
+    sloped: Callable[[Sequence[float]], Sloped]  # ``sloped(q) -> (x, y, dx/dq, dy/dq)``
 
     @staticmethod
     def of(structure: PlanarStructure, beta: Array) -> PlanarRow:

@@ -9,9 +9,10 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
+from ..common.arrays import Array
 from .nominal import chain_of, regressors
 from .planar_prior import anchored, neutral
-from .structure import Array, Structure
+from .structure import Structure
 
 if TYPE_CHECKING:
     from .planar import PlanarStructure

@@ -16,7 +16,8 @@ from typing import TYPE_CHECKING
 import numpy as np
 from numpy.typing import NDArray
 
-from .structure import Array, Indices
+from ..common.arrays import Array
+from .structure import Indices
 
 if TYPE_CHECKING:
     from .planar import PlanarStructure
@@ -66,16 +67,10 @@ def columns(
 ) -> tuple[Array, Array, Array]:
     """Positions, their derivative (n, 2, 2) by the tip, and (n, 2, k) with the view's columns.
 
-    Parameters
-    ----------
-    structure : PlanarStructure
-    p : (n,) complex array
-        Tips.
-    beta : (d,) array
-    place : (d,) int array
-        Column of each parameter, -1 where it has none.
-    k : int
-        Number of columns.
+    p : (n,) complex array, tips
+    beta : (d,)
+    place : (d,), column of each parameter, -1 where it has none
+    k : number of columns
     """
     n = len(p)
     out = np.zeros((n, 2, k))

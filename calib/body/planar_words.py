@@ -6,8 +6,9 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
+from ..common.arrays import Array
 from .curves import HARMONICS, curve_rms
-from .structure import Array, Label
+from .structure import Label
 
 if TYPE_CHECKING:
     from .planar import PlanarStructure

@@ -8,9 +8,9 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from ..arm.rotations import logarithm, matrix_of
+from ..common.arrays import Array
 from ..errors import LogError
 from .spatial_start import frame
-from .structure import Array
 
 if TYPE_CHECKING:
     from .belief import Body
@@ -44,9 +44,7 @@ def refuse_misfit(structure: SpatialStructure, q: Array, x: Array, quaternions: 
 
     `x` (n, 3) are the positions, which tell how the sensor's frame is turned.
 
-    Raises
-    ------
-    LogError
+    Raises LogError.
     """
     nominal = structure.pose(q, structure.neutral())[1]
     turn = structure.sensor(frame(structure, q, x)).rotation

@@ -7,6 +7,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
+from ..common.arrays import Array
 from .belief import Body, Second
 from .fit import MANY, maximise
 from .fitted import Fit
@@ -14,7 +15,7 @@ from .gate import Passed, Tried, choose_member
 from .held_out import HeldOut, leave_blocks_out
 from .packing import pack, unpack
 from .starts import Start, best_starts
-from .structure import Array, Hyper, Indices, Prior, Structure
+from .structure import Hyper, Indices, Prior, Structure
 
 LOG_FLOOR, SIMULATED_FLOOR = 1e-4, 1e-7
 """Least noise, as a share of the extents."""
@@ -37,29 +38,14 @@ STUDENT = 6.0
 
 @dataclass(frozen=True)
 class BodyFit:
-    """A fitted body and how it was found.
-
-    Attributes
-    ----------
-    body : Body
-    held_out : (n, m) array
-        Residuals of contiguous blocks predicted from the others.
-    row_weight : (n,) array
-        Weight of each row, 1 or more for a common row, near 0 for an outlier.
-    info : tuple of Tried
-        The gate's members with their held-out errors.
-    notes : tuple of str
-        What the rows cannot tell.
-    turned : (n,) array [rad], optional
-        Held-out errors of orientation, where they were measured.
-    """
+    """A fitted body and how it was found."""
 
     body: Body
-    held_out: Array
-    row_weight: Array
-    info: tuple[Tried, ...]
-    notes: tuple[str, ...]
-    turned: Array | None = None
+    held_out: Array  # (n, m), residuals of contiguous blocks predicted from the others
+    row_weight: Array  # (n,), weight of each row, 1 or more for a common row, near 0 for an outlier
+    info: tuple[Tried, ...]  # the gate's members with their held-out errors
+    notes: tuple[str, ...]  # what the rows cannot tell
+    turned: Array | None = None  # (n,), held-out errors of orientation, where they were measured
 
 
 def fit_structure(
@@ -73,17 +59,11 @@ def fit_structure(
 ) -> BodyFit:
     """Fit any structure: start, gate, final step over all rows, second fit, bound.
 
-    Parameters
-    ----------
-    template : Structure
-        Signs and mirror are found by its starts.
-    q : (n, dof) array
-    z : (n, m) array
-    simulated : bool, optional
-        As in `fit_body`; by default what the template says, else False.
-    seed : int
-    notes : sequence of str
-        Passed on.
+    template : signs and mirror are found by its starts
+    q : (n, dof)
+    z : (n, m)
+    simulated : as in `fit_body`; by default what the template says, else False
+    notes : passed on
     """
     simulated = template.simulated if simulated is None else simulated
     floor = (SIMULATED_FLOOR if simulated else LOG_FLOOR) * template.extents

@@ -14,6 +14,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 from scipy.ndimage import gaussian_filter1d
 
+from ..common.arrays import Array
 from .belief import Body
 from .curves import HARMONICS, curve_shape
 from .fit import maximise
@@ -23,7 +24,7 @@ from .packing import pack, unpack
 from .spatial import SpatialStructure
 from .spatial_prior import frame_groups
 from .spatial_start import frame
-from .structure import Array, Prior
+from .structure import Prior
 
 if TYPE_CHECKING:
     from .structure import Indices
@@ -40,18 +41,11 @@ FREE = 1e3
 def remount(body: Body, q: Array, z: Array) -> Body:
     """Return the body of a calibrated arm in a new frame, from a few rows.
 
-    Parameters
-    ----------
-    body : Body
-        Of a spatial arm.
-    q : (n, dof) array [rad or m]
-    z : (n, m) array
-        What the sensor sees now.
-
-    Returns
-    -------
-    Body
-        With sensor and tool from the rows, and what they say of the arm added to what was known.
+    body : of a spatial arm
+    q : (n, dof) [rad or m]
+    z : (n, m), what the sensor sees now
+    Returns Body, with sensor and tool from the rows, and what they say of the arm added to what was
+    known.
     """
     new = body.structure
     if not isinstance(new, SpatialStructure):

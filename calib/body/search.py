@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
+from ..common.arrays import Array
 from .normal import (
     Factor,
     Sums,
@@ -14,7 +15,7 @@ from .normal import (
     student_weights,
     sums_of,
 )
-from .structure import Array, Hyper, Prior, Structure
+from .structure import Hyper, Prior, Structure
 
 INNER = 8
 """Steps of EM for each linearisation."""

@@ -8,8 +8,8 @@ from typing import Any
 import numpy as np
 
 from ..arm.rotations import cross_matrix, quaternion_of
+from ..common.arrays import Array
 from .belief import Body
-from .structure import Array
 
 
 @dataclass(frozen=True, eq=False)
@@ -19,26 +19,16 @@ class SensorPose:
     The first joint's offset is zero by convention where it turns: the sensor turned about that
     joint's axis, and the offset the other way, give the same readings. The spreads leave that
     turn out.
-
-    Attributes
-    ----------
-    position : (3,) array [m]
-    rotation : (3, 3) array
-        Its columns are the sensor's axes; a camera's are x (right), y (down) and z (ahead).
-    position_sd, turn_sd : (3,) array [m, rad]
-        Along and about the base's axes.
-    depth_sd : float [m]
-        Along the sensor's z.
-    first : str or None
-        The joint whose offset is zero by convention.
     """
 
-    position: Array
+    position: Array  # (3,) [m]
+    # (3, 3), its columns are the sensor's axes; a camera's are x (right), y (down) and z (ahead)
     rotation: Array
+    # (3,) [m, rad], along and about the base's axes
     position_sd: Array
     turn_sd: Array
-    depth_sd: float
-    first: str | None
+    depth_sd: float  # [m], along the sensor's z
+    first: str | None  # the joint whose offset is zero by convention
 
     @staticmethod
     def of(body: Body | None) -> SensorPose | None:

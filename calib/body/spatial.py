@@ -16,13 +16,14 @@ import numpy as np
 
 from ..arm.rotations import exponential, logarithm
 from ..arm.spatial_chain import GRAVITY, SpatialChain
+from ..common.arrays import Array
 from .curves import curve_value
 from .spatial_layout import SpatialLayout
 from .spatial_loads import Loads
 from .spatial_motion import Deviations, Motion, move
 from .spatial_slopes import by_joints, by_parameters
 from .spatial_view import Placed, View, compose, look
-from .structure import Array, Indices, Label, Prior, Structure
+from .structure import Indices, Label, Prior, Structure
 from .views import SPATIAL, ViewKind
 
 _CHAIN_ARRAYS = ("axes", "points", "tip", "rotation", "coupling", "bias", "masses", "centres")
@@ -30,55 +31,29 @@ _CHAIN_ARRAYS = ("axes", "points", "tip", "rotation", "coupling", "bias", "masse
 
 @dataclass(frozen=True, eq=False)
 class SpatialStructure(Structure):
-    """The structure of a spatial arm and its sensor; see `Structure`.
-
-    Attributes
-    ----------
-    chain : SpatialChain
-        The nominal chain [m]: of a URDF, or what `starts` found without one.
-    joint_names, chain_names : tuple of str
-        Active joints (dof), and all joints of the chain (m) with mimic joints.
-    revolute : tuple of bool
-        Which active joints turn.
-    view : str
-        ``"base"``, ``"rigid"``, ``"similarity"``, ``"pose"`` or ``"pinhole"``.
-    unit : str
-        Unit of positions.
-    metre : float
-        Units of positions in one metre; not used by a camera.
-    extent : float
-        Size of the workspace along an output [unit].
-    lens : (4,) array
-        Focal length, centre [px] and k1 that are known or assumed; used by ``"pinhole"``.
-    lens_sd : (4,) array
-        How sure they are: 0 for a lens that is known.
-    informed : bool
-        Whether the chain is a drawing (prior 1 mm, 0.1 deg) or was found from rows alone.
-    gravity : (3,) array [m/s2]
-        In the root frame.
-    simulated : bool
-        Whether the rows are samples of a simulation.
-    few : bool
-        Whether the rows are too few to move joint origins; `starts` finds out.
-    """
+    """The structure of a spatial arm and its sensor; see `Structure`."""
 
     kind = "spatial"
     gate_rows = 1200  # each has three outputs and hundreds of parameters
     wide = (200.0, 1e-3)
-    chain: SpatialChain
+    chain: SpatialChain  # the nominal chain [m]: of a URDF, or what `starts` found without one
+    # active joints (dof), and all joints of the chain (m) with mimic joints
     joint_names: tuple[str, ...]
     chain_names: tuple[str, ...]
-    revolute: tuple[bool, ...]
-    view: str = "rigid"
-    unit: str = "m"
-    metre: float = 1.0
-    extent: float = 1.0
+    revolute: tuple[bool, ...]  # which active joints turn
+    view: str = "rigid"  # ``"base"``, ``"rigid"``, ``"similarity"``, ``"pose"`` or ``"pinhole"``
+    unit: str = "m"  # unit of positions
+    metre: float = 1.0  # units of positions in one metre; not used by a camera
+    extent: float = 1.0  # size of the workspace along an output [unit]
+    # (4,), focal length, centre [px] and k1 that are known or assumed; used by ``"pinhole"``
     lens: tuple[float, float, float, float] = (900.0, 640.0, 360.0, 0.0)
+    # (4,), how sure they are: 0 for a lens that is known
     lens_sd: tuple[float, float, float, float] = (300.0, 50.0, 50.0, 0.3)
+    # whether the chain is a drawing (prior 1 mm, 0.1 deg) or was found from rows alone
     informed: bool = True
-    gravity: tuple[float, float, float] = GRAVITY
-    simulated: bool = False
-    few: bool = False
+    gravity: tuple[float, float, float] = GRAVITY  # (3,) [m/s2], in the root frame
+    simulated: bool = False  # whether the rows are samples of a simulation
+    few: bool = False  # whether the rows are too few to move joint origins; `starts` finds out
 
     @property
     def seen_as(self) -> ViewKind:

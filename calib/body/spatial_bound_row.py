@@ -16,13 +16,14 @@ from collections.abc import Sequence
 
 import numpy as np
 
+from ..common.arrays import Array
 from .belief import SHARED, Body, Second
 from .bound import NORMAL_95
 from .curves import HARMONICS, ORDERS
 from .spatial import SpatialStructure
 from .spatial_motion import placements
 from .spatial_row import SpatialRow
-from .structure import Array, Indices
+from .structure import Indices
 
 _SIGNS = np.zeros((3, 3, 3))
 for _a, _b, _c in ((0, 1, 2), (1, 2, 0), (2, 0, 1)):
@@ -33,10 +34,7 @@ _TURNING = _SIGNS.reshape(3, 9)  # a @ _TURNING is the matrix whose product with
 class SpatialBoundRow:
     """Bounds on the position for single rows; joint values [rad or m] are not checked.
 
-    Parameters
-    ----------
-    body : Body
-        In space, its view one that sees positions: no camera.
+    body : in space, its view one that sees positions: no camera
     """
 
     def __init__(self, body: Body) -> None:

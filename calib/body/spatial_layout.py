@@ -17,24 +17,12 @@ LENS = ("focal", "centre.u", "centre.v", "k1")
 
 @dataclass(frozen=True)
 class SpatialLayout:
-    """Indices of a chain of joints that follow `dof` values, before a view.
+    """Indices of a chain of joints that follow `dof` values, before a view."""
 
-    Attributes
-    ----------
-    joint_names : tuple of str
-        Names of the active joints (dof).
-    chain_names : tuple of str
-        Names of all joints of the chain (m), mimic joints included.
-    revolute : tuple of bool
-        Which active joints turn.
-    weighted : bool
-        Whether masses are known, and with them the torque of gravity.
-    """
-
-    joint_names: tuple[str, ...]
-    chain_names: tuple[str, ...]
-    revolute: tuple[bool, ...]
-    weighted: bool
+    joint_names: tuple[str, ...]  # names of the active joints (dof)
+    chain_names: tuple[str, ...]  # names of all joints of the chain (m), mimic joints included
+    revolute: tuple[bool, ...]  # which active joints turn
+    weighted: bool  # whether masses are known, and with them the torque of gravity
 
     @cached_property
     def groups(self) -> Mapping[str, Indices]:

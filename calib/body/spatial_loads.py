@@ -8,23 +8,15 @@ from functools import cached_property
 import numpy as np
 
 from ..arm.spatial_chain import SpatialChain
-from .structure import Array
+from ..common.arrays import Array
 
 
 @dataclass(frozen=True, eq=False)
 class Loads:
-    """Torques of gravity as shares of the largest that the first joint could carry.
+    """Torques of gravity as shares of the largest that the first joint could carry."""
 
-    Attributes
-    ----------
-    chain : SpatialChain
-        Where nothing is known of its masses, there are no loads.
-    gravity : (3,) array [m/s2]
-        In the root frame.
-    """
-
-    chain: SpatialChain
-    gravity: tuple[float, float, float]
+    chain: SpatialChain  # where nothing is known of its masses, there are no loads
+    gravity: tuple[float, float, float]  # (3,) [m/s2], in the root frame
 
     @cached_property
     def torque(self) -> float:

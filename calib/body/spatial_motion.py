@@ -17,49 +17,26 @@ import numpy as np
 
 from ..arm.rotations import exponential
 from ..arm.spatial_chain import SpatialChain, cross, rotated, times, turned
-from .structure import Array
+from ..common.arrays import Array
 
 
 @dataclass(frozen=True)
 class Deviations:
-    """How a chain differs from its nominal one.
+    """How a chain differs from its nominal one."""
 
-    Attributes
-    ----------
-    shifts : (m, 3) array [m]
-        Of the joint origins, along the axes of the frame before.
-    turns : (m, 3) array [rad]
-        Rotation vectors of the joint origins.
-    tool : (3,) array [m]
-        Of the tip, along the axes of its own frame.
-    tool_turn : (3,) array [rad]
-    """
-
-    shifts: Array
-    turns: Array
-    tool: Array
-    tool_turn: Array
+    shifts: Array  # (m, 3) [m], of the joint origins, along the axes of the frame before
+    turns: Array  # (m, 3) [rad], rotation vectors of the joint origins
+    tool: Array  # (3,) [m], of the tip, along the axes of its own frame
+    tool_turn: Array  # (3,) [rad]
 
 
 class Placements(NamedTuple):
-    """A chain as links between frames: what Pinocchio and the exported C are made of.
+    """A chain as links between frames: what Pinocchio and the exported C are made of."""
 
-    Attributes
-    ----------
-    strides : (m, 3) array [m]
-        From each joint's origin to the next, in the frame before.
-    turns : (m, 3, 3) array
-        Turn of each joint's origin against the frame before.
-    tip : (3,) array [m]
-        Place of the tip in the last joint's frame.
-    tip_turn : (3, 3) array
-        Its orientation there.
-    """
-
-    strides: Array
-    turns: Array
-    tip: Array
-    tip_turn: Array
+    strides: Array  # (m, 3) [m], from each joint's origin to the next, in the frame before
+    turns: Array  # (m, 3, 3), turn of each joint's origin against the frame before
+    tip: Array  # (3,) [m], place of the tip in the last joint's frame
+    tip_turn: Array  # (3, 3), its orientation there
 
 
 def placements(chain: SpatialChain, moved: Deviations | None = None) -> Placements:
@@ -77,28 +54,16 @@ def placements(chain: SpatialChain, moved: Deviations | None = None) -> Placemen
 
 @dataclass(frozen=True)
 class Motion:
-    """Where a chain is at n rows, and the directions in which each part of it moves the tip.
+    """Where a chain is at n rows, and the directions in which each part of it moves the tip."""
 
-    Attributes
-    ----------
-    position : (3, n) array [m]
-    rotation : (3, 3, n) array
-        Orientation of the tip's frame.
-    origins : (m, 3, n) array [m]
-    before, after : (m, 3, 3, n) array
-        Frames of each joint origin before and after its own turn w_i.
-    axes : (m, 3, n) array
-    flange : (3, 3, n) array
-        Axes of the tip's frame before its own turn.
-    """
-
-    position: Array
-    rotation: Array
-    origins: Array
+    position: Array  # (3, n) [m]
+    rotation: Array  # (3, 3, n), orientation of the tip's frame
+    origins: Array  # (m, 3, n) [m]
+    # (m, 3, 3, n), frames of each joint origin before and after its own turn w_i
     before: Array
     after: Array
-    axes: Array
-    flange: Array
+    axes: Array  # (m, 3, n)
+    flange: Array  # (3, 3, n), axes of the tip's frame before its own turn
 
     def joint(self, i: int, revolute: bool) -> tuple[Array, Array]:
         """Velocity (3, n) and angular velocity (3, n) of the tip as joint i moves."""

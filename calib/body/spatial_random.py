@@ -14,9 +14,10 @@ import numpy as np
 
 from ..arm.rotations import exponential, logarithm
 from ..arm.spatial_chain import SpatialChain
+from ..common.arrays import Array
 from ..common.rows import thinned
 from .starts import settle
-from .structure import Array, Structure
+from .structure import Structure
 
 if TYPE_CHECKING:
     from .spatial import SpatialStructure
@@ -40,18 +41,11 @@ def unknown_structure(
 ) -> SpatialStructure:
     """Return the structure of a serial arm of which only its joints' names are known.
 
-    Parameters
-    ----------
-    joint_names, revolute : sequences
-        Base to tip; whether each joint turns.
-    extent : float
-        Size of the workspace along an output [unit]: the positions' rms spread.
-    unit : str
-        Unit of positions.
-    metre : float
-        Units of positions in one metre.
-    simulated : bool
-        Whether the rows are samples of a simulation.
+    joint_names, revolute : base to tip; whether each joint turns
+    extent : size of the workspace along an output [unit]: the positions' rms spread
+    unit : unit of positions
+    metre : units of positions in one metre
+    simulated : whether the rows are samples of a simulation
     """
     from .spatial import SpatialStructure
 

@@ -14,21 +14,17 @@ from typing import Any
 import numpy as np
 
 from ..arm.spatial_chain import SpatialChain
+from ..common.arrays import Array
 from .curves import curve_table, in_table, in_table_with_slope
 from .spatial import SpatialStructure
 from .spatial_motion import Placements, placements
 from .spatial_view import NEAREST
-from .structure import Array
 
 
 class SpatialRow:
     """A spatial body compiled for single rows; joint values [rad or m] are not checked.
 
-    Parameters
-    ----------
-    structure : SpatialStructure
-    beta : (d,) array
-        Parameters.
+    beta : (d,), parameters
     """
 
     def __init__(self, structure: SpatialStructure, beta: Array) -> None:

@@ -6,10 +6,11 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from ..common.arrays import Array
 from .curves import curve_slope, powers
 from .spatial_motion import Motion
 from .spatial_view import View
-from .structure import Array, Indices
+from .structure import Indices
 
 if TYPE_CHECKING:
     from .spatial import SpatialStructure

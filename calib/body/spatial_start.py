@@ -9,10 +9,11 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from ..arm.rotations import exponential, logarithm
+from ..common.arrays import Array
 from ..common.rows import thinned
 from ..errors import LogError
 from .starts import settle
-from .structure import Array, Prior, Structure
+from .structure import Prior, Structure
 
 if TYPE_CHECKING:
     from .spatial import SpatialStructure

@@ -23,10 +23,7 @@ def rebuild_spatial(
 ) -> SpatialStructure:
     """A spatial structure from its header and its arrays.
 
-    Raises
-    ------
-    ModelError
-        If a value is missing, of the wrong kind or size, not finite, or impossible.
+    Raises ModelError if a value is missing, of the wrong kind or size, not finite, or impossible.
     """
     given = Given(header, "body.structure")
     names, chain_names = given.texts("joint_names"), given.texts("chain_names")

@@ -12,7 +12,7 @@ import numpy as np
 
 from ..arm.rotations import exponential, logarithm
 from ..arm.spatial_chain import cross
-from .structure import Array
+from ..common.arrays import Array
 from .views import SPATIAL
 
 #: A point nearer to the camera's plane than this [m] has no pixel; it is held there.
@@ -32,22 +32,13 @@ class Placed:
 
 @dataclass(frozen=True)
 class View:
-    """What a sensor sees of the tip at n rows.
+    """What a sensor sees of the tip at n rows."""
 
-    Attributes
-    ----------
-    values : (n, outputs) array
-    sensor : Placed
-    point : (3, n) array
-        The tip in the sensor's frame (camera: [m]), its shift left out for others.
-    slope : (2, 3, n) array or None
-        Derivative of pixels by the point.
-    """
-
-    values: Array
+    values: Array  # (n, outputs)
     sensor: Placed
+    # (3, n), the tip in the sensor's frame (camera: [m]), its shift left out for others
     point: Array
-    slope: Array | None
+    slope: Array | None  # (2, 3, n), derivative of pixels by the point
 
     def push(self, velocity: Array, angular: Array) -> Array:
         """How outputs (outputs, n) move when the tip moves in the arm's root frame.

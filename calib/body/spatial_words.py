@@ -7,8 +7,8 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from ..arm.rotations import exponential
+from ..common.arrays import Array
 from .curves import curve_rms
-from .structure import Array
 
 if TYPE_CHECKING:
     from .spatial import SpatialStructure

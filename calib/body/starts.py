@@ -6,8 +6,9 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from ..common.arrays import Array
 from .normal import Factor, student_weights, sums_of
-from .structure import Array, Prior, Structure
+from .structure import Prior, Structure
 
 ROWS = 400
 """Rows that the runs use at most."""
@@ -32,23 +33,12 @@ ASKED = 100
 
 @dataclass(frozen=True)
 class Start:
-    """A start of the fit.
+    """A start of the fit."""
 
-    Attributes
-    ----------
-    structure : Structure
-        With its signs and mirror.
-    beta : (d,) array
-    cost : float
-        Negative log posterior at the start's own noise.
-    noise : float
-        Share of the extents that the residuals have.
-    """
-
-    structure: Structure
-    beta: Array
-    cost: float
-    noise: float
+    structure: Structure  # with its signs and mirror
+    beta: Array  # (d,)
+    cost: float  # negative log posterior at the start's own noise
+    noise: float  # share of the extents that the residuals have
 
 
 def best_starts(
@@ -59,13 +49,9 @@ def best_starts(
     Rows along a path can be explained by two arms, of which joint curves may prefer the wrong
     one; the gate then decides with the curves.
 
-    Parameters
-    ----------
-    structure : Structure
-    q : (n, dof) array
-    z : (n, m) array
-    free : tuple of str
-        Groups that the runs fit; the gate's chain.
+    q : (n, dof)
+    z : (n, m)
+    free : groups that the runs fit; the gate's chain
     """
     box = q.min(axis=0), np.ptp(q, axis=0)
     if len(q) > ROWS:
@@ -127,24 +113,15 @@ def _refine(
 
 
 def settle(
-    structure: Structure,
-    q: Array,
-    z: Array,
-    beta: Array,
-    prior: Prior,
-    steps: int,
+    structure: Structure, q: Array, z: Array, beta: Array, prior: Prior, steps: int
 ) -> tuple[Array, float, float]:
     """Fit some parameters by robust Levenberg-Marquardt steps from `beta`.
 
     A step below `SETTLED` sd ends them.
 
-    Returns
-    -------
-    beta : (d,) array
-    cost : float
-        Negative log posterior with Student noise, of which the scale was fitted.
-    noise : float
-        Share of the extents that the residuals have.
+    Returns beta : (d,)
+    Returns cost : negative log posterior with Student noise, of which the scale was fitted
+    Returns noise : share of the extents that the residuals have
     """
     active, blocks, extents = prior.active, structure.blocks, structure.extents
     sd, mean = prior.sd[active], prior.mean[active]

@@ -8,13 +8,14 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from ..common.arrays import Array
 from ..errors import ModelError
 from .belief import Body, Second
 from .given import Given
 from .nominal import Nominal
 from .packing import Packed, packed_of, unpack
 from .planar import PlanarStructure
-from .structure import Array, Indices, Structure
+from .structure import Indices, Structure
 from .views import PLANAR
 
 Stored = Mapping[str, NDArray[Any]]
@@ -60,10 +61,7 @@ def body_arrays(body: Body) -> dict[str, NDArray[Any]]:
 def rebuild_body(header: Mapping[str, Any], arrays: Stored) -> Body:
     """The body of a header and its arrays.
 
-    Raises
-    ------
-    ModelError
-        If a value is missing, of the wrong kind or size, not finite, or impossible.
+    Raises ModelError if a value is missing, of the wrong kind or size, not finite, or impossible.
     """
     given = Given(header, "body")
     structure = rebuild_structure(

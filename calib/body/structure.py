@@ -16,29 +16,18 @@ from typing import Any, ClassVar, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-Array = NDArray[np.float64]
+from ..common.arrays import Array
+
 Indices = NDArray[np.intp]
 
 
 class Label(NamedTuple):
-    """What one parameter is, for words and JSON.
+    """What one parameter is, for words and JSON."""
 
-    Attributes
-    ----------
-    group : str
-        Key of `Structure.groups`.
-    joint : str or None
-        The joint that it belongs to.
-    name : str
-        Its name within the body, unique: ``"elbow_joint.offset"``, ``"view.rotation"``.
-    unit : str
-        ``"rad"``, ``"1"``, the unit of positions, ...
-    """
-
-    group: str
-    joint: str | None
-    name: str
-    unit: str
+    group: str  # key of `Structure.groups`
+    joint: str | None  # the joint that it belongs to
+    name: str  # its name within the body, unique: ``"elbow_joint.offset"``, ``"view.rotation"``
+    unit: str  # ``"rad"``, ``"1"``, the unit of positions,
 
 
 @dataclass(frozen=True)
@@ -46,48 +35,28 @@ class Hyper:
     """Parameters whose common prior scale is chosen by evidence.
 
     The prior variance of parameter ``indices[k]`` is ``scale**2 * shape[k]``.
-
-    Attributes
-    ----------
-    name : str
-        Name of the scale, as `Body.scales` keeps it: ``"length"``, ``"curve.0"``.
-    indices : (g,) int array
-        The parameters.
-    shape : (g,) array
-        Relative variances (mean 1 for curves).
-    scale : float
-        Starting scale; also the scale of the pseudo-observations.
-    pseudo : float
-        Number of pseudo-observations at `scale` (an inverse-gamma hyperprior); used by EM.
-    choices : tuple of float
-        Factors on `scale` that are compared by evidence; empty: the scale moves freely by EM.
     """
 
-    name: str
-    indices: Indices
-    shape: Array
-    scale: float
+    name: str  # name of the scale, as `Body.scales` keeps it: ``"length"``, ``"curve.0"``
+    indices: Indices  # (g,), the parameters
+    shape: Array  # (g,), relative variances (mean 1 for curves)
+    scale: float  # starting scale; also the scale of the pseudo-observations
+    # number of pseudo-observations at `scale` (an inverse-gamma hyperprior); used by EM
     pseudo: float = 0.0
+    # factors on `scale` that are compared by evidence; empty: the scale moves freely by EM
     choices: tuple[float, ...] = ()
 
 
 @dataclass(frozen=True)
 class Prior:
-    """A Gaussian prior over the parameters: a zero `sd` keeps a parameter at its `mean`.
+    """A Gaussian prior over the parameters: a zero `sd` keeps a parameter at its `mean`."""
 
-    Attributes
-    ----------
-    mean, sd : (d,) array
-        Prior mean and standard deviation, in each parameter's own unit.
-    hypers : tuple of Hyper
-        Groups whose scale the evidence chooses; `sd` holds their starting values.
-    known : (k, k) array, optional
-        Precision of the active parameters where they depend on each other, in place of `sd`.
-    """
-
+    # (d,), prior mean and standard deviation, in each parameter's own unit
     mean: Array
     sd: Array
+    # groups whose scale the evidence chooses; `sd` holds their starting values
     hypers: tuple[Hyper, ...] = ()
+    # (k, k), precision of the active parameters where they depend on each other, in place of `sd`
     known: Array | None = None
 
     @property
@@ -101,35 +70,18 @@ class Structure:
 
     ``n`` rows, ``dof`` joints, ``m`` outputs, ``d`` parameters.  Joint values are in rad or m as
     they are logged; positions in the structure's own unit.
-
-    Attributes
-    ----------
-    kind : str
-        ``"planar"`` or ``"spatial"``: how a model file finds the class again.
-    joint_names : tuple of str
-        Names of the joints, base to tip.
-    revolute : tuple of bool
-        Which joints turn; the others slide.
-    view : str
-        ``"rigid"``, ``"similarity"``, ``"affine"``, ``"homography"``, ``"base"``, ...
-    unit : str
-        Unit of positions: ``"m"``, ``"px"``, ``"sensor"``, ...
-    simulated : bool
-        Whether the rows are samples of a simulation.
-    gate_rows : int
-        Rows that the gate and the evidence use; the rest enters the final step.
-    wide : (float, float)
-        Wider hyperprior of the curves for a second fit: pseudo-observations, rms [rad].
     """
 
-    kind: ClassVar[str]
+    kind: ClassVar[str]  # ``"planar"`` or ``"spatial"``: how a model file finds the class again
+    # rows that the gate and the evidence use; the rest enters the final step
     gate_rows: ClassVar[int] = 3000
+    # wider hyperprior of the curves for a second fit: pseudo-observations, rms [rad]
     wide: ClassVar[tuple[float, float]] = (200.0, 3e-3)
-    joint_names: tuple[str, ...]
-    revolute: tuple[bool, ...]
-    view: str
-    unit: str
-    simulated: bool
+    joint_names: tuple[str, ...]  # names of the joints, base to tip
+    revolute: tuple[bool, ...]  # which joints turn; the others slide
+    view: str  # ``"rigid"``, ``"similarity"``, ``"affine"``, ``"homography"``, ``"base"``,
+    unit: str  # unit of positions: ``"m"``, ``"px"``, ``"sensor"``,
+    simulated: bool  # whether the rows are samples of a simulation
 
     @property
     def dof(self) -> int:

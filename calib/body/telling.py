@@ -6,7 +6,7 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from .structure import Array
+from ..common.arrays import Array
 
 DEGREE = np.pi / 180
 
@@ -33,16 +33,11 @@ def warnings_of(
 ) -> tuple[str, ...]:
     """Short sentences on what rows cannot tell of an arm; empty where they can.
 
-    Parameters
-    ----------
-    q : (n, dof) array
-        Joint values [rad or m].
-    joint_names, revolute : sequences
-        Names of the joints; which of them turn.
-    z : (n, m) array, optional
-        Positions; where they do not move at all, that is said.
-    lower, upper : (dof,) array, optional
-        Joint ranges; a joint that moved through less than a tenth of its range is named.
+    q : (n, dof), joint values [rad or m]
+    joint_names, revolute : names of the joints; which of them turn
+    z : (n, m), positions; where they do not move at all, that is said
+    lower, upper : (dof,), joint ranges; a joint that moved through less than a tenth of its range
+        is named
     """
     span = np.ptp(q, axis=0) if len(q) else np.zeros(q.shape[1])
     notes: list[str] = []

@@ -6,29 +6,19 @@ from dataclasses import dataclass
 from functools import cached_property
 
 import numpy as np
-from numpy.typing import NDArray
 
+from ..common.arrays import Array
 from .basis import Basis
-
-Array = NDArray[np.float64]
 
 _CHUNK = 1 << 15  # points whose functions are held at once
 
 
 @dataclass(frozen=True)
 class Trend:
-    """A fitted trend.
+    """A fitted trend."""
 
-    Attributes
-    ----------
-    basis : Basis
-        Its functions of the joints.
-    coefficients : (terms, m) array
-        Weight of each function, in the unit of the positions.
-    """
-
-    basis: Basis
-    coefficients: Array
+    basis: Basis  # its functions of the joints
+    coefficients: Array  # (terms, m), weight of each function, in the unit of the positions
 
     @property
     def terms(self) -> int:

@@ -8,11 +8,11 @@ from functools import cached_property
 import numpy as np
 from numpy.typing import NDArray
 
+from ..common.arrays import Array
 from ..common.scale import TURN, Scale
 from .basis import Basis, largest_degree, largest_harmonic
 from .trend import Trend
 
-Array = NDArray[np.float64]
 Folds = list[NDArray[np.intp]]
 
 _TERMS = (90, 300)  # most functions of two joints, of more
@@ -24,18 +24,10 @@ _FLOOR = 1e-6  # share of the extent that counts as exact for a trend
 
 @dataclass(frozen=True)
 class TrendChoice:
-    """A trend and its twins that have not seen one fold each.
+    """A trend and its twins that have not seen one fold each."""
 
-    Attributes
-    ----------
-    trend : Trend
-        Fitted to all samples.
-    without : list of Trend
-        Fitted to all samples but those of one fold, in the order of the folds.
-    """
-
-    trend: Trend
-    without: list[Trend]
+    trend: Trend  # fitted to all samples
+    without: list[Trend]  # fitted to all samples but those of one fold, in the order of the folds
 
 
 @dataclass(frozen=True, eq=False)
@@ -111,16 +103,10 @@ def choose_trends(
     without its risk between and beyond the samples; the second is as good as the best
     but for chance.
 
-    Parameters
-    ----------
-    scale : Scale
-        Range of the joints.
-    turning : tuple of bool
-        Joints that turn: their harmonics are tried beside polynomials.
-    u, x : (n, dof), (n, 2) array
-        Joints in the unit box and positions.
-    folds : list of (m,) int array
-        Rows that are held out together.
+    scale : range of the joints
+    turning : joints that turn: their harmonics are tried beside polynomials
+    u, x : (n, dof), (n, 2), joints in the unit box and positions
+    folds : list of (m,) int array, rows that are held out together
     """
     floor = _FLOOR * float(np.linalg.norm(np.ptp(x, axis=0)))
     tried: list[tuple[_Moments, int, float, Array]] = []

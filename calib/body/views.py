@@ -16,34 +16,18 @@ def cubic(k: float, r2: Any) -> tuple[Any, Any, Any]:
 
 @dataclass(frozen=True)
 class ViewKind:
-    """A kind of sensor.
+    """A kind of sensor."""
 
-    Attributes
-    ----------
-    groups : tuple of str
-        Groups of parameters that every member fits.
-    outputs : int
-        2 positions in a plane or pixels, 3 positions in space, 6 of a pose.
-    least : int
-        Fewest rows that place the sensor in front of an arm in space.
-    lens : bool
-        Whether the gate may fit a planar arm's lens by default.
-    ros : str
-        What ROS calls the law; empty where it has none.
-    source : str
-        The law in C, of `k1` and `r2`: its `rise` b' and `ratio` b / b'.
-    bend : callable
-        The lens's law: of its radial parameter k and the square r^2 of the distance from its
-        centre, b' = db / d(r^2), b / b' and db / dk.  A point u from the centre is seen at
-        (1 + b) u, and b is 0 where k is.  It takes arrays and plain floats.
-    """
-
-    groups: tuple[str, ...] = ()
-    outputs: int = 2
-    least: int = 2
-    lens: bool = False
-    ros: str = "plumb_bob"
+    groups: tuple[str, ...] = ()  # groups of parameters that every member fits
+    outputs: int = 2  # 2 positions in a plane or pixels, 3 positions in space, 6 of a pose
+    least: int = 2  # fewest rows that place the sensor in front of an arm in space
+    lens: bool = False  # whether the gate may fit a planar arm's lens by default
+    ros: str = "plumb_bob"  # what ROS calls the law; empty where it has none
+    # the law in C, of `k1` and `r2`: its `rise` b' and `ratio` b / b'
     source: str = "rise = k1, ratio = r2"
+    # the lens's law: of its radial parameter k and the square r^2 of the distance from its centre,
+    # b' = db / d(r^2), b / b' and db / dk.  A point u from the centre is seen at (1 + b) u, and b
+    # is 0 where k is.  It takes arrays and plain floats.
     bend: Law = cubic
 
     @property

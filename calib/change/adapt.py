@@ -10,7 +10,7 @@ import numpy as np
 from ..body.belief import Body
 from ..body.likeness import lengths_of
 from ..body.most_telling import most_telling
-from ..body.structure import Array
+from ..common.arrays import Array
 from ..common.choices import METHODS
 from ..common.parallel import one_blas_thread
 from ..common.rows import thinned

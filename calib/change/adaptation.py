@@ -8,7 +8,7 @@ from typing import Any
 
 import numpy as np
 
-from ..body.structure import Array
+from ..common.arrays import Array
 from ..common.rows import thinned
 from ..model.alignment import Alignment
 from ..model.baseline import learn_baseline

@@ -14,8 +14,8 @@ import numpy as np
 
 from ..body.basis import exponents
 from ..body.belief import Body
-from ..body.structure import Array
 from ..body.trend import Trend
+from ..common.arrays import Array
 from ..common.robust import solve
 from ..common.scale import Scale
 from ..maps import local_models
@@ -39,19 +39,11 @@ _NOTHING = 1e-9  # of the extent: less is nothing to keep
 def carry(model: Model, body: Body | None, value: Value) -> Model:
     """The model with another prediction.
 
-    Parameters
-    ----------
-    model : Model
-        The old model.
-    body : Body or None
-        What stands under the maps from now on.
-    value : callable
-        The new prediction, with what maps add to the body.
-
-    Returns
-    -------
-    Model
-        With old bounds and facts; its maps, Hebbian links and local models follow the prediction.
+    model : the old model
+    body : what stands under the maps from now on
+    value : the new prediction, with what maps add to the body
+    Returns Model, with old bounds and facts; its maps, Hebbian links and local models follow the
+    prediction.
     """
     motor = model.motor
     rng = np.random.default_rng(0)

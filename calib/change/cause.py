@@ -32,32 +32,17 @@ KEPT = {
 
 @dataclass(frozen=True)
 class Cause:
-    """One change that explains a log.
+    """One change that explains a log."""
 
-    Attributes
-    ----------
-    cause : str
-        ``"sensor"``, ``"offset:JOINT"``, ``"length:JOINT"``, ``"gain:JOINT"``,
-        ``"elastic:JOINT"``, ``"curve:JOINT"``, ``"scale"``, ``"tilt"``, ``"lens"``,
-        ``"mirror"``, ``"sign:JOINT"``, ``"lost:JOINT"``, ``"noise"`` or ``"unknown"``.
-    group : str
-        Group of parameters: ``"view.rotation"``, ``"offset"``, ``"length"``, ...
-    value : float or None
-        Size of the change, None where no number tells it.
-    interval : (float, float) or None
-        95 % interval of the value.
-    unit : str
-        Unit of the value.
-    words : str
-        The same in words.
-    """
-
+    # ``"sensor"``, ``"offset:JOINT"``, ``"length:JOINT"``, ``"gain:JOINT"``, ``"elastic:JOINT"``,
+    # ``"curve:JOINT"``, ``"scale"``, ``"tilt"``, ``"lens"``, ``"mirror"``, ``"sign:JOINT"``,
+    # ``"lost:JOINT"``, ``"noise"`` or ``"unknown"``
     cause: str
-    group: str
-    value: float | None
-    interval: tuple[float, float] | None
-    unit: str
-    words: str
+    group: str  # group of parameters: ``"view.rotation"``, ``"offset"``, ``"length"``,
+    value: float | None  # size of the change, None where no number tells it
+    interval: tuple[float, float] | None  # 95 % interval of the value
+    unit: str  # unit of the value
+    words: str  # the same in words
 
     def to_json(self) -> dict[str, Any]:
         """Plain data."""

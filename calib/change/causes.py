@@ -26,18 +26,9 @@ _NOISIER = 1.5  # noise over the usual one from which it is worth a word
 def find_causes(comparison: Comparison, drifted: bool) -> tuple[tuple[Cause, ...], tuple[str, ...]]:
     """Causes of a log, and what else must be said of them.
 
-    Parameters
-    ----------
-    comparison : Comparison
-    drifted : bool
-        Whether something fired; otherwise more noise is the only cause there may be.
-
-    Returns
-    -------
-    causes : tuple of Cause
-        The largest first.
-    notes : tuple of str
-        Directions that the log cannot tell apart.
+    drifted : whether something fired; otherwise more noise is the only cause there may be
+    Returns causes : the largest first
+    Returns notes : directions that the log cannot tell apart
     """
     found: list[Cause] = []
     notes: list[str] = []

@@ -7,8 +7,8 @@ from dataclasses import dataclass, field
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
-from numpy.typing import NDArray
 
+from ..common.arrays import Array
 from ..common.parallel import one_blas_thread
 from ..maps.map import Map, search_tree
 from .cause import Cause
@@ -21,22 +21,15 @@ if TYPE_CHECKING:
     from ..model.model import Model
     from ..samples.samples import Samples
 
-Array = NDArray[np.float64]
-
 _SIGMAS = 4.0  # of the maps' distortions, skewed as they are
 _MOST = 1000  # rows that distortions are measured on
 
 
 @dataclass(frozen=True)
 class Signal:
-    """One measure of how a log lies on the maps: a display, no alarm.
+    """One measure of how a log lies on the maps: a display, no alarm."""
 
-    Attributes
-    ----------
-    value, threshold : float
-        What was found, and what rows of the regions that were learned stay below.
-    """
-
+    # what was found, and what rows of the regions that were learned stay below
     value: float
     threshold: float
 

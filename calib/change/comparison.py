@@ -15,7 +15,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ..body.belief import Body
-from ..body.structure import Array
+from ..common.arrays import Array
 from ..errors import ModelError
 from .explain import Explanation, changed, explain, likely
 from .group_tests import Tested, group_tests
@@ -42,36 +42,18 @@ none."""
 
 @dataclass(frozen=True, eq=False)
 class Comparison:
-    """A log beside a model.
-
-    Attributes
-    ----------
-    model : Model
-    rows : Comparable
-        Rows of the log that the model can be compared with.
-    q, x : (n, dof), (n, m) array
-        Their joints [rad or m] and positions [unit].
-    offset : (n, m) array
-        What maps add to the body there [unit].
-    body : Body
-        The belief of the model; without a body, that of its sensor's view alone.
-    cause : {"sensor", "joints"} or None
-        What the user knows about the change.
-    unit : str
-        Unit of the log's positions.
-    shared : float [unit]
-        Standard deviation that all of them share.
-    """
+    """A log beside a model."""
 
     model: Model
-    rows: Comparable
+    rows: Comparable  # rows of the log that the model can be compared with
+    # (n, dof), (n, m), their joints [rad or m] and positions [unit]
     q: Array
     x: Array
-    offset: Array
-    body: Body
-    cause: str | None
-    unit: str
-    shared: float = 0.0
+    offset: Array  # (n, m), what maps add to the body there [unit]
+    body: Body  # the belief of the model; without a body, that of its sensor's view alone
+    cause: str | None  # {"sensor", "joints"} or None, what the user knows about the change
+    unit: str  # unit of the log's positions
+    shared: float = 0.0  # [unit], standard deviation that all of them share
 
     @property
     def z(self) -> Array:
@@ -193,20 +175,10 @@ class Comparison:
 def compare(model: Model, log: Samples, cause: str | None = None) -> Comparison:
     """Put a log beside a model.
 
-    Parameters
-    ----------
-    model : Model
-    log : Samples
-        At least ten different rows of the same arm.
-    cause : {"sensor", "joints"}, optional
-        What is known about a change.
-
-    Raises
-    ------
-    LogError
-        If the log is not of this arm, too short, or looks wrong.
-    ModelError
-        If the model is of an older format and keeps no belief.
+    log : at least ten different rows of the same arm
+    cause : {"sensor", "joints"}, what is known about a change
+    Raises LogError if the log is not of this arm, too short, or looks wrong.
+    Raises ModelError if the model is of an older format and keeps no belief.
     """
     if model.baseline is None or "body" not in model.about.options:
         raise ModelError(
@@ -225,16 +197,9 @@ def carried(old: Body, new: Body, beta: Array, q: Array, offset: Array) -> Array
     A displacement of the tip is taken as that of the joints that causes it (least squares), and
     these joints' displacement in the new prediction: a moved sensor turns it exactly.
 
-    Parameters
-    ----------
-    old, new : Body
-    beta : (d,) array
-        Parameters of the new prediction.
-    q, offset : (n, dof), (n, m) array
-
-    Returns
-    -------
-    (n, m) array
+    beta : (d,), parameters of the new prediction
+    q, offset : (n, dof), (n, m)
+    Returns (n, m).
     """
     before = old.structure.slope(q, old.beta)
     after = new.structure.slope(q, beta)

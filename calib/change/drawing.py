@@ -25,18 +25,10 @@ _BETTER = 0.95  # share of the update's held-out error that the fit has to reach
 def fit_from_drawing(found: Comparison, after: float) -> BodyFit | None:
     """The body of the rows with a simulated model's geometry as prior, where it serves better.
 
-    Parameters
-    ----------
-    found : Comparison
-        The log beside the model.
-    after : float [unit]
-        Mean held-out error of the update, which the fit has to beat.
-
-    Returns
-    -------
-    BodyFit or None
-        None for a model of a log, an arm in space, rows of a line or a corner,
-        or a fit that is no better.
+    found : the log beside the model
+    after : [unit], mean held-out error of the update, which the fit has to beat
+    Returns BodyFit or None, none for a model of a log, an arm in space, rows of a line or a corner,
+    or a fit that is no better.
     """
     body, reference, about = found.model.body, found.reference, found.model.about
     if body is None or not body.simulated or body.structure.outputs != 2:

@@ -13,7 +13,8 @@ import numpy as np
 
 from ..body.bound import autocorrelation_time
 from ..body.normal import Factor
-from ..body.structure import Array, Indices
+from ..body.structure import Indices
+from ..common.arrays import Array
 from .members import CREEP, NOTHING, Member, drift, freedom, members_of
 from .reference import Reference
 from .rows import EXPLAINED_ROWS, Log
@@ -40,50 +41,21 @@ _FAR = 30.0  # the same before its noise is settled
 
 @dataclass(frozen=True)
 class Explanation:
-    """One member, as far as a log goes.
-
-    Attributes
-    ----------
-    member : Member
-    factor : float
-        Times the usual size of the log's own residual.
-    waves : float
-        Sd of the joints' curves by which this arm may differ, over their prior's.
-    origin : (d,) array
-        Parameters that it starts from.
-    beta : (d,) array
-        Parameters of the greatest evidence.
-    deviation : (d,) array
-        Posterior standard deviations of those that were free, zero elsewhere.
-    sd : (d,) array
-        Standard deviations by which they were free to change.
-    evidence : float
-        Logarithm of the tempered evidence [nats].
-    fit : float
-        The same without what its freedom costs, which no narrower member exceeds [nats].
-    noise : float
-        Noise of the log, in the sizes of `whitening.scaled`.
-    temper : float
-        Rows that count for one.
-    residual : (n, m) array [unit]
-        Measured less predicted outputs of the rows that were compared.
-    margin : float [nats]
-        By which it must be better than no change.
-    """
+    """One member, as far as a log goes."""
 
     member: Member
-    factor: float
-    waves: float
-    origin: Array
-    beta: Array
-    deviation: Array
-    sd: Array
-    evidence: float
-    fit: float
-    noise: float
-    temper: float
-    residual: Array
-    margin: float
+    factor: float  # times the usual size of the log's own residual
+    waves: float  # sd of the joints' curves by which this arm may differ, over their prior's
+    origin: Array  # (d,), parameters that it starts from
+    beta: Array  # (d,), parameters of the greatest evidence
+    deviation: Array  # (d,), posterior standard deviations of those that were free, zero elsewhere
+    sd: Array  # (d,), standard deviations by which they were free to change
+    evidence: float  # logarithm of the tempered evidence [nats]
+    fit: float  # the same without what its freedom costs, which no narrower member exceeds [nats]
+    noise: float  # noise of the log, in the sizes of `whitening.scaled`
+    temper: float  # rows that count for one
+    residual: Array  # (n, m) [unit], measured less predicted outputs of the rows that were compared
+    margin: float  # [nats], by which it must be better than no change
 
     @property
     def unchanged(self) -> bool:
@@ -96,16 +68,10 @@ def explain(
 ) -> tuple[Explanation, ...]:
     """All members with their evidence, best first.
 
-    Parameters
-    ----------
-    reference : Reference
-        The old belief in the frame of the log.
-    log : Log
-        Its rows; `z` less what maps add to the body.
-    robust : (d,) array
-        Parameters of a robust fit of the richest member, where that one starts.
-    cause : {"sensor", "joints"}, optional
-        What is known about the change.
+    reference : the old belief in the frame of the log
+    log : its rows; `z` less what maps add to the body
+    robust : (d,), parameters of a robust fit of the richest member, where that one starts
+    cause : {"sensor", "joints"}, what is known about the change
     """
     search = _Search(reference, log.some(EXPLAINED_ROWS), robust, cause)
     return tuple(sorted(search.run(), key=lambda e: -e.evidence))
@@ -113,20 +79,11 @@ def explain(
 
 @dataclass(frozen=True)
 class _Point:
-    """Where a member's rows are linearised: what every size of the log's own residual shares.
+    """Where a member's rows are linearised: what every size of the log's own residual shares."""
 
-    Attributes
-    ----------
-    beta : (d,) array
-    residual : (n, m) array [unit]
-        Measured less predicted outputs at `beta`.
-    x : (n, m, k) array
-        Derivatives by the free parameters, in their standard deviations.
-    """
-
-    beta: Array
-    residual: Array
-    x: Array
+    beta: Array  # (d,)
+    residual: Array  # (n, m) [unit], measured less predicted outputs at `beta`
+    x: Array  # (n, m, k), derivatives by the free parameters, in their standard deviations
 
 
 class _Search:

@@ -14,6 +14,7 @@ from typing import TYPE_CHECKING, Any, Literal
 import numpy as np
 from numpy.typing import NDArray
 
+from ..common.arrays import Array
 from ..errors import OptionError
 from ..maps import dsom
 from ..maps.density import Visit, gain_of, kind_of
@@ -28,8 +29,6 @@ from .watch import Watch
 
 if TYPE_CHECKING:
     from ..model.model import Model
-
-Array = NDArray[np.float64]
 
 HORIZON = 10_000
 """Samples over which a re-formed map settles: half of what training takes."""
@@ -58,15 +57,10 @@ class OnlineAdapter:
     their last rates and watches again: the next change resets the schedules and forgets
     the samples from before it.  So does a jump of the error while the maps re-form.
 
-    Parameters
-    ----------
-    model : Model
-        Where to start; it is left as it is.
-    horizon : int
-        Samples over which sigma decays to half a node.
-    force : bool
-        Whether to adapt from the first sample on, without waiting for a signal, and to
-        take all samples for those of one arm.
+    model : where to start; it is left as it is
+    horizon : samples over which sigma decays to half a node
+    force : whether to adapt from the first sample on, without waiting for a signal, and to take all
+        samples for those of one arm
     """
 
     def __init__(self, model: Model, horizon: int = HORIZON, *, force: bool = False) -> None:
@@ -154,12 +148,9 @@ class OnlineAdapter:
     def model(self, links: Literal["rest", "rule"] = "rest") -> Model:
         """The model as it stands, with local models of the latest samples.
 
-        Parameters
-        ----------
-        links : {"rest", "rule"}
-            "rest": the links at which eq. 11 comes to rest for the samples since the
-            change, in closed form.  Nodes that the stream has not visited since have none:
-            what is no longer reached is no longer promised.  "rule": the links that eq. 11
+        links : {"rest", "rule"}, "rest": the links at which eq. 11 comes to rest for the samples
+            since the change, in closed form.  Nodes that the stream has not visited since have
+            none: what is no longer reached is no longer promised.  "rule": the links that eq. 11
             and 12 have made so far, step by step, which lag behind the maps; the readouts
             ``activity`` and ``winner`` then show what the rule itself reaches.
         """
@@ -278,14 +269,9 @@ def follow(
 ) -> Iterator[tuple[Step, OnlineAdapter]]:
     """Let a model follow a stream, block by block: the paper's adaptation curves.
 
-    Parameters
-    ----------
-    model : Model
-        Where to start.
-    q, x : (n, dof), (n, 2) array [rad or m], [unit]
-        Samples in the order in which they come.
-    horizon, force
-        See :class:`OnlineAdapter`.
+    model : where to start
+    q, x : (n, dof), (n, 2) [unit], samples in the order in which they come
+    horizon, force : see :class:`OnlineAdapter`
 
     Yields
     ------

@@ -12,7 +12,8 @@ from dataclasses import dataclass
 import numpy as np
 
 from ..body.belief import Body
-from ..body.structure import Array, Indices
+from ..body.structure import Indices
+from ..common.arrays import Array
 from .members import FRAME, TESTED, drift, parts_of
 from .reference import Reference
 from .rows import TESTED_ROWS, Log
@@ -26,32 +27,19 @@ _POWER = 0.9  # of the smallest change that is told
 
 @dataclass(frozen=True)
 class GroupTest:
-    """One group of parameters, freed alone.
+    """One group of parameters, freed alone."""
 
-    Attributes
-    ----------
-    name : str
-        ``"sensor"``, ``"sensor scale"``, ``"length:elbow"``, ``"geometry"``, ...
-    indices : (p,) int array
-        Its parameters; the first is the one that the group is about.
-    statistic, threshold : float
-        Chi-square statistic, and what chance stays below in 999 of 1,000 logs.
-    freedom : int
-        Directions that the rows tell apart.
-    estimate, deviation : (p,) array
-        Change of each parameter and its standard deviation.
-    smallest : float [unit]
-        Root mean square displacement, over the learned range, of the smallest change of the
-        first parameter that these rows would show nine times in ten.
-    """
-
-    name: str
-    indices: Indices
+    name: str  # ``"sensor"``, ``"sensor scale"``, ``"length:elbow"``, ``"geometry"``,
+    indices: Indices  # (p,), its parameters; the first is the one that the group is about
+    # chi-square statistic, and what chance stays below in 999 of 1,000 logs
     statistic: float
     threshold: float
-    freedom: int
+    freedom: int  # directions that the rows tell apart
+    # (p,), change of each parameter and its standard deviation
     estimate: Array
     deviation: Array
+    # [unit], root mean square displacement, over the learned range, of the smallest change of the
+    # first parameter that these rows would show nine times in ten
     smallest: float
 
     @property
@@ -67,20 +55,11 @@ class GroupTest:
 
 @dataclass(frozen=True)
 class Tested:
-    """All groups of one log.
-
-    Attributes
-    ----------
-    groups : tuple of GroupTest
-    noise : float [unit]
-        Standard deviation per axis of what no group explains.
-    usual : float [unit]
-        What the belief expected.
-    """
+    """All groups of one log."""
 
     groups: tuple[GroupTest, ...]
-    noise: float
-    usual: float
+    noise: float  # [unit], standard deviation per axis of what no group explains
+    usual: float  # [unit], what the belief expected
 
     @property
     def score(self) -> float:
@@ -133,16 +112,10 @@ def groups_of(body: Body) -> dict[str, Indices]:
 def group_tests(body: Body, reference: Reference, log: Log, probes: Array) -> Tested:
     """Test every group.
 
-    Parameters
-    ----------
-    body : Body
-        The belief as the model knows it.
-    reference : Reference
-        Where it is linearised; its own structure where that is not the log's.
-    log : Log
-        Rows; `z` less what maps add to the body.
-    probes : (p, dof) array
-        Joints all over the learned range.
+    body : the belief as the model knows it
+    reference : where it is linearised; its own structure where that is not the log's
+    log : rows; `z` less what maps add to the body
+    probes : (p, dof), joints all over the learned range
     """
     from scipy.special import chdtri, chndtrinc, fdtri
 

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from ..body.structure import Array
+from ..common.arrays import Array
 from ..common.rows import thinned
 from .reference import Reference, rigid_misfit
 
@@ -18,12 +18,8 @@ _SMOOTH = 0.3  # steps of the joints over their spread, above which rows are no 
 def lag_of(reference: Reference, q: Array, z: Array) -> int:
     """Rows by which positions follow the joints; 0 where no shift halves the misfit.
 
-    Parameters
-    ----------
-    reference : Reference
-        The old belief in the frame of the log.
-    q, z : (n, dof), (n, m) array
-        Rows in the order in which they were measured.
+    reference : the old belief in the frame of the log
+    q, z : (n, dof), (n, m), rows in the order in which they were measured
     """
     n = len(q)
     most = min(MOST, n // 4)

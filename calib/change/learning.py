@@ -7,8 +7,8 @@ from dataclasses import replace
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
-from numpy.typing import NDArray
 
+from ..common.arrays import Array
 from ..model.baseline import learn_baseline
 from .follow import BLOCK, OnlineAdapter
 from .step import Step
@@ -16,8 +16,6 @@ from .step import Step
 if TYPE_CHECKING:
     from ..model.about import About
     from ..model.model import Model
-
-Array = NDArray[np.float64]
 
 SETTLED = 100
 """Samples that a state must have lasted to be kept as a schema."""
@@ -30,14 +28,9 @@ _JUDGED = 2000  # latest samples whose errors are told
 class Learning:
     """The maps that re-form, and the models on the way.
 
-    Parameters
-    ----------
-    base : Model
-        Where to start.
-    name : str
-        Name of the schema that is learned.
-    horizon : int
-        Samples over which the state settles.
+    base : where to start
+    name : name of the schema that is learned
+    horizon : samples over which the state settles
     """
 
     def __init__(self, base: Model, name: str, horizon: int) -> None:

@@ -11,7 +11,8 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from ..body.belief import Body
-from ..body.structure import Array, Indices, Structure
+from ..body.structure import Indices, Structure
+from ..common.arrays import Array
 from ..common.choices import CAUSES
 from ..errors import OptionError
 
@@ -54,21 +55,11 @@ CREEP = 0.01
 
 @dataclass(frozen=True)
 class Member:
-    """A hypothesis of what changed.
+    """A hypothesis of what changed."""
 
-    Attributes
-    ----------
-    name : str
-        ``"nothing"``, ``"frame"``, ``"frame, length"``.
-    groups : tuple of str
-        Groups that are freed; ``"curve"`` stands for those of all joints.
-    share : float
-        By how much of the usual size the arm's own groups are freed.
-    """
-
-    name: str
-    groups: tuple[str, ...]
-    share: float = 1.0
+    name: str  # ``"nothing"``, ``"frame"``, ``"frame, length"``
+    groups: tuple[str, ...]  # groups that are freed; ``"curve"`` stands for those of all joints
+    share: float = 1.0  # by how much of the usual size the arm's own groups are freed
 
     @property
     def framed(self) -> bool:
@@ -83,12 +74,7 @@ TESTED = ("offset", "length", "gain", "placement", "tool")
 
 _CAMERA = ("view.scale", "view.shear", "view.tilt")
 _GEOMETRY = ("offset", "length", "gain")
-_SENSOR = (
-    (),
-    ("view.scale",),
-    _CAMERA,
-    ("view.scale", "view.shear", "lens"),
-)
+_SENSOR = ((), ("view.scale",), _CAMERA, ("view.scale", "view.shear", "lens"))
 _JOINTS = (
     ("offset",),
     ("length",),
@@ -109,12 +95,9 @@ _BOTH = (
 def members_of(structure: Structure, cause: str | None = None) -> tuple[Member, ...]:
     """What may have changed, from simple to rich; the first is nothing.
 
-    Parameters
-    ----------
-    structure : Structure
-        Groups that it does not have are left out.
-    cause : {"sensor", "joints"}, optional
-        What the user knows: only the sensor's view is free, or only the arm.
+    structure : groups that it does not have are left out
+    cause : {"sensor", "joints"}, what the user knows: only the sensor's view is free, or only the
+        arm
     """
     if cause is not None and cause not in CAUSES:
         raise OptionError(

@@ -7,8 +7,8 @@ from operator import mul
 from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
+from ..common.arrays import Array
 from ..errors import ModelError, QueryError
 from ..maps.node_cells import NodeCells
 from .group_tests import groups_of
@@ -19,8 +19,6 @@ if TYPE_CHECKING:
 
     from ..maps.map import Map
     from ..model.model import Model
-
-Array = NDArray[np.float64]
 
 WINDOW = 200.0
 """Samples that the monitor remembers: older ones fade by a factor of e."""
@@ -37,33 +35,16 @@ _CLIP = 8.0  # a residual counts for at most so many standard deviations of the 
 
 
 class State(NamedTuple):
-    """What is known after a sample.
+    """What is known after a sample."""
 
-    Attributes
-    ----------
-    samples : int
-        Samples seen, without those outside of what the model has learned.
-    drifted : bool
-        Whether a signal is above its threshold now.
-    score : float
-        Largest value over threshold; 0 while there are too few samples.
-    zeta : float
-        Distortion of the sensory map (eq. 9) over what is expected where the samples lie.
-    links : float [unit]
-        Root mean square of the systematic part of the recent residuals.
-    noise : float [unit]
-        Standard deviation per axis of the rest.
-    fired : tuple of str
-        "sensory", "links", or both.
-    """
-
-    samples: int
-    drifted: bool
-    score: float
+    samples: int  # samples seen, without those outside of what the model has learned
+    drifted: bool  # whether a signal is above its threshold now
+    score: float  # largest value over threshold; 0 while there are too few samples
+    # distortion of the sensory map (eq. 9) over what is expected where the samples lie.
     zeta: float
-    links: float
-    noise: float
-    fired: tuple[str, ...]
+    links: float  # [unit], root mean square of the systematic part of the recent residuals
+    noise: float  # [unit], standard deviation per axis of the rest
+    fired: tuple[str, ...]  # "sensory", "links", or both
 
 
 class Monitor:

@@ -16,7 +16,7 @@ from ..body.belief import Body
 from ..body.bound import autocorrelation_time
 from ..body.normal import Factor
 from ..body.poses import knows_orientation
-from ..body.structure import Array
+from ..common.arrays import Array
 from ..common.rows import thinned
 from .cause import Cause
 from .group_tests import FALSE_ALARM
@@ -32,14 +32,9 @@ _STEPS, _NU = 8, 6.0
 def turned_tool(found: Comparison, log: Samples) -> tuple[float, tuple[Cause, ...], list[str]]:
     """Compare the orientations of a log with those that the model predicts.
 
-    Returns
-    -------
-    score : float
-        Statistic over its threshold; 0 where nothing can be compared.
-    causes : tuple of Cause
-        The turned tool, where the score is above 1.
-    notes : list of str
-        Why orientations were not compared.
+    Returns score : statistic over its threshold; 0 where nothing can be compared
+    Returns causes : the turned tool, where the score is above 1
+    Returns notes : why orientations were not compared
     """
     if log.orientation is None:
         return 0.0, (), []
@@ -85,15 +80,10 @@ def with_orientations(body: Body, q: Array, quaternions: Array, bent: bool) -> B
     Gauss-Newton steps of all parameters with Student noise, whose size is that of these rows: the
     body keeps that of positions alone. Rows that err together count once.
 
-    Parameters
-    ----------
-    body : Body
-        Of an arm in space that was learned from orientations too.
-    q : (n, dof) array
-    quaternions : (n, 4) array
-        qx, qy, qz, qw.
-    bent : bool
-        Whether the tool is turned otherwise: its old orientation then tells nothing.
+    body : of an arm in space that was learned from orientations too
+    q : (n, dof)
+    quaternions : (n, 4), qx, qy, qz, qw
+    bent : whether the tool is turned otherwise: its old orientation then tells nothing
     """
     structure: Any = body.structure
     posed, rows = structure.with_view("pose"), thinned(len(q), UPDATED_ROWS)

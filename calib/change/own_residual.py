@@ -12,7 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ..body.likeness import kernel
-from ..body.structure import Array
+from ..common.arrays import Array
 from ..common.rows import thinned
 from .rows import RESIDUAL_ROWS
 
@@ -25,33 +25,15 @@ _GAIN = 0.9  # share of the error that must not be left
 
 @dataclass(frozen=True)
 class OwnResidual:
-    """A Gaussian process that was fitted to residuals.
+    """A Gaussian process that was fitted to residuals."""
 
-    Attributes
-    ----------
-    q : (n, dof) array
-        Rows [rad or m].
-    lengths : (dof,) array
-        Correlation lengths [rad or m].
-    weights : (n, m) array
-        Of the rows' kernels [unit].
-    inverse : (n, n) array
-        Inverse of the rows' covariance, in units of the process's variance.
-    sd : float [unit]
-        Standard deviation of the process away from rows.
-    held_out : (n,) array [unit]
-        Distances of the rows from what is predicted without their block.
-    rows : (n,) int array
-        Rows of the log that it rests on.
-    """
-
-    q: Array
-    lengths: Array
-    weights: Array
-    inverse: Array
-    sd: float
-    held_out: Array
-    rows: NDArray[np.intp]
+    q: Array  # (n, dof), rows [rad or m]
+    lengths: Array  # (dof,), correlation lengths [rad or m]
+    weights: Array  # (n, m), of the rows' kernels [unit]
+    inverse: Array  # (n, n), inverse of the rows' covariance, in units of the process's variance
+    sd: float  # [unit], standard deviation of the process away from rows
+    held_out: Array  # (n,) [unit], distances of the rows from what is predicted without their block
+    rows: NDArray[np.intp]  # (n,), rows of the log that it rests on
 
     def value(self, q: Array) -> Array:
         """Mean (k, m) at joints (k, dof) [unit]."""
@@ -69,16 +51,11 @@ def own_residual(
 ) -> OwnResidual | None:
     """Fit the process; None where held-out blocks do not ask for it.
 
-    Parameters
-    ----------
-    q : (n, dof) array
-        Rows in the order in which they were measured [rad or m].
-    residual, held : (n, m) array [unit]
-        Measured less predicted, by a fit to all rows and to the other blocks.
-    weight : (n,) array
-        Weights of the rows.
-    lengths : (dof,) array
-        Usual correlation lengths [rad or m].
+    q : (n, dof), rows in the order in which they were measured [rad or m]
+    residual, held : (n, m) [unit], measured less predicted, by a fit to all rows and to the other
+        blocks
+    weight : (n,), weights of the rows
+    lengths : (dof,), usual correlation lengths [rad or m]
     """
     rows = thinned(len(q), RESIDUAL_ROWS)
     q, residual, held, weight = q[rows], residual[rows], held[rows], weight[rows]

@@ -7,7 +7,8 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from ..body.structure import Array, Indices, Label, Structure
+from ..body.structure import Indices, Label, Structure
+from ..common.arrays import Array
 from ..common.wording import for_people
 from ..model.alignment import Alignment
 from .cause import AS_ONE, Cause

@@ -10,18 +10,10 @@ from ..maps.map import Map
 def matching_sigma(network: Map, error: float) -> float:
     """Neighbourhood radius [nodes] at which training had a quantization error (eq. 10).
 
-    Parameters
-    ----------
-    network : Map
-        Its history tells how the error fell with sigma; the radii of its coarse lattices
-        count as the same share of the full one.
-    error : float
-        Root mean square distance to the winner after the change, in the unit box.
-
-    Returns
-    -------
-    float
-        The radius of the whole map where the error is larger than at the start.
+    network : its history tells how the error fell with sigma; the radii of its coarse lattices
+        count as the same share of the full one
+    error : root mean square distance to the winner after the change, in the unit box
+    Returns float, the radius of the whole map where the error is larger than at the start.
     """
     dim = len(network.lattice.shape)
     side = network.lattice.size ** (1 / dim)

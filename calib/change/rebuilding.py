@@ -8,7 +8,7 @@ import numpy as np
 
 from ..body.belief import Body
 from ..body.likeness import kernel
-from ..body.structure import Array
+from ..common.arrays import Array
 from ..common.wording import for_people
 from ..model.model import Model
 from .adaptation import Adaptation
@@ -71,13 +71,8 @@ def doubts(found: Comparison, fresh: Model, *, real: bool) -> tuple[Model, str] 
     Rows do where most of them lie beyond the bound, or by their evidence: waves along a line
     missed a fifth of the rows, and the bound covered 31 % of the box.
 
-    Parameters
-    ----------
-    found : Comparison
-    fresh : Model
-        What the rows made of the model, although it is no better at them.
-    real : bool
-        Whether the rows were measured, not simulated.
+    fresh : what the rows made of the model, although it is no better at them
+    real : whether the rows were measured, not simulated
     """
     model = found.model
     q, x = found.q[found.kept], found.x[found.kept]

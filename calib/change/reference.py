@@ -15,8 +15,9 @@ from numpy.typing import NDArray
 
 from ..arm.rotations import logarithm
 from ..body.belief import Body
-from ..body.structure import Array, Indices, Structure
+from ..body.structure import Indices, Structure
 from ..body.views import is_camera
+from ..common.arrays import Array
 from ..common.rows import thinned
 from .members import FRAME
 
@@ -30,35 +31,17 @@ _LOCKED_STEP = 0.1  # between the angles that are tried for a joint that is held
 
 @dataclass(frozen=True)
 class Reference:
-    """The old belief, in the frame of a log.
+    """The old belief, in the frame of a log."""
 
-    Attributes
-    ----------
-    body : Body
-        The old belief with the structure of the log: mirrored, or with a joint turned round.
-    beta : (d,) array
-        Its parameters, the view's moved.
-    new : bool
-        Whether the view is so different that only members with a free frame make sense.
-    mirrored : bool
-        Whether the sensor sees the plane from the other side than before.
-    turned : tuple of int
-        Joints that turn the other way.
-    locked : tuple of int
-        Joints that no longer move the tip.
-    scale : float
-        Size of positions over what it was; 1 where they are in the old unit.
-    forgotten : (g,) int array
-        Parameters of the view whose old posterior does not count any more.
-    """
-
+    # the old belief with the structure of the log: mirrored, or with a joint turned round
     body: Body
-    beta: Array
-    new: bool
-    mirrored: bool
-    turned: tuple[int, ...]
-    locked: tuple[int, ...]
-    scale: float
+    beta: Array  # (d,), its parameters, the view's moved
+    new: bool  # whether the view is so different that only members with a free frame make sense
+    mirrored: bool  # whether the sensor sees the plane from the other side than before
+    turned: tuple[int, ...]  # joints that turn the other way
+    locked: tuple[int, ...]  # joints that no longer move the tip
+    scale: float  # size of positions over what it was; 1 where they are in the old unit
+    # (g,), parameters of the view whose old posterior does not count any more
     forgotten: NDArray[np.intp]
 
     @property
@@ -75,14 +58,9 @@ def kept_reference(body: Body) -> Reference:
 def reference_of(body: Body, q: Array, z: Array, unit: str | None = None) -> Reference:
     """Bring a belief into the frame of a log.
 
-    Parameters
-    ----------
-    body : Body
-        The old belief.
-    q, z : (n, dof), (n, m) array
-        The log.
-    unit : str, optional
-        Unit of its positions, where it is another.
+    body : the old belief
+    q, z : (n, dof), (n, m), the log
+    unit : unit of its positions, where it is another
     """
     kept = kept_reference(body)
     places = body.structure.blocks[0]

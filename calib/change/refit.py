@@ -13,6 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ..body.fitting import fit_structure
+from ..common.arrays import Array
 from ..errors import CalibError
 from ..maps.map import Map
 from ..maps.model_selection import Candidate, of_body, of_trends, select
@@ -21,8 +22,6 @@ from ..maps.predictor import Predictor
 if TYPE_CHECKING:
     from ..body.belief import Body
     from ..model.model import Model
-
-Array = NDArray[np.float64]
 
 _ROWS = 3000  # rows that a body is refitted to: more would tell it hardly more
 _NO_ARM = 0.02  # share of the extent: a body that is further off is compared with trends
@@ -33,26 +32,13 @@ _IMAGINED = 20_000  # samples from which links are learned
 
 @dataclass(frozen=True, eq=False)
 class Refit:
-    """What was learned.
+    """What was learned."""
 
-    Attributes
-    ----------
-    predictor : Predictor
-        Smooth part and local models.
-    body : Body or None
-        The body under the local models, if there is one.
-    rows : (m,) int array
-        Rows that were held out in turn.
-    errors : (m,) array [unit]
-        Their held-out errors.
-    u, v : (k, dof), (k, n) array
-        Samples from which links come to rest: joints in the unit box and positions.
-    """
-
-    predictor: Predictor
-    body: Body | None
-    rows: NDArray[np.intp]
-    errors: Array
+    predictor: Predictor  # smooth part and local models
+    body: Body | None  # the body under the local models, if there is one
+    rows: NDArray[np.intp]  # (m,), rows that were held out in turn
+    errors: Array  # (m,) [unit], their held-out errors
+    # (k, dof), (k, n), samples from which links come to rest: joints in the unit box and positions
     u: Array
     v: Array
 
@@ -60,14 +46,9 @@ class Refit:
 def refit(model: Model, motor: Map, u: Array, x: Array) -> Refit:
     """Learn from rows what leads from joints to positions.
 
-    Parameters
-    ----------
-    model : Model
-        Whose arm it is, as it was before the change.
-    motor : Map
-        Nodes that carry the local models.
-    u, x : (n, dof), (n, m) array
-        Joints in the unit box and positions, ten rows or more.
+    model : whose arm it is, as it was before the change
+    motor : nodes that carry the local models
+    u, x : (n, dof), (n, m), joints in the unit box and positions, ten rows or more
     """
     if model.body is not None:
         found = _with_body(model, motor, u, x)
@@ -87,11 +68,7 @@ def _with_body(model: Model, motor: Map, u: Array, x: Array) -> Refit | None:
     simulated = model.body.simulated
     try:
         fit = fit_structure(
-            model.body.structure,
-            scale.from_unit(u),
-            x,
-            simulated=simulated,
-            seed=about.seed,
+            model.body.structure, scale.from_unit(u), x, simulated=simulated, seed=about.seed
         )
     except CalibError:  # too few rows, or too close to each other
         return None

@@ -7,7 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from ..body.structure import Array
+from ..common.arrays import Array
 from ..common.rows import thinned
 from .members import drift, freedom, members_of
 from .reference import Reference
@@ -36,20 +36,13 @@ OUTLIER = 5.0
 
 @dataclass(frozen=True)
 class Log:
-    """Rows of a log and how much each counts.
+    """Rows of a log and how much each counts."""
 
-    Attributes
-    ----------
-    q, z : (n, dof), (n, m) array
-        Joints [rad or m] and outputs, without what maps add to the body [unit].
-    weight : (n,) array
-    shared : float [unit]
-        Standard deviation that all rows share, such as that of a board that was found again.
-    """
-
+    # (n, dof), (n, m), joints [rad or m] and outputs, without what maps add to the body [unit]
     q: Array
     z: Array
-    weight: Array
+    weight: Array  # (n,)
+    # [unit], standard deviation that all rows share, such as that of a board that was found again
     shared: float = 0.0
 
     def some(self, most: int) -> Log:
@@ -63,23 +56,12 @@ def weighted(
 ) -> tuple[Log, Array, NDArray[np.bool_]]:
     """A log with robust weights.
 
-    Parameters
-    ----------
-    reference : Reference
-        The old belief in the frame of the log.
-    q, z : (n, dof), (n, m) array
-        All rows.
-    cause : {"sensor", "joints"}, optional
-        What is known about the change.
-
-    Returns
-    -------
-    log : Log
-        With Student weights about a fit of the richest member.
-    beta : (d,) array
-        The parameters of that fit.
-    kept : (n,) bool array
-        Rows that do not contradict all others.
+    reference : the old belief in the frame of the log
+    q, z : (n, dof), (n, m), all rows
+    cause : {"sensor", "joints"}, what is known about the change
+    Returns log : with Student weights about a fit of the richest member
+    Returns beta : (d,), the parameters of that fit
+    Returns kept : (n,), rows that do not contradict all others
     """
     body, structure = reference.body, reference.structure
     richest = members_of(structure, cause)[-1]

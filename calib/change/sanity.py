@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 from numpy.typing import NDArray
 
+from ..common.arrays import Array
 from ..common.robust import robust_solve
 from ..errors import LogError
 from ..samples.joint_values import beyond
@@ -16,8 +17,6 @@ from ..samples.joint_values import beyond
 if TYPE_CHECKING:
     from ..model.model import Model
     from ..samples.samples import Samples
-
-Array = NDArray[np.float64]
 
 LEAST_ROWS = 10
 """Fewest different rows that a judgement or a correction can rest on."""
@@ -28,29 +27,19 @@ _CORNER = 0.5  # share of a joint's range below which it is said how little was 
 
 @dataclass(frozen=True, eq=False)
 class Comparable:
-    """The rows of a log that a model can be compared with.
+    """The rows of a log that a model can be compared with."""
 
-    Attributes
-    ----------
-    u, x : (n, dof), (n, 2) array
-        Joints in the unit box and positions, repeated rows once.
-    notes : tuple of str
-        What the user should be told.
-    """
-
+    # (n, dof), (n, 2), joints in the unit box and positions, repeated rows once
     u: Array
     x: Array
-    notes: tuple[str, ...]
+    notes: tuple[str, ...]  # what the user should be told
 
 
 def comparable(model: Model, log: Samples) -> Comparable:
     """Find the rows that can be compared.
 
-    Raises
-    ------
-    LogError
-        If the log is of another arm, too short, or looks as if its columns were exchanged
-        or in degrees.
+    Raises LogError if the log is of another arm, too short, or looks as if its columns were
+    exchanged or in degrees.
     """
     about = model.about
     if sorted(log.joint_names) != sorted(about.joint_names):

@@ -14,8 +14,8 @@ from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING
 
 import numpy as np
-from numpy.typing import NDArray
 
+from ..common.arrays import Array
 from ..errors import LogError, OptionError
 from ..maps.association import Association
 from ..model.schemas import Schema, check_name
@@ -23,8 +23,6 @@ from ..model.schemas import Schema, check_name
 if TYPE_CHECKING:
     from ..model.model import Model
     from ..samples.samples import Samples
-
-Array = NDArray[np.float64]
 
 MOST = 4
 """Schemas that a follower keeps, the present one among them."""
@@ -42,27 +40,13 @@ _IMAGINED = 20_000  # samples from which links are learned
 
 @dataclass(frozen=True)
 class Fit:
-    """How a log fits one schema.
+    """How a log fits one schema."""
 
-    Attributes
-    ----------
-    name : str
-        The schema.
-    fits : bool
-        Whether the log does not contradict it.
-    outside : float
-        Share of the rows beyond 1.5 times its 95 % bound.
-    distance : float [unit]
-        Median distance from predicted to measured position.
-    likelihood : float
-        Mean log density of a row [1 / unit^2]; the larger one fits better.
-    """
-
-    name: str
-    fits: bool
-    outside: float
-    distance: float
-    likelihood: float
+    name: str  # the schema
+    fits: bool  # whether the log does not contradict it
+    outside: float  # share of the rows beyond 1.5 times its 95 % bound
+    distance: float  # [unit], median distance from predicted to measured position
+    likelihood: float  # mean log density of a row [1 / unit^2]; the larger one fits better
 
 
 @dataclass(frozen=True)
@@ -164,10 +148,7 @@ def keep(model: Model, other: Model, name: str, *, most: int | None = None) -> M
 def as_schema(adapted: Model, old: Model, name: str) -> Model:
     """An adapted model under a name of its own, with the old state kept as a schema.
 
-    Raises
-    ------
-    OptionError
-        If the name is that of the old state, or empty.
+    Raises OptionError if the name is that of the old state, or empty.
     """
     kept = keep(old, adapted, name).schemas  # checks the name and that the arm is the same
     others = tuple(s for s in kept if s.name != name)
@@ -250,11 +231,7 @@ def recognise(model: Model, log: Samples) -> Recognition:
 def compare(schemas: Sequence[Schema], u: Array, x: Array) -> tuple[str | None, tuple[Fit, ...]]:
     """The schema that fits best, None where each is contradicted, and how each fits.
 
-    Parameters
-    ----------
-    schemas : sequence of Schema
-    u, x : (n, dof), (n, 2) array
-        Joints in the unit box and measured positions.
+    u, x : (n, dof), (n, 2), joints in the unit box and measured positions
     """
     found = []
     for schema in schemas:

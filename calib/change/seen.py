@@ -17,7 +17,8 @@ from numpy.typing import NDArray
 from ..body import planar_view
 from ..body.belief import Body
 from ..body.planar import PlanarStructure
-from ..body.structure import Array, Indices
+from ..body.structure import Indices
+from ..common.arrays import Array
 
 if TYPE_CHECKING:
     from ..model.model import Model
@@ -28,15 +29,9 @@ _VIEW = ("view.", "lens")
 
 @dataclass(frozen=True)
 class SeenStructure(PlanarStructure):
-    """A planar structure whose chain is the prediction of a model without a body.
+    """A planar structure whose chain is the prediction of a model without a body."""
 
-    Attributes
-    ----------
-    model : Model
-        What predicts positions.
-    """
-
-    model: Any = field(default=None, compare=False)
+    model: Any = field(default=None, compare=False)  # what predicts positions
 
     @property
     def groups(self) -> Mapping[str, Indices]:

@@ -6,8 +6,8 @@ from dataclasses import replace
 from typing import TYPE_CHECKING
 
 import numpy as np
-from numpy.typing import NDArray
 
+from ..common.arrays import Array
 from ..maps.association import Association
 from ..maps.local_models import NO_MODELS
 from ..maps.map import Map
@@ -22,24 +22,17 @@ if TYPE_CHECKING:
 
     from ..model.model import Model
 
-Array = NDArray[np.float64]
-
 
 def settled_model(
     model: Model, motor: Map, sensory: Map, q: Array, x: Array, links: csr_array | None = None
 ) -> Model:
     """A model with maps that have followed some samples.
 
-    Parameters
-    ----------
-    model : Model
-        As it was before.
-    motor, sensory : Map
-        As they are now.
-    q, x : (n, dof), (n, m) array [rad or m], [unit]
-        Samples since the change.
-    links : (motor, sensory) sparse array, optional
-        Links as they are; by default those at which eq. 11 comes to rest for the samples.
+    model : as it was before
+    motor, sensory : as they are now
+    q, x : (n, dof), (n, m) [unit], samples since the change
+    links : (motor, sensory) sparse array, links as they are; by default those at which eq. 11 comes
+        to rest for the samples.
     """
     # a short stream may have been shown again and again
     first = np.sort(np.unique(np.hstack([q, x]), axis=0, return_index=True)[1])

@@ -15,6 +15,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from ..common.arrays import Array
 from ..common.parallel import one_blas_thread
 from ..errors import OptionError
 from ..model.schemas import Schema
@@ -25,8 +26,6 @@ from .step import Step
 
 if TYPE_CHECKING:
     from ..model.model import Model
-
-Array = NDArray[np.float64]
 
 _WINDOW = 20  # latest samples that tell whether the present schema still fits
 _AGAINST = 13  # of them that contradict it: at a share of 10 % once in 10^8 windows

@@ -16,7 +16,8 @@ from ..body.belief import Body, Second
 from ..body.bound import radius_95
 from ..body.likeness import kernel, lengths_of
 from ..body.normal import Factor
-from ..body.structure import Array, Indices
+from ..body.structure import Indices
+from ..common.arrays import Array
 from ..common.rows import thinned
 from .explain import Explanation
 from .members import drift
@@ -34,20 +35,12 @@ _CLEAN = 0.01  # of the residual that a log is allowed: half of its rows are nea
 
 @dataclass(frozen=True)
 class Posterior:
-    """Belief over the parameters after a log, under one explanation.
+    """Belief over the parameters after a log, under one explanation."""
 
-    Attributes
-    ----------
-    beta : (d,) array
-    active : (k,) int array
-    covariance : (k, k) array
-    held_out : (n, m) array [unit]
-        Residuals of contiguous blocks of the rows, predicted from the others.
-    """
-
-    beta: Array
-    active: Indices
-    covariance: Array
+    beta: Array  # (d,)
+    active: Indices  # (k,)
+    covariance: Array  # (k, k)
+    # (n, m) [unit], residuals of contiguous blocks of the rows, predicted from the others
     held_out: Array
 
 
@@ -56,16 +49,10 @@ def updated(
 ) -> tuple[Body, Array]:
     """The averaged posterior as a body, and held-out residuals (n, m) of the log's rows.
 
-    Parameters
-    ----------
-    reference : Reference
-        The old belief in the frame of the log.
-    chosen : list of (weight, Explanation)
-        What explains the log, best first.
-    log : Log
-        `z` less what maps add to the body.
-    probes : (p, dof) array
-        Joints all over the learned range, where predictions are averaged.
+    reference : the old belief in the frame of the log
+    chosen : what explains the log, best first
+    log : `z` less what maps add to the body
+    probes : (p, dof), joints all over the learned range, where predictions are averaged
     """
     old = reference.body
     log = log.some(UPDATED_ROWS)
@@ -262,11 +249,8 @@ def _second(
 def settled(before: Array, after: Array, blocks: int = _BLOCKS) -> tuple[float, float]:
     """How much held-out rows gained: mean ratio of errors, and gain over its standard error.
 
-    Parameters
-    ----------
-    before, after : (n,) array [unit]
-        Distances of the same rows from the old prediction, and from the new one without their
-        block.
+    before, after : (n,) [unit], distances of the same rows from the old prediction, and from the
+        new one without their block
     """
     gain = [
         float(np.mean(before[b] - after[b])) for b in np.array_split(np.arange(len(before)), blocks)

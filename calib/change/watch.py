@@ -6,14 +6,12 @@ import math
 from typing import TYPE_CHECKING
 
 import numpy as np
-from numpy.typing import NDArray
 
+from ..common.arrays import Array
 from ..maps.map import Map, search_tree
 
 if TYPE_CHECKING:
     from ..model.model import Model
-
-Array = NDArray[np.float64]
 
 WINDOW = 200.0
 """Samples that a running mean remembers."""
@@ -29,10 +27,7 @@ _TRACKING = 0.05  # share by which a settled map's usual means follow, per block
 class Watch:
     """Running means of a stream, and what they may be.
 
-    Parameters
-    ----------
-    model : Model
-        Its baseline is what is usual.
+    model : its baseline is what is usual
 
     Attributes
     ----------
@@ -57,15 +52,9 @@ class Watch:
     ) -> float:
         """Update the means; return the sensory distortion that is to be expected.
 
-        Parameters
-        ----------
-        motor, sensory : Map
-        u, v : (n, dof), (n, m) array
-            Samples in the unit boxes.
-        error : float [unit]
-            Mean distance of the links' readout.
-        reformed : bool
-            Whether the maps have re-formed since training.
+        u, v : (n, dof), (n, m), samples in the unit boxes
+        error : [unit], mean distance of the links' readout
+        reformed : whether the maps have re-formed since training
         """
         model = self._model
         self._seen += len(u)

@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 
 from ..body.belief import Body
 from ..body.likeness import kernel, lengths_of
-from ..body.structure import Array
+from ..common.arrays import Array
 
 _LEAST = 1e-4  # residual of a log that is always allowed, of the extents
 _FLOOR = 1e-6  # least noise, of the extents
@@ -25,18 +25,10 @@ _GRID = 60
 
 @dataclass(frozen=True)
 class Scaled:
-    """Units in which residuals are compared.
+    """Units in which residuals are compared."""
 
-    Attributes
-    ----------
-    size : (m,) array [unit]
-        What each output is divided by: the noise that the belief expects.
-    floor : float
-        Least noise, in those sizes.
-    """
-
-    size: Array
-    floor: float
+    size: Array  # (m,) [unit], what each output is divided by: the noise that the belief expects
+    floor: float  # least noise, in those sizes
 
 
 def scaled(body: Body) -> Scaled:
@@ -53,23 +45,12 @@ def nuisance_sd(body: Body) -> Array:
 
 @dataclass(frozen=True)
 class Spectrum:
-    """Covariance of the residuals of some rows, without the noise.
+    """Covariance of the residuals of some rows, without the noise."""
 
-    Attributes
-    ----------
-    values : (N,) array
-        Eigenvalues, in squared sizes.
-    vectors : (N, N) array
-    root : (n,) array
-        Square roots of the rows' weights.
-    size : (m,) array [unit]
-        Sizes of the outputs.
-    """
-
-    values: Array
-    vectors: Array
-    root: Array
-    size: Array
+    values: Array  # (N,), eigenvalues, in squared sizes
+    vectors: Array  # (N, N)
+    root: Array  # (n,), square roots of the rows' weights
+    size: Array  # (m,) [unit], sizes of the outputs
 
     def turn(self, residual: Array) -> Array:
         """Residuals (n, m) in the eigenvectors, (N,)."""
@@ -108,23 +89,15 @@ def spectrum(
 ) -> Spectrum:
     """Covariance of the rows' residuals under a belief.
 
-    Parameters
-    ----------
-    body : Body
-        The old belief.
-    beta : (d,) array
-        Where it is linearised: the old parameters, in the frame of the log.
-    q : (n, dof) array
-    weight : (n,) array
-    creep : (d,) array
-        Standard deviation by which parameters may have crept.
-    factor : float
-        Times the usual size of the log's own residual.
-    forget : (g,) int array
-        Parameters whose old posterior does not count: a frame that is new.
-    shared : float [unit]
-        Standard deviation of an error that neighbouring positions share: that of a reference,
-        such as a board, that was found again.
+    body : the old belief
+    beta : (d,), where it is linearised: the old parameters, in the frame of the log
+    q : (n, dof)
+    weight : (n,)
+    creep : (d,), standard deviation by which parameters may have crept
+    factor : times the usual size of the log's own residual
+    forget : (g,), parameters whose old posterior does not count: a frame that is new
+    shared : [unit], standard deviation of an error that neighbouring positions share: that of a
+        reference, such as a board, that was found again
     """
     size = scaled(body).size
     active = np.union1d(body.active, np.flatnonzero(creep))

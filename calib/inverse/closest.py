@@ -3,11 +3,9 @@
 from __future__ import annotations
 
 import numpy as np
-from numpy.typing import NDArray
 
+from ..common.arrays import Array
 from .newton import Newton
-
-Array = NDArray[np.float64]
 
 _STEPS = 40  # most iterations
 _PROBE = 1e-4  # of the joints' range: step of the second derivatives

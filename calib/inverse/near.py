@@ -7,12 +7,10 @@ sought that minimise the distance to `near` and, if asked, the turn away from an
 from __future__ import annotations
 
 import numpy as np
-from numpy.typing import NDArray
 
 from ..arm.rotations import logarithm
+from ..common.arrays import Array
 from .pose import Evaluate, Joints
-
-Array = NDArray[np.float64]
 
 STEPS = 60
 #: A position is reached within this share of the arm's length.

@@ -8,10 +8,9 @@ from functools import cached_property
 import numpy as np
 from numpy.typing import NDArray
 
+from ..common.arrays import Array
 from ..common.scale import Scale
 from ..maps.predictor import Predictor
-
-Array = NDArray[np.float64]
 
 ROUNDING = 1e-15
 """Share of the extent below which a target is met as well as numbers allow."""
@@ -30,21 +29,11 @@ _LONGEST = 0.25  # of the joints' range: no slide is longer
 
 @dataclass(frozen=True)
 class Newton:
-    """Solves forward(q) = x from a start, in the unit box.
+    """Solves forward(q) = x from a start, in the unit box."""
 
-    Attributes
-    ----------
-    predictor : Predictor
-        The learned forward map, whose own Jacobian is used.
-    scale : Scale
-        Range of the joints; knows which of them go round.
-    extent : float
-        Diagonal of the workspace [unit].
-    """
-
-    predictor: Predictor
-    scale: Scale
-    extent: float
+    predictor: Predictor  # the learned forward map, whose own Jacobian is used
+    scale: Scale  # range of the joints; knows which of them go round
+    extent: float  # diagonal of the workspace [unit]
 
     def refine(self, u: Array, x: Array, tolerance: float = ROUNDING) -> tuple[Array, Array]:
         """Joints (n, dof) nearest to targets `x` (n, m) from starts `u`, and distances (n,) left.

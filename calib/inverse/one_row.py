@@ -11,9 +11,8 @@ from collections.abc import Callable, Sequence
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
-Array = NDArray[np.float64]
+from ..common.arrays import Array
 
 FURTHEST = 0.1
 """Radians, or share of a slide's range: an answer further away may not be the nearest branch."""
@@ -75,16 +74,11 @@ def nearest(
 ) -> list[float] | None:
     """Joints nearest to given ones that reach a position, of an arm with enough joints.
 
-    Parameters
-    ----------
-    sloped : callable
-        Position (m,) and its derivative (m, dof) at joints (dof,).
-    target : (m,) floats [unit]
-    near : (dof,) floats [rad or m]
-    span : (dof,) array [rad or m]
-        Distances are counted in these units.
-    inside : callable
-        Whether joints are within their range.
+    sloped : position (m,) and its derivative (m, dof) at joints (dof,)
+    target : [unit]
+    near : [rad or m]
+    span : (dof,) [rad or m], distances are counted in these units
+    inside : whether joints are within their range
 
     Notes
     -----

@@ -3,12 +3,10 @@
 from __future__ import annotations
 
 import numpy as np
-from numpy.typing import NDArray
 
 from ..body.views import Law, cubic
+from ..common.arrays import Array
 from ..errors import QueryError
-
-Array = NDArray[np.float64]
 
 _STEPS = 30
 
@@ -18,10 +16,7 @@ def undistorted(pixels: Array, lens: Array, bend: Law = cubic) -> Array:
 
     `bend` is its law, see `calib.body.views.ViewKind`.
 
-    Raises
-    ------
-    QueryError
-        Where the lens folds over: no direction gives that pixel.
+    Raises QueryError where the lens folds over: no direction gives that pixel.
     """
     f, u0, v0, k1 = lens
     bent = (pixels - (u0, v0)) / f

@@ -14,8 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ..arm.rotations import logarithm
-
-Array = NDArray[np.float64]
+from ..common.arrays import Array
 
 #: Position (n, 3) [m], orientation (n, 3, 3) and geometric Jacobian (n, 6, dof) at joints (n, dof).
 Evaluate = Callable[[Array], tuple[Array, Array, Array]]
@@ -62,26 +61,14 @@ class Joints:
 
 @dataclass(frozen=True, eq=False)
 class Reached:
-    """Joint values that answer one target.
+    """Joint values that answer one target."""
 
-    Attributes
-    ----------
-    q : (k, dof) array [rad or m]
-        The preferred one first.
-    position, rotation : (k, 3) and (k, 3, 3) arrays [m]
-        Where they put the tip, in the base frame.
-    away : (k,) array [m]
-        Distance from the position asked for.
-    turned : (k,) array [rad]
-        Turn from the orientation asked for, 0 where none was.
-    reachable : bool
-    """
-
-    q: Array
+    q: Array  # (k, dof) [rad or m], the preferred one first
+    # (k, 3) and (k, 3, 3) arrays [m], where they put the tip, in the base frame
     position: Array
     rotation: Array
-    away: Array
-    turned: Array
+    away: Array  # (k,) [m], distance from the position asked for
+    turned: Array  # (k,) [rad], turn from the orientation asked for, 0 where none was
     reachable: bool
 
 

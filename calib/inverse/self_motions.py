@@ -5,10 +5,8 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
+from ..common.arrays import Array, Index
 from .newton import CLOSE, Newton
-
-Array = NDArray[np.float64]
-Index = NDArray[np.intp]
 
 _STEP = 0.03  # of the joints' range: length of a step along a self-motion
 _WALK = 60  # most steps from one solution to another

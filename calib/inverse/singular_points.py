@@ -5,10 +5,8 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
+from ..common.arrays import Array, Index
 from .newton import Newton
-
-Array = NDArray[np.float64]
-Index = NDArray[np.intp]
 
 SINGULAR = 0.3
 """Sine between the motions of both joints below which a fold may be near."""

@@ -8,6 +8,7 @@ from functools import cached_property
 import numpy as np
 from numpy.typing import NDArray
 
+from ..common.arrays import Array, Index
 from ..common.scale import Scale
 from ..maps.association import Association
 from ..maps.predictor import Predictor
@@ -16,9 +17,6 @@ from .newton import CLOSE, Newton
 from .self_motions import representatives
 from .singular_points import twins
 from .starts import Starts
-
-Array = NDArray[np.float64]
-Index = NDArray[np.intp]
 
 SAME = 1e-5
 """Solutions closer than this share of the joints' range are one."""
@@ -29,19 +27,12 @@ _WIDE = 8  # sensory nodes whose partners are tried where others have failed
 
 @dataclass(frozen=True)
 class Solver:
-    """Solves forward(q) = x inside of the joints' range.
+    """Solves forward(q) = x inside of the joints' range."""
 
-    Attributes
-    ----------
-    association : Association
-        Its links propose where to start: every motor node that was ever active with the
-        target, so every branch is among them.
-    predictor : Predictor
-        The learned forward map, whose own Jacobian is used.
-    """
-
+    # its links propose where to start: every motor node that was ever active with the target, so
+    # every branch is among them
     association: Association
-    predictor: Predictor
+    predictor: Predictor  # the learned forward map, whose own Jacobian is used
 
     @cached_property
     def extent(self) -> float:
@@ -72,18 +63,10 @@ class Solver:
     def solve(self, x: Array, near: Array) -> tuple[Array, Array]:
         """The solution of each target that is nearest to given joints.
 
-        Parameters
-        ----------
-        x, near : (n, m), (n, dof) array
-            Targets, and joints in the unit box.
-
-        Returns
-        -------
-        u : (n, dof) array
-            Joints in the unit box; of a target out of reach those of the nearest attainable
-            point.
-        distance : (n,) array
-            What is left to the target.
+        x, near : (n, m), (n, dof), targets, and joints in the unit box
+        Returns u : (n, dof), joints in the unit box; of a target out of reach those of the nearest
+            attainable point
+        Returns distance : (n,), what is left to the target
         """
         if not self.redundant:
             u, distance = self._from_starts(x, near)
@@ -182,21 +165,13 @@ class Solver:
     def solve_all(self, x: Array) -> tuple[Index, Array, Array]:
         """Every distinct solution of each target.
 
-        Parameters
-        ----------
-        x : (n, m) array
-            Targets.
-
-        Returns
-        -------
-        target : (m,) int array
-            Which target each solution belongs to, ascending; of a target out of reach there
-            is one, the nearest attainable point.  Of redundant joints each connected family
-            of solutions has one.
-        u : (m, dof) array
-            Joints in the unit box; of a target the one nearest to the middle comes first.
-        distance : (m,) array
-            What is left to the target.
+        x : (n, m), targets
+        Returns target : (m,), which target each solution belongs to, ascending; of a target out of
+            reach there is one, the nearest attainable point.  Of redundant joints each connected
+            family of solutions has one.
+        Returns u : (m, dof), joints in the unit box; of a target the one nearest to the middle
+            comes first
+        Returns distance : (m,), what is left to the target
         """
         target, u, distance = self.solutions(x)
         if self.redundant and len(u):

@@ -10,6 +10,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 from numpy.typing import NDArray
 
+from ..common.arrays import Array, Index
 from ..maps.association import Association
 from ..maps.map import search_tree
 from .newton import CLOSE, Newton
@@ -17,9 +18,6 @@ from .singular_points import SINGULAR, singular
 
 if TYPE_CHECKING:
     from scipy.spatial import cKDTree
-
-Array = NDArray[np.float64]
-Index = NDArray[np.intp]
 
 _SENSORY = 3  # sensory nodes whose partners are looked at
 _REACH = 2.0  # a node's first step is at most so many node spacings long
@@ -42,17 +40,10 @@ class Starts:
     Every motor node that was ever active with a sensory node is linked to it, so every
     branch is among them.  They are refined and merged when a sensory node is first asked
     for, and kept: many targets share them.
-
-    Attributes
-    ----------
-    association : Association
-        The maps and their links.
-    newton : Newton
-        Refines what the links propose.
     """
 
-    association: Association
-    newton: Newton
+    association: Association  # the maps and their links
+    newton: Newton  # refines what the links propose
     _known: NDArray[np.bool_] = field(init=False)
     _u: Array = field(init=False)
     _value: Array = field(init=False)

@@ -9,10 +9,9 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from ..common.arrays import Array
 from .newton import CLOSE
 from .solver import Solver
-
-Array = NDArray[np.float64]
 
 _INNER = 0.01  # of the extent: a target moves by no more at a time
 _FAR = 3.0  # extents of the workspace
@@ -22,18 +21,10 @@ _DRIFT = 0.5  # redundant joints drift to the middle by at most this share of th
 
 
 class Track(NamedTuple):
-    """Joints that follow a target.
+    """Joints that follow a target."""
 
-    Attributes
-    ----------
-    u : (k, dof) array
-        Joints in the unit box, one row per target.
-    jumps : list of int
-        Rows that joints reach only by leaving their branch after the row before.
-    """
-
-    u: Array
-    jumps: list[int]
+    u: Array  # (k, dof), joints in the unit box, one row per target
+    jumps: list[int]  # rows that joints reach only by leaving their branch after the row before
 
 
 def follow(solver: Solver, x: Array, start: Array | None) -> Track:

@@ -8,8 +8,8 @@ from functools import cached_property
 from typing import TYPE_CHECKING, cast
 
 import numpy as np
-from numpy.typing import NDArray
 
+from ..common.arrays import Array, Index
 from ..common.choices import READOUTS
 from ..common.frozen import freeze, frozen
 from ..errors import OptionError
@@ -20,9 +20,6 @@ from .map import Map, nearest_points
 
 if TYPE_CHECKING:
     from scipy.sparse import csr_array
-
-Array = NDArray[np.float64]
-Index = NDArray[np.intp]
 
 _JOINED = 1.9  # nodes closer than so many spacings belong to one cluster
 _CORE = 6.0  # reach of a cluster around its strongest node [spacings]
@@ -37,44 +34,28 @@ def check_readout(name: str) -> None:
 
 @dataclass(frozen=True)
 class Clusters:
-    """Motor nodes linked to each sensory node, grouped into branches.
+    """Motor nodes linked to each sensory node, grouped into branches."""
 
-    Attributes
-    ----------
-    center : (sensory nodes, c, dof) array
-        Link-weighted mean of each cluster in the unit box, the strongest cluster first.
-    strength : (sensory nodes, c) array
-        Sum of its links, 0 where there is no such cluster.
-    core : (sensory nodes, c) int array
-        Motor node with the strongest link of each cluster.
-    """
-
+    # (sensory nodes, c, dof), link-weighted mean of each cluster in the unit box, the strongest
+    # cluster first
     center: Array
-    strength: Array
-    core: Index
+    strength: Array  # (sensory nodes, c), sum of its links, 0 where there is no such cluster
+    core: Index  # (sensory nodes, c), motor node with the strongest link of each cluster
 
 
 @dataclass(frozen=True)
 class Association:
-    """Two maps and the links between them.
+    """Two maps and the links between them."""
 
-    Attributes
-    ----------
-    motor, sensory : Map
-        The maps.
-    linked : Compressed or csr_array of shape (motor nodes, sensory nodes)
-        Strength c_ij of each connection.
-    wiring : Wiring
-        How they were learned and how active nodes are.
-    motor_means, sensory_means : (nodes, dof), (nodes, 2) array, optional
-        Mean position of the samples at which each node was active, in the unit boxes;
-        their weights where not known.
-    """
-
+    # the maps
     motor: Map
     sensory: Map
+    # Compressed or csr_array of shape (motor nodes, sensory nodes), strength c_ij of each
+    # connection
     linked: Compressed | csr_array
-    wiring: Wiring = WIRINGS["reciprocal"]
+    wiring: Wiring = WIRINGS["reciprocal"]  # how they were learned and how active nodes are
+    # (nodes, dof), (nodes, 2), mean position of the samples at which each node was active, in the
+    # unit boxes; their weights where not known
     motor_means: Array | None = None
     sensory_means: Array | None = None
 

@@ -7,14 +7,13 @@ from collections.abc import Iterator
 import numpy as np
 from numpy.typing import NDArray
 
+from ..common.arrays import Array
 from .density import Gain, Visit
 from .epoch import Epoch, nearest, search, topographic_error
 from .fields import Neighbourhood, kernel
 from .neighbourhood import moved
 from .schedule import Stage
 from .start import unfold
-
-Array = NDArray[np.float64]
 
 _JUDGES = 4_000  # samples by which a start is chosen
 _CELLS = 65_535  # parts of the unit box by which samples are sorted

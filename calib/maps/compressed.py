@@ -7,29 +7,16 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-Array = NDArray[np.float64]
-Index = NDArray[np.intp]
+from ..common.arrays import Array, Index
 
 
 class Compressed(NamedTuple):
-    """A sparse matrix by rows; SciPy's `csr_array` has the same attributes.
+    """A sparse matrix by rows; SciPy's `csr_array` has the same attributes."""
 
-    Attributes
-    ----------
-    data : (nnz,) array
-        Entries, row by row.
-    indices : (nnz,) int array
-        Column of each entry.
-    indptr : (rows + 1,) int array
-        Where each row begins, and the end.
-    shape : (int, int)
-        Rows and columns.
-    """
-
-    data: Array
-    indices: NDArray[np.integer]
-    indptr: NDArray[np.integer]
-    shape: tuple[int, int]
+    data: Array  # (nnz,), entries, row by row
+    indices: NDArray[np.integer]  # (nnz,), column of each entry
+    indptr: NDArray[np.integer]  # (rows + 1,), where each row begins, and the end
+    shape: tuple[int, int]  # rows and columns
 
     @property
     def rows(self) -> Index:

@@ -14,13 +14,12 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from ..common.arrays import Array
 from ..common.choices import MAPS
 from ..errors import OptionError
 from .graph import Graph
 from .lattice import Lattice
 from .untrained import KINDS as UNTRAINED
-
-Array = NDArray[np.float64]
 
 
 @dataclass(frozen=True)
@@ -106,10 +105,7 @@ def transformation(visit: Visit, strength: float = 1.0) -> Array:
     g = (e^2 / mean e^2)^(p t/T), e^2 the variance, in the other space, of the samples
     that a node and its neighbours win: what no partner of that node can represent.
 
-    Raises
-    ------
-    OptionError
-        If the samples of the other space are not known.
+    Raises OptionError if the samples of the other space are not known.
     """
     if visit.partners is None:
         raise OptionError(

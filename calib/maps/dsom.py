@@ -11,12 +11,10 @@ import math
 from collections.abc import Iterator
 
 import numpy as np
-from numpy.typing import NDArray
 
+from ..common.arrays import Array
 from .epoch import Epoch, search, topographic_error
 from .lattice import Lattice
-
-Array = NDArray[np.float64]
 
 ELASTICITY = 3.0
 """How far a sample's pull reaches: 1 to 3 in the source."""

@@ -8,43 +8,26 @@ from typing import TYPE_CHECKING
 import numpy as np
 from numpy.typing import NDArray
 
+from ..common.arrays import Array
 from .graph import Graph
 from .lattice import Lattice
 
 if TYPE_CHECKING:
     from scipy.spatial import cKDTree
 
-Array = NDArray[np.float64]
-
 _MANY = 4000
 
 
 @dataclass(frozen=True, eq=False)
 class Epoch:
-    """The state of a network after one pass over some samples.
+    """The state of a network after one pass over some samples."""
 
-    Attributes
-    ----------
-    weights : (nodes, d) array
-        Weights of the nodes, in the unit box.
-    lattice : Lattice or Graph
-        How they are joined.
-    sigma : float [nodes]
-        Neighbourhood radius of this pass.
-    error : float
-        Mean distance of the samples to their winners, in the unit box.
-    topographic : float
-        Share of samples whose two nearest nodes are not joined.
-    shown : int
-        Samples of this pass.
-    """
-
-    weights: Array
-    lattice: Lattice | Graph
-    sigma: float
-    error: float
-    topographic: float
-    shown: int
+    weights: Array  # (nodes, d), weights of the nodes, in the unit box
+    lattice: Lattice | Graph  # how they are joined
+    sigma: float  # [nodes], neighbourhood radius of this pass
+    error: float  # mean distance of the samples to their winners, in the unit box
+    topographic: float  # share of samples whose two nearest nodes are not joined
+    shown: int  # samples of this pass
 
 
 def search(weights: Array) -> cKDTree:

@@ -13,11 +13,10 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from ..common.arrays import Array
 from ..errors import OptionError
 from .density import Gain, Visit
 from .lattice import Lattice
-
-Array = NDArray[np.float64]
 
 
 @dataclass(frozen=True, eq=False)

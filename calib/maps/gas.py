@@ -13,12 +13,11 @@ from collections.abc import Iterator
 import numpy as np
 from numpy.typing import NDArray
 
+from ..common.arrays import Array
 from .density import Gain, Visit
 from .epoch import Epoch, nearest, search
 from .graph import Graph
 from .schedule import exponential
-
-Array = NDArray[np.float64]
 
 EPOCHS = 8
 """Passes over the samples: it starts from rows, which are spread as they are."""

@@ -17,14 +17,11 @@ from collections.abc import Iterator
 from dataclasses import dataclass, field
 
 import numpy as np
-from numpy.typing import NDArray
 
+from ..common.arrays import Array, Index
 from .density import Gain, Visit
 from .epoch import Epoch, nearest, search, topographic_error
 from .graph import Graph
-
-Array = NDArray[np.float64]
-Index = NDArray[np.intp]
 
 _GROWING = 0.6  # share of the samples during which nodes are inserted
 _BLOCK = 512
@@ -34,47 +31,27 @@ _PER_NODE = 15  # samples per pass and node; more teach a gas little
 
 @dataclass(frozen=True)
 class Pace:
-    """Parameters, with the letters and values of the source where it has them.
+    """Parameters, with the letters and values of the source where it has them."""
 
-    Attributes
-    ----------
-    winner, neighbour : float
-        Steps epsilon_b and epsilon_n towards a sample.
-    oldest : int
-        Age a_max beyond which an edge is removed.
-    shared : float
-        Share alpha of the error that the two parents of a new node keep.
-    decay : float
-        Factor d on every error, per sample.  The source's 0.995 remembers 200 samples,
-        too few for thousands of nodes: :func:`learn` makes it remember twice their number.
-    """
-
+    # steps epsilon_b and epsilon_n towards a sample
     winner: float = 0.1
     neighbour: float = 0.006
-    oldest: int = 50
-    shared: float = 0.5
+    oldest: int = 50  # age a_max beyond which an edge is removed
+    shared: float = 0.5  # share alpha of the error that the two parents of a new node keep
+    # factor d on every error, per sample.  The source's 0.995 remembers 200 samples, too few for
+    # thousands of nodes: :func:`learn` makes it remember twice their number.
     decay: float = 0.995
 
 
 @dataclass
 class Gas:
-    """A gas that grows: its nodes, their errors, the edges and their ages.
+    """A gas that grows: its nodes, their errors, the edges and their ages."""
 
-    Attributes
-    ----------
-    weights : (nodes, d) array
-        Nodes in the unit box.
-    error : (nodes,) array
-        Accumulated squared distance to the samples that each has won.
-    pairs : (m, 2) int array
-        Edges, the smaller node first.
-    age : (m,) array
-        Samples that either end has won since the edge was last renewed.
-    """
-
-    weights: Array
-    error: Array
+    weights: Array  # (nodes, d), nodes in the unit box
+    error: Array  # (nodes,), accumulated squared distance to the samples that each has won
+    # (m, 2), edges, the smaller node first
     pairs: Index = field(default_factory=lambda: np.zeros((0, 2), dtype=np.intp))
+    # (m,), samples that either end has won since the edge was last renewed
     age: Array = field(default_factory=lambda: np.zeros(0))
 
     @property
@@ -106,17 +83,11 @@ def learn(
 
     Parameters that are not here are those of :func:`calib.maps.online.learn`.
 
-    Parameters
-    ----------
-    nodes : int
-        Nodes to grow to: within the first 60 % of the samples, at an even pace.
-    gain : callable or None
-        Varying density: a factor on the errors that are accumulated.
-    epochs : int
-        Passes over the samples, each in another order; a pass ends after 15 per node.
-    error : float, optional
-        Quantization error, in the unit box, at which the gas stops growing; `nodes` are
-        then the most that it may have.
+    nodes : nodes to grow to: within the first 60 % of the samples, at an even pace
+    gain : varying density: a factor on the errors that are accumulated
+    epochs : passes over the samples, each in another order; a pass ends after 15 per node
+    error : quantization error, in the unit box, at which the gas stops growing; `nodes` are then
+        the most that it may have
     """
     gas = Gas(u[rng.permutation(len(u))[:2]] + 1e-9 * rng.random((2, u.shape[1])), np.zeros(2))
     pace = Pace(decay=1.0 - 1.0 / (2.0 * max(nodes, 100)))
@@ -151,10 +122,7 @@ def present(
 ) -> float:
     """Show a block of samples: move the winners and their neighbours, renew and age edges.
 
-    Returns
-    -------
-    float
-        Sum of the samples' distances to their winners.
+    Returns float, sum of the samples' distances to their winners.
     """
     distance, index = nearest(search(gas.weights), samples, [1, 2])
     n, first, second = len(gas.weights), index[:, 0], index[:, 1]
@@ -207,10 +175,7 @@ def _prune(gas: Gas, pace: Pace) -> None:
 def insert(gas: Gas, pace: Pace) -> int:
     """Insert a node between the one with the largest error and its worst neighbour.
 
-    Returns
-    -------
-    int
-        The new node.
+    Returns int, the new node.
     """
     worst = int(gas.error.argmax())
     near = gas.neighbours(worst)

@@ -8,7 +8,7 @@ from functools import cached_property
 import numpy as np
 from numpy.typing import NDArray
 
-Array = NDArray[np.float64]
+from ..common.arrays import Array
 
 
 @dataclass(frozen=True, eq=False)
@@ -17,16 +17,10 @@ class Graph:
 
     It answers what a :class:`~calib.maps.lattice.Lattice` answers, but for positions:
     its nodes stand nowhere but in the space that they have learned.
-
-    Attributes
-    ----------
-    size : int
-        Number of nodes.
-    pairs : (m, 2) int array
-        The edges, each once, the smaller node first, in ascending order.
     """
 
-    size: int
+    size: int  # number of nodes
+    # (m, 2), the edges, each once, the smaller node first, in ascending order
     pairs: NDArray[np.intp]
 
     @property

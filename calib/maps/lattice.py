@@ -8,9 +8,8 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from ..common.arrays import Array
 from ..errors import OptionError
-
-Array = NDArray[np.float64]
 
 MAX_NODES = 4_000_000
 """Largest lattice that is built: some 2 GB while training."""
@@ -18,14 +17,9 @@ MAX_NODES = 4_000_000
 
 @dataclass(frozen=True)
 class Lattice:
-    """A rectangular grid of nodes with unit spacing, of any dimension.
+    """A rectangular grid of nodes with unit spacing, of any dimension."""
 
-    Attributes
-    ----------
-    shape : tuple of int
-        Nodes along each axis; node ``i`` stands at ``np.unravel_index(i, shape)``.
-    """
-
+    # nodes along each axis; node ``i`` stands at ``np.unravel_index(i, shape)``
     shape: tuple[int, ...]
 
     def __post_init__(self) -> None:

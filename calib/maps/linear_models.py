@@ -15,15 +15,13 @@ from typing import TYPE_CHECKING
 import numpy as np
 from numpy.typing import NDArray
 
+from ..common.arrays import Array, Index
 from ..common.frozen import ReadOnly
 from .local_models import blend_size
 from .map import Map, search_tree
 
 if TYPE_CHECKING:
     from scipy.sparse import csr_array
-
-Array = NDArray[np.float64]
-Index = NDArray[np.intp]
 
 RIDGE = 1e-2
 """Of the regressions, as a share of the mean variance of the active nodes' positions."""
@@ -81,19 +79,11 @@ _FAR = 6e4  # node spacings: the largest number in half precision is a little mo
 def regress(place: Array, value: Array, weight: Array) -> tuple[Array, Array, Array]:
     """Weighted ridge regressions of values on places, one for each row.
 
-    Parameters
-    ----------
-    place : (n, k, d) array
-        Where the nodes stand, relative to the query.
-    value : (n, k, o) array
-        What they say.
-    weight : (n, k) array
-        How active they are; a row of zeros gives zeros.
-
-    Returns
-    -------
-    middle, mean, slope : (n, d), (n, o), (n, d, o) array
-        Weighted means of the places and of the values, and the slope between them.
+    place : (n, k, d), where the nodes stand, relative to the query
+    value : (n, k, o), what they say
+    weight : (n, k), how active they are; a row of zeros gives zeros
+    Returns middle, mean, slope : (n, d), (n, o), (n, d, o), weighted means of the places and of the
+        values, and the slope between them
     """
     total = weight.sum(axis=1, keepdims=True)
     share = weight / np.where(total > 0.0, total, 1.0)
@@ -113,20 +103,11 @@ class LinearModels(ReadOnly):
 
     It answers what :class:`~calib.maps.predictor.Predictor` answers, so that bounds and the
     search for branches run on it: there is no kinematic model behind it.
-
-    Attributes
-    ----------
-    motor : Map
-        The map whose nodes carry the models.
-    values : (nodes, o) array [unit]
-        Position at each node.
-    slopes : (nodes, d, o) array [unit]
-        Its derivatives by the unit coordinates.
     """
 
-    motor: Map
-    values: Array
-    slopes: Array
+    motor: Map  # the map whose nodes carry the models
+    values: Array  # (nodes, o) [unit], position at each node
+    slopes: Array  # (nodes, d, o) [unit], its derivatives by the unit coordinates
 
     @property
     def terms(self) -> int:
@@ -168,16 +149,12 @@ class LinearModels(ReadOnly):
     ) -> LinearModels:
         """Regress the partners' values around each node.
 
-        Parameters
-        ----------
-        motor : Map
-            The map whose nodes carry the models.
-        places : (nodes, d) array
-            Mean activity position of each node, in the unit box.
-        partners, strength : (nodes, o), (nodes,) array
-            Link-weighted mean of each node's partners [unit] and the sum of its links.
-        activity : csr_array of shape (nodes, nodes)
-            Activity of the nodes at each node's own place (eq. 6).
+        motor : the map whose nodes carry the models
+        places : (nodes, d), mean activity position of each node, in the unit box
+        partners, strength : (nodes, o), (nodes,), link-weighted mean of each node's partners [unit]
+            and the sum of its links
+        activity : csr_array of shape (nodes, nodes), activity of the nodes at each node's own place
+            (eq. 6).
         """
         n = motor.size
         near = activity.indices.reshape(n, -1)

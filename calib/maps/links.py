@@ -7,8 +7,8 @@ from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
 import numpy as np
-from numpy.typing import NDArray
 
+from ..common.arrays import Array
 from ..errors import OptionError
 from .map import Map
 
@@ -16,8 +16,6 @@ if TYPE_CHECKING:
     from scipy.sparse import csr_array
 
     from .fields import LinkRule
-
-Array = NDArray[np.float64]
 
 BANDWIDTH = 0.7
 """Bandwidth of a node's activity (eq. 6) in units of the node spacing."""
@@ -32,27 +30,18 @@ _AT_ONCE = 50_000  # samples whose activities are held together
 
 @dataclass(frozen=True)
 class Wiring:
-    """How links are learned and read: what eq. 5 and 6 leave open.
+    """How links are learned and read: what eq. 5 and 6 leave open."""
 
-    Attributes
-    ----------
-    local : bool
-        Bandwidth of eq. 6 in units of each node's own spacing, so that a dense region is
-        read as finely as its nodes stand; else of the map's mean spacing.
-    mutual : bool
-        Links normalised by the activities on both sides, c_ij = <a_i a_j> /
-        (<a_i^2> <a_j^2>)^(1/2): the same for both directions.  Else by the sensory side
-        alone, which is what eq. 5 says of the direction from motor to sensory nodes.
-    bandwidth : float
-        Of eq. 6, in units of the spacing.
-    rule : callable, optional
-        What the links are in place of the fixed point of eq. 5, see
-        :data:`calib.maps.fields.LinkRule`; a model file keeps the links, not the rule.
-    """
-
+    # bandwidth of eq. 6 in units of each node's own spacing, so that a dense region is read as
+    # finely as its nodes stand; else of the map's mean spacing.
     local: bool = True
+    # links normalised by the activities on both sides, c_ij = <a_i a_j> / (<a_i^2> <a_j^2>)^(1/2):
+    # the same for both directions.  Else by the sensory side alone, which is what eq. 5 says of the
+    # direction from motor to sensory nodes.
     mutual: bool = True
-    bandwidth: float = BANDWIDTH
+    bandwidth: float = BANDWIDTH  # of eq. 6, in units of the spacing.
+    # what the links are in place of the fixed point of eq. 5, see
+    # :data:`calib.maps.fields.LinkRule`; a model file keeps the links, not the rule.
     rule: LinkRule | None = None
 
     def to_json(self) -> dict[str, bool | float]:
@@ -62,11 +51,8 @@ class Wiring:
     def activity(self, network: Map, u: Array) -> csr_array:
         """Activity a_j of the nodes nearest to each row of `u` (n, d), in the unit box (eq. 6).
 
-        Returns
-        -------
-        csr_array of shape (n, nodes)
-            exp(-|w_j - u|^2 / sigma^2), relative to the winner's, which is never zero even for
-            a point far from every node.
+        Returns csr_array of shape (n, nodes), exp(-|w_j - u|^2 / sigma^2), relative to the
+        winner's, which is never zero even for a point far from every node.
         """
         from scipy.sparse import csr_array
 
@@ -86,17 +72,10 @@ class Wiring:
         not come that far: its links stand at the share 1 - exp(-beta sum a_j^2) of it that the
         rule, at a learning rate of one, has reached.
 
-        Parameters
-        ----------
-        a_motor, a_sensory : csr_array of shape (n, nodes)
-            Activities of both maps for the same samples.
-        beta : float
-            Forgetting factor.
-
-        Returns
-        -------
-        csr_array of shape (motor nodes, sensory nodes)
-            Weak links are left out.
+        a_motor, a_sensory : csr_array of shape (n, nodes), activities of both maps for the same
+            samples
+        beta : forgetting factor
+        Returns csr_array of shape (motor nodes, sensory nodes), weak links are left out.
         """
         return _linked([(a_motor, a_sensory)], beta, mutual=self.mutual)
 
@@ -210,16 +189,10 @@ def _settled(square: Array, beta: float) -> Array:
 def oja(links: Array, a_motor: Array, a_sensory: Array, eta: float, beta: float = 1.0) -> None:
     """One step of Oja's rule on dense links, in place (eq. 5; eq. 11 with `beta`).
 
-    Parameters
-    ----------
-    links : (motor nodes, sensory nodes) array
-        c_ij, changed in place.
-    a_motor, a_sensory : (motor nodes,), (sensory nodes,) array
-        Activities a_i and a_j of one sample.
-    eta : float
-        Learning rate.
-    beta : float
-        Forgetting factor.
+    links : (motor nodes, sensory nodes), c_ij, changed in place
+    a_motor, a_sensory : (motor nodes,), (sensory nodes,), activities a_i and a_j of one sample
+    eta : learning rate
+    beta : forgetting factor
     """
     i, j = np.flatnonzero(a_motor), np.flatnonzero(a_sensory)
     c = links[:, j]

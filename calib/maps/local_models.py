@@ -9,11 +9,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ..body.basis import exponents
+from ..common.arrays import Array
 from ..common.frozen import ReadOnly
 from ..common.scale import Scale
 from .map import Map, search_tree
-
-Array = NDArray[np.float64]
 
 MOST_DEGREE = 5
 """Largest degree of a local model."""
@@ -34,31 +33,20 @@ def blend_size(dim: int) -> int:
 
 @dataclass(frozen=True)
 class LocalModels(ReadOnly):
-    """One polynomial per motor node.
+    """One polynomial per motor node."""
 
-    Attributes
-    ----------
-    degree : int
-        Largest total degree, -1 for none: the smooth part stands alone.  A node of a lower
-        degree, or of no model, has zeros for the other coefficients.
-    samples : int
-        Largest number of samples that one was fitted to; with `degree` it follows the noise.
-    radius : (nodes,) array
-        Distance to the first sample that was left out, in the unit box.
-    coefficients : (nodes, terms, 2) array
-        Coefficients of the monomials of (u - w) / radius, in the unit of the positions.
-    fades : bool
-        Whether a node's say ends beyond its cell; not in models of file format 1.
-    votes : float
-        Share of the weight below which silent nodes decide, see :func:`heard`; 0 where they have
-        no vote.
-    """
-
+    # largest total degree, -1 for none: the smooth part stands alone.  A node of a lower degree, or
+    # of no model, has zeros for the other coefficients.
     degree: int
+    # largest number of samples that one was fitted to; with `degree` it follows the noise
     samples: int
-    radius: Array
+    radius: Array  # (nodes,), distance to the first sample that was left out, in the unit box
+    # (nodes, terms, 2), coefficients of the monomials of (u - w) / radius, in the unit of the
+    # positions
     coefficients: Array
-    fades: bool = True
+    fades: bool = True  # whether a node's say ends beyond its cell; not in models of file format 1
+    # share of the weight below which silent nodes decide, see :func:`heard`; 0 where they have no
+    # vote
     votes: float = SILENT
 
     def degrees(self, dof: int) -> NDArray[np.intp]:
@@ -126,27 +114,16 @@ def fit(
 ) -> LocalModels:
     """Kernel-weighted least squares around each node.
 
-    Parameters
-    ----------
-    nodes : (nodes, d) array
-        Where the nodes stand, in the unit box.
-    u, residual : (n, d), (n, 2) array
-        Samples in the unit box and what the trend leaves over of their positions.
-    scale : Scale
-        Knows the periodic coordinates.
-    degree, samples : int
-        Degree of the polynomials and number of samples that each is fitted to.
-    around : Neighbourhood, optional
-        Samples around each node, where they are known already.
-    spacings : (nodes,) array, optional
-        The nodes' spacings.  A node whose samples do not carry a polynomial of this degree then
-        has one of a lower degree: what is fitted to rows on a line, in clusters or on one side
-        multiplies their noise beside them.  The variance of its answers is asked half a spacing
-        around it.
-
-    Returns
-    -------
-    LocalModels
+    nodes : (nodes, d), where the nodes stand, in the unit box
+    u, residual : (n, d), (n, 2), samples in the unit box and what the trend leaves over of their
+        positions
+    scale : knows the periodic coordinates
+    degree, samples : degree of the polynomials and number of samples that each is fitted to
+    around : samples around each node, where they are known already
+    spacings : (nodes,), the nodes' spacings.  A node whose samples do not carry a polynomial of
+        this degree then has one of a lower degree: what is fitted to rows on a line, in clusters or
+        on one side multiplies their noise beside them.  The variance of its answers is asked half a
+        spacing around it.
 
     Notes
     -----

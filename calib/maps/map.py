@@ -10,6 +10,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 from numpy.typing import NDArray
 
+from ..common.arrays import Array
 from ..common.frozen import freeze, frozen
 from ..common.scale import Scale
 from .graph import Graph
@@ -17,8 +18,6 @@ from .lattice import Lattice
 
 if TYPE_CHECKING:
     from scipy.spatial import cKDTree
-
-Array = NDArray[np.float64]
 
 HISTORY = ("nodes", "sigma", "quantization_error", "topographic_error")
 """Columns of a map's history: one row per epoch, errors in the unit box."""
@@ -28,23 +27,13 @@ _FEW = 2_000_000  # distances that take a tenth of the time of SciPy's import
 
 @dataclass(frozen=True)
 class Map:
-    """Nodes in the motor or the sensory space.
+    """Nodes in the motor or the sensory space."""
 
-    Attributes
-    ----------
-    units : (nodes, d) array
-        Weights of the nodes in the unit box of `scale`.
-    lattice : Lattice or Graph
-        How the nodes are joined; a growing neural gas has no lattice but a graph.
-    scale : Scale
-        From the space's own units to the unit box.
-    history : (epochs, 4) array
-        Nodes, sigma [nodes], quantization and topographic error of each epoch.
-    """
-
-    units: Array
+    units: Array  # (nodes, d), weights of the nodes in the unit box of `scale`
+    # how the nodes are joined; a growing neural gas has no lattice but a graph
     lattice: Lattice | Graph
-    scale: Scale
+    scale: Scale  # from the space's own units to the unit box
+    # (epochs, 4), nodes, sigma [nodes], quantization and topographic error of each epoch
     history: Array
 
     def __post_init__(self) -> None:

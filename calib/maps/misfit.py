@@ -3,12 +3,10 @@
 from __future__ import annotations
 
 import numpy as np
-from numpy.typing import NDArray
 
+from ..common.arrays import Array
 from ..common.scale import Scale
 from .map import search_tree
-
-Array = NDArray[np.float64]
 
 _AROUND = 30  # rows whose residuals are averaged
 _CHANCE = 4.0  # standard errors by which a mean square must exceed the common one
@@ -25,22 +23,13 @@ def misfit(scale: Scale, u: Array, held: Array, extent: float, at: Array) -> Arr
     exceeds it by no more than chance (four standard errors of a chi-square mean) counts as
     zero, so that noise draws no nodes.
 
-    Parameters
-    ----------
-    scale : Scale
-        Knows the periodic joints.
-    u : (n, dof) array
-        Joints in the unit box.
-    held : (n, 2) or (n, 3) array [unit]
-        What a smooth model, which has not seen the row, leaves over of its position.
-    extent : float [unit]
-        Diagonal of the workspace.
-    at : (k, dof) array
-        The points, in the unit box: what a map will learn from.
-
-    Returns
-    -------
-    (k,) array [unit^2] or None
+    scale : knows the periodic joints
+    u : (n, dof), joints in the unit box
+    held : (n, 2) or (n, 3) [unit], what a smooth model, which has not seen the row, leaves over of
+        its position
+    extent : [unit], diagonal of the workspace
+    at : (k, dof), the points, in the unit box: what a map will learn from
+    Returns (k,).
     """
     floor = (_ROUNDING * extent) ** 2
     square = np.maximum(np.einsum("no,no->n", held, held), floor)

@@ -15,6 +15,7 @@ from numpy.typing import NDArray
 from ..body.basis import exponents
 from ..body.posterior import BodyFit
 from ..body.trend_choice import choose_trends
+from ..common.arrays import Array
 from ..common.scale import Scale
 from . import local_models as local
 from .local_models import NO_MODELS
@@ -22,8 +23,6 @@ from .map import Map
 from .misfit import misfit
 from .node_choice import NodeChoice, Shape, fit_each, held_out
 from .predictor import BodyInBox, Both, Predictor, Smooth
-
-Array = NDArray[np.float64]
 
 FOLDS = 10
 _ROUNDING = 1e-9  # share of the extent that is no improvement
@@ -36,24 +35,15 @@ _CANDIDATES: tuple[Shape, ...] = ((0, 30), (1, 50), (1, 200), (2, 24), (2, 60), 
 
 @dataclass(frozen=True)
 class Candidate:
-    """A smooth part, with what it leaves over of rows that it has and has not seen.
+    """A smooth part, with what it leaves over of rows that it has and has not seen."""
 
-    Attributes
-    ----------
-    smooth : Smooth
-        Fitted to all samples.
-    residual : (n, m) array
-        Positions less its predictions.
-    unseen : sequence of (n, m) arrays
-        For each fold the residuals of a smooth part that has not seen the fold's rows.
-    rival : float
-        Share of a better founded candidate's error that it has to reach with its local models;
-        it is tried where they mend much of the other.
-    """
-
-    smooth: Smooth
-    residual: Array
+    smooth: Smooth  # fitted to all samples
+    residual: Array  # (n, m), positions less its predictions
+    # sequence of (n, m) arrays, for each fold the residuals of a smooth part that has not seen the
+    # fold's rows
     unseen: Sequence[Array]
+    # share of a better founded candidate's error that it has to reach with its local models; it is
+    # tried where they mend much of the other
     rival: float = 1.0
 
     @property
@@ -65,20 +55,11 @@ class Candidate:
 
 @dataclass(frozen=True)
 class Selected:
-    """A predictor and what cross-validation found of it.
+    """A predictor and what cross-validation found of it."""
 
-    Attributes
-    ----------
-    predictor : Predictor
-        Fitted to all samples.
-    rows : (m,) int array
-        Rows that were held out in turn.
-    residual : (m, outputs) array
-        Their positions less the predictions of predictors that had not seen them.
-    """
-
-    predictor: Predictor
-    rows: NDArray[np.intp]
+    predictor: Predictor  # fitted to all samples
+    rows: NDArray[np.intp]  # (m,), rows that were held out in turn
+    # (m, outputs), their positions less the predictions of predictors that had not seen them
     residual: Array
 
     @property
@@ -109,16 +90,10 @@ def of_trends(
 ) -> list[Candidate]:
     """The trends that cross-validation compares, simplest first.
 
-    Parameters
-    ----------
-    scale : Scale
-        Range of the joints.
-    turning : tuple of bool
-        Joints that turn, rather than slide.
-    u, x : (n, dof), (n, m) array
-        Joints in the unit box and positions.
-    under : Candidate, optional
-        A smooth part; the trends are then of what it leaves over.
+    scale : range of the joints
+    turning : joints that turn, rather than slide
+    u, x : (n, dof), (n, m), joints in the unit box and positions
+    under : a smooth part; the trends are then of what it leaves over
     """
     folds = blocks(len(u))
     target = x if under is None else under.residual
@@ -137,14 +112,9 @@ def of_trends(
 def select(motor: Map, u: Array, candidates: Sequence[Candidate]) -> Selected:
     """Choose the smooth part, and fit local models whose complexity cross-validation prefers.
 
-    Parameters
-    ----------
-    motor : Map
-        Nodes that will carry the local models.
-    u : (n, dof) array
-        Joints of the samples, in the unit box.
-    candidates : sequence of Candidate
-        Smooth parts, the simplest first.
+    motor : nodes that will carry the local models
+    u : (n, dof), joints of the samples, in the unit box
+    candidates : smooth parts, the simplest first
     """
     folds = blocks(len(u))
     best: tuple[Candidate, _Chosen] | None = None

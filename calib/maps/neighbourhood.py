@@ -3,11 +3,9 @@
 from __future__ import annotations
 
 import numpy as np
-from numpy.typing import NDArray
 
+from ..common.arrays import Array
 from .lattice import Lattice
-
-Array = NDArray[np.float64]
 
 REACH = 4.0
 """The neighbourhood is cut beyond so many sigma, where it is below exp(-8)."""
@@ -20,14 +18,9 @@ def spread(sums: Array, lattice: Lattice, sigma: float) -> Array:
     blocks, each a product with the same matrix, so that the cost grows with sigma but not
     with the square of the axis.
 
-    Parameters
-    ----------
-    sums : (size, ...) array
-        A row per node.
-    lattice : Lattice
-        Where the nodes stand.
-    sigma : float [nodes]
-        Neighbourhood radius.
+    sums : (size, ...), a row per node
+    lattice : where the nodes stand
+    sigma : [nodes], neighbourhood radius
     """
     grid = sums.reshape(*lattice.shape, -1)
     for axis, n in enumerate(lattice.shape):
@@ -49,15 +42,10 @@ def spread(sums: Array, lattice: Lattice, sigma: float) -> Array:
 def spread_by(sums: Array, lattice: Lattice, h: Array) -> Array:
     """Sum over all nodes i of h_ji times the rows of `sums`, for any neighbourhood.
 
-    Parameters
-    ----------
-    sums : (size, ...) array
-        A row per node, 0 or more.
-    lattice : Lattice
-        Where the nodes stand.
-    h : (2 n - 1, ...) array
-        The neighbourhood at all steps along each axis, see
-        :func:`calib.maps.fields.kernel`.
+    sums : (size, ...), a row per node, 0 or more
+    lattice : where the nodes stand
+    h : (2 n - 1, ...), the neighbourhood at all steps along each axis, see
+        :func:`calib.maps.fields.kernel`
     """
     grid = sums.reshape(*lattice.shape, -1)
     axes = tuple(range(lattice.dim))
@@ -88,18 +76,11 @@ def moved(
     which does not draw the border inwards.  It rests where each node is the mean of the
     samples that it wins; a step of 2 or more would overshoot.
 
-    Parameters
-    ----------
-    weights : (size, ..., d) array
-        The nodes, of one map or several.
-    sums : (size, ..., d + 1) array
-        Sum of the samples that each node won, and their number or weight.
-    sigma : float [nodes]
-        Neighbourhood radius.
-    step : float or None
-        None for the batch rule.
-    h : (2 n - 1, ...) array, optional
-        Another neighbourhood than the Gaussian of eq. 3, see :func:`spread_by`.
+    weights : (size, ..., d), the nodes, of one map or several
+    sums : (size, ..., d + 1), sum of the samples that each node won, and their number or weight
+    sigma : [nodes], neighbourhood radius
+    step : none for the batch rule
+    h : (2 n - 1, ...), another neighbourhood than the Gaussian of eq. 3, see :func:`spread_by`.
     """
     if step is not None:
         own = sums[..., -1:]

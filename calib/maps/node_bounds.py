@@ -5,10 +5,9 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
+from ..common.arrays import Array
 from .local_models import blend, blend_size
 from .map import Map, search_tree
-
-Array = NDArray[np.float64]
 
 COVERAGE = 0.95
 _AROUND = 50  # held-out errors that tell the scale around a node
@@ -26,21 +25,12 @@ def learn_bounds(motor: Map, u: Array, errors: Array, doubt: Array | None = None
     how large they are; once for nodes near a limit, where maps are worst, and once for
     the others; for all at once where either group has too few samples.
 
-    Parameters
-    ----------
-    motor : Map
-        The nodes.
-    u : (n, dof) array
-        Samples that training never saw, in the unit box.
-    errors : (n,) array [unit]
-        Their errors.
-    doubt : (nodes,) array, optional
-        What a teacher says of its own uncertainty at the nodes, in place of the mean error
-        around them.
-
-    Returns
-    -------
-    (nodes,) array [unit]
+    motor : the nodes
+    u : (n, dof), samples that training never saw, in the unit box
+    errors : (n,) [unit], their errors
+    doubt : (nodes,), what a teacher says of its own uncertainty at the nodes, in place of the mean
+        error around them
+    Returns (nodes,) [unit].
     """
     floor = max(1e-9 * float(errors.max(initial=0.0)), 1e-15)
     if doubt is None:

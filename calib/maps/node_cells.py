@@ -26,20 +26,11 @@ Near = tuple[list[int], list[float]]
 
 @dataclass(frozen=True, eq=False)
 class NodeCells:
-    """The nodes of a map, listed by cells of the unit box.
+    """The nodes of a map, listed by cells of the unit box."""
 
-    Attributes
-    ----------
-    side : int
-        Cells along each axis.
-    count : int
-        Nodes that speak for a point; one more limits their weights.
-    cells : list of tuples
-        For each cell the candidates: coordinates and, last, the number of each.
-    """
-
-    side: int
-    count: int
+    side: int  # cells along each axis
+    count: int  # nodes that speak for a point; one more limits their weights
+    # for each cell the candidates: coordinates and, last, the number of each
     cells: list[tuple[Any, ...]] = field(repr=False)
 
     @staticmethod

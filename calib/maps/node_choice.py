@@ -14,12 +14,11 @@ from dataclasses import dataclass, field
 import numpy as np
 from numpy.typing import NDArray
 
+from ..common.arrays import Array, Index
 from . import local_models as local
 from .local_models import LocalModels, Neighbourhood
 from .map import Map, search_tree
 
-Array = NDArray[np.float64]
-Index = NDArray[np.intp]
 Shape = tuple[int, int]
 """Degree of a local model and the number of samples that it is fitted to."""
 
@@ -37,23 +36,12 @@ _HARM = 30.0  # weight of a calm row: what mends a defect must not spoil what is
 
 @dataclass(frozen=True, eq=False)
 class NodeChoice:
-    """What the nodes that speak where the smooth part is wrong have chosen.
+    """What the nodes that speak where the smooth part is wrong have chosen."""
 
-    Attributes
-    ----------
-    nodes : (k,) int array
-        These nodes.
-    shape : (k,) int array
-        Which of the shapes each has, -1 for none.
-    rows : (m,) int array
-        Rows that they speak for.
-    residual : (m, o) array [unit]
-        What remained of these rows while they were held out.
-    """
-
-    nodes: Index
-    shape: Index
-    rows: Index
+    nodes: Index  # (k,), these nodes
+    shape: Index  # (k,), which of the shapes each has, -1 for none
+    rows: Index  # (m,), rows that they speak for
+    # (m, o) [unit], what remained of these rows while they were held out
     residual: Array = field(repr=False)
 
     @staticmethod
@@ -68,20 +56,12 @@ class NodeChoice:
     ) -> NodeChoice:
         """Let the nodes choose.
 
-        Parameters
-        ----------
-        motor : Map
-        u : (n, dof) array
-            Joints of the rows, in the unit box.
-        unseen : sequence of (n, o) arrays
-            For each fold the residuals of a smooth part that has not seen its rows.
-        folds : sequence of int arrays
-            Contiguous blocks of rows.
-        wrong : (n,) bool array
-            Rows where the smooth part is wrong.
-        shapes : sequence of (degree, samples)
-        common : (degree, samples) or None
-            What serves the calm rows: nodes that are not sure of a better one have it.
+        u : (n, dof), joints of the rows, in the unit box
+        unseen : sequence of (n, o) arrays, for each fold the residuals of a smooth part that has
+            not seen its rows
+        folds : sequence of int arrays, contiguous blocks of rows
+        wrong : (n,), rows where the smooth part is wrong
+        common : what serves the calm rows: nodes that are not sure of a better one have it
         """
         index, weight, gap = local.speaking(motor, u)
         nodes = np.unique(index[wrong]) if common is None else np.arange(motor.size)
@@ -113,12 +93,7 @@ class NodeChoice:
         return np.where(mine[:, None], self.residual[place], otherwise)
 
     def models(
-        self,
-        motor: Map,
-        u: Array,
-        residual: Array,
-        shapes: Sequence[Shape],
-        common: Shape | None,
+        self, motor: Map, u: Array, residual: Array, shapes: Sequence[Shape], common: Shape | None
     ) -> LocalModels:
         """Local models of all nodes, fitted to all rows; `common` is the others' shape."""
         choice = np.full(motor.size, -1 if common is None else list(shapes).index(common))
@@ -194,13 +169,10 @@ def _calm(
     of many by which a defect is found.  Calm rows alone do not hold a steep polynomial in
     the gaps between them: a place halfway to a calm neighbour counts as one more row.
 
-    Returns
-    -------
-    calm : (n,) bool array
-    row, place, residual : (k,), (k, d), (k, o) array
-        Of each such place a row, itself in the unit box, and the mean of the calm rows around.
-    known : (n, o) array
-        Residuals of all rows, zero where nothing but noise is known of them.
+    Returns calm : (n,)
+    Returns row, place, residual : (k,), (k, d), (k, o), of each such place a row, itself in the
+        unit box, and the mean of the calm rows around
+    Returns known : (n, o), residuals of all rows, zero where nothing but noise is known of them
     """
     tree = search_tree(u, motor.scale)
     near = np.asarray(tree.query(u, k=np.arange(1, min(_BESIDE, len(u)) + 1), workers=-1)[1])

@@ -19,26 +19,15 @@ Term = tuple[tuple[int, ...], float, float]
 
 @dataclass(frozen=True, eq=False)
 class NodeModels:
-    """Polynomials of the nodes.
+    """Polynomials of the nodes."""
 
-    Attributes
-    ----------
-    cells : NodeCells
-        Finds the nodes that speak for a point.
-    nodes : list
-        For each node its coordinates, radius and terms (exponents, x, y); only what is not zero.
-    periodic : tuple of bool
-        Axes whose ends meet.
-    reach : list of float or None
-        How far each node speaks in full, in the unit box; None where it always does.
-    votes : float
-        Share of the weight below which silent nodes decide, 0 where they have no vote.
-    """
-
-    cells: NodeCells
+    cells: NodeCells  # finds the nodes that speak for a point
+    # for each node its coordinates, radius and terms (exponents, x, y); only what is not zero
     nodes: list[tuple[list[float], float, list[Term]]] = field(repr=False)
-    periodic: tuple[bool, ...]
+    periodic: tuple[bool, ...]  # axes whose ends meet
+    # how far each node speaks in full, in the unit box; None where it always does
     reach: list[float] | None = field(default=None, repr=False)
+    # share of the weight below which silent nodes decide, 0 where they have no vote
     votes: float = SILENT
 
     @staticmethod

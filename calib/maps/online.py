@@ -20,14 +20,13 @@ from collections.abc import Iterator
 import numpy as np
 from numpy.typing import NDArray
 
+from ..common.arrays import Array
 from .density import Gain, Visit
 from .epoch import Epoch, nearest, search, topographic_error
 from .fields import Neighbourhood, Surroundings, checked_h, lattice_steps
 from .lattice import Lattice
 from .neighbourhood import REACH, spread
 from .schedule import exponential
-
-Array = NDArray[np.float64]
 
 ALPHA = 0.5
 """Learning rate at the start (eq. 4)."""
@@ -51,24 +50,15 @@ def learn(
 ) -> Iterator[Epoch]:
     """Train a map from a random start; yields after each pass over the samples.
 
-    Parameters
-    ----------
-    u : (n, d) array
-        Samples in the unit box.
-    lattice : Lattice
-        The lattice.
-    gain : callable or None
-        Varying density; it is computed once per 512 samples.
-    epochs : int
-        Passes over the samples, each in another order.
-    sigma : (float, float) [nodes]
-        Neighbourhood radius at the start and at the end; the learning rate falls with it.
-    rng : numpy.random.Generator
-        Source of the start and of the orders.
-    neighbourhood : callable, optional
-        In place of the Gaussian of eq. 3; samples are then shown one by one.
-    grown : bool
-        Whether `sigma` is the default, see :class:`~calib.maps.density.Visit`.
+    u : (n, d), samples in the unit box
+    lattice : the lattice
+    gain : varying density; it is computed once per 512 samples
+    epochs : passes over the samples, each in another order
+    sigma : [nodes], neighbourhood radius at the start and at the end; the learning rate falls with
+        it
+    rng : source of the start and of the orders
+    neighbourhood : in place of the Gaussian of eq. 3; samples are then shown one by one.
+    grown : whether `sigma` is the default, see :class:`~calib.maps.density.Visit`
     """
     start, end = sigma
     steps = epochs * len(u)
@@ -139,24 +129,13 @@ def present(
 ) -> list[float]:
     """Show samples to a map one after the other, in place (eq. 1 to 3).
 
-    Parameters
-    ----------
-    weights : (nodes, d) array
-        Changed in place.
-    samples : (n, d) array
-        In the unit box.
-    sigma, rate : (n,) array
-        Neighbourhood radius [nodes] and learning rate (times gain) of each sample.  A node
-        never moves beyond the sample: the step is min(1, rate h).
-    neighbourhood : callable, optional
-        In place of the Gaussian of eq. 3, asked for the whole lattice.
-    progress : (n,) array, optional
-        t / T of each sample, which such a neighbourhood is told.
-
-    Returns
-    -------
-    list of float
-        Distance of each sample to its winner.
+    weights : (nodes, d), changed in place
+    samples : (n, d), in the unit box
+    sigma, rate : (n,), neighbourhood radius [nodes] and learning rate (times gain) of each sample.
+        A node never moves beyond the sample: the step is min(1, rate h).
+    neighbourhood : in place of the Gaussian of eq. 3, asked for the whole lattice.
+    progress : (n,), t / T of each sample, which such a neighbourhood is told
+    Returns list of float, distance of each sample to its winner.
     """
     grid = weights.reshape(*lattice.shape, -1)
     axes = [np.arange(n, dtype=float) for n in lattice.shape]
@@ -190,11 +169,7 @@ def present(
 
 
 def present_block(
-    weights: Array,
-    lattice: Lattice,
-    samples: Array,
-    sigma: float,
-    rate: Array,
+    weights: Array, lattice: Lattice, samples: Array, sigma: float, rate: Array
 ) -> float:
     """Show samples to a map at once, in place; see the module for what is exact.
 

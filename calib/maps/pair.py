@@ -13,6 +13,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from ..common.arrays import Array
 from ..common.parallel import one_blas_thread
 from ..common.scale import Scale
 from ..errors import LogError, OptionError
@@ -25,8 +26,6 @@ from .lattice import Lattice
 from .links import Wiring, oja, sparse_links
 from .map import Map
 from .schedule import exponential
-
-Array = NDArray[np.float64]
 
 CURVE = ("samples", "sigma", "zeta_motor", "zeta_sensory", "error")
 """Columns of a curve: samples shown, radius [nodes], distortions (eq. 9, unit box), and the
@@ -84,12 +83,8 @@ def develop(
 
     Parameters that are not here are those of :func:`calib.maps.online.learn`.
 
-    Parameters
-    ----------
-    q, x : (n, d), (n, k) array
-        Paired samples.
-    wiring : Wiring
-        How nodes are active (eq. 6).
+    q, x : (n, d), (n, k), paired samples
+    wiring : how nodes are active (eq. 6).
     """
     if lattice.size**2 > _LARGEST:
         raise OptionError(

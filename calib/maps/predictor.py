@@ -6,15 +6,13 @@ from dataclasses import dataclass
 from typing import Protocol
 
 import numpy as np
-from numpy.typing import NDArray
 
 from ..body.belief import Body
+from ..common.arrays import Array
 from ..common.scale import Scale
 from . import local_models as local
 from .local_models import LocalModels
 from .map import Map
-
-Array = NDArray[np.float64]
 
 _CHUNK = 250_000  # products at once: fewer than a BLAS splits over threads that wait for each other
 
@@ -38,17 +36,10 @@ class Smooth(Protocol):
 
 @dataclass(frozen=True)
 class BodyInBox:
-    """A body that is asked in the unit box of the joints.
-
-    Attributes
-    ----------
-    body : Body
-    scale : Scale
-        Range of the joints.
-    """
+    """A body that is asked in the unit box of the joints."""
 
     body: Body
-    scale: Scale
+    scale: Scale  # range of the joints
 
     @property
     def terms(self) -> int:
@@ -67,12 +58,7 @@ class BodyInBox:
 
 @dataclass(frozen=True)
 class Both:
-    """The sum of two smooth parts: a body, and a trend of what it leaves over.
-
-    Attributes
-    ----------
-    first, second : Smooth
-    """
+    """The sum of two smooth parts: a body, and a trend of what it leaves over."""
 
     first: Smooth
     second: Smooth
@@ -95,21 +81,11 @@ class Both:
 
 @dataclass(frozen=True)
 class Predictor:
-    """The readout ``local`` in the forward direction.
+    """The readout ``local`` in the forward direction."""
 
-    Attributes
-    ----------
-    motor : Map
-        Its nodes carry the local models.
-    smooth : Smooth
-        The smooth part: the body, or what stands for it.
-    models : LocalModels
-        What the smooth part leaves over, around each node.
-    """
-
-    motor: Map
-    smooth: Smooth
-    models: LocalModels
+    motor: Map  # its nodes carry the local models
+    smooth: Smooth  # the smooth part: the body, or what stands for it
+    models: LocalModels  # what the smooth part leaves over, around each node
 
     def value(self, u: Array) -> Array:
         """Positions (n, m) at the points `u` (n, d) of the unit box."""

@@ -18,37 +18,20 @@ def exponential(start: float, end: float, n: int) -> NDArray[np.float64]:
 
 @dataclass(frozen=True)
 class Stage:
-    """Some epochs on one lattice.
+    """Some epochs on one lattice."""
 
-    Attributes
-    ----------
-    lattice : Lattice
-        The lattice that is trained.
-    sigma : (epochs,) array [nodes]
-        Neighbourhood radius of each epoch.
-    samples : int
-        At most so many samples are shown per epoch.
-    final : bool
-        Whether this is the lattice that is kept.
-    step : float, optional
-        The nodes follow the winners' steps, times this (below 2, which would overshoot);
-        without it Kohonen's batch rule, see :func:`~calib.maps.neighbourhood.moved`.
-    starts : int
-        Random starts of a coarsest lattice, of which the best is kept.
-    progress : (float, float), optional
-        t / T of a varying density before and after this stage; without it the density does
-        not vary here.
-    grown : bool
-        Whether it belongs to the default schedule of a varying density, see :func:`growing`.
-    """
-
-    lattice: Lattice
-    sigma: NDArray[np.float64]
-    samples: int
-    final: bool
+    lattice: Lattice  # the lattice that is trained
+    sigma: NDArray[np.float64]  # (epochs,) [nodes], neighbourhood radius of each epoch
+    samples: int  # at most so many samples are shown per epoch
+    final: bool  # whether this is the lattice that is kept
+    # the nodes follow the winners' steps, times this (below 2, which would overshoot); without it
+    # Kohonen's batch rule, see :func:`~calib.maps.neighbourhood.moved`
     step: float | None = None
-    starts: int = 1
+    starts: int = 1  # random starts of a coarsest lattice, of which the best is kept
+    # t / T of a varying density before and after this stage; without it the density does not vary
+    # here
     progress: tuple[float, float] | None = None
+    # whether it belongs to the default schedule of a varying density, see :func:`growing`
     grown: bool = False
 
 

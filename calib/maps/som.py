@@ -7,8 +7,8 @@ from dataclasses import dataclass, field, replace
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
-from numpy.typing import NDArray
 
+from ..common.arrays import Array
 from ..common.choices import RULES
 from ..common.parallel import one_blas_thread
 from ..common.scale import Scale
@@ -27,7 +27,6 @@ from .schedule import Stage, coarse_to_fine, growing, total_work
 if TYPE_CHECKING:
     from .pair import Pair
 
-Array = NDArray[np.float64]
 Progress = Callable[[float, float], None]
 """Called with the share of the work done and the current quantization error."""
 

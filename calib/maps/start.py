@@ -5,14 +5,12 @@ from __future__ import annotations
 from collections.abc import Iterator
 
 import numpy as np
-from numpy.typing import NDArray
 
+from ..common.arrays import Array
 from .epoch import Epoch, search, topographic_error
 from .lattice import Lattice
 from .neighbourhood import moved, spread
 from .schedule import Stage
-
-Array = NDArray[np.float64]
 
 _RADIUS = 0.5  # of the energy by which a start is chosen [nodes]
 
@@ -27,16 +25,10 @@ def unfold(
     around its winner, weighted by h of eq. 3.  At a radius of half a node, where it is
     largely the distortion, it tells best how accurate the map will be (tried from 0 to 2).
 
-    Parameters
-    ----------
-    u : (n, d) array
-        Samples in the unit box, to learn from.
-    judges : (m, d) array
-        Samples that choose, more of them: the starts differ by a few per cent.
-    stages : list of Stage
-        Stages on one lattice, so small that each sample is compared with all of its nodes.
-    rng : numpy.random.Generator
-        Source of the starts.
+    u : (n, d), samples in the unit box, to learn from
+    judges : (m, d), samples that choose, more of them: the starts differ by a few per cent
+    stages : stages on one lattice, so small that each sample is compared with all of its nodes
+    rng : source of the starts
     """
     lattice, starts = stages[0].lattice, stages[0].starts
     samples = np.column_stack([u, np.ones(len(u))])

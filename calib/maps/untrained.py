@@ -9,13 +9,11 @@ from __future__ import annotations
 from collections.abc import Iterator
 
 import numpy as np
-from numpy.typing import NDArray
 
+from ..common.arrays import Array
 from .epoch import Epoch, nearest, search, topographic_error
 from .graph import Graph
 from .lattice import Lattice
-
-Array = NDArray[np.float64]
 
 KINDS = ("grid", "random", "rows")
 """Names in ``map=``."""
@@ -27,18 +25,12 @@ _JITTER = 1e-7  # of the unit box: repeated rows make no two nodes in one place
 def place(kind: str, u: Array, lattice: Lattice, rng: np.random.Generator) -> Iterator[Epoch]:
     """Nodes of one kind, as a single epoch.
 
-    Parameters
-    ----------
-    kind : {"grid", "random", "rows"}
-        The middles of even cells of the unit box, where the lattice has as many axes as the
-        space, else of its first axes, the others in the middle; places drawn from the box;
-        or samples drawn from `u`.
-    u : (n, d) array
-        Samples in the unit box.
-    lattice : Lattice
-        How many nodes, and their arrangement in a grid.
-    rng : numpy.random.Generator
-        Source of what is drawn.
+    kind : {"grid", "random", "rows"}, the middles of even cells of the unit box, where the lattice
+        has as many axes as the space, else of its first axes, the others in the middle; places
+        drawn from the box; or samples drawn from `u`
+    u : (n, d), samples in the unit box
+    lattice : how many nodes, and their arrangement in a grid
+    rng : source of what is drawn
     """
     joined: Lattice | Graph = lattice
     if kind == "grid":

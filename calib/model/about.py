@@ -8,12 +8,10 @@ from dataclasses import asdict, dataclass, field, fields
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
+from ..common.arrays import Array
 from ..common.checks import finite, numbers, of_type, texts
 from ..common.frozen import ReadOnly
-
-Array = NDArray[np.float64]
 
 _TYPES: dict[type, tuple[str, ...]] = {
     str: ("robot", "tip", "unit", "bound_of", "source", "urdf"),
@@ -143,10 +141,7 @@ def known_numbers(errors: Any) -> Any:
 def check_about(data: Mapping[str, Any]) -> None:
     """Check the plain data of an `About`, which may come from a stranger's file.
 
-    Raises
-    ------
-    KeyError, ValueError
-        If something is missing or is not what it should be.
+    Raises KeyError, ValueError if something is missing or is not what it should be.
     """
     for kind, names in _TYPES.items():
         for name in names:

@@ -6,25 +6,16 @@ import math
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
-Array = NDArray[np.float64]
+from ..common.arrays import Array
 
 
 @dataclass(frozen=True)
 class Alignment:
-    """An affine map x' = A x + b of positions.
+    """An affine map x' = A x + b of positions."""
 
-    Attributes
-    ----------
-    matrix : (2, 2) array
-        A.
-    shift : (2,) array [unit]
-        b.
-    """
-
-    matrix: Array
-    shift: Array
+    matrix: Array  # (2, 2), A
+    shift: Array  # (2,) [unit], b
 
     @staticmethod
     def between(old: Array, new: Array) -> Alignment:

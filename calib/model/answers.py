@@ -9,14 +9,13 @@ from typing import TYPE_CHECKING, NamedTuple
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from ..common.arrays import Array
 from ..common.rows import number_rows
 from ..errors import QueryError
 from ..maps.association import check_readout
 
 if TYPE_CHECKING:
     from .model import Model
-
-Array = NDArray[np.float64]
 
 REACHED = 1e-9
 """Share of the workspace's extent that always counts as reached."""

@@ -14,11 +14,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ..body.belief import Body, Second
+from ..common.arrays import Array
 
 if TYPE_CHECKING:
     from .model import Model
-
-Array = NDArray[np.float64]
 
 #: A gauge is one where parameters move the tip as it does, but for this share.
 _ALIKE = 0.05

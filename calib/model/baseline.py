@@ -7,34 +7,25 @@ from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
+from ..common.arrays import Array
 from ..common.frozen import ReadOnly
 from ..maps.association import Association
 from ..maps.map import Map
-
-Array = NDArray[np.float64]
 
 _PRIOR = 4.0  # samples that the mean of all nodes counts for at each node
 
 
 @dataclass(frozen=True, eq=False)
 class Baseline(ReadOnly):
-    """Distortions of samples that training never saw, stored with a model.
+    """Distortions of samples that training never saw, stored with a model."""
 
-    Attributes
-    ----------
-    motor, sensory : (nodes,) array
-        Expected squared distance of a sample to its winner, per winner, in the unit box.
-    spread : (float, float)
-        Variance of squared distance over expected one, in the motor and sensory map.
-    noise : float [unit]
-        Standard deviation per axis of measured less predicted position in training.
-    """
-
+    # (nodes,), expected squared distance of a sample to its winner, per winner, in the unit box
     motor: Array
     sensory: Array
+    # variance of squared distance over expected one, in the motor and sensory map
     spread: tuple[float, float]
+    # [unit], standard deviation per axis of measured less predicted position in training
     noise: float
 
     def to_json(self) -> dict[str, Any]:

@@ -9,7 +9,9 @@ from __future__ import annotations
 from typing import TYPE_CHECKING, cast
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
+
+from ..common.arrays import Array
 
 if TYPE_CHECKING:
     import os
@@ -20,8 +22,6 @@ if TYPE_CHECKING:
     from ..training.evaluate import Evaluation
     from .model import Model
     from .paths import Path
-
-Array = NDArray[np.float64]
 
 
 class Doors:

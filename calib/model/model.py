@@ -5,16 +5,15 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
+from ..common.arrays import Array
 from ..errors import QueryError
 from . import answers
 from .answers import Answer, checked_rows
 from .doors import Doors
 from .parts import Parts
 from .trust import MOST_BLENDED, MOST_SHARE
-
-Array = NDArray[np.float64]
 
 _REPEATS = 16  # until the interpreter has adapted to a query's code
 

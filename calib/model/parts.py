@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING, Any, cast
 import numpy as np
 from numpy.typing import NDArray
 
+from ..common.arrays import Array
 from ..common.choices import MAP_READOUTS
 from ..common.frozen import freeze
 from ..common.wording import one_line
@@ -33,8 +34,6 @@ if TYPE_CHECKING:
     from .model import Model
     from .photo import Photo
     from .schemas import Schema
-
-Array = NDArray[np.float64]
 
 
 @dataclass(frozen=True, eq=False, repr=False)

@@ -10,14 +10,13 @@ from typing import TYPE_CHECKING
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from ..common.arrays import Array
 from ..errors import QueryError
 from ..inverse.tracking import follow
 from . import answers
 
 if TYPE_CHECKING:
     from .model import Model
-
-Array = NDArray[np.float64]
 
 _STEP = 0.01  # of the workspace's extent, where no step is given
 _MOST = 1_000_000  # rows of a path

@@ -19,21 +19,12 @@ _START = b"\xff\xd8\xff"  # of a JPEG
 class Photo:
     """A picture whose borders are known positions.
 
-    Attributes
-    ----------
-    jpeg : bytes
-        The picture.
-    box : (float, float, float, float) [unit]
-        Positions of its left, right, lower and upper border. Of pixels the lower one is the
-        larger: they count from the top.
-
-    Raises
-    ------
-    ValueError
-        If it is no JPEG, too large, or the borders are no box.
+    Raises ValueError if it is no JPEG, too large, or the borders are no box.
     """
 
-    jpeg: bytes
+    jpeg: bytes  # the picture
+    # [unit], positions of its left, right, lower and upper border. Of pixels the lower one is the
+    # larger: they count from the top.
     box: tuple[float, float, float, float]
 
     def __post_init__(self) -> None:

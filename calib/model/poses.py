@@ -12,6 +12,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from ..arm.rotations import matrix_of, quaternion_of
+from ..common.arrays import Array
 from ..errors import QueryError
 from ..inverse.near import position_near
 from ..inverse.pose import TOLERANCE, Reached, pose_branches, reach_poses
@@ -22,41 +23,24 @@ from .space import REACHED, Space
 if TYPE_CHECKING:
     from .model import Model
 
-Array = NDArray[np.float64]
-
 _BESIDE = 0.1  # rad: joints no further from `near` than this are on its branch
 _CLEAR = 0.3  # share of the least singular value that joints may move by beside `near`
 
 
 class PoseAnswers(NamedTuple):
-    """Answers to poses; without `every` one for each, in their order.
+    """Answers to poses; without `every` one for each, in their order."""
 
-    Attributes
-    ----------
-    target : (k,) int array
-        Which pose each answer belongs to, ascending.
-    q : (k, dof) array [rad or m]
-        Joint values; out of reach those that come nearest.
-    position, quaternion : (k, 3), (k, 4) array
-        Where they put the tip, in the frame of the question.
-    distance : (k,) array
-        From the position wanted [m, or the sensor's unit in its frame].
-    turned : (k,) array [rad]
-        From the orientation wanted; 0 where none was.
-    expected_error, model_error : (k,) array
-        95 % bounds as of `Answer`; both on the true position in the base frame.
-    reachable : (k,) bool array
-    """
-
-    target: NDArray[np.intp]
-    q: Array
+    target: NDArray[np.intp]  # (k,), which pose each answer belongs to, ascending
+    q: Array  # (k, dof) [rad or m], joint values; out of reach those that come nearest
+    # (k, 3), (k, 4), where they put the tip, in the frame of the question
     position: Array
     quaternion: Array
-    distance: Array
-    turned: Array
+    distance: Array  # (k,), from the position wanted [m, or the sensor's unit in its frame]
+    turned: Array  # (k,) [rad], from the orientation wanted; 0 where none was
+    # (k,), 95 % bounds as of `Answer`; both on the true position in the base frame
     expected_error: Array
     model_error: Array
-    reachable: NDArray[np.bool_]
+    reachable: NDArray[np.bool_]  # (k,)
 
 
 def solve_poses(
@@ -70,24 +54,15 @@ def solve_poses(
 ) -> PoseAnswers:
     """Joint values for positions and, if given, orientations.
 
-    Parameters
-    ----------
-    model : Model
-        Of an arm in space.
-    position : (n, 3) or (3,) array [m, or the sensor's unit in its frame]
-    quaternion : (n, 4) or (4,) array, optional
-        qx, qy, qz, qw.
-    near : (n, dof) or (dof,) array, optional [rad or m]
-        Of several solutions the nearest to these joints answers; the middle of the ranges
-        where not given.
+    model : of an arm in space
+    position : (n, 3) or (3,) [m, or the sensor's unit in its frame]
+    quaternion : (n, 4) or (4,), qx, qy, qz, qw
+    near : (n, dof) or (dof,) [rad or m], of several solutions the nearest to these joints answers;
+        the middle of the ranges where not given
     frame : {"sensor", "base"}
-    every : bool
-        Whether all branches of a pose are wanted, the nearest first.
-
-    Raises
-    ------
-    QueryError
-        If the model knows no arm in space, a value is no number, or a quaternion is none.
+    every : whether all branches of a pose are wanted, the nearest first
+    Raises QueryError if the model knows no arm in space, a value is no number, or a quaternion is
+    none.
     """
     space = Space.of(model)
     names = model.about.joint_names

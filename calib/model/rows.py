@@ -4,12 +4,8 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
-import numpy as np
-from numpy.typing import NDArray
-
+from ..common.arrays import Array
 from ..common.frozen import ReadOnly
-
-Array = NDArray[np.float64]
 
 MOST = 5_000
 """Rows that are kept of a longer log, evenly spread over it."""
@@ -17,18 +13,10 @@ MOST = 5_000
 
 @dataclass(frozen=True, eq=False)
 class Rows(ReadOnly):
-    """Measured rows.
+    """Measured rows."""
 
-    Attributes
-    ----------
-    q : (n, dof) array [rad or m]
-        Joint values.
-    x : (n, m) array [unit]
-        Positions.
-    """
-
-    q: Array
-    x: Array
+    q: Array  # (n, dof) [rad or m], joint values
+    x: Array  # (n, m) [unit], positions
 
     def __len__(self) -> int:
         return len(self.q)

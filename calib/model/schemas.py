@@ -12,6 +12,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 from numpy.typing import NDArray
 
+from ..common.arrays import Array
 from ..errors import OptionError
 from ..maps.map import Map
 from ..maps.node_bounds import blend_nodes
@@ -22,8 +23,6 @@ from .trust import Trust
 if TYPE_CHECKING:
     from ..body.belief import Body
     from .model import Model
-
-Array = NDArray[np.float64]
 
 FIRST = "schema 1"
 """Name of the state that a model was trained in."""

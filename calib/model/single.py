@@ -13,13 +13,13 @@ from itertools import count
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
-from numpy.typing import NDArray
 
 from ..body.planar import PlanarStructure
 from ..body.planar_row import PlanarRow, Sloped
 from ..body.spatial import SpatialStructure
 from ..body.spatial_bound_row import SpatialBoundRow
 from ..body.spatial_row import SpatialRow
+from ..common.arrays import Array
 from ..inverse.one_row import FURTHEST, nearest, two_joints
 from ..maps.node_cells import NodeCells
 from ..maps.node_models import NodeModels
@@ -29,8 +29,6 @@ from .trust import MOST_BLENDED
 if TYPE_CHECKING:
     from .model import Model
 
-Array = NDArray[np.float64]
-
 _FEW = 20  # queries that take less than the cells take to make
 _SLACK = 1e-9  # as `Trust` has it
 
@@ -38,10 +36,7 @@ _SLACK = 1e-9  # as `Trust` has it
 class Single:
     """Queries of one row.
 
-    Parameters
-    ----------
-    model : Model
-        With a planar body, or one in space without local models.
+    model : with a planar body, or one in space without local models
     """
 
     def __init__(self, model: Model) -> None:

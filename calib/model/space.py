@@ -18,6 +18,7 @@ from ..arm.rotations import exponential, logarithm, matrix_of, quaternion_of
 from ..body.belief import Body
 from ..body.spatial_view import look
 from ..body.views import is_camera
+from ..common.arrays import Array
 from ..errors import QueryError
 from ..inverse.near import position_near
 from ..inverse.pixel import on_plane
@@ -29,8 +30,6 @@ from .base import drawn, in_base
 if TYPE_CHECKING:
     from .model import Model
 
-Array = NDArray[np.float64]
-
 #: A turn of the tool beside a motion of the joints, for `keep`.
 KEEP = 10.0
 #: A pose or a position counts as reached within this share of the arm's length.
@@ -40,31 +39,19 @@ _STARTS = 64
 
 @dataclass(frozen=True, eq=False)
 class Space:
-    """The arm of a model in its base frame.
-
-    Attributes
-    ----------
-    model : Model
-    body : Body
-        The body in the view "base", in m.
-    joints : Joints
-    length : float [m]
-        The arm's length.
-    """
+    """The arm of a model in its base frame."""
 
     model: Model
-    body: Body
+    body: Body  # the body in the view "base", in m
     joints: Joints
-    length: float
+    length: float  # [m], the arm's length
 
     @staticmethod
     def of(model: Model) -> Space:
         """The arm of a model.
 
-        Raises
-        ------
-        QueryError
-            If the model knows no chain in space: of a planar arm, or one found from rows alone.
+        Raises QueryError if the model knows no chain in space: of a planar arm, or one found from
+        rows alone.
         """
         about = model.about
         body = in_base(model.body) if model.body is not None else None
@@ -120,10 +107,8 @@ class Space:
     def pixels_on_plane(self, pixels: ArrayLike, height: float) -> Array:
         """Points (n, 3) [m] of the plane z = height of the base frame that pixels (n, 2) show.
 
-        Raises
-        ------
-        QueryError
-            If the model is of no camera, or a line of sight meets the plane nowhere before it.
+        Raises QueryError if the model is of no camera, or a line of sight meets the plane nowhere
+        before it.
         """
         rows, _ = checked_rows(pixels, ("x", "y"), "pixels")
         if not self.camera:

@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 from numpy.typing import NDArray
 
+from ..common.arrays import Array
 from ..maps.map import Map, search_tree
 from ..maps.node_bounds import blend_nodes
 
@@ -16,8 +17,6 @@ if TYPE_CHECKING:
     from scipy.spatial import cKDTree
 
     from ..body.belief import Body
-
-Array = NDArray[np.float64]
 
 MOST_SHARE = 0.1
 """Share of the reach: where the bound on the position exceeds it, there is no answer."""
@@ -42,28 +41,18 @@ class BetweenNodes:
 
     Beside a joint that hardly moved the posterior widens within less than a node's spacing,
     so that a bound blended from the nodes would refuse the measured rows themselves.
-
-    Attributes
-    ----------
-    body : Body
-    motor : Map
-        Motor map.
     """
 
     body: Body
-    motor: Map
+    motor: Map  # motor map
 
     def bound(self, u: Array, bounds: Array, *, noise: bool) -> Array:
         """Bounds (n,) [unit] at points of the unit box (n, dof).
 
-        Parameters
-        ----------
-        u : (n, dof) array
-        bounds : (nodes,) array [unit]
-            Bounds of the nodes.  What held-out rows added there to the posterior is added
-            here in the same proportion.
-        noise : bool
-            Whether the noise of a single reading counts.
+        u : (n, dof)
+        bounds : (nodes,) [unit], bounds of the nodes.  What held-out rows added there to the
+            posterior is added here in the same proportion.
+        noise : whether the noise of a single reading counts
         """
         scale = self.motor.scale
         own = self.body.bound(scale.from_unit(np.clip(self.motor.units, 0.0, 1.0)), noise=noise)
@@ -74,32 +63,17 @@ class BetweenNodes:
 
 @dataclass(frozen=True, eq=False)
 class Trust:
-    """Where answers are given.
+    """Where answers are given."""
 
-    Attributes
-    ----------
-    motor : Map
-        Motor map.
-    bounds : (nodes,) array [unit]
-        95 % bound on the position around each node.
-    most : float [unit]
-        Largest bound with which a position is still an answer.
-    known : (nodes,) array, optional
-        How far from each node its bound holds, in the unit box, negative where it holds
-        nowhere; the bound of a point further away from all of them grows.  Without it a
-        bound holds wherever its node is among the nearest, as that of a body does.
-    growth : float [unit]
-        What the position may change by over the unit box.
-    between : BetweenNodes, optional
-        Asked where the nodes' bounds give no answer.
-    """
-
-    motor: Map
-    bounds: Array
-    most: float
+    motor: Map  # motor map
+    bounds: Array  # (nodes,) [unit], 95 % bound on the position around each node
+    most: float  # [unit], largest bound with which a position is still an answer
+    # (nodes,), how far from each node its bound holds, in the unit box, negative where it holds
+    # nowhere; the bound of a point further away from all of them grows.  Without it a bound holds
+    # wherever its node is among the nearest, as that of a body does.
     known: Array | None = None
-    growth: float = 0.0
-    between: BetweenNodes | None = None
+    growth: float = 0.0  # [unit], what the position may change by over the unit box
+    between: BetweenNodes | None = None  # asked where the nodes' bounds give no answer
 
     def in_range(self, u: Array) -> NDArray[np.bool_]:
         """Which coordinates (n, dof) of the unit box are within the joints' range."""

@@ -43,10 +43,8 @@ class Tensors:
     def take(self, name: str, shape: tuple[int, ...], kind: str = "float64") -> NDArray[Any]:
         """Return a tensor, floats of any width as float64; -1 in `shape` stands for any length.
 
-        Raises
-        ------
-        KeyError, ValueError
-            If it is not there, has another shape or type, or a value that is not finite.
+        Raises KeyError, ValueError if it is not there, has another shape or type, or a value that
+        is not finite.
         """
         name = self.prefix + name
         array = self.arrays[name]
@@ -101,14 +99,9 @@ def build_models(
 ) -> LocalModels:
     """Rebuild local models from their description and two tensors.
 
-    Parameters
-    ----------
-    names : (str, str)
-        Of the tensors with the radii and the coefficients.
-    size : (int, int, int)
-        Nodes, joints and coordinates of a position.
-    fades : bool
-        Where the description does not say so; format 1 did not.
+    names : of the tensors with the radii and the coefficients
+    size : nodes, joints and coordinates of a position
+    fades : where the description does not say so; format 1 did not
     """
     nodes, dof, width = size
     degree = whole(stated["degree"], MOST_DEGREE, least=-1)

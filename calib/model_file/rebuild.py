@@ -7,9 +7,9 @@ from dataclasses import replace
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
-from numpy.typing import NDArray
 
 from ..body.approach import Approach
+from ..common.arrays import Array
 from ..common.checks import numbers, of_type
 from ..common.scale import Scale
 from ..maps.association import Association
@@ -29,16 +29,12 @@ from .smooth_part import build_smooth
 if TYPE_CHECKING:
     from ..model.model import Model
 
-Array = NDArray[np.float64]
-
 
 def build(header: Mapping[str, Any], tensors: Tensors) -> Model:
     """Rebuild the model that the description and the tensors of a file are.
 
-    Raises
-    ------
-    CalibError, AttributeError, IndexError, KeyError, OverflowError, TypeError, ValueError
-        If they make no sense.
+    Raises CalibError, AttributeError, IndexError, KeyError, OverflowError, TypeError, ValueError if
+    they make no sense.
     """
     from ..model.model import Model
 

@@ -85,10 +85,7 @@ def _rounded_up(bounds: NDArray[np.float64]) -> NDArray[np.float32]:
 def unpack(model: Model, described: Any, tensors: Tensors) -> tuple[Schema, ...]:
     """Rebuild what :func:`pack` returned, for the model that kept it.
 
-    Raises
-    ------
-    ValueError, KeyError, TypeError
-        If it makes no sense: a file may come from anyone.
+    Raises ValueError, KeyError, TypeError if it makes no sense: a file may come from anyone.
     """
     states = of_type("schemas", described, list)
     if len(states) > _MOST:
@@ -152,10 +149,7 @@ def _schema(model: Model, state: dict[str, Any], tensors: Tensors) -> Schema:
 def schema_name(value: Any) -> str:
     """A schema's name from a file.
 
-    Raises
-    ------
-    ValueError
-        If it is none.
+    Raises ValueError if it is none.
     """
     try:
         check_name(value)

@@ -68,10 +68,7 @@ def build_smooth(
 ) -> tuple[Smooth, Body | None]:
     """Rebuild a smooth part from a file's description and arrays; both are checked.
 
-    Raises
-    ------
-    CalibError, KeyError, TypeError, ValueError
-        If they make no sense.
+    Raises CalibError, KeyError, TypeError, ValueError if they make no sense.
     """
     stated = {"body": None, "trend": header["trend"]} if "trend" in header else header["smooth"]
     if stated.get("linear"):

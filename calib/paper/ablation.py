@@ -19,6 +19,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ..arm.arms import PlanarArm
+from ..common.arrays import Array
 from ..common.choices import MAP_READOUTS
 from ..common.parallel import one_blas_thread
 from ..common.scale import Scale
@@ -33,8 +34,6 @@ from ..training.smooth import SmoothPart, find_smooth_part, wrong_around
 from .ablation_cases import Case, measured, simulated
 from .setting import Setting
 from .tables import Result, Table
-
-Array = NDArray[np.float64]
 
 NETWORKS = ("vdsom", "vdsom:border", "vdsom:rho", "som", "gng", "grid", "random", "rows")
 """Networks that are compared; the last three are not trained."""
@@ -56,36 +55,25 @@ _FOUND = np.radians(1.0)  # a branch that is further off in a joint was missed
 
 @dataclass(frozen=True, eq=False)
 class Trained:
-    """One network on one case.
+    """One network on one case."""
 
-    Attributes
-    ----------
-    association, alone : Association
-        Maps and links, learned with and without knowing where the body is wrong.
-    predictors : dict of str to Predictor
-        ``local`` (the body and local models), ``body`` alone, and ``linear`` (no body).
-    bounds : dict of str to (nodes,) array [unit]
-        95 % bound of ``local`` and ``linear`` at the nodes, from errors on held-out rows.
-    seconds : float
-        Training of both maps alone [s].
-    """
-
+    # maps and links, learned with and without knowing where the body is wrong
     association: Association
     alone: Association
+    # ``local`` (the body and local models), ``body`` alone, and ``linear`` (no body)
     predictors: dict[str, Predictor]
+    # dict of str to (nodes,) array [unit], 95 % bound of ``local`` and ``linear`` at the nodes,
+    # from errors on held-out rows
     bounds: dict[str, Array]
-    seconds: float
+    seconds: float  # training of both maps alone [s]
 
 
 def ablation(setting: Setting) -> Result:
     """Run the ablation.
 
-    Parameters
-    ----------
-    setting : Setting
-        Its first seed is used; ``quick`` makes everything small; ``data`` is a folder with
-        ``series_a.csv`` and ``series_c.csv`` of a UR10.  Its file ``parts`` keeps each network
-        as it ends, so that a run that was stopped goes on where it was.
+    setting : its first seed is used; ``quick`` makes everything small; ``data`` is a folder with
+        ``series_a.csv`` and ``series_c.csv`` of a UR10.  Its file ``parts`` keeps each network as
+        it ends, so that a run that was stopped goes on where it was.
     """
     sides = (6, 8) if setting.quick else _SIDES
     rows = 600 if setting.quick else _ROWS

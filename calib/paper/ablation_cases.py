@@ -14,9 +14,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ..arm.arms import PlanarArm
+from ..common.arrays import Array
 from ..samples.samples import Samples
 
-Array = NDArray[np.float64]
 Truth = Callable[[Array], Array]
 Defect = tuple[Truth, Callable[[Array], NDArray[np.bool_]]]
 """Positions (n, 2) of joints (n, 2), and which of these lie in the defect."""
@@ -40,27 +40,15 @@ _STREAM = 91  # of the points on which errors are measured
 
 @dataclass(frozen=True, eq=False)
 class Case:
-    """A log and what is true of it.
-
-    Attributes
-    ----------
-    name : str
-    samples : Samples
-        What is learned from.
-    q, x : (n, dof), (n, 2) array
-        Joints and positions that were not learned.
-    defect : (n,) bool array
-        Which of them lie in a defect.
-    arm : PlanarArm or None
-        The arm whose branches are counted, None where the truth is not known.
-    """
+    """A log and what is true of it."""
 
     name: str
-    samples: Samples
+    samples: Samples  # what is learned from
+    # (n, dof), (n, 2), joints and positions that were not learned
     q: Array
     x: Array
-    defect: NDArray[np.bool_]
-    arm: PlanarArm | None
+    defect: NDArray[np.bool_]  # (n,), which of them lie in a defect
+    arm: PlanarArm | None  # the arm whose branches are counted, None where the truth is not known
 
 
 def bump(arm: PlanarArm, height: float = _HEIGHT, width: float = _WIDTH) -> Defect:
@@ -104,18 +92,11 @@ def simulated(
 ) -> Case:
     """One of the simulated cases.
 
-    Parameters
-    ----------
-    name : {"exact", "noise", "bump", "ripple", "uneven"}
-        An exact sensor, one with a noise of 1 mm, the two defects with 0.2 mm, and a log
-        that dwells in a corner of the joints' range.
-    n, tested : int
-        Rows to learn from and to test on.
-    seed : int
-    defect : callable, optional
-        Another shape than :func:`bump` and :func:`ripple`.
-    noise : float, optional
-        Another standard deviation per axis [m].
+    name : {"exact", "noise", "bump", "ripple", "uneven"}, an exact sensor, one with a noise of 1
+        mm, the two defects with 0.2 mm, and a log that dwells in a corner of the joints' range
+    n, tested : rows to learn from and to test on
+    defect : another shape than :func:`bump` and :func:`ripple`
+    noise : another standard deviation per axis [m]
     """
     from ..arm.loading import load_arm
 

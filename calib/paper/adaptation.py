@@ -7,18 +7,16 @@ from functools import lru_cache
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
-from numpy.typing import NDArray
 
 from ..change.follow import follow
 from ..change.step import Step
+from ..common.arrays import Array
 from ..training.train import train
 from .setting import NETWORKS, Setting
 from .tables import Result, Table
 
 if TYPE_CHECKING:
     from ..model.model import Model
-
-Array = NDArray[np.float64]
 
 CHANGES = {"lengthened": "+20%", "shortened": "-20%"}
 """A tool that is mounted and one that is removed: the paper does not say how long."""
@@ -30,31 +28,21 @@ _RULE = "activity, eq. 11 alone"  # the links as the rule has made them, step by
 
 @dataclass(frozen=True, eq=False)
 class Episode:
-    """One change and what came of it.
+    """One change and what came of it."""
 
-    Attributes
-    ----------
-    before, after : Model
-        The model as it was trained and as it is at the end of the stream.
-    steps : tuple of Step
-        Distortion, error and schedules along the stream.
-    q, x : (n, dof), (n, 2) array [rad], [m]
-        Exact test points of the changed arm.
-    errors : dict
-        {readout: {"trained", "changed", "adapted"}}: mean and largest forward error [m] of
-        the model on the old arm, on the changed arm, and after it has followed.  The
-        readout "rule" is ``activity`` with the links that eq. 11 made on the way, which the
-        delivered model replaces by those at which it comes to rest.
-    distortion : dict
-        {"trained", "changed", "adapted"}: zeta of the sensory map (eq. 9) in the unit box.
-    """
-
+    # the model as it was trained and as it is at the end of the stream
     before: Model
     after: Model
-    steps: tuple[Step, ...]
+    steps: tuple[Step, ...]  # distortion, error and schedules along the stream
+    # (n, dof), (n, 2) [m], exact test points of the changed arm
     q: Array
     x: Array
+    # {readout: {"trained", "changed", "adapted"}}: mean and largest forward error [m] of the model
+    # on the old arm, on the changed arm, and after it has followed.  The readout "rule" is
+    # ``activity`` with the links that eq. 11 made on the way, which the delivered model replaces by
+    # those at which it comes to rest.
     errors: dict[str, dict[str, dict[str, float]]]
+    # {"trained", "changed", "adapted"}: zeta of the sensory map (eq. 9) in the unit box.
     distortion: dict[str, float]
 
 

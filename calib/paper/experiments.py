@@ -6,7 +6,6 @@ from dataclasses import replace
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
 from ..maps.association import Association
 from ..maps.density import READINGS
@@ -16,8 +15,6 @@ from .search import SAME
 from .setting import NETWORKS, Setting
 from .tables import FACTORS, Result, Table, columns_of, unit_of
 from .trial import Row, Schedule, Trial, activity_errors, association, joined
-
-Array = NDArray[np.float64]
 
 _ROWS = 20_000  # of each seed: enough to tell these apart
 _BORDER = 0.05  # share of a joint's range that counts as its border

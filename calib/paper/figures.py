@@ -11,8 +11,8 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
-from numpy.typing import NDArray
 
+from ..common.arrays import Array
 from ..common.atomic import atomic_write
 from .adaptation import Episode
 from .search import SAME
@@ -22,8 +22,6 @@ from .trial import activity_errors, association
 if TYPE_CHECKING:
     from ..maps.association import Association
     from ..maps.map import Map
-
-Array = NDArray[np.float64]
 
 _COLOURS = "plasma"
 _DPI = 160

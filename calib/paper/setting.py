@@ -9,16 +9,14 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 import numpy as np
-from numpy.typing import NDArray
 
+from ..common.arrays import Array
 from ..errors import OptionError
 from ..samples.babbling import babble
 from ..samples.samples import Samples
 
 if TYPE_CHECKING:
     from ..arm.arms import PlanarArm
-
-Array = NDArray[np.float64]
 
 Report = Callable[[float, str], None]
 """Called with the share of the work that is done and what is being done."""
@@ -35,42 +33,21 @@ _VALIDATION = 77  # stream of the points on which schedules are chosen
 
 @dataclass(frozen=True)
 class Setting:
-    """How large the experiments are.
+    """How large the experiments are."""
 
-    Attributes
-    ----------
-    side : int
-        Nodes along each side of the lattices.
-    sides : tuple of int
-        Those of Table 2.
-    samples : int
-        Babbled samples; the paper does not say how many it used.
-    seeds : tuple of int
-        Each gives other samples, another start and other test points.
-    quick : bool
-        Small lattices and few samples, to see that everything runs.
-    data : Path or None
-        Folder of real logs, for the ablation.
-    parts : Path or None
-        File in which the ablation keeps what it has measured.
-    robot : str
-        A bundled robot or a URDF with two joints that turn.
-    ranges : tuple of (joint, (low, high))
-        Parts of the joints' ranges that are babbled [rad].
-    lengths : tuple of (joint, length)
-        Lengths of the links that the joints move, where not those of the robot [m].
-    """
-
-    side: int = 70
-    sides: tuple[int, ...] = (30, 50, 70)
-    samples: int = 100_000
+    side: int = 70  # nodes along each side of the lattices
+    sides: tuple[int, ...] = (30, 50, 70)  # those of Table 2
+    samples: int = 100_000  # babbled samples; the paper does not say how many it used
+    # each gives other samples, another start and other test points
     seeds: tuple[int, ...] = (0, 1, 2, 3, 4)
-    quick: bool = False
+    quick: bool = False  # small lattices and few samples, to see that everything runs
     report: Report = field(default=lambda _share, _what: None)
-    data: Path | None = None
-    parts: Path | None = None
-    robot: str = ROBOT
+    data: Path | None = None  # folder of real logs, for the ablation
+    parts: Path | None = None  # file in which the ablation keeps what it has measured
+    robot: str = ROBOT  # a bundled robot or a URDF with two joints that turn
+    # parts of the joints' ranges that are babbled [rad]
     ranges: tuple[tuple[str, tuple[float, float]], ...] = ()
+    # lengths of the links that the joints move, where not those of the robot [m]
     lengths: tuple[tuple[str, float], ...] = ()
 
     @staticmethod
@@ -85,10 +62,8 @@ class Setting:
     ) -> Setting:
         """The paper's setting, or a small one; the seeds start at `seed`.
 
-        Raises
-        ------
-        OptionError
-            If the robot has not two joints that turn in a plane, or a joint is unknown.
+        Raises OptionError if the robot has not two joints that turn in a plane, or a joint is
+        unknown.
         """
         say = report or (lambda _share, _what: None)
         setting = Setting(seeds=tuple(range(seed, seed + 5)), report=say)

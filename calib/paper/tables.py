@@ -21,24 +21,12 @@ READOUTS = ("winner", "activity", "linear")
 
 @dataclass(frozen=True)
 class Table:
-    """A table as it is printed and as a CSV file.
+    """A table as it is printed and as a CSV file."""
 
-    Attributes
-    ----------
-    name : str
-        Of the file.
-    title : str
-        What it shows.
-    header : sequence of str
-        Names of the columns.
-    rows : sequence of sequence
-        Words and numbers; None is an empty cell.
-    """
-
-    name: str
-    title: str
-    header: Sequence[str]
-    rows: Sequence[Sequence[str | float | None]]
+    name: str  # of the file
+    title: str  # what it shows
+    header: Sequence[str]  # names of the columns
+    rows: Sequence[Sequence[str | float | None]]  # words and numbers; None is an empty cell
 
     def csv(self) -> str:
         """Content of a CSV file, numbers in full."""
@@ -53,18 +41,10 @@ class Table:
 
 @dataclass(frozen=True)
 class Result:
-    """What an experiment found.
+    """What an experiment found."""
 
-    Attributes
-    ----------
-    data : dict
-        For JSON, in SI units.
-    tables : tuple of Table
-        For people and for CSV files, in mm and degrees.
-    """
-
-    data: dict[str, Any]
-    tables: tuple[Table, ...]
+    data: dict[str, Any]  # for JSON, in SI units
+    tables: tuple[Table, ...]  # for people and for CSV files, in mm and degrees
 
 
 def table1(setting: Setting) -> Result:
@@ -138,12 +118,8 @@ def comparison(
 ) -> Table:
     """Mean and largest errors, spread over the seeds and share of the range, beside the paper's.
 
-    Parameters
-    ----------
-    name, title : str
-        Of the table.
-    lines : mapping of str to (row, printed)
-        Our errors and those of the paper, where it has them.
+    name, title : of the table
+    lines : our errors and those of the paper, where it has them
     """
     header = ["network", "readout", "error"]
     header += ["mean", "+-", "max", "+-", "mean % of range", "max % of range"]

@@ -6,8 +6,8 @@ from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
+from ..common.arrays import Array
 from ..common.choices import MAP_READOUTS
 from ..common.parallel import one_blas_thread
 from ..common.scale import Scale
@@ -18,31 +18,18 @@ from ..training.evaluate import Residuals, fresh_points, summarise
 from ..training.learn import Options, associate
 from .setting import Setting
 
-Array = NDArray[np.float64]
 Row = dict[str, dict[str, dict[str, float]]]
 """{readout: {column: {"mean", "max", "p99", "mean_spread", "max_spread", ...}}} [m, rad]."""
 
 
 @dataclass(frozen=True)
 class Schedule:
-    """How a network is trained.
+    """How a network is trained."""
 
-    Attributes
-    ----------
-    epochs : int or None
-        Passes over the samples, None for coarse to fine.
-    sigma : float or None
-        Last neighbourhood radius [nodes]; the first is half the lattice.
-    links : str
-        A name of :data:`calib.maps.links.WIRINGS`.
-    rule : {"batch", "online"}
-        Training rule.
-    """
-
-    epochs: int | None = None
-    sigma: float | None = None
-    links: str = "reciprocal"
-    rule: str = "batch"
+    epochs: int | None = None  # passes over the samples, None for coarse to fine
+    sigma: float | None = None  # last neighbourhood radius [nodes]; the first is half the lattice
+    links: str = "reciprocal"  # a name of :data:`calib.maps.links.WIRINGS`
+    rule: str = "batch"  # {"batch", "online"}, training rule
 
     def radii(self, side: int) -> tuple[float, float] | None:
         """First and last radius on a lattice of `side` nodes along each axis [nodes]."""

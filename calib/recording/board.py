@@ -10,12 +10,11 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from ..common.arrays import Array
 from ..errors import OptionError
 from .edges import refine_corners
 from .opencv import opencv
 from .tags import find_dictionary
-
-Array = NDArray[np.float64]
 
 LEAST_CORNERS = 8
 """Corners of a board that a picture must show."""

@@ -11,11 +11,9 @@ from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
+from ..common.arrays import Array
 from ..errors import CalibError
-
-Array = NDArray[np.float64]
 
 _STEPS = 12
 _NU = 4.0  # degrees of freedom of the noise: a track has outliers

@@ -13,14 +13,13 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
+from ..common.arrays import Array
 from ..common.parallel import one_blas_thread
 from ..common.rows import thinned
 from ..errors import LogError
 from ..samples.joint_values import joints_at
 from .chain_judge import fit_timing
 from .track import Judge, jumps, softness
-
-Array = NDArray[np.float64]
 
 _CANDIDATES = 15  # peaks of the correlation of speeds that are judged
 _GRID = 50.0  # [1/s]
@@ -212,11 +211,7 @@ class ClockError(LogError):
 
 @one_blas_thread()
 def align_clocks(
-    time: Array,
-    pixels: Array,
-    joint_time: Array,
-    q: Array,
-    revolute: Sequence[bool] | None = None,
+    time: Array, pixels: Array, joint_time: Array, q: Array, revolute: Sequence[bool] | None = None
 ) -> Clocks:
     """Find when the joints were where the camera saw the tag.
 

@@ -14,13 +14,12 @@ from typing import TYPE_CHECKING
 import numpy as np
 from numpy.typing import NDArray
 
+from ..common.arrays import Array
 from .opencv import opencv
 
 if TYPE_CHECKING:
     from .board import Board
 
-
-Array = NDArray[np.float64]
 
 _POINTS = 31  # along each side
 _STEP = 0.25  # between samples of the grey level along a normal [px]

@@ -10,6 +10,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from ..common.arrays import Array
 from ..common.parallel import one_blas_thread
 from ..common.wording import listed
 from ..errors import LogError, OptionError
@@ -23,8 +24,6 @@ from .setting import Setting
 from .tags import Tag, TagFinder
 from .track import TipTags, astray, check_motion, row_shift, stuck, unrelated
 from .watch import Marks
-
-Array = NDArray[np.float64]
 
 
 def log_pictures(

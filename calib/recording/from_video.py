@@ -11,6 +11,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from ..common.arrays import Array, Mask
 from ..errors import LogError, OptionError
 from ..samples.bags import MAX_GAP
 from ..samples.joint_values import covered, joints_at
@@ -22,9 +23,6 @@ from .setting import Setting
 from .tags import FLOOR, Tag
 from .track import check_motion, jumps
 from .video import follow
-
-Array = NDArray[np.float64]
-Mask = NDArray[np.bool_]
 
 _REST = 0.01  # a joint that moves slower rests [rad/s or m/s]
 _LEAST = 3  # frames that a rest must have

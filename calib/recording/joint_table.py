@@ -7,13 +7,11 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
+from ..common.arrays import Array
 from ..common.wording import listed
 from ..errors import LogError
 from ..samples.columns import Source, open_source, read_columns, read_texts
-
-Array = NDArray[np.float64]
 
 TIMES = ("time", "timestamp", "stamp", "t", "seconds", "time_s")
 PICTURES = ("picture", "image", "file", "filename", "photo")

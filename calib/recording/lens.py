@@ -13,15 +13,14 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
+from ..common.arrays import Array
 from ..common.atomic import atomic_write
 from ..errors import LogError
 from ..samples.camera import bent
 from .board import LEAST_CORNERS, Board
 from .opencv import opencv
-
-Array = NDArray[np.float64]
 
 _LEAST_PICTURES = 4  # of a board that a calibration needs
 _TANGENTIAL = 10  # pictures from which a lens that sits askew can be told

@@ -11,6 +11,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from ..common.arrays import Array
 from ..common.atomic import atomic_write
 from ..errors import LogError
 from ..model.photo import Photo
@@ -21,7 +22,6 @@ from .reference import PixelReference, Reference, read_reference
 from .setting import Setting
 from .tags import Tag, TagFinder
 
-Array = NDArray[np.float64]
 Picture = NDArray[np.uint8]
 
 WIDEST = 1000

@@ -17,7 +17,6 @@ from ..common.wording import listed
 from ..errors import LogError
 from .joint_table import JointTable
 
-Array = NDArray[np.float64]
 Picture = NDArray[np.uint8]
 
 SUFFIXES = (".jpg", ".jpeg", ".png", ".bmp", ".tif", ".tiff", ".webp", ".ppm", ".pgm")

@@ -5,13 +5,12 @@ from __future__ import annotations
 from dataclasses import dataclass, replace
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
+from ..common.arrays import Array
 from ..errors import LogError
 from .lens import Lens
 from .opencv import opencv
-
-Array = NDArray[np.float64]
 
 _LEAST_NOISE = 0.01  # [px]; corners are credited with no less
 

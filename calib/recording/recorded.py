@@ -7,12 +7,8 @@ from collections.abc import Mapping
 from dataclasses import dataclass, field
 from typing import Any
 
-import numpy as np
-from numpy.typing import NDArray
-
+from ..common.arrays import Array
 from ..samples.tables import write_table
-
-Array = NDArray[np.float64]
 
 
 @dataclass(frozen=True, eq=False)

@@ -7,13 +7,11 @@ from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
+from ..common.arrays import Array
 from ..errors import LogError
 from .lens import Lens
 from .plane import Pose, apply_homography, cut_noise, cut_plane
-
-Array = NDArray[np.float64]
 
 
 @dataclass(frozen=True)

@@ -18,7 +18,6 @@ from .pictures import list_pictures, read_series
 from .tags import DICTIONARY, Tag, TagFinder
 from .watch import Layout, Marks, Seen, Watch, board_layout, motion, watch
 
-Array = NDArray[np.float64]
 Picture = NDArray[np.uint8]
 
 

@@ -10,12 +10,12 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from ..common.arrays import Array
 from ..common.wording import suggestion
 from ..errors import OptionError
 from .edges import crossing, refine_square
 from .opencv import opencv
 
-Array = NDArray[np.float64]
 Picture = NDArray[np.uint8]
 
 DICTIONARY = "apriltag_36h11"

@@ -12,13 +12,11 @@ from dataclasses import dataclass, field
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
+from ..common.arrays import Array, Mask
 from ..common.rows import thinned
 from ..errors import LogError
 from .tags import Tag
-
-Array = NDArray[np.float64]
 
 MOST = 240
 """Rows that are judged at once; of more, so many are taken evenly."""
@@ -27,7 +25,6 @@ _SEARCHED = 120  # rows that each of some eighty shifts is judged by
 _SOFT = (1e-6, 1e-4, 1e-2)  # ridge, relative to the kernel's one
 
 
-Mask = NDArray[np.bool_]
 STILL = 2.0
 """A tag that moves less than this over a recording does not move [px]."""
 

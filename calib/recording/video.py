@@ -12,6 +12,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from ..common.arrays import Array
 from ..errors import LogError
 from .board import BoardFinder
 from .opencv import opencv
@@ -20,7 +21,6 @@ from .tags import Tag
 from .track import TipTags
 from .watch import Marks
 
-Array = NDArray[np.float64]
 Picture = NDArray[np.uint8]
 
 _LEAST_FRAMES = 10  # a video of fewer frames is none

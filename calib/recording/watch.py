@@ -12,8 +12,8 @@ from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
+from ..common.arrays import Array
 from ..errors import LogError, OptionError
 from ..samples.columns import open_source, read_columns
 from .board import LEAST_CORNERS, Board
@@ -21,7 +21,6 @@ from .lens import Lens
 from .plane import apply_homography, find_pose, homography
 from .reference import FlatReference, PixelReference, PlaneReference, Reference, read_reference
 
-Array = NDArray[np.float64]
 Marks = Mapping[int, Array]
 Seen = Sequence[tuple[int, Marks]]
 

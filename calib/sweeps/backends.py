@@ -28,31 +28,17 @@ _LOOK = 0.2  # how often a worker looks whether it is still wanted [s]
 
 @dataclass(frozen=True)
 class Backend:
-    """Where tasks run.
+    """Where tasks run."""
 
-    Attributes
-    ----------
-    name : str
-        One of :data:`BACKENDS`, or "" for one after the other in this process.
-    jobs : int
-        How many at the same time; -1 for all that a cluster offers.
-    note : str
-        What the user should be told ("" for nothing).
-    """
-
-    name: str
-    jobs: int
-    note: str = ""
+    name: str  # one of :data:`BACKENDS`, or "" for one after the other in this process
+    jobs: int  # how many at the same time; -1 for all that a cluster offers
+    note: str = ""  # what the user should be told ("" for nothing)
 
     def run(self, work: Callable[[T], S], tasks: Sequence[T]) -> Iterator[tuple[int, S]]:
         """Yield the number and the result of each task, as they are completed.
 
-        Parameters
-        ----------
-        work : callable
-            Takes a task. It goes to other processes by its module and name.
-        tasks : sequence
-            What it is called with.
+        work : takes a task. It goes to other processes by its module and name.
+        tasks : what it is called with
         """
         if not self.name:
             for k, task in enumerate(tasks):
@@ -83,19 +69,10 @@ class Backend:
 def choose_backend(name: str, jobs: int | None, tasks: int) -> Backend:
     """Choose where so many tasks run, with what is installed.
 
-    Parameters
-    ----------
-    name : str
-        One of :data:`BACKENDS`.
-    jobs : int or None
-        How many at the same time; all cores, or all of a cluster, if None.
-    tasks : int
-        How many there are.
-
-    Raises
-    ------
-    OptionError
-        If there is no such backend, or it is not installed.
+    name : one of :data:`BACKENDS`
+    jobs : how many at the same time; all cores, or all of a cluster, if None
+    tasks : how many there are
+    Raises OptionError if there is no such backend, or it is not installed.
     """
     if name not in BACKENDS:
         raise OptionError(f"backend {name!r}: expected one of {', '.join(BACKENDS)}")

@@ -6,9 +6,9 @@ from dataclasses import replace
 from typing import TYPE_CHECKING
 
 import numpy as np
-from numpy.typing import NDArray
 
 from ..body.approach import Approach, learn_play
+from ..common.arrays import Array
 from ..common.scale import Scale
 from ..maps.node_bounds import learn_bounds
 from ..samples.joint_values import directions
@@ -18,8 +18,6 @@ from .smooth import SmoothPart
 if TYPE_CHECKING:
     from ..model.model import Model
     from ..samples.simulation import Simulation
-
-Array = NDArray[np.float64]
 
 _ROWS = 5_000  # rows that play is learned from
 _TREND = 7  # degree of what a joint's value tells of its direction

@@ -7,10 +7,10 @@ from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
-from numpy.typing import NDArray
 
 from ..arm.rotations import logarithm, matrix_of
 from ..body.poses import knows_orientation
+from ..common.arrays import Array
 from ..errors import LogError, OptionError
 from ..model.answers import unit_joints
 from ..model.space import Space
@@ -20,39 +20,26 @@ if TYPE_CHECKING:
     from ..samples.samples import Samples
     from ..samples.simulation import Simulation
 
-Array = NDArray[np.float64]
-
 _SAMPLES = 10_000
 _STREAM = 4  # the same as in training: the tables agree
 
 
 @dataclass(frozen=True, eq=False)
 class Residuals:
-    """What was predicted less what is true, row by row.
+    """What was predicted less what is true, row by row."""
 
-    Attributes
-    ----------
-    q, x : (n, dof), (n, 2) array
-        Joints and positions that training never saw.
-    forward : dict of (n, 2) array [unit]
-        Predicted less true position, per readout.
-    inverse : dict of (n, dof) array [rad or m]
-        Answered less true joints, per readout.
-    distance : dict of (n,) array [unit]
-        From each target to where the answered joints really lead, per readout.
-    joint_names : tuple of str
-        Names of the joints.
-    left_out : int
-        Rows that lie outside of what was learned.
-    """
-
+    # (n, dof), (n, 2), joints and positions that training never saw
     q: Array
     x: Array
+    # dict of (n, 2) array [unit], predicted less true position, per readout
     forward: dict[str, Array]
+    # dict of (n, dof) array [rad or m], answered less true joints, per readout
     inverse: dict[str, Array]
+    # dict of (n,) array [unit], from each target to where the answered joints really lead, per
+    # readout
     distance: dict[str, Array]
-    joint_names: tuple[str, ...]
-    left_out: int
+    joint_names: tuple[str, ...]  # names of the joints
+    left_out: int  # rows that lie outside of what was learned
 
     @property
     def errors(self) -> dict[str, Array]:

@@ -13,8 +13,8 @@ from dataclasses import replace
 from typing import TYPE_CHECKING
 
 import numpy as np
-from numpy.typing import NDArray
 
+from ..common.arrays import Array
 from ..common.parallel import one_blas_thread
 from ..common.scale import Scale
 from ..errors import OptionError
@@ -28,8 +28,6 @@ from ..samples.samples import Samples
 
 if TYPE_CHECKING:
     from ..arm.arm import Arm
-
-Array = NDArray[np.float64]
 
 ROUNDS = 8
 """Times that the maps are learned anew and targets are picked."""
@@ -54,25 +52,13 @@ def goal_babble(
 ) -> Samples:
     """Move the simulated arm to positions that its maps do not know well yet.
 
-    Parameters
-    ----------
-    arm : Arm
-        The arm, from `calib.load_arm`.
-    n : int
-        Number of samples, 60 or more.
-    seed : int
-        Seed of the random numbers.
-    noise : float [m]
-        Standard deviation of the sensor along each axis.
-    changes : iterable of str or Change
-        What differs from the arm as described.
-    ranges : mapping of str to (float, float), optional [rad or m]
-        Babble only this part of a joint's range.
-
-    Returns
-    -------
-    Samples
-        Rows in the order of motion.
+    arm : the arm, from `calib.load_arm`
+    n : number of samples, 60 or more
+    seed : seed of the random numbers
+    noise : [m], standard deviation of the sensor along each axis
+    changes : what differs from the arm as described
+    ranges : [rad or m], babble only this part of a joint's range
+    Returns Samples, rows in the order of motion.
 
     References
     ----------

@@ -7,6 +7,7 @@ from dataclasses import replace
 import numpy as np
 from numpy.typing import NDArray
 
+from ..common.arrays import Array
 from ..common.choices import MAP_READOUTS
 from ..maps.model_selection import Selected
 from ..model.model import Model
@@ -14,8 +15,6 @@ from ..samples.samples import Samples
 from .evaluate import Residuals
 from .learn import Options, Stopwatch, both_maps, link
 from .smooth import SmoothPart, with_imagined, wrong_around
-
-Array = NDArray[np.float64]
 
 _TESTED = 5_000  # rows that errors are measured on; more would tell no more
 _HALVES = 2  # the maps' readouts are tested on blocks that the other half did not show
@@ -29,18 +28,11 @@ def held_out_residuals(
     The default readout and the body are held out in ten blocks; the readouts of the maps
     are those of maps that have learned from every other block.
 
-    Parameters
-    ----------
-    model : Model
-        Learned from all rows.
-    samples : Samples
-        The log.
-    part : SmoothPart
-        Smooth parts with their held-out residuals.
-    selected : Selected or None
-        The predictor's held-out residuals; None where maps and links stand alone.
-    options : Options
-        How the maps learn.
+    model : learned from all rows
+    samples : the log
+    part : smooth parts with their held-out residuals
+    selected : the predictor's held-out residuals; None where maps and links stand alone
+    options : how the maps learn
     """
     forward: dict[str, Array] = {}
     if selected is None:

@@ -19,18 +19,13 @@ from ..body.views import is_camera
 from ..errors import OptionError
 from ..samples.samples import Samples
 
-Array = NDArray[np.float64]
-
 VIEWS = ("auto", "base", "rigid", "similarity")
 
 
 def sees_from_anywhere(samples: Samples, view: str) -> bool:
     """Whether samples are pixels of an arm in space, seen by a pinhole camera.
 
-    Raises
-    ------
-    OptionError
-        If `view` asks for that and the samples are others, or the other way round.
+    Raises OptionError if `view` asks for that and the samples are others, or the other way round.
     """
     fits = samples.camera is not None and isinstance(samples.arm, SpatialArm)
     if is_camera(view) and not fits:

@@ -7,10 +7,9 @@ from collections.abc import Callable
 from dataclasses import asdict, dataclass, field
 from typing import TYPE_CHECKING, Any
 
-import numpy as np
 from numpy.random import SeedSequence
-from numpy.typing import NDArray
 
+from ..common.arrays import Array
 from ..common.parallel import in_turn, side_by_side
 from ..common.scale import Scale
 from ..errors import OptionError
@@ -23,7 +22,6 @@ from ..maps.som import SOM
 if TYPE_CHECKING:
     from ..maps.map import Map
 
-Array = NDArray[np.float64]
 Progress = Callable[[float, str, float], None]
 """Called with the share of the work done, the stage, and the current error (or NaN)."""
 
@@ -38,44 +36,22 @@ _COLLAPSED = 1e-9  # mean distance of joined nodes in the unit box
 
 @dataclass(frozen=True)
 class Options:
-    """How a model is trained.
+    """How a model is trained."""
 
-    Attributes
-    ----------
-    motor_size, sensory_size : tuple of int
-        Lattices.
-    map : str or gain function
-        Network, see :class:`calib.SOM`.
-    rule : {"batch", "online"}
-        Training rule.
-    epochs : int or None
-        Passes over the samples, None for coarse to fine.
-    sigma : (float, float) or None
-        Neighbourhood radius at the start and the end [nodes].
-    seed : int
-        Seed of everything that is drawn.
-    taught : bool
-        Whether the maps learn from imagined samples besides the rows.
-    links : str or link rule
-        How links are learned and read, a name of :data:`calib.maps.links.WIRINGS` or a
-        :data:`calib.maps.fields.LinkRule`.
-    body : {"auto", "none"}
-        Whether a kinematic model stands under the maps.
-    view : str
-        What the sensor measures, see :func:`calib.body.fit_body`.
-    """
-
+    # lattices
     motor_size: tuple[int, ...]
     sensory_size: tuple[int, ...]
-    map: str | Gain
-    rule: str
-    epochs: int | None
-    sigma: tuple[float, float] | None
-    seed: int
-    taught: bool
+    map: str | Gain  # network, see :class:`calib.SOM`
+    rule: str  # {"batch", "online"}, training rule
+    epochs: int | None  # passes over the samples, None for coarse to fine
+    sigma: tuple[float, float] | None  # neighbourhood radius at the start and the end [nodes]
+    seed: int  # seed of everything that is drawn
+    taught: bool  # whether the maps learn from imagined samples besides the rows
+    # how links are learned and read, a name of :data:`calib.maps.links.WIRINGS` or a
+    # :data:`calib.maps.fields.LinkRule`
     links: str | LinkRule = "reciprocal"
-    body: str = "auto"
-    view: str = "auto"
+    body: str = "auto"  # {"auto", "none"}, whether a kinematic model stands under the maps
+    view: str = "auto"  # what the sensor measures, see :func:`calib.body.fit_body`
 
     def to_json(self) -> dict[str, Any]:
         """Plain data for a model file."""
@@ -92,15 +68,9 @@ class Options:
 
 @dataclass
 class Stopwatch:
-    """How long the stages of some work took.
+    """How long the stages of some work took."""
 
-    Attributes
-    ----------
-    seconds : dict of str to float
-        Time spent in each stage so far [s].
-    """
-
-    seconds: dict[str, float] = field(default_factory=dict)
+    seconds: dict[str, float] = field(default_factory=dict)  # time spent in each stage so far [s]
 
     def __call__(self, stage: str) -> _Timer:
         """Time a stage: ``with watch("links"): ...``."""

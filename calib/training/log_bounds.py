@@ -10,10 +10,9 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
+from ..common.arrays import Array
 from ..maps.node_bounds import learn_bounds
 from ..model.model import Model
-
-Array = NDArray[np.float64]
 
 _RADIUS_95 = 2.448  # radius that holds 95 % of a 2-D Gaussian of standard deviation 1
 

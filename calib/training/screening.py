@@ -8,12 +8,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ..body.basis import Basis, largest_harmonic
+from ..common.arrays import Array
 from ..common.robust import robust_solve
 from ..common.scale import Scale
 from ..maps.map import search_tree
 from ..samples.samples import Samples
-
-Array = NDArray[np.float64]
 
 _GROSS = 10.0  # medians of a residual beyond which a row is suspect
 _SPREAD = 4.0  # and beyond so many times what seven in ten rows stay below
@@ -60,15 +59,8 @@ def screen(samples: Samples) -> Screening:
     it, by their own standard: a misfit of the functions, or a corner where the sensor is
     worse, concerns neighbours alike. A row that has no neighbours contradicts none.
 
-    Parameters
-    ----------
-    samples : Samples
-        A log. Where the rows are too few to fit all that a chain of rigid links can do (45
+    samples : a log. Where the rows are too few to fit all that a chain of rigid links can do (45
         for two joints, 135 for three) nothing is left out.
-
-    Returns
-    -------
-    Screening
     """
     scale = Scale.of_range(samples.lower, samples.upper, samples.revolute)
     u, x = scale.to_unit(samples.q), samples.x

@@ -25,27 +25,13 @@ def lattice_sizes(
 ) -> tuple[tuple[int, ...], tuple[int, ...], list[str]]:
     """Choose the lattices.
 
-    Parameters
-    ----------
-    samples : Samples
-        What they are to be trained on.
-    size, motor_size, sensory_size : int, sequence of int, or None
-        What the user gives; see :func:`calib.train`.
-    imagined : bool
-        Whether a body imagines samples where a log has no rows; without them few rows fill
-        few nodes.
-
-    Returns
-    -------
-    motor, sensory : tuple of int
-        Nodes along each axis.
-    notes : list of str
-        What the user should be told.
-
-    Raises
-    ------
-    OptionError
-        If a size is no lattice.
+    samples : what they are to be trained on
+    size, motor_size, sensory_size : what the user gives; see :func:`calib.train`
+    imagined : whether a body imagines samples where a log has no rows; without them few rows fill
+        few nodes
+    Returns motor, sensory : nodes along each axis
+    Returns notes : what the user should be told
+    Raises OptionError if a size is no lattice.
     """
     notes: list[str] = []
     dof, least = samples.dof, _LEAST_SIDE[imagined]

@@ -15,6 +15,7 @@ from numpy.typing import NDArray
 from ..body.fitting import fit_body
 from ..body.nominal import Nominal, nominal_of
 from ..body.posterior import BodyFit
+from ..common.arrays import Array
 from ..common.scale import Scale
 from ..errors import OptionError
 from ..maps.misfit import misfit
@@ -23,8 +24,6 @@ from ..maps.predictor import BodyInBox, Both, Predictor
 from ..samples.samples import Samples
 from .in_space import fit_in_space, sees_from_anywhere
 from .learn import Options
-
-Array = NDArray[np.float64]
 
 LEARNED_ROWS = 50_000
 """Rows of a log that the smooth part and the local models rest on."""
@@ -42,24 +41,13 @@ _FAR_BETTER = 0.5  # of a body's error: what a trend without any kinematics has 
 
 @dataclass(frozen=True, eq=False)
 class SmoothPart:
-    """What may stand under the local models.
+    """What may stand under the local models."""
 
-    Attributes
-    ----------
-    candidates : tuple of Candidate
-        Smooth parts, the preferred one first; none where maps and links stand alone.
-    fit : BodyFit or None
-        The body's fit, where there is a body.
-    rows : (k,) int array
-        Rows of the samples that the candidates rest on.
-    notes : tuple of str
-        What the user should be told besides the notes of the fit.
-    """
-
+    # smooth parts, the preferred one first; none where maps and links stand alone
     candidates: tuple[Candidate, ...]
-    fit: BodyFit | None
-    rows: NDArray[np.intp]
-    notes: tuple[str, ...] = ()
+    fit: BodyFit | None  # the body's fit, where there is a body
+    rows: NDArray[np.intp]  # (k,), rows of the samples that the candidates rest on
+    notes: tuple[str, ...] = ()  # what the user should be told besides the notes of the fit
 
 
 def find_smooth_part(
@@ -67,18 +55,11 @@ def find_smooth_part(
 ) -> SmoothPart:
     """Fit the body of the samples, and trends where the body does not explain them.
 
-    Parameters
-    ----------
-    samples : Samples
-        Joint values and positions.
-    scale : Scale
-        Range of the joints.
-    body : {"auto", "none"}
-        ``none`` leaves the kinematic model out.
-    view : str
-        What the sensor measures, see :func:`calib.body.fit_body`.
-    seed : int
-        Chooses rows where there are many.
+    samples : joint values and positions
+    scale : range of the joints
+    body : {"auto", "none"}, ``none`` leaves the kinematic model out
+    view : what the sensor measures, see :func:`calib.body.fit_body`
+    seed : chooses rows where there are many
     """
     every = -(-len(samples) // LEARNED_ROWS)
     rows = np.arange(0, len(samples), every)
@@ -165,9 +146,7 @@ def _planar(samples: Samples, q: Array, x: Array, view: str, seed: int) -> BodyF
 def wrong_around(part: SmoothPart, scale: Scale, samples: Samples, u: Array) -> Array | None:
     """How wrong the preferred smooth part is around points `u` (k, dof), None within noise.
 
-    Returns
-    -------
-    (k,) array [unit^2] or None
+    Returns (k,).
     """
     if not part.candidates:
         return None

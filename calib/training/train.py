@@ -10,6 +10,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 from numpy.typing import NDArray
 
+from ..common.arrays import Array
 from ..common.choices import BODIES, VIEWS
 from ..common.parallel import one_blas_thread, side_by_side
 from ..common.scale import Scale
@@ -37,8 +38,6 @@ from .smooth import SmoothPart, find_smooth_part, uses_body, with_imagined, wron
 
 if TYPE_CHECKING:
     from ..samples.simulation import Simulation
-
-Array = NDArray[np.float64]
 
 LEAST_ROWS = 10
 """Fewest rows that anything can be learned and checked from."""

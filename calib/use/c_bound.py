@@ -12,19 +12,17 @@ from __future__ import annotations
 from typing import TYPE_CHECKING
 
 import numpy as np
-from numpy.typing import NDArray
 
 from ..body.belief import SHARED
 from ..body.bound import NORMAL_95, root_of
 from ..body.curves import HARMONICS, powers
 from ..body.spatial_view import compose
+from ..common.arrays import Array
 from .c_source import array, integers
 
 if TYPE_CHECKING:
     from ..body.belief import Body, Second
     from ..body.spatial import SpatialStructure
-
-Array = NDArray[np.float64]
 
 RANK = 32
 """Directions that are kept of what couples curves with each other and with the geometry."""
@@ -166,17 +164,10 @@ def words(body: Body) -> dict[str, object]:
 def tables(structure: SpatialStructure, body: Body, q: Array, *, noise: bool, single: bool) -> str:
     """Constant tables, most of them in single precision.
 
-    Parameters
-    ----------
-    structure : SpatialStructure
-    body : Body
-        It sees positions.
-    q : (n, dof) array [rad or m]
-        Joint values, by whose positions directions are compared.
-    noise : bool
-        Whether the bound counts the noise of a single reading.
-    single : bool
-        Whether the rest is ``float``, too.
+    body : it sees positions
+    q : (n, dof) [rad or m], joint values, by whose positions directions are compared
+    noise : whether the bound counts the noise of a single reading
+    single : whether the rest is ``float``, too
     """
     curves = sum(len(structure.groups[f"curve.{k}"]) for k in range(structure.dof))
     geometry = structure.size - curves
