@@ -75,8 +75,13 @@ def draw_maps(
     ):
         tint = colours(scale.share(errors))
         shape = "x".join(map(str, part.lattice.shape))
-        canvas.layer(name, "scale", f"{shape} nodes {text}")
-        edges = drawn_edges(part)
+        edges, sheets = drawn_edges(part), ""
+        if len(part.lattice.shape) == 3:  # all edges would hide the arm, and each other
+            place = np.indices(part.lattice.shape).reshape(3, -1).T
+            middle = place == np.array(part.lattice.shape) // 2
+            edges = edges[(middle[edges[:, 0]] & middle[edges[:, 1]]).any(axis=1)]
+            sheets = ", edges of the middle sheets"
+        canvas.layer(name, "scale", f"{shape} nodes {text}{sheets}")
         canvas.lines(f"{name}/lattice", points, edges, tint)
         ends = points[edges]
         spacing = float(np.median(np.linalg.norm(ends[:, 0] - ends[:, 1], axis=1)))
