@@ -9,8 +9,8 @@ import pytest
 
 from calib.arm.loading import load_arm
 from calib.body import Body
-from calib.body.fitted import by_block
 from calib.body.fitting import fit_structure
+from calib.body.normal import sums_of
 from calib.body.remount import remount
 from calib.body.spatial import structure_of
 from calib.body.spatial_start import frame
@@ -106,13 +106,13 @@ def test_a_fit_is_never_worse_than_the_drawing_with_fitted_frames(arm, rows):
 def test_blocks_add_up_to_the_normal_equations():
     rng = np.random.default_rng(0)
     x, r, w = rng.normal(size=(25, 2, 4)), rng.normal(size=(25, 2)), rng.random((25, 2))
-    noise = np.array([0.5, 0.5])
-    edges, grams, moments = by_block(x, r, w, noise, (2,))
-    assert edges[0] == 0
-    assert edges[-1] == 25
-    flat, heavy = x.reshape(-1, 4), (w / noise**2).ravel()
-    np.testing.assert_allclose(grams.sum(axis=0), (flat * heavy[:, None]).T @ flat, atol=1e-10)
-    np.testing.assert_allclose(moments.sum(axis=0), flat.T @ (heavy * r.ravel()), atol=1e-10)
+    (sums,) = sums_of(x, r, w, (2,), np.array([0, 7, 25]))
+    (kept,) = sums_of(x, r, w, (2,), np.array([0, 7, 25]), [sums])
+    flat, heavy = x.reshape(-1, 4), w.ravel()
+    np.testing.assert_allclose(sums.grams.sum(axis=0), (flat * heavy[:, None]).T @ flat, atol=1e-10)
+    np.testing.assert_allclose(sums.gram, sums.grams.sum(axis=0))
+    np.testing.assert_allclose(sums.moment, flat.T @ (heavy * r.ravel()), atol=1e-10)
+    np.testing.assert_allclose(kept.moments, sums.moments, atol=1e-12)
 
 
 def test_the_spectrum_of_curves_carries_over_to_joints_that_turn_elsewhere(arm):

@@ -138,7 +138,7 @@ def settle(
                 return beta, np.inf, np.inf
             sigma = _spread(r, extents, blocks)
             w = student_weights(r, sigma, NU, blocks)
-            parts = sums_of(x / sigma[:, None], r / sigma, w, blocks)
+            parts = sums_of(x / sigma[:, None], r / sigma, w, blocks, np.array([0, len(r)]))
             gram = np.sum([s.gram for s in parts], axis=0)
             pull = np.sum([s.moment for s in parts], axis=0) - (beta[active] - mean) / sd**2
             gram[np.diag_indices(len(sd))] += sd**-2.0
