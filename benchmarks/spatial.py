@@ -1,7 +1,7 @@
 """Measure spatial bodies: held-out errors and coverage, new mountings, cameras, poses, speed.
 
     python benchmarks/spatial.py --data FOLDER [--part PART]
-        [--series a,c] [--rows 0,300,100,30] [--draws 5] [--json FILE]
+        [--series a,c] [--rows 0,300,100,30] [--draws 5] [--peer NAME=PYTHON] [--json FILE]
 
 FOLDER holds full_a.csv and full_c.csv: six joints of a UR10 and what a laser tracker saw (Landgraf
 et al., CASE 2021; their README names the source). Rows are held out in ten contiguous blocks, of
@@ -12,6 +12,7 @@ from __future__ import annotations
 
 import argparse
 import json
+import math
 import sys
 import time
 from collections.abc import Callable, Iterator
@@ -27,6 +28,7 @@ from calib.body.spatial import structure_of
 from calib.body.spatial_random import unknown_structure
 
 sys.path.insert(0, str(Path(__file__).parent))
+from spatial_peer import against, peer
 from spatial_simulated import (
     MM,
     UR10,
@@ -39,6 +41,9 @@ from spatial_simulated import (
     measure_straight,
     spread,
 )
+
+PEER_ROWS = 1000
+"""Rows, evenly spaced, that the other tool and calib learn from: geometry needs no more."""
 
 
 def series(folder: Path, name: str) -> tuple[np.ndarray, np.ndarray]:
@@ -93,6 +98,31 @@ def measure_rows(args: argparse.Namespace) -> Iterator[Row]:
             }
             out = {"series": name, "rows": rows, **summary(errors, bounds), "members": members}
             yield {**out, **means}
+
+
+def measure_peer(args: argparse.Namespace) -> Iterator[Row]:
+    """Held-out errors beside those of other tools, all from the same rows of the log."""
+    if not args.peer:
+        yield {"skipped": "give --peer NAME=PYTHON of the tools that are installed"}
+        return
+    arm = calib.load_arm(UR10)
+    structure = structure_of(arm)
+    for name in args.series:
+        q, z = series(args.data, name)
+        errors: dict[str, list[np.ndarray]] = {"calib": []} | {tool: [] for tool, _ in args.peer}
+        said: dict[str, Row] = {}
+        for learn, held in split(len(q), 0, args.draws):
+            rows = learn[:: math.ceil(len(learn) / PEER_ROWS)]
+            body = fit(structure, q[rows], z[rows]).body
+            errors["calib"].append(distance(body, q[held], z[held]))
+            for tool in args.peer:
+                found, words = against(tool, arm, structure, (q[rows], z[rows]), q[held])
+                errors[tool[0]].append(np.linalg.norm(found - z[held], axis=1))
+                said[tool[0]] = words
+        means = {tool: MM * float(np.concatenate(e).mean()) for tool, e in errors.items()}
+        ratios = {tool: round(means["calib"] / mean, 3) for tool, mean in means.items()}
+        found = {tool: round(mean, 4) for tool, mean in means.items()}
+        yield {"series": name, "rows": len(rows), **found, "ratio": ratios, "said": said}
 
 
 def measure_mount(args: argparse.Namespace) -> Iterator[Row]:
@@ -163,6 +193,7 @@ def measure_time(args: argparse.Namespace) -> Iterator[Row]:
 
 PARTS: dict[str, Callable[[argparse.Namespace], Iterator[Row]]] = {
     "rows": measure_rows,
+    "peer": measure_peer,
     "mount": measure_mount,
     "unknown": measure_unknown,
     "safe": measure_safe,
@@ -183,6 +214,7 @@ def main() -> None:
         "--rows", type=lambda text: [int(n) for n in text.split(",")], default=[0, 300, 100, 30]
     )
     parser.add_argument("--draws", type=int, default=5)
+    parser.add_argument("--peer", type=peer, action="append", help="see spatial_peer.py")
     parser.add_argument("--json", type=Path)
     args = parser.parse_args()
     lines = []
