@@ -59,6 +59,9 @@ def test_the_camera_is_where_it_stands(run, pictures):
     turn = pin.Quaternion(np.array(camera["quaternion"])).matrix()  # columns: right, down, ahead
     assert np.degrees(np.linalg.norm(pin.log3(turn @ CAMERA))) < 0.2
     assert camera["convention"]["joint"] == "shoulder_pan"
+    low, high = np.transpose(camera["interval"])
+    known = np.array(camera["position_95_up_to_gauge"])
+    assert ((known > 0) & (known <= 1.0001 * (high - low) / 2)).all()
     assert view["lens"]["focal"] == pytest.approx(FOCAL, rel=5e-3)
     assert view["focal"]["unit"] == "px"
     words = run("info", folder / "m.calib").out

@@ -6,12 +6,15 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from models import in_space
 
 from calib.arm.loading import load_arm
 from calib.body import Body
 from calib.body.fitting import fit_structure
+from calib.body.gauge import without_gauge
 from calib.body.normal import sums_of
 from calib.body.remount import remount
+from calib.body.sensor import SensorPose
 from calib.body.spatial import structure_of
 from calib.body.spatial_start import frame
 
@@ -139,3 +142,16 @@ def test_the_spectrum_of_curves_carries_over_to_joints_that_turn_elsewhere(arm):
     few, fresh = rows(14, middle, arm.upper), rows(200, middle, arm.upper)
     learned, plain = remount(body, *few), remount(replace(body, scales={}), *few)
     assert apart(learned, *fresh).mean() < 0.8 * apart(plain, *fresh).mean()
+
+
+def test_a_gauge_is_what_no_reading_tells():
+    body = in_space().body
+    structure, active = body.structure, body.active
+    left = without_gauge(structure, body, size=True)
+    q = np.random.default_rng(1).uniform(-1.0, 1.0, (50, 3))
+    x = structure.linearise(q, body.beta, active)[1].reshape(-1, len(active))
+    spreads = [((x @ each) * x).sum(axis=1) for each in (body.covariance, left)]
+    np.testing.assert_allclose(*spreads, rtol=1e-4)  # of readings: nothing is lost
+    tracker = SensorPose.of(body)
+    assert tracker.told_sd.max() < 0.1 * tracker.position_sd.max()
+    assert "no reading tells" in " ".join(tracker.words("sensor's frame"))
