@@ -6,6 +6,7 @@
 FOLDER holds full_a.csv and full_c.csv: six joints of a UR10 and what a laser tracker saw (Landgraf
 et al., CASE 2021; their README names the source). Rows are held out in ten contiguous blocks, of
 which `--draws` are taken in turn; 0 rows are all others. The UR10's URDF is example-robot-data's.
+FILE keeps the figures that it has of other parts.
 """
 
 from __future__ import annotations
@@ -224,7 +225,10 @@ def main() -> None:
                 lines.append({"part": part, **row})
                 print(json.dumps(lines[-1]), flush=True)
     if args.json:
-        args.json.write_text(json.dumps(lines, indent=1) + "\n", encoding="utf-8")
+        old = json.loads(args.json.read_text(encoding="utf-8")) if args.json.exists() else []
+        kept = [line for line in old if line["part"] not in (args.part or PARTS)]
+        text = ",\n".join(json.dumps(line) for line in kept + lines)
+        args.json.write_text(f"[\n{text}\n]\n", encoding="utf-8")
 
 
 if __name__ == "__main__":
