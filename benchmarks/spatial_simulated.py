@@ -20,8 +20,8 @@ import calib
 from calib.arm.rotations import logarithm
 from calib.body import Body
 from calib.body.fitting import BodyFit, fit_structure
+from calib.body.sensor import SensorPose
 from calib.body.spatial import SpatialStructure, structure_of
-from calib.body.spatial_words import camera_place
 from calib.inverse.pose import Joints, pose_branches
 from calib.model.base import in_base
 
@@ -141,7 +141,8 @@ def _camera(seed: int, exact: bool) -> Row:
     u, s, vt = np.linalg.svd(b.T @ a)
     scale = s.sum() / (a**2).sum()
     up_to = np.linalg.norm(b - scale * a @ (u @ vt).T, axis=1)
-    place, frame = camera_place(structure, body.beta)
+    camera = SensorPose.of(body)
+    assert camera is not None
     whole, shape = in_base(body), in_base(body, size=False)
     assert whole is not None and shape is not None  # noqa: PT018 - an informed arm in space
     base, but_size = (each.bound(fresh, noise=False) for each in (whole, shape))
@@ -167,13 +168,19 @@ def _camera(seed: int, exact: bool) -> Row:
         "base_covered": _share(left(2) <= base),
         "shape_mm": round(MM * float(but_size.mean()), 2),
         "shape_covered": _share(left(3) <= but_size),
-        "camera_mm": round(MM * float(np.linalg.norm(place - eye)), 2),
-        "camera_deg": round(float(np.degrees(np.linalg.norm(logarithm(frame @ turn)))), 3),
+        "camera_mm": round(MM * float(np.linalg.norm(camera.position - eye)), 2),
+        "camera_deg": round(
+            float(np.degrees(np.linalg.norm(logarithm(camera.rotation @ turn)))), 3
+        ),
     }
 
 
 def _share(held: np.ndarray) -> float:
     return round(100 * float(held.mean()), 1)
+
+
+def _degrees(rotation: np.ndarray) -> float:
+    return float(np.degrees(np.linalg.norm(logarithm(rotation))))
 
 
 def measure_poses(args: argparse.Namespace) -> Iterator[Row]:

@@ -12,9 +12,9 @@ from calib.arm.loading import load_arm
 from calib.arm.rotations import exponential, logarithm
 from calib.body import Body
 from calib.body.fitting import fit_structure
+from calib.body.sensor import SensorPose
 from calib.body.spatial import structure_of
 from calib.body.spatial_random import unknown_structure
-from calib.body.spatial_words import camera_place
 from calib.errors import LogError, ModelError
 
 VIEWS = ("base", "rigid", "similarity", "pose", "pinhole")
@@ -223,9 +223,9 @@ def test_a_camera_finds_itself():
     body = fit_structure(replace(structure, extent=spread(pixels)), q, pixels).body
     error = np.linalg.norm(body.predict(fresh) - structure.predict(fresh, beta), axis=1)
     assert error.mean() < 0.5
-    place, frame = camera_place(structure, body.beta)
-    assert np.linalg.norm(place - eye) < 0.01
-    assert np.linalg.norm(logarithm(frame @ turn)) < 0.02
+    camera = SensorPose.of(body)
+    assert np.linalg.norm(camera.position - eye) < 0.01
+    assert np.linalg.norm(logarithm(camera.rotation @ turn)) < 0.02
     np.testing.assert_allclose(body.beta[groups["offset"]], beta[groups["offset"]], atol=5e-3)
 
 
