@@ -129,6 +129,33 @@ class Comparison:
         return group_tests(body, held, self.log, self.probes)
 
     @cached_property
+    def beyond(self) -> tuple[float, float]:
+        """Median distance of the rows from their prediction, over what 19 of 20 should stay below.
+
+        The second value is the same if all of the log's own scatter is noise of the sensor, which
+        is no drift.  A simulated arm is bounded as it was built.
+        """
+        from scipy.special import chdtri
+
+        gap = np.linalg.norm(self.z - self.body.predict(self.q), axis=1)[self.kept]
+        told = np.nan_to_num(self.model.expected_error(self.q), nan=np.inf)
+        told = np.maximum(told, self.belief.bound(self.q))[self.kept]
+        more = max(self.tested.noise**2 - self.tested.usual**2, 0.0)
+        noisy = np.sqrt(told**2 + float(chdtri(self.z.shape[1], 0.05)) * more)
+        return float(np.median(gap / told)), float(np.median(gap / noisy))
+
+    @property
+    def unexpected(self) -> bool:
+        """Whether half of the rows are further off than the model told its users.
+
+        Groups are tested against all that may have crept (:func:`calib.change.members.drift`),
+        which on a path or in a corner follows nearly any residual, and waves that are finer than
+        the rows look like noise.  The bound is narrower: half of the rows beyond it are no chance.
+        """
+        far, surely = self.beyond
+        return surely > 1.0 or (far > 1.0 and self.changed)
+
+    @cached_property
     def explanations(self) -> tuple[Explanation, ...]:
         """Members with their evidence, best first."""
         return explain(self.reference, self.log, self._weighted[1], self.cause)
