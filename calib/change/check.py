@@ -164,9 +164,9 @@ def _drift(found: Comparison, log: Samples, tolerance: float | None) -> Drift:
     score = tested.score
     if found.reference.new or score > 1.0 or _far(found):
         score = max(score, _misfit_score(found))
-    far = found.beyond[0]
-    if found.unexpected:
-        score = max(score, far)
+    far = found.beyond[0] if score <= 1.0 else 0.0
+    if far > 1.0 and found.unexpected:
+        score = far
     causes, unsettled = find_causes(found, score > 1.0)
     turned, bent, untold = turned_tool(found, log)
     score = max(score, turned)
