@@ -160,13 +160,7 @@ def check(
 
 def _drift(found: Comparison, log: Samples, tolerance: float | None) -> Drift:
     tested = found.tested
-    # a log that no group reaches is compared with the members only if it is far off
-    score = tested.score
-    if found.reference.new or score > 1.0 or _far(found):
-        score = max(score, _misfit_score(found))
-    far = found.beyond[0] if score <= 1.0 else 0.0
-    if far > 1.0 and found.unexpected:
-        score = far
+    score = found.score
     causes, unsettled = find_causes(found, score > 1.0)
     turned, bent, untold = turned_tool(found, log)
     score = max(score, turned)
@@ -174,7 +168,8 @@ def _drift(found: Comparison, log: Samples, tolerance: float | None) -> Drift:
     if not drifted and tolerance is not None and tested.smallest > tolerance:
         drifted = None
     notes = [*found.rows.notes, *outlier_note(found.outliers), *unsettled, *untold]
-    if far > 1.0:
+    far = found.beyond[0]
+    if far > 1.0 and tested.score <= 1.0 and not found.reference.new and found.explained:
         told = (
             f"half of the rows are {far:.2g} times their expected error or more from the "
             "prediction, where 1 of 20 should be beyond it"
@@ -195,20 +190,6 @@ def _drift(found: Comparison, log: Samples, tolerance: float | None) -> Drift:
         (*causes, *bent),
         tuple(notes),
     )
-
-
-def _far(found: Comparison) -> bool:
-    """Whether the rows are so far from the model that noise alone is no answer."""
-    gap = np.linalg.norm(found.z - found.body.structure.predict(found.q, found.body.beta), axis=1)
-    spread = np.linalg.norm(found.x - np.median(found.x, axis=0), axis=1)
-    return float(np.median(gap)) > 0.1 * float(np.median(spread))
-
-
-def _misfit_score(found: Comparison) -> float:
-    """What a new frame, or a log that nothing explains, adds to the score."""
-    if not found.explained:
-        return 1.0 + found.misfit
-    return 2.0 if found.reference.new else 0.0
 
 
 def outlier_note(outliers: int) -> list[str]:
