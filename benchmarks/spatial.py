@@ -15,6 +15,7 @@ import argparse
 import json
 import math
 import sys
+import tempfile
 import time
 from collections.abc import Callable, Iterator
 from pathlib import Path
@@ -27,6 +28,8 @@ from calib.body.fitting import fit_structure
 from calib.body.remount import remount
 from calib.body.spatial import structure_of
 from calib.body.spatial_random import unknown_structure
+from calib.use.geometry import fit_geometry
+from calib.use.urdf import corrected_urdf
 
 sys.path.insert(0, str(Path(__file__).parent))
 from spatial_peer import against, peer
@@ -179,6 +182,26 @@ def measure_safe(args: argparse.Namespace) -> Iterator[Row]:
         yield {"series": name, "draws": args.draws, "worst": worst}
 
 
+def measure_urdf(args: argparse.Namespace) -> Iterator[Row]:
+    """The URDF that `calib urdf` writes, beside the nominal one; frames of both are fitted."""
+    arm = calib.load_arm(UR10)
+    for name in args.series:
+        q, z = series(args.data, name)
+        ((learn, held),) = split(len(q), 1000, 1)
+        log = calib.Samples(
+            q[learn], z[learn], arm.joint_names, arm.lower, arm.upper, arm.revolute, arm=arm
+        )
+        with tempfile.TemporaryDirectory() as folder:
+            path = Path(folder) / "new.urdf"
+            path.write_text(corrected_urdf(fit_geometry(calib.train(log, size=5))))
+            arms = {"nominal": arm, "mean": calib.load_arm(path)}
+        out: Row = {"series": name, "rows": len(learn)}
+        for kind, each in arms.items():
+            body = fit(UpTo.of(structure_of(each), "frame"), q[learn], z[learn]).body
+            out[kind] = round(MM * float(distance(body, q[held], z[held]).mean()), 4)
+        yield out
+
+
 def measure_time(args: argparse.Namespace) -> Iterator[Row]:
     """Processor time of fits."""
     structure = structure_of(calib.load_arm(UR10))
@@ -196,6 +219,7 @@ PARTS: dict[str, Callable[[argparse.Namespace], Iterator[Row]]] = {
     "rows": measure_rows,
     "peer": measure_peer,
     "mount": measure_mount,
+    "urdf": measure_urdf,
     "unknown": measure_unknown,
     "safe": measure_safe,
     "straight": measure_straight,

@@ -29,6 +29,10 @@ anew."""
 UNKNOWN = """\
 **Without a URDF** the chain is found from random starts."""
 
+URDF = """\
+**The URDF that `calib urdf` writes** after {rows:,} rows, without elasticity and curves, for which
+a URDF has no words: mean error on the held-out block, base and tool fitted to the same rows."""
+
 SAFE = """\
 **Never worse than the nominal arm** with frames fitted by the same estimator to the same rows:
 the largest ratio of held-out errors in {draws} draws."""
@@ -106,6 +110,12 @@ def _mount(lines: list[Row]) -> list[str]:
     return [MOUNT, "", *_table("series | rows | mean | 95 % | covered", rows)]
 
 
+def _urdf(lines: list[Row]) -> list[str]:
+    rows = ((r["series"].upper(), r["nominal"], r["mean"]) for r in lines)
+    head = "series | nominal URDF | written URDF"
+    return [URDF.format(rows=lines[0]["rows"]), "", *_table(head, rows)]
+
+
 def _unknown(lines: list[Row]) -> list[str]:
     rows = (
         (r["series"].upper(), r["rows"], r["mean"], r["p95"], r["max"], f"{r['covered']} %")
@@ -144,6 +154,7 @@ _PARTS: dict[str, Callable[[list[Row]], list[str]]] = {
     "rows": _rows,
     "peer": _peers,
     "mount": _mount,
+    "urdf": _urdf,
     "unknown": _unknown,
     "safe": _safe,
     "straight": _straight,
