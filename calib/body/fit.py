@@ -25,7 +25,6 @@ def maximise(
     nu: float,
     floor: Array,
     noise: Array | None = None,
-    weight: Array | None = None,
     learn: bool = True,
     steps: int = 10,
     tolerance: float = 1e-2,
@@ -40,13 +39,12 @@ def maximise(
     nu : degrees of freedom of the Student noise; infinite for Gaussian
     floor : (m,), least noise [unit]
     noise : (m,), noise to start from
-    weight : (n,), weights of the rows
     learn : whether noise and scales are learned; otherwise they stay
     steps : most linearisations
     tolerance : a step below this share of the posterior sd ends the search
     begun : a fit of the same rows at `beta`, of which derivatives are taken over
     """
-    search = Search(structure, q, z, beta, prior, nu, floor, noise, weight)
+    search = Search(structure, q, z, beta, prior, nu, floor, noise)
     keeps = len(search.active) > MANY and np.isfinite(nu)
     fresh = begun is None or not np.array_equal(begun.active, search.active)
     if begun is not None and not fresh:

@@ -47,7 +47,6 @@ class Search:
         nu: float,
         floor: Array,
         noise: Array | None,
-        weight: Array | None,
     ) -> None:
         self.structure, self.q, self.z = structure, q, z
         self.active = prior.active
@@ -59,7 +58,6 @@ class Search:
         self.hypers = [h for h in prior.hypers if (self.place[h.indices] >= 0).all()]
         self.scales = {h.name: h.scale for h in self.hypers}
         self.nu, self.floor = nu, floor
-        self.fixed = weight
         self.blocks = structure.blocks
         self.edges = np.linspace(0, len(z), min(BLOCKS, len(z)) + 1).round().astype(int)
         self.sums: list[Sums] = []
@@ -88,8 +86,6 @@ class Search:
             self.x = self.structure.linearise(self.q, self.beta, self.active)[1]
             self.sums = []
         self.w = student_weights(self.r, self.noise, self.nu, self.blocks)
-        if self.fixed is not None:
-            self.w = self.w * self.fixed[:, None]
         self.sums = sums_of(self.x, self.r, self.w, self.blocks, self.edges, self.sums)
 
     def data(self) -> tuple[Array, Array]:
@@ -188,8 +184,6 @@ class Search:
     def objective(self, beta: Array, r: Array) -> float:
         """Negative log posterior at `beta` and its residuals, up to a constant, or infinite."""
         with np.errstate(all="ignore"):
-            if self.fixed is not None:
-                r = r * np.sqrt(self.fixed)[:, None]
             value = negative_log_likelihood(r, self.noise, self.nu, self.blocks)
             away = self.distance(beta)
             value += 0.5 * float(away @ self.pull(away))
