@@ -48,7 +48,7 @@ def maximise(
     keeps = len(search.active) > MANY and np.isfinite(nu)
     fresh = begun is None or not np.array_equal(begun.active, search.active)
     if begun is not None and not fresh:
-        search.x = begun.derivative
+        search.x, search.sums = begun.derivative, begun.sums
     # noise and scales follow the steps, and choices of scales are compared three times
     least = 0 if not learn else 3 if any(h.choices for h in search.hypers) else 1
     for it in range(steps):
@@ -61,7 +61,9 @@ def maximise(
             now = first_noise(search.r, floor, structure.blocks)
             search.noise = np.maximum(search.noise, now / 1.2)
         moved = np.abs(delta) / np.sqrt(variance)
-        fresh = not keeps or share < 0.9 or bool(moved.max() > 5.0)
+        fresh = not keeps or bool(moved.max() > 5.0)
+        if share < 0.9:  # old weights led too far: new ones of the same derivatives
+            search.sums = []
         if (it >= least and moved.max() <= tolerance) or share == 0.0:
             break
     search.linearise(fresh)
@@ -90,6 +92,7 @@ def _finished(search: Search) -> Fit:
         search.r,
         search.x,
         search.w,
+        search.sums,
         precision,
         moments.sum(axis=0) - search.pull(distance),
         search.edges,

@@ -5,7 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 from ..common.arrays import Array
-from .normal import Factor, information_factor, with_prior
+from .normal import Factor, Sums, information_factor, with_prior
 from .structure import Indices, Structure
 
 
@@ -22,6 +22,7 @@ class Fit:
     residual: Array  # (n, m)
     derivative: Array  # (n, m, k)
     weight: Array  # (n, m)
+    sums: list[Sums]  # of each block of outputs
     precision: Array  # (k, k), weighted information and prior
     # (k,), of the log posterior: zero at its maximum, not quite where the steps ended before it
     gradient: Array

@@ -21,7 +21,7 @@ from .structure import Hyper, Prior, Structure
 BLOCKS = 10
 """Contiguous blocks of rows whose information is kept apart."""
 
-INNER = 3
+INNER = 2
 """Steps of EM for each linearisation; with 8 the same scales were found, in more time."""
 
 SETTLED = 3e-3
