@@ -5,10 +5,10 @@ from __future__ import annotations
 import numpy as np
 
 from calib.body.search import Search
-from calib.body.structure import Prior
+from calib.body.structure import Prior, Structure
 
 
-class Bent:
+class Bent(Structure):
     """Outputs (u + v) q + c (u - v + b)^2: what q tells is u + v; u - v is long and curved."""
 
     size, outputs, blocks, dof = 2, 2, (2,), 1

@@ -5,6 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 from ..common.arrays import Array
+from .derivative import Derivative
 from .normal import Factor, Sums, information_factor, with_prior
 from .structure import Indices, Structure
 
@@ -20,7 +21,7 @@ class Fit:
     noise: Array  # (m,)
     nu: float
     residual: Array  # (n, m)
-    derivative: Array  # (n, m, k)
+    derivative: Derivative  # (n, m, k)
     weight: Array  # (n, m)
     sums: list[Sums]  # of each block of outputs
     precision: Array  # (k, k), weighted information and prior

@@ -83,7 +83,7 @@ class Search:
         not, so that the steps end at the same maximum.
         """
         if fresh:
-            self.x = self.structure.linearise(self.q, self.beta, self.active)[1]
+            self.x = self.structure.derivative(self.q, self.beta, self.active)
             self.sums = []
         self.w = student_weights(self.r, self.noise, self.nu, self.blocks)
         self.sums = sums_of(self.x, self.r, self.w, self.blocks, self.edges, self.sums)

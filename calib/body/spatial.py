@@ -18,6 +18,7 @@ from ..arm.rotations import exponential, logarithm
 from ..arm.spatial_chain import GRAVITY, SpatialChain
 from ..common.arrays import Array
 from .curves import curve_value
+from .derivative import Derivative
 from .spatial_layout import SpatialLayout
 from .spatial_loads import Loads
 from .spatial_motion import Deviations, Motion, move
@@ -108,7 +109,13 @@ class SpatialStructure(Structure):
         self, q: Array, beta: Array, active: Indices | None = None
     ) -> tuple[Array, Array]:
         """Outputs (n, m) and their derivative (n, m, k) by the parameters `active` (or all)."""
-        return by_parameters(self, q, beta, active)
+        wanted = np.arange(self.size) if active is None else active
+        values, x = by_parameters(self, q, beta, wanted)
+        return values, x.dense()
+
+    def derivative(self, q: Array, beta: Array, active: Indices) -> Derivative:
+        """That derivative with the structure of its curves."""
+        return by_parameters(self, q, beta, active)[1]
 
     def predict_and_slope(self, q: Array, beta: Array) -> tuple[Array, Array]:
         """Outputs (n, m) and their derivative (n, m, dof) by the joint values."""

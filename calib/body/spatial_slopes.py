@@ -8,6 +8,7 @@ import numpy as np
 
 from ..common.arrays import Array
 from .curves import curve_slope, powers
+from .derivative import Derivative, Waves
 from .spatial_motion import Motion
 from .spatial_view import View
 from .structure import Indices
@@ -19,13 +20,17 @@ _STILL = np.zeros((3, 1))
 
 
 def by_parameters(
-    structure: SpatialStructure, q: Array, beta: Array, active: Indices | None
-) -> tuple[Array, Array]:
-    """Outputs (n, m) and their derivative (n, m, k) by the parameters `active` (or all)."""
-    wanted = np.arange(structure.size) if active is None else active
+    structure: SpatialStructure, q: Array, beta: Array, wanted: Indices
+) -> tuple[Array, Derivative]:
+    """Outputs (n, m) and their derivative by some parameters (k,)."""
     motion, view = structure.seen(q, beta)
-    columns = _Columns(len(q), structure.outputs, structure.size, wanted)
     groups, layout = structure.groups, structure.layout
+    # a curve of which all harmonics are asked for
+    starts = {k: _start(wanted, groups[f"curve.{k}"]) for k in range(structure.dof)}
+    whole = [groups[f"curve.{k}"] for k, at in starts.items() if at is not None]
+    bare = ~np.isin(wanted, np.concatenate([np.zeros(0, int), *whole]))
+    columns = _Columns(len(q), structure.outputs, structure.size, wanted[bare])
+    waved: list[Waves] = []
     for axis in range(3):
         columns.put(groups["view.rotation"][axis], lambda a=axis: view.turned(a))
         columns.put(groups["view.shift"][axis], lambda a=axis: view.shifted(a))
@@ -53,11 +58,23 @@ def by_parameters(
         own = np.tensordot(structure.chain.coupling[:, k], chained, axes=1)
         columns.put(groups["offset"][k], lambda own=own: own)
         columns.put(groups["gain"][k], lambda own=own, k=k: own * q[:, k])
-        curve = groups[f"curve.{k}"]
-        if columns.any(curve):
-            waves = powers(q[:, k])
-            columns.block(curve, own, np.concatenate([waves.real, waves.imag], axis=1))
-    return view.values, columns.out
+        curve, at = groups[f"curve.{k}"], starts[k]
+        if at is None and not columns.any(curve):
+            continue
+        waves = powers(q[:, k])
+        factors = np.concatenate([waves.real, waves.imag], axis=1)
+        if at is None:
+            columns.block(curve, own, factors)
+        else:
+            waved.append(Waves(slice(at, at + len(curve)), np.ascontiguousarray(own.T), factors))
+    return view.values, Derivative(columns.out, np.flatnonzero(bare), tuple(waved))
+
+
+def _start(wanted: Indices, curve: Indices) -> int | None:
+    """Where a curve's harmonics stand in a row among rising parameters; None if they do not."""
+    at = int(np.searchsorted(wanted, curve[0])) if len(curve) else 0
+    stands = len(curve) > 0 and np.array_equal(wanted[at : at + len(curve)], curve)
+    return at if stands else None
 
 
 def by_joints(structure: SpatialStructure, q: Array, beta: Array) -> tuple[Array, Array]:
@@ -108,10 +125,5 @@ class _Columns:
     def block(self, indices: Indices, direction: Array, factors: Array) -> None:
         """Set columns direction (outputs, n) times factors (n, g)."""
         place = self._place[indices]
-        chosen = np.flatnonzero(place >= 0)
-        start = place[chosen[0]]
-        if (place[chosen] == start + np.arange(len(chosen))).all():
-            part = self.out[:, :, start : start + len(chosen)]
-            np.multiply(direction.T[:, :, None], factors[:, None, chosen], out=part)
-        else:
-            self.out[:, :, place[chosen]] = direction.T[:, :, None] * factors[:, None, chosen]
+        chosen = place >= 0
+        self.out[:, :, place[chosen]] = direction.T[:, :, None] * factors[:, None, chosen]

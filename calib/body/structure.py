@@ -11,12 +11,15 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from functools import cached_property
-from typing import Any, ClassVar, NamedTuple
+from typing import TYPE_CHECKING, Any, ClassVar, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
 from ..common.arrays import Array
+
+if TYPE_CHECKING:
+    from .derivative import Derivative
 
 Indices = NDArray[np.intp]
 
@@ -127,6 +130,12 @@ class Structure:
     ) -> tuple[Array, Array]:
         """Outputs (n, m) and their derivative (n, m, k) by the parameters `active` (or all)."""
         raise NotImplementedError
+
+    def derivative(self, q: Array, beta: Array, active: Indices) -> Derivative:
+        """That derivative with its structure, where it has one."""
+        from .derivative import Derivative
+
+        return Derivative.of(self.linearise(q, beta, active)[1])
 
     def predict_and_slope(self, q: Array, beta: Array) -> tuple[Array, Array]:
         """Outputs (n, m) and their derivative (n, m, dof) by the joint values."""
