@@ -171,4 +171,4 @@ def test_sums_of_harmonics_are_those_of_all_columns():
         np.testing.assert_allclose(x.moment(r), flat.T @ r.ravel(), atol=1e-12)
         step = rng.normal(size=len(kept))
         np.testing.assert_allclose(x.rows(slice(3, 9)).times(step).ravel(), flat[9:27] @ step)
-    assert len(x.waves) == 2
+    assert len(x.waves) == 3

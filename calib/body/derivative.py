@@ -42,8 +42,8 @@ class Derivative:
         """Number k of parameters."""
         return len(self.columns) + sum(len(each.factors.T) for each in self.waves)
 
-    def rows(self, rows: slice, outputs: slice = slice(None)) -> Derivative:
-        """The derivative of some rows and outputs, a view."""
+    def rows(self, rows: slice | Indices, outputs: slice = slice(None)) -> Derivative:
+        """The derivative of some rows and outputs."""
         waves = (Waves(c, d[rows, outputs], w[rows]) for c, d, w in self.waves)
         return Derivative(self.bare[rows, outputs], self.columns, tuple(waves))
 

@@ -66,22 +66,25 @@ def maximise(
             search.sums = []
         if (it >= least and moved.max() <= tolerance) or share == 0.0:
             break
+    return _finished(search, fresh)
+
+
+def _finished(search: Search, fresh: bool) -> Fit:
+    """Posterior at the parameters found; `fresh` as in `Search.linearise`."""
     search.linearise(fresh)
-    return _finished(search)
-
-
-def _finished(search: Search) -> Fit:
-    """Posterior at the parameters that were seen last."""
     grams, moments = search.by_block()
     precision = with_prior(grams.sum(axis=0), search.sd, search.known)
+    factor = Factor(precision)
+    if not fresh and search.stale(factor):
+        return _finished(search, True)
     distance = search.distance(search.beta)
-    known = 2 * np.log(search.sd).sum()
+    known = 2 * float(np.log(search.sd).sum())
     if search.known is not None:
         known = -Factor(search.known).log_determinant()
     # Laplace's approximation around the maximum
     evidence = -negative_log_likelihood(search.r, search.noise, search.nu, search.blocks)
     evidence -= 0.5 * (float(distance @ search.pull(distance)) + known)
-    evidence -= 0.5 * Factor(precision).log_determinant()
+    evidence -= 0.5 * factor.log_determinant()
     return Fit(
         search.structure,
         search.beta,

@@ -25,10 +25,10 @@ def by_parameters(
     """Outputs (n, m) and their derivative by some parameters (k,)."""
     motion, view = structure.seen(q, beta)
     groups, layout = structure.groups, structure.layout
-    # a curve of which all harmonics are asked for
-    starts = {k: _start(wanted, groups[f"curve.{k}"]) for k in range(structure.dof)}
-    whole = [groups[f"curve.{k}"] for k, at in starts.items() if at is not None]
-    bare = ~np.isin(wanted, np.concatenate([np.zeros(0, int), *whole]))
+    place = np.full(structure.size, -1)
+    place[wanted] = np.arange(len(wanted))
+    curves = [groups[f"curve.{k}"] for k in range(structure.dof)]
+    bare = ~np.isin(wanted, np.concatenate(curves))
     columns = _Columns(len(q), structure.outputs, structure.size, wanted[bare])
     waved: list[Waves] = []
     for axis in range(3):
@@ -58,23 +58,16 @@ def by_parameters(
         own = np.tensordot(structure.chain.coupling[:, k], chained, axes=1)
         columns.put(groups["offset"][k], lambda own=own: own)
         columns.put(groups["gain"][k], lambda own=own, k=k: own * q[:, k])
-        curve, at = groups[f"curve.{k}"], starts[k]
-        if at is None and not columns.any(curve):
+        stands = place[curves[k]]
+        if not (stands >= 0).any():
             continue
-        waves = powers(q[:, k])
+        chosen, waves = np.flatnonzero(stands >= 0), powers(q[:, k])
         factors = np.concatenate([waves.real, waves.imag], axis=1)
-        if at is None:
-            columns.block(curve, own, factors)
-        else:
-            waved.append(Waves(slice(at, at + len(curve)), np.ascontiguousarray(own.T), factors))
+        gaps = np.flatnonzero(np.diff(stands[chosen]) != 1) + 1
+        for run in np.split(chosen, gaps):  # of harmonics in a row, mostly all of them
+            at = slice(int(stands[run[0]]), int(stands[run[-1]]) + 1)
+            waved.append(Waves(at, np.ascontiguousarray(own.T), factors[:, run]))
     return view.values, Derivative(columns.out, np.flatnonzero(bare), tuple(waved))
-
-
-def _start(wanted: Indices, curve: Indices) -> int | None:
-    """Where a curve's harmonics stand in a row among rising parameters; None if they do not."""
-    at = int(np.searchsorted(wanted, curve[0])) if len(curve) else 0
-    stands = len(curve) > 0 and np.array_equal(wanted[at : at + len(curve)], curve)
-    return at if stands else None
 
 
 def by_joints(structure: SpatialStructure, q: Array, beta: Array) -> tuple[Array, Array]:
@@ -121,9 +114,3 @@ class _Columns:
         place = self._place[index]
         if place >= 0:
             self.out[:, :, place] = column().T
-
-    def block(self, indices: Indices, direction: Array, factors: Array) -> None:
-        """Set columns direction (outputs, n) times factors (n, g)."""
-        place = self._place[indices]
-        chosen = place >= 0
-        self.out[:, :, place[chosen]] = direction.T[:, :, None] * factors[:, None, chosen]
