@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
+import json
 from dataclasses import replace
+from functools import cache
 
 import numpy as np
 import pytest
@@ -23,6 +25,30 @@ def test_nothing_changed(seed, trained_noise):
     assert not drift.drifted
     assert drift.score < 1
     assert drift.fired == ()
+
+
+@cache
+def measured_model():
+    return calib.train(waved(0.0, 120, seed=5), size=5)
+
+
+def waved(size, n, seed):
+    """A measured log of an arm whose joints follow waves of `size` rad."""
+    q = log(n=n, seed=seed).q
+    x = arm().forward(q + size * np.sin([11.0, 17.0] * q))
+    x += 2e-4 * np.random.default_rng(seed).standard_normal(q.shape)
+    return calib.Samples(q, x, arm().joint_names, arm().lower, arm().upper, (True, True))
+
+
+@pytest.mark.parametrize("size", [0.0, 2e-3])
+def test_waves_look_like_noise_to_the_tests_of_groups(size):
+    """The evidence of no change tells them apart; `adapt` says of them what `check` says."""
+    worn = waved(size, 60, seed=7)
+    drift, found = measured_model().check(worn), calib.adapt(measured_model(), worn)
+    assert drift.fired == ()
+    assert drift.drifted is found.improved is (size > 0.0)
+    assert names(drift) == {c.cause for c in found.changed} == ({"curve"} if size else set())
+    json.dumps(drift.to_json())
 
 
 @pytest.mark.parametrize(
