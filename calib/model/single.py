@@ -10,6 +10,7 @@ import math
 from collections.abc import Callable, Sequence
 from functools import cached_property
 from itertools import count
+from operator import le, sub, truediv
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -49,10 +50,11 @@ class Single:
         self._span: list[float] = scale.span.tolist()
         self._turning: list[int] = np.flatnonzero(scale.periodic).tolist()
         ranges = list(zip(self._lower, self._span, strict=True))
-        self._limits = [
+        limits = [
             (-math.inf, math.inf) if turns else (low - _SLACK * span, low + (1.0 + _SLACK) * span)
             for (low, span), turns in zip(ranges, scale.periodic, strict=True)
         ]
+        self._least, self._most = ([limit[k] for limit in limits] for k in (0, 1))
         # unit of a joint's distance: a radian, or the range of a slide
         kinds = zip(self._span, model.about.revolute, strict=True)
         self._wide = [1.0 if turns else span for span, turns in kinds]
@@ -150,7 +152,9 @@ class Single:
             )
         else:
             found = nearest(self._rows, target, start, self.model.motor.scale.span, self._in_range)
-        if found is None or self._across(found) or not self._known(found):
+        if found is None or self._across(found):
+            return None
+        if not (self._in_range(found) and self._known(found)):
             return None
         far = max(abs(f - s) / w for f, s, w in zip(found, start, self._wide, strict=True))
         return found if far <= FURTHEST else None
@@ -174,14 +178,10 @@ class Single:
         return any(not 0.0 <= row[k] - lower[k] < span[k] for k in self._turning)
 
     def _in_range(self, row: Sequence[float]) -> bool:
-        for value, (low, high) in zip(row, self._limits, strict=True):
-            if not low <= value <= high:
-                return False
-        return True
+        return all(map(le, self._least, row)) and all(map(le, row, self._most))
 
-    def _known(self, row: list[float]) -> bool:
-        if not self._in_range(row):
-            return False
+    def _known(self, row: Sequence[float]) -> bool:
+        """Whether joints within their range are answered."""
         if self._everywhere:
             return True
         assert self.cells is not None  # noqa: S101
@@ -189,10 +189,7 @@ class Single:
         return bound <= self.model.trust.most
 
     def _unit(self, row: Sequence[float]) -> list[float]:
-        return [
-            (value - low) / span
-            for value, low, span in zip(row, self._lower, self._span, strict=True)
-        ]
+        return list(map(truediv, map(sub, row, self._lower), self._span))
 
     @cached_property
     def _compiled(self) -> PlanarRow | SpatialRow:
@@ -271,11 +268,9 @@ def _floats(values: Any, count: int) -> list[float] | None:
         row: list[float] = values.tolist()
     elif type(values) in (list, tuple):
         row = [float(v) if type(v) is int else v for v in values]
+        if not all(isinstance(value, float) for value in row):
+            return None
     else:
         return None
-    if len(row) != count:
-        return None
-    for value in row:
-        if not isinstance(value, float) or not math.isfinite(value):
-            return None
-    return row
+    # one sum tells whether any is infinite or NaN; where it overflows the batch answers
+    return row if len(row) == count and math.isfinite(sum(row)) else None
