@@ -106,4 +106,5 @@ class NodeCells:
     def blend(self, u: Sequence[float], values: Sequence[float]) -> float:
         """Values of the nodes, blended at a point of the unit box."""
         nodes, weights = self.near(u)
-        return sum(map(mul, weights, map(values.__getitem__, nodes)))
+        total: float = sum(map(mul, weights, map(values.__getitem__, nodes)))
+        return total
