@@ -64,15 +64,6 @@ static inline void calib_model(const calib_real q[CALIB_DOF], calib_real *x, cal
   calib_smooth(q, x, J);
 @local@}
 
-/* Values of the nodes, blended at q. */
-static inline calib_real calib_blended(const calib_real *values, const calib_real q[CALIB_DOF]) {
-  int node[CALIB_NEAR], k;
-  calib_real weight[CALIB_NEAR], u[CALIB_DOF], sum = 0;
-  calib_near(q, node, weight, u);
-  for (k = 0; k < CALIB_NEAR; ++k) sum += weight[k] * values[node[k]];
-  return sum;
-}
-
 /* Position; where J is not null also its derivative, J[coordinate * DOF + joint]. */
 static inline int calib_position(const calib_real q[CALIB_DOF], calib_real *x, calib_real *J) {
   calib_real inside[CALIB_DOF];
@@ -96,7 +87,7 @@ static inline int calib_jacobian(const calib_real *q, calib_real J[CALIB_OUT * C
   return calib_position(q, x, J);
 }
 
-/* 95 % bound on the @bound_of@@how@. */
+/* 95 % bound on the @bound_of@. */
 static inline int calib_expected_error(const calib_real q[CALIB_DOF], calib_real *bound) {
   *bound = calib_not_a_number();
   if (!calib_in_range(q)@trusted@) return 0;
