@@ -87,7 +87,7 @@ static inline int calib_jacobian(const calib_real *q, calib_real J[CALIB_OUT * C
   return calib_position(q, x, J);
 }
 
-/* 95 % bound on the @bound_of@. */
+/* 95 % bound on the @bound_of@@how@. */
 static inline int calib_expected_error(const calib_real q[CALIB_DOF], calib_real *bound) {
   *bound = calib_not_a_number();
   if (!calib_in_range(q)@trusted@) return 0;

@@ -177,6 +177,7 @@ class _Writer:
             "facts": self._facts(),
             "unit": _comment(model.about.unit),
             "bound_of": _comment(model.about.bound_of),
+            "how": "",
             "bounded": _POSTERIOR if self._posterior else _BLENDED,
             "guard": "CALIB_MODEL_H",
             "real": "float" if self.single else "double",
