@@ -15,11 +15,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from ..body.planar import PlanarStructure
 from ..body.planar_row import PlanarRow, Sloped
-from ..body.spatial import SpatialStructure
-from ..body.spatial_bound_row import SpatialBoundRow
-from ..body.spatial_row import SpatialRow
 from ..common.arrays import Array
 from ..inverse.one_row import FURTHEST, nearest, two_joints
 from ..maps.node_cells import NodeCells
@@ -27,7 +23,9 @@ from ..maps.node_models import NodeModels
 from ..maps.predictor import BodyInBox
 from .trust import MOST_BLENDED
 
-if TYPE_CHECKING:
+if TYPE_CHECKING:  # what only arms in space need is imported when one asks
+    from ..body.spatial_bound_row import SpatialBoundRow
+    from ..body.spatial_row import SpatialRow
     from .model import Model
 
 _FEW = 20  # queries that take less than the cells take to make
@@ -43,7 +41,7 @@ class Single:
     def __init__(self, model: Model) -> None:
         scale, body = model.motor.scale, model.body
         self.model, self._asked = model, count()
-        self._planar = isinstance(getattr(body, "structure", None), PlanarStructure)
+        self._planar = body is not None and body.structure.kind == "planar"
         self._everywhere = bool((model.model_bounds <= model.trust.most).all())
         self._smooth = self._everywhere and model.predictor.models.degree < 0
         self._lower: list[float] = scale.lower.tolist()
@@ -65,10 +63,8 @@ class Single:
         body, smooth = model.body, model.predictor.smooth
         if body is None or not isinstance(smooth, BodyInBox) or smooth.body is not body:
             return None
-        structure = body.structure
-        planar = isinstance(structure, PlanarStructure)
-        alone = isinstance(structure, SpatialStructure) and model.predictor.models.degree < 0
-        return Single(model) if planar or alone else None
+        alone = body.structure.kind == "spatial" and model.predictor.models.degree < 0
+        return Single(model) if body.structure.kind == "planar" or alone else None
 
     @cached_property
     def cells(self) -> NodeCells | None:
@@ -194,8 +190,11 @@ class Single:
     @cached_property
     def _compiled(self) -> PlanarRow | SpatialRow:
         body: Any = self.model.body
-        kind = PlanarRow.of if self._planar else SpatialRow
-        return kind(body.structure, body.beta)
+        if self._planar:
+            return PlanarRow.of(body.structure, body.beta)
+        from ..body.spatial_row import SpatialRow
+
+        return SpatialRow(body.structure, body.beta)
 
     @cached_property
     def _position(self) -> Callable[[Sequence[float]], Sequence[float]]:
@@ -231,7 +230,7 @@ class Single:
     @cached_property
     def _rows(self) -> Callable[[Sequence[float]], tuple[Sequence[float], Array]]:
         """Position and its derivative (m, dof) of any arm."""
-        if isinstance(self._compiled, SpatialRow):
+        if not isinstance(self._compiled, PlanarRow):
             return self._compiled.sloped
 
         def sloped(row: Sequence[float]) -> tuple[Sequence[float], Array]:
@@ -246,6 +245,8 @@ class Single:
         body: Any = self.model.body
         if self._planar or body.structure.outputs != 3 or len(self._lower) <= MOST_BLENDED:
             return None
+        from ..body.spatial_bound_row import SpatialBoundRow
+
         return SpatialBoundRow(body)
 
     @cached_property

@@ -8,12 +8,10 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from ..arm.rotations import logarithm, matrix_of
 from ..body.poses import knows_orientation
 from ..common.arrays import Array
 from ..errors import LogError, OptionError
 from ..model.answers import unit_joints
-from ..model.space import Space
 
 if TYPE_CHECKING:
     from ..model.model import Model
@@ -216,6 +214,9 @@ def _turned(model: Model, samples: Samples) -> Array | None:
     """Errors (n,) of the orientation [rad], None where it is not measured or not known."""
     if samples.orientation is None or not knows_orientation(model.body):
         return None
+    from ..arm.rotations import logarithm, matrix_of
+    from ..model.space import Space
+
     space = Space.of(model)
     predicted = space.to_sensor(*space.evaluate(samples.q)[:2])[1]
     left = matrix_of(samples.orientation) @ np.swapaxes(predicted, 1, 2)
