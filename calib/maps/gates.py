@@ -16,7 +16,7 @@ from .map import Map, search_tree
 
 _MOST = 200  # rows around a node that tell where a defect ends
 _FEWEST = 30  # of them at least, also beyond its cell
-_WIDE = 1.5  # spacings within which they lie: where the node speaks
+_WIDE = 2.0  # spacings within which they lie: where the node speaks, at most
 _EACH = 4  # rows of either kind
 _DIRECTIONS = 32  # that are tried
 _SURE = 8.0  # log-likelihood by which a gate has to explain the rows better than none
