@@ -130,6 +130,14 @@ def inverse_batch(
         numbers[name] = np.full(len(index), np.nan)
         if len(x):
             numbers[name][place] = getattr(found, name)
+    if len(x) and base:
+        from calib.model.space import Space
+
+        from .space import up_to_scale
+
+        for name, column in up_to_scale(Space.of(model), found.q).items():
+            numbers[name] = np.full(len(index), np.nan)
+            numbers[name][place] = column
     numbers["reachable"] = np.zeros(len(index), dtype=np.int64)
     missed: list[int] = []
     if len(x):

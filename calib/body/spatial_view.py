@@ -45,42 +45,30 @@ class View:
 
         `velocity` (3, n) [m] and `angular` (3, n) [rad] are those of the tip.
         """
-        moved = self.sensor.scale * (self.sensor.rotation @ velocity)
-        if self.slope is not None:
-            return self.seen(moved)
-        if self.sensor.kind == "pose":
-            turned = np.broadcast_to(self.sensor.rotation @ angular, moved.shape)
-            return np.concatenate([moved, turned])
-        return np.asarray(moved)
+        turn = self.sensor.rotation
+        return self._moved(self.sensor.scale * (turn @ velocity), turn @ angular)
 
     def turned(self, axis: int) -> Array:
         """How outputs (outputs, n) move when the sensor's frame turns about its own axis."""
-        about = np.zeros((3, 1))
-        about[axis] = 1.0
-        moved = cross(about, self.point if self.slope is None else self._without_shift)
-        if self.slope is not None:
-            return self.seen(moved)
-        if self.sensor.kind == "pose":
-            return np.concatenate([moved, np.repeat(about, moved.shape[1], axis=1)])
-        return moved
+        about = np.eye(3)[:, [axis]]
+        return self._moved(cross(about, self._arm), about)
 
     def shifted(self, axis: int) -> Array:
         """How outputs (outputs, n) move when the sensor's frame is shifted."""
-        n = self.point.shape[1]
-        moved = np.zeros((3, n))
-        moved[axis] = 1.0
-        if self.slope is not None:
-            return self.seen(moved)
-        return np.concatenate([moved, np.zeros((3, n))]) if self.sensor.kind == "pose" else moved
+        return self._moved(np.repeat(np.eye(3)[:, [axis]], self.point.shape[1], axis=1))
 
     def scaled(self) -> Array:
         """How outputs (outputs, n) move when the logarithm of the scale does."""
-        moved = self.point if self.slope is None else self._without_shift
+        return self._moved(self._arm)
+
+    def _moved(self, point: Array, turn: Array | None = None) -> Array:
+        """How outputs move as the point does (3, n) in the sensor's frame, and turns (3, n)."""
         if self.slope is not None:
-            return self.seen(moved)
-        return (
-            np.concatenate([moved, np.zeros_like(moved)]) if self.sensor.kind == "pose" else moved
-        )
+            return self.seen(point)
+        if self.sensor.kind != "pose":
+            return np.asarray(point)
+        turn = np.zeros((3, 1)) if turn is None else turn
+        return np.concatenate([point, np.broadcast_to(turn, point.shape)])
 
     def refocused(self) -> Array:
         """Derivative (2, 4, n) of pixels by focal length, centre and k1."""
@@ -99,8 +87,9 @@ class View:
         return np.asarray((slope * moved[None]).sum(axis=1))
 
     @property
-    def _without_shift(self) -> Array:
-        return self.point - self.sensor.shift[:, None]
+    def _arm(self) -> Array:
+        """The tip (3, n) along the sensor's axes, from the arm's root."""
+        return self.point if self.slope is None else self.point - self.sensor.shift[:, None]
 
 
 def look(sensor: Placed, position: Array, rotation: Array) -> View:

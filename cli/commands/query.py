@@ -66,10 +66,12 @@ def forward(
     expected, known = forward_bounds(loaded, q, position, readout)
     bounds = float(expected), float(known)
     more: dict[str, float] = {}
+    split: dict[str, list[float]] = {}
     if len(loaded.axes) == 3 or frame == "base":
-        from ..space import seen_forward
+        from ..space import UP_TO_SCALE, seen_forward
 
         more = {k: float(v[0]) for k, v in seen_forward(loaded, [q], frame).items()}
+        split = {UP_TO_SCALE: [more[UP_TO_SCALE]]} if UP_TO_SCALE in more else {}
     if frame == "base":
         import numpy as np
 
@@ -84,6 +86,7 @@ def forward(
         **({} if turn is None else {"quaternion": [turn]}),
         expected_error=[bounds[0]],
         model_error=[bounds[1]],
+        **split,
     )
     if as_json:
         show_json({**answer, **meaning(loaded.about, frame)})
@@ -96,10 +99,10 @@ def forward(
         show_answers(joints, [answer], unit, axes, _bounds(loaded, frame))
         if turn is not None:
             print("quaternion " + " ".join(fixed(value, 6) for value in turn))
-        if in_base:
+        if split:
             from ..space import say_size
 
-            say_size(loaded, [q])
+            say_size(split)
 
 
 @query_app.command(context_settings=_NEGATIVE)
