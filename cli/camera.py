@@ -6,7 +6,7 @@ import sys
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated
+from typing import TYPE_CHECKING
 
 from .output import Notes, note
 from .parsing import expects, finite
@@ -20,13 +20,13 @@ DICTIONARY = "apriltag_36h11"
 VIDEOS = (".mp4", ".mov", ".avi", ".mkv", ".webm", ".m4v", ".mpg", ".mpeg", ".wmv")
 PICTURES = (".jpg", ".jpeg", ".png", ".bmp", ".tif", ".tiff", ".webp", ".ppm", ".pgm")
 
-DictionaryOption = Annotated[str, option("--dictionary NAME", "Dictionary of the tags.")]
-BoardOption = Annotated[
-    str | None,
-    option(
+PRINTED = {
+    "dictionary": option("--dictionary NAME", "Dictionary of the tags."),
+    "board": option(
         "--board COLSxROWS:SQUARE:MARKER:DICT", "A ChArUco board, such as 7x5:24mm:18mm:5x5_100."
     ),
-]
+}
+"""Options of what is printed: the tags, and the board on the desk."""
 
 
 @dataclass(frozen=True)

@@ -4,25 +4,16 @@ from __future__ import annotations
 
 from dataclasses import replace
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated
+from typing import TYPE_CHECKING
 
 from .measurements import log_of
 from .output import Notes
 from .parsing import Columns
-from .usage import BadOption, flag, option
+from .usage import BadOption
 
 if TYPE_CHECKING:
     from calib.model.model import Model
     from calib.samples.samples import Samples
-
-PhotoOption = Annotated[
-    str | None,
-    option(
-        "--photo FILE",
-        "A picture, or a video, by the camera that made the log: the map is drawn over it.",
-    ),
-]
-NoPhotoOption = Annotated[bool, flag("--no-photo", "Keep no photo in the model and draw none.")]
 
 
 def photo_of_log(model: Model, log: Samples, data: str, notes: Notes) -> Model:

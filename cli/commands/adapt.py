@@ -3,46 +3,46 @@
 from __future__ import annotations
 
 from pathlib import Path
-from typing import Annotated
 
 import typer
 
 from calib.common.choices import METHODS
 from calib.common.wording import for_people
 
-from .. import options as o
 from ..measurements import log_for
+from ..options import NEW_LOG, takes
 from ..output import NO, Notes, Table, note, number, progress_bar, show, show_json, tell
+from ..parsing import Columns
 from ..photo import photo_of_log
 from ..translation import as_typed
 from ..units import units_of
 from ..usage import check_output, choice, option
 
 
+@takes(
+    output=option("--output -o MODEL", "The new file (default MODEL.adapted.calib)."),
+    method=choice(
+        "--method",
+        METHODS,
+        "few-shot updates the body from a few rows; online applies the paper's rule to "
+        "thousands of rows.",
+    ),
+    schema=option(
+        "--schema NAME", "Name of the new state; the old state is kept in the same file."
+    ),
+    **NEW_LOG,
+)
 def adapt(
-    model: o.ModelArgument,
-    data: o.NewLogOption,
-    output: Annotated[
-        str | None, option("--output -o MODEL", "The new file (default MODEL.adapted.calib).")
-    ] = None,
-    method: Annotated[
-        str,
-        choice(
-            "--method",
-            METHODS,
-            "few-shot updates the body from a few rows; online applies the paper's rule to "
-            "thousands of rows.",
-        ),
-    ] = "few-shot",
-    schema: Annotated[
-        str | None,
-        option("--schema NAME", "Name of the new state; the old state is kept in the same file."),
-    ] = None,
-    cause: o.CauseOption = None,
-    columns: o.ColumnsOption = None,
-    unit: o.UnitOption = None,
-    degrees: o.LogDegreesOption = None,
-    as_json: o.JsonOption = False,
+    model: str,
+    data: str,
+    output: str | None = None,
+    method: str = "few-shot",
+    schema: str | None = None,
+    cause: str | None = None,
+    columns: Columns | None = None,
+    unit: str | None = None,
+    degrees: bool | None = None,
+    as_json: bool = False,
 ) -> None:
     """Re-calibrate a model from a few new samples. Exit code 3 if it does not improve."""
     import calib

@@ -2,41 +2,39 @@
 
 from __future__ import annotations
 
-from typing import Annotated
-
-from .. import options as o
+from ..options import takes
 from ..output import Notes, note, show_json, tell
+from ..parsing import JointRange, JointValue, Names
 from ..samples import Selection, babbled
 from ..usage import choice, one_document, option
 
 STRATEGIES = ("uniform", "goal")
 
 
+@takes(
+    output=option("--output -o LOG", "CSV, or Parquet by its name (- standard output)."),
+    strategy=choice(
+        "--strategy",
+        STRATEGIES,
+        "Next joints at random, or next targets where the map's own error is largest.",
+    ),
+)
 def babble(
-    robot: o.RobotArgument,
-    output: Annotated[
-        str, option("--output -o LOG", "CSV, or Parquet by its name (- standard output).")
-    ],
-    samples: o.SamplesOption = None,
-    joints: o.JointsOption = None,
-    tip: o.TipOption = None,
-    planar: o.PlanarOption = False,
-    lock: o.LockOption = None,
-    ranges: o.RangeOption = None,
-    noise: o.NoiseOption = None,
-    seed: o.SeedOption = 0,
-    motion: o.MotionOption = None,
-    change: o.ChangeOption = None,
-    strategy: Annotated[
-        str,
-        choice(
-            "--strategy",
-            STRATEGIES,
-            "Next joints at random, or next targets where the map's own error is largest.",
-        ),
-    ] = "uniform",
-    degrees: o.DegreesOption = False,
-    as_json: o.JsonOption = False,
+    robot: str,
+    output: str,
+    samples: int | None = None,
+    joints: Names | None = None,
+    tip: str | None = None,
+    planar: bool = False,
+    lock: list[JointValue] | None = None,
+    ranges: list[JointRange] | None = None,
+    noise: float | None = None,
+    seed: int = 0,
+    motion: str | None = None,
+    change: list[str] | None = None,
+    strategy: str = "uniform",
+    degrees: bool = False,
+    as_json: bool = False,
 ) -> None:
     """Write a log of simulated babbling [rad, m]."""
     import calib

@@ -2,15 +2,16 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING, Annotated
+from typing import TYPE_CHECKING
 
 import typer
 
 from calib.common.wording import for_people
 
-from .. import options as o
 from ..measurements import log_for
+from ..options import NEW_LOG, takes
 from ..output import NO, Notes, Table, number, show, show_json, tell
+from ..parsing import Columns
 from ..parsing import number as number_of
 from ..terms import explained
 from ..translation import as_typed
@@ -31,22 +32,23 @@ SIGNALS = {
 }
 
 
+@takes(
+    tolerance=option(
+        "--tolerance S",
+        "Also exit 3 if the rows could not have shown a change of this size [m].",
+        number_of("a number [m]"),
+    ),
+    **NEW_LOG,
+)
 def check(
-    model: o.ModelArgument,
-    data: o.NewLogOption,
-    cause: o.CauseOption = None,
-    tolerance: Annotated[
-        float | None,
-        option(
-            "--tolerance S",
-            "Also exit 3 if the rows could not have shown a change of this size [m].",
-            number_of("a number [m]"),
-        ),
-    ] = None,
-    columns: o.ColumnsOption = None,
-    unit: o.UnitOption = None,
-    degrees: o.LogDegreesOption = None,
-    as_json: o.JsonOption = False,
+    model: str,
+    data: str,
+    cause: str | None = None,
+    tolerance: float | None = None,
+    columns: Columns | None = None,
+    unit: str | None = None,
+    degrees: bool | None = None,
+    as_json: bool = False,
 ) -> None:
     """Compare a model with new samples: is it still calibrated? Exit code 3 if not."""
     import calib

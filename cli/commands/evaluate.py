@@ -4,19 +4,21 @@ from __future__ import annotations
 
 import time
 
-from .. import options as o
 from ..measurements import log_of
+from ..options import OF_LOGS, takes
 from ..output import Notes, show, show_json
+from ..parsing import Columns
 from ..summary import error_table, summary
 
 
+@takes(**OF_LOGS)
 def evaluate(
-    model: o.ModelArgument,
-    data: o.DataOption = None,
-    columns: o.ColumnsOption = None,
-    unit: o.UnitOption = None,
-    degrees: o.LogDegreesOption = None,
-    as_json: o.JsonOption = False,
+    model: str,
+    data: str | None = None,
+    columns: Columns | None = None,
+    unit: str | None = None,
+    degrees: bool | None = None,
+    as_json: bool = False,
 ) -> None:
     """Print the errors of a model, on fresh samples or on a log."""
     import calib

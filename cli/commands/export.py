@@ -3,31 +3,31 @@
 from __future__ import annotations
 
 from pathlib import Path
-from typing import Annotated, Any
+from typing import Any
 
-from .. import options as o
+from ..options import takes
 from ..output import Notes, show_json, tell
 from ..usage import BadOption, flag, option
 
 
+@takes(
+    output=option("--output -o FILE.h", "The C header to write."),
+    single=flag("--float", "Single precision, for microcontrollers."),
+    prefix=option("--prefix NAME", "Prefix of every name in the header."),
+    camera=option("--camera FILE.yaml", "Write the lens as ROS camera_info."),
+    transform=option(
+        "--transform FILE.json",
+        "Write the pose of the camera or tracker in the base frame as a static transform.",
+    ),
+)
 def export(
-    model: o.ModelArgument,
-    output: Annotated[str | None, option("--output -o FILE.h", "The C header to write.")] = None,
-    single: Annotated[bool, flag("--float", "Single precision, for microcontrollers.")] = False,
-    prefix: Annotated[
-        str, option("--prefix NAME", "Prefix of every name in the header.")
-    ] = "calib_",
-    camera: Annotated[
-        str | None, option("--camera FILE.yaml", "Write the lens as ROS camera_info.")
-    ] = None,
-    transform: Annotated[
-        str | None,
-        option(
-            "--transform FILE.json",
-            "Write the pose of the camera or tracker in the base frame as a static transform.",
-        ),
-    ] = None,
-    as_json: o.JsonOption = False,
+    model: str,
+    output: str | None = None,
+    single: bool = False,
+    prefix: str = "calib_",
+    camera: str | None = None,
+    transform: str | None = None,
+    as_json: bool = False,
 ) -> None:
     """Write a model as one C99 header for controllers without Python, or its camera for ROS."""
     import calib

@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Any
 from calib.common.wording import printable
 from calib.show.facts import facts
 
-from .. import options as o
+from ..options import takes
 from ..output import show, show_facts, show_json
 from ..summary import compact_table, summary
 from ..translation import as_typed
@@ -18,9 +18,8 @@ if TYPE_CHECKING:
     from calib import Model
 
 
-def info(
-    model: o.ModelArgument, degrees: o.DegreesOption = False, as_json: o.JsonOption = False
-) -> None:
+@takes()
+def info(model: str, degrees: bool = False, as_json: bool = False) -> None:
     """Show what a model is and how it was made."""
     import calib
 

@@ -4,14 +4,23 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any, cast
+from typing import TYPE_CHECKING, Any, cast
 
-from .. import options as o
 from ..measurements import log_for
+from ..options import takes
 from ..output import Notes, note, show_json, tell
-from ..parsing import Numbers, at_least_zero, numbers, whole
+from ..parsing import (
+    Columns,
+    JointRange,
+    JointValue,
+    Names,
+    Numbers,
+    at_least_zero,
+    numbers,
+    whole,
+)
 from ..samples import Selection
-from ..units import JointFormat, one_each, ranges_in_si
+from ..units import JointFormat, ranges_in_si
 from ..usage import argument, one_document, option, refuse
 
 if TYPE_CHECKING:
@@ -20,47 +29,41 @@ if TYPE_CHECKING:
     from calib.model.about import About
 
 
+@takes(
+    source=argument(
+        "ROBOT|MODEL",
+        "A URDF file or a bundled robot, to be measured for the first time; or a model, "
+        "to be improved or checked.",
+    ),
+    output=option("--output -o FILE", "CSV, or Parquet by its name (- for standard output)."),
+    poses=option("--poses -n N", "How many poses.", whole(1, 1000)),
+    margin=option(
+        "--margin M",
+        "Distance from the joints' limits [rad or m]; 1 deg, but at most 2 % of the range, if "
+        "not given.",
+        at_least_zero("rad or m"),
+    ),
+    start=option(
+        "--from Q1,Q2", "Joint values before the first pose; neutral if not given.", numbers
+    ),
+    data=option("--data LOG", "A log of what was measured already; the plan covers the rest."),
+)
 def plan(
-    source: Annotated[
-        str,
-        argument(
-            "ROBOT|MODEL",
-            "A URDF file or a bundled robot, to be measured for the first time; or a model, "
-            "to be improved or checked.",
-        ),
-    ],
-    output: Annotated[
-        str, option("--output -o FILE", "CSV, or Parquet by its name (- for standard output).")
-    ],
-    poses: Annotated[int, option("--poses -n N", "How many poses.", whole(1, 1000))] = 60,
-    joints: o.JointsOption = None,
-    tip: o.TipOption = None,
-    planar: o.PlanarOption = False,
-    lock: o.LockOption = None,
-    ranges: o.RangeOption = None,
-    margin: Annotated[
-        float | None,
-        option(
-            "--margin M",
-            "Distance from the joints' limits [rad or m]; 1 deg, but at most 2 % of the range, if "
-            "not given.",
-            at_least_zero("rad or m"),
-        ),
-    ] = None,
-    start: Annotated[
-        Numbers | None,
-        option(
-            "--from Q1,Q2", "Joint values before the first pose; neutral if not given.", numbers
-        ),
-    ] = None,
-    data: Annotated[
-        str | None,
-        option("--data LOG", "A log of what was measured already; the plan covers the rest."),
-    ] = None,
-    columns: o.ColumnsOption = None,
-    seed: o.SeedOption = 0,
-    degrees: o.DegreesOption = False,
-    as_json: o.JsonOption = False,
+    source: str,
+    output: str,
+    poses: int = 60,
+    joints: Names | None = None,
+    tip: str | None = None,
+    planar: bool = False,
+    lock: list[JointValue] | None = None,
+    ranges: list[JointRange] | None = None,
+    margin: float | None = None,
+    start: Numbers | None = None,
+    data: str | None = None,
+    columns: Columns | None = None,
+    seed: int = 0,
+    degrees: bool = False,
+    as_json: bool = False,
 ) -> None:
     """Plan poses to measure: within the limits, well spread, with short moves between them.
 
@@ -86,7 +89,7 @@ def plan(
         margin=None if margin is None else [margin / factor for factor in typed],
         # an arm was loaded with them, which it may need where it states no limits
         ranges=ranges_in_si(ranges or (), turning, degrees) if _is_model(source) else None,
-        start=None if start is None else one_each("--from", start, names, typed),
+        start=joints_typed.one_each("--from", start),
         measured=None if data is None else _measured(known, data, columns, degrees, notes),
     )
     notes.say(found.notes)

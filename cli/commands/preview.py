@@ -4,45 +4,42 @@ from __future__ import annotations
 
 import webbrowser
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated
+from typing import TYPE_CHECKING
 
-from .. import options as o
 from .. import parsing
+from ..options import OF_LOGS, takes
 from ..output import Notes, note, tell
-from ..photo import NoPhotoOption, PhotoOption, to_draw
+from ..parsing import Columns
+from ..photo import to_draw
 from ..usage import BadOption, check_output, flag, option
 
 if TYPE_CHECKING:
     from calib.model.model import Model
 
-MeshesOption = Annotated[
-    str | None,
-    option("--meshes FOLDER", "Folder of the URDF's mesh files; nothing outside of it is read."),
-]
-PortOption = Annotated[
-    int, option("--port N", "Port of the page (default: any free port).", parsing.whole(0, 65535))
-]
 
-
+@takes(
+    html=option("--html FILE", "Write the page into a file, which needs no network, and end."),
+    meshes=option(
+        "--meshes FOLDER", "Folder of the URDF's mesh files; nothing outside of it is read."
+    ),
+    port=option("--port N", "Port of the page (default: any free port).", parsing.whole(0, 65535)),
+    no_open=flag("--no-open", "Print the address and open no browser."),
+    live=flag("--live", "Show a target that can be dragged, and every inverse solution for it."),
+    **OF_LOGS,
+)
 def preview(
-    model: o.ModelArgument,
-    html: Annotated[
-        str | None,
-        option("--html FILE", "Write the page into a file, which needs no network, and end."),
-    ] = None,
-    data: o.DataOption = None,
-    columns: o.ColumnsOption = None,
-    unit: o.UnitOption = None,
-    degrees: o.LogDegreesOption = None,
-    photo: PhotoOption = None,
-    no_photo: NoPhotoOption = False,
-    meshes: MeshesOption = None,
-    port: PortOption = 0,
-    no_open: Annotated[bool, flag("--no-open", "Print the address and open no browser.")] = False,
-    live: Annotated[
-        bool,
-        flag("--live", "Show a target that can be dragged, and every inverse solution for it."),
-    ] = False,
+    model: str,
+    html: str | None = None,
+    data: str | None = None,
+    columns: Columns | None = None,
+    unit: str | None = None,
+    degrees: bool | None = None,
+    photo: str | None = None,
+    no_photo: bool = False,
+    meshes: str | None = None,
+    port: int = 0,
+    no_open: bool = False,
+    live: bool = False,
 ) -> None:
     """Show the arm and its learned maps in a browser, with meshcat."""
     from calib.show.preview.page import html as page_of

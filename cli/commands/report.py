@@ -3,28 +3,29 @@
 from __future__ import annotations
 
 from pathlib import Path
-from typing import Annotated
 
-from .. import options as o
+from ..options import OF_LOGS, takes
 from ..output import Notes, tell
-from ..photo import NoPhotoOption, PhotoOption, to_draw
+from ..parsing import Columns
+from ..photo import to_draw
 from ..usage import BadOption, check_output, option
 
 
+@takes(
+    output=option("--output -o FILE.html", "The report, in one file."),
+    png=option("--png DIR", "Write its figures as PNG into this folder."),
+    **OF_LOGS,
+)
 def report(
-    model: o.ModelArgument,
-    output: Annotated[
-        str | None, option("--output -o FILE.html", "The report, in one file.")
-    ] = None,
-    png: Annotated[
-        str | None, option("--png DIR", "Write its figures as PNG into this folder.")
-    ] = None,
-    data: o.DataOption = None,
-    columns: o.ColumnsOption = None,
-    unit: o.UnitOption = None,
-    degrees: o.LogDegreesOption = None,
-    photo: PhotoOption = None,
-    no_photo: NoPhotoOption = False,
+    model: str,
+    output: str | None = None,
+    png: str | None = None,
+    data: str | None = None,
+    columns: Columns | None = None,
+    unit: str | None = None,
+    degrees: bool | None = None,
+    photo: str | None = None,
+    no_photo: bool = False,
 ) -> None:
     """Write figures and tables that explain a calibration."""
     if output is None and png is None:

@@ -2,11 +2,12 @@
 
 from __future__ import annotations
 
-from ..options import JsonOption
+from ..options import takes
 from ..output import Table, show, show_json
 
 
-def robots(as_json: JsonOption = False) -> None:
+@takes()
+def robots(as_json: bool = False) -> None:
     """List the bundled robots."""
     import calib
 

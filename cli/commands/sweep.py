@@ -6,17 +6,17 @@ import glob
 from collections.abc import Callable, Sequence
 from functools import partial
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any
+from typing import TYPE_CHECKING, Any
 
 import typer
 
 from calib.common.choices import MAPS, READOUTS, RULES
 
-from .. import options as o
 from .. import parsing
 from ..comparison import document, failures, summary, tables
+from ..options import takes
 from ..output import Notes, note, progress_bar, show, show_json, tell
-from ..parsing import Values, several
+from ..parsing import Columns, JointRange, JointValue, Names, Values, several
 from ..samples import Selection, check_sources, measured
 from ..usage import BadOption, argument, choice, one_document, option
 
@@ -28,119 +28,93 @@ BACKENDS = ("loky", "threading", "dask", "ray")
 _MOST_SEEDS = 1000
 
 
+@takes(
+    robots=argument(
+        "ROBOT...", "URDF files or bundled robots (calib robots). Not needed with --data."
+    ),
+    data=option(
+        "--data LOG",
+        "A measured log, or several by a quoted pattern such as 'logs/*.csv'; repeatable.",
+    ),
+    output=option(
+        "--output -o FILE",
+        "A row for each training, as CSV, or Parquet by its name (- for standard output).",
+    ),
+    size=option("--size N,NxN,..", "Nodes of both maps.", several(parsing.size)),
+    map_=option(
+        "--map A,B,..",
+        f"Kinds of map, of {', '.join(MAPS)}.",
+        several(parsing.kind_of_map(MAPS)),
+    ),
+    rule=option(
+        "--rule A,B", f"Training rules, of {', '.join(RULES)}.", several(parsing.one_of(RULES))
+    ),
+    epochs=option(
+        "--epochs N,N,..",
+        "Passes over the samples; the full lattice alone is trained then.",
+        several(parsing.whole(1)),
+    ),
+    sigma=option(
+        "--sigma START:END,..",
+        "Neighbourhood radii at the start and the end [nodes]; the full lattice alone "
+        "is trained then.",
+        several(parsing.sigma),
+    ),
+    samples=option(
+        "--samples -n N,N,..",
+        "How many samples to babble (default 20000).",
+        several(parsing.whole(1)),
+    ),
+    noise=option(
+        "--noise S,S,..",
+        "Standard deviations of the simulated sensor along each axis [m] (default 0).",
+        several(parsing.at_least_zero("m")),
+    ),
+    seeds=option(
+        "--seeds K",
+        "Train each combination this many times, with the seeds 0, 1, 2 and so on.",
+        parsing.whole(1, _MOST_SEEDS),
+    ),
+    jobs=option(
+        "--jobs N",
+        "How many trainings at the same time (default all cores).",
+        parsing.whole(1, 10_000),
+    ),
+    backend=choice(
+        "--backend",
+        BACKENDS,
+        "Run the trainings in processes or threads of this machine, or on a Dask or Ray cluster.",
+    ),
+    readout=option(
+        "--readout A,B,..",
+        "Readouts to print a table for (default all); files and JSON hold them all.",
+        several(parsing.one_of(READOUTS)),
+    ),
+)
 def sweep(
-    robots: Annotated[
-        list[str] | None,
-        argument(
-            "ROBOT...", "URDF files or bundled robots (calib robots). Not needed with --data."
-        ),
-    ] = None,
-    data: Annotated[
-        list[str] | None,
-        option(
-            "--data LOG",
-            "A measured log, or several by a quoted pattern such as 'logs/*.csv'; repeatable.",
-        ),
-    ] = None,
-    output: Annotated[
-        str | None,
-        option(
-            "--output -o FILE",
-            "A row for each training, as CSV, or Parquet by its name (- for standard output).",
-        ),
-    ] = None,
-    size: Annotated[
-        Values | None, option("--size N,NxN,..", "Nodes of both maps.", several(parsing.size))
-    ] = None,
-    map_: Annotated[
-        Values | None,
-        option(
-            "--map A,B,..",
-            f"Kinds of map, of {', '.join(MAPS)}.",
-            several(parsing.kind_of_map(MAPS)),
-        ),
-    ] = None,
-    rule: Annotated[
-        Values | None,
-        option(
-            "--rule A,B", f"Training rules, of {', '.join(RULES)}.", several(parsing.one_of(RULES))
-        ),
-    ] = None,
-    epochs: Annotated[
-        Values | None,
-        option(
-            "--epochs N,N,..",
-            "Passes over the samples; the full lattice alone is trained then.",
-            several(parsing.whole(1)),
-        ),
-    ] = None,
-    sigma: Annotated[
-        Values | None,
-        option(
-            "--sigma START:END,..",
-            "Neighbourhood radii at the start and the end [nodes]; the full lattice alone "
-            "is trained then.",
-            several(parsing.sigma),
-        ),
-    ] = None,
-    samples: Annotated[
-        Values | None,
-        option(
-            "--samples -n N,N,..",
-            "How many samples to babble (default 20000).",
-            several(parsing.whole(1)),
-        ),
-    ] = None,
-    noise: Annotated[
-        Values | None,
-        option(
-            "--noise S,S,..",
-            "Standard deviations of the simulated sensor along each axis [m] (default 0).",
-            several(parsing.at_least_zero("m")),
-        ),
-    ] = None,
-    seeds: Annotated[
-        int,
-        option(
-            "--seeds K",
-            "Train each combination this many times, with the seeds 0, 1, 2 and so on.",
-            parsing.whole(1, _MOST_SEEDS),
-        ),
-    ] = 1,
-    jobs: Annotated[
-        int | None,
-        option(
-            "--jobs N",
-            "How many trainings at the same time (default all cores).",
-            parsing.whole(1, 10_000),
-        ),
-    ] = None,
-    backend: Annotated[
-        str,
-        choice(
-            "--backend",
-            BACKENDS,
-            "Run the trainings in processes or threads of this machine, or on a Dask or Ray "
-            "cluster.",
-        ),
-    ] = "loky",
-    readout: Annotated[
-        Values | None,
-        option(
-            "--readout A,B,..",
-            "Readouts to print a table for (default all); files and JSON hold them all.",
-            several(parsing.one_of(READOUTS)),
-        ),
-    ] = None,
-    joints: o.JointsOption = None,
-    tip: o.TipOption = None,
-    lock: o.LockOption = None,
-    ranges: o.RangeOption = None,
-    columns: o.ColumnsOption = None,
-    unit: o.UnitOption = None,
-    prismatic: o.PrismaticOption = None,
-    degrees: o.DegreesOption = False,
-    as_json: o.JsonOption = False,
+    robots: list[str] | None = None,
+    data: list[str] | None = None,
+    output: str | None = None,
+    size: Values | None = None,
+    map_: Values | None = None,
+    rule: Values | None = None,
+    epochs: Values | None = None,
+    sigma: Values | None = None,
+    samples: Values | None = None,
+    noise: Values | None = None,
+    seeds: int = 1,
+    jobs: int | None = None,
+    backend: str = "loky",
+    readout: Values | None = None,
+    joints: Names | None = None,
+    tip: str | None = None,
+    lock: list[JointValue] | None = None,
+    ranges: list[JointRange] | None = None,
+    columns: Columns | None = None,
+    unit: str | None = None,
+    prismatic: Names | None = None,
+    degrees: bool = False,
+    as_json: bool = False,
 ) -> None:
     """Train with every combination of options on all cores, and compare the errors.
 

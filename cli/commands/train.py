@@ -5,75 +5,112 @@ from __future__ import annotations
 import re
 from dataclasses import replace
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated
+from typing import TYPE_CHECKING
 
+from calib.common.choices import BODIES, MAPS, RULES, VIEWS
 from calib.common.wording import for_people
 from calib.show.facts import size_in_words
 
-from .. import options as o
+from .. import parsing
+from ..options import takes
 from ..output import Notes, progress_bar, show, show_json, tell
-from ..photo import NoPhotoOption, PhotoOption, photo_of_log, with_photo
+from ..parsing import Columns, JointRange, JointValue, Names, Sigma, Size
+from ..photo import photo_of_log, with_photo
 from ..samples import Selection, babbled, check_sources, measured
 from ..summary import compact_table, summary
-from ..usage import BadOption, argument, check_output, flag, option
+from ..usage import BadOption, argument, check_output, choice, flag, option
 
 if TYPE_CHECKING:
     from calib import Model, Samples
 
 
+@takes(
+    robot=argument(
+        "ROBOT", "A URDF file, or a bundled robot (calib robots). Not needed with --data."
+    ),
+    output=option(
+        "--output -o MODEL", "The model's file (default ROBOT.calib, without ROBOT LOG.calib)."
+    ),
+    force=flag("--force", "Replace a model of another robot or log by that name."),
+    map_=option(
+        f"--map {'|'.join(MAPS)}",
+        "Kind of map; vdsom:error and the like name variants of the paper's rule.",
+        parsing.kind_of_map(MAPS),
+    ),
+    size=option(
+        "--size N|NxN|NxNxN",
+        "Nodes of both maps: 70 or 70x70 if not given, for three joints 17x17x17 in the "
+        "motor map; a log chooses its own.",
+        parsing.size,
+    ),
+    motor_size=option(
+        "--motor-size N|NxN", "Nodes of the motor map, where they differ.", parsing.size
+    ),
+    sensory_size=option(
+        "--sensory-size N|NxN", "Nodes of the sensory map, where they differ.", parsing.size
+    ),
+    body=choice(
+        "--body",
+        BODIES,
+        "auto fits a kinematic body under the maps; none learns maps and Hebbian links alone.",
+    ),
+    view=choice(
+        "--view",
+        VIEWS,
+        "What the sensor measures: base is the robot's root frame; auto is rigid for "
+        "lengths, homography for pixels, pinhole for pixels of an arm in space.",
+    ),
+    rule=choice("--rule", RULES, "Training rule."),
+    epochs=option(
+        "--epochs N",
+        "Passes over the samples; the full lattice alone is trained then.",
+        parsing.whole(1),
+    ),
+    sigma=option(
+        "--sigma START:END",
+        "Neighbourhood radius at the start and the end [nodes]; the full lattice alone "
+        "is trained then.",
+        parsing.sigma,
+    ),
+    lens=option(
+        "--lens lens.json",
+        "The calibrated lens of a camera that sees an arm in space (default: fitted).",
+    ),
+    no_rows=flag("--no-rows", "Keep no rows of the log in the model (default up to 5000)."),
+)
 def train(
-    robot: Annotated[
-        str | None,
-        argument(
-            "ROBOT", "A URDF file, or a bundled robot (calib robots). Not needed with --data."
-        ),
-    ] = None,
-    data: o.DataOption = None,
-    output: Annotated[
-        str | None,
-        option(
-            "--output -o MODEL", "The model's file (default ROBOT.calib, without ROBOT LOG.calib)."
-        ),
-    ] = None,
-    force: Annotated[
-        bool, flag("--force", "Replace a model of another robot or log by that name.")
-    ] = False,
-    joints: o.JointsOption = None,
-    tip: o.TipOption = None,
-    planar: o.PlanarOption = False,
-    lock: o.LockOption = None,
-    ranges: o.RangeOption = None,
-    map_: o.MapOption = "vdsom",
-    size: o.SizeOption = None,
-    motor_size: o.MotorSizeOption = None,
-    sensory_size: o.SensorySizeOption = None,
-    body: o.BodyOption = "auto",
-    view: o.SensorViewOption = "auto",
-    rule: o.RuleOption = "batch",
-    epochs: o.EpochsOption = None,
-    sigma: o.SigmaOption = None,
-    samples: o.SamplesOption = None,
-    noise: o.NoiseOption = None,
-    seed: o.SeedOption = 0,
-    motion: o.MotionOption = None,
-    change: o.ChangeOption = None,
-    columns: o.ColumnsOption = None,
-    unit: o.UnitOption = None,
-    prismatic: o.PrismaticOption = None,
-    lens: Annotated[
-        str | None,
-        option(
-            "--lens lens.json",
-            "The calibrated lens of a camera that sees an arm in space (default: fitted).",
-        ),
-    ] = None,
-    no_rows: Annotated[
-        bool, flag("--no-rows", "Keep no rows of the log in the model (default up to 5000).")
-    ] = False,
-    photo: PhotoOption = None,
-    no_photo: NoPhotoOption = False,
-    degrees: o.DegreesOption = False,
-    as_json: o.JsonOption = False,
+    robot: str | None = None,
+    data: str | None = None,
+    output: str | None = None,
+    force: bool = False,
+    joints: Names | None = None,
+    tip: str | None = None,
+    planar: bool = False,
+    lock: list[JointValue] | None = None,
+    ranges: list[JointRange] | None = None,
+    map_: str = "vdsom",
+    size: Size | None = None,
+    motor_size: Size | None = None,
+    sensory_size: Size | None = None,
+    body: str = "auto",
+    view: str = "auto",
+    rule: str = "batch",
+    epochs: int | None = None,
+    sigma: Sigma | None = None,
+    samples: int | None = None,
+    noise: float | None = None,
+    seed: int = 0,
+    motion: str | None = None,
+    change: list[str] | None = None,
+    columns: Columns | None = None,
+    unit: str | None = None,
+    prismatic: Names | None = None,
+    lens: str | None = None,
+    no_rows: bool = False,
+    photo: str | None = None,
+    no_photo: bool = False,
+    degrees: bool = False,
+    as_json: bool = False,
 ) -> None:
     """Learn a model from simulated babbling or from a measured log."""
     import calib

@@ -2,13 +2,13 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING, Annotated
+from typing import TYPE_CHECKING
 
 import typer
 
 from calib.common.wording import for_people
 
-from .. import options as o
+from ..options import OF_FRAMES, takes
 from ..output import NO, Notes, Table, fixed, note, number, show, show_json, tell
 from ..units import units_of
 from ..usage import flag, option
@@ -18,22 +18,23 @@ if TYPE_CHECKING:
     from calib.use.spatial_geometry import SpatialGeometry
 
 
+@takes(
+    output=option("--output -o URDF", "The corrected description."),
+    move_base=flag("--move-base", "Fit the place of the first joint as well."),
+    move_tip=flag(
+        "--move-tip",
+        "Write the sensed point of a spatial arm as its tip; else it is a probe or a tag.",
+    ),
+    **OF_FRAMES,
+)
 def urdf(
-    model: o.ModelArgument,
-    output: Annotated[str, option("--output -o URDF", "The corrected description.")],
-    view: o.ViewOption = "auto",
-    cause: o.BlameOption = "sensor",
-    move_base: Annotated[
-        bool, flag("--move-base", "Fit the place of the first joint as well.")
-    ] = False,
-    move_tip: Annotated[
-        bool,
-        flag(
-            "--move-tip",
-            "Write the sensed point of a spatial arm as its tip; else it is a probe or a tag.",
-        ),
-    ] = False,
-    as_json: o.JsonOption = False,
+    model: str,
+    output: str,
+    view: str = "auto",
+    cause: str = "sensor",
+    move_base: bool = False,
+    move_tip: bool = False,
+    as_json: bool = False,
 ) -> None:
     """Write a copy of the URDF with the joint offsets and link placements that fit the model best.
 
