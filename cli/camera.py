@@ -6,11 +6,11 @@ import sys
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, ClassVar
 
 from .output import Notes, note
-from .parsing import expects, finite
-from .usage import BadOption, option
+from .parsing import expects, finite, whole
+from .usage import BadOption, flag, option
 
 if TYPE_CHECKING:
     from calib.recording.recorded import Recorded
@@ -31,22 +31,50 @@ PRINTED = {
 
 @dataclass(frozen=True)
 class Shooting:
-    """What was typed about pictures or a video; see the options of `calib log`."""
+    """Pictures or a video, and what is in them, as typed."""
 
-    joints_file: str | None
-    tag: int | None
-    dictionary: str
-    board: str | None
-    tags_at: str | None
-    tag_size: str | None
-    tag_height: str | None
-    lens: str | None
-    pose: bool
-    camera: str | None
+    OPTIONS: ClassVar = PRINTED | {
+        "joints_file": option(
+            "--joints-file FILE",
+            "Joint values of the pictures (column picture, or in their order) or of the video "
+            "(column time).",
+        ),
+        "tag": option("--tag ID", "Number of the tag on the tip.", whole(0)),
+        "tags_at": option("--tags-at FILE", "Tags on the desk: a table of tag, x, y [m]."),
+        "lens": option(
+            "--lens SHOTS|lens.json",
+            "Pictures of the board that calibrate the camera, or the lens.json of an earlier run.",
+        ),
+        "tag_size": option("--tag-size 40mm", "Side of the tip's tag, for --pose."),
+        "tag_height": option(
+            "--tag-height 25mm", "Height of the tip's tag above the board or the tags."
+        ),
+        "pose": flag("--pose", "Write z and qx, qy, qz, qw of the tag too, for spatial arms."),
+        "since": option("--since LOG", "An earlier log; prints how far the camera moved since."),
+        "picture": option("--picture seen.png", "Draw the detections over a photo."),
+        "camera": option(
+            "--camera DEVICE",
+            "Take the pictures now, into PICTURES: one for each line of joints on standard input, "
+            "below a line with their names.",
+        ),
+    }
+    joints_file: str | None = None
+    tag: int | None = None
+    dictionary: str = DICTIONARY
+    board: str | None = None
+    tags_at: str | None = None
+    lens: str | None = None
+    tag_size: str | None = None
+    tag_height: str | None = None
+    pose: bool = False
+    since: str | None = None
+    picture: str | None = None
+    camera: str | None = None
 
-    def __bool__(self) -> bool:
-        typed = (self.joints_file, self.tag, self.board, self.tags_at, self.lens, self.camera)
-        return any(value is not None for value in typed)
+    def given(self) -> bool:
+        """Whether any of what only pictures have was typed."""
+        typed = (self.joints_file, self.tag, self.board, self.tags_at, self.lens)
+        return any(value is not None for value in (*typed, self.picture, self.camera))
 
     def setting(self, output: str, notes: Notes) -> Setting:
         """Make the setting; a lens that is calibrated is written beside the log."""
@@ -103,8 +131,6 @@ def record(
     joints: Sequence[str] | None,
     degrees: bool,
     prismatic: Sequence[str],
-    since: str | None,
-    picture: str | None,
     time_offset: str,
     still: float | None,
     max_gap: float,
@@ -117,19 +143,14 @@ def record(
     from calib.recording.photo import read_photo, write_seen
     from calib.samples.tables import read_about
 
-    setting = shooting.setting(output, notes)
+    setting, file = shooting.setting(output, notes), str(shooting.joints_file)
     if shooting.camera is not None:
         from calib.recording.live import record_live
 
-        taken = record_live(shooting.camera, sys.stdin, Path(source), setting, note)
-        shooting = replace(shooting, joints_file=str(taken))
-    table = read_joints(
-        str(shooting.joints_file),
-        list(joints) if joints else None,
-        degrees=degrees,
-        prismatic=prismatic,
-    )
-    earlier = read_about(since) if since is not None else None
+        file = str(record_live(shooting.camera, sys.stdin, Path(source), setting, note))
+    chosen = list(joints) if joints else None
+    table = read_joints(file, chosen, degrees=degrees, prismatic=prismatic)
+    earlier = read_about(shooting.since) if shooting.since is not None else None
     if Path(source).is_file() and Path(source).suffix.lower() not in PICTURES:
         turns = tuple(name not in prismatic for name in table.names)
         offset = None if time_offset == "auto" else float(time_offset)
@@ -145,8 +166,8 @@ def record(
     if output != "-" and path.resolve().is_relative_to(folder):
         name = path.resolve().relative_to(folder).as_posix()  # train finds it there
         made = replace(made, source={**made.source, "photo": name})
-    if picture is not None:
-        write_seen(picture, read_photo(path), setting, made.pixels)
+    if shooting.picture is not None:
+        write_seen(shooting.picture, read_photo(path), setting, made.pixels)
     return made
 
 

@@ -3,7 +3,10 @@
 from __future__ import annotations
 
 from collections.abc import Callable
-from typing import Annotated, Any, TypeVar, get_type_hints
+from dataclasses import fields, is_dataclass
+from functools import wraps
+from inspect import Parameter, Signature, signature
+from typing import Annotated, Any, TypeVar, cast
 
 from calib.common.choices import CAUSES, FRAMES, LOG_FRAMES, MOTIONS, READOUTS
 
@@ -94,16 +97,7 @@ SHARED: dict[str, Any] = {
 """Options by the Python names of the parameters that they set, with the same meaning wherever no
 command declares its own."""
 
-OF_LOGS: dict[str, Any] = {
-    "degrees": flag(
-        "--degrees/--radians",
-        "Unit of the log's joint values (default: that of the log the model was made from).",
-    )
-}
-"""Options of commands that read a log for a model there is, which remembers its own log's."""
-
 NEW_LOG: dict[str, Any] = {
-    **OF_LOGS,
     "data": option("--data LOG", "New samples: CSV or Parquet with the joints' columns and x, y."),
     "cause": choice(
         "--cause", CAUSES, "What changed, if known: the sensor, or the arm's joints and links."
@@ -126,16 +120,42 @@ OF_FRAMES: dict[str, Any] = {
 """Options of commands for which a turned sensor is not a turned arm."""
 
 
-def takes(**own: Any) -> Callable[[Command], Command]:
-    """Declare what a command takes: its own options, the shared ones for its other parameters."""
+def takes(**own: Any) -> Callable[[Command], Callable[..., None]]:
+    """Declare what a command takes: its own options, and the shared ones for other parameters.
 
-    def declared(command: Command) -> Command:
-        known = SHARED | own
-        kinds = get_type_hints(command)
-        command.__annotations__ = {
-            name: Annotated[kind, known[name]] if name in known else kind
-            for name, kind in kinds.items()
-        }
-        return command
+    A parameter that is a dataclass stands for the options of its fields, which are typed one by one
+    and given together.
+    """
+
+    def declared(command: Command) -> Callable[..., None]:
+        known, taken, groups = SHARED, dict[str, Parameter](), dict[str, Any]()
+        for parameter in signature(command, eval_str=True).parameters.values():
+            kind = parameter.annotation
+            if not is_dataclass(kind):
+                taken[parameter.name] = parameter
+                continue
+            groups[parameter.name] = kind
+            known = known | getattr(kind, "OPTIONS", {})
+            taken |= signature(cast(type, kind), eval_str=True).parameters
+        known = known | own
+
+        @wraps(command)
+        def run(**typed: Any) -> None:
+            given = {
+                group: kind(**{each.name: typed.pop(each.name) for each in fields(kind)})
+                for group, kind in groups.items()
+            }
+            command(**typed, **given)
+
+        # keywords alone: a dataclass's field has a default where a later parameter has none
+        run.__signature__ = Signature(  # type: ignore[attr-defined]
+            [
+                each.replace(
+                    kind=Parameter.KEYWORD_ONLY, annotation=Annotated[each.annotation, known[name]]
+                )
+                for name, each in taken.items()
+            ]
+        )
+        return run
 
     return declared

@@ -58,10 +58,10 @@ def bad_option(option: str, text: str, expected: str) -> BadOption:
 
 
 def refuse(typed: Mapping[str, object], why: str) -> None:
-    """Refuse the first of some options that was given, by name; None is not given."""
+    """Refuse the first of some options that was given; None is not given."""
     for name, value in typed.items():
         if value is not None:
-            raise BadOption(f"{name} {why}")
+            raise BadOption(f"--{name.replace('_', '-')} {why}")
 
 
 def one_document(output: str | None, as_json: bool) -> None:

@@ -9,10 +9,9 @@ import typer
 from calib.common.choices import METHODS
 from calib.common.wording import for_people
 
-from ..measurements import log_for
+from ..measurements import Reading, log_for
 from ..options import NEW_LOG, takes
 from ..output import NO, Notes, Table, note, number, progress_bar, show, show_json, tell
-from ..parsing import Columns
 from ..photo import photo_of_log
 from ..translation import as_typed
 from ..units import units_of
@@ -33,15 +32,14 @@ from ..usage import check_output, choice, option
     **NEW_LOG,
 )
 def adapt(
+    *,
     model: str,
     data: str,
     output: str | None = None,
     method: str = "few-shot",
     schema: str | None = None,
     cause: str | None = None,
-    columns: Columns | None = None,
-    unit: str | None = None,
-    degrees: bool | None = None,
+    reading: Reading,
     as_json: bool = False,
 ) -> None:
     """Re-calibrate a model from a few new samples. Exit code 3 if it does not improve."""
@@ -57,7 +55,7 @@ def adapt(
     path = output or adapted_name(model)
     check_output(path)
     notes = Notes()
-    log = log_for(loaded, data, columns, degrees, unit, notes)
+    log = log_for(loaded, data, reading, notes)
     with progress_bar(loaded.about.unit) as progress:
         found = calib.adapt(loaded, log, method=method, cause=cause, progress=progress)
     notes.say(found.notes)

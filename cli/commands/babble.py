@@ -4,8 +4,7 @@ from __future__ import annotations
 
 from ..options import takes
 from ..output import Notes, note, show_json, tell
-from ..parsing import JointRange, JointValue, Names
-from ..samples import Selection, babbled
+from ..samples import Babbling, Selection, babbled
 from ..usage import choice, one_document, option
 
 STRATEGIES = ("uniform", "goal")
@@ -20,36 +19,20 @@ STRATEGIES = ("uniform", "goal")
     ),
 )
 def babble(
+    *,
     robot: str,
     output: str,
-    samples: int | None = None,
-    joints: Names | None = None,
-    tip: str | None = None,
-    planar: bool = False,
-    lock: list[JointValue] | None = None,
-    ranges: list[JointRange] | None = None,
-    noise: float | None = None,
+    babbling: Babbling,
+    selection: Selection,
     seed: int = 0,
-    motion: str | None = None,
-    change: list[str] | None = None,
     strategy: str = "uniform",
-    degrees: bool = False,
     as_json: bool = False,
 ) -> None:
     """Write a log of simulated babbling [rad, m]."""
     import calib
 
     one_document(output, as_json)
-    log = babbled(
-        Selection(robot, joints, tip, lock or (), ranges or (), degrees, planar),
-        samples=samples,
-        noise=noise,
-        motion=motion,
-        changes=change or (),
-        seed=seed,
-        notes=Notes(),
-        strategy=strategy,
-    )
+    log = babbled(robot, selection, babbling, seed, Notes(), strategy)
     calib.write_log(log, output)
     if as_json:
         turning = zip(log.joint_names, log.revolute, strict=True)
@@ -61,8 +44,8 @@ def babble(
                 "joints": log.joint_names,
                 "samples": len(log),
                 "seed": seed,
-                "noise": noise or 0.0,
-                "changes": change or [],
+                "noise": babbling.noise or 0.0,
+                "changes": babbling.change or [],
                 "unit": log.unit,
                 "units": {"joints": kinds, "positions": log.unit},
             }

@@ -8,10 +8,9 @@ import typer
 
 from calib.common.wording import for_people
 
-from ..measurements import log_for
+from ..measurements import Reading, log_for
 from ..options import NEW_LOG, takes
 from ..output import NO, Notes, Table, number, show, show_json, tell
-from ..parsing import Columns
 from ..parsing import number as number_of
 from ..terms import explained
 from ..translation import as_typed
@@ -41,13 +40,12 @@ SIGNALS = {
     **NEW_LOG,
 )
 def check(
+    *,
     model: str,
     data: str,
     cause: str | None = None,
     tolerance: float | None = None,
-    columns: Columns | None = None,
-    unit: str | None = None,
-    degrees: bool | None = None,
+    reading: Reading,
     as_json: bool = False,
 ) -> None:
     """Compare a model with new samples: is it still calibrated? Exit code 3 if not."""
@@ -55,7 +53,7 @@ def check(
 
     loaded = calib.load(model)
     notes = Notes()
-    log = log_for(loaded, data, columns, degrees, unit, notes)
+    log = log_for(loaded, data, reading, notes)
     drift = calib.check(loaded, log, cause=cause, tolerance=tolerance)
     notes.say(drift.notes)
     unit_seen = "sensor" if _of_another_scale(drift) else loaded.about.unit

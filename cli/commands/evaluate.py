@@ -4,27 +4,25 @@ from __future__ import annotations
 
 import time
 
-from ..measurements import log_of
-from ..options import OF_LOGS, takes
+from ..measurements import Reading, log_of
+from ..options import takes
 from ..output import Notes, show, show_json
-from ..parsing import Columns
 from ..summary import error_table, summary
 
 
-@takes(**OF_LOGS)
+@takes()
 def evaluate(
+    *,
     model: str,
     data: str | None = None,
-    columns: Columns | None = None,
-    unit: str | None = None,
-    degrees: bool | None = None,
+    reading: Reading,
     as_json: bool = False,
 ) -> None:
     """Print the errors of a model, on fresh samples or on a log."""
     import calib
 
     loaded = calib.load(model)
-    log = log_of(loaded, data, columns, degrees, unit, Notes())
+    log = log_of(loaded, data, reading, Notes())
     started = time.perf_counter()
     result = loaded.evaluate(log)
     seconds = {"total": time.perf_counter() - started}

@@ -8,7 +8,7 @@ from typing import Any
 from calib.common.wording import for_people
 
 from .. import parsing
-from ..camera import DICTIONARY, PRINTED, Shooting, is_camera, offset_or_auto, record
+from ..camera import Shooting, is_camera, offset_or_auto, record
 from ..options import takes
 from ..output import Notes, show_json, tell
 from ..parsing import Names
@@ -51,30 +51,9 @@ from ..usage import BadOption, argument, flag, option, refuse
         offset_or_auto,
     ),
     rests=flag("--rests", "For a video, take the median of each rest (the default)."),
-    joints_file=option(
-        "--joints-file FILE",
-        "Joint values of the pictures (column picture, or in their order) or of the video "
-        "(column time).",
-    ),
-    tag=option("--tag ID", "Number of the tag on the tip.", parsing.whole(0)),
-    tags_at=option("--tags-at FILE", "Tags on the desk: a table of tag, x, y [m]."),
-    lens=option(
-        "--lens SHOTS|lens.json",
-        "Pictures of the board that calibrate the camera, or the lens.json of an earlier run.",
-    ),
-    tag_size=option("--tag-size 40mm", "Side of the tip's tag, for --pose."),
-    tag_height=option("--tag-height 25mm", "Height of the tip's tag above the board or the tags."),
-    pose=flag("--pose", "Write z and qx, qy, qz, qw of the tag too, for spatial arms."),
-    since=option("--since LOG", "An earlier log; prints how far the camera moved since."),
-    picture=option("--picture seen.png", "Draw the detections over a photo."),
-    camera=option(
-        "--camera DEVICE",
-        "Take the pictures now, into PICTURES: one for each line of joints on standard input, "
-        "below a line with their names.",
-    ),
-    **PRINTED,
 )
 def log(
+    *,
     bag: str,
     output: str,
     joints_topic: str | None = None,
@@ -85,18 +64,7 @@ def log(
     still: float | None = None,
     time_offset: str = "auto",
     rests: bool = False,
-    joints_file: str | None = None,
-    tag: int | None = None,
-    dictionary: str = DICTIONARY,
-    board: str | None = None,
-    tags_at: str | None = None,
-    lens: str | None = None,
-    tag_size: str | None = None,
-    tag_height: str | None = None,
-    pose: bool = False,
-    since: str | None = None,
-    picture: str | None = None,
-    camera: str | None = None,
+    shooting: Shooting,
     degrees: bool = False,
     prismatic: Names | None = None,
     as_json: bool = False,
@@ -105,45 +73,19 @@ def log(
 
     Exit code 3 if no clock offset, or more than one, fits a video to its joints.
     """
-    notes = Notes()
-    shooting = Shooting(
-        joints_file, tag, dictionary, board, tags_at, tag_size, tag_height, lens, pose, camera
-    )
-    if shooting or picture is not None or is_camera(bag):
-        of_bags = {"--joints-topic": joints_topic, "--tip-topic": tip_topic, "--frames": frames}
-        refuse(of_bags, "is for bags, not for pictures and videos")
+    offset = 0.0 if time_offset == "auto" else float(time_offset)
+    bags = {"joints_topic": joints_topic, "tip_topic": tip_topic, "frames": frames}
+    shared: dict[str, Any] = {"joints": joints, "max_gap": max_gap, "still": still}
+    if shooting.given() or is_camera(bag):
+        refuse(bags, "is for bags, not for pictures and videos")
         if rests and still is not None:
             raise BadOption("--rests and --still are given: expected one of them")
-        _from_camera(
-            bag,
-            output,
-            shooting,
-            as_json,
-            joints=joints,
-            degrees=degrees,
-            prismatic=prismatic or (),
-            since=since,
-            picture=picture,
-            time_offset=time_offset,
-            still=still,
-            max_gap=max_gap,
-            notes=notes,
-        )
+        shared |= {"degrees": degrees, "prismatic": prismatic or (), "time_offset": time_offset}
+        _from_camera(bag, output, shooting, as_json, **shared, notes=Notes())
     else:
         if frames is not None and len(frames) != 2:
             raise BadOption("--frames names two frames: expected SENSOR,TIP")
-        _from_bag(
-            bag,
-            output,
-            as_json,
-            joints_topic=joints_topic,
-            tip_topic=tip_topic,
-            joints=list(joints) if joints else None,
-            max_gap=max_gap,
-            still=still,
-            time_offset=0.0 if time_offset == "auto" else float(time_offset),
-            frames=frames,
-        )
+        _from_bag(bag, output, as_json, **bags, **shared, time_offset=offset)
 
 
 def _from_camera(

@@ -2,18 +2,14 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, cast
 
-from ..measurements import log_for
+from ..measurements import Reading, log_for
 from ..options import takes
 from ..output import Notes, note, show_json, tell
 from ..parsing import (
     Columns,
-    JointRange,
-    JointValue,
-    Names,
     Numbers,
     at_least_zero,
     numbers,
@@ -30,7 +26,7 @@ if TYPE_CHECKING:
 
 
 @takes(
-    source=argument(
+    robot=argument(
         "ROBOT|MODEL",
         "A URDF file or a bundled robot, to be measured for the first time; or a model, "
         "to be improved or checked.",
@@ -49,20 +45,16 @@ if TYPE_CHECKING:
     data=option("--data LOG", "A log of what was measured already; the plan covers the rest."),
 )
 def plan(
-    source: str,
+    *,
+    robot: str,
     output: str,
     poses: int = 60,
-    joints: Names | None = None,
-    tip: str | None = None,
-    planar: bool = False,
-    lock: list[JointValue] | None = None,
-    ranges: list[JointRange] | None = None,
+    selection: Selection,
     margin: float | None = None,
     start: Numbers | None = None,
     data: str | None = None,
     columns: Columns | None = None,
     seed: int = 0,
-    degrees: bool = False,
     as_json: bool = False,
 ) -> None:
     """Plan poses to measure: within the limits, well spread, with short moves between them.
@@ -71,11 +63,11 @@ def plan(
     """
     one_document(output, as_json)
     if data is None:
-        refuse({"--columns": columns}, "applies to a log: expected --data LOG too")
+        refuse({"columns": columns}, "applies to a log: expected --data LOG too")
     import calib
     from calib.samples.tables import write_table
 
-    known = _load(Selection(source, joints, tip, lock or (), ranges or (), degrees, planar))
+    known, degrees = _load(robot, selection), selection.degrees
     notes = Notes()
     notes.say(getattr(known, "notes", ()))  # an arm's
     facts = _facts(known)
@@ -88,7 +80,7 @@ def plan(
         seed=seed,
         margin=None if margin is None else [margin / factor for factor in typed],
         # an arm was loaded with them, which it may need where it states no limits
-        ranges=ranges_in_si(ranges or (), turning, degrees) if _is_model(source) else None,
+        ranges=ranges_in_si(selection.ranges or (), turning, degrees) if _is_model(robot) else None,
         start=joints_typed.one_each("--from", start),
         measured=None if data is None else _measured(known, data, columns, degrees, notes),
     )
@@ -115,15 +107,13 @@ def plan(
             tell(line)
 
 
-def _load(selection: Selection) -> Arm | Model:
+def _load(source: str, selection: Selection) -> Arm | Model:
     """Load a robot or a model, whichever the file is."""
     import calib
 
-    source = str(selection.robot)
     if not _is_model(source):
-        return selection.load()
-    of_robots: dict[str, object] = {"--joints": selection.joints, "--tip": selection.tip}
-    of_robots["--lock"] = selection.lock or None
+        return selection.load(source)
+    of_robots = {name: getattr(selection, name) for name in ("joints", "tip", "lock")}
     refuse(of_robots, "is for ROBOT: a model has its joints and its tip already")
     return calib.load(source)
 
@@ -150,13 +140,13 @@ def _facts(known: Arm | Model) -> Arm | About:
 
 
 def _measured(
-    known: Arm | Model, data: str, columns: Mapping[str, str] | None, degrees: bool, notes: Notes
+    known: Arm | Model, data: str, columns: Columns | None, degrees: bool, notes: Notes
 ) -> Samples:
     """Read the log of what was measured already."""
     import calib
 
     if isinstance(known, calib.Model):  # which remembers columns, unit and degrees of its log
-        return log_for(known, data, columns, degrees or None, None, notes)
+        return log_for(known, data, Reading(columns, None, degrees or None), notes)
     facts = _facts(known)
     sliding = [n for n, turns in zip(facts.joint_names, facts.revolute, strict=True) if not turns]
     log = calib.read_log(

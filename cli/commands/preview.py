@@ -7,10 +7,10 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from .. import parsing
-from ..options import OF_LOGS, takes
+from ..measurements import Reading
+from ..options import takes
 from ..output import Notes, note, tell
-from ..parsing import Columns
-from ..photo import to_draw
+from ..photo import Drawn
 from ..usage import BadOption, check_output, flag, option
 
 if TYPE_CHECKING:
@@ -25,17 +25,13 @@ if TYPE_CHECKING:
     port=option("--port N", "Port of the page (default: any free port).", parsing.whole(0, 65535)),
     no_open=flag("--no-open", "Print the address and open no browser."),
     live=flag("--live", "Show a target that can be dragged, and every inverse solution for it."),
-    **OF_LOGS,
 )
 def preview(
+    *,
     model: str,
     html: str | None = None,
-    data: str | None = None,
-    columns: Columns | None = None,
-    unit: str | None = None,
-    degrees: bool | None = None,
-    photo: str | None = None,
-    no_photo: bool = False,
+    reading: Reading,
+    drawn: Drawn,
     meshes: str | None = None,
     port: int = 0,
     no_open: bool = False,
@@ -51,7 +47,7 @@ def preview(
     if html is not None:
         check_output(html)
     notes = Notes()
-    loaded, log = to_draw(model, data, columns, degrees, unit, photo, no_photo, notes)
+    loaded, log = drawn.load(model, reading, notes)
     scene = draw(loaded, samples=log, meshes=folder)
     notes.say(scene.notes)
     page = page_of(scene, loaded, live=live)

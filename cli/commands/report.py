@@ -4,28 +4,24 @@ from __future__ import annotations
 
 from pathlib import Path
 
-from ..options import OF_LOGS, takes
+from ..measurements import Reading
+from ..options import takes
 from ..output import Notes, tell
-from ..parsing import Columns
-from ..photo import to_draw
+from ..photo import Drawn
 from ..usage import BadOption, check_output, option
 
 
 @takes(
     output=option("--output -o FILE.html", "The report, in one file."),
     png=option("--png DIR", "Write its figures as PNG into this folder."),
-    **OF_LOGS,
 )
 def report(
+    *,
     model: str,
     output: str | None = None,
     png: str | None = None,
-    data: str | None = None,
-    columns: Columns | None = None,
-    unit: str | None = None,
-    degrees: bool | None = None,
-    photo: str | None = None,
-    no_photo: bool = False,
+    reading: Reading,
+    drawn: Drawn,
 ) -> None:
     """Write figures and tables that explain a calibration."""
     if output is None and png is None:
@@ -33,7 +29,7 @@ def report(
     if output is not None:
         check_output(output)
     notes = Notes()
-    loaded, log = to_draw(model, data, columns, degrees, unit, photo, no_photo, notes)
+    loaded, log = drawn.load(model, reading, notes)
     from calib.common.atomic import atomic_write
     from calib.show.report.page import pictures
     from calib.show.report.page import report as report_of

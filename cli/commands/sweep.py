@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import glob
 from collections.abc import Callable, Sequence
+from dataclasses import replace
 from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -16,8 +17,8 @@ from .. import parsing
 from ..comparison import document, failures, summary, tables
 from ..options import takes
 from ..output import Notes, note, progress_bar, show, show_json, tell
-from ..parsing import Columns, JointRange, JointValue, Names, Values, several
-from ..samples import Selection, check_sources, measured
+from ..parsing import Values, several
+from ..samples import Logged, Selection, check_sources, measured
 from ..usage import BadOption, argument, choice, one_document, option
 
 if TYPE_CHECKING:
@@ -92,6 +93,7 @@ _MOST_SEEDS = 1000
     ),
 )
 def sweep(
+    *,
     robots: list[str] | None = None,
     data: list[str] | None = None,
     output: str | None = None,
@@ -106,14 +108,8 @@ def sweep(
     jobs: int | None = None,
     backend: str = "loky",
     readout: Values | None = None,
-    joints: Names | None = None,
-    tip: str | None = None,
-    lock: list[JointValue] | None = None,
-    ranges: list[JointRange] | None = None,
-    columns: Columns | None = None,
-    unit: str | None = None,
-    prismatic: Names | None = None,
-    degrees: bool = False,
+    selection: Selection,
+    logged: Logged,
     as_json: bool = False,
 ) -> None:
     """Train with every combination of options on all cores, and compare the errors.
@@ -125,33 +121,20 @@ def sweep(
     from calib.sweeps.sweep import sweep as run
 
     one_document(output, as_json)
-    simulated = {"--samples": samples, "--noise": noise}
-    of_logs = {"--columns": columns, "--unit": unit, "--prismatic": prismatic}
-    check_sources(robots or (), bool(data), simulated, of_logs)
+    simulated = {"samples": samples, "noise": noise}
+    check_sources(robots or (), bool(data), simulated, vars(logged))
     _check_lists(robots or (), data or ())
     if output not in (None, "-"):
         check_writable(str(output))
-    notes = Notes()
-
-    def selection(robot: str | None) -> Selection:
-        return Selection(robot, joints, tip, lock or (), ranges or (), degrees)
-
+    notes, unit = Notes(), logged.unit or "m"
     sources: dict[str, Callable[[], Arm | Samples]] = {}
     if data is None:
-        sources = {name: partial(_arm, selection(name), notes) for name in robots or ()}
+        sources = {name: partial(_arm, name, selection, notes) for name in robots or ()}
     else:
         robot = robots[0] if robots else None
         for path in _logs(data):
-            sources[path] = partial(
-                measured,
-                selection(robot),
-                path,
-                columns=columns,
-                unit=unit or "m",
-                prismatic=prismatic or (),
-                seed=0,
-                notes=notes,
-            )
+            in_unit = replace(logged, unit=unit)
+            sources[path] = partial(measured, robot, selection, path, in_unit, 0, notes)
     typed: dict[str, Sequence[Any] | None] = {
         "size": size and [each.plain() for each in size],
         "map": map_,
@@ -162,7 +145,7 @@ def sweep(
         "noise": noise,
     }
     grid = {name: list(values) for name, values in typed.items() if values is not None}
-    with progress_bar(unit or "m") as progress:
+    with progress_bar(unit) as progress:
         found = run(sources, grid, seeds=seeds, jobs=jobs, backend=backend, progress=progress)
     notes.say(found.notes)
     for row in found.rows:
@@ -181,8 +164,8 @@ def sweep(
         raise typer.Exit(1)
 
 
-def _arm(selection: Selection, notes: Notes) -> Arm:
-    arm = selection.load()
+def _arm(robot: str, selection: Selection, notes: Notes) -> Arm:
+    arm = selection.load(robot)
     notes.say(arm.notes)
     return arm
 

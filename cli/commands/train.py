@@ -14,9 +14,9 @@ from calib.show.facts import size_in_words
 from .. import parsing
 from ..options import takes
 from ..output import Notes, progress_bar, show, show_json, tell
-from ..parsing import Columns, JointRange, JointValue, Names, Sigma, Size
+from ..parsing import Sigma, Size
 from ..photo import photo_of_log, with_photo
-from ..samples import Selection, babbled, check_sources, measured
+from ..samples import Babbling, Logged, Selection, babbled, check_sources, measured
 from ..summary import compact_table, summary
 from ..usage import BadOption, argument, check_output, choice, flag, option
 
@@ -79,15 +79,12 @@ if TYPE_CHECKING:
     no_rows=flag("--no-rows", "Keep no rows of the log in the model (default up to 5000)."),
 )
 def train(
+    *,
     robot: str | None = None,
     data: str | None = None,
     output: str | None = None,
     force: bool = False,
-    joints: Names | None = None,
-    tip: str | None = None,
-    planar: bool = False,
-    lock: list[JointValue] | None = None,
-    ranges: list[JointRange] | None = None,
+    selection: Selection,
     map_: str = "vdsom",
     size: Size | None = None,
     motor_size: Size | None = None,
@@ -97,55 +94,29 @@ def train(
     rule: str = "batch",
     epochs: int | None = None,
     sigma: Sigma | None = None,
-    samples: int | None = None,
-    noise: float | None = None,
+    babbling: Babbling,
     seed: int = 0,
-    motion: str | None = None,
-    change: list[str] | None = None,
-    columns: Columns | None = None,
-    unit: str | None = None,
-    prismatic: Names | None = None,
+    logged: Logged,
     lens: str | None = None,
     no_rows: bool = False,
     photo: str | None = None,
     no_photo: bool = False,
-    degrees: bool = False,
     as_json: bool = False,
 ) -> None:
     """Learn a model from simulated babbling or from a measured log."""
     import calib
 
-    simulated = {"--samples": samples, "--noise": noise, "--motion": motion, "--change": change}
-    of_logs = {"--columns": columns, "--unit": unit, "--prismatic": prismatic}
-    of_logs |= {"--lens": lens, "--photo": photo}
-    check_sources([robot] if robot else [], data is not None, simulated, of_logs)
+    of_logs = {**vars(logged), "lens": lens, "photo": photo}
+    check_sources([robot] if robot else [], data is not None, vars(babbling), of_logs)
     if photo is not None and no_photo:
         raise BadOption("--photo and --no-photo are given: expected one of them")
     if output is not None:
         check_output(output)
-    selection = Selection(robot, joints, tip, lock or (), ranges or (), degrees, planar)
     notes = Notes()
     if data is None:
-        log = babbled(
-            selection,
-            samples=samples,
-            noise=noise,
-            motion=motion,
-            changes=change or (),
-            seed=seed,
-            notes=notes,
-        )
+        log = babbled(robot, selection, babbling, seed, notes)
     else:
-        log = measured(
-            selection,
-            data,
-            columns=columns,
-            unit=unit,
-            prismatic=prismatic or (),
-            seed=seed,
-            notes=notes,
-            lens=lens,
-        )
+        log = measured(robot, selection, data, logged, seed, notes, lens)
     path = output or f"{_file_name(_stem(robot or data))}.calib"
     check_output(path)
     if output is None and not force:
