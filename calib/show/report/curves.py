@@ -64,8 +64,6 @@ def histogram(evidence: Evidence) -> Any:
 
 def training(evidence: Evidence) -> Any:
     """Quantization error, topographic error and radius, epoch by epoch."""
-    from matplotlib.ticker import NullFormatter
-
     model = evidence.model
     if not len(model.motor.history) or not len(model.sensory.history):
         return None
@@ -83,8 +81,9 @@ def training(evidence: Evidence) -> Any:
             ax.plot(epoch, values, "o-", color=SERIES["local"], markersize=2.5, linewidth=1.2)
             for change in np.flatnonzero(np.diff(history[:, 0])):
                 ax.axvline(change + 1.5, color=_ink(), linewidth=0.6, linestyle=":")
-            ax.set_yscale(scale if (values > 0).any() else "linear")
-            ax.yaxis.set_minor_formatter(NullFormatter())  # half of the drawing time
+            if scale == "log" and (values > 0).any():
+                ax.set_yscale("log")
+                _label_steps(ax.yaxis)
             ax.grid(visible=True, axis="y")
             if column == 0:
                 ax.set_ylabel(label)
@@ -96,8 +95,6 @@ def training(evidence: Evidence) -> Any:
 
 def calibration(evidence: Evidence) -> Any:
     """Whether errors keep to what is expected of them."""
-    from matplotlib.ticker import LogLocator, NullFormatter
-
     pairs = bound_pairs(evidence)
     if pairs is None:
         return None
@@ -118,10 +115,8 @@ def calibration(evidence: Evidence) -> Any:
         ylabel=f"95 % of the errors are below [{unit}]",
         title="bound and measured error",
     )
-    for axis in (left.xaxis, left.yaxis):  # less than a decade has no power of ten to tell
-        axis.set_major_locator(LogLocator(subs=(1.0, 2.0, 5.0)))
-        axis.set_major_formatter("{x:g}")
-        axis.set_minor_formatter(NullFormatter())
+    for axis in (left.xaxis, left.yaxis):
+        _label_steps(axis)
     left.legend(fontsize=7.5)
     ratio = np.sort(error / bound)
     share = 100 * np.arange(1, len(ratio) + 1) / len(ratio)
@@ -155,6 +150,15 @@ def bound_pairs(evidence: Evidence) -> tuple[Array, Array] | None:
 def coverage(bound: Array, error: Array) -> float:
     """Share of the errors that keep to their bound."""
     return float(np.mean(error <= bound))
+
+
+def _label_steps(axis: Any) -> None:
+    """Label 1, 2 and 5 of a logarithmic axis: less than a decade has no power of ten to tell."""
+    from matplotlib.ticker import LogLocator, NullFormatter
+
+    axis.set_major_locator(LogLocator(subs=(1.0, 2.0, 5.0)))
+    axis.set_major_formatter("{x:g}")
+    axis.set_minor_formatter(NullFormatter())  # laying minor labels out takes half of the drawing
 
 
 def _ink() -> str:
