@@ -19,7 +19,7 @@ from typer.core import TyperGroup
 from calib.common.wording import one_line
 from calib.errors import CalibError
 
-from .on_demand import COMMANDS, OnDemand, plainly_read
+from .on_demand import COMMANDS, load, plainly_read
 from .output import NO, note, show_json, silence, tell
 from .process import received
 from .translation import as_typed, option_of
@@ -34,7 +34,8 @@ class CalibGroup(TyperGroup):
 
     def __init__(self, **attributes: Any) -> None:
         super().__init__(**attributes)
-        self.commands = OnDemand()
+        names: Any = dict.fromkeys(COMMANDS)  # alone, see `get_command`
+        self.commands = names
 
     def main(
         self,
@@ -73,9 +74,9 @@ class CalibGroup(TyperGroup):
         """Return the options before a command."""
         return plainly_read(super().get_params(ctx))
 
-    def list_commands(self, ctx: Any) -> list[str]:  # noqa: ARG002
-        """Return the commands in the order of their use."""
-        return list(COMMANDS)
+    def get_command(self, ctx: Any, cmd_name: str) -> Any:  # noqa: ARG002
+        """Import a command when it is asked for."""
+        return load(cmd_name) if cmd_name in COMMANDS else None
 
     def format_commands(self, ctx: Any, formatter: Any) -> None:  # noqa: ARG002
         """Write what each command does, without importing any."""

@@ -15,7 +15,6 @@ if TYPE_CHECKING:
 
 _FAR_BOUND = 3.0  # times the expected error from which a log is doubted
 _FAR_SHARE = 0.02  # and of the positions' spread: the bound of an ideal arm is rounding
-_METRES = {"m": 1.0, "cm": 1e-2, "mm": 1e-3, "um": 1e-6, "in": 0.0254}
 
 
 @dataclass(frozen=True)
@@ -36,6 +35,7 @@ class Reading:
 def log_for(model: Model, path: str, reading: Reading, notes: Notes) -> Samples:
     """Read a log of a model's joints, in the model's unit where that is known."""
     import calib
+    from calib.body.fitting import METRES
     from calib.errors import LogError
     from calib.samples.columns import open_source
     from calib.samples.joint_values import check_joint_values
@@ -64,8 +64,8 @@ def log_for(model: Model, path: str, reading: Reading, notes: Notes) -> Samples:
     notes.say(log.notes)
     ranges = (about.joint_names, about.lower, about.upper, about.revolute)
     check_joint_values(log.q, *ranges, degrees=degrees, label=path)
-    if unit is not None and unit != about.unit and {unit, about.unit} <= set(_METRES):
-        factor = _METRES[unit] / _METRES[about.unit]
+    if unit is not None and unit != about.unit and {unit, about.unit} <= set(METRES):
+        factor = METRES[about.unit] / METRES[unit]
         notes.say([f"positions converted from {unit} to {about.unit}"])
         shared = {"noise_of_reference": log.shared * factor}
         log = replace(log, x=log.x * factor, unit=about.unit, source={**log.source, **shared})

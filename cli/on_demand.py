@@ -2,8 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator, MutableMapping
-from functools import partial
+from collections.abc import Callable
+from functools import cache, partial
 from importlib import import_module
 from typing import Any
 
@@ -33,39 +33,19 @@ COMMANDS = {
 """What the command line can do, in the order of its use, and what ``calib --help`` says of it."""
 
 
-class OnDemand(MutableMapping[str, Any]):
-    """The commands by name, each imported when it is first asked for."""
-
-    def __init__(self) -> None:
-        self._loaded: dict[str, Any] = {}
-
-    def __getitem__(self, name: str) -> Any:
-        if name not in self._loaded:
-            if name not in COMMANDS:
-                raise KeyError(name)
-            module = import_module(f".commands.{name}", __package__)
-            app = getattr(module, f"{name}_app", None)  # a command of several
-            if app is None:
-                app = typer.Typer(add_completion=False, rich_markup_mode=None)
-                app.command(name)(getattr(module, name))
-            command = get_command(app)
-            command.name = name
-            for each in (command, *getattr(command, "commands", {}).values()):
-                each.get_params = partial(_params, each.get_params)
-            self._loaded[name] = command
-        return self._loaded[name]
-
-    def __setitem__(self, name: str, command: Any) -> None:
-        self._loaded[name] = command
-
-    def __delitem__(self, name: str) -> None:
-        del self._loaded[name]
-
-    def __iter__(self) -> Iterator[str]:
-        return iter(COMMANDS)
-
-    def __len__(self) -> int:
-        return len(COMMANDS)
+@cache
+def load(name: str) -> Any:
+    """Import the module of a command, and return its command."""
+    module = import_module(f".commands.{name}", __package__)
+    app = getattr(module, f"{name}_app", None)  # a command of several
+    if app is None:
+        app = typer.Typer(add_completion=False, rich_markup_mode=None)
+        app.command(name)(getattr(module, name))
+    command: Any = get_command(app)
+    command.name = name
+    for each in (command, *getattr(command, "commands", {}).values()):
+        each.get_params = partial(_params, each.get_params)
+    return command
 
 
 def _params(usual: Callable[[Any], list[Any]], context: Any) -> list[Any]:

@@ -1,7 +1,6 @@
 """Output: results on standard output, everything else on standard error.
 
-Tables are for people, in mm and degrees; on a terminal Rich draws them. JSON is for
-programs, in SI units.
+Tables are for people, in mm and degrees. JSON is for programs, in SI units.
 """
 
 from __future__ import annotations
@@ -9,6 +8,7 @@ from __future__ import annotations
 import json
 import math
 import os
+import shutil
 import sys
 import textwrap
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
@@ -68,39 +68,13 @@ class Table:
 
 
 def show(table: Table) -> None:
-    """Print a table: drawn by Rich on a terminal that is wide enough, else as plain text."""
-    if not sys.stdout.isatty():
-        print("\n".join(table.lines()))
-        return
-    from rich import box
-    from rich.console import Console
-
-    console = Console()
-    if max(map(len, replace(table, foot="").lines())) > console.width:
-        print("\n".join(table.records()))
-        return
-    from rich.table import Table as RichTable
-    from rich.text import Text
-
-    drawn = RichTable(
-        box=box.SIMPLE_HEAD,
-        pad_edge=False,
-        title=Text(table.title) if table.title else None,
-        title_justify="left",
-        caption=Text(table.foot) if table.foot else None,
-        caption_justify="left",
-    )
-    for k, name in enumerate(table.header):
-        left = k < table.left
-        drawn.add_column(
-            Text(name),
-            justify="left" if left else "right",
-            style="bold" if k == 0 and left else "",
-            overflow="fold",
-        )
-    for row in table.rows:
-        drawn.add_row(*map(Text, row))
-    console.print(drawn)
+    """Print a table; on a terminal that is too narrow for it a line for each cell."""
+    # not with Rich: it would be imported, which takes longer than most queries
+    lines = table.lines()
+    widest = max(map(len, replace(table, foot="").lines()))
+    if sys.stdout.isatty() and widest > shutil.get_terminal_size().columns:
+        lines = table.records()
+    print("\n".join(lines))
 
 
 def show_facts(facts: Mapping[str, str]) -> None:

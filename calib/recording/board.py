@@ -10,6 +10,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from ..body.fitting import METRES
 from ..common.arrays import Array
 from ..errors import OptionError
 from .edges import refine_corners
@@ -18,9 +19,6 @@ from .tags import find_dictionary
 
 LEAST_CORNERS = 8
 """Corners of a board that a picture must show."""
-
-
-_METRES = {"mm": 1e-3, "cm": 1e-2, "m": 1.0, "in": 0.0254}
 
 
 @dataclass(frozen=True)
@@ -144,5 +142,4 @@ def parse_length(text: str, what: str = "length") -> float:
         value = math.nan
     if match is None or not 0.0 < value < 1e6:
         raise OptionError(f"{what} {text!r}: expected a number and its unit, such as 24mm")
-    scale = _METRES[match[2]]
-    return value / round(1.0 / scale) if match[2] in ("mm", "cm") else value * scale
+    return value / METRES[match[2]]

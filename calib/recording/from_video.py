@@ -123,27 +123,24 @@ def log_video(
             f"frames in motion: the noise allows for a rolling shutter of {1e3 * _SHUTTER:g} ms, "
             "which would shift the tag; rests have no such error"
         )
-    centres = np.array([tag.centre for tag in tags])
     watched = setting.watch(track.marks, since)
-    notes += watched.notes
     time = np.array([np.median(when[g]) for g in groups])
     return assemble(
         setting,
-        watched.positions(centres, np.array([g[0] for g in groups])),
-        joints.names,
-        np.array([there[g].mean(axis=0) for g in groups]),
+        watched,
         tags,
+        np.array([g[0] for g in groups]),
+        joint_names=joints.names,
+        q=np.array([there[g].mean(axis=0) for g in groups]),
         source={
             "source": "video",
             "size": list(track.sample[0].shape[1::-1]),
             "time_offset": clocks.offset,
             "rate": clocks.rate,
-            **setting.about(watched),
         },
-        poses=watched.parts[-1],
         time=time - time[0],
         dropped={why: count for why, count in reasons.items() if count},
-        notes=[*notes, *told(reasons, "frames")],
+        notes=[*notes, *watched.notes, *told(reasons, "frames")],
     )
 
 

@@ -13,6 +13,7 @@ from typing import Any
 
 import numpy as np
 
+from ..arm.rotations import logarithm
 from ..common.arrays import Array
 from ..errors import LogError, OptionError
 from ..samples.columns import open_source, read_columns
@@ -198,7 +199,7 @@ def motion(about: Mapping[str, Any], now: Reference) -> str:
         return "the earlier recording has no reference of the same kind to compare with"
     far = float(np.linalg.norm(now.pose.camera - then.pose.camera))
     between = now.pose.rotation @ then.pose.rotation.T
-    angle = float(np.arccos(np.clip((np.trace(between) - 1.0) / 2.0, -1.0, 1.0)))
+    angle = float(np.linalg.norm(logarithm(between)))
     doubt_angle, doubt = np.hypot(then.pose.doubt, now.pose.doubt)
     told = (
         f"by {1e3 * far:.2g} mm and turned by {np.degrees(angle):.2g} deg over its reference "

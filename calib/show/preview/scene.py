@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import base64
-import math
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -11,6 +10,7 @@ from typing import Any
 import numpy as np
 
 from ...common.arrays import Array
+from ...common.rows import thinned
 from ...model.model import Model
 from ...samples.samples import Samples
 from ..arrows import Arrows
@@ -165,7 +165,7 @@ class _Drawing:
         x, what = training_positions(self.model, self.samples)
         if not len(x):
             return
-        shown = x[:: max(1, math.ceil(len(x) / _MOST_SAMPLES))]
+        shown = x[thinned(len(x), _MOST_SAMPLES)]
         few = f"{len(shown):,} of {len(x):,} {what}" if len(shown) < len(x) else what
         name = self.canvas.layer("Training samples", SAMPLE, few, shown=False)
         self.canvas.points(

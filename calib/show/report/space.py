@@ -7,6 +7,7 @@ from typing import Any
 import numpy as np
 
 from ...body.curves import powers
+from ...common.rows import thinned
 from ...model.model import Model
 from ..error_scale import length_in_words
 from .evidence import Evidence
@@ -35,7 +36,7 @@ def residual_vectors(evidence: Evidence) -> Any:
     residuals = evidence.residuals
     if residuals is None or not len(residuals.q):
         return None
-    some = np.unique(np.linspace(0, len(residuals.q) - 1, _ARROWS).round().astype(int))
+    some = thinned(len(residuals.q), _ARROWS)
     x = residuals.x[some]
     off = x - evidence.model.forward(residuals.q[some])
     size = np.linalg.norm(off, axis=1)
