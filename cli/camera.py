@@ -96,9 +96,6 @@ class Shooting:
         if board is not None and lens is not None and self.tags_at is not None:
             board = None  # it served the lens alone
         layout = read_layout(self.tags_at) if self.tags_at is not None else None
-        height = self.tag_height or ""
-        sign = -1.0 if height.strip().startswith("-") else 1.0
-        none = not height.strip("-0.m ")
         return Setting(
             tag=self.tag,
             dictionary=self.dictionary,
@@ -106,7 +103,7 @@ class Shooting:
             tags_at=layout,
             lens=lens,
             tag_size=parse_length(self.tag_size, "`tag_size`") if self.tag_size else None,
-            tag_height=0.0 if none else sign * parse_length(height.strip("- "), "`tag_height`"),
+            tag_height=parse_length(self.tag_height or "0", "`tag_height`", signed=True),
             pose=self.pose,
         )
 

@@ -129,6 +129,19 @@ def tell(text: str) -> None:
     print(one_line(text))
 
 
+def conclude(path: str, line: str, more: Iterable[str], document: Any) -> None:
+    """Say what was written to a path, by one document if there is one.
+
+    Lines go to standard error where the table itself went to standard output.
+    """
+    if document is not None:
+        show_json(document)
+        return
+    say, line = (note, line) if path == "-" else (tell, f"{path}: {line}")
+    for each in (line, *more):
+        say(each)
+
+
 class Notes:
     """Notes that were printed, so that none is printed twice."""
 

@@ -125,8 +125,8 @@ class BoardFinder:
         return best
 
 
-def parse_length(text: str, what: str = "length") -> float:
-    """Return a length above zero in metres.
+def parse_length(text: str, what: str = "length", *, signed: bool = False) -> float:
+    """Return a length above zero, or with a sign one of either side, in metres.
 
     Raises OptionError if the text has no number, or no unit.
 
@@ -135,11 +135,13 @@ def parse_length(text: str, what: str = "length") -> float:
     >>> parse_length("24mm"), parse_length("2.5 cm")
     (0.024, 0.025)
     """
-    match = re.fullmatch(r"\s*([0-9.]+(?:[eE][+-]?[0-9]+)?)\s*(mm|cm|m|in)\s*", text)
+    match = re.fullmatch(r"\s*(-?[0-9.]+(?:[eE][+-]?[0-9]+)?)\s*(mm|cm|m|in)?\s*", text)
     try:
         value = float(match[1]) if match else math.nan
     except ValueError:
         value = math.nan
-    if match is None or not 0.0 < value < 1e6:
+    if signed and value == 0.0:
+        return 0.0  # of any unit
+    if match is None or not match[2] or not (-1e6 if signed else 0.0) < value < 1e6:
         raise OptionError(f"{what} {text!r}: expected a number and its unit, such as 24mm")
     return value / METRES[match[2]]

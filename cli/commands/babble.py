@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from ..options import takes
-from ..output import Notes, note, show_json, tell
+from ..output import Notes, conclude
 from ..samples import Babbling, Selection, babbled
 from ..usage import choice, one_document, option
 
@@ -34,26 +34,19 @@ def babble(
     one_document(output, as_json)
     log = babbled(robot, selection, babbling, seed, Notes(), strategy)
     calib.write_log(log, output)
-    if as_json:
-        turning = zip(log.joint_names, log.revolute, strict=True)
-        kinds = {name: "rad" if turns else "m" for name, turns in turning}
-        show_json(
-            {
-                "log": output,
-                "robot": log.arm.name if log.arm else None,
-                "joints": log.joint_names,
-                "samples": len(log),
-                "seed": seed,
-                "noise": babbling.noise or 0.0,
-                "changes": babbling.change or [],
-                "unit": log.unit,
-                "units": {"joints": kinds, "positions": log.unit},
-            }
-        )
-        return
+    turning = zip(log.joint_names, log.revolute, strict=True)
+    units = {"joints": {name: "rad" if turns else "m" for name, turns in turning}}
+    document = {
+        "log": output,
+        "robot": log.arm.name if log.arm else None,
+        "joints": log.joint_names,
+        "samples": len(log),
+        "seed": seed,
+        "noise": babbling.noise or 0.0,
+        "changes": babbling.change or [],
+        "unit": log.unit,
+        "units": {**units, "positions": log.unit},
+    }
     columns = ", ".join([*log.joint_names, *log.axes])
     line = f"{len(log)} rows of {columns} [rad, m]"
-    if output == "-":
-        note(line)
-    else:
-        tell(f"{output}: {line}")
+    conclude(output, line, (), document if as_json else None)

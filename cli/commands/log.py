@@ -10,7 +10,7 @@ from calib.common.wording import for_people
 from .. import parsing
 from ..camera import Shooting, is_camera, offset_or_auto, record
 from ..options import takes
-from ..output import Notes, show_json, tell
+from ..output import Notes, conclude
 from ..parsing import Names
 from ..usage import BadOption, argument, flag, option, refuse
 
@@ -97,15 +97,12 @@ def _from_camera(
         check_writable(output)
     made = record(source, output, shooting, **options)
     made.write(output)
-    if as_json:
-        counted = {"log": output, "joints": made.joint_names, "samples": len(made)}
-        show_json({**counted, **made.about(), "units": _units(made.joint_names, made.unit)})
-    elif output != "-":
-        factor, unit = for_people(made.unit)
-        tell(
-            f"{output}: {len(made)} rows of {', '.join(made.columns())} [rad, {made.unit}], noise "
-            f"{factor * made.noise:.2g} {unit}"
-        )
+    counted = {"log": output, "joints": made.joint_names, "samples": len(made)}
+    document = {**counted, **made.about(), "units": _units(made.joint_names, made.unit)}
+    factor, unit = for_people(made.unit)
+    line = f"{len(made)} rows of {', '.join(made.columns())} [rad, {made.unit}], "
+    line += f"noise {factor * made.noise:.2g} {unit}"
+    conclude(output, line, (), document if as_json else None)
 
 
 def _from_bag(bag: str, output: str, as_json: bool, **options: Any) -> None:
@@ -120,11 +117,10 @@ def _from_bag(bag: str, output: str, as_json: bool, **options: Any) -> None:
     turns = recording.quaternion
     columns |= {} if turns is None else dict(zip(QUATERNION, turns.T, strict=True))
     write_table(output, {**columns, "time": recording.time})
-    if as_json:
-        counted = {"log": output, "joints": recording.joint_names, "samples": len(recording.q)}
-        show_json({**counted, "units": _units(recording.joint_names, "m")})
-    elif output != "-":
-        tell(f"{output}: {len(recording.q)} rows of {', '.join(columns)}, time [rad, m, s]")
+    counted = {"log": output, "joints": recording.joint_names, "samples": len(recording.q)}
+    document = {**counted, "units": _units(recording.joint_names, "m")}
+    line = f"{len(recording.q)} rows of {', '.join(columns)}, time [rad, m, s]"
+    conclude(output, line, (), document if as_json else None)
 
 
 def _units(joints: Sequence[str], unit: str) -> dict[str, object]:

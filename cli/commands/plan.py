@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, Any, cast
 
 from ..measurements import Reading, log_for
 from ..options import takes
-from ..output import Notes, note, show_json, tell
+from ..output import Notes, conclude
 from ..parsing import (
     Columns,
     Numbers,
@@ -88,23 +88,15 @@ def plan(
     table = found.columns()
     table |= {name: found.q[:, k] * typed[k] for k, name in enumerate(names)}
     write_table(output, table)
-    if as_json:
-        units = {"joints": dict(zip(names, facts.units_of_joints, strict=True))}
-        document = _document(found, output, seed)
-        show_json({**document, "units": {**units, "positions": found.unit}})
-        return
+    units = {"joints": dict(zip(names, facts.units_of_joints, strict=True))}
+    document = {**_document(found, output, seed), "units": {**units, "positions": found.unit}}
     # angles first, then slides, then positions, each unit once
     units_typed = [u for u in ("rad", "m") if u in facts.units_of_joints]
     shown = ["deg" if degrees and unit == "rad" else unit for unit in units_typed]
     shown = list(dict.fromkeys([*shown, found.unit]))
-    lines = [f"{len(found)} rows of {', '.join(table)} [{', '.join(shown)}]"]
-    lines += [*found.why, _travel(found, joints_typed)]
-    if output == "-":
-        for line in lines:
-            note(line)
-    else:
-        for line in [f"{output}: {lines[0]}", *lines[1:]]:
-            tell(line)
+    line = f"{len(found)} rows of {', '.join(table)} [{', '.join(shown)}]"
+    more = [*found.why, _travel(found, joints_typed)]
+    conclude(output, line, more, document if as_json else None)
 
 
 def _load(source: str, selection: Selection) -> Arm | Model:
