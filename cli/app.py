@@ -19,7 +19,7 @@ from typer.core import TyperGroup
 from calib.common.wording import one_line
 from calib.errors import CalibError
 
-from .on_demand import COMMANDS, load, plainly_read
+from .on_demand import COMMANDS, load_command, plainly_read
 from .output import NO, note, show_json, silence, tell
 from .process import received
 from .translation import as_typed, option_of
@@ -76,7 +76,7 @@ class CalibGroup(TyperGroup):
 
     def get_command(self, ctx: Any, cmd_name: str) -> Any:  # noqa: ARG002
         """Import a command when it is asked for."""
-        return load(cmd_name) if cmd_name in COMMANDS else None
+        return load_command(cmd_name) if cmd_name in COMMANDS else None
 
     def format_commands(self, ctx: Any, formatter: Any) -> None:  # noqa: ARG002
         """Write what each command does, without importing any."""

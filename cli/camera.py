@@ -8,17 +8,16 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import TYPE_CHECKING, ClassVar
 
+from calib.common.choices import DICTIONARY, PICTURES, VIDEOS
+
 from .output import Notes, note
-from .parsing import expects, finite, whole
+from .parsing import expects, finite_number, integer
 from .usage import BadOption, flag, option
 
 if TYPE_CHECKING:
     from calib.recording.recorded import Recorded
-    from calib.recording.setting import Setting
+    from calib.recording.setting import Setup
 
-DICTIONARY = "apriltag_36h11"
-VIDEOS = (".mp4", ".mov", ".avi", ".mkv", ".webm", ".m4v", ".mpg", ".mpeg", ".wmv")
-PICTURES = (".jpg", ".jpeg", ".png", ".bmp", ".tif", ".tiff", ".webp", ".ppm", ".pgm")
 
 PRINTED = {
     "dictionary": option("--dictionary NAME", "Dictionary of the tags."),
@@ -39,7 +38,7 @@ class Shooting:
             "Joint values of the pictures (column picture, or in their order) or of the video "
             "(column time).",
         ),
-        "tag": option("--tag ID", "Number of the tag on the tip.", whole(0)),
+        "tag": option("--tag ID", "Number of the tag on the tip.", integer(0)),
         "tags_at": option("--tags-at FILE", "Tags on the desk: a table of tag, x, y [m]."),
         "lens": option(
             "--lens SHOTS|lens.json",
@@ -76,10 +75,10 @@ class Shooting:
         typed = (self.joints_file, self.tag, self.board, self.tags_at, self.lens)
         return any(value is not None for value in (*typed, self.picture, self.camera))
 
-    def setting(self, output: str, notes: Notes) -> Setting:
+    def setting(self, output: str, notes: Notes) -> Setup:
         """Make the setting; a lens that is calibrated is written beside the log."""
         from calib.recording.board import Board, parse_length
-        from calib.recording.setting import Setting, load_lens
+        from calib.recording.setting import Setup, load_lens
         from calib.recording.watch import read_layout
 
         if self.camera is not None and self.joints_file is not None:
@@ -96,7 +95,7 @@ class Shooting:
         if board is not None and lens is not None and self.tags_at is not None:
             board = None  # it served the lens alone
         layout = read_layout(self.tags_at) if self.tags_at is not None else None
-        return Setting(
+        return Setup(
             tag=self.tag,
             dictionary=self.dictionary,
             board=board,
@@ -108,7 +107,7 @@ class Shooting:
         )
 
 
-def is_camera(path: str) -> bool:
+def is_picture(path: str) -> bool:
     """Whether a name is that of pictures or a video, not of a recording of ROS."""
     suffix = Path(path).suffix.lower()
     return suffix in VIDEOS + PICTURES or any(mark in path for mark in "*?[")
@@ -117,7 +116,7 @@ def is_camera(path: str) -> bool:
 @expects("a number of seconds, or auto")
 def offset_or_auto(text: str) -> str:
     """Read a number of seconds, or `auto`."""
-    return "auto" if text.strip() == "auto" else repr(finite(text))
+    return "auto" if text.strip() == "auto" else repr(finite_number(text))
 
 
 def record(
@@ -135,7 +134,7 @@ def record(
 ) -> Recorded:
     """Make a log of pictures or a video, and draw what was seen if that is wanted."""
     from calib.recording.from_pictures import log_pictures
-    from calib.recording.from_video import Rows, log_video
+    from calib.recording.from_video import VideoRows, log_video
     from calib.recording.joint_table import read_joints
     from calib.recording.photo import read_photo, write_seen
     from calib.samples.tables import read_about
@@ -151,7 +150,7 @@ def record(
     if Path(source).is_file() and Path(source).suffix.lower() not in PICTURES:
         turns = tuple(name not in prismatic for name in table.names)
         offset = None if time_offset == "auto" else float(time_offset)
-        rows = Rows(offset, still, max_gap)
+        rows = VideoRows(offset, still, max_gap)
         made = log_video(source, table, setting, rows, revolute=turns, since=earlier)
     else:
         if still is not None or time_offset != "auto":

@@ -34,7 +34,7 @@ COMMANDS = {
 
 
 @cache
-def load(name: str) -> Any:
+def load_command(name: str) -> Any:
     """Import the module of a command, and return its command."""
     module = import_module(f".commands.{name}", __package__)
     app = getattr(module, f"{name}_app", None)  # a command of several

@@ -41,7 +41,7 @@ SHARED: dict[str, Any] = {
     ),
     # simulated babbling
     "samples": option(
-        "--samples -n N", "How many samples to babble (default 20000).", parsing.whole(1)
+        "--samples -n N", "How many samples to babble (default 20000).", parsing.integer(1)
     ),
     "noise": option(
         "--noise S",
@@ -54,7 +54,7 @@ SHARED: dict[str, Any] = {
         "Change the simulated arm or sensor, such as elbow.length=+20%, "
         "shoulder.offset=0.05, sensor.rotate=0.14 or sensor.mirror=x; repeatable.",
     ),
-    "seed": option("--seed K", "Seed of the random numbers.", parsing.whole(0)),
+    "seed": option("--seed K", "Seed of the random numbers.", parsing.integer(0)),
     # logs
     "data": option(
         "--data LOG", "A measured log: CSV or Parquet with the joints' columns and x, y."
@@ -62,7 +62,7 @@ SHARED: dict[str, Any] = {
     "columns": option(
         "--columns x=U,y=V",
         "Columns of the log that have other names; an element of a Parquet list is tip[0].",
-        parsing.columns,
+        parsing.column_names,
     ),
     "unit": option(
         "--unit m|mm|px|..", "Unit of the log's positions (default m, or that of the model)."

@@ -28,7 +28,7 @@ _HUGE = 1e12  # written out it would be wider than its column
 
 
 @dataclass(frozen=True)
-class Table:
+class TextTable:
     """A table for people."""
 
     header: Sequence[str]  # names of the columns
@@ -67,7 +67,7 @@ class Table:
         return lines[:-1] + textwrap.wrap(self.foot, _WIDTH)
 
 
-def show(table: Table) -> None:
+def show(table: TextTable) -> None:
     """Print a table; on a terminal that is too narrow for it a line for each cell."""
     # not with Rich: it would be imported, which takes longer than most queries
     lines = table.lines()
@@ -178,11 +178,11 @@ def fixed(value: float, decimals: int) -> str:
     return f"{round(value, decimals) + 0.0:.{decimals}f}"
 
 
-Report = Callable[[float, str, float], None]
+_Report = Callable[[float, str, float], None]
 
 
 @contextmanager
-def progress_bar(unit: str) -> Iterator[Report | None]:
+def progress_bar(unit: str) -> Iterator[_Report | None]:
     """Show how far a training is, on standard error.
 
     Yields what takes the share of the work that is done, the stage and its error [unit]; None

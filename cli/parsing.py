@@ -24,11 +24,11 @@ class Names(tuple[str, ...]):
     """Names, as in `shoulder,elbow`."""
 
 
-class Numbers(tuple[float, ...]):
+class NumberList(tuple[float, ...]):
     """Numbers, as in `0.5,-1`."""
 
 
-class Size(tuple[int, ...]):
+class LatticeSize(tuple[int, ...]):
     """Nodes of a lattice along each of its axes; one number for as many as there are."""
 
     def plain(self) -> int | tuple[int, ...]:
@@ -90,7 +90,7 @@ def require(good: bool) -> None:
         raise ValueError
 
 
-def finite(text: str) -> float:
+def finite_number(text: str) -> float:
     """Return a finite number as a plain user would write it, else raise ValueError."""
     require(text.isascii() and "_" not in text)  # float() also takes 1_0 and other digits
     value = float(text)
@@ -98,7 +98,7 @@ def finite(text: str) -> float:
     return value
 
 
-def whole(least: int, most: int = 2**63 - 1) -> Reader[int]:
+def integer(least: int, most: int = 2**63 - 1) -> Reader[int]:
     """Return a reader of whole numbers within bounds."""
 
     @expects("a whole number")
@@ -113,12 +113,12 @@ def whole(least: int, most: int = 2**63 - 1) -> Reader[int]:
     return read
 
 
-def number(expected: str, good: Callable[[float], bool] = math.isfinite) -> Reader[float]:
+def number_where(expected: str, good: Callable[[float], bool] = math.isfinite) -> Reader[float]:
     """Return a reader of finite numbers that a condition holds for."""
 
     @expects(expected)
     def read(text: str) -> float:
-        value = finite(text)
+        value = finite_number(text)
         require(good(value))
         return value
 
@@ -127,12 +127,12 @@ def number(expected: str, good: Callable[[float], bool] = math.isfinite) -> Read
 
 def at_least_zero(unit: str) -> Reader[float]:
     """Return a reader of numbers that are not negative."""
-    return number(f"a number, zero or more [{unit}]", lambda value: value >= 0.0)
+    return number_where(f"a number, zero or more [{unit}]", lambda value: value >= 0.0)
 
 
 def above_zero(unit: str) -> Reader[float]:
     """Return a reader of numbers above zero."""
-    return number(f"a number above zero [{unit}]", lambda value: value > 0.0)
+    return number_where(f"a number above zero [{unit}]", lambda value: value > 0.0)
 
 
 def one_of(choices: Sequence[str]) -> Reader[str]:
@@ -172,17 +172,17 @@ def several(read: Reader[Any]) -> Reader[Values]:
 
 
 @expects("whole numbers of 2 or more such as 70 or 70x70")
-def size(text: str) -> Size:
+def size(text: str) -> LatticeSize:
     """Read `70`, `70x70` and `17x17x17`."""
     sides = text.strip().lower().split("x")
     require(all(side.isascii() and side.isdigit() and int(side) >= 2 for side in sides))
-    return Size(map(int, sides))
+    return LatticeSize(map(int, sides))
 
 
 @expects("START:END above zero such as 5:0.5 [nodes]")
 def sigma(text: str) -> Sigma:
     """Read `START:END`, both above zero."""
-    start, end = map(finite, text.split(":"))
+    start, end = map(finite_number, text.split(":"))
     require(start > 0.0 and end > 0.0)
     return Sigma(start, end)
 
@@ -198,9 +198,9 @@ def names(text: str) -> Names:
 
 
 @expects("numbers with commas between them such as 0.5,-1")
-def numbers(text: str) -> Numbers:
+def reals(text: str) -> NumberList:
     """Read numbers with commas between them."""
-    return Numbers(map(finite, text.split(",")))
+    return NumberList(map(finite_number, text.split(",")))
 
 
 @expects("a height of the base frame in m such as z=0.02")
@@ -208,10 +208,10 @@ def height(text: str) -> float:
     """Read `z=0.02`, a plane of the base frame [m]."""
     axis, _, value = text.partition("=")
     require(axis.strip() == "z")
-    return finite(value)
+    return finite_number(value)
 
 
-def columns(text: str) -> Columns:
+def column_names(text: str) -> Columns:
     """Read `x=cam_u,y=cam_v`."""
     from calib.samples.roles import parse_columns
 
@@ -223,7 +223,7 @@ def joint_value(text: str) -> JointValue:
     """Read `joint=value`; the name may hold an equals sign itself."""
     joint, _, value = text.rpartition("=")
     require(bool(joint.strip()))
-    return JointValue(joint.strip(), finite(value))
+    return JointValue(joint.strip(), finite_number(value))
 
 
 @expects("JOINT=LOW:HIGH with LOW below HIGH such as elbow=0.5:1.5")
@@ -235,6 +235,6 @@ def joint_range(text: str) -> JointRange:
 
 
 def _interval(text: str) -> tuple[float, float]:
-    low, high = map(finite, text.split(":"))
+    low, high = map(finite_number, text.split(":"))
     require(low < high)
     return low, high

@@ -92,7 +92,7 @@ def check_sources(
         raise BadOption("--prismatic applies to a log without ROBOT; ROBOT defines its joints")
 
 
-def babbled(
+def babbled_samples(
     robot: str | None,
     selection: Selection,
     babbling: Babbling,
@@ -122,7 +122,7 @@ def babbled(
     return log
 
 
-def measured(
+def measured_samples(
     robot: str | None,
     selection: Selection,
     path: str,

@@ -70,7 +70,7 @@ def one_document(output: str | None, as_json: bool) -> None:
         raise BadOption("--json and --output '-' both want standard output: expected one of them")
 
 
-def check_output(path: str) -> None:
+def check_file(path: str) -> None:
     """Refuse an output that cannot be written before the work starts."""
     from calib.common.atomic import check_writable
 

@@ -8,13 +8,12 @@ from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
 from ..body.fitting import METRES
 from ..common.arrays import Array
 from ..errors import OptionError
 from .edges import refine_corners
-from .opencv import opencv
+from .opencv import Picture, opencv
 from .tags import find_dictionary
 
 LEAST_CORNERS = 8
@@ -103,7 +102,7 @@ class BoardFinder:
         patterns = (False, True) if board.rows % 2 == 0 else (False,)
         self._detectors = [aruco.CharucoDetector(board.opencv(legacy=p)) for p in patterns]
 
-    def find(self, grey: NDArray[np.uint8]) -> dict[int, Array]:
+    def find(self, grey: Picture) -> dict[int, Array]:
         """Return the corners that a picture shows: number to place (2,) [px]."""
         best = self._detect(grey)
         if len(best) < LEAST_CORNERS:  # cells of two pixels are read at twice the size
@@ -113,7 +112,7 @@ class BoardFinder:
             best = max(best, larger, key=len)
         return refine_corners(grey, best, self.board)
 
-    def _detect(self, grey: NDArray[np.uint8]) -> dict[int, Array]:
+    def _detect(self, grey: Picture) -> dict[int, Array]:
         best: dict[int, Array] = {}
         for detector in self._detectors:
             corners, numbers = detector.detectBoard(grey)[:2]

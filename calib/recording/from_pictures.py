@@ -8,7 +8,6 @@ from collections.abc import Mapping, Sequence
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
 from ..arm.rotations import quaternion_of
 from ..common.arrays import Array
@@ -17,20 +16,21 @@ from ..common.wording import listed
 from ..errors import LogError
 from .board import BoardFinder
 from .joint_table import JointTable
+from .opencv import Picture
 from .pictures import list_pictures, match_rows, read_series
 from .plane import square_pose
 from .recorded import Recorded, told
 from .reference import PlaneReference
-from .setting import Setting
+from .setting import Setup
 from .tags import Tag, TagFinder
 from .track import TipTags, astray, check_motion, row_shift, stuck, unrelated
-from .watch import Marks, Watch
+from .watch import Marks, Watched
 
 
 def log_pictures(
     source: str | os.PathLike[str],
     joints: JointTable,
-    setting: Setting,
+    setting: Setup,
     *,
     since: Mapping[str, Any] | None = None,
 ) -> Recorded:
@@ -51,7 +51,7 @@ def log_pictures(
     marks: list[tuple[int, Marks]] = []
     damaged: list[str] = []
     size = (0, 0)
-    sample: list[NDArray[np.uint8]] = []
+    sample: list[Picture] = []
     for number, grey in read_series([path for _, path in pairs], damaged):
         name, size = pairs[number][1].name, (grey.shape[1], grey.shape[0])
         setting.check_size(name, size)
@@ -109,7 +109,11 @@ def log_pictures(
 
 
 def assemble(
-    setting: Setting, watched: Watch, tags: Sequence[Tag], numbers: Array, **more: Any
+    setting: Setup,
+    watched: Watched,
+    tags: Sequence[Tag],
+    numbers: Array,
+    **more: Any,
 ) -> Recorded:
     """Put a log together from tags that were seen in the pictures of these numbers (n,).
 
@@ -137,7 +141,7 @@ def assemble(
     )
 
 
-def seen_instead(setting: Setting, greys: Sequence[NDArray[np.uint8]]) -> str:
+def seen_instead(setting: Setup, greys: Sequence[Picture]) -> str:
     """Say which tags some pictures show."""
     finder, seen = TagFinder(setting.dictionary), Counter[int]()
     for grey in greys:
@@ -167,7 +171,7 @@ def _check_order(q: Array, pixels: Array, pictures: Sequence[str]) -> list[str]:
     return ["the joints predict the tag no better than those of other pictures: of another run?"]
 
 
-def _poses(setting: Setting, tags: Sequence[Tag], reference: object) -> tuple[Array, Array]:
+def _poses(setting: Setup, tags: Sequence[Tag], reference: object) -> tuple[Array, Array]:
     """Return places (n, 3) [m] and quaternions (n, 4) of tags, in the reference's frame.
 
     Without a reference the frame is the camera's: x right, y down, z ahead.

@@ -19,10 +19,10 @@ from .clocks import Clocks, align_clocks
 from .from_pictures import assemble, seen_instead
 from .joint_table import JointTable
 from .recorded import Recorded, told
-from .setting import Setting
-from .tags import FLOOR, Tag
+from .setting import Setup
+from .tags import LEAST_NOISE, Tag
 from .track import check_motion, jumps
-from .video import follow
+from .video import follow_tag
 
 _REST = 0.01  # a joint that moves slower rests [rad/s or m/s]
 _LEAST = 3  # frames that a rest must have
@@ -32,7 +32,7 @@ _SHAKE = 0.5  # a tag that moves more has not come to rest [px]
 
 
 @dataclass(frozen=True)
-class Rows:
+class VideoRows:
     """Which frames become rows of a log."""
 
     time_offset: float | None = None  # added to the video's times; found if not given [s]
@@ -51,8 +51,8 @@ class Rows:
 def log_video(
     path: str | os.PathLike[str],
     joints: JointTable,
-    setting: Setting,
-    rows: Rows | None = None,
+    setting: Setup,
+    rows: VideoRows | None = None,
     *,
     revolute: Sequence[bool] | None = None,
     since: Mapping[str, Any] | None = None,
@@ -65,7 +65,7 @@ def log_video(
     Raises LogError in one line, if no log can be made: no such tag, clocks that cannot be aligned,
         an arm that never rests, and the like.
     """
-    rows = rows or Rows()
+    rows = rows or VideoRows()
     if joints.time is None:
         raise LogError(f"{joints.label} has no times: a video needs a column 'time' [s]")
     joint_time, first = np.unique(joints.time, return_index=True)
@@ -73,7 +73,7 @@ def log_video(
     if len(q) < 2:
         raise LogError(f"{joints.label} has one time only: expected the joints' motion")
     name = Path(path).name
-    track = follow(path, setting)
+    track = follow_tag(path, setting)
     pixels = track.pixels
     seen = np.isfinite(pixels[:, 0])
     if not seen.any():
@@ -209,5 +209,5 @@ def _middle(tags: Sequence[Tag]) -> Tag:
         tags[0],
         corners=np.median([tag.corners for tag in tags], axis=0),
         centre=np.median(centres, axis=0),
-        noise=max(FLOOR, 1.25 * scatter / float(np.sqrt(len(tags)))),
+        noise=max(LEAST_NOISE, 1.25 * scatter / float(np.sqrt(len(tags)))),
     )

@@ -99,18 +99,18 @@ class FlatReference:
         return {"kind": "flat", "matrix": self.matrix.tolist()}
 
 
-Reference = PixelReference | PlaneReference | FlatReference
+PositionReference = PixelReference | PlaneReference | FlatReference
 """Turns pixels into positions and back, and says how well it is known."""
 
 
-def _scale(reference: Reference, pixels: Array) -> Array:
+def _scale(reference: PositionReference, pixels: Array) -> Array:
     """Return the standard deviation (n,) along each axis that one pixel's makes."""
     x, y = (reference.positions(pixels + d) - reference.positions(pixels) for d in _HALF)
     return np.asarray(2.0 * np.sqrt((x**2 + y**2).sum(1) / 2.0))
 
 
-def read_reference(about: Mapping[str, Any]) -> Reference:
-    """Return the reference that a log tells of itself; see `Reference.told`.
+def read_reference(about: Mapping[str, Any]) -> PositionReference:
+    """Return the reference that a log tells of itself; see `PositionReference.told`.
 
     Raises LogError if it tells none.
     """

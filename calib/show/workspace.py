@@ -13,7 +13,7 @@ from ..maps.map import Map
 from ..model.model import Model
 from ..samples.samples import Samples
 
-Shape = tuple[int, int]
+_Shape = tuple[int, int]
 
 _INSIDE = 25_000  # joint values spread over the whole range
 _EDGE = 240  # joint values along each edge of the range
@@ -58,7 +58,7 @@ def drawn_edges(part: Map) -> NDArray[np.intp]:
     return np.asarray(edges[~((gap > 0.5) & part.scale.periodic).any(axis=1)])
 
 
-def cell_means(points: Array, values: Array, low: Array, size: Array, shape: Shape) -> Array:
+def cell_means(points: Array, values: Array, low: Array, size: Array, shape: _Shape) -> Array:
     """Mean of values (n,) at points (n, 2) in the cells of a grid, (rows, columns); NaN if none.
 
     Cells have a `size` (2,) and begin at `low` (2,); `shape` counts rows (y) and columns (x).
@@ -90,7 +90,7 @@ def reached_positions(model: Model) -> Array:
     return x[np.isfinite(x).all(axis=1)]
 
 
-def border(model: Model) -> Array:
+def outline(model: Model) -> Array:
     """Border of the workspace as short pieces of line, (m, 2, 2) [unit].
 
     The line at a small distance from all that the arm reaches, moved onto the nearest reached

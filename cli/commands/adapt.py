@@ -11,11 +11,11 @@ from calib.common.wording import for_people
 
 from ..measurements import Reading, log_for
 from ..options import NEW_LOG, takes
-from ..output import NO, Notes, Table, note, number, progress_bar, show, show_json, tell
+from ..output import NO, Notes, TextTable, note, number, progress_bar, show, show_json, tell
 from ..photo import photo_of_log
 from ..translation import as_typed
 from ..units import units_of
-from ..usage import check_output, choice, option
+from ..usage import check_file, choice, option
 
 
 @takes(
@@ -50,10 +50,10 @@ def adapt(
     if schema is not None:
         check_name(schema)
     if output is not None:
-        check_output(output)
+        check_file(output)
     loaded = calib.load(model)
     path = output or adapted_name(model)
-    check_output(path)
+    check_file(path)
     notes = Notes()
     log = log_for(loaded, data, reading, notes)
     with progress_bar(loaded.about.unit) as progress:
@@ -92,7 +92,7 @@ def adapt(
             for when, error in (("before", found.before), ("after", found.after))
         ]
         title = f"distance to held-out rows [{name}], corrected: {found.correction}"
-        show(Table(["", "mean", "p99", "max"], rows, title))
+        show(TextTable(["", "mean", "p99", "max"], rows, title))
         for change in found.changed:
             if change.cause == "unknown":  # a note told it
                 continue

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from ..options import takes
 from ..output import Notes, conclude
-from ..samples import Babbling, Selection, babbled
+from ..samples import Babbling, Selection, babbled_samples
 from ..usage import choice, one_document, option
 
 STRATEGIES = ("uniform", "goal")
@@ -32,7 +32,7 @@ def babble(
     import calib
 
     one_document(output, as_json)
-    log = babbled(robot, selection, babbling, seed, Notes(), strategy)
+    log = babbled_samples(robot, selection, babbling, seed, Notes(), strategy)
     calib.write_log(log, output)
     turning = zip(log.joint_names, log.revolute, strict=True)
     units = {"joints": {name: "rad" if turns else "m" for name, turns in turning}}

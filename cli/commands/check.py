@@ -10,8 +10,8 @@ from calib.common.wording import for_people
 
 from ..measurements import Reading, log_for
 from ..options import NEW_LOG, takes
-from ..output import NO, Notes, Table, number, show, show_json, tell
-from ..parsing import number as number_of
+from ..output import NO, Notes, TextTable, number, show, show_json, tell
+from ..parsing import number_where
 from ..terms import explained
 from ..translation import as_typed
 from ..units import units_of
@@ -20,7 +20,7 @@ from ..usage import option
 if TYPE_CHECKING:
     from calib import Drift
 
-MOST = 8
+_MOST = 8
 """Groups that are printed."""
 
 SIGNALS = {
@@ -35,7 +35,7 @@ SIGNALS = {
     tolerance=option(
         "--tolerance S",
         "Also exit 3 if the rows could not have shown a change of this size [m].",
-        number_of("a number [m]"),
+        number_where("a number [m]"),
     ),
     **NEW_LOG,
 )
@@ -91,7 +91,7 @@ def _remedy(drift: Drift) -> str:
 
 def _show(drift: Drift, title: str, factor: float, name: str) -> None:
     """Print the most telling groups, how the rows lie on the maps, and the verdict."""
-    groups = sorted(drift.groups, key=lambda g: -g.score)[:MOST]
+    groups = sorted(drift.groups, key=lambda g: -g.score)[:_MOST]
     rows = [
         [
             group.name,
@@ -103,13 +103,13 @@ def _show(drift: Drift, title: str, factor: float, name: str) -> None:
         for group in groups
     ]
     header = ["what may have changed", "found", "threshold", f"smallest [{name}]", ""]
-    show(explained(Table(header, rows, title)))
+    show(explained(TextTable(header, rows, title)))
     rows = [
         [SIGNALS[key], factor_unit, number(size * found.value), number(size * found.threshold)]
         for key, found in drift.distortion.items()
         for size, factor_unit in [(factor, name) if key == "links" else (1e6, "1e-6")]
     ]
-    show(explained(Table(["on the maps", "unit", "found", "usual"], rows, left=2)))
+    show(explained(TextTable(["on the maps", "unit", "found", "usual"], rows, left=2)))
     for text in drift.explanations:
         tell(as_typed(text))
     verdict = "still calibrated"

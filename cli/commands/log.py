@@ -8,7 +8,7 @@ from typing import Any
 from calib.common.wording import for_people
 
 from .. import parsing
-from ..camera import Shooting, is_camera, offset_or_auto, record
+from ..camera import Shooting, is_picture, offset_or_auto, record
 from ..options import takes
 from ..output import Notes, conclude
 from ..parsing import Names
@@ -76,7 +76,7 @@ def log(
     offset = 0.0 if time_offset == "auto" else float(time_offset)
     bags = {"joints_topic": joints_topic, "tip_topic": tip_topic, "frames": frames}
     shared: dict[str, Any] = {"joints": joints, "max_gap": max_gap, "still": still}
-    if shooting.given() or is_camera(bag):
+    if shooting.given() or is_picture(bag):
         refuse(bags, "is for bags, not for pictures and videos")
         if rests and still is not None:
             raise BadOption("--rests and --still are given: expected one of them")

@@ -11,7 +11,7 @@ from calib.common.wording import for_people
 
 from ..options import takes
 from ..output import NO, note, show_json
-from ..parsing import Numbers, expects, finite, numbers, require
+from ..parsing import NumberList, expects, finite_number, reals, require
 from ..units import JointFormat, meaning
 from ..usage import one_document, option
 
@@ -22,7 +22,7 @@ if TYPE_CHECKING:
 @expects("a length greater than zero, or inf")
 def _step(text: str) -> float:
     """Read a length greater than zero, or `inf`."""
-    value = math.inf if text.strip().lower() == "inf" else finite(text)
+    value = math.inf if text.strip().lower() == "inf" else finite_number(text)
     require(value > 0.0)
     return value
 
@@ -32,7 +32,7 @@ def _step(text: str) -> float:
     start=option(
         "--from Q1,Q2",
         "Start near these joint values; without it on the branch that goes furthest.",
-        numbers,
+        reals,
     ),
     step=option(
         "--step S",
@@ -45,7 +45,7 @@ def path(
     model: str,
     input_: str,
     output: str | None = None,
-    start: Numbers | None = None,
+    start: NumberList | None = None,
     step: float | None = None,
     degrees: bool = False,
     as_json: bool = False,

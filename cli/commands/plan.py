@@ -10,10 +10,10 @@ from ..options import takes
 from ..output import Notes, conclude
 from ..parsing import (
     Columns,
-    Numbers,
+    NumberList,
     at_least_zero,
-    numbers,
-    whole,
+    integer,
+    reals,
 )
 from ..samples import Selection
 from ..units import JointFormat, ranges_in_si
@@ -32,7 +32,7 @@ if TYPE_CHECKING:
         "to be improved or checked.",
     ),
     output=option("--output -o FILE", "CSV, or Parquet by its name (- for standard output)."),
-    poses=option("--poses -n N", "How many poses.", whole(1, 1000)),
+    poses=option("--poses -n N", "How many poses.", integer(1, 1000)),
     margin=option(
         "--margin M",
         "Distance from the joints' limits [rad or m]; 1 deg, but at most 2 % of the range, if "
@@ -40,7 +40,7 @@ if TYPE_CHECKING:
         at_least_zero("rad or m"),
     ),
     start=option(
-        "--from Q1,Q2", "Joint values before the first pose; neutral if not given.", numbers
+        "--from Q1,Q2", "Joint values before the first pose; neutral if not given.", reals
     ),
     data=option("--data LOG", "A log of what was measured already; the plan covers the rest."),
 )
@@ -51,7 +51,7 @@ def plan(
     poses: int = 60,
     selection: Selection,
     margin: float | None = None,
-    start: Numbers | None = None,
+    start: NumberList | None = None,
     data: str | None = None,
     columns: Columns | None = None,
     seed: int = 0,

@@ -11,7 +11,7 @@ from ..measurements import Reading
 from ..options import takes
 from ..output import Notes, note, tell
 from ..photo import Drawn
-from ..usage import BadOption, check_output, flag, option
+from ..usage import BadOption, check_file, flag, option
 
 if TYPE_CHECKING:
     from calib.model.model import Model
@@ -22,7 +22,9 @@ if TYPE_CHECKING:
     meshes=option(
         "--meshes FOLDER", "Folder of the URDF's mesh files; nothing outside of it is read."
     ),
-    port=option("--port N", "Port of the page (default: any free port).", parsing.whole(0, 65535)),
+    port=option(
+        "--port N", "Port of the page (default: any free port).", parsing.integer(0, 65535)
+    ),
     no_open=flag("--no-open", "Print the address and open no browser."),
     live=flag("--live", "Show a target that can be dragged, and every inverse solution for it."),
 )
@@ -45,7 +47,7 @@ def preview(
         raise BadOption("--live needs a running preview: expected it without --html")
     folder = checked_folder(meshes)
     if html is not None:
-        check_output(html)
+        check_file(html)
     notes = Notes()
     loaded, log = drawn.load(model, reading, notes)
     scene = draw(loaded, samples=log, meshes=folder)

@@ -12,7 +12,7 @@ from calib.common.wording import for_people
 from ..answers import answers, show_answers
 from ..options import takes
 from ..output import NO, fixed, note, show_json
-from ..parsing import Numbers, finite, height, numbers
+from ..parsing import NumberList, finite_number, height, reals
 from ..units import JointFormat, meaning, why_outside
 from ..usage import BadOption, argument, bad_option, flag, one_document, option
 from .path import path
@@ -82,26 +82,26 @@ def forward(
 @query_app.command(context_settings=_NEGATIVE)
 @takes(
     target=argument("X Y [Z]", "Position wanted [m, or the sensor's unit]."),
-    near=option("--near Q1,Q2", "Answer with the branch nearest to these joint values.", numbers),
+    near=option("--near Q1,Q2", "Answer with the branch nearest to these joint values.", reals),
     every=flag("--all", "Answer with every branch."),
     quaternion=option(
-        "--quaternion QX,QY,QZ,QW", "Of an arm in space: the orientation wanted too.", numbers
+        "--quaternion QX,QY,QZ,QW", "Of an arm in space: the orientation wanted too.", reals
     ),
-    rpy=option("--rpy R,P,Y", "The same as roll, pitch and yaw, as in a URDF [rad].", numbers),
+    rpy=option("--rpy R,P,Y", "The same as roll, pitch and yaw, as in a URDF [rad].", reals),
     keep=flag("--keep-orientation", "Turn the tool as little as possible from --near."),
     on=option("--on z=H", "The pixel X Y lies on this plane of the base frame [m].", height),
 )
 def inverse(
     model: str,
     target: list[str] | None = None,
-    near: Numbers | None = None,
+    near: NumberList | None = None,
     every: bool = False,
     readout: str | None = None,
     input_: str | None = None,
     output: str | None = None,
     frame: str = "sensor",
-    quaternion: Numbers | None = None,
-    rpy: Numbers | None = None,
+    quaternion: NumberList | None = None,
+    rpy: NumberList | None = None,
     keep: bool = False,
     on: float | None = None,
     degrees: bool = False,
@@ -173,7 +173,7 @@ def _numbers(values: Sequence[str]) -> list[float]:
     result = []
     for text in values:
         try:
-            result.append(finite(text))
+            result.append(finite_number(text))
         except ValueError:
             if text.startswith("-") and not text[1:2].isdigit():
                 raise BadOption(f"no such option or number: {text!r}") from None

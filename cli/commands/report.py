@@ -8,7 +8,7 @@ from ..measurements import Reading
 from ..options import takes
 from ..output import Notes, tell
 from ..photo import Drawn
-from ..usage import BadOption, check_output, option
+from ..usage import BadOption, check_file, option
 
 
 @takes(
@@ -27,7 +27,7 @@ def report(
     if output is None and png is None:
         raise BadOption("nothing to write: expected -o FILE.html, or --png DIR, or both")
     if output is not None:
-        check_output(output)
+        check_file(output)
     notes = Notes()
     loaded, log = drawn.load(model, reading, notes)
     from calib.common.atomic import atomic_write

@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Any
 
 from .. import parsing
 from ..options import takes
-from ..output import Table, note, number, progress_bar, show, show_json
+from ..output import TextTable, note, number, progress_bar, show, show_json
 from ..parsing import JointRange, JointValue
 from ..terms import explained
 from ..units import kinds_of_joints, ranges_in_si
@@ -30,7 +30,7 @@ CHOICES = (*SUBJECTS, "all")
 def _length(text: str) -> JointValue:
     """Read the length of the link that a joint moves."""
     joint, _, value = text.partition("=")
-    length = parsing.finite(value)
+    length = parsing.finite_number(value)
     parsing.require(bool(joint) and 0.0 < length < _LONGEST)
     return JointValue(joint, length)
 
@@ -134,7 +134,7 @@ def _keep(result: Result, folder: Path, *, shown: bool) -> None:
             left = next(
                 (k for k, c in enumerate(table.rows[0]) if not isinstance(c, str)), len(rows[0])
             )
-            show(explained(Table(table.header, rows, table.title, left)))
+            show(explained(TextTable(table.header, rows, table.title, left)))
             print()
 
 

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from ..options import takes
-from ..output import Table, show, show_json
+from ..output import TextTable, show, show_json
 
 
 @takes()
@@ -26,4 +26,4 @@ def robots(as_json: bool = False) -> None:
         )
         return
     rows = [[entry.name, ", ".join(entry.joints), entry.description] for entry in entries]
-    show(Table(["robot", "joints, base to tip", "description"], rows, left=3))
+    show(TextTable(["robot", "joints, base to tip", "description"], rows, left=3))

@@ -11,21 +11,20 @@ from typing import TYPE_CHECKING, Any
 
 import typer
 
-from calib.common.choices import MAPS, READOUTS, RULES
+from calib.common.choices import BACKENDS, MAPS, READOUTS, RULES
 
 from .. import parsing
-from ..comparison import document, failures, summary, tables
+from ..comparison import count_line, document, failures, sweep_tables
 from ..options import takes
 from ..output import Notes, note, progress_bar, show, show_json, tell
 from ..parsing import Values, several
-from ..samples import Logged, Selection, check_sources, measured
+from ..samples import Logged, Selection, check_sources, measured_samples
 from ..usage import BadOption, argument, choice, one_document, option
 
 if TYPE_CHECKING:
     from calib import Samples
     from calib.arm.arm import Arm
 
-BACKENDS = ("loky", "threading", "dask", "ray")
 _MOST_SEEDS = 1000
 
 
@@ -53,7 +52,7 @@ _MOST_SEEDS = 1000
     epochs=option(
         "--epochs N,N,..",
         "Passes over the samples; the full lattice alone is trained then.",
-        several(parsing.whole(1)),
+        several(parsing.integer(1)),
     ),
     sigma=option(
         "--sigma START:END,..",
@@ -64,7 +63,7 @@ _MOST_SEEDS = 1000
     samples=option(
         "--samples -n N,N,..",
         "How many samples to babble (default 20000).",
-        several(parsing.whole(1)),
+        several(parsing.integer(1)),
     ),
     noise=option(
         "--noise S,S,..",
@@ -74,12 +73,12 @@ _MOST_SEEDS = 1000
     seeds=option(
         "--seeds K",
         "Train each combination this many times, with the seeds 0, 1, 2 and so on.",
-        parsing.whole(1, _MOST_SEEDS),
+        parsing.integer(1, _MOST_SEEDS),
     ),
     jobs=option(
         "--jobs N",
         "How many trainings at the same time (default all cores).",
-        parsing.whole(1, 10_000),
+        parsing.integer(1, 10_000),
     ),
     backend=choice(
         "--backend",
@@ -134,7 +133,7 @@ def sweep(
         robot = robots[0] if robots else None
         for path in _logs(data):
             in_unit = replace(logged, unit=unit)
-            sources[path] = partial(measured, robot, selection, path, in_unit, 0, notes)
+            sources[path] = partial(measured_samples, robot, selection, path, in_unit, 0, notes)
     typed: dict[str, Sequence[Any] | None] = {
         "size": size and [each.plain() for each in size],
         "map": map_,
@@ -157,9 +156,9 @@ def sweep(
     if as_json:
         show_json(document(found, output))
     elif output != "-":
-        for table in tables(found, readout or READOUTS):
+        for table in sweep_tables(found, readout or READOUTS):
             show(table)
-        tell(summary(found, output))
+        tell(count_line(found, output))
     if found.failed:
         raise typer.Exit(1)
 

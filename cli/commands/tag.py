@@ -2,8 +2,10 @@
 
 from __future__ import annotations
 
+from calib.common.choices import DICTIONARY
+
 from .. import parsing
-from ..camera import DICTIONARY, PRINTED
+from ..camera import PRINTED
 from ..options import takes
 from ..output import tell
 from ..usage import BadOption, argument, option
@@ -11,7 +13,7 @@ from ..usage import BadOption, argument, option
 
 @takes(
     output=option("--output -o FILE.svg", "The page to print."),
-    number=argument("ID", "Number of the tag.", parsing.whole(0)),
+    number=argument("ID", "Number of the tag.", parsing.integer(0)),
     size=option("--size 40mm", "Side of the black square."),
     **PRINTED,
 )

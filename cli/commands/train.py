@@ -14,11 +14,11 @@ from calib.show.facts import size_in_words
 from .. import parsing
 from ..options import takes
 from ..output import Notes, progress_bar, show, show_json, tell
-from ..parsing import Sigma, Size
+from ..parsing import LatticeSize, Sigma
 from ..photo import photo_of_log, with_photo
-from ..samples import Babbling, Logged, Selection, babbled, check_sources, measured
+from ..samples import Babbling, Logged, Selection, babbled_samples, check_sources, measured_samples
 from ..summary import compact_table, summary
-from ..usage import BadOption, argument, check_output, choice, flag, option
+from ..usage import BadOption, argument, check_file, choice, flag, option
 
 if TYPE_CHECKING:
     from calib import Model, Samples
@@ -64,7 +64,7 @@ if TYPE_CHECKING:
     epochs=option(
         "--epochs N",
         "Passes over the samples; the full lattice alone is trained then.",
-        parsing.whole(1),
+        parsing.integer(1),
     ),
     sigma=option(
         "--sigma START:END",
@@ -86,9 +86,9 @@ def train(
     force: bool = False,
     selection: Selection,
     map_: str = "vdsom",
-    size: Size | None = None,
-    motor_size: Size | None = None,
-    sensory_size: Size | None = None,
+    size: LatticeSize | None = None,
+    motor_size: LatticeSize | None = None,
+    sensory_size: LatticeSize | None = None,
     body: str = "auto",
     view: str = "auto",
     rule: str = "batch",
@@ -111,14 +111,14 @@ def train(
     if photo is not None and no_photo:
         raise BadOption("--photo and --no-photo are given: expected one of them")
     if output is not None:
-        check_output(output)
+        check_file(output)
     notes = Notes()
     if data is None:
-        log = babbled(robot, selection, babbling, seed, notes)
+        log = babbled_samples(robot, selection, babbling, seed, notes)
     else:
-        log = measured(robot, selection, data, logged, seed, notes, lens)
+        log = measured_samples(robot, selection, data, logged, seed, notes, lens)
     path = output or f"{_file_name(_stem(robot or data))}.calib"
-    check_output(path)
+    check_file(path)
     if output is None and not force:
         _check_same_origin(path, log)
     with progress_bar(log.unit) as progress:

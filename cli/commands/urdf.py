@@ -9,7 +9,7 @@ import typer
 from calib.common.wording import for_people
 
 from ..options import OF_FRAMES, takes
-from ..output import NO, Notes, Table, fixed, note, number, show, show_json, tell
+from ..output import NO, Notes, TextTable, fixed, note, number, show, show_json, tell
 from ..units import units_of
 from ..usage import flag, option
 
@@ -81,7 +81,7 @@ def urdf(
         tell(f"{output}: residual {rms}, with the nominal URDF {before}")
 
 
-def _table(geometry: Geometry) -> Table:
+def _table(geometry: Geometry) -> TextTable:
     rows = []
     arm = geometry.arm
     for k, name in enumerate(arm.joint_names):
@@ -96,10 +96,12 @@ def _table(geometry: Geometry) -> Table:
         for axis, label in enumerate(("along x", "along y")):
             value, width = geometry.base[axis], geometry.interval_base[axis]
             rows.append(_row("" if axis else "base", label, 1e3, "mm", value, width))
-    return Table(["joint", "change of", "unit", "value", "+-"], rows, "against the URDF", left=3)
+    return TextTable(
+        ["joint", "change of", "unit", "value", "+-"], rows, "against the URDF", left=3
+    )
 
 
-def _in_space(geometry: SpatialGeometry) -> Table:
+def _in_space(geometry: SpatialGeometry) -> TextTable:
     structure, beta, half = geometry.structure, geometry.beta, 1.96 * geometry.sd
     groups, layout, revolute = structure.groups, structure.layout, geometry.arm.revolute
     found = []
@@ -121,7 +123,9 @@ def _in_space(geometry: SpatialGeometry) -> Table:
             shown = "" if name == last else name
             last = name
             rows.append(_row(shown, what.format(axis), factor, unit, beta[index], half[index]))
-    return Table(["joint", "change of", "unit", "value", "+-"], rows, "against the URDF", left=3)
+    return TextTable(
+        ["joint", "change of", "unit", "value", "+-"], rows, "against the URDF", left=3
+    )
 
 
 def _row(name: str, what: str, factor: float, unit: str, value: float, width: float) -> list[str]:

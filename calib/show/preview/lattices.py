@@ -14,7 +14,7 @@ from ...model.model import Model
 from ..error_scale import ErrorScale, colours, rgb
 from ..workspace import drawn_edges, extent, motor_errors, sensory_errors
 from .canvas import Canvas
-from .motion import Motion
+from .motion import Loop
 from .placement import Placement
 
 LINK, FRAME = "#2f9e44", "#8b97a3"
@@ -93,7 +93,7 @@ def draw_maps(
 
 
 def draw_links(
-    canvas: Canvas, model: Model, motion: Motion, nodes: tuple[Array, Array], size: float
+    canvas: Canvas, model: Model, motion: Loop, nodes: tuple[Array, Array], size: float
 ) -> int:
     """Draw the links of one sensory node on the motion's path; return the node."""
     partners, strength = strongest_partners(model)

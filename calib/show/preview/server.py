@@ -15,8 +15,8 @@ from ...common.wording import one_line
 from ...errors import CalibError, OptionError, QueryError
 from ...model.model import Model
 from ..error_scale import length_in_words
-from .arm import Body
-from .placement import place
+from .arm import DrawnArm
+from .placement import place_model
 
 ADDRESS = "127.0.0.1"
 """The loopback interface: no other computer can reach it."""
@@ -24,7 +24,7 @@ ADDRESS = "127.0.0.1"
 _LONGEST = 10_000  # bytes of a question
 _NONSENSE = (ValueError, TypeError, KeyError, AttributeError, CalibError)
 
-Answer = Callable[[dict[str, Any]], dict[str, Any]]
+_Reply = Callable[[dict[str, Any]], dict[str, Any]]
 
 
 class PreviewServer(ThreadingHTTPServer):
@@ -43,7 +43,7 @@ class PreviewServer(ThreadingHTTPServer):
     daemon_threads = True
     allow_reuse_address = False
 
-    def __init__(self, page: str, port: int = 0, answer: Answer | None = None) -> None:
+    def __init__(self, page: str, port: int = 0, answer: _Reply | None = None) -> None:
         try:
             super().__init__((ADDRESS, port), _Handler)
         except (OSError, OverflowError) as error:
@@ -135,8 +135,8 @@ class Live:
 
     def __init__(self, model: Model) -> None:
         self._model = model
-        self._body = Body.of(model.about)
-        self._placement = place(model, self._body)
+        self._body = DrawnArm.of(model.about)
+        self._placement = place_model(model, self._body)
 
     def answer(self, question: dict[str, Any]) -> dict[str, Any]:
         """Answer with every branch that reaches a point of the scene.

@@ -8,10 +8,10 @@ import numpy as np
 
 from ...common.arrays import Array
 from ...maps.node_bounds import COVERAGE
-from ..error_scale import ROUNDING, length_in_words
+from ..error_scale import ROUNDED_AWAY, length_in_words
 from .evidence import Evidence
 from .maps import WIDE
-from .style import DASHES, INK, SERIES, new_figure
+from .style import DASHES, HUES, INK, new_figure
 from .tables import figure_unit
 
 _GROUPS = 10
@@ -19,7 +19,7 @@ _GROUPS = 10
 
 def least(evidence: Evidence) -> float:
     """Errors below this are rounding [unit]."""
-    return ROUNDING if evidence.unit == "m" else ROUNDING * evidence.extent
+    return ROUNDED_AWAY if evidence.unit == "m" else ROUNDED_AWAY * evidence.extent
 
 
 def histogram(evidence: Evidence) -> Any:
@@ -47,7 +47,7 @@ def histogram(evidence: Evidence) -> Any:
                 100 * share,
                 edges * factor,
                 label=readout,
-                color=SERIES[readout],
+                color=HUES[readout],
                 linestyle=DASHES[readout],
                 linewidth=1.6,
             )
@@ -78,7 +78,7 @@ def training(evidence: Evidence) -> Any:
             ("radius sigma\n[nodes]", history[:, 1], "log"),
         )
         for ax, (label, values, scale) in zip(grid[:, column], rows, strict=True):
-            ax.plot(epoch, values, "o-", color=SERIES["local"], markersize=2.5, linewidth=1.2)
+            ax.plot(epoch, values, "o-", color=HUES["local"], markersize=2.5, linewidth=1.2)
             for change in np.flatnonzero(np.diff(history[:, 0])):
                 ax.axvline(change + 1.5, color=_ink(), linewidth=0.6, linestyle=":")
             if scale == "log" and (values > 0).any():
@@ -105,7 +105,7 @@ def calibration(evidence: Evidence) -> Any:
     groups = np.array_split(np.argsort(bound, kind="stable"), min(_GROUPS, len(bound)))
     stated = np.array([np.median(bound[g]) for g in groups]) * factor
     seen = np.array([np.quantile(error[g], COVERAGE) for g in groups]) * factor
-    left.plot(stated, seen, "o", color=SERIES["local"], label="a tenth of the samples each")
+    left.plot(stated, seen, "o", color=HUES["local"], label="a tenth of the samples each")
     ends = np.array([min(stated.min(), seen.min()), max(stated.max(), seen.max())])
     left.plot(ends, ends, "-", color=_ink(), linewidth=0.8, label="as promised")
     left.set(
@@ -121,7 +121,7 @@ def calibration(evidence: Evidence) -> Any:
     ratio = np.sort(error / bound)
     share = 100 * np.arange(1, len(ratio) + 1) / len(ratio)
     keep = np.unique(np.linspace(0, len(ratio) - 1, 400).astype(int))
-    right.plot(ratio[keep], share[keep], color=SERIES["local"], linewidth=1.6)
+    right.plot(ratio[keep], share[keep], color=HUES["local"], linewidth=1.6)
     right.axvline(1.0, color=_ink(), linewidth=0.8)
     right.axhline(100 * COVERAGE, color=_ink(), linewidth=0.8, linestyle=":")
     right.set(

@@ -14,12 +14,12 @@ from ...model.photo import Photo
 from ..arrows import Arrows
 from ..error_scale import UNKNOWN, ErrorScale
 from ..workspace import (
-    border,
     cell_means,
     downwards,
     drawn_edges,
     extent,
     motor_errors,
+    outline,
     sensory_errors,
 )
 from .evidence import Evidence
@@ -29,7 +29,7 @@ from .tables import figure_unit
 _BINS = 36
 _PAPERS = "activity"  # the readout of the paper, beside the default
 WIDE = 7.4  # inches, the page's column
-VIEWS = {2: ((0, 1),), 3: ((0, 1), (0, 2), (1, 2))}
+PROJECTIONS = {2: ((0, 1),), 3: ((0, 1), (0, 2), (1, 2))}
 """Pairs of coordinates in which positions in a plane, and in space, are seen."""
 
 
@@ -48,7 +48,7 @@ def heat_maps(evidence: Evidence, direction: str) -> Any:
     if residuals is None:
         return None
     found = residuals.errors if direction == "forward" else residuals.distance
-    views, flat = VIEWS[len(model.axes)], len(model.axes) == 2
+    views, flat = PROJECTIONS[len(model.axes)], len(model.axes) == 2
     readouts = [r for r in (model.default_readout, _PAPERS) if r in found][: 2 if flat else 1]
     figure = new_figure(WIDE, 2.9 * len(readouts) if flat else 2.3)
     grid = figure.subplots(len(readouts), 2 if flat else 3, squeeze=False)
@@ -248,7 +248,7 @@ def over_photo(evidence: Evidence) -> Any:
     nodes = model.sensory.weights
     lines = _lattice(ax, nodes, edges, errors, scale, linewidths=0.8, alpha=0.85)
     ax.set(xlim=(left, right), ylim=(low, high), xticks=[], yticks=[])
-    around = LineCollection(list(border(model)), colors=BORDER, linewidths=2.2, capstyle="round")
+    around = LineCollection(list(outline(model)), colors=BORDER, linewidths=2.2, capstyle="round")
     ax.add_collection(around, autolim=False)
     words = {"what the learned range reaches": Line2D([], [], color=BORDER, lw=2.2)}
     if label := _arrows(ax, evidence, photo):

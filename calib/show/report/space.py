@@ -11,8 +11,8 @@ from ...common.rows import thinned
 from ...model.model import Model
 from ..error_scale import length_in_words
 from .evidence import Evidence
-from .maps import VIEWS, WIDE, joint_axis, name_axes
-from .style import SERIES, new_figure
+from .maps import PROJECTIONS, WIDE, joint_axis, name_axes
+from .style import HUES, new_figure
 from .tables import figure_unit
 
 _ARROWS = 250
@@ -47,7 +47,7 @@ def residual_vectors(evidence: Evidence) -> Any:
     figure = new_figure(WIDE, 2.9)
     axes = figure.subplots(1, 3)
     factor, _ = figure_unit(evidence.unit)
-    for ax, view in zip(axes, VIEWS[3], strict=True):
+    for ax, view in zip(axes, PROJECTIONS[3], strict=True):
         ax.quiver(
             *(factor * x[:, view]).T,
             *(factor * enlarged * off[:, view]).T,
@@ -55,7 +55,7 @@ def residual_vectors(evidence: Evidence) -> Any:
             scale_units="xy",
             scale=1.0,
             width=0.006,
-            color=SERIES["local"],
+            color=HUES["local"],
         )
         name_axes(ax, evidence, view)
         ax.set_adjustable("datalim")
@@ -86,7 +86,7 @@ def by_joint(evidence: Evidence) -> Any:
             ("95 %", "v:", lambda part: np.quantile(part, 0.95)),
         ):
             values = [factor * float(of(p)) for p, use in zip(parts, known, strict=True) if use]
-            ax.plot(middle, values, style, color=SERIES["local"], markersize=2.5, label=what)
+            ax.plot(middle, values, style, color=HUES["local"], markersize=2.5, label=what)
         ax.set(xlabel=label)
         ax.grid(visible=True, axis="y")
         if k % 3 == 0:
@@ -120,9 +120,14 @@ def joint_curves(evidence: Evidence) -> Any:
         # beta ~ N(m, R R'): a curve w beta has the standard deviation |w R|
         half = 1.96e3 * np.linalg.norm(waves @ root[place], axis=1)
         ax.fill_between(
-            q * by, value - half, value + half, color=SERIES["local"], alpha=0.25, linewidth=0
+            q * by,
+            value - half,
+            value + half,
+            color=HUES["local"],
+            alpha=0.25,
+            linewidth=0,
         )
-        ax.plot(q * by, value, color=SERIES["local"], linewidth=1.0)
+        ax.plot(q * by, value, color=HUES["local"], linewidth=1.0)
         ax.set(xlabel=label)
         ax.grid(visible=True, axis="y")
         if k % 3 == 0:

@@ -12,7 +12,7 @@ from ..error_scale import stops
 INK, FAINT = "#010203", "#020304"
 """Stand for the page's own colours until a figure is written."""
 
-SERIES = {
+HUES = {
     "local": "#1c7ed6",
     "body": "#2f9e44",
     "linear": "#9c36b5",
