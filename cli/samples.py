@@ -142,6 +142,11 @@ def measured_samples(
         arm = _arm_of_log(robot, selection, source, logged.columns, notes)
         notes.say(arm.notes)
         turns = dict(zip(arm.joint_names, arm.revolute, strict=True))
+    glass = None
+    if lens is not None:
+        from calib.recording.lens import read_lens
+
+        glass = read_lens(lens).to_json()
     log = calib.read_log(
         source,
         arm,
@@ -152,18 +157,10 @@ def measured_samples(
         ranges=ranges_in_si(selection.ranges or (), turns, selection.degrees),
         prismatic=logged.prismatic or (),
         seed=seed,
-        lens=_lens(lens),
+        lens=glass,
     )
     notes.say(log.notes)
     return log
-
-
-def _lens(path: str | None) -> dict[str, Any] | None:
-    if path is None:
-        return None
-    from calib.recording.lens import read_lens
-
-    return read_lens(path).to_json()
 
 
 def _arm_of_log(

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, cast
+from typing import TYPE_CHECKING, Any
 
 from ..measurements import Reading, log_for
 from ..options import takes
@@ -22,7 +22,6 @@ from ..usage import argument, one_document, option, refuse
 if TYPE_CHECKING:
     from calib import Model, Plan, Samples
     from calib.arm.arm import Arm
-    from calib.model.about import About
 
 
 @takes(
@@ -70,7 +69,7 @@ def plan(
     known, degrees = _load(robot, selection), selection.degrees
     notes = Notes()
     notes.say(getattr(known, "notes", ()))  # an arm's
-    facts = _facts(known)
+    facts: Any = getattr(known, "about", known)  # what tells the joints and their ranges
     joints_typed = JointFormat(facts, degrees)
     names, typed = joints_typed.names, joints_typed.typed
     turning = dict(zip(names, facts.revolute, strict=True))
@@ -125,12 +124,6 @@ def _is_model(source: str) -> bool:
         return False
 
 
-def _facts(known: Arm | Model) -> Arm | About:
-    """What tells the joints and their ranges."""
-    about: About | None = getattr(known, "about", None)
-    return cast("Arm", known) if about is None else about
-
-
 def _measured(
     known: Arm | Model, data: str, columns: Columns | None, degrees: bool, notes: Notes
 ) -> Samples:
@@ -139,11 +132,9 @@ def _measured(
 
     if isinstance(known, calib.Model):  # which remembers columns, unit and degrees of its log
         return log_for(known, data, Reading(columns, None, degrees or None), notes)
-    facts = _facts(known)
-    sliding = [n for n, turns in zip(facts.joint_names, facts.revolute, strict=True) if not turns]
-    log = calib.read_log(
-        data, joints=list(facts.joint_names), columns=columns, degrees=degrees, prismatic=sliding
-    )
+    names = list(known.joint_names)
+    sliding = [n for n, turns in zip(names, known.revolute, strict=True) if not turns]
+    log = calib.read_log(data, joints=names, columns=columns, degrees=degrees, prismatic=sliding)
     notes.say(log.notes)
     return log
 

@@ -45,12 +45,13 @@ def preview(
 
     if live and html is not None:
         raise BadOption("--live needs a running preview: expected it without --html")
-    folder = checked_folder(meshes)
+    if meshes is not None and not Path(meshes).is_dir():
+        raise BadOption(f"--meshes {meshes!r}: expected the folder of the URDF's mesh files")
     if html is not None:
         check_file(html)
     notes = Notes()
     loaded, log = drawn.load(model, reading, notes)
-    scene = draw(loaded, samples=log, meshes=folder)
+    scene = draw(loaded, samples=log, meshes=None if meshes is None else Path(meshes))
     notes.say(scene.notes)
     page = page_of(scene, loaded, live=live)
     if html is not None:
@@ -80,13 +81,3 @@ def _serve(model: Model, page: str, port: int, *, no_open: bool, live: bool) -> 
             server.serve_forever(poll_interval=0.2)
         except KeyboardInterrupt:
             note("ended")
-
-
-def checked_folder(meshes: str | None) -> Path | None:
-    """Return the folder of the meshes, which has to be one."""
-    if meshes is None:
-        return None
-    folder = Path(meshes)
-    if not folder.is_dir():
-        raise BadOption(f"--meshes {meshes!r}: expected the folder of the URDF's mesh files")
-    return folder

@@ -117,7 +117,7 @@ def train(
         log = babbled_samples(robot, selection, babbling, seed, notes)
     else:
         log = measured_samples(robot, selection, data, logged, seed, notes, lens)
-    path = output or f"{_file_name(_stem(robot or data))}.calib"
+    path = output or _file_name(str(robot or data))
     check_file(path)
     if output is None and not force:
         _check_same_origin(path, log)
@@ -203,10 +203,8 @@ def _check_same_origin(path: str, log: Samples) -> None:
     )
 
 
-def _stem(source: str | None) -> str:
-    return "log" if source in (None, "-") else Path(str(source)).stem
-
-
-def _file_name(name: str) -> str:
-    """Return a name without what would lead to another folder or hide the file."""
-    return re.sub(r"[^\w.+-]+", "_", name).lstrip(".") or "robot"
+def _file_name(source: str) -> str:
+    """Return the default name of a model, without what would lead elsewhere or hide the file."""
+    stem = "log" if source == "-" else Path(source).stem
+    safe = re.sub(r"[^\w.+-]+", "_", stem).lstrip(".")
+    return f"{safe or 'robot'}.calib"
