@@ -6,7 +6,7 @@ from collections.abc import Callable
 from dataclasses import fields, is_dataclass
 from functools import wraps
 from inspect import Parameter, Signature, signature
-from typing import Annotated, Any, TypeVar, cast
+from typing import Annotated, Any, TypeVar, cast, get_args, get_origin
 
 from calib.common.choices import CAUSES, FRAMES, LOG_FRAMES, MOTIONS, READOUTS
 
@@ -151,7 +151,8 @@ def takes(**own: Any) -> Callable[[Command], Callable[..., None]]:
         run.__signature__ = Signature(  # type: ignore[attr-defined]
             [
                 each.replace(
-                    kind=Parameter.KEYWORD_ONLY, annotation=Annotated[each.annotation, known[name]]
+                    kind=Parameter.KEYWORD_ONLY,
+                    annotation=Annotated[_typed(each.annotation), known[name]],
                 )
                 for name, each in taken.items()
             ]
@@ -159,3 +160,12 @@ def takes(**own: Any) -> Callable[[Command], Callable[..., None]]:
         return run
 
     return declared
+
+
+def _typed(kind: Any) -> Any:
+    """What Typer is told of a parameter: a flag, a text or several; readers make values of it."""
+    kinds = get_args(kind) or (kind,)
+    if bool in kinds:
+        return kind
+    several = list in (get_origin(kind), *map(get_origin, kinds))
+    return list[str] | None if several else str | None

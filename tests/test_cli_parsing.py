@@ -25,7 +25,7 @@ def test_finite_numbers_come_back(value):
 def test_readers_answer_or_say_what_they_expected(text):
     readers = [
         parsing.integer(0), parsing.at_least_zero("m"), parsing.above_zero("m"), parsing.size,
-        parsing.sigma, parsing.names, parsing.reals, parsing.columns, parsing.joint_value,
+        parsing.sigma, parsing.names, parsing.reals, parsing.column_names, parsing.joint_value,
         parsing.joint_range, parsing.one_of(("batch", "online")), parsing.height,
         parsing.kind_of_map(("vdsom", "som")),
     ]  # fmt: skip
@@ -41,8 +41,7 @@ def test_readers_answer_or_say_what_they_expected(text):
 @given(st.lists(st.integers(2, 999), min_size=1, max_size=4))
 def test_sizes_come_back(sides):
     size = parsing.size("x".join(map(str, sides)))
-    assert size == tuple(sides)
-    assert size.plain() == (sides[0] if len(sides) == 1 else tuple(sides))
+    assert size == (sides[0] if len(sides) == 1 else tuple(sides))
 
 
 @given(FINITE, FINITE)
@@ -61,7 +60,7 @@ def test_other_values():
     assert parsing.names(" a, b ") == ("a", "b")
     assert parsing.reals("-1,2e-3") == (-1.0, 0.002)
     assert parsing.joint_value("wrist=-1") == ("wrist", -1.0)
-    assert parsing.columns("x=u,elbow=j 2") == {"x": "u", "elbow": "j 2"}
+    assert parsing.column_names("x=u,elbow=j 2") == {"x": "u", "elbow": "j 2"}
     assert parsing.kind_of_map(("vdsom", "som"))("vdsom:error") == "vdsom:error"
     assert option("--seed K", "", parsing.integer(0)).parser(7) == 7
 

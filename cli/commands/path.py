@@ -11,7 +11,7 @@ from calib.common.wording import for_people
 
 from ..options import takes
 from ..output import NO, note, show_json
-from ..parsing import NumberList, expects, finite_number, reals, require
+from ..parsing import expects, finite_number, reals, require
 from ..units import JointFormat, meaning
 from ..usage import one_document, option
 
@@ -45,7 +45,7 @@ def path(
     model: str,
     input_: str,
     output: str | None = None,
-    start: NumberList | None = None,
+    start: tuple[float, ...] | None = None,
     step: float | None = None,
     degrees: bool = False,
     as_json: bool = False,

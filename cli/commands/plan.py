@@ -10,7 +10,6 @@ from ..options import takes
 from ..output import Notes, conclude
 from ..parsing import (
     Columns,
-    NumberList,
     at_least_zero,
     integer,
     reals,
@@ -50,7 +49,7 @@ def plan(
     poses: int = 60,
     selection: Selection,
     margin: float | None = None,
-    start: NumberList | None = None,
+    start: tuple[float, ...] | None = None,
     data: str | None = None,
     columns: Columns | None = None,
     seed: int = 0,

@@ -12,7 +12,7 @@ from calib.common.wording import for_people
 from ..answers import answers, show_answers
 from ..options import takes
 from ..output import NO, fixed, note, show_json
-from ..parsing import NumberList, finite_number, height, reals
+from ..parsing import finite_number, height, reals
 from ..units import JointFormat, meaning, why_outside
 from ..usage import BadOption, argument, bad_option, flag, one_document, option
 from .path import path
@@ -94,14 +94,14 @@ def forward(
 def inverse(
     model: str,
     target: list[str] | None = None,
-    near: NumberList | None = None,
+    near: tuple[float, ...] | None = None,
     every: bool = False,
     readout: str | None = None,
     input_: str | None = None,
     output: str | None = None,
     frame: str = "sensor",
-    quaternion: NumberList | None = None,
-    rpy: NumberList | None = None,
+    quaternion: tuple[float, ...] | None = None,
+    rpy: tuple[float, ...] | None = None,
     keep: bool = False,
     on: float | None = None,
     degrees: bool = False,

@@ -32,7 +32,7 @@ def _length(text: str) -> JointValue:
     joint, _, value = text.partition("=")
     length = parsing.finite_number(value)
     parsing.require(bool(joint) and 0.0 < length < _LONGEST)
-    return JointValue(joint, length)
+    return joint, length
 
 
 @takes(

@@ -17,7 +17,7 @@ from .. import parsing
 from ..comparison import count_line, document, failures, sweep_tables
 from ..options import takes
 from ..output import Notes, note, progress_bar, show, show_json, tell
-from ..parsing import Values, several
+from ..parsing import several
 from ..samples import Logged, Selection, check_sources, measured_samples
 from ..usage import BadOption, argument, choice, one_document, option
 
@@ -96,17 +96,17 @@ def sweep(
     robots: list[str] | None = None,
     data: list[str] | None = None,
     output: str | None = None,
-    size: Values | None = None,
-    map_: Values | None = None,
-    rule: Values | None = None,
-    epochs: Values | None = None,
-    sigma: Values | None = None,
-    samples: Values | None = None,
-    noise: Values | None = None,
+    size: tuple[Any, ...] | None = None,
+    map_: tuple[Any, ...] | None = None,
+    rule: tuple[Any, ...] | None = None,
+    epochs: tuple[Any, ...] | None = None,
+    sigma: tuple[Any, ...] | None = None,
+    samples: tuple[Any, ...] | None = None,
+    noise: tuple[Any, ...] | None = None,
     seeds: int = 1,
     jobs: int | None = None,
     backend: str = "loky",
-    readout: Values | None = None,
+    readout: tuple[Any, ...] | None = None,
     selection: Selection,
     logged: Logged,
     as_json: bool = False,
@@ -135,7 +135,7 @@ def sweep(
             in_unit = replace(logged, unit=unit)
             sources[path] = partial(measured_samples, robot, selection, path, in_unit, 0, notes)
     typed: dict[str, Sequence[Any] | None] = {
-        "size": size and [each.plain() for each in size],
+        "size": size,
         "map": map_,
         "rule": rule,
         "epochs": epochs,

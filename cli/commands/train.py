@@ -14,7 +14,6 @@ from calib.show.facts import size_in_words
 from .. import parsing
 from ..options import takes
 from ..output import Notes, progress_bar, show, show_json, tell
-from ..parsing import LatticeSize, Sigma
 from ..photo import photo_of_log, with_photo
 from ..samples import Babbling, Logged, Selection, babbled_samples, check_sources, measured_samples
 from ..summary import compact_table, summary
@@ -86,14 +85,14 @@ def train(
     force: bool = False,
     selection: Selection,
     map_: str = "vdsom",
-    size: LatticeSize | None = None,
-    motor_size: LatticeSize | None = None,
-    sensory_size: LatticeSize | None = None,
+    size: int | tuple[int, ...] | None = None,
+    motor_size: int | tuple[int, ...] | None = None,
+    sensory_size: int | tuple[int, ...] | None = None,
     body: str = "auto",
     view: str = "auto",
     rule: str = "batch",
     epochs: int | None = None,
-    sigma: Sigma | None = None,
+    sigma: tuple[float, float] | None = None,
     babbling: Babbling,
     seed: int = 0,
     logged: Logged,
@@ -124,9 +123,9 @@ def train(
     with progress_bar(log.unit) as progress:
         model = calib.train(
             log,
-            size=size and size.plain(),
-            motor_size=motor_size and motor_size.plain(),
-            sensory_size=sensory_size and sensory_size.plain(),
+            size=size,
+            motor_size=motor_size,
+            sensory_size=sensory_size,
             map=map_,
             rule=rule,
             epochs=epochs,
