@@ -35,6 +35,7 @@ def show_answers(
     title: str = "",
 ) -> None:
     """Print answers, one line each; an angle is in deg, all else in the unit of the positions."""
+    # bounds and distances have the unit of the positions, but for the angle of a pose
     factor, printed = for_people(unit)
     header = [*joints.header, *(f"{axis} [{printed}]" for axis in axes)]
     units = [for_people("rad") if name == "turned" else (factor, printed) for name in quantities]

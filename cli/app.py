@@ -48,6 +48,7 @@ class CalibGroup(TyperGroup):
     ) -> Any:
         """Run a command line; see `typer.core.TyperGroup.main` for the parameters."""
         try:
+            # not standalone: Click would print its own errors in several lines and exit
             code = super().main(args, prog_name, complete_var, False, windows_expand_args, **extra)
             sys.stdout.flush()
         except BrokenPipeError:
@@ -57,6 +58,7 @@ class CalibGroup(TyperGroup):
                 raise
             told = describe_error(error)
             code = told.code
+            # a process that a signal ended says nothing more: its reader may be gone
             if code < _SIGNAL:
                 try:
                     if "--json" in (sys.argv[1:] if args is None else args):
@@ -184,6 +186,7 @@ def _print_version(wanted: bool) -> None:
 app = typer.Typer(
     cls=CalibGroup,
     add_completion=False,
+    # Click wraps help at 80 columns otherwise, wherever it is printed
     context_settings={"max_content_width": 100},
     invoke_without_command=True,
     pretty_exceptions_enable=False,

@@ -72,6 +72,7 @@ def forward_batch(
     q: Array = batch.values / np.array(joints.typed)
     valid = np.asarray(np.isfinite(q).all(axis=1))
     check_joints(model, q, joints)
+    # rows that are no numbers are asked at the ranges' lower ends: one call answers all
     told = told_at(model, np.where(valid[:, None], q, model.about.lower), readout, frame)
     columns = {name: np.where(valid, column, np.nan) for name, column in told.items()}
     outside = (np.flatnonzero(valid & np.isnan(columns["x"])) + 1).tolist()
@@ -134,6 +135,7 @@ def inverse_batch(
         answered = dict(zip(joints.names, q.T, strict=True))
         answered |= {name: getattr(found, name) for name in (*names, "reachable")}
         missed = (rows[~found.reachable] + 1).tolist()
+    # rows without numbers stand where they stood, between the answers of the others
     index = np.sort(np.concatenate([rows, np.flatnonzero(~valid)]))
     place = valid[index]
     numbers: dict[str, NDArray[Any]] = {"row": index + 1} if every else {}

@@ -157,6 +157,7 @@ def record(
             raise BadOption("--still and --time-offset are for videos and bags, not for pictures")
         made = log_pictures(source, table, setting, since=earlier)
     notes.say(made.notes)
+    # named in the log, so that train can draw the map over it
     path = _middle_picture(source, made)
     folder = Path(output).resolve().parent
     if output != "-" and path.resolve().is_relative_to(folder):

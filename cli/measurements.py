@@ -45,6 +45,7 @@ def log_for(model: Model, path: str, reading: Reading, notes: Notes) -> Samples:
     source = open_source(path)  # once: it may be a pipe
     said = about_source(source).get("unit")
     unit = reading.unit or (said if isinstance(said, str) else None)
+    # pixels and metres have no factor between them, and the plane of a camera model is another
     if unit is not None and (unit == "px") != (about.unit == "px"):
         raise LogError(
             f"{path} is in {unit}, the model in {about.unit}",
@@ -101,6 +102,7 @@ def doubt(model: Model, log: Samples) -> list[str]:
     typical = float(np.median(gap[known]))
     if typical <= max(_FAR_BOUND * float(np.median(bound[known])), _FAR_SHARE * size):
         return []
+    # spreads about the median: single wrong rows do not decide the ratio
     ratio = seen / max(size, 1e-300)
     hint = unit_hint(ratio)
     times = f"; its positions extend over {ratio:.4g} times the model's{hint}" if hint else ""

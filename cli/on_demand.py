@@ -42,6 +42,7 @@ def load_command(name: str) -> Any:
         app = typer.Typer(add_completion=False, rich_markup_mode=None)
         app.command(name)(getattr(module, name))
     command: Any = get_command(app)
+    # a command of several is named after its function, if at all
     command.name = name
     for each in (command, *getattr(command, "commands", {}).values()):
         each.get_params = partial(_params, each.get_params)

@@ -87,6 +87,7 @@ def show_facts(facts: Mapping[str, str]) -> None:
 
 def show_json(document: Any) -> None:
     """Print one JSON document; numbers that are not finite become null."""
+    # a person reads it on a terminal; a program wants one document on one line
     indent = 2 if sys.stdout.isatty() else None
     print(json.dumps(plain(document), indent=indent, allow_nan=False))
 
@@ -95,6 +96,7 @@ def plain(value: Any) -> Any:
     """Return a value as JSON can hold it: no arrays, no NaN, no infinity."""
     if isinstance(value, Mapping):
         return {str(key): plain(item) for key, item in value.items()}
+    # a scalar of NumPy too, whose NaN json would write as no JSON
     if hasattr(value, "tolist"):  # NumPy, which need not be imported for this
         return plain(value.tolist())
     if isinstance(value, (list, tuple)):
@@ -160,6 +162,7 @@ def number(value: float | None) -> str:
     """Return the size of an error with four significant digits, or a dash for none."""
     if value is None or not math.isfinite(value):
         return "-"
+    # decimals that four digits need: 1.234, 12.34, 0.0001234
     size = abs(value)
     if 0.0 < size < _LEAST:
         return _TINY

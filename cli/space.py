@@ -99,6 +99,7 @@ def answer_inverse(
     told = described(space, [first_of(found, len(found.q) if every else 1)], frame)
     names = ("position", "quaternion", "distance", "turned", "expected_error", "model_error")
     solutions = answers(joints, told.q, **{name: getattr(told, name) for name in names})
+    # a target that is missed has no answer to move away from
     free = space.free(found.q[0], 6 if turn is not None else 3)[: 9 if found.reachable else 0]
     if as_json:
         document: dict[str, Any] = {"target": list(typed), "frame": frame}
@@ -180,6 +181,7 @@ def say_free(joints: JointFormat, free: Array, near: bool) -> None:
     told = []
     for row in free:
         order = [k for k in np.argsort(-np.abs(row)) if abs(row[k]) > _TOGETHER]
+        # each direction is scaled so that one joint moves by 1: it names the direction
         own = next(k for k in range(len(row)) if row[k] == 1.0 or abs(row[k] - 1) < 1e-9)
         others = [f"{joints.names[k]} {row[k]:+.2f}" for k in order if k != own]
         told.append(joints.names[own] + (f" with {', '.join(others)}" if others else " alone"))

@@ -67,6 +67,7 @@ def view_of(model: Model) -> dict[str, Any]:
     if (mirror := body.structure.header().get("mirror")) is not None:
         view["mirror"] = mirror < 0
     for parameter in body.parameters():
+        # the arm's own parameters stand in `calib info`; here only what the sensor is
         if parameter.group.startswith(("view.", "lens")):
             view[parameter.name.partition(".")[2].replace(" ", "_")] = {
                 "value": parameter.value,

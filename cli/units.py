@@ -126,6 +126,7 @@ def why_outside(joints: JointFormat, model: Model, q: Sequence[float]) -> str | 
     from calib.model.trust import ROUNDED
 
     about = model.about
+    # as shares of the ranges, since rad and m do not compare
     excess = [
         0.0 if turns_round else max(low - value, value - high) / (high - low)
         for value, low, high, turns_round in zip(

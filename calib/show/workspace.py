@@ -79,6 +79,7 @@ def reached_positions(model: Model) -> Array:
     parts = [np.stack([a.ravel() for a in np.meshgrid(*[axis] * dof)], axis=1)]
     along = np.linspace(0.0, 1.0, _EDGE)
     corners = np.array(list(product([0.0, 1.0], repeat=min(dof - 1, 6))))
+    # the border is reached where all joints but one are at an end of their range
     for k in range(min(dof, 7)):
         for corner in corners:
             edge = np.zeros((_EDGE, dof))
@@ -108,6 +109,7 @@ def outline(model: Model) -> Array:
     grid = np.stack(np.meshgrid(x, y, indexing="ij"), axis=-1)
     tree = cKDTree(reached)
     away = np.asarray(tree.query(grid.reshape(-1, 2))[0]).reshape(count) / step
+    # a level of the distance closes gaps between samples that cells would leave open
     lines = level_lines(x, y, away, _GAP)
     if not len(lines):
         return lines

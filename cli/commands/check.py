@@ -107,6 +107,7 @@ def _show(drift: Drift, title: str, factor: float, name: str) -> None:
     rows = [
         [SIGNALS[key], factor_unit, number(size * found.value), number(size * found.threshold)]
         for key, found in drift.distortion.items()
+        # zeta is a squared share of the unit box: millionths are readable
         for size, factor_unit in [(factor, name) if key == "links" else (1e6, "1e-6")]
     ]
     show(explained(TextTable(["on the maps", "unit", "found", "usual"], rows, left=2)))

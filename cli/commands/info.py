@@ -75,6 +75,7 @@ def _facts(model: Model, path: str, degrees: bool) -> dict[str, str]:
     if model.approach is not None:
         half = zip(about.joint_names, model.approach.play, about.revolute, strict=True)
         found["backlash"] = ", ".join(
+            # play is stored as the distance from the middle, and told from side to side
             f"{name} {2 * math.degrees(h):.3g} deg" if turns else f"{name} {2 * h:.3g} m"
             for name, h, turns in half
             if h > 0.0

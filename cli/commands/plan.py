@@ -114,6 +114,7 @@ def _is_model(source: str) -> bool:
 
     if source.endswith(".calib"):
         return True
+    # before the file is looked at: a folder may hold a model of a bundled robot's name
     if (robots_folder() / f"{source}.urdf").is_file():
         return False
     try:

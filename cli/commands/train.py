@@ -188,6 +188,7 @@ def _check_same_origin(path: str, log: Samples) -> None:
     else:
         urdf = log.arm.urdf if log.arm else ""
         simulated = log.simulation is not None
+        # the URDF's text and the joints tell robots apart, the first kept row tells logs apart
         same = (old.about.urdf, old.about.joint_names) == (urdf, log.joint_names)
         if not simulated and old.rows is not None and len(old.rows):
             pairs = ((old.rows.q, log.q), (old.rows.x, log.x))

@@ -138,6 +138,7 @@ def telling_node(model: Model, among: NDArray[np.intp]) -> int:
     links = model.links[:, among].T.tocsr()
     units = model.motor.units
     total = np.asarray(links.sum(axis=1)).ravel()
+    # a node without partners has no spread, and is not chosen
     total = np.where(total > 0, total, np.inf)
     # variance of the partners about their mean, E|u|^2 - |E u|^2
     mean = (links @ units) / total[:, None]

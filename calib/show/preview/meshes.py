@@ -97,6 +97,7 @@ def read_mesh(path: Path) -> Triangles:
         raise RobotError(f"mesh {path.name}: more than {_MOST_VERTICES:,} vertices or triangles")
     if not len(faces) or not np.isfinite(vertices).all() or faces.max() >= len(vertices):
         raise RobotError(f"mesh {path.name}: holds no triangles")
+    # STL repeats each vertex for each of its triangles, five or six times
     vertices, where = np.unique(vertices, axis=0, return_inverse=True)
     return Triangles(vertices, where.reshape(-1)[faces].astype(np.uint32))
 

@@ -60,6 +60,7 @@ def drive(model: Model) -> Loop:
 
     scale, dof = model.motor.scale, len(model.about.joint_names)
     t = np.linspace(0.0, 2 * np.pi, _FRAMES + 1)
+    # cosines and sines of one and two turns: a closed loop in which no joint follows another
     wave = np.stack(
         [np.cos((1 + k // 2) * t - (k % 2) * np.pi / 2 + 0.7 * k) for k in range(dof)], axis=1
     )

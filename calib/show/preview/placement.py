@@ -84,6 +84,7 @@ def place_model(model: Model, body: DrawnArm | None) -> Placement:
         axes = scale * np.stack([plane.x, up * plane.y])
         return Placement(scale * plane.origin, axes, scale, up=up)
     nodes = model.motor.scale.from_unit(np.clip(model.motor.units[model.visited], 0.0, 1.0))
+    # visited nodes: the others stand where nothing was measured
     nodes = nodes[thinned(len(nodes), 300)]
     learned = model.forward(nodes)
     known = np.isfinite(learned).all(axis=1)

@@ -85,6 +85,7 @@ class _Drawing:
         words = [np.array(each["at"]) + wide.get(each["align"], 0.0) for each in self.labels]
         camera = Viewpoint.onto(np.concatenate([around, self.panel.outline[0], words]), frame)
         # lines that lie on the maps are drawn a little in front of them
+        # at equal depth the graphics card would draw now the one, now the other
         self.front = 0.006 * self.size * camera.direction
         scale = self._errors()
 
@@ -104,11 +105,13 @@ class _Drawing:
         self._residuals()
         tracks = draw_motion(canvas, model, motion, placement, self.front, self.size)
         for link, transforms in poses.items():
+            # links before the first joint stand still: no track for them makes the page smaller
             if np.ptp(transforms, axis=0).max() > 1e-9:
                 tracks[f"{arm_layer.LAYER}/{link}"] = transforms
         canvas.animate(tracks, FPS, _REPETITIONS)
         if placement.note:
             self.notes.append(placement.note)
+        # meshcat's grid lies in z = 0 and cuts a tilted plane's maps
         canvas.set("Grid", "visible", False)
         canvas.place("Axes", self._axes())
         page = self._page(scale, camera)

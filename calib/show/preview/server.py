@@ -116,6 +116,7 @@ class _Handler(BaseHTTPRequestHandler):
 
     def _send(self, status: int, kind: str, data: bytes) -> None:
         host = self.headers.get("Host", "")
+        # against DNS rebinding: a page of another name, led here, asks in the user's browser
         if host.split(":")[0] not in (ADDRESS, "localhost"):  # a name that leads here
             status, kind, data = 404, "text/plain", b"not here"
         self.send_response(status)
@@ -149,6 +150,7 @@ class Live:
         point = np.asarray(question["at"], dtype=float)
         if point.shape != (3,) or not np.isfinite(point).all():
             raise QueryError(f"a point of {point.size} numbers: expected three finite ones")
+        # the plane's axes span two of three dimensions: least squares drops the third
         x = (point - placement.origin) @ np.linalg.pinv(placement.axes)
         found = model.solve_all(x[None])[0]
         reachable = bool(found.reachable.any())

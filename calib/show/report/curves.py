@@ -35,6 +35,7 @@ def histogram(evidence: Evidence) -> Any:
         (axes[0], residuals.errors, "forward"),
         (axes[1], residuals.distance, "inverse"),
     ):
+        # errors of rounding have no place on a logarithmic axis
         shown = {r: np.maximum(e, floor) for r, e in found.items()}
         low = min(float(e.min()) for e in shown.values())
         high = max(float(e.max()) for e in shown.values())
@@ -102,6 +103,7 @@ def calibration(evidence: Evidence) -> Any:
     factor, unit = figure_unit(evidence.unit)
     figure = new_figure(WIDE, 3.0)
     left, right = figure.subplots(1, 2)
+    # equal counts, not equal widths: each quantile rests on as many samples
     groups = np.array_split(np.argsort(bound, kind="stable"), min(_GROUPS, len(bound)))
     stated = np.array([np.median(bound[g]) for g in groups]) * factor
     seen = np.array([np.quantile(error[g], COVERAGE) for g in groups]) * factor

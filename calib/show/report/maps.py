@@ -175,6 +175,7 @@ def _norm() -> Any:
 def heat(ax: Any, points: Array, errors: Array, scale: ErrorScale) -> Any:
     """Mean error in the cells of a grid over points (n, 2)."""
     low, high = points.min(axis=0), points.max(axis=0)
+    # a joint that never moved has a range of no width
     span = np.where(high > low, high - low, 1.0)
     mean = cell_means(points, errors, low, span / _BINS, (_BINS, _BINS))
     return ax.imshow(
@@ -199,6 +200,7 @@ def _nodes(figure: Any, ax: Any, part: Map, values: Array, how: str, title: str)
         ax.set(xlabel="first coordinate [range]", ylabel="second", title=title)
     else:
         grid = values.reshape(shape)
+        # hits of nodes behind each other add up, distances do not
         while grid.ndim > 2:
             grid = grid.mean(axis=-1) if how == "mean" else grid.sum(axis=-1)
         image = ax.imshow(

@@ -40,6 +40,7 @@ def residual_vectors(evidence: Evidence) -> Any:
     x = residuals.x[some]
     off = x - evidence.model.forward(residuals.q[some])
     size = np.linalg.norm(off, axis=1)
+    # the largest would shrink all others if it is an outlier
     large = float(np.nanquantile(size, 0.95))
     if not large > 0.0:
         return None
