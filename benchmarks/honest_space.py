@@ -9,7 +9,6 @@ from functools import cache
 from pathlib import Path
 from typing import Any
 
-import numpy as np
 from honest_change import Trial, adapted, judged_trials
 from honest_real import SERIES, halves, nominal_urdf
 
