@@ -18,12 +18,12 @@ from ..arm.rotations import exponential, logarithm
 from ..arm.spatial_chain import GRAVITY, SpatialChain
 from ..common.arrays import Array
 from .curves import curve_value
-from .spatial_layout import SpatialLayout
+from .layout import SpatialLayout, spatial_layout
 from .spatial_loads import Loads
 from .spatial_motion import Deviations, Motion, move
 from .spatial_slopes import by_joints, by_parameters
 from .spatial_view import Placed, View, compose, look
-from .structure import Indices, Label, Prior, Structure
+from .structure import Indices, Prior, Structure
 from .views import SPATIAL, ViewKind
 
 _CHAIN_ARRAYS = ("axes", "points", "tip", "rotation", "coupling", "bias", "masses", "centres")
@@ -79,14 +79,14 @@ class SpatialStructure(Structure):
 
     @cached_property
     def layout(self) -> SpatialLayout:
-        """Which parameter is what."""
+        """Where each parameter stands, and what it is."""
         weighted = len(self.chain.masses) > 0
-        return SpatialLayout(self.joint_names, self.chain_names, self.revolute, weighted)
+        return spatial_layout(self.joint_names, self.chain_names, self.revolute, weighted)
 
     @property
-    def groups(self) -> Mapping[str, Indices]:
-        """Indices of each group of parameters."""
-        return self.layout.groups
+    def units(self) -> Mapping[str, str]:
+        """Units that depend on the sensor: a camera stands metres away."""
+        return {"position": "m" if self.camera else self.unit}
 
     @cached_property
     def loads(self) -> Loads:
@@ -136,10 +136,6 @@ class SpatialStructure(Structure):
             seen, expected = exponential(z[:, 3:]), exponential(predicted[:, 3:])
             out[:, 3:] = logarithm(seen @ np.swapaxes(expected, 1, 2))
         return np.asarray(out)
-
-    def label(self, index: int) -> Label:
-        """What parameter `index` is."""
-        return self.layout.label(index, "m" if self.camera else self.unit)
 
     def prior(self, free: Sequence[str]) -> Prior:
         """Prior of the member that fits the groups of `free`; ``"curve"`` stands for all curves."""

@@ -10,13 +10,15 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
-from functools import cached_property
-from typing import Any, ClassVar, NamedTuple
+from typing import TYPE_CHECKING, Any, ClassVar, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
 from ..common.arrays import Array
+
+if TYPE_CHECKING:
+    from .layout import Layout
 
 Indices = NDArray[np.intp]
 
@@ -104,6 +106,11 @@ class Structure:
         raise NotImplementedError
 
     @property
+    def layout(self) -> Layout:
+        """Where each parameter stands, and what it is."""
+        raise NotImplementedError
+
+    @property
     def groups(self) -> Mapping[str, Indices]:
         """Indices of each group of parameters.
 
@@ -111,12 +118,17 @@ class Structure:
         ``"view.tilt"``, ``"lens"``, ``"length"``, ``"offset"``, ``"gain"``, ``"elastic"``,
         ``"curve.0"``, ... (planar); spatial ones add ``"placement"``, ``"tool"``.
         """
-        raise NotImplementedError
+        return self.layout.groups
 
-    @cached_property
+    @property
     def size(self) -> int:
         """Number d of parameters."""
-        return sum(len(ix) for ix in self.groups.values())
+        return self.layout.size
+
+    @property
+    def units(self) -> Mapping[str, str]:
+        """Units that depend on the sensor, by how the layout calls them."""
+        return {"position": self.unit}
 
     def predict(self, q: Array, beta: Array) -> Array:
         """Outputs (n, m) at joint values (n, dof); a rotation is a rotation vector."""
@@ -146,7 +158,8 @@ class Structure:
 
     def label(self, index: int) -> Label:
         """What parameter `index` is."""
-        raise NotImplementedError
+        found = self.layout.labels[index]
+        return found._replace(unit=self.units.get(found.unit, found.unit))
 
     def prior(self, free: Sequence[str]) -> Prior:
         """Prior of the member that fits the groups of `free`; ``"curve"`` stands for all curves."""
