@@ -14,13 +14,13 @@ from typing import Any
 
 import numpy as np
 
+from ..arm.motion import Deviations, Motion, move
 from ..arm.rotations import exponential, logarithm
 from ..arm.spatial_chain import GRAVITY, SpatialChain
 from ..common.arrays import Array
 from .curves import curve_value
 from .layout import SpatialLayout, spatial_layout
 from .spatial_loads import Loads
-from .spatial_motion import Deviations, Motion, move
 from .spatial_slopes import by_joints, by_parameters
 from .spatial_view import Placed, View, compose, look
 from .structure import Indices, Prior, Structure

@@ -6,9 +6,9 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from ..arm.motion import Motion
 from ..common.arrays import Array
 from .curves import curve_slope, powers
-from .spatial_motion import Motion
 from .spatial_view import View
 from .structure import Indices
 
@@ -37,7 +37,7 @@ def by_parameters(
         for i in range(structure.chain.joints):
             columns.put(
                 layout.shifts[i, axis],
-                lambda i=i, a=axis: view.push(motion.before[i][:, a], _STILL),
+                lambda i=i, a=axis: view.push(motion.frames[i][:, a], _STILL),
             )
             columns.put(layout.turns[i, axis], lambda i=i, a=axis: view.push(*motion.turn(i, a)))
     columns.put(groups["view.scale"][0], view.scaled)

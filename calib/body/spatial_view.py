@@ -10,8 +10,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from ..arm.motion import cross
 from ..arm.rotations import exponential, logarithm
-from ..arm.spatial_chain import cross
 from ..common.arrays import Array
 from .views import SPATIAL
 
