@@ -32,19 +32,18 @@ class Kinematics:
 
     def __init__(self, urdf: Urdf) -> None:
         pin = self._pin = _import_pinocchio()
-        self._urdf, self._model, self._joints = urdf, pin.Model(), {}
+        self._urdf, self._model = urdf, pin.Model()
+        self._joints: dict[str, int] = {}
         # of each link the joint that carries it, and its placement there
         self._links: dict[str, tuple[int, Any]] = {urdf.root: (0, pin.SE3.Identity())}
         for joint in sorted(urdf.joints, key=lambda joint: len(urdf.path(joint.child))):
             carrier, there = self._links[joint.parent]
             placed = there * pin.SE3(pin.rpy.rpyToMatrix(*joint.rpy), np.array(joint.xyz))
             if joint.movable:
-                turns = joint.revolute
-                kind = (
-                    pin.JointModelRevoluteUnaligned if turns else pin.JointModelPrismaticUnaligned
-                )
+                motion = "Revolute" if joint.revolute else "Prismatic"
                 axis = np.array(joint.axis) / np.linalg.norm(joint.axis)
-                carrier = self._model.addJoint(carrier, kind(axis), placed, f"joint {carrier}")
+                kind = getattr(pin, f"JointModel{motion}Unaligned")(axis)
+                carrier = self._model.addJoint(carrier, kind, placed, str(len(self._joints)))
                 self._joints[joint.name], placed = carrier, pin.SE3.Identity()
             self._links[joint.child] = carrier, placed
 

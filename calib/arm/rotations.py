@@ -86,3 +86,9 @@ def cross_matrix(vectors: ArrayLike) -> Array:
     out[..., 0, 2], out[..., 2, 0] = v[..., 1], -v[..., 1]
     out[..., 1, 2], out[..., 2, 1] = -v[..., 0], v[..., 0]
     return out
+
+
+def nearest_rotation(matrix: Array) -> Array:
+    """The rotation (3, 3) nearest to a matrix (Kabsch 1976)."""
+    u, _, vt = np.linalg.svd(matrix)
+    return np.asarray(u @ np.diag([1.0, 1.0, np.linalg.det(u @ vt)]) @ vt)

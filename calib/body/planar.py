@@ -10,7 +10,7 @@ Equations of ``docs/body.md``; angles accumulate along the chain::
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
 from dataclasses import asdict, dataclass
 from typing import Any
 
@@ -22,7 +22,7 @@ from . import planar_prior, planar_start, planar_view, planar_words
 from .curves import curve_slope, curve_value, powers
 from .layout import PlanarLayout, planar_layout
 from .nominal import Nominal
-from .structure import Indices, Prior, Structure
+from .structure import Indices, Structure
 from .views import PLANAR, ViewKind
 
 Complex = NDArray[np.complex128]
@@ -194,21 +194,8 @@ class PlanarStructure(Structure):
         z, view, _ = planar_view.columns(self, terms.sum(axis=1), beta, place, 0)
         return z, np.asarray(view @ np.stack([by_joint.real, by_joint.imag], axis=1))
 
-    def prior(self, free: Sequence[str]) -> Prior:
-        """Prior of the member that fits the groups `free`."""
-        return planar_prior.prior(self, free)
-
-    def members(self) -> tuple[tuple[str, tuple[str, ...]], ...]:
-        """Members of the gate from simple to rich."""
-        return planar_prior.members(self)
-
-    def starts(self, q: Array, z: Array) -> Sequence[tuple[Structure, Array]]:
-        """Candidate starts over signs, mirrors and elbow offsets."""
-        return planar_start.starts(self, q, z)
-
-    def words(self, beta: Array, sd: Array) -> tuple[str, ...]:
-        """The parameters in words."""
-        return planar_words.words(self, beta, sd)
+    prior, members = planar_prior.prior, planar_prior.members
+    starts, words = planar_start.starts, planar_words.words
 
     def header(self) -> dict[str, Any]:
         """JSON-ready description."""

@@ -19,7 +19,7 @@ _STILL = np.zeros((3, 1))
 
 
 def by_parameters(
-    structure: SpatialStructure, q: Array, beta: Array, active: Indices | None
+    structure: SpatialStructure, q: Array, beta: Array, active: Indices | None = None
 ) -> tuple[Array, Array]:
     """Outputs (n, m) and their derivative (n, m, k) by the parameters `active` (or all)."""
     wanted = np.arange(structure.size) if active is None else active

@@ -56,20 +56,12 @@ def words(structure: SpatialStructure, beta: Array, sd: Array) -> tuple[str, ...
         shown = ", ".join(f"{1e3 * v:.1f}" for v in beta[tool])
         lines.append(f"tool ({shown}) ± {1e3 * 1.96 * _rms(sd[tool]):.2f} mm from the tip")
     if structure.camera:
-        lines += camera(structure, beta, sd)
+        # `Body.describe` says where it stands
+        f, u, v, k1 = beta[groups["lens"]]
+        sure = sd[groups["lens"][0]]
+        known, spread = ("", f" ± {1.96 * sure:.1f}") if sure > 0 else (" (given)", "")
+        lines.append(f"lens f {f:.1f}{spread} px, centre ({u:.1f}, {v:.1f}) px, k1 {k1:.4f}{known}")
     return tuple(lines)
-
-
-def camera(structure: SpatialStructure, beta: Array, sd: Array) -> list[str]:
-    """Lines on a camera's lens; `Body.describe` says where it stands."""
-    if not structure.camera:
-        return []
-    lines, lens = [], structure.groups["lens"]
-    f, u, v, k1 = beta[lens]
-    known = "" if sd[lens[0]] > 0 else " (given)"
-    spread = f" ± {1.96 * sd[lens[0]]:.1f}" if sd[lens[0]] > 0 else ""
-    lines.append(f"lens f {f:.1f}{spread} px, centre ({u:.1f}, {v:.1f}) px, k1 {k1:.4f}{known}")
-    return lines
 
 
 def camera_place(structure: SpatialStructure, beta: Array) -> tuple[Array, Array]:
