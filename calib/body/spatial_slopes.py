@@ -24,7 +24,8 @@ def by_parameters(
     """Outputs (n, m) and their derivative (n, m, k) by the parameters `active` (or all)."""
     wanted = np.arange(structure.size) if active is None else active
     motion, view = structure.seen(q, beta)
-    columns = _Columns(len(q), structure.outputs, structure.size, wanted)
+    n, outputs = view.values.shape
+    columns = _Columns(n, outputs, structure.size, wanted)
     groups, layout = structure.groups, structure.layout
     for axis in range(3):
         columns.put(groups["view.rotation"][axis], lambda a=axis: view.turned(a))

@@ -21,7 +21,6 @@ from ..model.alignment import Alignment
 from ..model.model import Model
 from ..model.space import REACHED, Space
 from .geometry import (
-    Geometry,
     fit_geometry,
     frame_is_free,
     frames,
@@ -30,7 +29,7 @@ from .geometry import (
     nominal_arm,
 )
 from .nominal import NominalArm, NominalPose, nominal_in_base, nominal_in_space, nominal_in_view
-from .spatial_geometry import SpatialGeometry
+from .planar_geometry import Geometry
 
 
 @dataclass(frozen=True, eq=False)
@@ -106,7 +105,6 @@ def _in_space(model: Model, view: str, cause: str, free: bool) -> Wanted:
         pose = NominalPose.of(own, body.beta, beta)
     else:
         geometry = fit_geometry(model, view=view, cause=cause)
-        assert isinstance(geometry, SpatialGeometry)  # noqa: S101
         structure = geometry.structure
         beta = nominal_in_space(structure, geometry.beta)
     one = _one(structure, beta, moved)
