@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from ..arm.rotations import exponential, logarithm, nearest_rotation
+from ..arm.rotations import exponential, logarithm, nearest_rotation, similarity
 from ..common.arrays import Array
 from ..common.rows import thinned
 from ..errors import LogError
@@ -173,17 +173,6 @@ def _tool(
     target = (z[:, :3] - factor * points @ turn.T).reshape(-1)
     solution = np.linalg.lstsq(arms.reshape(-1, 6), target, rcond=None)[0]
     return solution[:3], solution[3:]
-
-
-def similarity(a: Array, b: Array) -> tuple[Array, Array, float]:
-    """Rotation (3, 3), shift (3,) and scale with b = scale R a + shift (Umeyama 1991)."""
-    middle, seen = a.mean(axis=0), b.mean(axis=0)
-    u, s, vt = np.linalg.svd((b - seen).T @ (a - middle))
-    sign = np.array([1.0, 1.0, np.sign(np.linalg.det(u @ vt))])
-    turn = u @ np.diag(sign) @ vt
-    spread = float(((a - middle) ** 2).sum())
-    scale = max(float((s * sign).sum()) / max(spread, 1e-300), 1e-12)
-    return turn, seen - scale * turn @ middle, scale
 
 
 def _from_pose(

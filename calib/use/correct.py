@@ -13,7 +13,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from ..common.arrays import Array
-from ..common.rows import number_rows
+from ..common.rows import checked_rows
 from ..common.scale import TURN
 from ..errors import OptionError, QueryError
 from ..model.answers import Answer
@@ -140,10 +140,7 @@ def correct(
     fitted together with joint offsets and link placements, so that only what is the arm's own
     is compensated.
     """
-    rows, single = number_rows(q, model.about.joint_names, "joint values")
-    if not np.isfinite(rows).all():
-        row = int(np.argmin(np.isfinite(rows).all(axis=1)))
-        raise QueryError(f"joint values of row {row + 1} are not finite: {rows[row].tolist()}")
+    rows, single = checked_rows(q, model.about.joint_names, "joint values")
     about = model.about
     check_joint_values(
         rows, about.joint_names, about.lower, about.upper, about.revolute, error=QueryError

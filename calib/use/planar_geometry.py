@@ -13,12 +13,11 @@ from typing import Any
 import numpy as np
 
 from ..arm.arms import PlanarArm
-from ..arm.rotations import logarithm
+from ..arm.rotations import logarithm, similarity
 from ..body.fitted import Fit
 from ..body.spatial import SpatialStructure, structure_of
 from ..body.spatial_prior import FREE, SCALES, SHIFT
 from ..body.spatial_slopes import by_parameters
-from ..body.spatial_start import similarity
 from ..body.structure import Indices, Prior
 from ..common.arrays import Array
 from ..model.alignment import Alignment

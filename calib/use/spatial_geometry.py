@@ -17,12 +17,12 @@ from ..arm.urdf import parse_urdf
 from ..body.belief import Body
 from ..body.fit import maximise
 from ..body.fitted import Fit
-from ..body.fitting import METRES
 from ..body.spatial import SpatialStructure, structure_of
 from ..body.spatial_prior import SHIFT, frame_groups
 from ..body.spatial_start import frame
 from ..body.structure import Prior
 from ..common.arrays import Array
+from ..common.scale import METRES
 from .urdf import Moved
 
 _NU = 6.0  # degrees of freedom of the residuals: a few rows may be grossly wrong
