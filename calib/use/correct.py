@@ -20,7 +20,8 @@ from ..model.answers import Answer
 from ..model.model import Model
 from ..samples.joint_values import check_joint_values
 from ..samples.log_ranges import wrap
-from .geometry import frames, moves_in_space
+from .geometry import frames
+from .nominal import moves_in_space
 from .wanted import Wanted, wanted
 
 _USUAL = 3.0  # a correction this many times the 95 % quantile of the model's own is not trusted

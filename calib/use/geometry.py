@@ -9,40 +9,17 @@ import math
 
 import numpy as np
 
-from ..arm.arms import PlanarArm, SpatialArm
-from ..body.spatial import SpatialStructure
+from ..arm.arms import PlanarArm
 from ..common.arrays import Array
 from ..common.choices import CAUSES, LOG_FRAMES
 from ..errors import OptionError
 from ..model.alignment import Alignment
 from ..model.model import Model
-from .nominal import nominal_in_view
+from .nominal import nominal_arm, nominal_in_view
 from .planar_geometry import fit_in_plane
 from .spatial_geometry import SpatialGeometry
 
 _POINTS, _ROWS = 500, 2_000
-
-
-def moves_in_space(model: Model) -> bool:
-    """Whether the arm moves in space: seen in x, y and z, or by a camera from anywhere."""
-    return len(model.axes) == 3 or (
-        model.body is not None and isinstance(model.body.structure, SpatialStructure)
-    )
-
-
-def nominal_arm(model: Model) -> PlanarArm | SpatialArm:
-    """Return the arm as its URDF describes it."""
-    from ..arm.loading import arm_from_urdf
-
-    about = model.about
-    if not about.urdf:
-        raise OptionError(
-            "the model has no URDF, so there is no nominal arm to compare it with",
-            hint="train it with a robot, or with a robot and a log",
-            parameter="robot",
-        )
-    planar = not moves_in_space(model)
-    return arm_from_urdf(about.urdf, about.joint_names, about.tip, lock=about.locked, planar=planar)
 
 
 def frame_is_free(model: Model, view: str = "auto") -> bool:
