@@ -31,7 +31,13 @@ class Kinematics:
     """
 
     def __init__(self, urdf: Urdf) -> None:
-        pin = self._pin = _import_pinocchio()
+        try:
+            import pinocchio as pin
+        except ImportError as error:
+            raise RobotError(
+                f"robots need Pinocchio, which cannot be imported ({error}): pip install pin"
+            ) from None
+        self._pin: Any = pin
         self._urdf, self._model = urdf, pin.Model()
         self._joints: dict[str, int] = {}
         # of each link the joint that carries it, and its placement there
@@ -80,13 +86,3 @@ class Kinematics:
             q[self._joints[name] - 1] = value  # each joint has one value
         self._pin.computeJointJacobians(self._model, data, q)
         return data
-
-
-def _import_pinocchio() -> Any:
-    try:
-        import pinocchio
-    except ImportError as error:
-        raise RobotError(
-            f"robots need Pinocchio, which cannot be imported ({error}): pip install pin"
-        ) from None
-    return pinocchio
