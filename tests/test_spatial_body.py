@@ -10,7 +10,7 @@ import pytest
 
 from calib.arm.loading import load_arm
 from calib.arm.rotations import exponential, logarithm
-from calib.body import Body
+from calib.body.belief import Body
 from calib.body.fitting import fit_structure
 from calib.body.spatial import structure_of
 from calib.body.spatial_random import unknown_structure

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from calib.arm.loading import load_arm
-from calib.body import Body
+from calib.body.belief import Body
 from calib.body.fitted import by_block
 from calib.body.fitting import fit_structure
 from calib.body.remount import remount
