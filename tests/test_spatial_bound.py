@@ -9,7 +9,7 @@ import pytest
 from models import in_space
 
 from calib.arm.loading import load_arm
-from calib.body import Body
+from calib.body.belief import Body
 from calib.body.fitting import fit_structure
 from calib.body.gauge import without_gauge
 from calib.body.normal import sums_of

@@ -6,9 +6,9 @@ import re
 
 import numpy as np
 
+from ..arm.motion import placements
 from ..body.curves import HARMONICS
 from ..body.spatial import SpatialStructure
-from ..body.spatial_motion import placements
 from ..body.spatial_view import NEAREST
 from ..common.arrays import Array
 from .c_source import array, integers, number

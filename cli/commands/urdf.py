@@ -14,7 +14,7 @@ from ..units import units_of
 from ..usage import flag, option
 
 if TYPE_CHECKING:
-    from calib.use.geometry import Geometry
+    from calib.use.planar_geometry import Geometry
     from calib.use.spatial_geometry import SpatialGeometry
 
 
@@ -44,7 +44,8 @@ def urdf(
     import calib
     from calib.common.atomic import atomic_write, check_writable
     from calib.use.correct import free_frame
-    from calib.use.geometry import Geometry, fit_geometry
+    from calib.use.geometry import fit_geometry
+    from calib.use.planar_geometry import Geometry
     from calib.use.urdf import MOST_UNEXPLAINED, check_output, corrected_urdf
 
     check_writable(output)
@@ -82,20 +83,17 @@ def urdf(
 
 
 def _table(geometry: Geometry) -> TextTable:
-    rows = []
-    arm = geometry.arm
+    rows, arm, offsets, ends = [], geometry.arm, geometry.offsets, geometry.ends
     for k, name in enumerate(arm.joint_names):
         factor, unit = for_people("rad" if arm.revolute[k] else "m")
-        value, width = geometry.offsets[k], geometry.interval_offsets[k]
-        rows.append(_row(name, "offset", factor, unit, value, width))
+        rows.append(_row(name, "offset", factor, unit, *(part[k] for part in offsets)))
         for axis, label in enumerate(("along x", "along y")):
             what = f"far end of its link, {label}"
-            value, width = geometry.moved[k, axis], geometry.interval_moved[k, axis]
-            rows.append(_row("", what, 1e3, "mm", value, width))
-    if geometry.interval_base.any():
+            rows.append(_row("", what, 1e3, "mm", *(part[k + 1, axis] for part in ends)))
+    if ends[1][0].any():
         for axis, label in enumerate(("along x", "along y")):
-            value, width = geometry.base[axis], geometry.interval_base[axis]
-            rows.append(_row("" if axis else "base", label, 1e3, "mm", value, width))
+            name = "" if axis else "base"
+            rows.append(_row(name, label, 1e3, "mm", *(part[0, axis] for part in ends)))
     return TextTable(
         ["joint", "change of", "unit", "value", "+-"], rows, "against the URDF", left=3
     )
