@@ -43,7 +43,7 @@ class Signal:
         return {"value": self.value, "threshold": self.threshold}
 
 
-@dataclass(frozen=True, eq=False)
+@dataclass(frozen=True, eq=False, repr=False)
 class Drift:
     """What a log says of a model.
 
@@ -90,6 +90,12 @@ class Drift:
     usual_noise: float
     causes: tuple[Cause, ...]
     notes: tuple[str, ...] = field(default=())
+
+    def __repr__(self) -> str:
+        """The verdict in a few lines, as `calib check` ends."""
+        verdict = {True: "drifted", False: "still calibrated", None: "too coarse"}[self.drifted]
+        head = f"Drift: {verdict}, score {self.score:.3g} (threshold 1), {self.samples} samples"
+        return "\n  ".join([head, *self.explanations])
 
     @property
     def fired(self) -> tuple[str, ...]:
@@ -162,6 +168,14 @@ def _drift(found: Comparison, log: Samples, tolerance: float | None) -> Drift:
     if not drifted and tolerance is not None and tested.smallest > tolerance:
         drifted = None
     notes = [*found.rows.notes, *outlier_note(found.outliers), *unsettled, *untold]
+    far = found.beyond[0]
+    if far > 1.0 and tested.score <= 1.0 and not found.reference.new and found.explained:
+        told = (
+            f"half of the rows are {far:.2g} times their expected error or more from the "
+            "prediction, where 1 of 20 should be beyond it"
+        )
+        noisier = "" if drifted else ": a noisier sensor, or an error that no cause describes"
+        notes.append(told + noisier)
     return Drift(
         drifted,
         len(found.q),

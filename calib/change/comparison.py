@@ -130,6 +130,35 @@ class Comparison:
         return group_tests(body, held, self.log, self.probes)
 
     @cached_property
+    def beyond(self) -> tuple[float, float]:
+        """Median distance of the rows from their prediction, over what 19 of 20 should stay below.
+
+        The second value is the same if all of the log's own scatter is noise of the sensor, which
+        is no drift.  A simulated arm is bounded as it was built.
+        """
+        from scipy.special import chdtri
+
+        gap = np.linalg.norm(self.z - self.body.predict(self.q), axis=1)[self.kept]
+        told = np.nan_to_num(self.model.expected_error(self.q), nan=np.inf)
+        told = np.maximum(told, self.belief.bound(self.q))[self.kept]
+        more = max(self.tested.noise**2 - self.tested.usual**2, 0.0)
+        noisy = np.sqrt(told**2 + float(chdtri(self.z.shape[1], 0.05)) * more)
+        return float(np.median(gap / told)), float(np.median(gap / noisy))
+
+    @cached_property
+    def unexpected(self) -> bool:
+        """Whether no test fires, yet half of the rows are further off than the model told.
+
+        Groups are tested against all that may have crept (:func:`calib.change.members.drift`),
+        which on a path or in a corner follows nearly any residual, and waves that are finer than
+        the rows look like noise.  The bound is narrower: half of the rows beyond it are no chance.
+        """
+        if self.reference.new or self.tested.score > 1.0:
+            return False
+        far, surely = self.beyond
+        return surely > 1.0 or (far > 1.0 and changed(self.explanations))
+
+    @cached_property
     def explanations(self) -> tuple[Explanation, ...]:
         """Members with their evidence, best first; of a log that shows no change, that of none."""
         return self._explained(calm=False) if self._suspect else self._calm
@@ -139,29 +168,34 @@ class Comparison:
         """Explanations by no change."""
         return self._explained(calm=True)
 
+    @property
+    def _waves(self) -> float:
+        """Evidence of waves, which look like noise to the tests, over what chance stays below.
+
+        What is less likely than the usual by 1 / p has a chance below p where nothing changed
+        (Markov's inequality).
+        """
+        return unusual(self._calm) / -math.log(FALSE_ALARM)
+
     def _explained(self, calm: bool) -> tuple[Explanation, ...]:
         return explain(self.reference, self.log, self._weighted[1], self.cause, calm)
 
     @cached_property
     def score(self) -> float:
         """How far the log is from an arm and a sensor as they were: above 1 they changed."""
-        score = self.tested.score
-        if self.reference.new:
-            score = max(score, 2.0)
-        elif score <= 1.0:
-            # Waves look like noise to the tests. What is less likely than the usual by 1 / p has a
-            # chance below p where nothing changed (Markov's inequality).
-            score = max(score, unusual(self._calm) / -math.log(FALSE_ALARM))
+        score = max(self.tested.score, 2.0 if self.reference.new else 0.0)
+        if score <= 1.0:
+            score = max(score, self._waves)
         if self._suspect and not self.explained:
-            score = max(score, 1.0 + self.misfit)
-        return score
+            return max(score, 1.0 + self.misfit)
+        return max(score, self.beyond[0] if self.unexpected else 0.0)
 
     @cached_property
     def _suspect(self) -> bool:
         """Whether a test fires, or rows are so far from the model that noise alone is no answer."""
-        if self.reference.new or self.tested.score > 1.0:
+        if self.reference.new or self.tested.score > 1.0 or self.beyond[0] > 1.0:
             return True
-        if unusual(self._calm) > -math.log(FALSE_ALARM):
+        if self._waves > 1.0:
             return True
         gap = np.linalg.norm(self.z - self.body.structure.predict(self.q, self.body.beta), axis=1)
         spread = np.linalg.norm(self.x - np.median(self.x, axis=0), axis=1)
