@@ -6,7 +6,6 @@ import re
 
 import numpy as np
 
-from ..body.curves import HARMONICS
 from ..body.spatial import SpatialStructure
 from ..body.spatial_motion import placements
 from ..body.spatial_view import NEAREST
@@ -35,11 +34,7 @@ def words(structure: SpatialStructure, single: bool) -> dict[str, object]:
 def tables(structure: SpatialStructure, beta: Array, single: bool) -> str:
     """Constant tables of a spatial body: the chain, its loads, its curves and the sensor."""
     chain, sensor = structure.chain, structure.sensor(beta)
-    real, waves = "calib_real", np.zeros((2, HARMONICS, structure.dof))
-    for k in range(structure.dof):
-        curve = structure.groups[f"curve.{k}"]
-        if len(curve):
-            waves[:, :, k] = beta[curve].reshape(2, HARMONICS)
+    real = "calib_real"
     weighed = chain.masses if len(chain.masses) else np.zeros(chain.joints)
     middle = chain.centres - chain.points if len(chain.masses) else np.zeros((chain.joints, 3))
     gravity = np.asarray(structure.gravity) / structure.loads.torque
@@ -54,8 +49,6 @@ def tables(structure: SpatialStructure, beta: Array, single: bool) -> str:
         + array(real, "calib_mass", [rows], weighed, single)
         + array(real, "calib_centre", [rows, "3"], middle, single)
         + array(real, "calib_gravity", ["3"], gravity, single)
-        + array(real, "calib_curve_cos", ["CALIB_HARMONICS", dof], waves[0], single)
-        + array(real, "calib_curve_sin", ["CALIB_HARMONICS", dof], waves[1], single)
         + array(real, "calib_view", ["9"], sensor.scale * sensor.rotation, single)
         + array(real, "calib_aim", ["9"], sensor.rotation, single)
         + array(real, "calib_shift", ["3"], sensor.shift, single)
