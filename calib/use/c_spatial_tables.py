@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-import re
-
 import numpy as np
 
 from ..body.spatial import SpatialStructure
@@ -11,7 +9,7 @@ from ..body.spatial_motion import placements
 from ..body.spatial_view import NEAREST
 from ..common.arrays import Array
 from .c_source import array, integers, number
-from .c_spatial import LINEAR, PINHOLE
+from .c_spatial import LINEAR, SEEN_BY_CAMERA
 
 _POSES, _POSE_CALM = 2, 1e-6  # steps towards a pose, and their damping
 
@@ -19,11 +17,10 @@ _POSES, _POSE_CALM = 2, 1e-6  # steps towards a pose, and their damping
 def words(structure: SpatialStructure, single: bool) -> dict[str, object]:
     """Numbers and lines that stand in the source itself."""
     lever = structure.chain.reach
-    lens = {"law": structure.seen_as.source, "nearest": number(NEAREST, single)}
-    pinhole = re.sub(r"@(\w+)@", lambda found: lens[found.group(1)], PINHOLE)
     return {
-        **lens,
-        "view": pinhole if structure.camera else LINEAR,
+        "law": structure.seen_as.source,
+        "nearest": number(NEAREST, single),
+        "view": SEEN_BY_CAMERA if structure.camera else LINEAR,
         "poses": _POSES,
         "pose_calm": number(_POSE_CALM, single),
         "lever": number(lever, single),

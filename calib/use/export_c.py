@@ -115,6 +115,7 @@ class _Writer:
                 there = nominal_in_space(structure, beta)
                 nominal = c_spatial_tables.arm("calib_nominal", structure, there, self.single)
             own, wanted, pose = c_spatial.SOURCE, c_spatial.WANTED, c_spatial.POSE
+            own = own.replace("@pinhole@", c_spatial.PINHOLE if structure.camera else "")
             words |= c_spatial_tables.words(structure, self.single)
             keeps = bool(nominal) and structure.dof >= 6
             words["limit"] = self._n(usual_limit(self.model).max() if keeps else 0.0)
