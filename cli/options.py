@@ -54,10 +54,11 @@ RangeOption = Annotated[
 ]
 
 MapOption = Annotated[
-    str,
+    str | None,
     option(
         f"--map {'|'.join(MAPS)}",
-        "Kind of map; vdsom:error and the like name variants of the paper's rule.",
+        "Kind of map (default vdsom; for a log with --body none gas where held-out blocks prefer "
+        "it); vdsom:error and the like name variants of the paper's rule.",
         parsing.kind_of_map(MAPS),
     ),
 ]

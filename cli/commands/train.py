@@ -43,7 +43,7 @@ def train(
     planar: o.PlanarOption = False,
     lock: o.LockOption = None,
     ranges: o.RangeOption = None,
-    map_: o.MapOption = "vdsom",
+    map_: o.MapOption = None,
     size: o.SizeOption = None,
     motor_size: o.MotorSizeOption = None,
     sensory_size: o.SensorySizeOption = None,
