@@ -54,11 +54,13 @@ class Trial:
     kept: bool
 
 
-def _adapted(model: calib.Model, log: calib.Samples, n: int, place: int, same: bool) -> Trial:
-    """Adapt with n contiguous rows at one of ten places."""
+def adapted(
+    model: calib.Model, log: calib.Samples, n: int, place: int, same: bool, every: int = 1
+) -> Trial:
+    """Adapt with n contiguous rows at one of ten places, asked at some or all of the others."""
     start = (len(log) - n) * place // 9
     used = np.arange(start, start + n)
-    rest = log.take(np.setdiff1d(np.arange(len(log)), used))
+    rest = log.take(np.setdiff1d(np.arange(len(log)), used)[::every])
     found = calib.adapt(model, log.take(used))
     after, before = found.model.forward(rest.q), model.forward(rest.q)
     print(".", end="", file=sys.stderr, flush=True)
@@ -86,13 +88,18 @@ def adaptations(folder: Path, quick: bool) -> Iterator[Row]:
         model = calib.train(before)
         for n in (40, 400) if quick else (40, 150, 400):
             for place in range(1, 10, 4) if quick else range(10):
-                trials.append(_adapted(model, after, n, place, same))
+                trials.append(adapted(model, after, n, place, same))
+    yield from judged_trials("adaptations", trials)
+
+
+def judged_trials(what: str, trials: list[Trial]) -> Iterator[Row]:
+    """The bars of adaptations, in the plane and in space."""
     ratio = np.array([t.ratio for t in trials])
     changed = [t for t in trials if not t.same]
     same = [t for t in trials if t.same]
     moved = [t for t in trials if not t.kept]
     yield {
-        "what": f"adaptations: {len(trials)}, worst error after / before",
+        "what": f"{what}: {len(trials)}, worst error after / before",
         "measured": float(ratio.max()),
         "unit": "",
         "most": 1.12,
@@ -112,7 +119,7 @@ def adaptations(folder: Path, quick: bool) -> Iterator[Row]:
     }
     yield {
         "what": f"mean ratio of the changed, {len(changed)}",
-        "measured": float(np.mean([t.ratio for t in changed])),
+        "measured": float(np.mean([t.ratio for t in changed])) if changed else float("nan"),
         "unit": "",
         "most": 0.8,
     }

@@ -93,6 +93,32 @@ def test_more_noise_alone_is_noise():
     assert drift.usual_noise == pytest.approx(1e-3, rel=0.1)
 
 
+def waves(size: float, noise: float = 1e-3) -> calib.Drift:
+    """Check of 120 rows whose joints are off by `size` sin 15 q [rad]."""
+    rows = log(n=120, noise=noise)
+    bent = arm().forward(rows.q + size * np.sin(15.0 * rows.q))
+    return model(1e-3).check(replace(rows, x=rows.x + bent - arm().forward(rows.q)))
+
+
+def test_rows_beyond_their_bound_that_no_group_follows_are_drift():
+    far = waves(0.02)
+    assert far.drifted
+    assert far.fired == ()
+    assert any("half of the rows are" in text for text in far.notes)
+    # as far off, without any order
+    noisy = waves(0.0, noise=8e-3)
+    assert not noisy.drifted
+    assert any("a noisier sensor" in text for text in noisy.notes)
+
+
+def test_a_check_is_read_at_a_glance():
+    found = model(1e-3).check(log("elbow.length=-5%"))
+    assert repr(found).startswith("Drift: drifted, score ")
+    assert len(repr(found)) < 300
+    for group in found.groups:
+        assert np.abs(group.estimate).max() < 1e3
+
+
 def test_a_shorter_arm_leaves_part_of_the_workspace():
     drift = model(1e-3).check(log("elbow.length=-40%"))
     assert drift.distortion["reverse"].score > 1

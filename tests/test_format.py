@@ -215,3 +215,19 @@ def test_a_kept_model_goes_through_every_command(version, run, tmp_path, monkeyp
         assert done.code == 0, (words, done.err)
     assert Path("old.calib").read_bytes() == KEPT[version].read_bytes()
     assert {"page.html", "report.html"} <= {p.name for p in tmp_path.iterdir()}
+
+
+def test_check_and_adapt_of_format_1_ask_for_training(run, tmp_path, monkeypatch):
+    """It keeps no posterior, so that nothing tells how far a log may be from it."""
+    monkeypatch.chdir(tmp_path)
+    Path("old.calib").write_bytes(KEPT[1].read_bytes())
+    new = calib.babble(calib.load_arm("two_link"), 60, seed=1)
+    calib.write_log(new, "new.csv")
+    for command in ("check", "adapt"):
+        done = run(command, "old.calib", "--data", "new.csv")
+        assert (done.code, done.out) == (1, "")
+        assert "older format" in done.err
+        assert "train it again" in done.err
+        with pytest.raises(calib.CalibError, match="train it again"):
+            getattr(calib, command)(calib.load(KEPT[1]), new)
+    assert {p.name for p in tmp_path.iterdir()} == {"old.calib", "new.csv"}

@@ -121,7 +121,7 @@ def _few_shot(found: Comparison, log: Samples, report: Progress) -> Adaptation:
         after = np.linalg.norm(fit.held_out, axis=1)[place[some][kept]]
     explained = found.explained or _followed(found, own)
     improved = explained and _improves(found, body, own, changed, before, after)
-    causes, unsettled = find_causes(found, changed or not found.explained)
+    causes, unsettled = find_causes(found, changed or not found.explained or found.unexpected)
     _, bent, untold = turned_tool(found, log)
     if bent and not improved:  # the tool alone
         body, own, after = found.belief, None, before
@@ -136,7 +136,7 @@ def _few_shot(found: Comparison, log: Samples, report: Progress) -> Adaptation:
         found.outliers,
         figures(before),
         figures(after),
-        _named(chosen[0][1], own, changed),
+        _named(found, chosen[0][1], own, changed),
         tuple(c for c in (*causes, *bent) if c.cause != "noise"),
         _left(found, chosen[0][1]) if changed else ("the arm and the sensor",),
         measured_share(model, found.q),
@@ -210,8 +210,9 @@ def _expected(found: Comparison, body: Body) -> float:
     return float(np.sqrt(spread + own.sum()))
 
 
-def _named(best: Explanation, own: OwnResidual | None, changed: bool) -> str:
-    name = _called(best) if changed else "nothing changed, rows added"
+def _named(found: Comparison, best: Explanation, own: OwnResidual | None, changed: bool) -> str:
+    known = "no single change explains the log" if found.unexpected else "nothing changed"
+    name = _called(best) if changed else f"{known}, rows added"
     return name if own is None else f"{name}, and a smooth residual near the rows"
 
 

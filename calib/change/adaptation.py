@@ -23,7 +23,7 @@ _BASELINE = 6000  # imagined samples that tell what is usual after an adaptation
 _EVALUATED = 500  # rows that the readouts are evaluated on
 
 
-@dataclass(frozen=True, eq=False)
+@dataclass(frozen=True, eq=False, repr=False)
 class Adaptation:
     """The result of adapting a model to a log.
 
@@ -67,6 +67,13 @@ class Adaptation:
     coverage: float
     notes: tuple[str, ...] = field(default=())
     everywhere: bool = True
+
+    def __repr__(self) -> str:
+        """Say in two lines whether it helped, and what was corrected."""
+        verdict = "improved" if self.improved else "not improved, the old model stays"
+        head = f"Adaptation: {verdict}, {self.samples} samples, {self.correction}"
+        before, after = self.before["mean"], self.after["mean"]
+        return f"{head}\n  mean error {before:.3g} -> {after:.3g} {self.model.about.unit}"
 
 
 def finished(

@@ -43,7 +43,7 @@ class Signal:
         return {"value": self.value, "threshold": self.threshold}
 
 
-@dataclass(frozen=True, eq=False)
+@dataclass(frozen=True, eq=False, repr=False)
 class Drift:
     """What a log says of a model.
 
@@ -90,6 +90,12 @@ class Drift:
     usual_noise: float
     causes: tuple[Cause, ...]
     notes: tuple[str, ...] = field(default=())
+
+    def __repr__(self) -> str:
+        """The verdict in a few lines, as `calib check` ends."""
+        verdict = {True: "drifted", False: "still calibrated", None: "too coarse"}[self.drifted]
+        head = f"Drift: {verdict}, score {self.score:.3g} (threshold 1), {self.samples} samples"
+        return "\n  ".join([head, *self.explanations])
 
     @property
     def fired(self) -> tuple[str, ...]:
@@ -154,10 +160,7 @@ def check(
 
 def _drift(found: Comparison, log: Samples, tolerance: float | None) -> Drift:
     tested = found.tested
-    # a log that no group reaches is compared with the members only if it is far off
-    score = tested.score
-    if found.reference.new or score > 1.0 or _far(found):
-        score = max(score, _misfit_score(found))
+    score = found.score
     causes, unsettled = find_causes(found, score > 1.0)
     turned, bent, untold = turned_tool(found, log)
     score = max(score, turned)
@@ -165,6 +168,14 @@ def _drift(found: Comparison, log: Samples, tolerance: float | None) -> Drift:
     if not drifted and tolerance is not None and tested.smallest > tolerance:
         drifted = None
     notes = [*found.rows.notes, *outlier_note(found.outliers), *unsettled, *untold]
+    far = found.beyond[0]
+    if far > 1.0 and tested.score <= 1.0 and not found.reference.new and found.explained:
+        told = (
+            f"half of the rows are {far:.2g} times their expected error or more from the "
+            "prediction, where 1 of 20 should be beyond it"
+        )
+        noisier = "" if drifted else ": a noisier sensor, or an error that no cause describes"
+        notes.append(told + noisier)
     return Drift(
         drifted,
         len(found.q),
@@ -179,20 +190,6 @@ def _drift(found: Comparison, log: Samples, tolerance: float | None) -> Drift:
         (*causes, *bent),
         tuple(notes),
     )
-
-
-def _far(found: Comparison) -> bool:
-    """Whether the rows are so far from the model that noise alone is no answer."""
-    gap = np.linalg.norm(found.z - found.body.structure.predict(found.q, found.body.beta), axis=1)
-    spread = np.linalg.norm(found.x - np.median(found.x, axis=0), axis=1)
-    return float(np.median(gap)) > 0.1 * float(np.median(spread))
-
-
-def _misfit_score(found: Comparison) -> float:
-    """What a new frame, or a log that nothing explains, adds to the score."""
-    if not found.explained:
-        return 1.0 + found.misfit
-    return 2.0 if found.reference.new else 0.0
 
 
 def outlier_note(outliers: int) -> list[str]:

@@ -46,7 +46,8 @@ class Explanation:
     waves: float  # sd of the joints' curves by which this arm may differ, over their prior's
     origin: Array  # (d,), parameters that it starts from
     beta: Array  # (d,), parameters of the greatest evidence
-    deviation: Array  # (d,), posterior standard deviations of those that were free, zero elsewhere
+    # (d,), of the best one: posterior standard deviations of those that were free, zero elsewhere
+    deviation: Array
     sd: Array  # (d,), standard deviations by which they were free to change
     evidence: float  # logarithm of the tempered evidence [nats]
     fit: float  # the same without what its freedom costs, which no narrower member exceeds [nats]
@@ -62,7 +63,7 @@ class Explanation:
 
 
 def explain(
-    reference: Reference, log: Log, robust: Array, cause: str | None = None
+    reference: Reference, log: Log, robust: Array, cause: str | None = None, calm: bool = False
 ) -> tuple[Explanation, ...]:
     """All members with their evidence, best first.
 
@@ -70,9 +71,10 @@ def explain(
     log : its rows; `z` less what maps add to the body
     robust : (d,), parameters of a robust fit of the richest member, where that one starts
     cause : {"sensor", "joints"}, what is known about the change
+    calm : whether nothing changed: only the sizes of the log's own residual are then compared
     """
     search = _Search(reference, log.some(EXPLAINED_ROWS), robust, cause)
-    return tuple(sorted(search.run(), key=lambda e: -e.evidence))
+    return tuple(sorted(search.run(calm), key=lambda e: -e.evidence))
 
 
 @dataclass(frozen=True)
@@ -100,9 +102,10 @@ class _Search:
         self.points: dict[Member, _Point] = {}
         self.best = -np.inf
 
-    def run(self) -> list[Explanation]:
+    def run(self, calm: bool) -> list[Explanation]:
         """Each size of the log's own residual with all members that can still matter."""
         found: list[Explanation] = []
+        leader: tuple[Explanation, Factor] | None = None
         reference, log = self.reference, self.log
         for own in OWN:
             space = spectrum(
@@ -110,20 +113,28 @@ class _Search:
                 own[0], reference.forgotten, log.shared,
             )  # fmt: skip
             if own == OWN[0]:
-                first = self._fit(self.richest, space, own)
+                first, _ = self._fit(self.richest, space, own)
                 rest = space.rest(space.turn(first.residual), first.noise)
                 self.temper = max(self.temper, autocorrelation_time(rest))
                 self._start(space, first.noise)
+            if calm:
+                found.append(self._fit(NOTHING, space, own)[0])
+                continue
             # The richest member first: none that frees less fits better, whatever its prior.
             rich = self._fit(self.richest, space, own)
-            hopeless = rich.fit < self.best - _HOPELESS
+            hopeless = rich[0].fit < self.best - _HOPELESS
             for member in self.members:
                 narrower = set(member.groups) <= set(self.richest.groups)
                 if hopeless and narrower and member != NOTHING:
                     continue
-                made = rich if member == self.richest else self._fit(member, space, own)
+                made, known = rich if member == self.richest else self._fit(member, space, own)
                 found.append(made)
-                self.best = max(self.best, made.evidence)
+                if made.evidence > self.best:
+                    self.best, leader = made.evidence, (made, known)
+        if leader is not None and leader[0].member != NOTHING:
+            best, known = leader  # of this one alone: an inverse is a third of the work of a fit
+            free = best.sd > 0
+            best.deviation[free] = best.sd[free] * np.sqrt(known.variances())
         return found
 
     def _free(self, member: Member) -> tuple[Array, Indices, Array]:
@@ -163,8 +174,10 @@ class _Search:
             size = [float(np.nansum(space.turn(self._residual(b)) ** 2)) for b in tries]
             self.points[member] = self._linearised(tries[int(np.argmin(size))], free, own)
 
-    def _fit(self, member: Member, space: Spectrum, own: tuple[float, float]) -> Explanation:
-        """Damped Gauss-Newton steps of one member, its noise by likelihood."""
+    def _fit(
+        self, member: Member, space: Spectrum, own: tuple[float, float]
+    ) -> tuple[Explanation, Factor]:
+        """Damped Gauss-Newton steps of one member, its noise by likelihood; its information."""
         sd, free, origin = self._free(member)
         point = self.points.get(member)
         if point is None:
@@ -211,18 +224,16 @@ class _Search:
         self.points[member] = _Point(beta, residual, point.x)
         total = space.values + noise**2
         factor = _information(j, 1.0 / (total * self.temper))
-        deviation = np.zeros(len(beta))
-        if len(free):
-            deviation[free] = sd[free] * np.sqrt(np.diag(factor.inverse()))
         away = (beta - origin)[free] / sd[free]
         likelihood = -0.5 * float(np.log(total).sum() + (y**2 / total).sum()) / self.temper
         fit = likelihood - 0.5 * float(away @ away)
         evidence = fit - 0.5 * factor.log_determinant()
         free_of_charge = member == NOTHING and (own in OWN[:_USUAL] or self.simulated)
-        return Explanation(
-            member, *own, origin, beta, deviation, sd, evidence, fit, noise, self.temper, residual,
-            0.0 if free_of_charge else MARGIN,
+        made = Explanation(
+            member, *own, origin, beta, np.zeros(len(beta)), sd, evidence, fit, noise, self.temper,
+            residual, 0.0 if free_of_charge else MARGIN,
         )  # fmt: skip
+        return made, factor
 
 
 def _information(j: Array, precision: Array) -> Factor:

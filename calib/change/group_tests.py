@@ -153,7 +153,8 @@ def group_tests(body: Body, reference: Reference, log: Log, probes: Array) -> Te
         if not x[..., place[0]].any():  # what the sensor cannot see: a tracker has no lens
             continue
         b = derivative[:, place] * np.sqrt(precision)[:, None]
-        size = np.linalg.norm(b, axis=0) + 1e-300
+        size = np.linalg.norm(b, axis=0)
+        size = np.where(size > 0.0, size, 1.0)  # a parameter that moves nothing stays as it was
         u, s, vt = np.linalg.svd(b / size, full_matrices=False)
         kept = s > 1e-5 * s[0]
         score = u[:, kept].T @ (y * np.sqrt(precision))

@@ -83,7 +83,7 @@ def doubts(found: Comparison, fresh: Model, *, real: bool) -> tuple[Model, str] 
     # The bound of an exact simulation says nothing of a real arm.
     noise &= not (real and found.body.simulated)
     beyond = not noise and np.mean(missed > bound) > _MOST
-    if not beyond and not surprised(found.explanations):
+    if not beyond and not (found.score > 1.0 and surprised(found.explanations)):
         return None
     u = np.clip(model.motor.units, 0.0, 1.0)
     apart = np.linalg.norm(fresh.predictor.value(u) - model.predictor.value(u), axis=1)
