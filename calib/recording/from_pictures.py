@@ -55,6 +55,7 @@ def log_pictures(
     for number, grey in read_series([path for _, path in pairs], damaged):
         name, size = pairs[number][1].name, (grey.shape[1], grey.shape[0])
         setting.check_size(name, size)
+        # a dozen pictures tell which tags are there, should this one not be
         if number % max(1, len(pairs) // 12) == 0:
             sample.append(grey)
         found = setting.finder.find(grey)

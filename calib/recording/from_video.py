@@ -68,6 +68,7 @@ def log_video(
     rows = rows or VideoRows()
     if joints.time is None:
         raise LogError(f"{joints.label} has no times: a video needs a column 'time' [s]")
+    # a stamp that is there twice has no speed: the first row counts
     joint_time, first = np.unique(joints.time, return_index=True)
     q = joints.q[first]
     if len(q) < 2:
@@ -195,6 +196,7 @@ def _trimmed(when: Array, pixels: Array, run: list[int]) -> list[NDArray[np.intp
     frames = frames[inner]
     if len(frames) < _LEAST:
         return []
+    # the arm may still swing where its joints stand: only frames near the median count
     near = np.linalg.norm(pixels[frames] - np.median(pixels[frames], axis=0), axis=1) < _SHAKE
     return [frames[near]] if near.sum() >= _LEAST else []
 
@@ -209,5 +211,6 @@ def _middle(tags: Sequence[Tag]) -> Tag:
         tags[0],
         corners=np.median([tag.corners for tag in tags], axis=0),
         centre=np.median(centres, axis=0),
+        # a median scatters by 1.25 times what a mean does (normal noise)
         noise=max(LEAST_NOISE, 1.25 * scatter / float(np.sqrt(len(tags)))),
     )

@@ -186,6 +186,7 @@ def stuck(q: Array, pixels: Array) -> Mask:
         near = np.linalg.norm(pixels - pixels[k], axis=1) < 0.5
         if near.sum() < 3 or result[k]:
             continue
+        # a working arm comes back to a place, but with about the same joints
         moved = float(np.ptp(q[near], axis=0).max() / spread.max())
         if moved > 0.1 and scale > 20.0:
             result |= near

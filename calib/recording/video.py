@@ -120,6 +120,7 @@ def follow_tag(path: str | os.PathLike[str], setting: Setup) -> TagTrack:
             marks.append((number, setting.marks(grey, found, boards)))
         if number % every == 0 and len(sample) < _MARKS:
             sample.append(grey)
+        # without a tag in both frames nothing is known of its speed
         speed = now.centre - before.centre if now is not None and before is not None else 0 * speed
         before = now
         times.append(time)
