@@ -16,7 +16,7 @@ from ..errors import LogError, OptionError
 from ..samples.bags import MAX_GAP
 from ..samples.joint_values import covered, joints_at
 from .clocks import Clocks, align_clocks
-from .from_pictures import assemble, seen_instead
+from .from_pictures import assemble, unseen
 from .joint_table import JointTable
 from .recorded import Recorded, told
 from .setting import Setup
@@ -78,8 +78,7 @@ def log_video(
     pixels = track.pixels
     seen = np.isfinite(pixels[:, 0])
     if not seen.any():
-        instead = seen_instead(setting, track.sample)
-        raise LogError(f"tag {setting.tag} is in none of {len(pixels)} frames: {instead}")
+        raise unseen(setting, track.sample, f"{len(pixels)} frames")
     check_motion(q, pixels[seen], setting.tag, name)
     notes = list(track.notes)
     clocks = Clocks(rows.time_offset or 0.0)
