@@ -1,4 +1,4 @@
-"""The command `calib check`."""
+"""The command `calib check`: compare a model with new samples: is it still calibrated?"""
 
 from __future__ import annotations
 
