@@ -1,4 +1,4 @@
-"""The command `calib train`."""
+"""The command `calib train`: learn a model from simulated babbling or from a measured log."""
 
 from __future__ import annotations
 
