@@ -18,7 +18,7 @@ import pinocchio
 
 import calib
 from calib.arm.rotations import logarithm
-from calib.body import Body
+from calib.body.belief import Body
 from calib.body.fitting import BodyFit, fit_structure
 from calib.body.sensor import SensorPose
 from calib.body.spatial import SpatialStructure, structure_of

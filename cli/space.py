@@ -5,7 +5,7 @@ This file is imported only for such questions: it needs NumPy.
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any
 
@@ -21,15 +21,13 @@ from calib.model.space import Space
 from calib.samples.roles import QUATERNION, from_angles
 
 from .answers import answers, show_answers
+from .batch import UP_TO_SCALE
 from .output import note, show_json
 from .units import JointFormat, meaning
 from .usage import BadOption
 
 if TYPE_CHECKING:
     from calib import Model
-
-UP_TO_SCALE = "expected_error_up_to_scale"
-"""Key and column of a bound in a camera's base frame that leaves out the arm's size."""
 
 _TOGETHER = 0.05  # of the largest share: joints that move less are not named
 
@@ -103,6 +101,7 @@ def answer_inverse(
     names = ("position", "quaternion", "distance", "turned", "expected_error", "model_error")
     bounds = up_to_scale(space, told.q) if in_base else {}
     solutions = answers(joints, told.q, **{name: getattr(told, name) for name in names}, **bounds)
+    # a target that is missed has no answer to move away from
     free = space.free(found.q[0], 6 if turn is not None else 3)[: 9 if found.reachable else 0]
     if as_json:
         document: dict[str, Any] = {"target": list(typed), "frame": frame}
@@ -124,7 +123,8 @@ def answer_inverse(
         shown = ["distance", *(["turned"] if turn is not None else []), "expected_error"]
         unit = "m" if in_base else model.about.unit
         show_answers(joints, solutions, unit, "xyz", shown)
-    say_size(bounds)
+    if UP_TO_SCALE in bounds:
+        say_size(float(bounds[UP_TO_SCALE][0]))
     if in_base and not space.sees(target).all():
         note("the camera's picture does not show the target")
     if not found.reachable:
@@ -170,12 +170,12 @@ def up_to_scale(space: Space, q: Array) -> dict[str, Array]:
     return {UP_TO_SCALE: space.bound(q, size=False)} if space.camera else {}
 
 
-def say_size(bounds: Mapping[str, Any]) -> None:
-    """Say what of a bound in the base frame of a camera is the arm's size."""
-    if len(bounds.get(UP_TO_SCALE, ())) and np.isfinite(bounds[UP_TO_SCALE][0]):
+def say_size(bound: float) -> None:
+    """Say what of a bound [m] in the base frame of a camera is the arm's size."""
+    if np.isfinite(bound):
         note(
-            f"one camera cannot tell the size of the arm: but for it, the expected error is "
-            f"{1e3 * float(bounds[UP_TO_SCALE][0]):.2g} mm"
+            "one camera cannot tell the size of the arm: but for it, the expected error is "
+            f"{1e3 * bound:.2g} mm"
         )
 
 
@@ -186,6 +186,7 @@ def say_free(joints: JointFormat, free: Array, near: bool) -> None:
     told = []
     for row in free:
         order = [k for k in np.argsort(-np.abs(row)) if abs(row[k]) > _TOGETHER]
+        # each direction is scaled so that one joint moves by 1: it names the direction
         own = next(k for k in range(len(row)) if row[k] == 1.0 or abs(row[k] - 1) < 1e-9)
         others = [f"{joints.names[k]} {row[k]:+.2f}" for k in order if k != own]
         told.append(joints.names[own] + (f" with {', '.join(others)}" if others else " alone"))

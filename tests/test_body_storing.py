@@ -8,7 +8,9 @@ import json
 import numpy as np
 import pytest
 
-from calib.body import Body, Nominal, fit_body
+from calib.body.belief import Body
+from calib.body.fitting import fit_body
+from calib.body.nominal import Nominal
 from calib.body.planar_row import PlanarRow
 from calib.body.storing import body_arrays, body_header, rebuild_body
 from calib.errors import ModelError
@@ -144,7 +146,7 @@ def test_scalar_queries_equal_the_batch(body):
 
 
 def test_scalar_queries_of_slides_lenses_and_elasticity():
-    from calib.body import PlanarStructure
+    from calib.body.planar import PlanarStructure
 
     s = PlanarStructure(
         ("a", "b", "c"), (True, False, True), "homography", "px", 1.0, True, (1, 1, -1), -1,

@@ -9,8 +9,12 @@ import pytest
 from models import in_space
 
 from calib.arm.loading import load_arm
+<<<<<<< HEAD
 from calib.body import Body
 from calib.body.derivative import Derivative
+=======
+from calib.body.belief import Body
+>>>>>>> main
 from calib.body.fitting import fit_structure
 from calib.body.gauge import without_gauge
 from calib.body.normal import sums_of

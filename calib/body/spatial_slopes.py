@@ -6,10 +6,14 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from ..arm.motion import Motion
 from ..common.arrays import Array
 from .curves import curve_slope, powers
+<<<<<<< HEAD
 from .derivative import Derivative, Waves
 from .spatial_motion import Motion
+=======
+>>>>>>> main
 from .spatial_view import View
 from .structure import Indices
 
@@ -20,10 +24,20 @@ _STILL = np.zeros((3, 1))
 
 
 def by_parameters(
+<<<<<<< HEAD
     structure: SpatialStructure, q: Array, beta: Array, wanted: Indices
 ) -> tuple[Array, Derivative]:
     """Outputs (n, m) and their derivative by some parameters (k,)."""
     motion, view = structure.seen(q, beta)
+=======
+    structure: SpatialStructure, q: Array, beta: Array, active: Indices | None = None
+) -> tuple[Array, Array]:
+    """Outputs (n, m) and their derivative (n, m, k) by the parameters `active` (or all)."""
+    wanted = np.arange(structure.size) if active is None else active
+    motion, view = structure.seen(q, beta)
+    n, outputs = view.values.shape
+    columns = _Columns(n, outputs, structure.size, wanted)
+>>>>>>> main
     groups, layout = structure.groups, structure.layout
     place = np.full(structure.size, -1)
     place[wanted] = np.arange(len(wanted))
@@ -42,7 +56,7 @@ def by_parameters(
         for i in range(structure.chain.joints):
             columns.put(
                 layout.shifts[i, axis],
-                lambda i=i, a=axis: view.push(motion.before[i][:, a], _STILL),
+                lambda i=i, a=axis: view.push(motion.frames[i][:, a], _STILL),
             )
             columns.put(layout.turns[i, axis], lambda i=i, a=axis: view.push(*motion.turn(i, a)))
     columns.put(groups["view.scale"][0], view.scaled)

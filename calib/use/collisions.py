@@ -16,7 +16,7 @@ from ..arm.arm import Arm
 from ..common.arrays import Array
 from ..model.model import Model
 from ..model.space import Space as Chain
-from .geometry import moves_in_space
+from .nominal import moves_in_space
 from .pose_space import Space
 
 _TRIED, _ALWAYS = 100, 0.9  # postures in which links meet that are built so, and their share
