@@ -87,7 +87,7 @@ class Search:
         not, so that the steps end at the same maximum.
         """
         if fresh:
-            self.x = self.structure.derivative(self.q, self.beta, self.active)
+            self.x = self.structure.derivative(self.q, self.beta, self.active)[1]
             self.sums = []
         self.w = student_weights(self.r, self.noise, self.nu, self.blocks)
         self.sums = sums_of(self.x, self.r, self.w, self.blocks, self.edges, self.sums)
@@ -100,7 +100,7 @@ class Search:
         of an earlier step such a bound was a thousand times too wide.
         """
         rows = thinned(len(self.q), PROBES)
-        now = self.structure.derivative(self.q[rows], self.beta, self.active)
+        now = self.structure.derivative(self.q[rows], self.beta, self.active)[1]
         spreads = [
             (factor.whiten(x.dense().reshape(-1, x.size).T) ** 2).sum(axis=0).reshape(len(rows), -1)
             for x in (now, self.x.rows(rows))

@@ -20,16 +20,11 @@ from ..arm.spatial_chain import GRAVITY, SpatialChain
 from ..common.arrays import Array
 from . import spatial_prior, spatial_words
 from .curves import curve_value
-<<<<<<< HEAD
-from .derivative import Derivative
-from .spatial_layout import SpatialLayout
-=======
 from .layout import SpatialLayout, spatial_layout
->>>>>>> main
 from .spatial_loads import Loads
 from .spatial_slopes import by_joints, by_parameters
 from .spatial_view import Placed, View, compose, look
-from .structure import Structure
+from .structure import Indices, Structure
 from .views import SPATIAL, ViewKind
 
 _CHAIN_ARRAYS = ("axes", "points", "tip", "rotation", "coupling", "bias", "masses", "centres")
@@ -110,25 +105,14 @@ class SpatialStructure(Structure):
         """Outputs (n, m) at joint values (n, dof); a rotation is a rotation vector."""
         return self.seen(q, beta)[1].values
 
-<<<<<<< HEAD
     def linearise(
         self, q: Array, beta: Array, active: Indices | None = None
     ) -> tuple[Array, Array]:
         """Outputs (n, m) and their derivative (n, m, k) by the parameters `active` (or all)."""
-        wanted = np.arange(self.size) if active is None else active
-        values, x = by_parameters(self, q, beta, wanted)
+        values, x = self.derivative(q, beta, np.arange(self.size) if active is None else active)
         return values, x.dense()
 
-    def derivative(self, q: Array, beta: Array, active: Indices) -> Derivative:
-        """That derivative with the structure of its curves."""
-        return by_parameters(self, q, beta, active)[1]
-
-    def predict_and_slope(self, q: Array, beta: Array) -> tuple[Array, Array]:
-        """Outputs (n, m) and their derivative (n, m, dof) by the joint values."""
-        return by_joints(self, q, beta)
-=======
-    linearise, predict_and_slope = by_parameters, by_joints
->>>>>>> main
+    derivative, predict_and_slope = by_parameters, by_joints
 
     def retract(self, beta: Array, delta: Array) -> Array:
         """`beta` (d,) moved by `delta` (d,): the sum, or a step on a rotation."""

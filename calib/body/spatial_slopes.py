@@ -9,11 +9,7 @@ import numpy as np
 from ..arm.motion import Motion
 from ..common.arrays import Array
 from .curves import curve_slope, powers
-<<<<<<< HEAD
 from .derivative import Derivative, Waves
-from .spatial_motion import Motion
-=======
->>>>>>> main
 from .spatial_view import View
 from .structure import Indices
 
@@ -24,26 +20,17 @@ _STILL = np.zeros((3, 1))
 
 
 def by_parameters(
-<<<<<<< HEAD
-    structure: SpatialStructure, q: Array, beta: Array, wanted: Indices
+    structure: SpatialStructure, q: Array, beta: Array, active: Indices
 ) -> tuple[Array, Derivative]:
     """Outputs (n, m) and their derivative by some parameters (k,)."""
     motion, view = structure.seen(q, beta)
-=======
-    structure: SpatialStructure, q: Array, beta: Array, active: Indices | None = None
-) -> tuple[Array, Array]:
-    """Outputs (n, m) and their derivative (n, m, k) by the parameters `active` (or all)."""
-    wanted = np.arange(structure.size) if active is None else active
-    motion, view = structure.seen(q, beta)
     n, outputs = view.values.shape
-    columns = _Columns(n, outputs, structure.size, wanted)
->>>>>>> main
     groups, layout = structure.groups, structure.layout
     place = np.full(structure.size, -1)
-    place[wanted] = np.arange(len(wanted))
+    place[active] = np.arange(len(active))
     curves = [groups[f"curve.{k}"] for k in range(structure.dof)]
-    bare = ~np.isin(wanted, np.concatenate(curves))
-    columns = _Columns(len(q), structure.outputs, structure.size, wanted[bare])
+    bare = ~np.isin(active, np.concatenate(curves))
+    columns = _Columns(n, outputs, structure.size, active[bare])
     waved: list[Waves] = []
     for axis in range(3):
         columns.put(groups["view.rotation"][axis], lambda a=axis: view.turned(a))
@@ -117,7 +104,7 @@ class _Columns:
     def __init__(self, n: int, outputs: int, size: int, wanted: Indices) -> None:
         self.out = np.zeros((n, outputs, len(wanted)))
         self._place = np.full(size, -1)
-        self._place[wanted] = np.arange(len(wanted))
+        self._place[active] = np.arange(len(active))
 
     def any(self, indices: Indices) -> bool:
         """Whether one of some parameters is asked for."""

@@ -10,10 +10,6 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
-<<<<<<< HEAD
-from functools import cached_property
-=======
->>>>>>> main
 from typing import TYPE_CHECKING, Any, ClassVar, NamedTuple
 
 import numpy as np
@@ -22,11 +18,8 @@ from numpy.typing import NDArray
 from ..common.arrays import Array
 
 if TYPE_CHECKING:
-<<<<<<< HEAD
     from .derivative import Derivative
-=======
     from .layout import Layout
->>>>>>> main
 
 Indices = NDArray[np.intp]
 
@@ -184,11 +177,12 @@ class Structure:
         """Outputs (n, m) and their derivative (n, m, k) by the parameters `active` (or all)."""
         raise NotImplementedError
 
-    def derivative(self, q: Array, beta: Array, active: Indices) -> Derivative:
-        """That derivative with its structure, where it has one."""
+    def derivative(self, q: Array, beta: Array, active: Indices) -> tuple[Array, Derivative]:
+        """The same with the derivative's structure, where it has one."""
         from .derivative import Derivative
 
-        return Derivative.of(self.linearise(q, beta, active)[1])
+        values, x = self.linearise(q, beta, active)
+        return values, Derivative.of(x)
 
     def predict_and_slope(self, q: Array, beta: Array) -> tuple[Array, Array]:
         """Outputs (n, m) and their derivative (n, m, dof) by the joint values."""
