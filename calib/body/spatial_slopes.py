@@ -104,7 +104,7 @@ class _Columns:
     def __init__(self, n: int, outputs: int, size: int, wanted: Indices) -> None:
         self.out = np.zeros((n, outputs, len(wanted)))
         self._place = np.full(size, -1)
-        self._place[active] = np.arange(len(active))
+        self._place[wanted] = np.arange(len(wanted))
 
     def any(self, indices: Indices) -> bool:
         """Whether one of some parameters is asked for."""
