@@ -27,7 +27,8 @@ MOUNT = """\
 anew."""
 
 UNKNOWN = """\
-**Without a URDF** the chain is found from random starts."""
+**Without a URDF** the chain is found from random starts; three draws, the first of C being the
+block in which it warmed up."""
 
 URDF = """\
 **The URDF that `calib urdf` writes** after {rows:,} rows, without elasticity and curves, for which
@@ -47,9 +48,11 @@ unknown, joint offsets up to 5 deg. "Up to" is up to a similarity, which one cam
 "base" is the 95 % bound in the base frame, then without the arm's size, each with its coverage."""
 
 TIME = """\
-**Time of a fit**, processor time: {said}. **Poses** of the bundled six-axis arm: {branches}
-branches of {targets} poses by its closed form, {missed} missed, {invented} invented,
-{ms_per_target} ms each."""
+**Time of a fit**, processor time on two busy cores (bars: 2 s and 6 s):
+{said}.
+
+**Poses** of the bundled six-axis arm: {branches} branches of {targets} poses by its closed form,
+{missed} missed, {invented} invented, {ms_per_target} ms each."""
 
 
 def section(lines: Iterable[Row]) -> list[str]:
@@ -62,7 +65,9 @@ def section(lines: Iterable[Row]) -> list[str]:
         if part in parts and "skipped" not in parts[part][0]:
             out += [*made(parts[part]), ""]
     if {"time", "poses"} <= set(parts):
-        said = ", ".join(f"{r['rows']:,} rows {r['seconds']} s" for r in parts["time"])
+        said = "; ".join(
+            f"{r['series'].upper()}, {r['rows']:,} rows, {r['seconds']} s" for r in parts["time"]
+        )
         out += [TIME.format(said=said, **parts["poses"][0]), ""]
     return out
 
