@@ -27,6 +27,9 @@ if TYPE_CHECKING:
     from calib import Model
 
 BOUNDS = ("expected_error", "model_error")
+UP_TO_SCALE = "expected_error_up_to_scale"
+"""Key and column of a bound in a camera's base frame that leaves out the arm's size."""
+
 _TOLD = 10  # so many rows are named at most
 
 
@@ -134,12 +137,18 @@ def inverse_batch(
         q = np.where(found.reachable[:, None], found.q * joints.typed, np.nan)
         answered = dict(zip(joints.names, q.T, strict=True))
         answered |= {name: getattr(found, name) for name in (*names, "reachable")}
+        if base:
+            from calib.model.space import Space
+
+            from .space import up_to_scale
+
+            answered |= up_to_scale(Space.of(model), found.q)
         missed = (rows[~found.reachable] + 1).tolist()
     # rows without numbers stand where they stood, between the answers of the others
     index = np.sort(np.concatenate([rows, np.flatnonzero(~valid)]))
     place = valid[index]
     numbers: dict[str, NDArray[Any]] = {"row": index + 1} if every else {}
-    numbers |= {name: np.full(len(index), np.nan) for name in (*joints.names, *names)}
+    numbers |= {name: np.full(len(index), np.nan) for name in (*joints.names, *names, *answered)}
     numbers["reachable"] = np.zeros(len(index), dtype=np.int64)
     for name, column in answered.items():
         numbers[name][place] = column

@@ -35,7 +35,7 @@ class Reading:
 def log_for(model: Model, path: str, reading: Reading, notes: Notes) -> Samples:
     """Read a log of a model's joints, in the model's unit where that is known."""
     import calib
-    from calib.body.fitting import METRES
+    from calib.common.scale import METRES
     from calib.errors import LogError
     from calib.samples.columns import open_source
     from calib.samples.joint_values import check_joint_values

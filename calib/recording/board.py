@@ -9,8 +9,8 @@ from typing import Any
 
 import numpy as np
 
-from ..body.fitting import METRES
 from ..common.arrays import Array
+from ..common.scale import METRES
 from ..errors import OptionError
 from .edges import refine_corners
 from .opencv import Picture, opencv

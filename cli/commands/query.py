@@ -45,7 +45,7 @@ def forward(
     """Position of the tip for joint values; exit code 3 outside of what was learned."""
     import calib
 
-    from ..batch import BOUNDS, Streams, forward_batch, told_at
+    from ..batch import BOUNDS, UP_TO_SCALE, Streams, forward_batch, told_at
 
     typed = _numbers(values or [])
     _check_streams(typed, input_, output, as_json)
@@ -62,7 +62,7 @@ def forward(
     quantities: dict[str, Any] = {"position": [told[axis] for axis in axes]}
     if "qw" in told:
         quantities["quaternion"] = [told[name] for name in ("qx", "qy", "qz", "qw")]
-    quantities |= {name: told[name] for name in BOUNDS}
+    quantities |= {name: told[name] for name in (*BOUNDS, UP_TO_SCALE) if name in told}
     (answer,) = answers(joints, [q], **{name: [value] for name, value in quantities.items()})
     if as_json:
         show_json({**answer, **meaning(loaded.about, frame)})
@@ -73,10 +73,10 @@ def forward(
         show_answers(joints, [answer], unit, axes, _bounds(loaded, frame))
         if "quaternion" in answer:
             print("quaternion " + " ".join(fixed(value, 6) for value in answer["quaternion"]))
-        if in_base:
+        if UP_TO_SCALE in told:
             from ..space import say_size
 
-            say_size(loaded, [q])
+            say_size(told[UP_TO_SCALE])
 
 
 @query_app.command(context_settings=_NEGATIVE)

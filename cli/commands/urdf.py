@@ -14,7 +14,7 @@ from ..units import units_of
 from ..usage import flag, option
 
 if TYPE_CHECKING:
-    from calib.use.geometry import Geometry
+    from calib.use.planar_geometry import Geometry
     from calib.use.spatial_geometry import SpatialGeometry
 
 

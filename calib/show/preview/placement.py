@@ -11,7 +11,6 @@ from numpy.typing import ArrayLike
 
 from ...arm.plane import Plane, fit_plane
 from ...body.spatial import SpatialStructure
-from ...body.spatial_words import camera_place
 from ...body.views import is_camera
 from ...common.arrays import Array
 from ...common.rows import thinned
@@ -131,7 +130,8 @@ def _picture(model: Model, body: DrawnArm) -> Placement:
     own = model.body
     assert own is not None  # noqa: S101
     assert isinstance(own.structure, SpatialStructure)  # noqa: S101
-    place, turn = camera_place(own.structure, own.beta)
+    sensor = own.structure.sensor(own.beta)
+    turn, place = sensor.rotation.T, -sensor.rotation.T @ sensor.shift
     f, u, v, _ = own.beta[own.structure.groups["lens"]]
     nodes = model.motor.scale.from_unit(np.clip(model.motor.units[model.visited], 0.0, 1.0))
     nodes = nodes[thinned(len(nodes), 300)]

@@ -12,7 +12,7 @@ import numpy as np
 
 from ...model.model import Model
 from ...samples.samples import Samples
-from ...use.geometry import moves_in_space
+from ...use.nominal import moves_in_space
 from ..error_scale import length_in_words
 from ..facts import facts
 from . import curves, maps, space
