@@ -11,10 +11,11 @@ from numpy.typing import ArrayLike
 
 from ..common.arrays import Array
 from ..common.frozen import own_floats
-from ..common.rows import number_rows
+from ..common.rows import checked_rows
+from ..common.scale import TURN
 from ..common.wording import quoted, suggestion
-from ..errors import OptionError, QueryError
-from .ranges import TURN, Range, checked_range, cut_to_one_turn, notes_of_turns
+from ..errors import OptionError
+from .ranges import Range, checked_range, cut_to_one_turn, notes_of_turns
 from .rotations import quaternion_of
 from .spatial_chain import SpatialChain
 
@@ -215,7 +216,7 @@ class Arm:
 
     def _by_rows(self, q: ArrayLike, compute: Callable[[Array], Array]) -> Array:
         """Compute something of joint values, some rows at a time; of one vector its only row."""
-        rows, single = self._rows(q)
+        rows, single = checked_rows(q, self.joint_names, "joint values")
         starts = range(0, max(len(rows), 1), _CACHED)
         out = np.concatenate([compute(rows[start : start + _CACHED]) for start in starts])
         return np.asarray(out[0] if single else out)
@@ -227,11 +228,3 @@ class Arm:
                 f"{suggestion(joint, self.joint_names)}"
             )
         return self.joint_names.index(joint)
-
-    def _rows(self, q: ArrayLike) -> tuple[Array, bool]:
-        """Check joint values and return them as (n, dof), and whether they were one vector."""
-        rows, single = number_rows(q, self.joint_names, "joint values")
-        if not np.isfinite(rows).all():
-            bad = int(np.flatnonzero(~np.isfinite(rows).all(axis=1))[0])
-            raise QueryError(f"joint values of row {bad} are not finite: {rows[bad]}")
-        return rows, single

@@ -10,7 +10,7 @@ Equations of ``docs/body.md``; angles accumulate along the chain::
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
 from dataclasses import asdict, dataclass
 from typing import Any
 
@@ -20,9 +20,9 @@ from numpy.typing import NDArray
 from ..common.arrays import Array
 from . import planar_prior, planar_start, planar_view, planar_words
 from .curves import curve_slope, curve_value, powers
+from .layout import PlanarLayout, planar_layout
 from .nominal import Nominal
-from .planar_layout import Layout, layout_of
-from .structure import Indices, Label, Prior, Structure
+from .structure import Indices, Structure
 from .views import PLANAR, ViewKind
 
 Complex = NDArray[np.complex128]
@@ -47,9 +47,9 @@ class PlanarStructure(Structure):
     simulated: bool  # whether the rows are samples of a simulation
 
     @property
-    def layout(self) -> Layout:
-        """Where each parameter stands."""
-        return layout_of(self.revolute)
+    def layout(self) -> PlanarLayout:
+        """Where each parameter stands, and what it is."""
+        return planar_layout(self.joint_names, self.revolute)
 
     @property
     def extents(self) -> Array:
@@ -57,9 +57,11 @@ class PlanarStructure(Structure):
         return np.full(2, self.extent)
 
     @property
-    def groups(self) -> Mapping[str, Indices]:
-        """As in `Structure`."""
-        return self.layout.groups
+    def units(self) -> Mapping[str, str]:
+        """Units that depend on the sensor: lengths are relative where its scale is free."""
+        relative = "1" if self.nominal is None else "m"
+        length = relative if self.scaled else self.unit
+        return {"position": self.unit, "length": length, "tilt": f"1/{length}"}
 
     @property
     def seen_as(self) -> ViewKind:
@@ -192,25 +194,8 @@ class PlanarStructure(Structure):
         z, view, _ = planar_view.columns(self, terms.sum(axis=1), beta, place, 0)
         return z, np.asarray(view @ np.stack([by_joint.real, by_joint.imag], axis=1))
 
-    def label(self, index: int) -> Label:
-        """What parameter `index` is."""
-        return planar_words.label(self, index)
-
-    def prior(self, free: Sequence[str]) -> Prior:
-        """Prior of the member that fits the groups `free`."""
-        return planar_prior.prior(self, free)
-
-    def members(self) -> tuple[tuple[str, tuple[str, ...]], ...]:
-        """Members of the gate from simple to rich."""
-        return planar_prior.members(self)
-
-    def starts(self, q: Array, z: Array) -> Sequence[tuple[Structure, Array]]:
-        """Candidate starts over signs, mirrors and elbow offsets."""
-        return planar_start.starts(self, q, z)
-
-    def words(self, beta: Array, sd: Array) -> tuple[str, ...]:
-        """The parameters in words."""
-        return planar_words.words(self, beta, sd)
+    prior, members = planar_prior.prior, planar_prior.members
+    starts, words = planar_start.starts, planar_words.words
 
     def header(self) -> dict[str, Any]:
         """JSON-ready description."""

@@ -8,9 +8,10 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from ..common.arrays import Array
+from ..common.rows import checked_rows
 from ..errors import QueryError
 from . import answers
-from .answers import Answer, checked_rows
+from .answers import Answer
 from .doors import Doors
 from .parts import Parts
 from .trust import MOST_BLENDED, MOST_SHARE

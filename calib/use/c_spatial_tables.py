@@ -4,8 +4,8 @@ from __future__ import annotations
 
 import numpy as np
 
+from ..arm.motion import placements
 from ..body.spatial import SpatialStructure
-from ..body.spatial_motion import placements
 from ..body.spatial_view import NEAREST
 from ..common.arrays import Array
 from .c_source import array, integers, number

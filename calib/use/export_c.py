@@ -17,7 +17,7 @@ from ..common.arrays import Array
 from ..common.parallel import one_blas_thread
 from ..common.wording import one_line
 from ..errors import OptionError
-from ..maps.local_models import blend_size, predict, reach_of
+from ..maps.local_models import FULL, blend_size, predict, reach_of
 from ..maps.predictor import BodyInBox
 from ..model.model import Model
 from ..model.trust import MOST_BLENDED
@@ -190,6 +190,10 @@ class _Writer:
             "trusted": "" if self._trusted else blended,
             "local": "  calib_local(q, x, J);\n" if self._local else "",
             "fades": int(models.fades),
+            "votes": int(models.votes > 0.0),
+            "silent": self._n(models.votes),
+            "full": self._n(FULL),
+            "gated": "" if models.gates is None else c_queries.GATED,
             "terms": models.coefficients.shape[1] if self._local else 1,
             "slack": self._n(-1e-6 if self.single else -1e-9),
             "calm": self._n(_CALM),
@@ -234,12 +238,15 @@ class _Writer:
         below = [[place.get(tuple((t - e).tolist()), 0) for e in unit] for t in terms]
         parent = [row[k] for row, k in zip(below, along, strict=True)]
         count = str(len(terms))
+        if models.gates is not None:
+            out += array(real, "calib_gate", [nodes, "CALIB_DOF + 1"], models.gates, one)
         flat = models.coefficients.reshape(len(models.coefficients), -1)
         return (
             out
             + array(real, "calib_radius", [nodes], models.radius, one)
             + array(real, "calib_says", [nodes], reach_of(model.motor), one)
             + array(real, "calib_local_terms", [nodes, str(flat.shape[1])], flat, one)
+            + integers("calib_talks", nodes, models.degrees(model.motor.units.shape[1]) >= 0)
             + integers("calib_parent", count, parent)
             + integers("calib_along", count, along)
             + integers("calib_power", str(terms.size), terms.ravel())
