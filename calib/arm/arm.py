@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, replace
-from typing import TypeVar
+from typing import ClassVar, TypeVar
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -12,7 +12,6 @@ from numpy.typing import ArrayLike
 from ..common.arrays import Array
 from ..common.frozen import own_floats
 from ..common.rows import checked_rows
-from ..common.scale import TURN
 from ..common.wording import quoted, suggestion
 from ..errors import OptionError
 from .ranges import Range, checked_range, cut_to_one_turn, notes_of_turns
@@ -55,6 +54,7 @@ class Arm:
         The folded transforms, mimic joints included, in the root link's frame.
     """
 
+    outputs: ClassVar[int]  # number of coordinates of a position: 2 in a plane, 3 in space
     name: str
     joint_names: tuple[str, ...]
     lower: Array
@@ -70,11 +70,6 @@ class Arm:
     def __post_init__(self) -> None:
         """Freeze the arrays."""
         own_floats(self, "lower", "upper")
-
-    @property
-    def outputs(self) -> int:
-        """Number of coordinates of a position: 2 in a plane, 3 in space."""
-        raise NotImplementedError
 
     def forward(self, q: ArrayLike) -> Array:
         """Positions (n, outputs) or (outputs,) [m] at joint values (n, dof) or (dof,)."""
@@ -164,15 +159,6 @@ class Arm:
     def units_of_joints(self) -> tuple[str, ...]:
         """Unit of each joint's value."""
         return tuple("rad" if turns else "m" for turns in self.revolute)
-
-    @property
-    def periodic(self) -> tuple[bool, ...]:
-        """Whether each joint's range is a full turn, so that its ends meet."""
-        widths = self.upper - self.lower
-        return tuple(
-            turns and bool(width >= TURN - 1e-9)
-            for turns, width in zip(self.revolute, widths, strict=True)
-        )
 
     def with_range(self: _A, ranges: Mapping[str, Range]) -> _A:
         """Return the arm with only a part of some joints' ranges.

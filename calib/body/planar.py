@@ -108,6 +108,13 @@ class PlanarStructure(Structure):
             reach[:, ix] += signed[:, ix] * beta[lay.gain[ix]] * self.slide
         return direction, direction * reach
 
+    def moved(self, q: Array, beta: Array) -> tuple[Array, Array, Complex, Complex, Complex]:
+        """Signed joint values, their sums, directions, terms, and dp / d theta; each (n, dof)."""
+        signed, sums, theta = self.angles(q, beta)
+        direction, terms = self.terms(signed, theta, beta)
+        # a joint turns all that comes after it about its own place
+        return signed, sums, direction, terms, 1j * np.cumsum(terms[:, ::-1], axis=1)[:, ::-1]
+
     def chain(self, q: Array, beta: Array) -> Complex:
         """Tip (n,) of the chain in its own frame, as complex numbers."""
         signed, _, theta = self.angles(q, beta)
@@ -122,9 +129,7 @@ class PlanarStructure(Structure):
         """Linear part A (2, 2) of the view, with the mirror."""
         return planar_view.matrix(beta, self.mirror)
 
-    def seen(self, p: Complex, beta: Array) -> Array:
-        """Sensor positions (n, 2) of tips (n,) given as complex numbers."""
-        return planar_view.seen(self, p, beta)
+    seen = planar_view.seen
 
     def predict(self, q: Array, beta: Array) -> Array:
         """Positions (n, 2) [unit] at joint values (n, dof)."""
@@ -138,8 +143,7 @@ class PlanarStructure(Structure):
         active = np.arange(lay.size) if active is None else active
         place = np.full(lay.size, -1)
         place[active] = np.arange(len(active))
-        signed, sums, theta = self.angles(q, beta)
-        direction, terms = self.terms(signed, theta, beta)
+        signed, sums, direction, terms, turned = self.moved(q, beta)
         z, view, out = planar_view.columns(self, terms.sum(axis=1), beta, place, len(active))
 
         def put(ix: Indices, columns: Complex) -> None:
@@ -150,7 +154,6 @@ class PlanarStructure(Structure):
                     view[:, m, 0, None] * columns.real + view[:, m, 1, None] * columns.imag
                 )
 
-        turned = 1j * np.cumsum(terms[:, ::-1], axis=1)[:, ::-1]  # dp / d theta_i
         slides = list(lay.sliding)
         by_offset, by_gain = turned.copy(), turned * signed
         if slides:
@@ -174,9 +177,7 @@ class PlanarStructure(Structure):
     def predict_and_slope(self, q: Array, beta: Array) -> tuple[Array, Array]:
         """Positions (n, 2) and their derivative (n, 2, dof) by the joint values."""
         lay = self.layout
-        signed, sums, theta = self.angles(q, beta)
-        direction, terms = self.terms(signed, theta, beta)
-        turned = 1j * np.cumsum(terms[:, ::-1], axis=1)[:, ::-1]
+        _, sums, direction, terms, turned = self.moved(q, beta)
         by_joint = turned * (beta[lay.gain] * np.asarray(self.signs, dtype=float))
         for i, ix in lay.curve.items():
             if beta[ix].any():
