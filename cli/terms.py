@@ -7,7 +7,7 @@ from dataclasses import replace
 
 from calib.common.choices import READOUTS
 
-from .output import Table
+from .output import TextTable
 
 _MEANINGS = (
     (
@@ -28,13 +28,14 @@ _MEANINGS = (
     ),
     ({"dsom"}, "DSOM: steps grow with the distance to the winner"),
     ({"gng"}, "GNG: growing neural gas, a map without a lattice"),
+    ({"gas"}, "gas: neural gas, nodes without a lattice that follow samples by rank"),
     ({"sigma"}, "sigma: radius of the neighbourhood [nodes]"),
     ({"links"}, "links: Hebbian links between nodes of the two maps (eq. 5)"),
     ({"+-"}, "+-: standard deviation over the seeds"),
 )
 
 
-def explained(table: Table) -> Table:
+def explained(table: TextTable) -> TextTable:
     """Return the table with what its terms mean below it; each row's first cells count too."""
     cells = [cell for row in table.rows for cell in row[: table.left]]
     text = " ".join([table.title, *table.header, *cells]).lower()

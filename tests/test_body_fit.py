@@ -5,7 +5,9 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from calib.body import Nominal, fit_body, warnings_of
+from calib.body.fitting import fit_body
+from calib.body.nominal import Nominal
+from calib.body.telling import warnings_of
 from calib.errors import LogError, OptionError
 
 LENGTHS = np.array([0.3, 0.25, 0.15])

@@ -6,9 +6,9 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from ..arm.motion import Motion
 from ..common.arrays import Array
 from .curves import curve_slope, powers
-from .spatial_motion import Motion
 from .spatial_view import View
 from .structure import Indices
 
@@ -19,12 +19,13 @@ _STILL = np.zeros((3, 1))
 
 
 def by_parameters(
-    structure: SpatialStructure, q: Array, beta: Array, active: Indices | None
+    structure: SpatialStructure, q: Array, beta: Array, active: Indices | None = None
 ) -> tuple[Array, Array]:
     """Outputs (n, m) and their derivative (n, m, k) by the parameters `active` (or all)."""
     wanted = np.arange(structure.size) if active is None else active
     motion, view = structure.seen(q, beta)
-    columns = _Columns(len(q), structure.outputs, structure.size, wanted)
+    n, outputs = view.values.shape
+    columns = _Columns(n, outputs, structure.size, wanted)
     groups, layout = structure.groups, structure.layout
     for axis in range(3):
         columns.put(groups["view.rotation"][axis], lambda a=axis: view.turned(a))
@@ -37,7 +38,7 @@ def by_parameters(
         for i in range(structure.chain.joints):
             columns.put(
                 layout.shifts[i, axis],
-                lambda i=i, a=axis: view.push(motion.before[i][:, a], _STILL),
+                lambda i=i, a=axis: view.push(motion.frames[i][:, a], _STILL),
             )
             columns.put(layout.turns[i, axis], lambda i=i, a=axis: view.push(*motion.turn(i, a)))
     columns.put(groups["view.scale"][0], view.scaled)

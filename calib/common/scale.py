@@ -12,6 +12,9 @@ from .frozen import ReadOnly
 
 TURN = 2 * np.pi
 
+METRES = {"m": 1.0, "cm": 100.0, "mm": 1000.0, "um": 1e6, "in": 1 / 0.0254}
+"""Units per metre of the units that are lengths."""
+
 
 @dataclass(frozen=True)
 class Scale(ReadOnly):

@@ -1,39 +1,40 @@
-"""The command `calib urdf`."""
+"""The command `calib urdf`: write a copy of the URDF with what the model has learned."""
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING, Annotated
+from typing import TYPE_CHECKING
 
 import typer
 
 from calib.common.wording import for_people
 
-from .. import options as o
-from ..output import NO, Notes, Table, fixed, note, number, show, show_json, tell
+from ..options import OF_FRAMES, takes
+from ..output import NO, Notes, TextTable, fixed, note, number, show, show_json, tell
 from ..units import units_of
 from ..usage import flag, option
 
 if TYPE_CHECKING:
-    from calib.use.geometry import Geometry
+    from calib.use.planar_geometry import Geometry
     from calib.use.spatial_geometry import SpatialGeometry
 
 
+@takes(
+    output=option("--output -o URDF", "The corrected description."),
+    move_base=flag("--move-base", "Fit the place of the first joint as well."),
+    move_tip=flag(
+        "--move-tip",
+        "Write the sensed point of a spatial arm as its tip; else it is a probe or a tag.",
+    ),
+    **OF_FRAMES,
+)
 def urdf(
-    model: o.ModelArgument,
-    output: Annotated[str, option("--output -o URDF", "The corrected description.")],
-    view: o.ViewOption = "auto",
-    cause: o.BlameOption = "sensor",
-    move_base: Annotated[
-        bool, flag("--move-base", "Fit the place of the first joint as well.")
-    ] = False,
-    move_tip: Annotated[
-        bool,
-        flag(
-            "--move-tip",
-            "Write the sensed point of a spatial arm as its tip; else it is a probe or a tag.",
-        ),
-    ] = False,
-    as_json: o.JsonOption = False,
+    model: str,
+    output: str,
+    view: str = "auto",
+    cause: str = "sensor",
+    move_base: bool = False,
+    move_tip: bool = False,
+    as_json: bool = False,
 ) -> None:
     """Write a copy of the URDF with the joint offsets and link placements that fit the model best.
 
@@ -43,7 +44,8 @@ def urdf(
     import calib
     from calib.common.atomic import atomic_write, check_writable
     from calib.use.correct import free_frame
-    from calib.use.geometry import Geometry, fit_geometry
+    from calib.use.geometry import fit_geometry
+    from calib.use.planar_geometry import Geometry
     from calib.use.urdf import MOST_UNEXPLAINED, check_output, corrected_urdf
 
     check_writable(output)
@@ -80,25 +82,24 @@ def urdf(
         tell(f"{output}: residual {rms}, with the nominal URDF {before}")
 
 
-def _table(geometry: Geometry) -> Table:
-    rows = []
-    arm = geometry.arm
+def _table(geometry: Geometry) -> TextTable:
+    rows, arm, offsets, ends = [], geometry.arm, geometry.offsets, geometry.ends
     for k, name in enumerate(arm.joint_names):
         factor, unit = for_people("rad" if arm.revolute[k] else "m")
-        value, width = geometry.offsets[k], geometry.interval_offsets[k]
-        rows.append(_row(name, "offset", factor, unit, value, width))
+        rows.append(_row(name, "offset", factor, unit, *(part[k] for part in offsets)))
         for axis, label in enumerate(("along x", "along y")):
             what = f"far end of its link, {label}"
-            value, width = geometry.moved[k, axis], geometry.interval_moved[k, axis]
-            rows.append(_row("", what, 1e3, "mm", value, width))
-    if geometry.interval_base.any():
+            rows.append(_row("", what, 1e3, "mm", *(part[k + 1, axis] for part in ends)))
+    if ends[1][0].any():
         for axis, label in enumerate(("along x", "along y")):
-            value, width = geometry.base[axis], geometry.interval_base[axis]
-            rows.append(_row("" if axis else "base", label, 1e3, "mm", value, width))
-    return Table(["joint", "change of", "unit", "value", "+-"], rows, "against the URDF", left=3)
+            name = "" if axis else "base"
+            rows.append(_row(name, label, 1e3, "mm", *(part[0, axis] for part in ends)))
+    return TextTable(
+        ["joint", "change of", "unit", "value", "+-"], rows, "against the URDF", left=3
+    )
 
 
-def _in_space(geometry: SpatialGeometry) -> Table:
+def _in_space(geometry: SpatialGeometry) -> TextTable:
     structure, beta, half = geometry.structure, geometry.beta, 1.96 * geometry.sd
     groups, layout, revolute = structure.groups, structure.layout, geometry.arm.revolute
     found = []
@@ -120,7 +121,9 @@ def _in_space(geometry: SpatialGeometry) -> Table:
             shown = "" if name == last else name
             last = name
             rows.append(_row(shown, what.format(axis), factor, unit, beta[index], half[index]))
-    return Table(["joint", "change of", "unit", "value", "+-"], rows, "against the URDF", left=3)
+    return TextTable(
+        ["joint", "change of", "unit", "value", "+-"], rows, "against the URDF", left=3
+    )
 
 
 def _row(name: str, what: str, factor: float, unit: str, value: float, width: float) -> list[str]:
