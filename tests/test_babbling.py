@@ -122,3 +122,9 @@ def test_impossible_arguments_are_refused_in_one_line(arm, arguments, message):
     with pytest.raises(OptionError, match=message) as caught:
         babble(arm, **{"n": 10, **arguments})
     assert "\n" not in str(caught.value)
+
+
+@pytest.mark.parametrize("given", ["two_link", None, 3])
+def test_what_is_no_arm_is_refused_in_one_line(given):
+    with pytest.raises(OptionError, match=r"^arm .*: expected an arm, as `calib.load_arm` returns"):
+        babble(given)

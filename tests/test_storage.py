@@ -41,6 +41,15 @@ def of_both():
     )
 
 
+def of_gates():
+    """Local models that end at a line."""
+    model = MODELS["of no arm"]()
+    models = model.predictor.models
+    gates = np.random.default_rng(0).standard_normal((len(models.radius), 3))
+    models = replace(models, gates=gates)
+    return replace(model, predictor=replace(model.predictor, models=models))
+
+
 def of_a_camera():
     """Pixels of a tilted camera: a homography, and a body that is fitted to it."""
     rows = log(200)
@@ -59,6 +68,7 @@ MODELS = {
     "without a body": lambda: calib.train(log(300, 1e-3), size=6, body="none"),
     "of no arm": lambda: calib.train(no_arm(150), size=6),
     "of a body and a trend": of_both,
+    "of gates": of_gates,
     "of a camera": of_a_camera,
     "of a growing neural gas": lambda: trained("two_link", 300, 5, map="gng"),
     "with a radius": lambda: trained("two_link", 300, 5, sigma=(2.0, 0.5), epochs=3),

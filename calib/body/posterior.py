@@ -227,6 +227,7 @@ def _second(
         floor=floor,
         noise=fit.noise,
         steps=4,
+        begun=fit,
     )
     # Few rows of an arm in space tell how large its curves are altogether, if not where.
     few = len(q) < FEW and fit.structure.kind == "spatial"

@@ -6,7 +6,6 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from ..arm.rotations import exponential
 from ..common.arrays import Array
 from .curves import curve_rms
 
@@ -55,22 +54,12 @@ def words(structure: SpatialStructure, beta: Array, sd: Array) -> tuple[str, ...
     if sd[tool].any():
         shown = ", ".join(f"{1e3 * v:.1f}" for v in beta[tool])
         lines.append(f"tool ({shown}) ± {1e3 * 1.96 * _rms(sd[tool]):.2f} mm from the tip")
-    if structure.camera:
-        # `Body.describe` says where it stands
+    if structure.camera:  # `Body.describe` says where it stands
         f, u, v, k1 = beta[groups["lens"]]
-        sure = sd[groups["lens"][0]]
-        known, spread = ("", f" ± {1.96 * sure:.1f}") if sure > 0 else (" (given)", "")
-        lines.append(f"lens f {f:.1f}{spread} px, centre ({u:.1f}, {v:.1f}) px, k1 {k1:.4f}{known}")
+        spread = 1.96 * sd[groups["lens"][0]]
+        f, known = (f"{f:.1f} ± {spread:.1f}", "") if spread > 0 else (f"{f:.1f}", " (given)")
+        lines.append(f"lens f {f} px, centre ({u:.1f}, {v:.1f}) px, k1 {k1:.4f}{known}")
     return tuple(lines)
-
-
-def camera_place(structure: SpatialStructure, beta: Array) -> tuple[Array, Array]:
-    """Camera in the arm's root frame: position (3,) [m] and orientation (3, 3).
-
-    The columns of the orientation are the camera's x (right), y (down) and z (ahead).
-    """
-    turn = exponential(beta[structure.groups["view.rotation"]])
-    return -turn.T @ beta[structure.groups["view.shift"]], turn.T
 
 
 def _length(vector: Array) -> float:

@@ -12,6 +12,7 @@ from ..body.basis import exponents
 from ..common.arrays import Array
 from ..common.frozen import ReadOnly
 from ..common.scale import Scale
+from .gates import opening
 from .map import Map, search_tree
 
 MOST_DEGREE = 5
@@ -48,6 +49,8 @@ class LocalModels(ReadOnly):
     # share of the weight below which silent nodes decide, see :func:`heard`; 0 where they have no
     # vote
     votes: float = SILENT
+    # (nodes, dof + 1), the half-space in which each node speaks, see :mod:`calib.maps.gates`
+    gates: Array | None = None
 
     def degrees(self, dof: int) -> NDArray[np.intp]:
         """Degree of each node's own model, (nodes,), -1 for none."""
@@ -260,6 +263,8 @@ def predict(
     else:
         index, weight = blend(motor, u, blend_size(u.shape[1]))
         gap = motor.scale.difference(u[:, None], motor.units[index])
+    if models.gates is not None:
+        weight = weight * opening(models.gates[index], gap)
     radius = models.radius[index]
     z = gap / radius[..., None]
     c = models.coefficients[index] * weight[..., None, None]

@@ -9,15 +9,16 @@ have what serves the calm rows.
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 from numpy.typing import NDArray
 
 from ..common.arrays import Array, Index
 from . import local_models as local
+from .gates import find_gates, opening
 from .local_models import LocalModels, Neighbourhood
-from .map import Map, search_tree
+from .map import Map, nearest_points, search_tree
 
 Shape = tuple[int, int]
 """Degree of a local model and the number of samples that it is fitted to."""
@@ -25,6 +26,7 @@ Shape = tuple[int, int]
 _TURNS = 9  # rounds in which nodes reconsider
 _COLOURS = 3  # of which each node takes part in every third
 _SURE = 1.0  # standard errors by which another choice must win
+_RUNS = 3  # that tell whether one is sure
 _RUN = 20  # neighbouring rows that may be repeats of each other
 _AROUND = 5  # rows whose median residual tells whether a row is calm
 _BESIDE = 20  # rows of which one has to be wrong for a calm row to lie beside a defect
@@ -43,6 +45,7 @@ class NodeChoice:
     rows: Index  # (m,), rows that they speak for
     # (m, o) [unit], what remained of these rows while they were held out
     residual: Array = field(repr=False)
+    gates: Array | None = field(repr=False)  # of all nodes, see :mod:`calib.maps.gates`
 
     @staticmethod
     def of(
@@ -70,21 +73,27 @@ class NodeChoice:
         rows = np.flatnonzero((place[index] >= 0).any(axis=1))
         held = np.concatenate([part[fold] for part, fold in zip(unseen, folds, strict=True)])
         calm, beside, between, usually, known = _calm(motor, u, held, wrong)
+        square = np.einsum("no,no->n", held, held)
+        gates = find_gates(motor, u, square, calm, held.shape[1]) if calm.any() else None
+        mostly = _mostly(motor, u, index, weight, ~calm)[nodes]
         more = local.speaking(motor, between)
         index = place[np.concatenate([index[rows], more[0]])]
         weight, gap = np.concatenate([weight[rows], more[1]]), np.concatenate([gap[rows], more[2]])
         owner = np.concatenate([rows, beside])
         predicted = held_out(motor, nodes, u, unseen, folds, owner, index, gap, shapes)
+        if gates is not None:
+            predicted *= opening(gates[nodes[index]], gap)[..., None]
         target = np.concatenate([known[rows], usually])
         calm = np.concatenate([calm[rows], np.ones(len(beside), dtype=bool)])
         usual = -1 if common is None else list(shapes).index(common)
-        square, quiet = np.einsum("mo,mo->m", held[rows], held[rows]), calm[: len(rows)]
+        square, quiet = square[rows], calm[: len(rows)]
         noise = max(float(np.mean(square[quiet]) if quiet.any() else np.median(square)), 1e-300)
         chosen, remains = _settled(
-            owner, target, predicted, index, weight, calm, noise, len(nodes), usual
+            owner, target, predicted, index, weight, calm, noise, mostly, usual
         )
         # what is reported are the rows as they were measured
-        return NodeChoice(nodes, chosen, rows, remains[: len(rows)] + held[rows] - known[rows])
+        remains = remains[: len(rows)] + held[rows] - known[rows]
+        return NodeChoice(nodes, chosen, rows, remains, gates)
 
     def remaining(self, rows: Index, otherwise: Array) -> Array:
         """What remained of some rows (k, o); `otherwise` where none of these nodes speaks."""
@@ -98,7 +107,7 @@ class NodeChoice:
         """Local models of all nodes, fitted to all rows; `common` is the others' shape."""
         choice = np.full(motor.size, -1 if common is None else list(shapes).index(common))
         choice[self.nodes] = self.shape
-        return fit_each(motor, u, residual, shapes, choice)
+        return replace(fit_each(motor, u, residual, shapes, choice), gates=self.gates)
 
 
 def fit_each(
@@ -160,6 +169,19 @@ def held_out(
     return predicted
 
 
+def _mostly(
+    motor: Map, u: Array, index: Index, weight: Array, wrong: NDArray[np.bool_]
+) -> NDArray[np.bool_]:
+    """Which nodes (nodes,) speak mostly for wrong rows; those that speak for none: stand there."""
+    of_node = np.bincount(index.ravel(), weight.ravel(), motor.size)
+    of_wrong = np.bincount(index.ravel(), (weight * wrong[:, None]).ravel(), motor.size)
+    mostly = np.asarray(of_wrong > 0.5 * of_node)
+    alone = np.flatnonzero(of_node == 0.0)
+    at = np.where(motor.scale.periodic, motor.units[alone] % 1.0, motor.units[alone])
+    mostly[alone] = wrong[nearest_points(u, motor.scale, at)[1][:, 0]]
+    return mostly
+
+
 def _calm(
     motor: Map, u: Array, held: Array, wrong: NDArray[np.bool_]
 ) -> tuple[NDArray[np.bool_], Index, Array, Array, Array]:
@@ -207,7 +229,7 @@ def _settled(
     weight: Array,
     calm: NDArray[np.bool_],
     noise: float,
-    nodes: int,
+    mostly: NDArray[np.bool_],
     usual: int,
 ) -> tuple[Index, Array]:
     """The choices (nodes,) once no node gains by another, and what remains (m, o).
@@ -216,6 +238,7 @@ def _settled(
     wherever it is.  Calm rows count more often.  Each node is judged beside the others as they
     are; only some may change at a time, so that two neighbours do not both mend the same rows.
     """
+    nodes = len(mostly)
     row, column = np.nonzero(index >= 0)
     node, own = index[row, column], weight[row, column]
     every = predicted[:, row, column] * own[:, None]  # (1 + shapes, pairs, o)
@@ -246,6 +269,9 @@ def _settled(
     ]
     costs = [cost(left)[~calm].sum() for left in first]
     chosen = np.full(nodes, int(np.argmin(costs)))
+    # what stands until another choice is sure: in the midst of a defect few rows of its own must
+    # not leave a node silent between others that speak
+    stands = np.where(mostly, chosen, usual)
     for turn in range(_TURNS):
         now, talks, sums, speaks = together(chosen)
         others, silent = sums[row] - now, speaks[row] - own * talks
@@ -253,13 +279,15 @@ def _settled(
             cost(remains(others + new, silent + own * (k > 0), row)) for k, new in enumerate(every)
         ]
         score = np.zeros((len(every), nodes))
+        before = np.stack(after)[stands[node] + 1, np.arange(len(node))]
         for k, each in enumerate(after):
-            gain = after[usual + 1] - each
+            gain = before - each
             of_run, total_gain = np.bincount(place, gain), np.bincount(node, gain, nodes)
             away = of_run - (total_gain / np.maximum(several, 1))[owner]
             sure = total_gain > _SURE * np.sqrt(np.bincount(owner, away**2, nodes))
+            sure &= several >= _RUNS  # of fewer the spread is not known
             score[k] = np.where(sure, np.bincount(node, gain * care[row], nodes), 0.0)
         best = score.argmax(axis=0) - 1
-        best = np.where(score.max(axis=0) > 0.0, best, usual)
+        best = np.where(score.max(axis=0) > 0.0, best, stands)
         chosen = np.where(np.arange(nodes) % _COLOURS == turn % _COLOURS, best, chosen)
     return chosen, remains(*together(chosen)[2:], slice(None))

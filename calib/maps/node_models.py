@@ -29,6 +29,8 @@ class NodeModels:
     reach: list[float] | None = field(default=None, repr=False)
     # share of the weight below which silent nodes decide, 0 where they have no vote
     votes: float = SILENT
+    # for each node the half-space in which it speaks, see :mod:`calib.maps.gates`
+    gates: list[list[float]] | None = field(default=None, repr=False)
 
     @staticmethod
     def of(models: LocalModels, motor: Map, cells: NodeCells) -> NodeModels:
@@ -42,7 +44,8 @@ class NodeModels:
             nodes.append((w, radius, terms))
         reach = reach_of(motor).tolist() if models.fades else None
         periodic = tuple(bool(p) for p in motor.scale.periodic)
-        return NodeModels(cells, nodes, periodic, reach, models.votes)
+        gates = None if models.gates is None else models.gates.tolist()
+        return NodeModels(cells, nodes, periodic, reach, models.votes, gates)
 
     def value(self, u: Sequence[float]) -> tuple[float, float]:
         """Blended correction at a point of the unit box."""
@@ -98,7 +101,20 @@ class NodeModels:
         left = max(shares) / total
         loud = sum(w for n, w in zip(nodes, spoken, strict=True) if self.nodes[n][2]) / total
         left *= heard(loud, self.votes) if self.votes else 1.0
-        return [(n, w * left, z) for n, w, z in zip(nodes, spoken, places, strict=True)]
+        found = [(n, w * left, z) for n, w, z in zip(nodes, spoken, places, strict=True)]
+        if self.gates is None:
+            return found
+        return [(n, w * self._opening(n, z), z) for n, w, z in found]
+
+    def _opening(self, n: int, z: list[float]) -> float:
+        """How far a node's gate is open at a point about it, in its radius."""
+        assert self.gates is not None  # noqa: S101
+        *normal, t = self.gates[n]
+        radius = self.nodes[n][1]
+        for a, v in zip(normal, z, strict=True):
+            t += a * v * radius
+        t = min(max(t, 0.0), 1.0)
+        return t * t * (3.0 - 2.0 * t)
 
     def _at(self, n: int, u: Sequence[float]) -> list[float]:
         """Coordinates of a point about a node, in its radius."""

@@ -91,15 +91,15 @@ def _votes_in(stated: Mapping[str, Any]) -> float:
 def build_models(
     stated: Mapping[str, Any],
     tensors: Tensors,
-    names: tuple[str, str],
+    names: tuple[str, str, str],
     size: tuple[int, int, int],
     *,
     kind: str = "float64",
     fades: bool = False,
 ) -> LocalModels:
-    """Rebuild local models from their description and two tensors.
+    """Rebuild local models from their description and their tensors.
 
-    names : of the tensors with the radii and the coefficients
+    names : of the tensors with the radii, the coefficients and, where there are some, the gates
     size : nodes, joints and coordinates of a position
     fades : where the description does not say so; format 1 did not
     """
@@ -115,7 +115,8 @@ def build_models(
         raise ValueError(f"{tensors.prefix}{names[0]} is not above zero")
     terms = len(exponents(dof, degree))
     coefficients = tensors.take(names[1], (nodes, terms, width), kind)
-    return LocalModels(degree, samples, radius, coefficients, fades, votes)
+    gates = tensors.take(names[2], (nodes, dof + 1), kind) if names[2] in tensors else None
+    return LocalModels(degree, samples, radius, coefficients, fades, votes, gates)
 
 
 def build_baseline(stated: Any, tensors: Tensors, motor: int, sensory: int) -> Baseline | None:

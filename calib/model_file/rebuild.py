@@ -61,7 +61,10 @@ def build(header: Mapping[str, Any], tensors: Tensors) -> Model:
     )
     smooth, body = build_smooth(header, tensors, motor.scale, width, lambda: association.linear)
     models = build_models(
-        header["local"], tensors, ("local.radius", "local.coefficients"), (*nodes, dof, width)
+        header["local"],
+        tensors,
+        ("local.radius", "local.coefficients", "local.gates"),
+        (*nodes, dof, width),
     )
     bounds = tensors.take("bounds", nodes)
     # of a simulation they are the same, and format 1 had one

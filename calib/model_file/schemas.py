@@ -73,6 +73,8 @@ def _tensors(schema: Schema) -> dict[str, NDArray[Any]]:
     if predictor.models.degree >= 0:
         arrays["radius"] = predictor.models.radius.astype(np.float32)
         arrays["local"] = predictor.models.coefficients.astype(np.float32)
+        if predictor.models.gates is not None:
+            arrays["gates"] = predictor.models.gates.astype(np.float32)
     return arrays | baseline_tensors(schema.baseline)
 
 
@@ -123,7 +125,7 @@ def _schema(model: Model, state: dict[str, Any], tensors: Tensors) -> Schema:
 
     smooth, _ = build_smooth(state, tensors.under(SMOOTH), motor.scale, width, linear)
     models = build_models(
-        state["local"], tensors, ("radius", "local"), (nodes, dof, width),
+        state["local"], tensors, ("radius", "local", "gates"), (nodes, dof, width),
         kind="float32", fades=True,
     )  # fmt: skip
     bounds, model_bounds = take("bounds", nodes), take("model_bounds", nodes)

@@ -113,6 +113,8 @@ def _tensors(model: Model) -> dict[str, NDArray[Any]]:
         "bounds": model.bounds,
         "visited": model.visited.astype(np.uint8),
     }
+    if model.predictor.models.gates is not None:
+        tensors["local.gates"] = model.predictor.models.gates
     if not np.array_equal(model.model_bounds, model.bounds):
         tensors["model_bounds"] = model.model_bounds
     for name, part, means in (

@@ -67,7 +67,7 @@ class Clocks:
 
 
 @dataclass(frozen=True, eq=False)
-class Pair:
+class ClockPair:
     """A track (n, 2) at times (n,), and joints (m, joints) at times (m,) of another clock."""
 
     t: Array
@@ -229,7 +229,7 @@ def align_clocks(
     spread = float(np.sqrt(((x - x.mean(0)) ** 2).sum(1).mean()))
     if spread < 5.0 or np.ptp(q, axis=0).max() < 0.02:
         raise ClockError("the arm never moves, so the clocks cannot be matched; give `time_offset`")
-    pair = Pair(t, x, joint_time, q)
+    pair = ClockPair(t, x, joint_time, q)
     peaks = pair.peaks()
     if not len(peaks):
         raise ClockError(

@@ -10,18 +10,15 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
 from ..common.arrays import Array
 from ..errors import LogError
 from .board import BoardFinder
-from .opencv import opencv
-from .setting import Setting
+from .opencv import Picture, opencv
+from .setting import Setup
 from .tags import Tag
 from .track import TipTags
 from .watch import Marks
-
-Picture = NDArray[np.uint8]
 
 _LEAST_FRAMES = 10  # a video of fewer frames is none
 _WHOLE = 30  # frames between searches of the whole picture: a window misses a second tag
@@ -75,7 +72,7 @@ class Video:
 
 
 @dataclass(frozen=True, eq=False)
-class Track:
+class TagTrack:
     """The tag through a video."""
 
     # time, tags: times of the frames, by the camera's clock, and the tag in each (n,) [s]
@@ -94,7 +91,7 @@ class Track:
         return np.array([unseen if tag is None else tag.centre for tag in self.tags])
 
 
-def follow(path: str | os.PathLike[str], setting: Setting) -> Track:
+def follow_tag(path: str | os.PathLike[str], setting: Setup) -> TagTrack:
     """Track the tag of a setting through a video, within a window where it was just seen.
 
     Raises LogError if the file is no video, or the tag is there twice.
@@ -142,7 +139,7 @@ def follow(path: str | os.PathLike[str], setting: Setting) -> Track:
         notes.append(
             f"{video.name} claims {video.claimed} frames, {len(times)} can be read: it is cut off"
         )
-    return Track(
+    return TagTrack(
         np.array(times), tuple(tags), tuple(marks), tips.reasons, tuple(notes), tuple(sample)
     )
 

@@ -3,20 +3,17 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Iterable, Mapping
-from typing import TYPE_CHECKING
 
 import numpy as np
 from numpy.random import Generator
 
+from ..arm.arm import Arm
 from ..common.arrays import Array
 from ..common.checks import whole
 from ..errors import OptionError
 from .changes import Change, parse_changes
 from .samples import Samples
 from .simulation import Simulation
-
-if TYPE_CHECKING:
-    from ..arm.arm import Arm
 
 MAX_SAMPLES = 10_000_000
 
@@ -72,6 +69,10 @@ def babble(
     >>> log.q.shape, log.x.shape
     ((1000, 2), (1000, 2))
     """
+    if not isinstance(arm, Arm):
+        raise OptionError(
+            f"arm {arm!r}: expected an arm, as `calib.load_arm` returns it", parameter="arm"
+        )
     n = whole("samples", n, 1, MAX_SAMPLES)
     seed = whole("seed", seed, 0, 2**63 - 1)
     if method not in METHODS:

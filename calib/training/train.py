@@ -119,6 +119,10 @@ def train(
     >>> model.about.errors["local"]["forward"]["distance"]["mean"] < 1e-6
     True
     """
+    if not isinstance(samples, Samples):
+        raise LogError(
+            f"samples {samples!r:.60}: expected what `calib.babble` or `calib.read_log` returns"
+        )
     if isinstance(seed, bool) or not isinstance(seed, (int, np.integer)) or seed < 0:
         raise OptionError(f"seed {seed!r}: expected a whole number, 0 or more")
     if len(samples) < LEAST_ROWS:

@@ -6,6 +6,7 @@ import numpy as np
 
 from ..body.curves import HARMONICS
 from ..body.planar import PlanarStructure
+from ..body.planar_view import turned
 from ..common.arrays import Array
 from .c_source import array, integers, number
 
@@ -32,9 +33,10 @@ static inline void calib_curve(int joint, calib_real q, calib_real *value, calib
   *slope = dre;
 }
 
-/* Body: position and, where J is not null, its derivative by the joints (row by row). */
+/* Body: position; where J is not null its derivative by the joints (row by row), and where `at`
+ * is not null each joint's nominal angle, direction and part of the chain, and the tip. */
 static inline void calib_body(const calib_real *beta, int curves, const calib_real q[CALIB_DOF],
-                           calib_real x[CALIB_OUT], calib_real *J) {
+                              calib_real x[CALIB_OUT], calib_real *J, calib_real at[][5]) {
   calib_real psi[CALIB_DOF], theta[CALIB_DOF], own[CALIB_DOF], bend[CALIB_DOF][CALIB_DOF];
   calib_real ux[CALIB_DOF], uy[CALIB_DOF], px[CALIB_DOF];
   calib_real py[CALIB_DOF], tx[CALIB_DOF], ty[CALIB_DOF];
@@ -82,6 +84,10 @@ static inline void calib_body(const calib_real *beta, int curves, const calib_re
     py[i] = reach * uy[i];
     sx += px[i];
     sy += py[i];
+    if (at) {
+      at[i][0] = psi[i]; at[i][1] = ux[i]; at[i][2] = uy[i]; at[i][3] = px[i]; at[i][4] = py[i];
+      at[CALIB_DOF][0] = sx; at[CALIB_DOF][1] = sy;
+    }
   }
   m00 = calib_view[0]; m01 = calib_view[1]; m10 = calib_view[2]; m11 = calib_view[3];
   w = 1 + calib_view[6] * sx + calib_view[7] * sy;
@@ -137,14 +143,14 @@ static inline void calib_body(const calib_real *beta, int curves, const calib_re
 
 
 static inline void calib_smooth(const calib_real q[CALIB_DOF], calib_real *x, calib_real *J) {
-  calib_body(calib_beta, @curves@, q, x, J);
+  calib_body(calib_beta, @curves@, q, x, J, 0);
 }
 """
 
 WANTED = """\
 
 static inline void calib_wanted(const calib_real q[CALIB_DOF], calib_real x[CALIB_OUT]) {
-  calib_body(calib_nominal, 0, q, x, 0);
+  calib_body(calib_nominal, 0, q, x, 0, 0);
 }
 
 /* A start near q: positions alone are corrected. */
@@ -189,6 +195,13 @@ def tables(structure: PlanarStructure, beta: Array, single: bool) -> str:
         + array(real, "calib_curve_cos", sizes, np.array([w[0] for w in waves]), single)
         + array(real, "calib_curve_sin", sizes, np.array([w[1] for w in waves]), single)
     )
+
+
+def shears(structure: PlanarStructure, beta: Array, single: bool) -> str:
+    """How the view's linear part changes with its shear: two matrices, row by row."""
+    turn, mirror = np.exp(beta[1]) * turned(beta), np.diag([1.0, float(structure.mirror)])
+    both = [turn @ shear @ mirror for shear in (np.diag([1.0, -1.0]), np.eye(2)[::-1])]
+    return array("calib_real", "calib_shears", ["8"], np.ravel(both), single)
 
 
 def beta_table(name: str, structure: PlanarStructure, beta: Array, single: bool) -> str:

@@ -15,9 +15,18 @@ static inline calib_real calib_share(calib_real ratio) {
   return r * r;
 }
 
+/* Factor on what nodes with a model say, by their share of the weight beside those without one. */
+static inline calib_real calib_heard(calib_real share) {
+  const calib_real silent = @silent@;
+  calib_real t = (share - silent) / (@full@ - silent);
+  t = t < 0 ? 0 : t > 1 ? 1 : t;
+  return t * t * (3 - 2 * t) / (share > silent ? share : silent);
+}
+
 /* Local models of what the body leaves over, added to position and derivative. */
 static inline void calib_local(const calib_real q[CALIB_DOF], calib_real *x, calib_real *J) {
   calib_real weight[CALIB_NEAR], u[CALIB_DOF], gap[CALIB_NEAR][CALIB_DOF], total = 0, left = 0;
+  calib_real loud = 0;
   int node[CALIB_NEAR], i, k, t, o;
   calib_near(q, node, weight, u);
   for (k = 0; k < CALIB_NEAR; ++k) {
@@ -31,14 +40,16 @@ static inline void calib_local(const calib_real q[CALIB_DOF], calib_real *x, cal
     if (@fades@) share = calib_share(sqrt(far) / calib_says[node[k]]);
     weight[k] *= share;
     total += weight[k];
+    if (calib_talks[node[k]]) loud += weight[k];
     if (share > left) left = share;
   }
+  if (@votes@) left *= calib_heard(total > 0 ? loud / total : 0);
   for (k = 0; k < CALIB_NEAR; ++k) {
     const calib_real r = calib_radius[node[k]];
     const calib_real *c = calib_local_terms[node[k]];
-    const calib_real w = @fades@ ? (total > 0 ? weight[k] * left / total : 0) : weight[k];
+    calib_real w = @fades@ ? (total > 0 ? weight[k] * left / total : 0) : weight[k];
     calib_real value[@terms@];
-    if (!(w > 0)) continue;
+@gated@    if (!(w > 0)) continue;
     value[0] = 1;
     for (t = 1; t < @terms@; ++t)
       value[t] = value[calib_parent[t]] * gap[k][calib_along[t]] / r;
@@ -57,21 +68,21 @@ static inline void calib_local(const calib_real q[CALIB_DOF], calib_real *x, cal
 }
 """
 
+GATED = """\
+    {
+      calib_real t = calib_gate[node[k]][CALIB_DOF];
+      for (i = 0; i < CALIB_DOF; ++i) t += calib_gate[node[k]][i] * gap[k][i];
+      t = t < 0 ? 0 : t > 1 ? 1 : t;
+      w *= t * t * (3 - 2 * t);
+    }
+"""
+
 QUERIES = """\
 
 /* What the model says, wherever q is. */
 static inline void calib_model(const calib_real q[CALIB_DOF], calib_real *x, calib_real *J) {
   calib_smooth(q, x, J);
 @local@}
-
-/* Values of the nodes, blended at q. */
-static inline calib_real calib_blended(const calib_real *values, const calib_real q[CALIB_DOF]) {
-  int node[CALIB_NEAR], k;
-  calib_real weight[CALIB_NEAR], u[CALIB_DOF], sum = 0;
-  calib_near(q, node, weight, u);
-  for (k = 0; k < CALIB_NEAR; ++k) sum += weight[k] * values[node[k]];
-  return sum;
-}
 
 /* Position; where J is not null also its derivative, J[coordinate * DOF + joint]. */
 static inline int calib_position(const calib_real q[CALIB_DOF], calib_real *x, calib_real *J) {

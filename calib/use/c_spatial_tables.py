@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import re
+
 import numpy as np
 
 from ..arm.motion import placements
@@ -18,18 +20,16 @@ _POSES, _POSE_CALM = 2, 1e-6  # steps towards a pose, and their damping
 def words(structure: SpatialStructure, single: bool) -> dict[str, object]:
     """Numbers and lines that stand in the source itself."""
     lever = structure.chain.reach
+    lens = {"law": structure.seen_as.source, "nearest": number(NEAREST, single)}
+    pinhole = re.sub(r"@(\w+)@", lambda found: lens[found.group(1)], PINHOLE)
     return {
-        "view": _pinhole(structure, single) if structure.camera else LINEAR,
+        **lens,
+        "view": pinhole if structure.camera else LINEAR,
         "poses": _POSES,
         "pose_calm": number(_POSE_CALM, single),
         "lever": number(lever, single),
         "half_lever": number(lever / 2, single),
     }
-
-
-def _pinhole(structure: SpatialStructure, single: bool) -> str:
-    law = PINHOLE.replace("@law@", structure.seen_as.source)
-    return law.replace("@nearest@", number(NEAREST, single))
 
 
 def tables(structure: SpatialStructure, beta: Array, single: bool) -> str:

@@ -2,14 +2,14 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING, Annotated
+from typing import TYPE_CHECKING
 
 import typer
 
 from calib.common.wording import for_people
 
-from .. import options as o
-from ..output import NO, Notes, Table, fixed, note, number, show, show_json, tell
+from ..options import OF_FRAMES, takes
+from ..output import NO, Notes, TextTable, fixed, note, number, show, show_json, tell
 from ..units import units_of
 from ..usage import flag, option
 
@@ -18,22 +18,23 @@ if TYPE_CHECKING:
     from calib.use.spatial_geometry import SpatialGeometry
 
 
+@takes(
+    output=option("--output -o URDF", "The corrected description."),
+    move_base=flag("--move-base", "Fit the place of the first joint as well."),
+    move_tip=flag(
+        "--move-tip",
+        "Write the sensed point of a spatial arm as its tip; else it is a probe or a tag.",
+    ),
+    **OF_FRAMES,
+)
 def urdf(
-    model: o.ModelArgument,
-    output: Annotated[str, option("--output -o URDF", "The corrected description.")],
-    view: o.ViewOption = "auto",
-    cause: o.BlameOption = "sensor",
-    move_base: Annotated[
-        bool, flag("--move-base", "Fit the place of the first joint as well.")
-    ] = False,
-    move_tip: Annotated[
-        bool,
-        flag(
-            "--move-tip",
-            "Write the sensed point of a spatial arm as its tip; else it is a probe or a tag.",
-        ),
-    ] = False,
-    as_json: o.JsonOption = False,
+    model: str,
+    output: str,
+    view: str = "auto",
+    cause: str = "sensor",
+    move_base: bool = False,
+    move_tip: bool = False,
+    as_json: bool = False,
 ) -> None:
     """Write a copy of the URDF with the joint offsets and link placements that fit the model best.
 
@@ -81,7 +82,7 @@ def urdf(
         tell(f"{output}: residual {rms}, with the nominal URDF {before}")
 
 
-def _table(geometry: Geometry) -> Table:
+def _table(geometry: Geometry) -> TextTable:
     rows, arm, offsets, ends = [], geometry.arm, geometry.offsets, geometry.ends
     for k, name in enumerate(arm.joint_names):
         factor, unit = for_people("rad" if arm.revolute[k] else "m")
@@ -93,10 +94,12 @@ def _table(geometry: Geometry) -> Table:
         for axis, label in enumerate(("along x", "along y")):
             name = "" if axis else "base"
             rows.append(_row(name, label, 1e3, "mm", *(part[0, axis] for part in ends)))
-    return Table(["joint", "change of", "unit", "value", "+-"], rows, "against the URDF", left=3)
+    return TextTable(
+        ["joint", "change of", "unit", "value", "+-"], rows, "against the URDF", left=3
+    )
 
 
-def _in_space(geometry: SpatialGeometry) -> Table:
+def _in_space(geometry: SpatialGeometry) -> TextTable:
     structure, beta, half = geometry.structure, geometry.beta, 1.96 * geometry.sd
     groups, layout, revolute = structure.groups, structure.layout, geometry.arm.revolute
     found = []
@@ -118,7 +121,9 @@ def _in_space(geometry: SpatialGeometry) -> Table:
             shown = "" if name == last else name
             last = name
             rows.append(_row(shown, what.format(axis), factor, unit, beta[index], half[index]))
-    return Table(["joint", "change of", "unit", "value", "+-"], rows, "against the URDF", left=3)
+    return TextTable(
+        ["joint", "change of", "unit", "value", "+-"], rows, "against the URDF", left=3
+    )
 
 
 def _row(name: str, what: str, factor: float, unit: str, value: float, width: float) -> list[str]:
