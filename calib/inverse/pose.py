@@ -132,8 +132,8 @@ def pose_branches(
     Joints are within their ranges and reach the pose to 1e-9 of the arm's length; sorted; empty
     where nothing does. Of a redundant arm they are some of infinitely many. `starts` (n, dof) were
     active near each pose and are tried first, then starts that are drawn by `seed`, in at most
-    `ROUNDS` rounds; the search ends when two in a row find nothing new. The poses are searched side by
-    side: an evaluation of one row costs as much as one of a hundred.
+    `ROUNDS` rounds; the search ends when two in a row find nothing new. The poses are searched side
+    by side: an evaluation of one row costs as much as one of a hundred.
     """
     searches = [
         _Search(joints, seed, None if starts is None else starts[i]) for i in range(len(position))
