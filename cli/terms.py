@@ -28,6 +28,7 @@ _MEANINGS = (
     ),
     ({"dsom"}, "DSOM: steps grow with the distance to the winner"),
     ({"gng"}, "GNG: growing neural gas, a map without a lattice"),
+    ({"gas"}, "gas: neural gas, nodes without a lattice that follow samples by rank"),
     ({"sigma"}, "sigma: radius of the neighbourhood [nodes]"),
     ({"links"}, "links: Hebbian links between nodes of the two maps (eq. 5)"),
     ({"+-"}, "+-: standard deviation over the seeds"),

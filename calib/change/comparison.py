@@ -145,15 +145,18 @@ class Comparison:
         noisy = np.sqrt(told**2 + float(chdtri(self.z.shape[1], 0.05)) * more)
         return float(np.median(gap / told)), float(np.median(gap / noisy))
 
-    @property
+    @cached_property
     def unexpected(self) -> bool:
-        """Whether half of the rows are further off than the model told, and no test says why.
+        """Whether no test fires, yet half of the rows are further off than the model told.
 
         Groups are tested against all that may have crept (:func:`calib.change.members.drift`),
-        which on a path or in a corner follows nearly any residual.  The bound is narrower, and
-        half of the rows beyond it are no chance.
+        which on a path or in a corner follows nearly any residual, and waves that are finer than
+        the rows look like noise.  The bound is narrower: half of the rows beyond it are no chance.
         """
-        return not self.reference.new and self._fired <= 1.0 < self.beyond[1]
+        if self.reference.new or self.tested.score > 1.0:
+            return False
+        far, surely = self.beyond
+        return surely > 1.0 or (far > 1.0 and changed(self.explanations))
 
     @cached_property
     def explanations(self) -> tuple[Explanation, ...]:
@@ -165,33 +168,34 @@ class Comparison:
         """Explanations by no change."""
         return self._explained(calm=True)
 
-    def _explained(self, calm: bool) -> tuple[Explanation, ...]:
-        return explain(self.reference, self.log, self._weighted[1], self.cause, calm)
-
-    @cached_property
-    def _fired(self) -> float:
-        """Score of the tests of groups, and of waves, which look like noise to them.
+    @property
+    def _waves(self) -> float:
+        """Evidence of waves, which look like noise to the tests, over what chance stays below.
 
         What is less likely than the usual by 1 / p has a chance below p where nothing changed
         (Markov's inequality).
         """
-        score = self.tested.score
-        if self.reference.new or score > 1.0:
-            return score
-        return max(score, unusual(self._calm) / -math.log(FALSE_ALARM))
+        return unusual(self._calm) / -math.log(FALSE_ALARM)
+
+    def _explained(self, calm: bool) -> tuple[Explanation, ...]:
+        return explain(self.reference, self.log, self._weighted[1], self.cause, calm)
 
     @cached_property
     def score(self) -> float:
         """How far the log is from an arm and a sensor as they were: above 1 they changed."""
-        score = max(self._fired, 2.0 if self.reference.new else 0.0)
+        score = max(self.tested.score, 2.0 if self.reference.new else 0.0)
+        if score <= 1.0:
+            score = max(score, self._waves)
         if self._suspect and not self.explained:
             return max(score, 1.0 + self.misfit)
-        return max(score, self.beyond[1] if self.unexpected else 0.0)
+        return max(score, self.beyond[0] if self.unexpected else 0.0)
 
     @cached_property
     def _suspect(self) -> bool:
         """Whether a test fires, or rows are so far from the model that noise alone is no answer."""
-        if self.reference.new or self._fired > 1.0 or self.unexpected:
+        if self.reference.new or self.tested.score > 1.0 or self.beyond[0] > 1.0:
+            return True
+        if self._waves > 1.0:
             return True
         gap = np.linalg.norm(self.z - self.body.structure.predict(self.q, self.body.beta), axis=1)
         spread = np.linalg.norm(self.x - np.median(self.x, axis=0), axis=1)

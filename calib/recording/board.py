@@ -108,6 +108,7 @@ class BoardFinder:
         if len(best) < LEAST_CORNERS:  # cells of two pixels are read at twice the size
             cv2 = opencv()
             large = cv2.resize(grey, None, fx=2.0, fy=2.0, interpolation=cv2.INTER_CUBIC)
+            # pixel centres have whole coordinates: doubling puts them half a pixel off
             larger = {n: 0.5 * (place - 0.5) for n, place in self._detect(large).items()}
             best = max(best, larger, key=len)
         return refine_corners(grey, best, self.board)

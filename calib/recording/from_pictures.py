@@ -55,6 +55,7 @@ def log_pictures(
     for number, grey in read_series([path for _, path in pairs], damaged):
         name, size = pairs[number][1].name, (grey.shape[1], grey.shape[0])
         setting.check_size(name, size)
+        # a dozen pictures tell which tags are there, should this one not be
         if number % max(1, len(pairs) // 12) == 0:
             sample.append(grey)
         found = setting.finder.find(grey)
@@ -64,17 +65,12 @@ def log_pictures(
         if tip is not None:
             rows.append(number)
             tags.append(tip)
-    reasons, twice = tips.reasons, tips.twice
+    reasons = tips.reasons
     notes += [f"{text}; left out" for text in damaged[:5]]
     reasons["cut off or damaged"] = len(damaged)
-    if twice:
-        raise LogError(
-            f"tag {setting.tag} is there twice in {len(twice)} of {len(pairs)} pictures "
-            f"({listed(twice, 3)}): cover one, or print another id for the tip"
-        )
+    tips.check_single(f"{len(tips.twice)} of {len(pairs)} pictures ({listed(tips.twice, 3)})")
     if not tags:
-        instead = seen_instead(setting, sample)
-        raise LogError(f"tag {setting.tag} is in none of {len(pairs)} pictures: {instead}")
+        raise unseen(setting, sample, f"{len(pairs)} pictures")
     what = f"{len(tags)} pictures"
     index = np.array([pairs[number][0] for number in rows])
     q, pixels = joints.q[index], np.array([t.centre for t in tags])
@@ -141,18 +137,19 @@ def assemble(
     )
 
 
-def seen_instead(setting: Setup, greys: Sequence[Picture]) -> str:
-    """Say which tags some pictures show."""
+def unseen(setting: Setup, greys: Sequence[Picture], what: str) -> LogError:
+    """Return the error for a tag that is in none of `what`; some pictures tell which tags are."""
     finder, seen = TagFinder(setting.dictionary), Counter[int]()
     for grey in greys:
         seen.update({tag.number for tag in finder.find(grey)})
+    shown = listed([f"{number} ({times} times)" for number, times in seen.most_common()], 6)
+    instead = f"{len(greys)} of them show {shown} of {setting.dictionary}"
     if not seen:
-        return (
+        instead = (
             f"no tag of {setting.dictionary} is in {len(greys)} of them; check that it is sharp, "
             "has a white border and is of this dictionary"
         )
-    shown = listed([f"{number} ({times} times)" for number, times in seen.most_common()], 6)
-    return f"{len(greys)} of them show {shown} of {setting.dictionary}"
+    return LogError(f"tag {setting.tag} is in none of {what}: {instead}")
 
 
 def _check_order(q: Array, pixels: Array, pictures: Sequence[str]) -> list[str]:

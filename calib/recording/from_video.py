@@ -16,7 +16,7 @@ from ..errors import LogError, OptionError
 from ..samples.bags import MAX_GAP
 from ..samples.joint_values import covered, joints_at
 from .clocks import Clocks, align_clocks
-from .from_pictures import assemble, seen_instead
+from .from_pictures import assemble, unseen
 from .joint_table import JointTable
 from .recorded import Recorded, told
 from .setting import Setup
@@ -68,6 +68,7 @@ def log_video(
     rows = rows or VideoRows()
     if joints.time is None:
         raise LogError(f"{joints.label} has no times: a video needs a column 'time' [s]")
+    # a stamp that is there twice has no speed: the first row counts
     joint_time, first = np.unique(joints.time, return_index=True)
     q = joints.q[first]
     if len(q) < 2:
@@ -77,8 +78,7 @@ def log_video(
     pixels = track.pixels
     seen = np.isfinite(pixels[:, 0])
     if not seen.any():
-        instead = seen_instead(setting, track.sample)
-        raise LogError(f"tag {setting.tag} is in none of {len(pixels)} frames: {instead}")
+        raise unseen(setting, track.sample, f"{len(pixels)} frames")
     check_motion(q, pixels[seen], setting.tag, name)
     notes = list(track.notes)
     clocks = Clocks(rows.time_offset or 0.0)
@@ -195,6 +195,7 @@ def _trimmed(when: Array, pixels: Array, run: list[int]) -> list[NDArray[np.intp
     frames = frames[inner]
     if len(frames) < _LEAST:
         return []
+    # the arm may still swing where its joints stand: only frames near the median count
     near = np.linalg.norm(pixels[frames] - np.median(pixels[frames], axis=0), axis=1) < _SHAKE
     return [frames[near]] if near.sum() >= _LEAST else []
 
@@ -209,5 +210,6 @@ def _middle(tags: Sequence[Tag]) -> Tag:
         tags[0],
         corners=np.median([tag.corners for tag in tags], axis=0),
         centre=np.median(centres, axis=0),
+        # a median scatters by 1.25 times what a mean does (normal noise)
         noise=max(LEAST_NOISE, 1.25 * scatter / float(np.sqrt(len(tags)))),
     )

@@ -74,6 +74,7 @@ def find_pose(lens: Lens, points: Array, pixels: Array) -> Pose:
             miss, np.r_[np.zeros(3), np.ravel(shift)], args=(start,), loss="soft_l1", f_scale=0.5
         )
         fits.append((fit, start))
+    # a plane seen from afar fits two poses almost alike: the better one counts
     fit, start = min(fits, key=lambda each: float(each[0].cost))
     residual = fit.fun.reshape(-1, 2)
     rms = float(np.sqrt((residual**2).sum(1).mean()))

@@ -123,6 +123,7 @@ class TagFinder:
         for number, corners in found:
             tag = self._measured(grey, number, corners, shift)
             same = [t for t in tags if t.number == number]
+            # both margins find the same tag: it is one within a third of its side
             if not any(np.linalg.norm(t.centre - tag.centre) < 0.3 * t.side for t in same):
                 tags.append(tag)
         return tags

@@ -154,6 +154,14 @@ class TipTags:
             self.reasons["blurred"] += 1
         return tip[0], tip[0] if tip[0].sharp else None
 
+    def check_single(self, where: str) -> None:
+        """Refuse a recording in which the tag was there twice."""
+        if self.twice:
+            raise LogError(
+                f"tag {self.number} is there twice in {where}: cover one, or print another id for "
+                "the tip"
+            )
+
 
 def check_motion(q: Array, pixels: Array, tag: int, what: str) -> None:
     """Refuse a recording in which the arm, or the tag alone, stands still.
@@ -186,6 +194,7 @@ def stuck(q: Array, pixels: Array) -> Mask:
         near = np.linalg.norm(pixels - pixels[k], axis=1) < 0.5
         if near.sum() < 3 or result[k]:
             continue
+        # a working arm comes back to a place, but with about the same joints
         moved = float(np.ptp(q[near], axis=0).max() / spread.max())
         if moved > 0.1 and scale > 20.0:
             result |= near

@@ -120,6 +120,7 @@ def follow_tag(path: str | os.PathLike[str], setting: Setup) -> TagTrack:
             marks.append((number, setting.marks(grey, found, boards)))
         if number % every == 0 and len(sample) < _MARKS:
             sample.append(grey)
+        # without a tag in both frames nothing is known of its speed
         speed = now.centre - before.centre if now is not None and before is not None else 0 * speed
         before = now
         times.append(time)
@@ -129,11 +130,8 @@ def follow_tag(path: str | os.PathLike[str], setting: Setup) -> TagTrack:
             f"{video.name} has {len(times)} frames that can be read, {_LEAST_FRAMES} expected: is "
             "it a video?"
         )
-    if tips.twice:
-        raise LogError(
-            f"tag {setting.tag} is there twice in {video.name}, such as at {tips.twice[0]:.1f} s: "
-            "cover one, or print another id for the tip"
-        )
+    at = "".join(f", such as at {time:.1f} s" for time in tips.twice[:1])
+    tips.check_single(f"{video.name}{at}")
     notes = []
     if video.claimed > 1.05 * len(times) + 2:
         notes.append(

@@ -178,6 +178,7 @@ def _check_focus(layout: MarkLayout, looked: Seen, lens: Lens | None) -> None:
     growth = []
     for now in flat:
         both = [k for k in now if k in flat[0]]
+        # fewer marks have a growth of their own that is all noise
         if len(both) < 3:
             continue
         a, b = (np.array([each[k] for k in both]) for each in (flat[0], now))
@@ -187,6 +188,7 @@ def _check_focus(layout: MarkLayout, looked: Seen, lens: Lens | None) -> None:
         )
         radial = left < _RADIAL[0] * moved + _RADIAL[1]
         growth.append(factor if radial and moved > _MOVED else 1.0)
+    # one picture alone may be blurred: two others than the first have to show it
     if np.ptp(growth) > _STRETCH and np.sum(np.abs(np.subtract(growth, growth[0])) > _STRETCH) > 1:
         raise LogError(
             f"{layout.what} appears {min(growth):.4f} to {max(growth):.4f} times as large about "

@@ -32,6 +32,7 @@ from .evaluate import Residuals, fresh_residuals, summarise
 from .held_out import held_out_residuals, tested_rows, turned_of
 from .learn import UNFOLD, Options, Progress, Stopwatch, both_maps, link
 from .log_bounds import node_bounds
+from .map_choice import LATTICE, with_chosen_map
 from .screening import screen
 from .sizes import Size, lattice_sizes
 from .smooth import SmoothPart, find_smooth_part, uses_body, with_imagined, wrong_around
@@ -53,7 +54,7 @@ def train(
     size: Size = None,
     motor_size: Size = None,
     sensory_size: Size = None,
-    map: str | Gain = "vdsom",  # noqa: A002
+    map: str | Gain | None = None,  # noqa: A002
     rule: str = "batch",
     epochs: int | None = None,
     sigma: tuple[float, float] | None = None,
@@ -74,10 +75,10 @@ def train(
         with three joints, a 17x17x17 motor map; for a log about five rows per node.
     motor_size, sensory_size : int or tuple of int, optional
         Where they differ from `size`.
-    map : str or gain function
-        Network: "vdsom", "som", "dsom", "gng", or a reading of the varying density
-        (eq. 7 and 8) such as "vdsom:error" or "gng:error", or a function of a
-        :class:`calib.Visit`.
+    map : str or gain function, optional
+        Network: "vdsom" (default; "gas" where held-out blocks of a log without a body prefer
+        it), "som", "dsom", "gng", or a reading of the varying density (eq. 7 and 8) such as
+        "vdsom:error" or "gng:error", or a function of a :class:`calib.Visit`.
     rule : {"batch", "online"}
         Kohonen's batch map, or the paper's eq. 1 to 4, sample by sample.
     epochs : int, optional
@@ -120,26 +121,24 @@ def train(
     True
     """
     if not isinstance(samples, Samples):
-        raise LogError(
-            f"samples {samples!r:.60}: expected what `calib.babble` or `calib.read_log` returns"
-        )
+        raise LogError(f"samples {samples!r:.40}: expected what `calib.read_log` returns")
     if isinstance(seed, bool) or not isinstance(seed, (int, np.integer)) or seed < 0:
         raise OptionError(f"seed {seed!r}: expected a whole number, 0 or more")
     if len(samples) < LEAST_ROWS:
         raise LogError(
-            f"{len(samples)} sample{'s are' if len(samples) != 1 else ' is'} too few to learn "
-            f"from: give at least {LEAST_ROWS}"
+            f"{len(samples)} sample{'s are' if len(samples) != 1 else ' is'} too few to learn from:"
+            f" give at least {LEAST_ROWS}"
         )
     check_wiring(links)
     if body not in BODIES:
         raise OptionError(f"body {body!r}: expected one of {', '.join(BODIES)}")
     if view not in VIEWS:
         raise OptionError(f"view {view!r}: expected one of {', '.join(VIEWS)}")
-    notes_of_screening: list[str] = []
+    screened: list[str] = []
     if samples.simulation is None:
         with one_blas_thread():
             screening = screen(samples)
-        notes_of_screening = screening.notes()
+        screened = screening.notes()
         if screening.left_out:
             samples = samples.take(screening.kept)
     motor, sensory, notes = lattice_sizes(
@@ -148,13 +147,14 @@ def train(
     # a log may leave parts of the joints' range out; a simulation only has too few samples
     taught = body != "none" and (samples.simulation is None or len(samples) < math.prod(motor))
     options = Options(
-        motor, sensory, map, rule, epochs, sigma, int(seed), taught, links, body, view
+        motor, sensory, map or LATTICE, rule, epochs, sigma, int(seed), taught, links, body, view
     )
     # a BLAS that splits sums over threads would change the last bits
     with one_blas_thread():
-        return _Trainer(
-            samples, options, notes_of_screening + notes, progress or (lambda *_: None)
-        ).run()
+        if map is None:
+            options, told = with_chosen_map(samples, options)
+            notes += told
+        return _Trainer(samples, options, screened + notes, progress or (lambda *_: None)).run()
 
 
 def on_limits(samples: Samples, q: Array, rng: np.random.Generator) -> Array:

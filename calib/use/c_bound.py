@@ -21,11 +21,12 @@ from ..body.spatial import SpatialStructure
 from ..body.spatial_view import compose
 from ..common.arrays import Array
 from . import c_planar, c_slopes
+from .c_curves import curves_of
 from .c_source import array, integers
 
 if TYPE_CHECKING:
     from ..body.belief import Body, Second
-    from ..body.structure import Indices, Structure
+    from ..body.structure import Structure
 
 RANK = 32
 """Directions that are kept of what couples curves with each other and with the geometry."""
@@ -137,7 +138,7 @@ def tables(structure: Structure, body: Body, q: Array, *, noise: bool, single: b
     noise : whether the bound counts the noise of a single reading
     single : whether the rest is ``float``, too
     """
-    geometry = structure.size - sum(map(len, _curves(structure).values()))
+    geometry = structure.size - sum(map(len, curves_of(structure).values()))
     seen = structure.blocks[0]
     slope = structure.linearise(q, body.beta)[1][:, :seen].reshape(-1, structure.size)
     values, vectors = np.linalg.eigh(slope.T @ slope)
@@ -169,13 +170,6 @@ def _own(structure: Structure, beta: Array, single: bool) -> str:
         return c_planar.shears(structure, beta, single)
     assert isinstance(structure, SpatialStructure)  # noqa: S101
     return array("calib_real", "calib_flange", ["9"], structure.chain.rotation.ravel(), single)
-
-
-def _curves(structure: Structure) -> dict[int, Indices]:
-    """The parameters of each joint's curve; slides have none."""
-    names = {k: f"curve.{k}" for k in range(structure.dof)}
-    found = {k: structure.groups[name] for k, name in names.items() if name in structure.groups}
-    return {k: curve for k, curve in found.items() if len(curve)}
 
 
 def _rank(body: Body) -> int:
@@ -210,7 +204,7 @@ def _compact(
     turn: Array = np.linspace(0.0, 2 * np.pi, 8 * HARMONICS, endpoint=False)
     wave = powers(turn)
     waves = np.concatenate([wave.real, wave.imag], axis=1)
-    curves = _curves(structure)
+    curves = curves_of(structure)
     for k, curve in curves.items():
         block = np.ix_(curve, curve)
         terms = np.fft.rfft(((waves @ covariance[block]) * waves).sum(axis=1)) / len(waves)

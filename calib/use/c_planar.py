@@ -4,35 +4,12 @@ from __future__ import annotations
 
 import numpy as np
 
-from ..body.curves import HARMONICS
 from ..body.planar import PlanarStructure
 from ..body.planar_view import turned
 from ..common.arrays import Array
 from .c_source import array, integers, number
 
 SOURCE = """\
-/* Error curve of a joint and its derivative, by Horner's rule in exp(j q). */
-static inline void calib_curve(int joint, calib_real q, calib_real *value, calib_real *slope) {
-  const calib_real c = cos(q), s = sin(q);
-  const calib_real *a = calib_curve_cos[joint], *b = calib_curve_sin[joint];
-  calib_real re = 0, im = 0, dre = 0, dim = 0, t;
-  int n;
-  for (n = CALIB_HARMONICS; n >= 1; --n) {
-    re += a[n - 1];
-    im -= b[n - 1];
-    dre += (calib_real)n * b[n - 1];
-    dim += (calib_real)n * a[n - 1];
-    t = re * c - im * s;
-    im = re * s + im * c;
-    re = t;
-    t = dre * c - dim * s;
-    dim = dre * s + dim * c;
-    dre = t;
-  }
-  *value = re;
-  *slope = dre;
-}
-
 /* Body: position; where J is not null its derivative by the joints (row by row), and where `at`
  * is not null each joint's nominal angle, direction and part of the chain, and the tip. */
 static inline void calib_body(const calib_real *beta, int curves, const calib_real q[CALIB_DOF],
@@ -42,7 +19,9 @@ static inline void calib_body(const calib_real *beta, int curves, const calib_re
   calib_real py[CALIB_DOF], tx[CALIB_DOF], ty[CALIB_DOF];
   calib_real sum = 0, angle = 0, sx = 0, sy = 0, w, yx, yy, r2;
   calib_real k, cx, cy, lx, ly, m00, m01, m10, m11;
+  calib_real value[CALIB_DOF], slope[CALIB_DOF];
   int i, j, e = 0;
+  if (curves) calib_curves(q, value, slope, J != 0);
   for (i = 0; i < CALIB_DOF; ++i) {
     if (calib_turns[i]) sum += calib_sign[i] * q[i];
     psi[i] = sum;
@@ -67,10 +46,8 @@ static inline void calib_body(const calib_real *beta, int curves, const calib_re
       bend[i][j] = b * c - a * s;
     }
     if (curves) {
-      calib_real value, slope;
-      calib_curve(i, q[i], &value, &slope);
-      theta[i] += value;
-      own[i] += slope;
+      theta[i] += value[i];
+      own[i] += slope[i];
     }
   }
   for (i = 0; i < CALIB_DOF; ++i) {
@@ -181,19 +158,12 @@ def tables(structure: PlanarStructure, beta: Array, single: bool) -> str:
     lens = np.concatenate([beta[8:11], structure.centre, [1.5 * structure.extent]])
     geometry = beta.copy()
     geometry[: lay.length[0]] = 0.0
-    zero = np.zeros((2, HARMONICS))
-    waves = [
-        beta[lay.curve[i]].reshape(2, -1) if i in lay.curve else zero for i in range(structure.dof)
-    ]
-    sizes = [dof, "CALIB_HARMONICS"]
     return (
         integers("calib_turns", dof, structure.revolute)
         + array(real, "calib_sign", [dof], np.asarray(structure.signs, dtype=float), single)
         + beta_table("calib_beta", structure, geometry, single)
         + array(real, "calib_view", ["8"], view, single)
         + array(real, "calib_lens", ["6"], lens, single)
-        + array(real, "calib_curve_cos", sizes, np.array([w[0] for w in waves]), single)
-        + array(real, "calib_curve_sin", sizes, np.array([w[1] for w in waves]), single)
     )
 
 

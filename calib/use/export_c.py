@@ -21,7 +21,7 @@ from ..maps.local_models import FULL, blend_size, predict, reach_of
 from ..maps.predictor import BodyInBox
 from ..model.model import Model
 from ..model.trust import MOST_BLENDED
-from . import c_bound, c_planar, c_queries, c_spatial, c_spatial_tables
+from . import c_bound, c_curves, c_planar, c_queries, c_spatial, c_spatial_tables
 from .c_source import HEAD, NODES, RANGE, array, filled, integers, number
 from .correct import usual_limit
 from .nominal import nominal_in_space, nominal_in_view
@@ -104,7 +104,7 @@ class _Writer:
         if isinstance(structure, PlanarStructure):
             tables = c_planar.tables(structure, beta, self.single)
             nominal = self._nominal_in_plane(structure)
-            parts = [c_planar.SOURCE, c_planar.WANTED]
+            own, wanted = c_planar.SOURCE, c_planar.WANTED
             words |= c_planar.words(structure, beta, self.single)
             pose = ""
         else:
@@ -112,25 +112,26 @@ class _Writer:
             tables = c_spatial_tables.tables(structure, beta, self.single)
             nominal = ""
             if structure.informed:
-                own = nominal_in_space(structure, beta)
-                nominal = c_spatial_tables.arm("calib_nominal", structure, own, self.single)
-            parts, pose = [c_spatial.SOURCE, c_spatial.WANTED], c_spatial.POSE
+                there = nominal_in_space(structure, beta)
+                nominal = c_spatial_tables.arm("calib_nominal", structure, there, self.single)
+            own, wanted, pose = c_spatial.SOURCE, c_spatial.WANTED, c_spatial.POSE
+            own = own.replace("@pinhole@", c_spatial.PINHOLE if structure.camera else "")
             words |= c_spatial_tables.words(structure, self.single)
             keeps = bool(nominal) and structure.dof >= 6
             words["limit"] = self._n(usual_limit(self.model).max() if keeps else 0.0)
         if self._posterior:
             about, noisy = self.model.about, self.model.about.bound_of == "sensor reading"
             q = np.random.default_rng(0).uniform(about.lower, about.upper, (400, structure.dof))
-            parts[0] += c_bound.source(self.body)
+            own += c_bound.source(self.body)
             words |= c_bound.words(self.body)
             tables += c_bound.tables(structure, self.body, q, noise=noisy, single=self.single)
+        tables += c_curves.tables(structure, beta, self.single)
         tables = self._ranges() + tables + self._nodes() + nominal
         local = c_queries.LOCAL if self._local else ""
         nodes = NODES if self._asks_nodes else ""
-        parts = [HEAD, tables, RANGE, nodes, parts[0], local, c_queries.QUERIES, pose] + (
-            [parts[1], c_queries.CORRECT] if nominal else []
-        )
-        whole = "".join(parts) + "\n#endif /* @guard@ */\n"
+        correct = wanted + c_queries.CORRECT if nominal else ""
+        parts = (RANGE, nodes, c_curves.SOURCE, own, local, c_queries.QUERIES, pose, correct)
+        whole = HEAD + tables + "".join(parts) + "\n#endif /* @guard@ */\n"
         return filled(whole, words, self.prefix, self.single), _bytes(tables)
 
     @property

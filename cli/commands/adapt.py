@@ -1,4 +1,4 @@
-"""The command `calib adapt`."""
+"""The command `calib adapt`: re-calibrate a model from a few new samples."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""The command `calib babble`."""
+"""The command `calib babble`: write a log of simulated babbling [rad, m]."""
 
 from __future__ import annotations
 

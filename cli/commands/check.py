@@ -1,4 +1,4 @@
-"""The command `calib check`."""
+"""The command `calib check`: compare a model with new samples, and say whether it drifted."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""The command `calib correct`."""
+"""The command `calib correct`: correct joint values so that the real arm goes where they lead."""
 
 from __future__ import annotations
 

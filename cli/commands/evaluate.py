@@ -1,4 +1,4 @@
-"""The command `calib evaluate`."""
+"""The command `calib evaluate`: print the errors of a model, on fresh samples or on a log."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""The command `calib export`."""
+"""The command `calib export`: write a model as one C99 header for controllers without Python."""
 
 from __future__ import annotations
 

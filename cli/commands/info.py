@@ -1,4 +1,4 @@
-"""The command `calib info`."""
+"""The command `calib info`: show what a model is and how it was made."""
 
 from __future__ import annotations
 

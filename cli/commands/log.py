@@ -1,4 +1,4 @@
-"""The command `calib log`."""
+"""The command `calib log`: turn a ROS bag, pictures or a video into a log."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""The command `calib query path`."""
+"""The command `calib query path`: find joint values along straight lines through waypoints."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""The command `calib plan`."""
+"""The command `calib plan`: plan poses to measure: well spread, within the limits."""
 
 from __future__ import annotations
 

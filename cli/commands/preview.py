@@ -1,4 +1,4 @@
-"""The command `calib preview`."""
+"""The command `calib preview`: show the arm and its learned maps in a browser."""
 
 from __future__ import annotations
 

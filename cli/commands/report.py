@@ -1,4 +1,4 @@
-"""The command `calib report`."""
+"""The command `calib report`: write figures and tables that explain a calibration."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""The command `calib reproduce`."""
+"""The command `calib reproduce`: repeat the paper's tables, figures and experiments."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""The command `calib robots`."""
+"""The command `calib robots`: list the bundled robots."""
 
 from __future__ import annotations
 

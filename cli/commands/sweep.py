@@ -1,4 +1,4 @@
-"""The command `calib sweep`."""
+"""The command `calib sweep`: train with every combination of options, on all cores."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""The command `calib tag`."""
+"""The command `calib tag`: write a tag for the arm's tip, or a board for the desk."""
 
 from __future__ import annotations
 

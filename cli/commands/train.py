@@ -1,4 +1,4 @@
-"""The command `calib train`."""
+"""The command `calib train`: learn a model from simulated babbling or from a measured log."""
 
 from __future__ import annotations
 
@@ -33,7 +33,8 @@ if TYPE_CHECKING:
     force=flag("--force", "Replace a model of another robot or log by that name."),
     map_=option(
         f"--map {'|'.join(MAPS)}",
-        "Kind of map; vdsom:error and the like name variants of the paper's rule.",
+        "Kind of map (default vdsom; for a log with --body none gas where held-out blocks prefer "
+        "it); vdsom:error and the like name variants of the paper's rule.",
         parsing.kind_of_map(MAPS),
     ),
     size=option(
@@ -84,7 +85,7 @@ def train(
     output: str | None = None,
     force: bool = False,
     selection: Selection,
-    map_: str = "vdsom",
+    map_: str | None = None,
     size: int | tuple[int, ...] | None = None,
     motor_size: int | tuple[int, ...] | None = None,
     sensory_size: int | tuple[int, ...] | None = None,

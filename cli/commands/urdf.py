@@ -1,4 +1,4 @@
-"""The command `calib urdf`."""
+"""The command `calib urdf`: write a copy of the URDF with what the model has learned."""
 
 from __future__ import annotations
 
