@@ -1,9 +1,10 @@
 """Accuracy against what a user would otherwise take; writes docs/accuracy.md and .json.
 
-    python benchmarks/accuracy.py [--quick] [--data FOLDER] [--out FOLDER]
+    python benchmarks/accuracy.py [--quick] [--page] [--data FOLDER] [--out FOLDER]
 
-Needs scikit-learn and minisom.  FOLDER of --data holds the laser-tracker logs
-series_a.csv and series_c.csv of a UR10; without it those rows are left out, with a note.
+--page writes the page of the figures that accuracy.json and spatial.json of --out have.  Needs
+scikit-learn and minisom.  FOLDER of --data holds the laser-tracker logs series_a.csv and
+series_c.csv of a UR10; without it those rows are left out, with a note.
 """
 
 from __future__ import annotations
@@ -18,7 +19,7 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-from peers import PEERS, SLOW, Calib, Gaussian, Neighbours, Perceptron, Polynomial, Radial, Refit
+from spatial_page import section
 
 import calib
 
@@ -32,6 +33,8 @@ TESTS = 2000
 
 def simulated(quick: bool) -> list[dict[str, Any]]:
     """Every peer on the same rows of two_link, tested on the same exact points."""
+    from peers import PEERS, SLOW
+
     rows = []
     for n in SAMPLES[:1] if quick else SAMPLES:
         for noise in NOISES[::2] if quick else NOISES:
@@ -74,6 +77,8 @@ def _one(kind: Any, log: Any, q: Any, x: Any) -> dict[str, Any]:
 
 def measured(folder: Path, quick: bool) -> list[dict[str, Any]]:
     """Every peer on a real UR10: ten contiguous blocks, five of them held out in turn."""
+    from peers import Calib, Gaussian, Neighbours, Perceptron, Polynomial, Radial, Refit
+
     rows = []
     for series in ("c",) if quick else ("a", "c"):
         path = folder / f"series_{series}.csv"
@@ -120,7 +125,9 @@ def _number(value: float) -> str:
     return f"{value:.{max(0, 2 - math.floor(math.log10(value)))}f}"
 
 
-def page(real: list[dict[str, Any]], rows: list[dict[str, Any]]) -> str:
+def page(
+    real: list[dict[str, Any]], rows: list[dict[str, Any]], spatial: list[dict[str, Any]]
+) -> str:
     """The table as a page in Markdown."""
     lines = [
         "# Accuracy",
@@ -147,8 +154,8 @@ def page(real: list[dict[str, Any]], rows: list[dict[str, Any]]) -> str:
         ]
     else:
         lines.append("The logs were not at hand when this page was written.")
+    lines += ["", *section(spatial)] if spatial else [""]
     lines += [
-        "",
         "## A simulated arm",
         "",
         f"`two_link`, the same rows for all, {TESTS:,} exact test points.  Noise is that of the "
@@ -183,20 +190,29 @@ def main() -> None:
     """Run everything and write the page."""
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
     parser.add_argument("--quick", action="store_true", help="few samples: does it all run?")
+    parser.add_argument("--page", action="store_true", help="write the page again, measure nothing")
     parser.add_argument("--data", type=Path, default=DATA)
     parser.add_argument("--out", type=Path, default=ROOT / "docs")
     options = parser.parse_args()
     warnings.simplefilter("ignore")
-    real: list[dict[str, Any]] = []
-    if (options.data / "series_a.csv").exists():
-        real = measured(options.data, options.quick)
-    else:
-        print(f"{options.data.name}: no logs there, the real arm is left out", file=sys.stderr)
-    rows = simulated(options.quick)
     options.out.mkdir(parents=True, exist_ok=True)
-    (options.out / "accuracy.md").write_text(page(real, rows))
-    result = {"real": real, "simulated": rows, "quick": options.quick}
-    (options.out / "accuracy.json").write_text(json.dumps(result, indent=1) + "\n")
+    figures, space = options.out / "accuracy.json", options.out / "spatial.json"
+    if not options.page:
+        measure(options.data, figures, options.quick)
+    kept = json.loads(figures.read_text())
+    spatial = json.loads(space.read_text()) if space.exists() else []
+    (options.out / "accuracy.md").write_text(page(kept["real"], kept["simulated"], spatial))
+
+
+def measure(data: Path, target: Path, quick: bool) -> None:
+    """Measure everything but arms in space and write the figures."""
+    real: list[dict[str, Any]] = []
+    if (data / "series_a.csv").exists():
+        real = measured(data, quick)
+    else:
+        print(f"{data.name}: no logs there, the real arm is left out", file=sys.stderr)
+    result = {"real": real, "simulated": simulated(quick), "quick": quick}
+    target.write_text(json.dumps(result, indent=1) + "\n")
 
 
 if __name__ == "__main__":

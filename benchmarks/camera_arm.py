@@ -28,7 +28,7 @@ from calib.recording.board import Board
 from calib.recording.from_pictures import log_pictures
 from calib.recording.from_video import log_video
 from calib.recording.joint_table import read_joints
-from calib.recording.setting import Setting, load_lens
+from calib.recording.setting import Setup, load_lens
 
 BOARD = Board.parse("7x5:24mm:18mm:5x5_100")
 LYING = board(7, 5, 0.024, 0.018, (0.36, -0.06, 0.0, 0.1))
@@ -144,10 +144,10 @@ def stage(name: str) -> Iterator[None]:
 
 def logged(folder: Path, metres: bool, name: str = "log.csv") -> tuple[calib.Samples, str]:
     """Make the log of a folder, and read it as `train` does."""
-    setting = Setting(7)
+    setting = Setup(7)
     if metres:
         lens, _ = load_lens(folder / "shots", BOARD)
-        setting = Setting(7, board=BOARD, lens=lens)
+        setting = Setup(7, board=BOARD, lens=lens)
     made = log_pictures(folder / "pictures", read_joints(folder / "joints.csv"), setting)
     made.write(folder / name)
     return calib.read_log(folder / name, joints=NAMES), f"{made.noise:.2g} {made.unit}"
@@ -199,8 +199,8 @@ def run(folder: Path, count: int, seconds: float) -> None:
         lens, _ = load_lens(folder / "still" / "shots", BOARD)
         table = read_joints(folder / "film" / "joints.csv")
         for what, setting in (
-            ("pixels", Setting(7)),
-            ("metres", Setting(7, board=BOARD, lens=lens)),
+            ("pixels", Setup(7)),
+            ("metres", Setup(7, board=BOARD, lens=lens)),
         ):
             with stage(f"calib log, {seconds:g} s of video"):
                 shot = log_video(folder / "film" / "run.mp4", table, setting)

@@ -26,11 +26,11 @@ from rendering import Camera, Desk, board, write_video
 
 from calib.errors import CalibError
 from calib.recording.from_pictures import log_pictures
-from calib.recording.from_video import Rows, log_video
+from calib.recording.from_video import VideoRows, log_video
 from calib.recording.joint_table import JointTable
 from calib.recording.lens import Lens
 from calib.recording.recorded import Recorded
-from calib.recording.setting import Setting
+from calib.recording.setting import Setup
 
 Change = Callable[[np.ndarray, int, np.random.Generator], np.ndarray]
 
@@ -41,8 +41,8 @@ def lens_of(camera: Camera, stretch: float = 1.0) -> Lens:
     return Lens(camera.size, np.full(2, stretch * camera.focal), camera.centre, bent)
 
 
-METRES = Setting(7, board=BOARD, lens=lens_of(DESK.camera))
-PIXELS = Setting(7)
+METRES = Setup(7, board=BOARD, lens=lens_of(DESK.camera))
+PIXELS = Setup(7)
 
 
 def same(picture: np.ndarray, _k: int, _rng: np.random.Generator) -> np.ndarray:
@@ -63,7 +63,7 @@ def shots(
     return q, pictures
 
 
-def logged(q: np.ndarray, pictures: list[np.ndarray], setting: Setting) -> Recorded:
+def logged(q: np.ndarray, pictures: list[np.ndarray], setting: Setup) -> Recorded:
     """Make the log of pictures."""
     with tempfile.TemporaryDirectory() as folder:
         for k, picture in enumerate(pictures):
@@ -223,12 +223,12 @@ def shutter(_count: int) -> None:
         with tempfile.TemporaryDirectory() as folder:
             write_video(f"{folder}/run.mp4", frames, rate)
             for what, rows in (
-                ("rests", Rows()),
-                ("in motion up to 0.5 rad/s", Rows(still=0.5)),
-                ("in motion up to 3 rad/s", Rows(still=3.0)),
+                ("rests", VideoRows()),
+                ("in motion up to 0.5 rad/s", VideoRows(still=0.5)),
+                ("in motion up to 3 rad/s", VideoRows(still=3.0)),
             ):
 
-                def made(rows: Rows = rows, folder: str = folder) -> Recorded:
+                def made(rows: VideoRows = rows, folder: str = folder) -> Recorded:
                     return log_video(f"{folder}/run.mp4", table, PIXELS, rows)
 
                 told(f"{name} shutter, {what}", DESK, made)

@@ -3,14 +3,17 @@
     python benchmarks/growth.py [--quick] [--only PART ...] [--out FOLDER]
 
 Every case runs in a process of its own.  Exponents are least squares on logarithms of
-processor time, with 95 % intervals.  PART: som, vdsom, links, train, joints.
+processor time, with 95 % intervals.  PART: som, vdsom, links, train, joints, large (maps of up to
+a million nodes from a Parquet file that is read in parts).
 """
 
 from __future__ import annotations
 
 import argparse
 import json
+import subprocess
 import sys
+import tempfile
 from pathlib import Path
 from typing import Any
 
@@ -22,7 +25,8 @@ SIDES = (30, 50, 70, 100, 150, 200, 300)
 ROWS = (20_000, 50_000, 100_000, 200_000, 500_000, 1_000_000, 2_000_000)
 FIXED_ROWS = 200_000  # while nodes grow
 FIXED_SIDE = 70  # while samples grow
-TIMEOUT = 400.0  # [s] of one case
+LARGE = ((100, 100_000), (300, 1_000_000), (1000, 10_000_000))  # nodes along a side, samples
+TIMEOUT = 1200.0  # [s] of one case
 
 
 def cases(quick: bool) -> dict[str, list[dict[str, Any]]]:
@@ -43,13 +47,40 @@ def cases(quick: bool) -> dict[str, list[dict[str, Any]]]:
         {"part": "joints", "varied": "joints", "joints": k, "rows": min(20_000, fixed["rows"]),
          "side": fixed["side"]} for k in range(2, 4 if quick else 8)
     ]  # fmt: skip
+    parts["large"] = [
+        {"part": "large", "varied": "both", "side": side, "rows": rows}
+        for side, rows in (LARGE if not quick else ((10, 1000), (20, 4000)))
+    ]
     return parts
+
+
+def _large(side: int, rows: int) -> dict[str, Any]:
+    """A plain map of the positions in a Parquet file: reading, training and the peak of both."""
+    import calib
+
+    # another process writes it, so that this one's peak is that of reading and training
+    write = "import calib, sys; calib.write_log(calib.babble(calib.load_arm('two_link'), " \
+            "int(sys.argv[1]), seed=0), sys.argv[2])"  # fmt: skip
+    with tempfile.TemporaryDirectory() as folder:
+        path = str(Path(folder) / "log.parquet")
+        subprocess.run([sys.executable, "-c", write, str(rows), path], check=True)
+        megabytes = Path(path).stat().st_size / 1e6
+        before = peak_mb()
+        reading, _, log = timed(lambda: calib.read_log(path, calib.load_arm("two_link"), most=rows))
+    x = log.x
+    del log
+    calib.SOM((5, 5), map="som").fit(x[:300].copy())
+    wall, cpu, found = timed(lambda: calib.SOM((side, side), map="som").fit(x))
+    return {"seconds": wall, "cpu": cpu, "read_s": reading, "file_mb": megabytes, "read": len(x),
+            "mb": peak_mb() - before, "error": float(found.history[-1, 2])}  # fmt: skip
 
 
 def one(task: dict[str, Any]) -> dict[str, Any]:
     """Time and memory of one case, in this process."""
     import calib
 
+    if task["part"] == "large":
+        return task | _large(task["side"], task["rows"])
     arm = calib.load_arm("two_link")
     log = calib.babble(arm, task["rows"], seed=0)
     side = (task["side"],) * 2
@@ -117,8 +148,6 @@ def _linking(arm: Any, log: Any, side: int) -> Any:
 
 def _chain(joints: int, rows: int) -> tuple[Any, Any]:
     """A chain of equal links with so many joints, and its samples."""
-    import tempfile
-
     import calib
 
     sys.path.insert(0, str(ROOT / "tests"))
@@ -146,7 +175,7 @@ def fits(rows: list[dict[str, Any]]) -> list[dict[str, Any]]:
     found = []
     for part, varied in dict.fromkeys((r["part"], r["varied"]) for r in rows):
         some = [r for r in rows if (r["part"], r["varied"]) == (part, varied)]
-        if varied == "joints" or len(some) < 3:
+        if varied in ("joints", "both") or len(some) < 3:
             continue
         x = np.array([float(r["side"] ** 2 if varied == "nodes" else r["rows"]) for r in some])
         larger = slice(-(len(x) // 2 + 1), None)

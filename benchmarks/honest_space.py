@@ -2,14 +2,12 @@
 
 from __future__ import annotations
 
-import sys
 from collections.abc import Iterator
 from dataclasses import replace
 from functools import cache
 from pathlib import Path
 from typing import Any
 
-import numpy as np
 from honest_change import Trial, adapted, judged_trials
 from honest_real import SERIES, halves, nominal_urdf
 
@@ -18,15 +16,13 @@ import calib
 Row = dict[str, Any]
 
 SPARSE = 373
-"""Rows of a model of few rows, evenly spread: what it has not seen is far larger than its noise."""
+"""Rows of a sparse model, nearly: much of the joints' waves is then left to learn."""
 
 
 @cache
 def space(folder: Path, name: str) -> calib.Samples:
     """One series with orientations, for the UR10's URDF."""
-    log = calib.read_log(folder / f"full_{name}.csv", calib.load_arm(nominal_urdf()))
-    print(f"{name}: {len(log)} rows", file=sys.stderr)
-    return log
+    return calib.read_log(folder / f"full_{name}.csv", calib.load_arm(nominal_urdf()))
 
 
 def adaptations(folder: Path, quick: bool) -> Iterator[Row]:

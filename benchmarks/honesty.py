@@ -2,10 +2,11 @@
 
     python benchmarks/honesty.py --data FOLDER [--only PART,PART] [--quick] [--json FILE]
 
-FOLDER holds the laser-tracker logs series_a.csv and series_c.csv of a UR10 (docs/accuracy.md
-names their source); without it the parts on real rows are left out, aloud.  PART is one of
-coverage, gaps, adapt, check, rows, few, urdf (real rows) and paths, power, camera, change,
-noise, exact, worlds, three, time, simulation (own generators, see honest_worlds.py).
+FOLDER holds the laser-tracker logs series_a.csv, series_c.csv, full_a.csv and full_c.csv of a UR10
+(docs/accuracy.md names their source); without it the parts on real rows are left out, aloud.
+PART is one of coverage, gaps, adapt, adapt-space, check, rows, few, urdf (real rows) and paths,
+power, camera, change, noise, exact, worlds, three, time, simulation (own generators, see
+honest_worlds.py).
 ``--quick`` takes fewer splits and seeds: each part then ends within about a minute.
 """
 
@@ -23,6 +24,7 @@ from typing import Any
 import honest_change
 import honest_real
 import honest_simulated
+import honest_space
 
 Row = dict[str, Any]
 
@@ -30,6 +32,7 @@ REAL: dict[str, Callable[[Path, bool], Iterator[Row]]] = {
     "coverage": honest_real.coverage,
     "gaps": honest_real.gaps,
     "adapt": honest_change.adaptations,
+    "adapt-space": honest_space.adaptations,
     "check": honest_change.checks,
     "rows": honest_real.rows,
     "few": honest_real.few,

@@ -73,12 +73,21 @@ print(json.dumps([wall, used.ru_utime + used.ru_stime, used.ru_maxrss]))
 """
 
 
+def as_installed(folder: Path) -> dict[str, str]:
+    """Environment of a process of this checkout, with bytecode in `folder` as an installer has it.
+
+    Compiling the sources anew took a quarter of a command.
+    """
+    kept = {name: value for name, value in os.environ.items() if name != "PYTHONDONTWRITEBYTECODE"}
+    return kept | {"PYTHONPATH": str(ROOT), "PYTHONPYCACHEPREFIX": str(folder / "bytecode")}
+
+
 def process(command: Sequence[str], folder: Path) -> Done:
-    """Run a whole process of this checkout in `folder`."""
+    """Run a whole process of this checkout in `folder`; the first also compiles the sources."""
     # a small process starts it: memory is told as that of the larger of the two
     done = subprocess.run(
         [sys.executable, "-S", "-c", _PROBE, *command], cwd=folder, check=True,
-        capture_output=True, text=True, env=os.environ | {"PYTHONPATH": str(ROOT)},
+        capture_output=True, text=True, env=as_installed(folder),
     )  # fmt: skip
     wall, cpu, memory = json.loads(done.stdout)
     return Done(wall, cpu, memory / (2**20 if sys.platform == "darwin" else 1024))

@@ -23,6 +23,7 @@ SAMPLES = 20_000
 BATCH = 100_000
 FEW = 200
 SLOW = 40  # targets of solvers that take milliseconds each
+NEAR = 0.01  # rad between a target's joints and those given, as in a control loop
 
 
 def queries(quick: bool) -> dict[str, Any]:
@@ -59,7 +60,7 @@ def _measure(quick: bool) -> dict[str, Any]:
     rng = np.random.default_rng(3)
     q = rng.uniform(arm.lower, arm.upper, (batch, arm.dof))
     x = arm.forward(q)
-    near = np.clip(q + 0.1 * rng.normal(size=q.shape), arm.lower, arm.upper)
+    near = np.clip(q + NEAR * rng.normal(size=q.shape), arm.lower, arm.upper)
     # name: what is run, how many queries it answers, how its answer is judged
     runs: dict[str, tuple[Callable[[], Any], int, Callable[[Any], Any] | None]] = {
         "forward, batch": (lambda: model.forward(q), batch, lambda a: a - x),

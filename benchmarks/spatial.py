@@ -1,18 +1,21 @@
 """Measure spatial bodies: held-out errors and coverage, new mountings, cameras, poses, speed.
 
     python benchmarks/spatial.py --data FOLDER [--part PART]
-        [--series a,c] [--rows 0,300,100,30] [--draws 5] [--json FILE]
+        [--series a,c] [--rows 0,300,100,30] [--draws 5] [--peer NAME=PYTHON] [--json FILE]
 
 FOLDER holds full_a.csv and full_c.csv: six joints of a UR10 and what a laser tracker saw (Landgraf
 et al., CASE 2021; their README names the source). Rows are held out in ten contiguous blocks, of
 which `--draws` are taken in turn; 0 rows are all others. The UR10's URDF is example-robot-data's.
+FILE keeps the figures that it has of other parts.
 """
 
 from __future__ import annotations
 
 import argparse
 import json
+import math
 import sys
+import tempfile
 import time
 from collections.abc import Callable, Iterator
 from pathlib import Path
@@ -25,8 +28,11 @@ from calib.body.fitting import fit_structure
 from calib.body.remount import remount
 from calib.body.spatial import structure_of
 from calib.body.spatial_random import unknown_structure
+from calib.use.geometry import fit_geometry
+from calib.use.urdf import corrected_urdf
 
 sys.path.insert(0, str(Path(__file__).parent))
+from spatial_peer import against, peer
 from spatial_simulated import (
     MM,
     UR10,
@@ -39,6 +45,9 @@ from spatial_simulated import (
     measure_straight,
     spread,
 )
+
+PEER_ROWS = 1000
+"""Rows, evenly spaced, that the other tool and calib learn from: geometry needs no more."""
 
 
 def series(folder: Path, name: str) -> tuple[np.ndarray, np.ndarray]:
@@ -95,6 +104,31 @@ def measure_rows(args: argparse.Namespace) -> Iterator[Row]:
             yield {**out, **means}
 
 
+def measure_peer(args: argparse.Namespace) -> Iterator[Row]:
+    """Held-out errors beside those of other tools, all from the same rows of the log."""
+    if not args.peer:
+        yield {"skipped": "give --peer NAME=PYTHON of the tools that are installed"}
+        return
+    arm = calib.load_arm(UR10)
+    structure = structure_of(arm)
+    for name in args.series:
+        q, z = series(args.data, name)
+        errors: dict[str, list[np.ndarray]] = {"calib": []} | {tool: [] for tool, _ in args.peer}
+        said: dict[str, Row] = {}
+        for learn, held in split(len(q), 0, args.draws):
+            rows = learn[:: math.ceil(len(learn) / PEER_ROWS)]
+            body = fit(structure, q[rows], z[rows]).body
+            errors["calib"].append(distance(body, q[held], z[held]))
+            for tool in args.peer:
+                found, words = against(tool, arm, structure, (q[rows], z[rows]), q[held])
+                errors[tool[0]].append(np.linalg.norm(found - z[held], axis=1))
+                said[tool[0]] = words
+        means = {tool: MM * float(np.concatenate(e).mean()) for tool, e in errors.items()}
+        ratios = {tool: round(means["calib"] / mean, 3) for tool, mean in means.items()}
+        found = {tool: round(mean, 4) for tool, mean in means.items()}
+        yield {"series": name, "rows": len(rows), **found, "ratio": ratios, "said": said}
+
+
 def measure_mount(args: argparse.Namespace) -> Iterator[Row]:
     """A body of one series, and a few rows of the other, which was mounted anew."""
     structure = structure_of(calib.load_arm(UR10))
@@ -148,6 +182,26 @@ def measure_safe(args: argparse.Namespace) -> Iterator[Row]:
         yield {"series": name, "draws": args.draws, "worst": worst}
 
 
+def measure_urdf(args: argparse.Namespace) -> Iterator[Row]:
+    """The URDF that `calib urdf` writes, beside the nominal one; frames of both are fitted."""
+    arm = calib.load_arm(UR10)
+    for name in args.series:
+        q, z = series(args.data, name)
+        ((learn, held),) = split(len(q), 1000, 1)
+        log = calib.Samples(
+            q[learn], z[learn], arm.joint_names, arm.lower, arm.upper, arm.revolute, arm=arm
+        )
+        with tempfile.TemporaryDirectory() as folder:
+            path = Path(folder) / "new.urdf"
+            path.write_text(corrected_urdf(fit_geometry(calib.train(log, size=5))))
+            arms = {"nominal": arm, "mean": calib.load_arm(path)}
+        out: Row = {"series": name, "rows": len(learn)}
+        for kind, each in arms.items():
+            body = fit(UpTo.of(structure_of(each), "frame"), q[learn], z[learn]).body
+            out[kind] = round(MM * float(distance(body, q[held], z[held]).mean()), 4)
+        yield out
+
+
 def measure_time(args: argparse.Namespace) -> Iterator[Row]:
     """Processor time of fits."""
     structure = structure_of(calib.load_arm(UR10))
@@ -163,7 +217,9 @@ def measure_time(args: argparse.Namespace) -> Iterator[Row]:
 
 PARTS: dict[str, Callable[[argparse.Namespace], Iterator[Row]]] = {
     "rows": measure_rows,
+    "peer": measure_peer,
     "mount": measure_mount,
+    "urdf": measure_urdf,
     "unknown": measure_unknown,
     "safe": measure_safe,
     "straight": measure_straight,
@@ -183,6 +239,7 @@ def main() -> None:
         "--rows", type=lambda text: [int(n) for n in text.split(",")], default=[0, 300, 100, 30]
     )
     parser.add_argument("--draws", type=int, default=5)
+    parser.add_argument("--peer", type=peer, action="append", help="see spatial_peer.py")
     parser.add_argument("--json", type=Path)
     args = parser.parse_args()
     lines = []
@@ -192,7 +249,10 @@ def main() -> None:
                 lines.append({"part": part, **row})
                 print(json.dumps(lines[-1]), flush=True)
     if args.json:
-        args.json.write_text(json.dumps(lines, indent=1) + "\n", encoding="utf-8")
+        old = json.loads(args.json.read_text(encoding="utf-8")) if args.json.exists() else []
+        kept = [line for line in old if line["part"] not in (args.part or PARTS)]
+        text = ",\n".join(json.dumps(line) for line in kept + lines)
+        args.json.write_text(f"[\n{text}\n]\n", encoding="utf-8")
 
 
 if __name__ == "__main__":

@@ -18,11 +18,12 @@ import pinocchio
 
 import calib
 from calib.arm.rotations import logarithm
-from calib.body import Body
+from calib.body.belief import Body
 from calib.body.fitting import BodyFit, fit_structure
+from calib.body.sensor import SensorPose
 from calib.body.spatial import SpatialStructure, structure_of
-from calib.body.spatial_words import camera_place
 from calib.inverse.pose import Joints, pose_branches
+from calib.model.base import in_base
 
 sys.path.insert(0, str(Path(__file__).parents[1] / "tests"))
 from closed_form import closed_form
@@ -140,18 +141,46 @@ def _camera(seed: int, exact: bool) -> Row:
     u, s, vt = np.linalg.svd(b.T @ a)
     scale = s.sum() / (a**2).sum()
     up_to = np.linalg.norm(b - scale * a @ (u @ vt).T, axis=1)
-    place, frame = camera_place(structure, body.beta)
+    camera = SensorPose.of(body)
+    assert camera is not None
+    whole, shape = in_base(body), in_base(body, size=False)
+    assert whole is not None and shape is not None  # noqa: PT018 - an informed arm in space
+    base, but_size = (each.bound(fresh, noise=False) for each in (whole, shape))
+    axis, reach = structure.chain.axes[0], found - structure.chain.points[0]
+    # by convention: a turn about and a shift along the first axis; not told: the size
+    ways = [np.cross(axis, reach), np.broadcast_to(axis, reach.shape), reach]
+
+    def left(count: int) -> np.ndarray:
+        columns = np.stack([way.ravel() for way in ways[:count]], axis=1)
+        rest = (true - found).ravel()
+        rest = rest - columns @ np.linalg.lstsq(columns, rest, rcond=None)[0]
+        return np.linalg.norm(rest.reshape(-1, 3), axis=1)
+
     return {
         "placements": "exact" if exact else "off by 1 mm, 0.2 deg",
         "seed": seed,
         "member": body.member,
         "pixels": round(float(error.mean()), 3),
-        "covered": round(100 * float((error <= bound).mean()), 1),
+        "covered": _share(error <= bound),
         "tip_mm": round(MM * float(np.linalg.norm(found - true, axis=1).mean()), 3),
         "tip_up_to_similarity_mm": round(MM * float(up_to.mean()), 3),
-        "camera_mm": round(MM * float(np.linalg.norm(place - eye)), 2),
-        "camera_deg": round(float(np.degrees(np.linalg.norm(logarithm(frame @ turn)))), 3),
+        "base_mm": round(MM * float(base.mean()), 2),
+        "base_covered": _share(left(2) <= base),
+        "shape_mm": round(MM * float(but_size.mean()), 2),
+        "shape_covered": _share(left(3) <= but_size),
+        "camera_mm": round(MM * float(np.linalg.norm(camera.position - eye)), 2),
+        "camera_deg": round(
+            float(np.degrees(np.linalg.norm(logarithm(camera.rotation @ turn)))), 3
+        ),
     }
+
+
+def _share(held: np.ndarray) -> float:
+    return round(100 * float(held.mean()), 1)
+
+
+def _degrees(rotation: np.ndarray) -> float:
+    return float(np.degrees(np.linalg.norm(logarithm(rotation))))
 
 
 def measure_poses(args: argparse.Namespace) -> Iterator[Row]:

@@ -7,14 +7,14 @@ from typing import Any
 
 from calib.common.wording import for_people
 
-from .output import Table, fixed, show
+from .output import TextTable, fixed, show
 from .units import JointFormat
 
-Answer = dict[str, Any]
+_Answer = dict[str, Any]
 """Joints [rad or m] by name, "position" and further quantities, in SI or the sensor's unit."""
 
 
-def answers(joints: JointFormat, q: Any, **quantities: Any) -> list[Answer]:
+def answers(joints: JointFormat, q: Any, **quantities: Any) -> list[_Answer]:
     """Return a document for each answer, of joints (n, dof) and quantities of n rows each."""
     rows = zip(q, *quantities.values(), strict=True)
     return [
@@ -28,13 +28,14 @@ def answers(joints: JointFormat, q: Any, **quantities: Any) -> list[Answer]:
 
 def show_answers(
     joints: JointFormat,
-    found: Sequence[Answer],
+    found: Sequence[_Answer],
     unit: str,
     axes: Sequence[str],
     quantities: Sequence[str],
     title: str = "",
 ) -> None:
     """Print answers, one line each; an angle is in deg, all else in the unit of the positions."""
+    # bounds and distances have the unit of the positions, but for the angle of a pose
     factor, printed = for_people(unit)
     header = [*joints.header, *(f"{axis} [{printed}]" for axis in axes)]
     units = [for_people("rad") if name == "turned" else (factor, printed) for name in quantities]
@@ -51,4 +52,4 @@ def show_answers(
             for name, (by, _) in zip(quantities, units, strict=True)
         ]
         rows.append(row)
-    show(Table(header, rows, title, left=0))
+    show(TextTable(header, rows, title, left=0))

@@ -19,7 +19,7 @@ from typer.core import TyperGroup
 from calib.common.wording import one_line
 from calib.errors import CalibError
 
-from .on_demand import COMMANDS, OnDemand, plainly_read
+from .on_demand import COMMANDS, load_command, plainly_read
 from .output import NO, note, show_json, silence, tell
 from .process import received
 from .translation import as_typed, option_of
@@ -34,7 +34,8 @@ class CalibGroup(TyperGroup):
 
     def __init__(self, **attributes: Any) -> None:
         super().__init__(**attributes)
-        self.commands = OnDemand()
+        names: Any = dict.fromkeys(COMMANDS)  # alone, see `get_command`
+        self.commands = names
 
     def main(
         self,
@@ -47,6 +48,7 @@ class CalibGroup(TyperGroup):
     ) -> Any:
         """Run a command line; see `typer.core.TyperGroup.main` for the parameters."""
         try:
+            # not standalone: Click would print its own errors in several lines and exit
             code = super().main(args, prog_name, complete_var, False, windows_expand_args, **extra)
             sys.stdout.flush()
         except BrokenPipeError:
@@ -56,6 +58,7 @@ class CalibGroup(TyperGroup):
                 raise
             told = describe_error(error)
             code = told.code
+            # a process that a signal ended says nothing more: its reader may be gone
             if code < _SIGNAL:
                 try:
                     if "--json" in (sys.argv[1:] if args is None else args):
@@ -73,9 +76,9 @@ class CalibGroup(TyperGroup):
         """Return the options before a command."""
         return plainly_read(super().get_params(ctx))
 
-    def list_commands(self, ctx: Any) -> list[str]:  # noqa: ARG002
-        """Return the commands in the order of their use."""
-        return list(COMMANDS)
+    def get_command(self, ctx: Any, cmd_name: str) -> Any:  # noqa: ARG002
+        """Import a command when it is asked for."""
+        return load_command(cmd_name) if cmd_name in COMMANDS else None
 
     def format_commands(self, ctx: Any, formatter: Any) -> None:  # noqa: ARG002
         """Write what each command does, without importing any."""
@@ -183,6 +186,7 @@ def _print_version(wanted: bool) -> None:
 app = typer.Typer(
     cls=CalibGroup,
     add_completion=False,
+    # Click wraps help at 80 columns otherwise, wherever it is printed
     context_settings={"max_content_width": 100},
     invoke_without_command=True,
     pretty_exceptions_enable=False,

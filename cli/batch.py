@@ -26,6 +26,10 @@ from .usage import BadOption
 if TYPE_CHECKING:
     from calib import Model
 
+BOUNDS = ("expected_error", "model_error")
+UP_TO_SCALE = "expected_error_up_to_scale"
+"""Key and column of a bound in a camera's base frame that leaves out the arm's size."""
+
 _TOLD = 10  # so many rows are named at most
 
 
@@ -49,29 +53,34 @@ class Streams:
         return {} if self.target is not None else {key: joints.in_si(columns)}
 
 
+def told_at(model: Model, q: ArrayLike, readout: str | None, frame: str) -> dict[str, Array]:
+    """Return what is told of joints (n, dof) or (dof,) in a frame, by column of a table."""
+    x = model.forward(q, readout)
+    columns = dict(zip(model.axes, x.T, strict=True))
+    bounds = zip(BOUNDS, forward_bounds(model, q, x, readout), strict=True)
+    if len(model.axes) == 2 and frame != "base":
+        return columns | dict(bounds)
+    from .space import seen_forward
+
+    seen = seen_forward(model, np.atleast_2d(q), frame)
+    columns |= {name: np.reshape(column, x.shape[:-1]) for name, column in seen.items()}
+    return columns | {name: columns.pop(name, bound) for name, bound in bounds}
+
+
 def forward_batch(
     model: Model, joints: JointFormat, streams: Streams, readout: str | None, frame: str = "sensor"
 ) -> int:
     """Answer a table of joint values with positions in a frame; return the exit code."""
     batch = read_batch(streams.source, joints.names)
     q: Array = batch.values / np.array(joints.typed)
-    valid = np.asarray(np.isfinite(batch.values).all(axis=1))
+    valid = np.asarray(np.isfinite(q).all(axis=1))
     check_joints(model, q, joints)
-    x, bounds = np.full((len(q), len(model.axes)), np.nan), np.full((2, len(q)), np.nan)
-    if valid.any():
-        x[valid] = model.forward(q[valid], readout)
-        bounds[:, valid] = forward_bounds(model, q[valid], x[valid], readout)
-    columns = dict(zip(model.axes, x.T, strict=True))
-    if len(model.axes) == 3 or frame == "base":
-        from .space import seen_forward
-
-        added = seen_forward(model, np.where(valid[:, None], q, model.about.lower), frame)
-        columns |= {name: np.where(valid, column, np.nan) for name, column in added.items()}
-    for name, bound in zip(("expected_error", "model_error"), bounds, strict=True):
-        columns[name] = columns.pop(name, bound)
-    outside = np.flatnonzero(valid & np.isnan(x[:, 0])) + 1
+    # rows that are no numbers are asked at the ranges' lower ends: one call answers all
+    told = told_at(model, np.where(valid[:, None], q, model.about.lower), readout, frame)
+    columns = {name: np.where(valid, column, np.nan) for name, column in told.items()}
+    outside = (np.flatnonzero(valid & np.isnan(columns["x"])) + 1).tolist()
     why = "outside of what was learned"
-    return _finish(model, joints, columns, streams, batch, outside.tolist(), why, frame)
+    return _finish(model, joints, columns, streams, batch, outside, why, frame)
 
 
 def inverse_batch(
@@ -104,7 +113,7 @@ def inverse_batch(
         raise BadOption("--all of many targets is for poses: expected columns qx, qy, qz, qw")
     if (posed or base) and readout is not None:
         raise BadOption("--readout is for positions in the sensor's frame alone")
-    valid: NDArray[np.bool_] = np.asarray(np.isfinite(batch.values).all(axis=1))
+    valid = np.asarray(np.isfinite(batch.values).all(axis=1))
     asked, n = batch.values[valid], len(batch.values)
     given = dict(zip(batch.names, asked.T, strict=True))
     x = asked[:, : 3 if base else len(model.axes)]
@@ -112,32 +121,37 @@ def inverse_batch(
     if beside[0] in batch.names:
         anchor = np.stack([given[name] for name in beside], axis=1) / joints.typed
     rows = np.flatnonzero(valid)
-    extra: tuple[str, ...] = ("turned",) if posed else ()
-    found: Any = None
-    if len(x) and (posed or base):
-        from calib.model.poses import solve_poses
-
-        quaternion = np.stack([given[name] for name in QUATERNION], axis=1) if posed else None
-        found = solve_poses(model, x, quaternion, anchor, frame=frame, every=every)
-        rows = rows[found.target]
-    elif len(x):
-        found = model.solve(x, anchor, readout)
-    index = np.sort(np.concatenate([rows, np.flatnonzero(~valid)]))
-    place = np.flatnonzero(valid[index])
-    numbers: dict[str, NDArray[Any]] = {"row": index + 1} if every else {}
-    numbers |= {name: np.full(len(index), np.nan) for name in joints.names}
-    for name in ("distance", *extra, "expected_error", "model_error"):
-        numbers[name] = np.full(len(index), np.nan)
-        if len(x):
-            numbers[name][place] = getattr(found, name)
-    numbers["reachable"] = np.zeros(len(index), dtype=np.int64)
+    names = ("distance", *(["turned"] if posed else []), *BOUNDS)
+    answered: dict[str, NDArray[Any]] = {}
     missed: list[int] = []
     if len(x):
-        numbers["reachable"][place] = found.reachable
+        found: Any
+        if posed or base:
+            from calib.model.poses import solve_poses
+
+            turn = np.stack([given[name] for name in QUATERNION], axis=1) if posed else None
+            found = solve_poses(model, x, turn, anchor, frame=frame, every=every)
+            rows = rows[found.target]  # with every branch a target has several answers
+        else:
+            found = model.solve(x, anchor, readout)
         q = np.where(found.reachable[:, None], found.q * joints.typed, np.nan)
-        for name, column in zip(joints.names, q.T, strict=True):
-            numbers[name][place] = column
+        answered = dict(zip(joints.names, q.T, strict=True))
+        answered |= {name: getattr(found, name) for name in (*names, "reachable")}
+        if base:
+            from calib.model.space import Space
+
+            from .space import up_to_scale
+
+            answered |= up_to_scale(Space.of(model), found.q)
         missed = (rows[~found.reachable] + 1).tolist()
+    # rows without numbers stand where they stood, between the answers of the others
+    index = np.sort(np.concatenate([rows, np.flatnonzero(~valid)]))
+    place = valid[index]
+    numbers: dict[str, NDArray[Any]] = {"row": index + 1} if every else {}
+    numbers |= {name: np.full(len(index), np.nan) for name in (*joints.names, *names, *answered)}
+    numbers["reachable"] = np.zeros(len(index), dtype=np.int64)
+    for name, column in answered.items():
+        numbers[name][place] = column
     told = batch.take(index) if every else batch
     return _finish(model, joints, numbers, streams, told, missed, "out of reach", frame, n)
 

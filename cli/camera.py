@@ -6,52 +6,79 @@ import sys
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated
+from typing import TYPE_CHECKING, ClassVar
+
+from calib.common.choices import DICTIONARY, PICTURES, VIDEOS
 
 from .output import Notes, note
-from .parsing import expects, finite
-from .usage import BadOption, option
+from .parsing import expects, finite_number, integer
+from .usage import BadOption, flag, option
 
 if TYPE_CHECKING:
     from calib.recording.recorded import Recorded
-    from calib.recording.setting import Setting
+    from calib.recording.setting import Setup
 
-DICTIONARY = "apriltag_36h11"
-VIDEOS = (".mp4", ".mov", ".avi", ".mkv", ".webm", ".m4v", ".mpg", ".mpeg", ".wmv")
-PICTURES = (".jpg", ".jpeg", ".png", ".bmp", ".tif", ".tiff", ".webp", ".ppm", ".pgm")
 
-DictionaryOption = Annotated[str, option("--dictionary NAME", "Dictionary of the tags.")]
-BoardOption = Annotated[
-    str | None,
-    option(
+PRINTED = {
+    "dictionary": option("--dictionary NAME", "Dictionary of the tags."),
+    "board": option(
         "--board COLSxROWS:SQUARE:MARKER:DICT", "A ChArUco board, such as 7x5:24mm:18mm:5x5_100."
     ),
-]
+}
+"""Options of what is printed: the tags, and the board on the desk."""
 
 
 @dataclass(frozen=True)
 class Shooting:
-    """What was typed about pictures or a video; see the options of `calib log`."""
+    """Pictures or a video, and what is in them, as typed."""
 
-    joints_file: str | None
-    tag: int | None
-    dictionary: str
-    board: str | None
-    tags_at: str | None
-    tag_size: str | None
-    tag_height: str | None
-    lens: str | None
-    pose: bool
-    camera: str | None
+    OPTIONS: ClassVar = PRINTED | {
+        "joints_file": option(
+            "--joints-file FILE",
+            "Joint values of the pictures (column picture, or in their order) or of the video "
+            "(column time).",
+        ),
+        "tag": option("--tag ID", "Number of the tag on the tip.", integer(0)),
+        "tags_at": option("--tags-at FILE", "Tags on the desk: a table of tag, x, y [m]."),
+        "lens": option(
+            "--lens SHOTS|lens.json",
+            "Pictures of the board that calibrate the camera, or the lens.json of an earlier run.",
+        ),
+        "tag_size": option("--tag-size 40mm", "Side of the tip's tag, for --pose."),
+        "tag_height": option(
+            "--tag-height 25mm", "Height of the tip's tag above the board or the tags."
+        ),
+        "pose": flag("--pose", "Write z and qx, qy, qz, qw of the tag too, for spatial arms."),
+        "since": option("--since LOG", "An earlier log; prints how far the camera moved since."),
+        "picture": option("--picture seen.png", "Draw the detections over a photo."),
+        "camera": option(
+            "--camera DEVICE",
+            "Take the pictures now, into PICTURES: one for each line of joints on standard input, "
+            "below a line with their names.",
+        ),
+    }
+    joints_file: str | None = None
+    tag: int | None = None
+    dictionary: str = DICTIONARY
+    board: str | None = None
+    tags_at: str | None = None
+    lens: str | None = None
+    tag_size: str | None = None
+    tag_height: str | None = None
+    pose: bool = False
+    since: str | None = None
+    picture: str | None = None
+    camera: str | None = None
 
-    def __bool__(self) -> bool:
-        typed = (self.joints_file, self.tag, self.board, self.tags_at, self.lens, self.camera)
-        return any(value is not None for value in typed)
+    def given(self) -> bool:
+        """Whether any of what only pictures have was typed."""
+        typed = (self.joints_file, self.tag, self.board, self.tags_at, self.lens)
+        return any(value is not None for value in (*typed, self.picture, self.camera))
 
-    def setting(self, output: str, notes: Notes) -> Setting:
+    def setting(self, output: str, notes: Notes) -> Setup:
         """Make the setting; a lens that is calibrated is written beside the log."""
         from calib.recording.board import Board, parse_length
-        from calib.recording.setting import Setting, load_lens
+        from calib.recording.setting import Setup, load_lens
         from calib.recording.watch import read_layout
 
         if self.camera is not None and self.joints_file is not None:
@@ -68,22 +95,19 @@ class Shooting:
         if board is not None and lens is not None and self.tags_at is not None:
             board = None  # it served the lens alone
         layout = read_layout(self.tags_at) if self.tags_at is not None else None
-        height = self.tag_height or ""
-        sign = -1.0 if height.strip().startswith("-") else 1.0
-        none = not height.strip("-0.m ")
-        return Setting(
+        return Setup(
             tag=self.tag,
             dictionary=self.dictionary,
             board=board,
             tags_at=layout,
             lens=lens,
             tag_size=parse_length(self.tag_size, "`tag_size`") if self.tag_size else None,
-            tag_height=0.0 if none else sign * parse_length(height.strip("- "), "`tag_height`"),
+            tag_height=parse_length(self.tag_height or "0", "`tag_height`", signed=True),
             pose=self.pose,
         )
 
 
-def is_camera(path: str) -> bool:
+def is_picture(path: str) -> bool:
     """Whether a name is that of pictures or a video, not of a recording of ROS."""
     suffix = Path(path).suffix.lower()
     return suffix in VIDEOS + PICTURES or any(mark in path for mark in "*?[")
@@ -92,7 +116,7 @@ def is_camera(path: str) -> bool:
 @expects("a number of seconds, or auto")
 def offset_or_auto(text: str) -> str:
     """Read a number of seconds, or `auto`."""
-    return "auto" if text.strip() == "auto" else repr(finite(text))
+    return "auto" if text.strip() == "auto" else repr(finite_number(text))
 
 
 def record(
@@ -103,8 +127,6 @@ def record(
     joints: Sequence[str] | None,
     degrees: bool,
     prismatic: Sequence[str],
-    since: str | None,
-    picture: str | None,
     time_offset: str,
     still: float | None,
     max_gap: float,
@@ -112,41 +134,37 @@ def record(
 ) -> Recorded:
     """Make a log of pictures or a video, and draw what was seen if that is wanted."""
     from calib.recording.from_pictures import log_pictures
-    from calib.recording.from_video import Rows, log_video
+    from calib.recording.from_video import VideoRows, log_video
     from calib.recording.joint_table import read_joints
     from calib.recording.photo import read_photo, write_seen
     from calib.samples.tables import read_about
 
-    setting = shooting.setting(output, notes)
+    setting, file = shooting.setting(output, notes), str(shooting.joints_file)
     if shooting.camera is not None:
         from calib.recording.live import record_live
 
-        taken = record_live(shooting.camera, sys.stdin, Path(source), setting, note)
-        shooting = replace(shooting, joints_file=str(taken))
-    table = read_joints(
-        str(shooting.joints_file),
-        list(joints) if joints else None,
-        degrees=degrees,
-        prismatic=prismatic,
-    )
-    earlier = read_about(since) if since is not None else None
+        file = str(record_live(shooting.camera, sys.stdin, Path(source), setting, note))
+    chosen = list(joints) if joints else None
+    table = read_joints(file, chosen, degrees=degrees, prismatic=prismatic)
+    earlier = read_about(shooting.since) if shooting.since is not None else None
     if Path(source).is_file() and Path(source).suffix.lower() not in PICTURES:
         turns = tuple(name not in prismatic for name in table.names)
         offset = None if time_offset == "auto" else float(time_offset)
-        rows = Rows(offset, still, max_gap)
+        rows = VideoRows(offset, still, max_gap)
         made = log_video(source, table, setting, rows, revolute=turns, since=earlier)
     else:
         if still is not None or time_offset != "auto":
             raise BadOption("--still and --time-offset are for videos and bags, not for pictures")
         made = log_pictures(source, table, setting, since=earlier)
     notes.say(made.notes)
+    # named in the log, so that train can draw the map over it
     path = _middle_picture(source, made)
     folder = Path(output).resolve().parent
     if output != "-" and path.resolve().is_relative_to(folder):
         name = path.resolve().relative_to(folder).as_posix()  # train finds it there
         made = replace(made, source={**made.source, "photo": name})
-    if picture is not None:
-        write_seen(picture, read_photo(path), setting, made.pixels)
+    if shooting.picture is not None:
+        write_seen(shooting.picture, read_photo(path), setting, made.pixels)
     return made
 
 

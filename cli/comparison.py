@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Any
 from calib.common.choices import READOUTS
 from calib.common.wording import for_people
 
-from .output import Table, fixed, number
+from .output import TextTable, fixed, number
 from .terms import explained
 
 if TYPE_CHECKING:
@@ -26,7 +26,7 @@ def failures(found: Sweep) -> list[str]:
     return [f"error: {source}, {_which(rows)}: {error}" for (source, error), rows in ended.items()]
 
 
-def tables(found: Sweep, readouts: Sequence[str]) -> list[Table]:
+def sweep_tables(found: Sweep, readouts: Sequence[str]) -> list[TextTable]:
     """Return a table for each readout, with a row for each combination that was trained."""
     from calib.sweeps.trials import written
 
@@ -53,11 +53,11 @@ def tables(found: Sweep, readouts: Sequence[str]) -> list[Table]:
         title = f"{readout} readout: mean and largest error of the tip [{unit}]"
         if seeds > 1:
             title += f", mean of {seeds} seeds and its standard deviation"
-        lines.append(Table([*header, "seconds"], rows, title, left=1 + len(varied)))
+        lines.append(TextTable([*header, "seconds"], rows, title, left=1 + len(varied)))
     return [*lines[:-1], *map(explained, lines[-1:])]  # the terms once, below the last
 
 
-def summary(found: Sweep, output: str | None) -> str:
+def count_line(found: Sweep, output: str | None) -> str:
     """Return a line that says how many trainings there were, and where."""
     where = "one after the other"
     if found.backend:

@@ -2,11 +2,12 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
-from typing import TYPE_CHECKING
+from dataclasses import dataclass, replace
+from typing import TYPE_CHECKING, ClassVar
 
 from .output import Notes
-from .usage import refuse
+from .parsing import Columns
+from .usage import flag, refuse
 
 if TYPE_CHECKING:
     from calib.model.model import Model
@@ -14,24 +15,27 @@ if TYPE_CHECKING:
 
 _FAR_BOUND = 3.0  # times the expected error from which a log is doubted
 _FAR_SHARE = 0.02  # and of the positions' spread: the bound of an ideal arm is rounding
-_METRES = {"m": 1.0, "cm": 1e-2, "mm": 1e-3, "um": 1e-6, "in": 0.0254}
 
 
-def log_for(
-    model: Model,
-    path: str,
-    columns: Mapping[str, str] | None,
-    degrees: bool | None,
-    unit: str | None,
-    notes: Notes,
-) -> Samples:
-    """Read a log of a model's joints, in the model's unit where that is known.
+@dataclass(frozen=True)
+class Reading:
+    """How a log is read, as typed; what is None is as in the log that a model was made from."""
 
-    What is None is as in the log that the model was made from.
-    """
-    from dataclasses import replace
+    OPTIONS: ClassVar = {
+        "degrees": flag(
+            "--degrees/--radians",
+            "Unit of the log's joint values (default: that of the log the model was made from).",
+        )
+    }
+    columns: Columns | None = None
+    unit: str | None = None
+    degrees: bool | None = None
 
+
+def log_for(model: Model, path: str, reading: Reading, notes: Notes) -> Samples:
+    """Read a log of a model's joints, in the model's unit where that is known."""
     import calib
+    from calib.common.scale import METRES
     from calib.errors import LogError
     from calib.samples.columns import open_source
     from calib.samples.joint_values import check_joint_values
@@ -40,17 +44,18 @@ def log_for(
     about = model.about
     source = open_source(path)  # once: it may be a pipe
     said = about_source(source).get("unit")
-    unit = unit or (said if isinstance(said, str) else None)
+    unit = reading.unit or (said if isinstance(said, str) else None)
+    # pixels and metres have no factor between them, and the plane of a camera model is another
     if unit is not None and (unit == "px") != (about.unit == "px"):
         raise LogError(
             f"{path} is in {unit}, the model in {about.unit}",
             hint="record it with the same reference as the model's log, or train a model of it",
         )
-    degrees = about.degrees if degrees is None else degrees
+    degrees = about.degrees if reading.degrees is None else reading.degrees
     log = calib.read_log(
         source,
         joints=list(about.joint_names),
-        columns=columns,
+        columns=reading.columns,
         usual=about.columns,
         outputs=len(model.axes),
         degrees=degrees,
@@ -60,28 +65,20 @@ def log_for(
     notes.say(log.notes)
     ranges = (about.joint_names, about.lower, about.upper, about.revolute)
     check_joint_values(log.q, *ranges, degrees=degrees, label=path)
-    if unit is not None and unit != about.unit and {unit, about.unit} <= set(_METRES):
-        factor = _METRES[unit] / _METRES[about.unit]
+    if unit is not None and unit != about.unit and {unit, about.unit} <= set(METRES):
+        factor = METRES[about.unit] / METRES[unit]
         notes.say([f"positions converted from {unit} to {about.unit}"])
         shared = {"noise_of_reference": log.shared * factor}
         log = replace(log, x=log.x * factor, unit=about.unit, source={**log.source, **shared})
     return log
 
 
-def log_of(
-    model: Model,
-    path: str | None,
-    columns: Mapping[str, str] | None,
-    degrees: bool | None,
-    unit: str | None,
-    notes: Notes,
-) -> Samples | None:
+def log_of(model: Model, path: str | None, reading: Reading, notes: Notes) -> Samples | None:
     """Read a log to look at, with a note where it does not fit the model; None for none."""
     if path is None:
-        of_logs = {"--columns": columns, "--degrees": degrees, "--unit": unit}
-        refuse(of_logs, "applies to a log: expected --data LOG too")
+        refuse(vars(reading), "applies to a log: expected --data LOG too")
         return None
-    log = log_for(model, path, columns, degrees, unit, notes)
+    log = log_for(model, path, reading, notes)
     notes.say(doubt(model, log))
     return log
 
@@ -105,6 +102,7 @@ def doubt(model: Model, log: Samples) -> list[str]:
     typical = float(np.median(gap[known]))
     if typical <= max(_FAR_BOUND * float(np.median(bound[known])), _FAR_SHARE * size):
         return []
+    # spreads about the median: single wrong rows do not decide the ratio
     ratio = seen / max(size, 1e-300)
     hint = unit_hint(ratio)
     times = f"; its positions extend over {ratio:.4g} times the model's{hint}" if hint else ""

@@ -2,10 +2,10 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator, MutableMapping
-from functools import partial
+from collections.abc import Callable
+from functools import cache, partial
 from importlib import import_module
-from typing import Any, get_args, get_origin
+from typing import Any
 
 import typer
 from typer.main import get_command
@@ -33,39 +33,20 @@ COMMANDS = {
 """What the command line can do, in the order of its use, and what ``calib --help`` says of it."""
 
 
-class OnDemand(MutableMapping[str, Any]):
-    """The commands by name, each imported when it is first asked for."""
-
-    def __init__(self) -> None:
-        self._loaded: dict[str, Any] = {}
-
-    def __getitem__(self, name: str) -> Any:
-        if name not in self._loaded:
-            if name not in COMMANDS:
-                raise KeyError(name)
-            module = import_module(f".commands.{name}", __package__)
-            app = getattr(module, f"{name}_app", None)  # a command of several
-            if app is None:
-                app = typer.Typer(add_completion=False, rich_markup_mode=None)
-                app.command(name)(getattr(module, name))
-            command = get_command(app)
-            command.name = name
-            for each in (command, *getattr(command, "commands", {}).values()):
-                each.get_params = partial(_params, each.get_params)
-            self._loaded[name] = command
-        return self._loaded[name]
-
-    def __setitem__(self, name: str, command: Any) -> None:
-        self._loaded[name] = command
-
-    def __delitem__(self, name: str) -> None:
-        del self._loaded[name]
-
-    def __iter__(self) -> Iterator[str]:
-        return iter(COMMANDS)
-
-    def __len__(self) -> int:
-        return len(COMMANDS)
+@cache
+def load_command(name: str) -> Any:
+    """Import the module of a command, and return its command."""
+    module = import_module(f".commands.{name}", __package__)
+    app = getattr(module, f"{name}_app", None)  # a command of several
+    if app is None:
+        app = typer.Typer(add_completion=False, rich_markup_mode=None)
+        app.command(name)(getattr(module, name))
+    command: Any = get_command(app)
+    # a command of several is named after its function, if at all
+    command.name = name
+    for each in (command, *getattr(command, "commands", {}).values()):
+        each.get_params = partial(_params, each.get_params)
+    return command
 
 
 def _params(usual: Callable[[Any], list[Any]], context: Any) -> list[Any]:
@@ -73,34 +54,24 @@ def _params(usual: Callable[[Any], list[Any]], context: Any) -> list[Any]:
 
 
 def plainly_read(parameters: list[Any]) -> list[Any]:
-    """Let parameters read text by themselves: Typer imports Pydantic for it, a tenth of a second.
+    """Let parameters read text by their own readers.
 
-    What is more than text, a default or absent is left to Typer, and so are its words for errors.
+    Typer would import Pydantic for it, which takes a tenth of a second of each command.
     """
     for parameter in parameters:
-        described = getattr(parameter, "type_descriptor", None)
-        if described is not None:  # an older Typer does not know Pydantic
-            parameter.process_value = partial(
-                _process, parameter, described, type(parameter).process_value
-            )
+        parameter._runtime_param = _Plain()  # Typer has no public way
     return parameters
 
 
-def _process(parameter: Any, described: Any, usual: Any, context: Any, value: Any) -> Any:
-    """Value of a parameter from what was typed."""
-    kind, many = described.annotation, parameter.multiple or parameter.nargs == -1
-    leaf = get_args(kind)[0] if get_origin(kind) is list else kind
-    parser = described.parameter_info.parser or (str if leaf is str else None)
-    texts = value if many else (value,)
-    if value is None and not parameter.required:
-        value = () if many else None
-    elif parser and texts and all(isinstance(text, str) for text in texts):
-        try:
-            found = [parser(text) for text in texts]
-        except ValueError:
-            return usual(parameter, context, value)
-        value = found if many else found[0]
-    elif value is None or value is not parameter.default:
-        return usual(parameter, context, value)
-    callback = parameter.callback
-    return value if callback is None else callback(context, parameter, value)
+class _Plain:
+    """Values from what was typed, in the place of Typer's adapter of Pydantic."""
+
+    def coerce(self, value: Any, param: Any, ctx: Any) -> Any:  # noqa: ARG002
+        """Read texts; a flag, and a default that is no text, are values already."""
+        many = param.multiple or param.nargs == -1
+        if value is None:
+            return () if many else None
+        read = param.type_descriptor.parameter_info.parser or str
+        if many:
+            return [read(text) for text in value]
+        return read(value) if isinstance(value, str) else value

@@ -1,7 +1,6 @@
 """Output: results on standard output, everything else on standard error.
 
-Tables are for people, in mm and degrees; on a terminal Rich draws them. JSON is for
-programs, in SI units.
+Tables are for people, in mm and degrees. JSON is for programs, in SI units.
 """
 
 from __future__ import annotations
@@ -9,6 +8,7 @@ from __future__ import annotations
 import json
 import math
 import os
+import shutil
 import sys
 import textwrap
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
@@ -28,7 +28,7 @@ _HUGE = 1e12  # written out it would be wider than its column
 
 
 @dataclass(frozen=True)
-class Table:
+class TextTable:
     """A table for people."""
 
     header: Sequence[str]  # names of the columns
@@ -67,40 +67,14 @@ class Table:
         return lines[:-1] + textwrap.wrap(self.foot, _WIDTH)
 
 
-def show(table: Table) -> None:
-    """Print a table: drawn by Rich on a terminal that is wide enough, else as plain text."""
-    if not sys.stdout.isatty():
-        print("\n".join(table.lines()))
-        return
-    from rich import box
-    from rich.console import Console
-
-    console = Console()
-    if max(map(len, replace(table, foot="").lines())) > console.width:
-        print("\n".join(table.records()))
-        return
-    from rich.table import Table as RichTable
-    from rich.text import Text
-
-    drawn = RichTable(
-        box=box.SIMPLE_HEAD,
-        pad_edge=False,
-        title=Text(table.title) if table.title else None,
-        title_justify="left",
-        caption=Text(table.foot) if table.foot else None,
-        caption_justify="left",
-    )
-    for k, name in enumerate(table.header):
-        left = k < table.left
-        drawn.add_column(
-            Text(name),
-            justify="left" if left else "right",
-            style="bold" if k == 0 and left else "",
-            overflow="fold",
-        )
-    for row in table.rows:
-        drawn.add_row(*map(Text, row))
-    console.print(drawn)
+def show(table: TextTable) -> None:
+    """Print a table; on a terminal that is too narrow for it a line for each cell."""
+    # not with Rich: it would be imported, which takes longer than most queries
+    lines = table.lines()
+    widest = max(map(len, replace(table, foot="").lines()))
+    if sys.stdout.isatty() and widest > shutil.get_terminal_size().columns:
+        lines = table.records()
+    print("\n".join(lines))
 
 
 def show_facts(facts: Mapping[str, str]) -> None:
@@ -113,6 +87,7 @@ def show_facts(facts: Mapping[str, str]) -> None:
 
 def show_json(document: Any) -> None:
     """Print one JSON document; numbers that are not finite become null."""
+    # a person reads it on a terminal; a program wants one document on one line
     indent = 2 if sys.stdout.isatty() else None
     print(json.dumps(plain(document), indent=indent, allow_nan=False))
 
@@ -121,6 +96,7 @@ def plain(value: Any) -> Any:
     """Return a value as JSON can hold it: no arrays, no NaN, no infinity."""
     if isinstance(value, Mapping):
         return {str(key): plain(item) for key, item in value.items()}
+    # a scalar of NumPy too, whose NaN json would write as no JSON
     if hasattr(value, "tolist"):  # NumPy, which need not be imported for this
         return plain(value.tolist())
     if isinstance(value, (list, tuple)):
@@ -155,6 +131,19 @@ def tell(text: str) -> None:
     print(one_line(text))
 
 
+def conclude(path: str, line: str, more: Iterable[str], document: Any) -> None:
+    """Say what was written to a path, by one document if there is one.
+
+    Lines go to standard error where the table itself went to standard output.
+    """
+    if document is not None:
+        show_json(document)
+        return
+    say, line = (note, line) if path == "-" else (tell, f"{path}: {line}")
+    for each in (line, *more):
+        say(each)
+
+
 class Notes:
     """Notes that were printed, so that none is printed twice."""
 
@@ -173,6 +162,7 @@ def number(value: float | None) -> str:
     """Return the size of an error with four significant digits, or a dash for none."""
     if value is None or not math.isfinite(value):
         return "-"
+    # decimals that four digits need: 1.234, 12.34, 0.0001234
     size = abs(value)
     if 0.0 < size < _LEAST:
         return _TINY
@@ -191,11 +181,11 @@ def fixed(value: float, decimals: int) -> str:
     return f"{round(value, decimals) + 0.0:.{decimals}f}"
 
 
-Report = Callable[[float, str, float], None]
+_Report = Callable[[float, str, float], None]
 
 
 @contextmanager
-def progress_bar(unit: str) -> Iterator[Report | None]:
+def progress_bar(unit: str) -> Iterator[_Report | None]:
     """Show how far a training is, on standard error.
 
     Yields what takes the share of the work that is done, the stage and its error [unit]; None

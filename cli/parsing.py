@@ -6,7 +6,7 @@ import math
 from collections.abc import Callable, Sequence
 from difflib import get_close_matches
 from functools import wraps
-from typing import Any, NamedTuple, TypeVar
+from typing import TypeVar
 
 T = TypeVar("T")
 Reader = Callable[[str], T]
@@ -20,50 +20,10 @@ class ReadingError(ValueError):
         self.text, self.expected = text, expected
 
 
-class Names(tuple[str, ...]):
-    """Names, as in `shoulder,elbow`."""
-
-
-class Numbers(tuple[float, ...]):
-    """Numbers, as in `0.5,-1`."""
-
-
-class Size(tuple[int, ...]):
-    """Nodes of a lattice along each of its axes; one number for as many as there are."""
-
-    def plain(self) -> int | tuple[int, ...]:
-        """Return it as `calib.train` takes it."""
-        return self[0] if len(self) == 1 else tuple(self)
-
-
-class Values(tuple[Any, ...]):
-    """Values of an option to try one after the other, as in `30,50,70`."""
-
-
-class Columns(dict[str, str]):
-    """Columns of a log by the names they stand for, as in `x=cam_u,y=cam_v`."""
-
-
-class Sigma(NamedTuple):
-    """Radius of the neighbourhood at the start and at the end [nodes]."""
-
-    start: float
-    end: float
-
-
-class JointValue(NamedTuple):
-    """A joint and a value of it [rad, m, or deg as typed]."""
-
-    joint: str
-    value: float
-
-
-class JointRange(NamedTuple):
-    """A joint and a part of its range [rad, m, or deg as typed]."""
-
-    joint: str
-    low: float
-    high: float
+Names = tuple[str, ...]  # as in `shoulder,elbow`
+Columns = dict[str, str]  # of a log, by the names they stand for, as in `x=cam_u,y=cam_v`
+JointValue = tuple[str, float]  # a joint and a value of it [rad, m, or deg as typed]
+JointRange = tuple[str, float, float]  # a joint and the ends of a part of its range
 
 
 def expects(expected: str) -> Callable[[Reader[T]], Reader[T]]:
@@ -90,7 +50,7 @@ def require(good: bool) -> None:
         raise ValueError
 
 
-def finite(text: str) -> float:
+def finite_number(text: str) -> float:
     """Return a finite number as a plain user would write it, else raise ValueError."""
     require(text.isascii() and "_" not in text)  # float() also takes 1_0 and other digits
     value = float(text)
@@ -98,7 +58,7 @@ def finite(text: str) -> float:
     return value
 
 
-def whole(least: int, most: int = 2**63 - 1) -> Reader[int]:
+def integer(least: int, most: int = 2**63 - 1) -> Reader[int]:
     """Return a reader of whole numbers within bounds."""
 
     @expects("a whole number")
@@ -113,12 +73,12 @@ def whole(least: int, most: int = 2**63 - 1) -> Reader[int]:
     return read
 
 
-def number(expected: str, good: Callable[[float], bool] = math.isfinite) -> Reader[float]:
+def number_where(expected: str, good: Callable[[float], bool] = math.isfinite) -> Reader[float]:
     """Return a reader of finite numbers that a condition holds for."""
 
     @expects(expected)
     def read(text: str) -> float:
-        value = finite(text)
+        value = finite_number(text)
         require(good(value))
         return value
 
@@ -127,12 +87,12 @@ def number(expected: str, good: Callable[[float], bool] = math.isfinite) -> Read
 
 def at_least_zero(unit: str) -> Reader[float]:
     """Return a reader of numbers that are not negative."""
-    return number(f"a number, zero or more [{unit}]", lambda value: value >= 0.0)
+    return number_where(f"a number, zero or more [{unit}]", lambda value: value >= 0.0)
 
 
 def above_zero(unit: str) -> Reader[float]:
     """Return a reader of numbers above zero."""
-    return number(f"a number above zero [{unit}]", lambda value: value > 0.0)
+    return number_where(f"a number above zero [{unit}]", lambda value: value > 0.0)
 
 
 def one_of(choices: Sequence[str]) -> Reader[str]:
@@ -159,11 +119,11 @@ def kind_of_map(choices: Sequence[str]) -> Reader[str]:
     return read
 
 
-def several(read: Reader[Any]) -> Reader[Values]:
+def several(read: Reader[T]) -> Reader[tuple[T, ...]]:
     """Return a reader of values with commas between them."""
 
-    def read_all(text: str) -> Values:
-        values = Values(read(part.strip()) for part in text.split(","))
+    def read_all(text: str) -> tuple[T, ...]:
+        values = tuple(read(part.strip()) for part in text.split(","))
         if any(value in values[:k] for k, value in enumerate(values)):
             raise ReadingError(text, "each value once")
         return values
@@ -172,19 +132,19 @@ def several(read: Reader[Any]) -> Reader[Values]:
 
 
 @expects("whole numbers of 2 or more such as 70 or 70x70")
-def size(text: str) -> Size:
-    """Read `70`, `70x70` and `17x17x17`."""
+def size(text: str) -> int | tuple[int, ...]:
+    """Read `70`, `70x70` and `17x17x17` as `calib.train` takes it."""
     sides = text.strip().lower().split("x")
     require(all(side.isascii() and side.isdigit() and int(side) >= 2 for side in sides))
-    return Size(map(int, sides))
+    return int(text) if len(sides) == 1 else tuple(map(int, sides))
 
 
 @expects("START:END above zero such as 5:0.5 [nodes]")
-def sigma(text: str) -> Sigma:
+def sigma(text: str) -> tuple[float, float]:
     """Read `START:END`, both above zero."""
-    start, end = map(finite, text.split(":"))
+    start, end = map(finite_number, text.split(":"))
     require(start > 0.0 and end > 0.0)
-    return Sigma(start, end)
+    return start, end
 
 
 @expects("names with commas between them such as a,b")
@@ -194,13 +154,13 @@ def names(text: str) -> Names:
     require(all(parts))
     if len(set(parts)) < len(parts):
         raise ReadingError(text, "each name once")
-    return Names(parts)
+    return tuple(parts)
 
 
 @expects("numbers with commas between them such as 0.5,-1")
-def numbers(text: str) -> Numbers:
+def reals(text: str) -> tuple[float, ...]:
     """Read numbers with commas between them."""
-    return Numbers(map(finite, text.split(",")))
+    return tuple(map(finite_number, text.split(",")))
 
 
 @expects("a height of the base frame in m such as z=0.02")
@@ -208,14 +168,14 @@ def height(text: str) -> float:
     """Read `z=0.02`, a plane of the base frame [m]."""
     axis, _, value = text.partition("=")
     require(axis.strip() == "z")
-    return finite(value)
+    return finite_number(value)
 
 
-def columns(text: str) -> Columns:
+def column_names(text: str) -> Columns:
     """Read `x=cam_u,y=cam_v`."""
     from calib.samples.roles import parse_columns
 
-    return Columns(parse_columns(text))
+    return parse_columns(text)
 
 
 @expects("JOINT=VALUE such as wrist=0.5")
@@ -223,18 +183,13 @@ def joint_value(text: str) -> JointValue:
     """Read `joint=value`; the name may hold an equals sign itself."""
     joint, _, value = text.rpartition("=")
     require(bool(joint.strip()))
-    return JointValue(joint.strip(), finite(value))
+    return joint.strip(), finite_number(value)
 
 
 @expects("JOINT=LOW:HIGH with LOW below HIGH such as elbow=0.5:1.5")
 def joint_range(text: str) -> JointRange:
     """Read `joint=lo:hi`."""
     joint, _, limits = text.rpartition("=")
-    require(bool(joint.strip()))
-    return JointRange(joint.strip(), *_interval(limits))
-
-
-def _interval(text: str) -> tuple[float, float]:
-    low, high = map(finite, text.split(":"))
-    require(low < high)
-    return low, high
+    low, high = map(finite_number, limits.split(":"))
+    require(bool(joint.strip()) and low < high)
+    return joint.strip(), low, high

@@ -2,27 +2,17 @@
 
 from __future__ import annotations
 
-from dataclasses import replace
+from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated
+from typing import TYPE_CHECKING
 
-from .measurements import log_of
+from .measurements import Reading, log_of
 from .output import Notes
-from .parsing import Columns
-from .usage import BadOption, flag, option
+from .usage import BadOption
 
 if TYPE_CHECKING:
     from calib.model.model import Model
     from calib.samples.samples import Samples
-
-PhotoOption = Annotated[
-    str | None,
-    option(
-        "--photo FILE",
-        "A picture, or a video, by the camera that made the log: the map is drawn over it.",
-    ),
-]
-NoPhotoOption = Annotated[bool, flag("--no-photo", "Keep no photo in the model and draw none.")]
 
 
 def photo_of_log(model: Model, log: Samples, data: str, notes: Notes) -> Model:
@@ -49,22 +39,21 @@ def photo_of_log(model: Model, log: Samples, data: str, notes: Notes) -> Model:
     return made
 
 
-def to_draw(
-    path: str,
-    data: str | None,
-    columns: Columns | None,
-    degrees: bool | None,
-    unit: str | None,
-    photo: str | None,
-    no_photo: bool,
-    notes: Notes,
-) -> tuple[Model, Samples | None]:
-    """Load a model as it is to be drawn, and a log of its own arm where one is given."""
-    import calib
+@dataclass(frozen=True)
+class Drawn:
+    """What of a model is drawn, as typed."""
 
-    model = calib.load(path)
-    log = log_of(model, data, columns, degrees, unit, notes)
-    return shown(model, path, photo, no_photo, log, notes), log
+    data: str | None = None
+    photo: str | None = None
+    no_photo: bool = False
+
+    def load(self, path: str, reading: Reading, notes: Notes) -> tuple[Model, Samples | None]:
+        """Load a model as it is to be drawn, and a log of its own arm where one is given."""
+        import calib
+
+        model = calib.load(path)
+        log = log_of(model, self.data, reading, notes)
+        return shown(model, path, self.photo, self.no_photo, log, notes), log
 
 
 def shown(

@@ -2,12 +2,12 @@
 
 from __future__ import annotations
 
-from collections.abc import Collection, Iterable, Mapping, Sequence
+from collections.abc import Collection, Mapping, Sequence
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any
 
 from .output import Notes
-from .parsing import JointRange, JointValue
+from .parsing import Columns, JointRange, JointValue, Names
 from .units import changes_in_si, kinds_of_joints, locks_in_si, ranges_in_si
 from .usage import BadOption, refuse
 
@@ -21,39 +21,55 @@ SAMPLES = 20_000
 
 @dataclass(frozen=True)
 class Selection:
-    """Which arm, and which part of it, as the options say."""
+    """Which part of a robot, as typed."""
 
-    robot: str | None  # a URDF or a bundled robot
-    joints: Sequence[str] | None = None  # active joints
+    joints: Names | None = None  # active joints
     tip: str | None = None  # the frame that is sensed
-
-    lock: Sequence[JointValue] = ()
-    ranges: Sequence[JointRange] = ()
-    degrees: bool = False  # whether joints that turn are typed in degrees
     planar: bool = False  # whether to look only for planar arms within the robot
+    lock: list[JointValue] | None = None
+    ranges: list[JointRange] | None = None
+    degrees: bool = False  # whether joints that turn are typed in degrees
 
     def load(
-        self, held: Mapping[str, float] | None = None, columns: Collection[str] | None = None
+        self,
+        robot: str | None,
+        held: Mapping[str, float] | None = None,
+        columns: Collection[str] | None = None,
     ) -> Arm:
         """Load the arm; `held` are further locked joints [rad or m], `columns` those of a log."""
         import calib
 
-        if self.robot is None:
+        if robot is None:
             raise BadOption("ROBOT is missing: expected a URDF file or a bundled robot")
-        turns = self._turns()
+        turns = kinds_of_joints(robot) if self.degrees and (self.lock or self.ranges) else {}
         return calib.load_arm(
-            self.robot,
+            robot,
             list(self.joints) if self.joints else None,
             self.tip,
-            lock={**(held or {}), **locks_in_si(self.lock, turns, self.degrees)},
-            ranges=ranges_in_si(self.ranges, turns, self.degrees),
+            lock={**(held or {}), **locks_in_si(self.lock or (), turns, self.degrees)},
+            ranges=ranges_in_si(self.ranges or (), turns, self.degrees),
             planar=self.planar,
             columns=columns,
         )
 
-    def _turns(self) -> dict[str, bool]:
-        typed = self.degrees and self.robot is not None and (self.lock or self.ranges)
-        return kinds_of_joints(str(self.robot)) if typed else {}
+
+@dataclass(frozen=True)
+class Babbling:
+    """How an arm babbles in simulation, as typed."""
+
+    samples: int | None = None
+    noise: float | None = None
+    motion: str | None = None
+    change: list[str] | None = None
+
+
+@dataclass(frozen=True)
+class Logged:
+    """What stands in a log, as typed."""
+
+    columns: Columns | None = None
+    unit: str | None = None
+    prismatic: Names | None = None
 
 
 def check_sources(
@@ -64,7 +80,7 @@ def check_sources(
 ) -> None:
     """Refuse that there is nothing to learn from, and options that would be without effect.
 
-    simulated, of_logs : options of simulated babbling and of logs, and what was given for them
+    simulated, of_logs : options of simulated babbling and of logs by name, and what was given
     """
     if not robots and not logged:
         raise BadOption("no source to learn from: expected ROBOT, --data LOG, or both")
@@ -72,17 +88,14 @@ def check_sources(
         refuse(simulated, "applies to simulated babbling, which --data replaces")
     else:
         refuse(of_logs, "applies to a log: expected --data LOG too")
-    if robots and of_logs["--prismatic"] is not None:
+    if robots and of_logs["prismatic"] is not None:
         raise BadOption("--prismatic applies to a log without ROBOT; ROBOT defines its joints")
 
 
-def babbled(
+def babbled_samples(
+    robot: str | None,
     selection: Selection,
-    *,
-    samples: int | None,
-    noise: float | None,
-    motion: str | None,
-    changes: Iterable[str],
+    babbling: Babbling,
     seed: int,
     notes: Notes,
     strategy: str | None = None,
@@ -90,32 +103,30 @@ def babbled(
     """Babble in simulation, and say what was assumed."""
     import calib
 
-    arm = selection.load()
+    arm = selection.load(robot)
     notes.say(arm.notes)
     shared: dict[str, Any] = {
-        "n": SAMPLES if samples is None else samples,
+        "n": SAMPLES if babbling.samples is None else babbling.samples,
         "seed": seed,
-        "noise": noise or 0.0,
-        "changes": changes_in_si(changes, arm, selection.degrees),
+        "noise": babbling.noise or 0.0,
+        "changes": changes_in_si(babbling.change or (), arm, selection.degrees),
     }
     if strategy == "goal":
         from calib.training.goal_babbling import goal_babble
 
-        if motion is not None:
+        if babbling.motion is not None:
             raise BadOption("--motion says how joints babble, --strategy goal picks positions")
         return goal_babble(arm, **shared)
-    log = calib.babble(arm, **shared, method=motion or "uniform")
+    log = calib.babble(arm, **shared, method=babbling.motion or "uniform")
     notes.say(log.notes)
     return log
 
 
-def measured(
+def measured_samples(
+    robot: str | None,
     selection: Selection,
     path: str,
-    *,
-    columns: Mapping[str, str] | None,
-    unit: str | None,
-    prismatic: Sequence[str],
+    logged: Logged,
     seed: int,
     notes: Notes,
     lens: str | None = None,
@@ -125,49 +136,50 @@ def measured(
     from calib.samples.columns import open_source
 
     arm = None
-    turns = {name: name not in prismatic for name in selection.joints or ()}
+    turns = {name: name not in (logged.prismatic or ()) for name in selection.joints or ()}
     source = open_source(path)  # once: it may be a pipe
-    if selection.robot is not None:
-        arm = _arm_of_log(selection, source, columns, notes)
+    if robot is not None:
+        arm = _arm_of_log(robot, selection, source, logged.columns, notes)
         notes.say(arm.notes)
         turns = dict(zip(arm.joint_names, arm.revolute, strict=True))
+    glass = None
+    if lens is not None:
+        from calib.recording.lens import read_lens
+
+        glass = read_lens(lens).to_json()
     log = calib.read_log(
         source,
         arm,
         joints=list(selection.joints) if selection.joints and arm is None else None,
-        columns=columns,
+        columns=logged.columns,
         degrees=selection.degrees,
-        unit=unit,
-        ranges=ranges_in_si(selection.ranges, turns, selection.degrees),
-        prismatic=prismatic,
+        unit=logged.unit,
+        ranges=ranges_in_si(selection.ranges or (), turns, selection.degrees),
+        prismatic=logged.prismatic or (),
         seed=seed,
-        lens=_lens(lens),
+        lens=glass,
     )
     notes.say(log.notes)
     return log
 
 
-def _lens(path: str | None) -> dict[str, Any] | None:
-    if path is None:
-        return None
-    from calib.recording.lens import read_lens
-
-    return read_lens(path).to_json()
-
-
 def _arm_of_log(
-    selection: Selection, source: Source, columns: Mapping[str, str] | None, notes: Notes
+    robot: str,
+    selection: Selection,
+    source: Source,
+    columns: Mapping[str, str] | None,
+    notes: Notes,
 ) -> Arm:
     """Load the arm with its other joints where the log says that they stood."""
     from calib.samples.locked import locked_from_log
 
     header = {*source.header, *(columns or {})}
-    arm = selection.load(columns=header)
-    typed = {joint for joint, _ in selection.lock}
+    arm = selection.load(robot, columns=header)
+    typed = {joint for joint, _ in selection.lock or ()}
     others = [name for name in arm.locked if name not in typed]
     if not others:
         return arm
-    turns = kinds_of_joints(str(selection.robot))
+    turns = kinds_of_joints(robot)
     held, told = locked_from_log(
         source,
         others,
@@ -176,4 +188,4 @@ def _arm_of_log(
         prismatic=[name for name in others if not turns.get(name, True)],
     )
     notes.say(told)
-    return selection.load(held, header) if held else arm
+    return selection.load(robot, held, header) if held else arm

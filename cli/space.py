@@ -21,6 +21,7 @@ from calib.model.space import Space
 from calib.samples.roles import QUATERNION, from_angles
 
 from .answers import answers, show_answers
+from .batch import UP_TO_SCALE
 from .output import note, show_json
 from .units import JointFormat, meaning
 from .usage import BadOption
@@ -98,7 +99,9 @@ def answer_inverse(
     frame = "base" if in_base else "sensor"
     told = described(space, [first_of(found, len(found.q) if every else 1)], frame)
     names = ("position", "quaternion", "distance", "turned", "expected_error", "model_error")
-    solutions = answers(joints, told.q, **{name: getattr(told, name) for name in names})
+    bounds = up_to_scale(space, told.q) if in_base else {}
+    solutions = answers(joints, told.q, **{name: getattr(told, name) for name in names}, **bounds)
+    # a target that is missed has no answer to move away from
     free = space.free(found.q[0], 6 if turn is not None else 3)[: 9 if found.reachable else 0]
     if as_json:
         document: dict[str, Any] = {"target": list(typed), "frame": frame}
@@ -120,8 +123,8 @@ def answer_inverse(
         shown = ["distance", *(["turned"] if turn is not None else []), "expected_error"]
         unit = "m" if in_base else model.about.unit
         show_answers(joints, solutions, unit, "xyz", shown)
-    if in_base:
-        say_size(model, told.q[:1])
+    if UP_TO_SCALE in bounds:
+        say_size(float(bounds[UP_TO_SCALE][0]))
     if in_base and not space.sees(target).all():
         note("the camera's picture does not show the target")
     if not found.reachable:
@@ -162,14 +165,17 @@ def _say_missed(found: Reached, dof: int, *, posed: bool) -> None:
     note(words + " away")
 
 
-def say_size(model: Model, q: Any) -> None:
-    """Say what of a bound in the base frame of a camera is the arm's size."""
-    space = Space.of(model)
-    if space.camera and np.isfinite(space.forward(q)[0]).all():
-        left = 1e3 * float(space.bound(q, size=False)[0])
+def up_to_scale(space: Space, q: Array) -> dict[str, Array]:
+    """The bound (n,) in the base frame of a camera [m], but for the arm's size; else nothing."""
+    return {UP_TO_SCALE: space.bound(q, size=False)} if space.camera else {}
+
+
+def say_size(bound: float) -> None:
+    """Say what of a bound [m] in the base frame of a camera is the arm's size."""
+    if np.isfinite(bound):
         note(
-            f"one camera cannot tell the size of the arm: but for it, the expected error is "
-            f"{left:.2g} mm"
+            "one camera cannot tell the size of the arm: but for it, the expected error is "
+            f"{1e3 * bound:.2g} mm"
         )
 
 
@@ -180,6 +186,7 @@ def say_free(joints: JointFormat, free: Array, near: bool) -> None:
     told = []
     for row in free:
         order = [k for k in np.argsort(-np.abs(row)) if abs(row[k]) > _TOGETHER]
+        # each direction is scaled so that one joint moves by 1: it names the direction
         own = next(k for k in range(len(row)) if row[k] == 1.0 or abs(row[k] - 1) < 1e-9)
         others = [f"{joints.names[k]} {row[k]:+.2f}" for k in order if k != own]
         told.append(joints.names[own] + (f" with {', '.join(others)}" if others else " alone"))
@@ -206,9 +213,10 @@ def seen_forward(model: Model, values: Any, frame: str) -> dict[str, Array]:
     if frame == "base":
         space = Space.of(model)
         position, turns = space.forward(q)
-        bound = np.where(np.isfinite(position[:, 0]), space.bound(q), np.nan)
+        bounds = {"expected_error": space.bound(q), **up_to_scale(space, q)}
+        bounds = {k: np.where(np.isfinite(position[:, 0]), v, np.nan) for k, v in bounds.items()}
         columns = dict(zip("xyz", position.T, strict=True)) | _named(turns)
-        return columns | {"expected_error": bound, "model_error": bound}
+        return columns | bounds | {"model_error": bounds["expected_error"]}
     if not knows_orientation(model.body):
         return {}
     space = Space.of(model)

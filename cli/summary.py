@@ -9,7 +9,7 @@ from calib.common.choices import READOUTS
 from calib.common.wording import for_people
 from calib.show.facts import quantities
 
-from .output import Table, number
+from .output import TextTable, number
 from .terms import explained
 from .units import units_of
 
@@ -67,6 +67,7 @@ def view_of(model: Model) -> dict[str, Any]:
     if (mirror := body.structure.header().get("mirror")) is not None:
         view["mirror"] = mirror < 0
     for parameter in body.parameters():
+        # the arm's own parameters stand in `calib info`; here only what the sensor is
         if parameter.group.startswith(("view.", "lens")):
             view[parameter.name.partition(".")[2].replace(" ", "_")] = {
                 "value": parameter.value,
@@ -81,7 +82,7 @@ def view_of(model: Model) -> dict[str, Any]:
     return view
 
 
-def error_table(model: Model, errors: Errors, title: str) -> Table:
+def error_table(model: Model, errors: Errors, title: str) -> TextTable:
     """Return all errors, a line for each readout, direction and quantity."""
     rows = []
     for readout in _ordered(errors):
@@ -93,10 +94,10 @@ def error_table(model: Model, errors: Errors, title: str) -> Table:
             rows.append([labels[0], shown, name, unit, *values])
             labels = ["", direction]
     header = ["readout", "direction", "error of", "unit", *STATISTICS]
-    return explained(Table(header, rows, title, left=4))
+    return explained(TextTable(header, rows, title, left=4))
 
 
-def compact_table(model: Model, errors: Errors, title: str) -> Table:
+def compact_table(model: Model, errors: Errors, title: str) -> TextTable:
     """Return mean errors, a line for each quantity; of the best readout the greatest too."""
     best, *others = _ordered(errors)
     rows = []
@@ -109,7 +110,7 @@ def compact_table(model: Model, errors: Errors, title: str) -> Table:
             for k in ("mean", "max")
         )
         rows.append([f"{direction} {name} [{unit}]", means[0], largest[0], *means[1:]])
-    return explained(Table(["mean, and max", best, "max", *others], rows, title))
+    return explained(TextTable(["mean, and max", best, "max", *others], rows, title))
 
 
 def _ordered(errors: Errors) -> list[str]:

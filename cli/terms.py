@@ -7,7 +7,7 @@ from dataclasses import replace
 
 from calib.common.choices import READOUTS
 
-from .output import Table
+from .output import TextTable
 
 _MEANINGS = (
     (
@@ -35,7 +35,7 @@ _MEANINGS = (
 )
 
 
-def explained(table: Table) -> Table:
+def explained(table: TextTable) -> TextTable:
     """Return the table with what its terms mean below it; each row's first cells count too."""
     cells = [cell for row in table.rows for cell in row[: table.left]]
     text = " ".join([table.title, *table.header, *cells]).lower()

@@ -90,6 +90,19 @@ class JointFormat:
         far = self._about.revolute[k] and not self.degrees and fits
         return "; as degrees it fits: give --degrees" if far else ""
 
+    def one_each(self, option: str, typed: Sequence[float] | None) -> list[float] | None:
+        """Return a value of each joint [rad or m] of what was typed for an option, if it was.
+
+        Raises BadOption if there are more or fewer.
+        """
+        if typed is None:
+            return None
+        if len(typed) != len(self.names):
+            shown = ",".join(f"{value:g}" for value in typed)
+            expected = f"{len(self.names)} values, one each for {', '.join(self.names)}"
+            raise bad_option(option, shown, expected)
+        return [value / factor for value, factor in zip(typed, self.typed, strict=True)]
+
     def of_change(self, k: int) -> tuple[float, str]:
         """Return the factor and the unit in which a change of joint `k` is printed."""
         return for_people(self._about.units_of_joints[k])
@@ -113,6 +126,7 @@ def why_outside(joints: JointFormat, model: Model, q: Sequence[float]) -> str | 
     from calib.model.trust import ROUNDED
 
     about = model.about
+    # as shares of the ranges, since rad and m do not compare
     excess = [
         0.0 if turns_round else max(low - value, value - high) / (high - low)
         for value, low, high, turns_round in zip(
@@ -126,20 +140,6 @@ def why_outside(joints: JointFormat, model: Model, q: Sequence[float]) -> str | 
         f"{joints.value(k, q[k])} is outside of the learned range {joints.learned_range(k)}"
         f"{joints.hint(k, q[k])}"
     )
-
-
-def one_each(
-    option: str, typed: Sequence[float], names: Sequence[str], factors: Sequence[float]
-) -> list[float]:
-    """Return one value for each joint [rad or m] of what was typed, over the factors.
-
-    Raises BadOption if there are more or fewer.
-    """
-    if len(typed) != len(names):
-        shown = ",".join(f"{value:g}" for value in typed)
-        expected = f"{len(names)} values, one each for {', '.join(names)}"
-        raise bad_option(option, shown, expected)
-    return [value / factor for value, factor in zip(typed, factors, strict=True)]
 
 
 def kinds_of_joints(robot: str) -> dict[str, bool]:

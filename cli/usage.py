@@ -58,10 +58,10 @@ def bad_option(option: str, text: str, expected: str) -> BadOption:
 
 
 def refuse(typed: Mapping[str, object], why: str) -> None:
-    """Refuse the first of some options that was given, by name; None is not given."""
+    """Refuse the first of some options that was given; None is not given."""
     for name, value in typed.items():
         if value is not None:
-            raise BadOption(f"{name} {why}")
+            raise BadOption(f"--{name.replace('_', '-')} {why}")
 
 
 def one_document(output: str | None, as_json: bool) -> None:
@@ -70,7 +70,7 @@ def one_document(output: str | None, as_json: bool) -> None:
         raise BadOption("--json and --output '-' both want standard output: expected one of them")
 
 
-def check_output(path: str) -> None:
+def check_file(path: str) -> None:
     """Refuse an output that cannot be written before the work starts."""
     from calib.common.atomic import check_writable
 

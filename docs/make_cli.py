@@ -69,9 +69,9 @@ def commands(command: Any, words: tuple[str, ...] = ("calib",)) -> Iterator[tupl
     if not hasattr(command, "commands"):
         yield " ".join(words), command
         return
-    order = list(command.list_commands(typer.Context(command)))
-    for name in order:
-        yield from commands(command.commands[name], (*words, name))
+    context = typer.Context(command)
+    for name in command.list_commands(context):
+        yield from commands(command.get_command(context, name), (*words, name))
 
 
 def anchor(title: str) -> str:

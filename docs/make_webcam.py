@@ -27,7 +27,7 @@ from calib.recording.joint_table import read_joints  # noqa: E402
 from calib.recording.lens import Lens  # noqa: E402
 from calib.recording.photo import take_photo, write_seen  # noqa: E402
 from calib.recording.pictures import list_pictures, read_picture  # noqa: E402
-from calib.recording.setting import Setting  # noqa: E402
+from calib.recording.setting import Setup  # noqa: E402
 from calib.show.report.page import pictures  # noqa: E402
 
 
@@ -57,8 +57,8 @@ def main(target: Path) -> None:
         distortion = np.array([camera.k1, camera.k2, 0.0, 0.0, 0.0])
         lens = Lens(camera.size, np.full(2, camera.focal), camera.centre, distortion)
         table = read_joints(folder / "joints.csv")
-        board_given = Setting(7, board=Board.parse("7x5:24mm:18mm:5x5_100"), lens=lens)
-        made = log_pictures(folder / "pictures", table, Setting(7))
+        board_given = Setup(7, board=Board.parse("7x5:24mm:18mm:5x5_100"), lens=lens)
+        made = log_pictures(folder / "pictures", table, Setup(7))
         photo = read_picture(list_pictures(folder / "pictures")[7], colour=True)
         write_seen(folder / "seen.png", photo, board_given, made.pixels)
         save(Image.open(folder / "seen.png"), target / "webcam-seen.jpg")

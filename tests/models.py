@@ -6,8 +6,10 @@ from dataclasses import replace
 from functools import cache
 
 import numpy as np
+from planar import chain_urdf
 
 import calib
+from calib.arm.loading import arm_from_urdf
 from calib.body.spatial import structure_of
 from calib.common.scale import TURN
 from calib.maps.predictor import BodyInBox
@@ -110,17 +112,17 @@ def in_space(n: int = 240):
 
 
 @cache
-def in_pixels(n: int = 60):
-    """Return a model of `spatial_three`, seen by a camera of a known lens from the side."""
-    arm = calib.load_arm("spatial_three")
+def in_pixels(n: int = 60, robot: str = "spatial_three"):
+    """Return a model of an arm that a camera of a known lens sees from the side."""
+    arm = calib.load_arm(robot)
     lens = (900.0, 640.0, 360.0, -0.1)
     structure = structure_of(arm, "pinhole", unit="px", lens=lens, lens_sd=(0.0,) * 4)
     beta, groups = structure.neutral(), structure.groups
     beta[groups["view.rotation"]] = (-1.3, 0.2, 0.1)
     beta[groups["view.shift"]] = (0.05, 0.1, 2.0)
-    beta[groups["offset"][1:]] = (0.03, -0.02)
+    beta[groups["offset"][1:3]] = (0.03, -0.02)
     rng = np.random.default_rng(0)
-    q = rng.uniform(arm.lower, arm.upper, (n, 3))
+    q = rng.uniform(arm.lower, arm.upper, (n, arm.dof))
     x = structure.predict(q, beta) + rng.normal(0, 0.3, (n, 2))
     return calib.train(
         calib.Samples(
@@ -147,3 +149,31 @@ def six():
     body = replace(drawn.body, beta=beta)
     smooth = BodyInBox(body, drawn.motor.scale)
     return replace(drawn, body=body, predictor=replace(drawn.predictor, smooth=smooth))
+
+
+@cache
+def in_plane():
+    """Return a planar arm of four joints, one a slide, behind a bent lens; all is uncertain."""
+    arm = arm_from_urdf(chain_urdf(4, slide=2), [f"joint_{k + 1}" for k in range(4)])
+    drawn = calib.train(calib.babble(arm, 60, seed=0), size=3)
+    structure = replace(drawn.body.structure, view="homography")
+    rng, beta = np.random.default_rng(1), drawn.body.beta.copy()
+    geometry = np.concatenate([ix for name, ix in structure.groups.items() if "curve" not in name])
+    beta[geometry] += rng.normal(0, 0.02, len(geometry))
+    curves = np.arange(len(geometry), structure.size)
+    beta[curves] = rng.normal(0, 1e-4, len(curves))
+    root = rng.normal(0, 1e-3, (len(geometry), len(geometry)))
+    covariance = np.zeros((structure.size,) * 2)
+    covariance[: len(root), : len(root)] = root @ root.T
+    covariance[curves, curves] = rng.uniform(0, 1e-8, len(curves))
+    shared = rng.normal(0, 1e-4, (structure.size, 5))  # what couples curves with all
+    body = replace(
+        drawn.body, structure=structure, beta=beta, active=np.arange(structure.size),
+        covariance=covariance + shared @ shared.T, second=None, packed=None,
+    )  # fmt: skip
+    smooth = BodyInBox(body, drawn.motor.scale)
+    bounds = np.zeros(drawn.motor.size)
+    return replace(
+        drawn, body=body, predictor=replace(drawn.predictor, smooth=smooth), bounds=bounds,
+        model_bounds=bounds,
+    )  # fmt: skip

@@ -15,7 +15,7 @@ from calib.recording.board import Board
 from calib.recording.from_pictures import log_pictures
 from calib.recording.joint_table import read_joints
 from calib.recording.lens import Lens
-from calib.recording.setting import Setting
+from calib.recording.setting import Setup
 
 CAMERA = Camera(size=(640, 480), focal=600.0)
 BOARD = Board.parse("5x4:40mm:31mm:5x5_100")
@@ -67,7 +67,7 @@ def copy(shot, tmp_path):
 
 
 def make(folder, setting=None, joints="joints.csv", **more):
-    return log_pictures(folder / "p", read_joints(folder / joints), setting or Setting(7), **more)
+    return log_pictures(folder / "p", read_joints(folder / joints), setting or Setup(7), **more)
 
 
 def refused(match, call, *values, **named):

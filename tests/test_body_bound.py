@@ -6,11 +6,14 @@ import numpy as np
 import pytest
 from scipy.stats import chi2
 
-from calib.body import Body, Nominal, PlanarStructure, Prior
+from calib.body.belief import Body
 from calib.body.bound import autocorrelation_time, radius_95, root_of, spread_of
 from calib.body.fit import maximise
 from calib.body.held_out import leave_blocks_out
+from calib.body.nominal import Nominal
 from calib.body.packing import pack, packed_of, unpack
+from calib.body.planar import PlanarStructure
+from calib.body.structure import Prior
 
 
 @pytest.mark.parametrize("p", [1, 2, 3])

@@ -9,8 +9,9 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from calib.body import Nominal, PlanarStructure, nominal_of
 from calib.body.curves import curve_rms, curve_shape, curve_slope, curve_value, powers
+from calib.body.nominal import Nominal, nominal_of
+from calib.body.planar import PlanarStructure
 from calib.errors import OptionError
 
 

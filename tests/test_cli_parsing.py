@@ -7,7 +7,7 @@ from dataclasses import replace
 
 import pytest
 from calib_cli import parsing
-from calib_cli.output import Table, fixed, number, plain
+from calib_cli.output import TextTable, fixed, number, plain
 from calib_cli.terms import explained
 from calib_cli.usage import BadOption, option
 from hypothesis import given
@@ -18,14 +18,14 @@ FINITE = st.floats(allow_nan=False, allow_infinity=False)
 
 @given(FINITE)
 def test_finite_numbers_come_back(value):
-    assert parsing.finite(repr(value)) == value
+    assert parsing.finite_number(repr(value)) == value
 
 
 @given(st.text())
 def test_readers_answer_or_say_what_they_expected(text):
     readers = [
-        parsing.whole(0), parsing.at_least_zero("m"), parsing.above_zero("m"), parsing.size,
-        parsing.sigma, parsing.names, parsing.numbers, parsing.columns, parsing.joint_value,
+        parsing.integer(0), parsing.at_least_zero("m"), parsing.above_zero("m"), parsing.size,
+        parsing.sigma, parsing.names, parsing.reals, parsing.column_names, parsing.joint_value,
         parsing.joint_range, parsing.one_of(("batch", "online")), parsing.height,
         parsing.kind_of_map(("vdsom", "som")),
     ]  # fmt: skip
@@ -41,8 +41,7 @@ def test_readers_answer_or_say_what_they_expected(text):
 @given(st.lists(st.integers(2, 999), min_size=1, max_size=4))
 def test_sizes_come_back(sides):
     size = parsing.size("x".join(map(str, sides)))
-    assert size == tuple(sides)
-    assert size.plain() == (sides[0] if len(sides) == 1 else tuple(sides))
+    assert size == (sides[0] if len(sides) == 1 else tuple(sides))
 
 
 @given(FINITE, FINITE)
@@ -59,11 +58,11 @@ def test_ranges_come_back(low, high):
 def test_other_values():
     assert parsing.sigma("5:0.5") == (5.0, 0.5)
     assert parsing.names(" a, b ") == ("a", "b")
-    assert parsing.numbers("-1,2e-3") == (-1.0, 0.002)
+    assert parsing.reals("-1,2e-3") == (-1.0, 0.002)
     assert parsing.joint_value("wrist=-1") == ("wrist", -1.0)
-    assert parsing.columns("x=u,elbow=j 2") == {"x": "u", "elbow": "j 2"}
+    assert parsing.column_names("x=u,elbow=j 2") == {"x": "u", "elbow": "j 2"}
     assert parsing.kind_of_map(("vdsom", "som"))("vdsom:error") == "vdsom:error"
-    assert option("--seed K", "", parsing.whole(0)).parser(7) == 7
+    assert option("--seed K", "", parsing.integer(0)).parser(7) == 7
 
 
 @pytest.mark.parametrize(
@@ -91,17 +90,17 @@ def test_json_holds_no_number_that_is_not_finite():
 
 
 def test_terms_of_a_table_are_explained_below_it_where_it_prints_them():
-    table = Table(["network", "error", "mean", "+-"], [["VDSOM 5x5", "x", "1", "0"]], left=2)
+    table = TextTable(["network", "error", "mean", "+-"], [["VDSOM 5x5", "x", "1", "0"]], left=2)
     foot = explained(table).foot
     assert foot.startswith("VDSOM: the same with varying density")
     assert foot.endswith("standard deviation over the seeds")
-    assert explained(Table(["", "mean"], [["a", "winner"]])).foot == ""  # a number's column
+    assert explained(TextTable(["", "mean"], [["a", "winner"]])).foot == ""  # a number's column
     title = "linear readout: errors"
     assert "Hebbian links" in " ".join(explained(replace(table, title=title)).lines()[2:])
 
 
 def test_tables_are_aligned():
-    lines = Table(["name", "value"], [["a", "1.25"], ["long name", "10"]], "title").lines()
+    lines = TextTable(["name", "value"], [["a", "1.25"], ["long name", "10"]], "title").lines()
     assert lines == ["title", "name       value", "a           1.25", "long name     10"]
 
 

@@ -59,6 +59,9 @@ def test_the_camera_is_where_it_stands(run, pictures):
     turn = pin.Quaternion(np.array(camera["quaternion"])).matrix()  # columns: right, down, ahead
     assert np.degrees(np.linalg.norm(pin.log3(turn @ CAMERA))) < 0.2
     assert camera["convention"]["joint"] == "shoulder_pan"
+    low, high = np.transpose(camera["interval"])
+    known = np.array(camera["position_95_up_to_gauge"])
+    assert ((known > 0) & (known <= 1.0001 * (high - low) / 2)).all()
     assert view["lens"]["focal"] == pytest.approx(FOCAL, rel=5e-3)
     assert view["focal"]["unit"] == "px"
     words = run("info", folder / "m.calib").out
@@ -77,10 +80,10 @@ def test_pixels_and_the_tip_in_the_base_frame_are_those_of_the_truth(run, pictur
     miss = np.linalg.norm(np.c_[base["x"], base["y"], base["z"]] - places, axis=1)
     assert miss.mean() < 5e-4
     assert (miss <= base["expected_error"]).mean() >= 0.95
-    order = ["x", "y", "z", "qx", "qy", "qz", "qw", "expected_error", "model_error"]
-    assert list(base) == [*names, *order]
+    order = ["x", "y", "z", "qx", "qy", "qz", "qw", "expected_error_up_to_scale"]
+    assert list(base) == [*names, *order, "expected_error", "model_error"]
     space = Space.of(calib.load(folder / "m.calib"))
-    whole, alike = space.bound(q), space.bound(q, size=False)
+    whole, alike = space.bound(q), base["expected_error_up_to_scale"]
     assert whole.mean() < 6e-3  # not the turn about the first axis, which is a convention
     assert alike.mean() < 0.5 * whole.mean()
     pan = truth.arm.chain.points[0]
@@ -92,6 +95,13 @@ def test_pixels_and_the_tip_in_the_base_frame_are_those_of_the_truth(run, pictur
     one = run("query", "forward", folder / "m.calib", *q[0], "--in", "base", "--json").document
     assert one["unit"] == one["units"]["positions"] == "m"
     assert one["position"] == pytest.approx([base[axis][0] for axis in "xyz"])
+    assert one["expected_error_up_to_scale"] == pytest.approx(alike[0])
+    table(folder / "x.csv", "xyz", places[:2])
+    back = ("query", "inverse", folder / "m.calib", "--in", "base")
+    many = read(run(*back, "--input", folder / "x.csv").out)
+    assert (many["expected_error_up_to_scale"] < many["expected_error"]).all()
+    document = run(*back, *places[0], "--json").document["solutions"][0]
+    assert document["expected_error_up_to_scale"] < document["expected_error"]
 
 
 def test_a_pixel_on_a_plane_gives_a_point_and_joints_that_stand_there(run, pictures):

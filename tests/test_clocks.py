@@ -11,9 +11,9 @@ from calib.recording.track import (
     Judge,
     astray,
     check_motion,
-    held_out,
+    harmonics,
     jumps,
-    kernel,
+    misses,
     row_shift,
     stuck,
     unrelated,
@@ -110,7 +110,7 @@ def test_blocks_held_out_in_closed_form_are_those_left_out():
     x -= x.mean(0)
     miss = Judge(q, blocks=4, soft=1e-2).miss(x)
     rest = np.r_[0:10, 20:40]
-    K = kernel(q, q) + 1.0
+    K = harmonics(q, q) + 1.0
     predicted = K[10:20][:, rest] @ np.linalg.solve(
         K[np.ix_(rest, rest)] + 1e-2 * np.eye(30), x[rest]
     )
@@ -120,7 +120,7 @@ def test_blocks_held_out_in_closed_form_are_those_left_out():
 def test_harmonics_predict_what_an_arm_shows():
     rng = np.random.default_rng(7)
     q = rng.uniform(-1, 1, (60, 2))
-    assert np.median(held_out(q, pixels(q))) < 0.2
+    assert np.median(misses(q, pixels(q))) < 0.2
 
 
 @pytest.mark.parametrize("shift", [-2, -1, 1, 2])

@@ -216,9 +216,9 @@ def test_a_free_frame_hides_the_first_joints_offset_until_the_cause_is_said():
     np.testing.assert_allclose(correct(offset, Q).change[:, 0], -0.02, atol=2e-4)
     for model_, cause in ((turned, "joints"), (offset, "joints"), (turned, "sensor")):
         geometry = fit_geometry(model_, cause=cause)
-        assert geometry.offsets[0] == pytest.approx(0.02 * (cause == "joints"), abs=5e-4)
+        assert geometry.offsets[0][0] == pytest.approx(0.02 * (cause == "joints"), abs=5e-4)
         # what the prior holds to 1 mm is no more open than a few of them
-        assert geometry.interval_moved.max() < 0.05
+        assert geometry.ends[1].max() < 0.05
 
 
 def test_six_joints_keep_the_tools_orientation():

@@ -11,7 +11,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from models import in_pixels, in_space, six
+from models import in_pixels, in_plane, in_space, six
 
 import calib
 from calib.arm.rotations import logarithm
@@ -57,15 +57,21 @@ LANGUAGES = {
 }
 
 
+MADE = {
+    "space": in_space,
+    "pixels": in_pixels,
+    "six": six,
+    "four": in_plane,
+    "six in pixels": lambda: in_pixels(40, "six_axis"),
+}
+PART = {"six": 0.2, "six in pixels": 0.01, "four": 1e-4}  # of what couples curves a part is kept
+
+
 @cache
 def model(kind):
     """A model with curves and a turned sensor, with three joints, with a slide, or in space."""
-    if kind == "space":
-        return in_space()
-    if kind == "pixels":
-        return in_pixels()
-    if kind == "six":
-        return six()
+    if kind in MADE:
+        return MADE[kind]()
     if kind not in ("real", "local"):
         turned = calib.babble(calib.load_arm(kind), 600, seed=0, changes=("sensor.rotate=0.3",))
         return calib.train(turned, size=8)
@@ -123,11 +129,12 @@ def questions(model, n):
 
 @needs_compiler
 @pytest.mark.parametrize("language", LANGUAGES)
-@pytest.mark.parametrize("kind", ["real", "local", "three_link", "polar", "space", "six", "pixels"])
+@pytest.mark.parametrize("kind", ["real", "local", "three_link", "polar", *MADE])
 def test_the_header_agrees_with_the_model(kind, language, tmp_path):
     m = model(kind)
     assert (m.predictor.models.degree >= 0) == (kind == "local")
-    q = questions(m, 10_000)
+    # the posterior of six joints takes Python a second for 10,000 rows
+    q = questions(m, 10_000 if language == "c99" and kind != "six in pixels" else 2_000)
     x, bound, slope, _ = answers(m, q, tmp_path, language)
     wanted = m.forward(q)
     assert (np.isnan(x) == np.isnan(wanted)).all()
@@ -135,11 +142,11 @@ def test_the_header_agrees_with_the_model(kind, language, tmp_path):
     known = ~np.isnan(wanted[:, 0])
     np.testing.assert_allclose(x[known], wanted[known], rtol=0, atol=1e-12 * m.reach)
     told = m.expected_error(q)
-    if kind == "six":  # what couples curves with each other is kept in part
+    if kind in PART:
         assert (np.isnan(bound) == ~known).all()
         ratio = bound[known] / told[known]
-        assert 0.8 < ratio.min() < ratio.max() < 1.2
-        assert np.abs(np.quantile(ratio, [0.05, 0.95]) - 1.0).max() < 0.06
+        assert np.abs(ratio - 1.0).max() < PART[kind]
+        assert np.abs(np.quantile(ratio, [0.05, 0.95]) - 1.0).max() < 0.3 * PART[kind]
     else:
         np.testing.assert_allclose(bound, told, rtol=1e-9, atol=1e-12 * m.reach)
     inside = m.predictor.value_and_slope(_unit(m, q[known]))[1] / m.motor.scale.span

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from calib.body import fit_body
+from calib.body.fitting import fit_body
 from calib.body.likeness import kernel, lengths_of
 from calib.body.most_telling import most_telling
 

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -11,7 +12,8 @@ from models import in_space, trained
 import calib
 from calib.body.most_telling import greedy
 from calib.common.scale import Scale
-from calib.use.collisions import hides_its_tip, hits_itself
+from calib.model.space import Space
+from calib.use.collisions import hides_its_tip, hits_itself, visible
 from calib.use.pose_space import space_of
 from calib.use.spread import candidates, farthest, tells
 
@@ -131,3 +133,25 @@ def test_a_link_between_the_camera_and_the_tip_hides_it():
     behind = tips[1] + 4 * (column - tips[1])
     hidden = hides_its_tip(arm.urdf, arm.joint_names, arm.locked, q, tips, behind)
     assert hidden.tolist() == [False, True]
+
+
+def test_a_plan_for_a_tracker_keeps_the_tip_in_its_sight():
+    model = in_space()
+    structure, beta = model.body.structure, model.body.beta.copy()
+    eye, turn = np.array([2.0, 0.0, 0.1]), structure.sensor(beta).rotation
+    space = space_of(model, None, None)
+    points = candidates(space, np.random.default_rng(0))[:400]
+
+    def kept(origin):
+        beta[structure.groups["view.shift"]] = -turn @ origin
+        placed = replace(model, body=replace(model.body, beta=beta.copy()))
+        return visible(placed, space, points)
+
+    seen, notes = kept(eye)
+    about, q = model.about, space.scale.from_unit(seen)
+    tips = Space.of(model).evaluate(q)[0]
+    assert 0 < len(seen) < len(points)
+    assert not hides_its_tip(about.urdf, about.joint_names, about.locked, q, tips, eye).any()
+    assert "tracker" in notes[0]
+    # an origin within the arm's reach is no tracker's
+    assert len(kept(0.1 * eye)[0]) == len(points)

@@ -12,7 +12,7 @@ from models import trained
 from scenes import paths
 
 import calib
-from calib.show.preview.arm import Body, visuals
+from calib.show.preview.arm import DrawnArm, visuals
 from calib.show.preview.meshes import read_mesh, resolve_mesh
 from calib.show.preview.scene import draw
 
@@ -22,7 +22,7 @@ ROBOTS = ("two_link", "two_link_full", "three_link", "tilted", "scara", "polar")
 @pytest.mark.parametrize("robot", ROBOTS)
 def test_the_drawn_tip_is_pinocchios(robot: str):
     arm = calib.load_arm(robot)
-    body = Body.of(trained(robot, n=400, size=8).about)
+    body = DrawnArm.of(trained(robot, n=400, size=8).about)
     assert body is not None
     q = np.random.default_rng(0).uniform(arm.lower, arm.upper, (20, arm.dof))
     np.testing.assert_allclose(body.tips(q), arm.points(q)[:, -1], atol=1e-12)

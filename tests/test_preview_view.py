@@ -11,12 +11,12 @@ from scenes import paths, project
 
 import calib
 from calib.show.error_scale import UNKNOWN, ErrorScale, colours, length_in_words, rgb, stops
-from calib.show.preview.arm import Body
+from calib.show.preview.arm import DrawnArm
 from calib.show.preview.canvas import quaternions
 from calib.show.preview.motion import drive
-from calib.show.preview.placement import Camera, place, similarity
+from calib.show.preview.placement import Viewpoint, mirrored_similarity, place_model
 from calib.show.preview.scene import draw
-from calib.show.workspace import border, level_lines
+from calib.show.workspace import level_lines, outline
 
 
 def test_a_similarity_is_found_mirrored_or_not():
@@ -24,7 +24,7 @@ def test_a_similarity_is_found_mirrored_or_not():
     x = rng.normal(size=(50, 2))
     for mirror in (1.0, -1.0):
         turn = 2.5 * np.array([[0.6, 0.8 * mirror], [-0.8, 0.6 * mirror]])
-        linear, shift = similarity(x, x @ turn + [3.0, -1.0])
+        linear, shift = mirrored_similarity(x, x @ turn + [3.0, -1.0])
         np.testing.assert_allclose(linear, turn, atol=1e-12)
         np.testing.assert_allclose(shift, [3.0, -1.0], atol=1e-12)
 
@@ -32,7 +32,7 @@ def test_a_similarity_is_found_mirrored_or_not():
 @pytest.mark.parametrize("robot", ["two_link", "tilted", "scara"])
 def test_positions_are_drawn_at_their_true_place(robot: str):
     model, arm = trained(robot, n=400, size=8), calib.load_arm(robot)
-    placement = place(model, Body.of(model.about))
+    placement = place_model(model, DrawnArm.of(model.about))
     x = np.array([[0.1, 0.2], [0.3, -0.1]])
     np.testing.assert_allclose(placement.lift(x), arm.plane.lift(x), atol=1e-9)
     assert placement.note == ""
@@ -45,7 +45,7 @@ def test_a_camera_that_counts_pixels_is_brought_to_the_robot():
         log, x=log.x @ np.array([[0.0, 900.0], [900.0, 0.0]]) + 400.0, unit="px", simulation=None
     )
     model = calib.train(seen, size=8)
-    placement = place(model, Body.of(model.about))
+    placement = place_model(model, DrawnArm.of(model.about))
     assert "least-squares" in placement.note
     drawn = placement.lift(seen.x)
     assert np.linalg.norm(drawn - arm.plane.lift(log.x), axis=1).max() < 5e-3
@@ -70,7 +70,7 @@ def test_level_lines_of_a_circle():
 
 def test_border_of_two_link_lies_on_its_limits():
     model = trained("two_link", n=3000, size=20)
-    lines = border(model)
+    lines = outline(model)
     length = np.linalg.norm(lines[:, 0] - lines[:, 1], axis=1).sum()
     inner = np.sqrt(0.3**2 + 0.25**2 + 2 * 0.3 * 0.25 * np.cos(np.radians(150)))
     outer = np.sqrt(0.3**2 + 0.25**2 + 2 * 0.3 * 0.25 * np.cos(np.radians(15)))
@@ -85,7 +85,7 @@ def test_the_camera_shows_everything_in_any_window():
     rng = np.random.default_rng(0)
     points = rng.uniform(-1, 1, (200, 3)) * [0.5, 0.3, 0.1]
     for frame in (np.eye(3), np.eye(3)[[0, 2, 1]] * [[1], [1], [-1]], np.eye(3)[[1, 2, 0]]):
-        camera = Camera.onto(points, frame)
+        camera = Viewpoint.onto(points, frame)
         for width, height, panel in ((900, 700, 280), (1440, 900, 280), (500, 900, 0)):
             pixels = project(camera, points, width, height, panel)
             assert (pixels[:, 0] > panel).all()
@@ -95,7 +95,7 @@ def test_the_camera_shows_everything_in_any_window():
 
 
 def test_x_leads_right_and_y_up():
-    camera = Camera.onto(np.eye(3), np.eye(3))
+    camera = Viewpoint.onto(np.eye(3), np.eye(3))
     pixels = project(camera, [[0, 0, 0], [0.1, 0, 0], [0, 0.1, 0]], 800, 600)
     assert pixels[1, 0] > pixels[0, 0] + 5
     assert abs(pixels[1, 1] - pixels[0, 1]) < 1

@@ -19,7 +19,7 @@ from calib.recording.from_pictures import log_pictures
 from calib.recording.joint_table import read_joints
 from calib.recording.lens import Lens
 from calib.recording.pictures import list_pictures, read_picture
-from calib.recording.setting import Setting, load_lens
+from calib.recording.setting import Setup, load_lens
 from calib.recording.watch import read_layout
 from calib.samples.tables import read_about
 
@@ -53,26 +53,26 @@ def shot_pixels(copy, order):
 
 
 def test_metres_by_the_board_and_the_height(shot):
-    setting = Setting(7, board=BOARD, lens=LENS, tag_height=0.025)
+    setting = Setup(7, board=BOARD, lens=LENS, tag_height=0.025)
     made = make(shot.folder, setting)
     miss = np.linalg.norm(made.x - truth_on_board(shot.scene, shot.q), axis=1)
     assert made.unit == "m"
     assert np.sqrt((miss**2).mean()) < 1e-3  # a small picture, 1.5 mm a pixel
     assert 0.3 * np.sqrt((miss**2).mean()) < 2 * made.noise < 5e-3
-    flat = make(shot.folder, Setting(7, board=BOARD, lens=LENS))
+    flat = make(shot.folder, Setup(7, board=BOARD, lens=LENS))
     assert np.linalg.norm(flat.x - made.x, axis=1).max() > 5e-3
 
 
 def test_metres_by_tags_around(shot):
     layout = read_layout(shot.folder / "corners.csv")
-    made = make(shot.folder, Setting(7, tags_at=layout, lens=LENS, tag_height=0.025))
+    made = make(shot.folder, Setup(7, tags_at=layout, lens=LENS, tag_height=0.025))
     assert np.linalg.norm(made.x - shot.scene.tip(shot.q), axis=1).max() < 1e-3
-    raw = make(shot.folder, Setting(7, tags_at=layout))
+    raw = make(shot.folder, Setup(7, tags_at=layout))
     assert 1e-3 < np.linalg.norm(raw.x - shot.scene.tip(shot.q), axis=1).max() < 0.05
 
 
 def test_the_pose_of_the_tag(shot):
-    setting = Setting(7, board=BOARD, lens=LENS, tag_size=0.04, pose=True)
+    setting = Setup(7, board=BOARD, lens=LENS, tag_size=0.04, pose=True)
     made = make(shot.folder, setting)
     assert made.x.shape == (16, 3)
     assert np.abs(made.x[:, 2] - 0.025).max() < 0.02
@@ -95,7 +95,7 @@ def test_the_log_says_its_unit_to_train(shot, tmp_path):
 
 
 def test_a_camera_that_was_bumped_is_told_and_positions_stay(shot, tmp_path):
-    setting = Setting(7, board=BOARD, lens=LENS, tag_height=0.025)
+    setting = Setup(7, board=BOARD, lens=LENS, tag_height=0.025)
     before = make(shot.folder, setting)
     bumped = Camera(CAMERA.size, CAMERA.focal, position=(0.21, -0.25, 0.9), roll=0.03)
     scene = desk(camera=bumped)
@@ -114,7 +114,7 @@ def test_a_bump_within_a_recording_is_told(shot, copy):
     rng = np.random.default_rng(3)
     for k in range(10, 16):
         cv2.imwrite(str(copy.folder / "p" / f"img_{k}.png"), bumped.picture(copy.q[k], rng))
-    made = make(copy.folder, Setting(7, board=BOARD, lens=LENS, tag_height=0.025))
+    made = make(copy.folder, Setup(7, board=BOARD, lens=LENS, tag_height=0.025))
     assert any("moved by" in n and "about picture 11" in n for n in made.notes)
     miss = np.linalg.norm(made.x - truth_on_board(copy.scene, copy.q), axis=1)
     assert miss.max() < 2.5e-3
@@ -122,7 +122,10 @@ def test_a_bump_within_a_recording_is_told(shot, copy):
 
 def test_no_such_tag(shot):
     refused(
-        r"tag 8 is in none of 16 pictures: .* show .*7 \(\d+ times\)", make, shot.folder, Setting(8)
+        r"tag 8 is in none of 16 pictures: .* show .*7 \(\d+ times\)",
+        make,
+        shot.folder,
+        Setup(8),
     )
 
 
@@ -176,35 +179,35 @@ def test_counts_and_sizes_and_damage(copy):
 
 def test_where_there_are_no_pictures(shot, tmp_path):
     joints = read_joints(shot.folder / "joints.csv")
-    refused("no folder", log_pictures, tmp_path / "none", joints, Setting(7))
-    refused("no pictures in", log_pictures, tmp_path, joints, Setting(7))
+    refused("no folder", log_pictures, tmp_path / "none", joints, Setup(7))
+    refused("no pictures in", log_pictures, tmp_path, joints, Setup(7))
     found = list_pictures(str(shot.pictures / "img_1*.png"))
     assert [p.name for p in found] == ["img_1.png", *(f"img_1{k}.png" for k in range(6))]
 
 
 def test_settings_that_cannot_be(shot):
     layout = read_layout(shot.folder / "corners.csv")
-    refused("may be off by centimetres", Setting, 7, board=BOARD)
-    refused("`tag_height` is given without", Setting, 7, tag_height=0.02)
-    refused("expected one of them", Setting, 7, board=BOARD, lens=LENS, tags_at=layout)
-    refused("needs `tag_size`", Setting, 7, lens=LENS, pose=True)
-    refused("on the tip and in `tags_at`", Setting, 20, tags_at=layout)
-    refused("printed on the board too", Setting, 7, "5x5_100", BOARD, lens=LENS)
+    refused("may be off by centimetres", Setup, 7, board=BOARD)
+    refused("`tag_height` is given without", Setup, 7, tag_height=0.02)
+    refused("expected one of them", Setup, 7, board=BOARD, lens=LENS, tags_at=layout)
+    refused("needs `tag_size`", Setup, 7, lens=LENS, pose=True)
+    refused("on the tip and in `tags_at`", Setup, 20, tags_at=layout)
+    refused("printed on the board too", Setup, 7, "5x5_100", BOARD, lens=LENS)
     refused("expected `board` too", load_lens, shot.pictures, None)
     refused("is no lens", load_lens, shot.folder / "joints.csv", None)
     other = Lens((320, 240), LENS.focal, LENS.centre, LENS.distortion)
-    refused("lens was calibrated with 320x240", make, shot.folder, Setting(7, lens=other))
+    refused("lens was calibrated with 320x240", make, shot.folder, Setup(7, lens=other))
     refused(
         "`tag_height=0.02` needs `lens`",
         make,
         shot.folder,
-        Setting(7, tags_at=layout, tag_height=0.02),
+        Setup(7, tags_at=layout, tag_height=0.02),
     )
 
 
 def test_a_reference_that_is_not_there(shot, tmp_path):
     other = Board.parse("5x4:40mm:31mm:4x4_50")
-    refused("at most 0 found .* 8 expected", make, shot.folder, Setting(7, board=other, lens=LENS))
+    refused("at most 0 found .* 8 expected", make, shot.folder, Setup(7, board=other, lens=LENS))
     refused("the board is in 0 of 16 pictures", load_lens, shot.pictures, other)
     (tmp_path / "three.csv").write_text("tag,x,y\n1,0,0\n2,1,0\n3,1,1\n")
     refused("expected four tags", read_layout, tmp_path / "three.csv")

@@ -153,10 +153,10 @@ def test_pixels_are_drawn_as_the_camera_sees_them():
 
     from models import log
 
-    from calib.show.preview.placement import place
+    from calib.show.preview.placement import place_model
 
     s = log(200)
     s = calib.Samples(s.q, 640 + 500 * s.x, s.joint_names, s.lower, s.upper, s.revolute, unit="px")
     pixels = calib.train(s, size=8)
     other = replace(pixels, about=replace(pixels.about, unit="sensor"))
-    np.testing.assert_allclose(place(pixels, None).axes[1], -place(other, None).axes[1])
+    np.testing.assert_allclose(place_model(pixels, None).axes[1], -place_model(other, None).axes[1])

@@ -116,6 +116,16 @@ def test_one_inverse_of_many_joints_is_that_of_the_batch_or_nearer(kind):
     assert (far < further + 1e-12).all()
 
 
+def test_joints_that_reach_a_target_are_the_answer_next_to_them():
+    # links alone may propose another branch first
+    m = model("space")
+    q = rows(m, 2000)
+    x = m.forward(q)
+    known = np.isfinite(x).all(axis=1)
+    assert known.mean() > 0.5
+    np.testing.assert_allclose(m.inverse(x[known], near=q[known]), q[known], rtol=0, atol=1e-9)
+
+
 def _warm(m):
     """Ask often enough that queries are compiled."""
     for _ in range(40):

@@ -10,11 +10,11 @@ import pytest
 
 from calib.arm.loading import load_arm
 from calib.arm.rotations import exponential, logarithm
-from calib.body import Body
 from calib.body.fitting import fit_structure
+from calib.body.sensor import SensorPose
 from calib.body.spatial import structure_of
 from calib.body.spatial_random import unknown_structure
-from calib.body.spatial_words import camera_place
+from calib.body.storing import body_arrays, body_header, rebuild_body
 from calib.errors import LogError, ModelError
 
 VIEWS = ("base", "rigid", "similarity", "pose", "pinhole")
@@ -122,7 +122,7 @@ def test_a_fit_finds_the_arm_and_its_bound_holds_the_errors():
     error = np.linalg.norm(body.predict(fresh) - structure.predict(fresh, beta), axis=1)
     assert error.mean() < 1.5e-4
     assert np.mean(error <= body.bound(fresh, noise=False)) > 0.93
-    again = Body.rebuild(json.loads(json.dumps(body.header())), body.arrays())
+    again = rebuild_body(json.loads(json.dumps(body_header(body))), body_arrays(body))
     np.testing.assert_array_equal(again.predict(fresh), body.predict(fresh))
     np.testing.assert_allclose(again.bound(fresh), body.bound(fresh), rtol=1e-5)
     words = " ".join(body.describe())
@@ -223,9 +223,9 @@ def test_a_camera_finds_itself():
     body = fit_structure(replace(structure, extent=spread(pixels)), q, pixels).body
     error = np.linalg.norm(body.predict(fresh) - structure.predict(fresh, beta), axis=1)
     assert error.mean() < 0.5
-    place, frame = camera_place(structure, body.beta)
-    assert np.linalg.norm(place - eye) < 0.01
-    assert np.linalg.norm(logarithm(frame @ turn)) < 0.02
+    camera = SensorPose.of(body)
+    assert np.linalg.norm(camera.position - eye) < 0.01
+    assert np.linalg.norm(logarithm(camera.rotation @ turn)) < 0.02
     np.testing.assert_allclose(body.beta[groups["offset"]], beta[groups["offset"]], atol=5e-3)
 
 
@@ -267,7 +267,7 @@ def test_damaged_arrays_of_a_model_file_are_refused():
     arm, structure, beta = truth()
     q = rows(arm, 40, 1)
     body = fit_structure(structure, q, structure.predict(q, beta)).body
-    header, arrays = body.header(), body.arrays()
+    header, arrays = body_header(body), body_arrays(body)
     for name, value in {
         "structure.axes": np.zeros((3, 3)),
         "structure.points": np.full((3, 3), np.nan),
@@ -275,6 +275,6 @@ def test_damaged_arrays_of_a_model_file_are_refused():
         "structure.coupling": np.eye(2),
     }.items():
         with pytest.raises(ModelError):
-            Body.rebuild(header, {**arrays, name: value})
+            rebuild_body(header, {**arrays, name: value})
     with pytest.raises(ModelError, match="view"):
-        Body.rebuild({**header, "structure": {**header["structure"], "view": "odd"}}, arrays)
+        rebuild_body({**header, "structure": {**header["structure"], "view": "odd"}}, arrays)

@@ -6,12 +6,16 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from models import in_space
 
 from calib.arm.loading import load_arm
-from calib.body import Body
-from calib.body.fitted import by_block
+from calib.body.belief import Body
+from calib.body.derivative import Derivative
 from calib.body.fitting import fit_structure
+from calib.body.gauge import without_gauge
+from calib.body.normal import sums_of
 from calib.body.remount import remount
+from calib.body.sensor import SensorPose
 from calib.body.spatial import structure_of
 from calib.body.spatial_start import frame
 
@@ -106,13 +110,14 @@ def test_a_fit_is_never_worse_than_the_drawing_with_fitted_frames(arm, rows):
 def test_blocks_add_up_to_the_normal_equations():
     rng = np.random.default_rng(0)
     x, r, w = rng.normal(size=(25, 2, 4)), rng.normal(size=(25, 2)), rng.random((25, 2))
-    noise = np.array([0.5, 0.5])
-    edges, grams, moments = by_block(x, r, w, noise, (2,))
-    assert edges[0] == 0
-    assert edges[-1] == 25
-    flat, heavy = x.reshape(-1, 4), (w / noise**2).ravel()
-    np.testing.assert_allclose(grams.sum(axis=0), (flat * heavy[:, None]).T @ flat, atol=1e-10)
-    np.testing.assert_allclose(moments.sum(axis=0), flat.T @ (heavy * r.ravel()), atol=1e-10)
+    each = Derivative.of(x)
+    (sums,) = sums_of(each, r, w, (2,), np.array([0, 7, 25]))
+    (kept,) = sums_of(each, r, w, (2,), np.array([0, 7, 25]), [sums])
+    flat, heavy = x.reshape(-1, 4), w.ravel()
+    np.testing.assert_allclose(sums.grams.sum(axis=0), (flat * heavy[:, None]).T @ flat, atol=1e-10)
+    np.testing.assert_allclose(sums.gram, sums.grams.sum(axis=0))
+    np.testing.assert_allclose(sums.moment, flat.T @ (heavy * r.ravel()), atol=1e-10)
+    np.testing.assert_allclose(kept.moments, sums.moments, atol=1e-12)
 
 
 def test_the_spectrum_of_curves_carries_over_to_joints_that_turn_elsewhere(arm):
@@ -139,3 +144,31 @@ def test_the_spectrum_of_curves_carries_over_to_joints_that_turn_elsewhere(arm):
     few, fresh = rows(14, middle, arm.upper), rows(200, middle, arm.upper)
     learned, plain = remount(body, *few), remount(replace(body, scales={}), *few)
     assert apart(learned, *fresh).mean() < 0.8 * apart(plain, *fresh).mean()
+
+
+def test_a_gauge_is_what_no_reading_tells():
+    body = in_space().body
+    structure, active = body.structure, body.active
+    left = without_gauge(structure, body, size=True)
+    q = np.random.default_rng(1).uniform(-1.0, 1.0, (50, 3))
+    x = structure.linearise(q, body.beta, active)[1].reshape(-1, len(active))
+    spreads = [((x @ each) * x).sum(axis=1) for each in (body.covariance, left)]
+    np.testing.assert_allclose(*spreads, rtol=1e-4)  # of readings: nothing is lost
+    tracker = SensorPose.of(body)
+    assert tracker.told_sd.max() < 0.1 * tracker.position_sd.max()
+    assert "no reading tells" in " ".join(tracker.words("sensor's frame"))
+
+
+def test_sums_of_harmonics_are_those_of_all_columns():
+    body = in_space().body
+    rng = np.random.default_rng(2)
+    q, w, r = rng.uniform(-1, 1, (30, 3)), rng.random((30, 3)), rng.normal(size=(30, 3))
+    for kept in (body.active, np.delete(body.active, -1)):  # without one of the harmonics
+        x = body.structure.derivative(q, body.beta, kept)[1]
+        flat = body.structure.linearise(q, body.beta, kept)[1].reshape(90, -1)
+        np.testing.assert_array_equal(x.dense().reshape(90, -1), flat)
+        np.testing.assert_allclose(x.gram(w), (flat.T * w.ravel()) @ flat, atol=1e-12)
+        np.testing.assert_allclose(x.moment(r), flat.T @ r.ravel(), atol=1e-12)
+        step = rng.normal(size=len(kept))
+        np.testing.assert_allclose(x.rows(slice(3, 9)).times(step).ravel(), flat[9:27] @ step)
+    assert len(x.waves) == 3

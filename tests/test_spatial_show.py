@@ -9,9 +9,9 @@ from models import in_pixels, in_space, trained
 
 from calib.arm.loading import arm_from_urdf
 from calib.body.curves import curve_value
-from calib.body.spatial_words import camera_place
-from calib.show.preview.arm import Body
-from calib.show.preview.placement import place
+from calib.body.sensor import SensorPose
+from calib.show.preview.arm import DrawnArm
+from calib.show.preview.placement import place_model
 from calib.show.preview.scene import draw
 from calib.show.preview.server import Live
 from calib.show.report import space
@@ -97,9 +97,10 @@ def test_errors_by_joint_are_means_of_the_rows(evidence):
 
 def test_a_picture_stands_where_its_camera_sees_it():
     model = in_pixels()
-    placement = place(model, Body.of(model.about))
+    placement = place_model(model, DrawnArm.of(model.about))
     structure = model.body.structure
-    camera, turn = camera_place(structure, model.body.beta)
+    sensor = SensorPose.of(model.body)
+    camera, turn = sensor.position, sensor.rotation
     f, u, v, _ = structure.lens
     pixels = np.array([[u, v], [u + 100, v], [u, v + 50]])
     rays = (placement.lift(pixels) - camera) @ turn

@@ -10,7 +10,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from calib_cli.output import Table
+from calib_cli.output import TextTable
 
 import calib
 
@@ -131,7 +131,7 @@ def test_narrow_terminals(model, columns):
 
 
 def test_a_table_as_records_names_every_cell():
-    table = Table(["joint", "value"], [["a", "1.5"], ["b", "2"]], "title")
+    table = TextTable(["joint", "value"], [["a", "1.5"], ["b", "2"]], "title")
     assert table.records() == ["title", "joint: a", "value: 1.5", "", "joint: b", "value: 2"]
 
 

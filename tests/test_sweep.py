@@ -197,7 +197,7 @@ def test_without_joblib_it_runs_in_one_process_and_says_so(no_joblib, found):
 
 
 def test_seeds_are_told_together():
-    from calib_cli.comparison import tables, together
+    from calib_cli.comparison import sweep_tables, together
 
     rows = fake(0.001, 0.003)
     result = together(rows, "local", "forward")
@@ -206,7 +206,7 @@ def test_seeds_are_told_together():
         "spread": pytest.approx(statistics.stdev([0.001, 0.003])),
         "max": pytest.approx(0.03),
     }
-    (table,) = tables(calib.Sweep((*rows, *fake(0.002, 0.002, size=7))), ["local"])
+    (table,) = sweep_tables(calib.Sweep((*rows, *fake(0.002, 0.002, size=7))), ["local"])
     assert list(table.header[:5]) == ["source", "size", "forward", "sd", "max"]
     assert [row[:5] for row in table.rows] == [
         ["arm", "5", "2.000", "1.414", "30.00"],

@@ -11,7 +11,8 @@ from drifting import arm, log, model
 import calib
 from calib.arm.loading import arm_from_urdf
 from calib.errors import OptionError, RobotError
-from calib.use.geometry import Geometry, fit_geometry
+from calib.use.geometry import fit_geometry
+from calib.use.planar_geometry import Geometry, in_plane
 from calib.use.urdf import corrected_urdf, edited
 
 
@@ -40,15 +41,15 @@ def test_kinematics_of_the_changed_arm(tmp_path, changes):
 def test_offsets_and_lengths_come_out_apart():
     adapted = model().adapt(log("elbow.length=+4%", "elbow.offset=0.02", n=100, noise=0.0))
     geometry = fit_geometry(adapted)
-    assert geometry.offsets == pytest.approx([0.0, 0.02], abs=1e-4)
-    assert geometry.moved[1] == pytest.approx([0.01, 0.0], abs=1e-4)
-    assert geometry.base == pytest.approx([0.0, 0.0], abs=1e-4)
+    assert geometry.offsets[0] == pytest.approx([0.0, 0.02], abs=1e-4)
+    assert geometry.ends[0][2] == pytest.approx([0.01, 0.0], abs=1e-4)
+    assert geometry.ends[0][0] == pytest.approx([0.0, 0.0], abs=1e-4)
     assert geometry.residual < 1e-5
 
 
 def test_nothing_to_change(tmp_path):
     geometry = fit_geometry(model())
-    assert np.abs(geometry.offsets).max() < 1e-6
+    assert np.abs(geometry.offsets[0]).max() < 1e-6
     corrected = exported(tmp_path, model())
     assert corrected.joint_names == arm().joint_names
     assert np.allclose(corrected.lower, arm().lower)
@@ -58,14 +59,14 @@ def test_a_sensor_that_moved_is_not_put_into_the_urdf():
     geometry = fit_geometry(
         model().adapt(log("sensor.rotate=0.1", "sensor.shift=0.1,0", n=100, noise=0.0))
     )
-    assert np.abs(geometry.offsets).max() < 1e-5
+    assert np.abs(geometry.offsets[0]).max() < 1e-5
 
 
 def test_intervals_hold_the_truth():
     samples = log("elbow.length=+4%", n=100, noise=5e-4)
     geometry = fit_geometry(model().adapt(samples))
-    assert abs(geometry.moved[1, 0] - 0.01) < 2 * geometry.interval_moved[1, 0]
-    assert geometry.interval_moved[1, 0] < 2e-3
+    assert abs(geometry.ends[0][2, 0] - 0.01) < 2 * geometry.ends[1][2, 0]
+    assert geometry.ends[1][2, 0] < 2e-3
 
 
 def test_what_no_geometry_explains():
@@ -112,15 +113,12 @@ def test_a_diff_shows_the_changed_attributes_alone():
         '  <transmission name="t"><joint name="elbow"/></transmission>\n</robot>',
     )
     nominal = replace(arm(), urdf=text)
-    dof = 2
-    zero = np.zeros((dof, 2))
-    some = {
-        "arm": nominal, "offsets": np.array([0.0, 0.02]), "moved": np.array([[0.003, 0.0], [0, 0]]),
-        "base": np.zeros(2), "interval_offsets": np.zeros(dof), "interval_moved": zero,
-        "interval_base": np.zeros(2), "frame": None, "free": False, "residual": 0.0,
-        "before": 0.0, "reach": 0.5,
-    }  # fmt: skip
-    new = corrected_urdf(Geometry(**some))
+    structure = in_plane(nominal)
+    beta, zero = structure.neutral(), np.zeros(structure.size)
+    beta[structure.groups["offset"][1]] = 0.02
+    beta[structure.layout.shifts[1]] = 0.003, 0.0, 0.0
+    geometry = Geometry(nominal, structure, beta, zero, False, True, 0.0, 0.0, 0.5)
+    new = corrected_urdf(geometry)
     before, after = text.splitlines(), new.splitlines()
     assert len(before) == len(after)
     changed = [(a, b) for a, b in zip(before, after, strict=True) if a != b]
@@ -131,8 +129,7 @@ def test_a_diff_shows_the_changed_attributes_alone():
     np.testing.assert_allclose(
         again.forward([0.3, 1.0]), two_link_changed(0.3, 1.02, 0.303), atol=1e-12
     )
-    some["offsets"], some["moved"] = np.zeros(dof), zero
-    assert corrected_urdf(Geometry(**some)) == text
+    assert corrected_urdf(replace(geometry, beta=structure.neutral())) == text
 
 
 def two_link_changed(a, b, first):
@@ -182,8 +179,8 @@ def test_the_users_own_file_is_never_written_over(tmp_path, run):
 
 def test_the_base_stays_unless_it_is_freed():
     shifted = model().adapt(log("elbow.offset=0.01", n=100, noise=0.0))
-    assert not fit_geometry(shifted).base.any()
-    assert fit_geometry(shifted, move_base=True).interval_base.all()
+    assert not fit_geometry(shifted).ends[0][0].any()
+    assert fit_geometry(shifted, move_base=True).ends[1][0].all()
     measured = calib.train(replace(log(n=300), simulation=None, arm=arm()), size=10)
     with pytest.raises(OptionError, match="view='base'"):
         fit_geometry(measured, move_base=True)

@@ -4,17 +4,17 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, replace
-from typing import TypeVar
+from typing import ClassVar, TypeVar
 
 import numpy as np
 from numpy.typing import ArrayLike
 
 from ..common.arrays import Array
 from ..common.frozen import own_floats
-from ..common.rows import number_rows
+from ..common.rows import checked_rows
 from ..common.wording import quoted, suggestion
-from ..errors import OptionError, QueryError
-from .ranges import TURN, Range, checked_range, cut_to_one_turn, notes_of_turns
+from ..errors import OptionError
+from .ranges import Range, checked_range, cut_to_one_turn, notes_of_turns
 from .rotations import quaternion_of
 from .spatial_chain import SpatialChain
 
@@ -54,6 +54,7 @@ class Arm:
         The folded transforms, mimic joints included, in the root link's frame.
     """
 
+    outputs: ClassVar[int]  # number of coordinates of a position: 2 in a plane, 3 in space
     name: str
     joint_names: tuple[str, ...]
     lower: Array
@@ -69,11 +70,6 @@ class Arm:
     def __post_init__(self) -> None:
         """Freeze the arrays."""
         own_floats(self, "lower", "upper")
-
-    @property
-    def outputs(self) -> int:
-        """Number of coordinates of a position: 2 in a plane, 3 in space."""
-        raise NotImplementedError
 
     def forward(self, q: ArrayLike) -> Array:
         """Positions (n, outputs) or (outputs,) [m] at joint values (n, dof) or (dof,)."""
@@ -164,15 +160,6 @@ class Arm:
         """Unit of each joint's value."""
         return tuple("rad" if turns else "m" for turns in self.revolute)
 
-    @property
-    def periodic(self) -> tuple[bool, ...]:
-        """Whether each joint's range is a full turn, so that its ends meet."""
-        widths = self.upper - self.lower
-        return tuple(
-            turns and bool(width >= TURN - 1e-9)
-            for turns, width in zip(self.revolute, widths, strict=True)
-        )
-
     def with_range(self: _A, ranges: Mapping[str, Range]) -> _A:
         """Return the arm with only a part of some joints' ranges.
 
@@ -215,7 +202,7 @@ class Arm:
 
     def _by_rows(self, q: ArrayLike, compute: Callable[[Array], Array]) -> Array:
         """Compute something of joint values, some rows at a time; of one vector its only row."""
-        rows, single = self._rows(q)
+        rows, single = checked_rows(q, self.joint_names, "joint values")
         starts = range(0, max(len(rows), 1), _CACHED)
         out = np.concatenate([compute(rows[start : start + _CACHED]) for start in starts])
         return np.asarray(out[0] if single else out)
@@ -227,11 +214,3 @@ class Arm:
                 f"{suggestion(joint, self.joint_names)}"
             )
         return self.joint_names.index(joint)
-
-    def _rows(self, q: ArrayLike) -> tuple[Array, bool]:
-        """Check joint values and return them as (n, dof), and whether they were one vector."""
-        rows, single = number_rows(q, self.joint_names, "joint values")
-        if not np.isfinite(rows).all():
-            bad = int(np.flatnonzero(~np.isfinite(rows).all(axis=1))[0])
-            raise QueryError(f"joint values of row {bad} are not finite: {rows[bad]}")
-        return rows, single

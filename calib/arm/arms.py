@@ -26,17 +26,8 @@ class PlanarArm(Arm):
         Where the tip moves, in the root link's frame.
     """
 
+    outputs = 2
     plane: Plane
-
-    @property
-    def view(self) -> str:
-        """What is measured: the tip's position within a plane."""
-        return "plane"
-
-    @property
-    def outputs(self) -> int:
-        """Number of coordinates of a position."""
-        return 2
 
     def forward(self, q: ArrayLike) -> Array:
         """Positions in the plane (n, 2) or (2,) [m] at joint values (n, dof) or (dof,)."""
@@ -74,15 +65,7 @@ class SpatialArm(Arm):
     `joint_names`.
     """
 
-    @property
-    def view(self) -> str:
-        """What is measured: the tip's position in space."""
-        return "space"
-
-    @property
-    def outputs(self) -> int:
-        """Number of coordinates of a position."""
-        return 3
+    outputs = 3
 
     def with_tip_offset(self, dx: float, dy: float, dz: float = 0.0) -> SpatialArm:
         """Return the arm with its tip moved by dx, dy, dz [m] along the axes of its own frame."""

@@ -114,16 +114,20 @@ def find_candidates(
     return largest(found)
 
 
+def rivals(candidates: Sequence[Candidate], share: float = RIVAL) -> list[Candidate]:
+    """Return the candidates, largest first, of at least a share of the largest one's size."""
+    return [found for found in candidates if found.size >= share * candidates[0].size]
+
+
 def choose(candidates: Sequence[Candidate]) -> tuple[Candidate, str | None]:
     """Return the one candidate that makes sense, and what to say about it.
 
     Raises RobotError if there are several of like reach, with the options that name each.
     """
     best = candidates[0]
-    rivals = [found for found in candidates if found.size >= RIVAL * best.size]
-    if len(rivals) > 1:
-        shown = alternatives(rivals, 6)
-        raise RobotError(f"the robot has {len(rivals)} planar arms, choose one: {shown}")
+    if len(equals := rivals(candidates)) > 1:
+        shown = alternatives(equals, 6)
+        raise RobotError(f"the robot has {len(equals)} planar arms, choose one: {shown}")
     if len(candidates) == 1:
         return best, None
     return best, f"chosen by reach: {best} (others: {alternatives(candidates[1:], 3)})"

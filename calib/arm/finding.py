@@ -23,6 +23,7 @@ from .candidates import (
     find_tip,
     largest,
     nothing_found,
+    rivals,
 )
 from .folding import followers
 from .plane import PARALLEL, common_normal
@@ -75,9 +76,9 @@ def find_arm(urdf: Urdf, posture: Posture, choice: Choice) -> tuple[Found, list[
     unlogged = [joint.name for joint in urdf.path(chosen.tip) if joint.name in idle]
     if unlogged:
         notes.append(f"locked because the log has no columns for them: {listed(unlogged)}")
-    planar = _only_planar(find_candidates(urdf, posture, choice.tip, excluded))
-    if planar:
-        notes.append(f"the arm moves in space; `planar=True` takes its planar part: {planar}")
+    planar = rivals(find_candidates(urdf, posture, choice.tip, excluded))
+    if len(planar) == 1:
+        notes.append(f"the arm moves in space; `planar=True` takes its planar part: {planar[0]}")
     return (list(chosen.joints), chosen.tip, False), notes
 
 
@@ -105,16 +106,6 @@ def _planar(
         raise nothing_found(urdf, posture, choice.tip, choice.lock, fixed)
     chosen, note = choose(candidates)
     return (list(chosen.joints), chosen.tip, True), [note] if note else []
-
-
-def _only_planar(candidates: Sequence[Candidate]) -> Candidate | None:
-    """Return the planar arm that would be chosen, or None where there is none or several."""
-    if not candidates:
-        return None
-    try:
-        return choose(candidates)[0]
-    except RobotError:
-        return None
 
 
 #: More joints than this are no arm that a log could cover: those nearest to the root are held.
@@ -159,7 +150,7 @@ def choose_chain(chains: Sequence[Candidate], *, strict: bool) -> tuple[Candidat
     measured on one of them only. In simulation the first serves, and the others are told.
     """
     best = chains[0]
-    equals = [chain for chain in chains if chain.size >= (1 - EQUAL) * best.size]
+    equals = rivals(chains, 1 - EQUAL)
     if len(equals) == 1:
         return best, None
     if strict:

@@ -24,66 +24,66 @@ class Posture:
 
 
 class Kinematics:
-    """A Pinocchio model of a checked URDF, asked for postures."""
+    """A Pinocchio model of a checked URDF, asked for postures.
+
+    It is built joint by joint: a stranger's names may mean something to Pinocchio's own parser,
+    which calls the world `universe`, and gaps that do no harm here stop it.
+    """
 
     def __init__(self, urdf: Urdf) -> None:
-        pin = _import_pinocchio()
-        numbered = urdf.numbered()
         try:
-            self._model: Any = pin.buildModelFromXML(numbered.plain())
-        except Exception as error:  # Pinocchio raises what its parser happened to throw
+            import pinocchio as pin
+        except ImportError as error:
             raise RobotError(
-                f"Pinocchio cannot read the robot {urdf.name!r} ({error}): check its joints"
+                f"robots need Pinocchio, which cannot be imported ({error}): pip install pin"
             ) from None
-        self._pin = pin
-        self._urdf = urdf
-        joints = zip(urdf.joints, numbered.joints, strict=True)
-        self._joints = {joint.name: self._model.getJointId(own.name) for joint, own in joints}
-        links = zip(urdf.links, numbered.links, strict=True)
-        body = pin.FrameType.BODY
-        self._frames = {link: self._model.getFrameId(own, body) for link, own in links}
+        self._pin: Any = pin
+        self._urdf, self._model = urdf, pin.Model()
+        self._joints: dict[str, int] = {}
+        # of each link the joint that carries it, and its placement there
+        self._links: dict[str, tuple[int, Any]] = {urdf.root: (0, pin.SE3.Identity())}
+        # a URDF may list a joint before the one that carries it
+        for joint in sorted(urdf.joints, key=lambda joint: len(urdf.path(joint.child))):
+            carrier, there = self._links[joint.parent]
+            placed = there * pin.SE3(pin.rpy.rpyToMatrix(*joint.rpy), np.array(joint.xyz))
+            if joint.movable:
+                motion = "Revolute" if joint.revolute else "Prismatic"
+                axis = np.array(joint.axis) / np.linalg.norm(joint.axis)
+                kind = getattr(pin, f"JointModel{motion}Unaligned")(axis)
+                carrier = self._model.addJoint(carrier, kind, placed, str(len(self._joints)))
+                self._joints[joint.name], placed = carrier, pin.SE3.Identity()
+            self._links[joint.child] = carrier, placed
 
     def posture(self, values: Mapping[str, float]) -> Posture:
         """Return the posture at joint values [rad or m]; joints not named are at zero."""
-        model, data = self._model, self._placed(values)
-        jacobian = np.reshape(data.J, (6, model.nv))  # of one joint it would be a vector
+        data = self._placed(values)
+        jacobian = np.reshape(data.J, (6, self._model.nv))  # of one joint it would be a vector
         axes: dict[str, Array] = {}
         points: dict[str, Array] = {}
-        for joint in self._urdf.joints:
-            if not joint.movable:
-                continue
+        for joint in filter(lambda joint: joint.movable, self._urdf.joints):
             number = self._joints[joint.name]
-            column = model.joints[number].idx_v
             rows = slice(3, 6) if joint.revolute else slice(0, 3)
-            axes[joint.name] = jacobian[rows, column].copy()
+            # columns of the world Jacobian are the joints' axes, whatever a URDF says of its frames
+            axes[joint.name] = jacobian[rows, number - 1].copy()
             points[joint.name] = np.array(data.oMi[number].translation)
-        frames = {link: data.oMf[frame] for link, frame in self._frames.items()}
-        links = {link: np.array(frame.translation) for link, frame in frames.items()}
-        rotations = {link: np.array(frame.rotation) for link, frame in frames.items()}
-        return Posture(axes, points, links, rotations)
+        frames = self.transforms(values)
+        return Posture(
+            axes,
+            points,
+            {link: frame[:3, 3].copy() for link, frame in frames.items()},
+            {link: frame[:3, :3].copy() for link, frame in frames.items()},
+        )
 
     def transforms(self, values: Mapping[str, float]) -> dict[str, Array]:
         """Transforms (4, 4) of every link in the root's frame at joint values [rad or m]."""
         data = self._placed(values)
-        return {link: data.oMf[frame].homogeneous for link, frame in self._frames.items()}
+        placed = ((link, *self._links[link]) for link in self._urdf.links)
+        return {link: (data.oMi[k] * there).homogeneous for link, k, there in placed}
 
     def _placed(self, values: Mapping[str, float]) -> Any:
         """Pinocchio's data at joint values."""
-        pin, model = self._pin, self._model
-        data, q = model.createData(), np.zeros(model.nq)
+        data, q = self._model.createData(), np.zeros(self._model.nq)
         for name, value in values.items():
-            q[model.joints[self._joints[name]].idx_q] = value
-        # columns of the world Jacobian are the joints' axes, whatever a URDF says of its frames
-        pin.computeJointJacobians(model, data, q)
-        pin.updateFramePlacements(model, data)
+            q[self._joints[name] - 1] = value  # each joint has one value
+        self._pin.computeJointJacobians(self._model, data, q)
         return data
-
-
-def _import_pinocchio() -> Any:
-    try:
-        import pinocchio
-    except ImportError as error:
-        raise RobotError(
-            f"robots need Pinocchio, which cannot be imported ({error}): pip install pin"
-        ) from None
-    return pinocchio

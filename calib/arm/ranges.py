@@ -6,10 +6,10 @@ import math
 from collections.abc import Mapping, Sequence
 from typing import Any
 
+from ..common.scale import TURN
 from ..errors import OptionError, RobotError
 from .tree import Joint
 
-TURN = 2.0 * math.pi
 #: A sliding joint that claims to travel further than this [m] states no usable limit.
 MAX_TRAVEL = 1_000.0
 #: Limits that exceed one turn or a range that exceeds its limits by less than this are

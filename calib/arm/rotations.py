@@ -86,3 +86,22 @@ def cross_matrix(vectors: ArrayLike) -> Array:
     out[..., 0, 2], out[..., 2, 0] = v[..., 1], -v[..., 1]
     out[..., 1, 2], out[..., 2, 1] = -v[..., 0], v[..., 0]
     return out
+
+
+def nearest_rotation(matrix: Array) -> Array:
+    """The rotation (3, 3) nearest to a matrix (Kabsch 1976)."""
+    u, _, vt = np.linalg.svd(matrix)
+    return np.asarray(u @ np.diag([1.0, 1.0, np.linalg.det(u @ vt)]) @ vt)
+
+
+def similarity(a: Array, b: Array) -> tuple[Array, Array, float]:
+    """Rotation (d, d), shift (d,) and scale with b = scale R a + shift of rows (Umeyama 1991)."""
+    middle, seen = a.mean(axis=0), b.mean(axis=0)
+    u, s, vt = np.linalg.svd((b - seen).T @ (a - middle))
+    sign = np.ones(len(s))
+    # of the orthogonal matrices that fit, the rotation: a mirror is another sensor
+    sign[-1] = np.sign(np.linalg.det(u @ vt)) or 1.0
+    turn = (u * sign) @ vt
+    spread = float(((a - middle) ** 2).sum())
+    scale = max(float((s * sign).sum()) / max(spread, 1e-300), 1e-12)
+    return turn, seen - scale * turn @ middle, scale

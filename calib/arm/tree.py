@@ -2,8 +2,7 @@
 
 from __future__ import annotations
 
-import xml.etree.ElementTree as ET
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from functools import cached_property
 
 Vector = tuple[float, float, float]
@@ -98,38 +97,3 @@ class Urdf:
                 carrying.add(link)
                 link = self._above[link].parent if link in self._above else link
         return carrying
-
-    def numbered(self) -> Urdf:
-        """Return the same tree with numbers in its names, in the same order.
-
-        A stranger's names may mean something to Pinocchio: it calls the world `universe`.
-        """
-        links = {link: f"link_{k}" for k, link in enumerate(self.links)}
-        joints = tuple(
-            replace(joint, name=f"joint_{k}", parent=links[joint.parent], child=links[joint.child])
-            for k, joint in enumerate(self.joints)
-        )
-        return replace(self, root=links[self.root], links=tuple(links.values()), joints=joints)
-
-    def plain(self) -> str:
-        """Return a URDF of links and joints only, which Pinocchio reads without objection.
-
-        Continuous joints are written as revolute ones, so that every joint has one value.
-        """
-        robot = ET.Element("robot", name="robot")
-        for link in self.links:
-            ET.SubElement(robot, "link", name=link)
-        for joint in self.joints:
-            kind = "revolute" if joint.kind == "continuous" else joint.kind
-            node = ET.SubElement(robot, "joint", name=joint.name, type=kind)
-            ET.SubElement(node, "parent", link=joint.parent)
-            ET.SubElement(node, "child", link=joint.child)
-            ET.SubElement(node, "origin", xyz=_written(joint.xyz), rpy=_written(joint.rpy))
-            if joint.movable:
-                ET.SubElement(node, "axis", xyz=_written(joint.axis))
-                ET.SubElement(node, "limit", lower="-1", upper="1", effort="0", velocity="0")
-        return ET.tostring(robot, encoding="unicode")
-
-
-def _written(vector: Vector) -> str:
-    return " ".join(map(repr, vector))

@@ -1,8 +1,8 @@
 """URDF: read, check and explain a robot description before any library sees it.
 
-Only the standard library's XML parser is used. What passes is handed to Pinocchio as a
-plain text that holds nothing but links and joints, so that harmless gaps (no robot name,
-no effort limit) do no harm and real faults have been told in one line before.
+Only the standard library's XML parser is used. Pinocchio gets the joints that pass and never the
+text, so that harmless gaps (no robot name, no effort limit) do no harm and real faults have been
+told in one line before.
 """
 
 from __future__ import annotations

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import itertools
+import math
 from dataclasses import dataclass
 from functools import cached_property
 
@@ -27,12 +28,9 @@ def exponents(dim: int, degree: int) -> Exponents:
 def largest_degree(dim: int, terms: int) -> int:
     """Highest total degree that needs at most so many terms."""
     degree = 0
-    count = 1
-    while True:
-        count = count * (dim + degree + 1) // (degree + 1)
-        if count > terms:
-            return degree
+    while math.comb(dim + degree + 1, dim) <= terms:
         degree += 1
+    return degree
 
 
 @dataclass(frozen=True)

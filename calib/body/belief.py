@@ -8,7 +8,6 @@ from functools import cached_property
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
 from ..common.arrays import Array
 from ..common.frozen import ReadOnly
@@ -160,25 +159,6 @@ class Body(ReadOnly):
             return lines
         what = "camera" if is_camera(self.structure.view) else "sensor's frame"
         return (*lines, *sensor.words(what))
-
-    def header(self) -> dict[str, Any]:
-        """JSON-ready part of a model file; `arrays` holds the rest."""
-        from .storing import body_header
-
-        return body_header(self)
-
-    def arrays(self) -> dict[str, NDArray[Any]]:
-        """Arrays of a model file, by name."""
-        from .storing import body_arrays
-
-        return body_arrays(self)
-
-    @staticmethod
-    def rebuild(header: Mapping[str, Any], arrays: Mapping[str, NDArray[Any]]) -> Body:
-        """The body of a model file, every value checked; `ModelError` where one is impossible."""
-        from .storing import rebuild_body
-
-        return rebuild_body(header, arrays)
 
     def to_json(self) -> dict[str, Any]:
         """JSON-ready summary: member, view, noise, parameters with intervals, words."""

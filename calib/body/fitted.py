@@ -3,16 +3,11 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from itertools import pairwise
-
-import numpy as np
 
 from ..common.arrays import Array
-from .normal import sums_of
+from .derivative import Derivative
+from .normal import Factor, Sums, information_factor, with_prior
 from .structure import Indices, Structure
-
-BLOCKS = 10
-"""Contiguous blocks of rows whose information is kept apart."""
 
 
 @dataclass(frozen=True)
@@ -26,12 +21,10 @@ class Fit:
     noise: Array  # (m,)
     nu: float
     residual: Array  # (n, m)
-    derivative: Array  # (n, m, k)
+    derivative: Derivative  # (n, m, k)
     weight: Array  # (n, m)
+    sums: list[Sums]  # of each block of outputs
     precision: Array  # (k, k), weighted information and prior
-    # (k, k), posterior covariance, with the Student noise's loss of information and that of
-    # residuals that are correlated in the order of the log
-    covariance: Array
     # (k,), of the log posterior: zero at its maximum, not quite where the steps ended before it
     gradient: Array
     edges: Indices  # (b + 1,), limits of contiguous blocks of rows
@@ -46,19 +39,18 @@ class Fit:
     known: Array | None = None
 
     @property
-    def prior(self) -> Array:
-        """Prior precision (k, k)."""
-        return np.diag(self.sd**-2.0) if self.known is None else self.known
+    def told(self) -> float:
+        """Share of the rows' information that is left.
 
+        The Student noise loses some, and residuals that are correlated in the order of the log.
+        """
+        return information_factor(self.structure, self.nu) / self.autocorrelation
 
-def by_block(
-    x: Array, r: Array, w: Array, noise: Array, blocks: tuple[int, ...]
-) -> tuple[Indices, Array, Array]:
-    """Limits (b + 1,) of contiguous blocks of rows; their information (b, k, k), moments (b, k)."""
-    edges = np.linspace(0, len(r), min(BLOCKS, len(r)) + 1).round().astype(int)
-    grams, moments = [], []
-    for a, b in pairwise(edges):
-        sums = sums_of(x[a:b] / noise[:, None], r[a:b] / noise, w[a:b], blocks)
-        grams.append(np.sum([s.gram for s in sums], axis=0))
-        moments.append(np.sum([s.moment for s in sums], axis=0))
-    return edges, np.stack(grams), np.stack(moments)
+    @property
+    def covariance(self) -> Array:
+        """Posterior covariance (k, k)."""
+        return self.softer(self.grams.sum(axis=0)).inverse()
+
+    def softer(self, gram: Array) -> Factor:
+        """Factor of the precision that is left of rows of information `gram` (k, k), and prior."""
+        return Factor(with_prior(self.told * gram, self.sd, self.known))

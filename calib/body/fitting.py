@@ -8,6 +8,7 @@ from dataclasses import replace
 import numpy as np
 
 from ..common.arrays import Array
+from ..common.scale import METRES
 from ..errors import LogError, OptionError
 from .nominal import Nominal
 from .planar import PlanarStructure
@@ -15,10 +16,7 @@ from .posterior import BodyFit, fit_structure
 from .telling import warnings_of
 from .views import PLANAR
 
-__all__ = ["METRES", "BodyFit", "fit_body", "fit_structure", "planar_structure"]
-
-METRES = {"m": 1.0, "cm": 100.0, "mm": 1000.0, "um": 1e6, "in": 1 / 0.0254}
-"""Units per metre of the units that are lengths."""
+__all__ = ["BodyFit", "fit_body", "fit_structure", "planar_structure"]
 
 MISFIT = 0.02
 """Share of the extent beyond which a nominal geometry is doubted."""

@@ -7,8 +7,9 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from .fitted import BLOCKS, Fit
+from .fitted import Fit
 from .held_out import HeldOut, leave_blocks_out
+from .search import BLOCKS
 
 NATS = 3.0
 """Gain of evidence that decides where the held-out score agrees."""

@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 from ..common.arrays import Array
 from .bound import radius_95
 from .fitted import Fit
-from .normal import Factor, information_factor, slices
+from .normal import Factor, slices
 from .structure import Indices
 
 WORK = 5e5
@@ -91,11 +91,10 @@ class HeldOut:
 
 def leave_blocks_out(fit: Fit, partitions: tuple[int, ...] = PARTITIONS) -> HeldOut:
     """Held-out predictions of a fit, linearised, with its noise and scales kept."""
-    n, m, k = fit.derivative.shape
+    (n, m), k = fit.residual.shape, fit.derivative.size
     edges = fit.edges
     count = len(edges) - 1
-    share = information_factor(fit.structure, fit.nu) / fit.autocorrelation
-    prior, gram_all = fit.prior, fit.grams.sum(axis=0)
+    gram_all = fit.grams.sum(axis=0)
     every = max(1, round(n * k / WORK))
     p = fit.structure.blocks[0]
     residual = np.full((n, m), np.nan)
@@ -106,20 +105,20 @@ def leave_blocks_out(fit: Fit, partitions: tuple[int, ...] = PARTITIONS) -> Held
         limits = np.linspace(0, count, parts + 1).round().astype(int)
         ratio = np.full(n, np.nan)
         for first, last in pairwise(limits):
-            rows = np.arange(edges[first], edges[last])
+            rows = slice(edges[first], edges[last])
             gram = fit.grams[first:last].sum(axis=0)
             moment = fit.moments[first:last].sum(axis=0)
             try:
                 delta = Factor(fit.precision - gram).solve(fit.gradient - moment)
-                softer = Factor((gram_all - gram) * share + prior)
+                softer = fit.softer(gram_all - gram)
             except np.linalg.LinAlgError:
                 continue
             if parts == count:
-                residual[rows] = fit.residual[rows] - fit.derivative[rows] @ delta
-            rows = rows[::every]
-            x = fit.derivative[rows]
-            length = np.linalg.norm((fit.residual[rows] - x @ delta)[:, :p], axis=1)
-            y = softer.whiten(x[:, :p].reshape(-1, k).T).reshape(k, -1, p)
+                residual[rows] = fit.residual[rows] - fit.derivative.rows(rows).times(delta)
+            rows = slice(edges[first], edges[last], every)
+            x = fit.derivative.rows(rows, slice(p))
+            length = np.linalg.norm(fit.residual[rows, :p] - x.times(delta), axis=1)
+            y = softer.whiten(x.dense().reshape(-1, k).T).reshape(k, -1, p)
             spread = np.einsum("kni,knj->nij", y, y) + np.diag(fit.noise[:p] ** 2)
             ratio[rows] = length / radius_95(spread)
             if parts == count:

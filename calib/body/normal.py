@@ -7,11 +7,12 @@ from dataclasses import dataclass
 from itertools import pairwise
 
 import numpy as np
-from scipy.linalg import cho_factor, cho_solve, solve_triangular
-from scipy.linalg.lapack import dpotri, dtrtri
+from scipy.linalg import cho_solve, solve_triangular
+from scipy.linalg.lapack import dpotrf, dpotri, dtrtri
 
 from ..common.arrays import Array
-from .structure import Structure
+from .derivative import Derivative
+from .structure import Indices, Structure
 
 
 class Factor:
@@ -24,58 +25,67 @@ class Factor:
     def __init__(self, matrix: Array) -> None:
         diagonal = np.diag(matrix)
         self.scale = 1.0 / np.sqrt(np.where(diagonal > 0, diagonal, 1.0))
-        scaled = matrix * self.scale[:, None]
-        scaled *= self.scale
         for jitter in (0.0, 1e-13, 1e-11, 1e-9, 1e-6):
-            if jitter:
-                scaled[np.diag_indices(len(scaled))] += jitter
-            try:
-                self._factor = cho_factor(scaled, lower=True, check_finite=False)
-            except np.linalg.LinAlgError:
-                continue
-            if np.isfinite(np.diag(self._factor[0])).all():  # a NaN spreads to the diagonal
+            scaled = matrix * self.scale[:, None]
+            scaled *= self.scale
+            scaled.flat[:: len(scaled) + 1] += jitter
+            # The transpose of a C-ordered array is what LAPACK factors in place, without a copy.
+            self._root, failed = dpotrf(scaled.T, lower=1, clean=1, overwrite_a=1)
+            if not failed and np.isfinite(np.diag(self._root)).all():  # a NaN spreads there
                 return
         raise np.linalg.LinAlgError("the matrix is not positive")
 
     def solve(self, b: Array) -> Array:
         """Solution (k,) or (k, r) of ``matrix x = b``."""
         s = self.scale if b.ndim == 1 else self.scale[:, None]
-        return np.asarray(s * cho_solve(self._factor, s * b, check_finite=False))
+        return np.asarray(s * cho_solve((self._root, True), s * b, check_finite=False))
 
     def inverse(self) -> Array:
         """Inverse (k, k)."""
         if not len(self.scale):  # LAPACK complains of an empty matrix on standard output
             return np.zeros((0, 0))
-        inner = np.tril(dpotri(self._factor[0], lower=1)[0])  # a third of solving for 1
+        inner = dpotri(self._root, lower=1)[0]  # a third of solving for 1; above it are zeros
         inner += np.tril(inner, -1).T
-        return np.asarray(inner * self.scale[:, None] * self.scale)
+        inner *= self.scale[:, None]
+        inner *= self.scale
+        return np.ascontiguousarray(inner)
 
     def variances(self) -> Array:
         """Diagonal (k,) of the inverse, at half the work of all of it."""
-        root = np.tril(dtrtri(self._factor[0], lower=1)[0])
+        root = dtrtri(self._root, lower=1)[0]
         return np.asarray(np.einsum("ij,ij->j", root, root) * self.scale**2)
 
     def whiten(self, b: Array) -> Array:
         """``L^-1 b`` (k, r): columns whose scalar products are ``b' matrix^-1 b``."""
         return np.asarray(
             solve_triangular(
-                self._factor[0], self.scale[:, None] * b, lower=True, check_finite=False
+                self._root,
+                np.asfortranarray(b * self.scale[:, None]),
+                lower=True,
+                overwrite_b=True,
+                check_finite=False,
             )
         )
 
     def log_determinant(self) -> float:
         """Logarithm of the matrix's determinant."""
-        return float(2 * np.log(np.diag(self._factor[0])).sum() - 2 * np.log(self.scale).sum())
+        return float(2 * np.log(np.diag(self._root)).sum() - 2 * np.log(self.scale).sum())
 
 
 @dataclass(frozen=True)
 class Sums:
-    """Weighted sums of one block of outputs, noise not yet divided out."""
+    """Weighted sums of one block of outputs, noise not yet divided out, by blocks of rows."""
 
-    gram: Array  # (k, k), ``X' W X``
-    moment: Array  # (k,), ``X' W r``
+    grams: Array  # (b, k, k), ``X' W X``
+    moments: Array  # (b, k), ``X' W r``
+    gram: Array  # (k, k), of all rows
     square: float  # ``r' W r``
     count: int  # number of residuals
+
+    @property
+    def moment(self) -> Array:
+        """``X' W r`` (k,) of all rows."""
+        return np.asarray(self.moments.sum(axis=0))
 
 
 def slices(blocks: tuple[int, ...]) -> list[slice]:
@@ -96,24 +106,37 @@ def student_weights(r: Array, noise: Array, nu: float, blocks: tuple[int, ...]) 
 
 
 def sums_of(
-    x: Array, r: Array, w: Array, blocks: tuple[int, ...], old: Sequence[Sums] | None = None
+    x: Derivative,
+    r: Array,
+    w: Array,
+    blocks: tuple[int, ...],
+    edges: Indices,
+    old: Sequence[Sums] = (),
 ) -> list[Sums]:
-    """Sums of each block of outputs: derivatives (n, m, k), residuals (n, m), weights (n, m).
+    """Sums of each block of outputs: derivatives, residuals (n, m) and weights (n, m).
 
-    With `old` sums their grams are kept, which are by far the most work.
+    `edges` (b + 1,) are limits of blocks of rows. With `old` sums their grams are kept, which are
+    by far the most work.
     """
     out = []
     for at, part in enumerate(slices(blocks)):
-        if old is None:
-            root = np.sqrt(w[:, part])
-            a = (x[:, part] * root[:, :, None]).reshape(-1, x.shape[2])
-            gram, moment = a.T @ a, a.T @ (r[:, part] * root).ravel()
-        else:
-            gram = old[at].gram
-            moment = np.tensordot(w[:, part] * r[:, part], x[:, part], axes=2)
-        square = float((w[:, part] * r[:, part] ** 2).sum())
-        out.append(Sums(gram, moment, square, r[:, part].size))
+        pulled = w[:, part] * r[:, part]
+        parts = [(slice(a, b), x.rows(slice(a, b), part)) for a, b in pairwise(edges)]
+        moments = np.stack([some.moment(pulled[rows]) for rows, some in parts])
+        grams = old[at].grams if old else np.stack([each.gram(w[r_, part]) for r_, each in parts])
+        gram = old[at].gram if old else grams.sum(axis=0)
+        square = float((pulled * r[:, part]).sum())
+        out.append(Sums(grams, moments, gram, square, pulled.size))
     return out
+
+
+def with_prior(gram: Array, sd: Array, known: Array | None) -> Array:
+    """Add a prior's precision to an information (k, k), in place: `known`, else of sds (k,)."""
+    if known is not None:
+        gram += known
+    else:
+        gram.flat[:: len(gram) + 1] += sd**-2.0
+    return gram
 
 
 def first_noise(r: Array, floor: Array, blocks: tuple[int, ...]) -> Array:
@@ -150,9 +173,7 @@ def information_factor(structure: Structure, nu: float) -> float:
 
 def linear_evidence(gram: Array, moment: Array, start: Array, sd: Array) -> float:
     """Log evidence of linearised rows, at `start` beyond the prior's mean, up to a constant."""
-    precision = gram.copy()
-    precision[np.diag_indices(len(sd))] += sd**-2.0
-    factor = Factor(precision)
+    factor = Factor(with_prior(gram.copy(), sd, None))
     pull = moment - start / sd**2
     return 0.5 * float(
         pull @ factor.solve(pull)

@@ -29,26 +29,29 @@ def pack(covariance: Array) -> Packed:
 
 def unpack(packed: Packed, size: int) -> Array:
     """The covariance (size, size) of a packed root."""
-    upper = np.zeros((size, size))
-    upper[np.triu_indices(size)] = packed
+    upper = _triangle(packed, size)
     return np.asarray(upper.T @ upper)
 
 
 def root_in(covariance: Array, packed: Packed | None) -> Array:
     """A root (k, k) of a covariance: the packed triangle where that is its own."""
-    size = len(covariance)
-    upper = np.zeros((size, size))
-    if packed is not None and len(packed) == size * (size + 1) // 2:
-        upper[np.triu_indices(size)] = packed
-        if np.array_equal(upper.T @ upper, covariance):
-            return upper.T  # a fifth of the eigenvectors' time, and half of it is zero
+    if packed is not None and _is_of(packed, covariance):
+        return _triangle(packed, len(covariance)).T  # a fifth of the eigenvectors' time, half zero
     return root_of(covariance)
 
 
 def packed_of(covariance: Array, packed: Packed | None) -> Packed:
     """The packed root of a covariance: the one at hand where it is the covariance's own."""
+    return packed if packed is not None and _is_of(packed, covariance) else pack(covariance)
+
+
+def _triangle(packed: Packed, size: int) -> Array:
+    upper = np.zeros((size, size))
+    upper[np.triu_indices(size)] = packed
+    return upper
+
+
+def _is_of(packed: Packed, covariance: Array) -> bool:
     size = len(covariance)
-    fits = packed is not None and len(packed) == size * (size + 1) // 2
-    if packed is not None and fits and np.array_equal(unpack(packed, size), covariance):
-        return packed
-    return pack(covariance)
+    fits = len(packed) == size * (size + 1) // 2
+    return fits and np.array_equal(unpack(packed, size), covariance)

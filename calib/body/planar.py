@@ -10,7 +10,7 @@ Equations of ``docs/body.md``; angles accumulate along the chain::
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
 from dataclasses import asdict, dataclass
 from typing import Any
 
@@ -20,9 +20,9 @@ from numpy.typing import NDArray
 from ..common.arrays import Array
 from . import planar_prior, planar_start, planar_view, planar_words
 from .curves import curve_slope, curve_value, powers
+from .layout import PlanarLayout, planar_layout
 from .nominal import Nominal
-from .planar_layout import Layout, layout_of
-from .structure import Indices, Label, Prior, Structure
+from .structure import Indices, Structure
 from .views import PLANAR, ViewKind
 
 Complex = NDArray[np.complex128]
@@ -47,9 +47,9 @@ class PlanarStructure(Structure):
     simulated: bool  # whether the rows are samples of a simulation
 
     @property
-    def layout(self) -> Layout:
-        """Where each parameter stands."""
-        return layout_of(self.revolute)
+    def layout(self) -> PlanarLayout:
+        """Where each parameter stands, and what it is."""
+        return planar_layout(self.joint_names, self.revolute)
 
     @property
     def extents(self) -> Array:
@@ -57,9 +57,11 @@ class PlanarStructure(Structure):
         return np.full(2, self.extent)
 
     @property
-    def groups(self) -> Mapping[str, Indices]:
-        """As in `Structure`."""
-        return self.layout.groups
+    def units(self) -> Mapping[str, str]:
+        """Units that depend on the sensor: lengths are relative where its scale is free."""
+        relative = "1" if self.nominal is None else "m"
+        length = relative if self.scaled else self.unit
+        return {"position": self.unit, "length": length, "tilt": f"1/{length}"}
 
     @property
     def seen_as(self) -> ViewKind:
@@ -106,6 +108,13 @@ class PlanarStructure(Structure):
             reach[:, ix] += signed[:, ix] * beta[lay.gain[ix]] * self.slide
         return direction, direction * reach
 
+    def moved(self, q: Array, beta: Array) -> tuple[Array, Array, Complex, Complex, Complex]:
+        """Signed joint values, their sums, directions, terms, and dp / d theta; each (n, dof)."""
+        signed, sums, theta = self.angles(q, beta)
+        direction, terms = self.terms(signed, theta, beta)
+        # a joint turns all that comes after it about its own place
+        return signed, sums, direction, terms, 1j * np.cumsum(terms[:, ::-1], axis=1)[:, ::-1]
+
     def chain(self, q: Array, beta: Array) -> Complex:
         """Tip (n,) of the chain in its own frame, as complex numbers."""
         signed, _, theta = self.angles(q, beta)
@@ -120,9 +129,7 @@ class PlanarStructure(Structure):
         """Linear part A (2, 2) of the view, with the mirror."""
         return planar_view.matrix(beta, self.mirror)
 
-    def seen(self, p: Complex, beta: Array) -> Array:
-        """Sensor positions (n, 2) of tips (n,) given as complex numbers."""
-        return planar_view.seen(self, p, beta)
+    seen = planar_view.seen
 
     def predict(self, q: Array, beta: Array) -> Array:
         """Positions (n, 2) [unit] at joint values (n, dof)."""
@@ -136,8 +143,7 @@ class PlanarStructure(Structure):
         active = np.arange(lay.size) if active is None else active
         place = np.full(lay.size, -1)
         place[active] = np.arange(len(active))
-        signed, sums, theta = self.angles(q, beta)
-        direction, terms = self.terms(signed, theta, beta)
+        signed, sums, direction, terms, turned = self.moved(q, beta)
         z, view, out = planar_view.columns(self, terms.sum(axis=1), beta, place, len(active))
 
         def put(ix: Indices, columns: Complex) -> None:
@@ -148,7 +154,6 @@ class PlanarStructure(Structure):
                     view[:, m, 0, None] * columns.real + view[:, m, 1, None] * columns.imag
                 )
 
-        turned = 1j * np.cumsum(terms[:, ::-1], axis=1)[:, ::-1]  # dp / d theta_i
         slides = list(lay.sliding)
         by_offset, by_gain = turned.copy(), turned * signed
         if slides:
@@ -172,9 +177,7 @@ class PlanarStructure(Structure):
     def predict_and_slope(self, q: Array, beta: Array) -> tuple[Array, Array]:
         """Positions (n, 2) and their derivative (n, 2, dof) by the joint values."""
         lay = self.layout
-        signed, sums, theta = self.angles(q, beta)
-        direction, terms = self.terms(signed, theta, beta)
-        turned = 1j * np.cumsum(terms[:, ::-1], axis=1)[:, ::-1]
+        _, sums, direction, terms, turned = self.moved(q, beta)
         by_joint = turned * (beta[lay.gain] * np.asarray(self.signs, dtype=float))
         for i, ix in lay.curve.items():
             if beta[ix].any():
@@ -192,25 +195,8 @@ class PlanarStructure(Structure):
         z, view, _ = planar_view.columns(self, terms.sum(axis=1), beta, place, 0)
         return z, np.asarray(view @ np.stack([by_joint.real, by_joint.imag], axis=1))
 
-    def label(self, index: int) -> Label:
-        """What parameter `index` is."""
-        return planar_words.label(self, index)
-
-    def prior(self, free: Sequence[str]) -> Prior:
-        """Prior of the member that fits the groups `free`."""
-        return planar_prior.prior(self, free)
-
-    def members(self) -> tuple[tuple[str, tuple[str, ...]], ...]:
-        """Members of the gate from simple to rich."""
-        return planar_prior.members(self)
-
-    def starts(self, q: Array, z: Array) -> Sequence[tuple[Structure, Array]]:
-        """Candidate starts over signs, mirrors and elbow offsets."""
-        return planar_start.starts(self, q, z)
-
-    def words(self, beta: Array, sd: Array) -> tuple[str, ...]:
-        """The parameters in words."""
-        return planar_words.words(self, beta, sd)
+    prior, members = planar_prior.prior, planar_prior.members
+    starts, words = planar_start.starts, planar_words.words
 
     def header(self) -> dict[str, Any]:
         """JSON-ready description."""

@@ -8,8 +8,8 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from ..common.arrays import Array
-from .curves import HARMONICS, curve_shape
-from .structure import Hyper, Indices, Prior
+from .curves import curve_shape
+from .structure import GrowingPrior, Prior
 from .views import PLANAR
 
 if TYPE_CHECKING:
@@ -56,12 +56,9 @@ def members(structure: PlanarStructure) -> tuple[tuple[str, tuple[str, ...]], ..
 def prior(structure: PlanarStructure, free: Sequence[str]) -> Prior:
     """Prior of the member that fits the groups `free`; ``"curve"`` stands for all curves."""
     lay, nominal = structure.layout, structure.nominal
-    mean, sd = neutral(structure), np.zeros(lay.size)
-    hypers: list[Hyper] = []
-    extent = structure.extent
-    turning = np.asarray(structure.revolute)
-    unit = structure.slide  # chain units per metre
-    simple = {
+    found = GrowingPrior(neutral(structure))
+    sd, extent = found.sd, structure.extent
+    flat = {
         "view.rotation": 100.0,
         "view.scale": 100.0,
         "view.shift": FREE * extent,
@@ -69,24 +66,21 @@ def prior(structure: PlanarStructure, free: Sequence[str]) -> Prior:
         "view.tilt": 1.0 / chain_reach(structure),
         "lens": 0.5,
     }
-    for group, scale in simple.items():
-        if group in free:
-            sd[lay.groups[group]] = scale
-
-    def varied(
-        group: str, name: str, ix: Indices, scale: float, factors: tuple[float, ...]
-    ) -> None:
-        if group in free and len(ix):
-            sd[ix] = scale
-            hypers.append(Hyper(name, ix, np.ones(len(ix)), scale, choices=factors))
-
+    for group in free:
+        if group in flat:
+            sd[lay.groups[group]] = flat[group]
     if nominal is not None:
-        first = structure.view == "base"
-        varied("length", "length", lay.length, 1e-3 * unit, SCALES)
-        varied("offset", "offset", lay.offset[0 if first else 1 :], np.radians(0.1), OFFSET_SCALES)
-        varied("gain", "gain", lay.gain, 1e-3, SCALES)
+        # in a free frame the first joint's offset and a turn of the frame are one
+        first = 0 if structure.view == "base" else 1
+        if "length" in free:
+            found.chosen("length", lay.length, 1e-3 * structure.slide, SCALES)
+        if "offset" in free:
+            found.chosen("offset", lay.offset[first:], np.radians(0.1), OFFSET_SCALES)
+        if "gain" in free:
+            found.chosen("gain", lay.gain, 1e-3, SCALES)
     else:
         if "length" in free:
+            turning = np.asarray(structure.revolute)
             sd[lay.length] = np.where(turning, 1.0 if anchored(structure) else extent, 0.0)
             if structure.scaled and not anchored(structure):
                 sd[lay.length] *= 10.0 / extent
@@ -96,18 +90,11 @@ def prior(structure: PlanarStructure, free: Sequence[str]) -> Prior:
             sd[lay.offset[1:]] = 10.0
         if "gain" in free:
             sd[lay.gain] = 2e-3
-    if "elastic" in free and len(lay.elastic):
-        scale = 1e-4 if nominal is not None else 2e-4
-        sd[lay.elastic] = scale
-        hypers.append(Hyper("elastic", lay.elastic, np.ones(len(lay.elastic)), scale, pseudo=4.0))
-    for i, ix in lay.curve.items():
-        if "curve" in free or f"curve.{i}" in free:
-            shape = curve_shape(LONG)
-            # Harmonic drives have 0.15 to 0.4 mrad; a weak hyperprior (10) left 30 rows 1 % worse.
-            scale = 4e-4 / np.sqrt(2 * HARMONICS)
-            sd[ix] = scale * np.sqrt(shape)
-            hypers.append(Hyper(f"curve.{i}", ix, shape, scale, pseudo=40.0))
-    return Prior(mean, sd, tuple(hypers))
+    if "elastic" in free:
+        found.moving("elastic", lay.elastic, 1e-4 if nominal is not None else 2e-4, 4.0)
+    # Harmonic drives have 0.15 to 0.4 mrad; a weak hyperprior (10) left 30 rows 1 % worse.
+    found.curves(lay.groups, free, curve_shape(LONG), 4e-4, 40.0)
+    return found.whole()
 
 
 def neutral(structure: PlanarStructure) -> Array:

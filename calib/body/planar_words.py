@@ -7,58 +7,10 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from ..common.arrays import Array
-from .curves import HARMONICS, curve_rms
-from .structure import Label
+from .curves import curve_rms
 
 if TYPE_CHECKING:
     from .planar import PlanarStructure
-
-VIEW_NAMES = (
-    ("view.rotation", "rotation", "rad"),
-    ("view.scale", "log scale", "1"),
-    ("view.shear", "stretch", "1"),
-    ("view.shear", "shear", "1"),
-    ("view.shift", "shift x", "position"),
-    ("view.shift", "shift y", "position"),
-    ("view.tilt", "tilt x", "tilt"),
-    ("view.tilt", "tilt y", "tilt"),
-    ("lens", "radial", "1"),
-    ("lens", "centre x", "1"),
-    ("lens", "centre y", "1"),
-)
-
-
-def label(structure: PlanarStructure, index: int) -> Label:
-    """What parameter `index` of a planar body is."""
-    lay = structure.layout
-    names = structure.joint_names
-    length = (
-        "1"
-        if structure.scaled and structure.nominal is None
-        else ("m" if structure.scaled else structure.unit)
-    )
-    if index < len(VIEW_NAMES):
-        group, name, unit = VIEW_NAMES[index]
-        unit = {"position": structure.unit, "tilt": f"1/{length}"}.get(unit, unit)
-        return Label(group, None, f"{group.split('.')[0]}.{name}", unit)
-    for group, unit in (("length", length), ("offset", "rad"), ("gain", "1")):
-        ix = lay.groups[group]
-        if ix[0] <= index <= ix[-1]:
-            joint = names[index - ix[0]]
-            return Label(group, joint, f"{joint}.{group}", unit)
-    if len(lay.elastic) and lay.elastic[0] <= index <= lay.elastic[-1]:
-        k = int(index - lay.elastic[0])
-        i, j = lay.pairs[k // 2]
-        part = "cos" if k % 2 == 0 else "sin"
-        return Label("elastic", names[i], f"{names[i]}.elastic {part} {names[j]}", "rad")
-    for i, ix in lay.curve.items():
-        if ix[0] <= index <= ix[-1]:
-            k = int(index - ix[0])
-            part = "cos" if k < HARMONICS else "sin"
-            return Label(
-                f"curve.{i}", names[i], f"{names[i]}.curve {part} {k % HARMONICS + 1}", "rad"
-            )
-    raise IndexError(f"parameter {index} of {lay.size}")
 
 
 def tilt_angle(structure: PlanarStructure, beta: Array) -> float:
@@ -93,7 +45,7 @@ def words(structure: PlanarStructure, beta: Array, sd: Array) -> tuple[str, ...]
             parts.append(f"{what}{np.degrees(value):+.2f} ± {np.degrees(1.96 * sd[at]):.2f} deg")
         at = lay.length[i]
         if sd[at] > 0:
-            unit = label(structure, int(at)).unit
+            unit = structure.units["length"]
             unit = "" if unit == "1" else f" {unit}"
             digits = _digits(1.96 * sd[at])
             parts.append(f"length {beta[at]:.{digits}f} ± {1.96 * sd[at]:.{digits}f}{unit}")

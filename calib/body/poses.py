@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from ..arm.rotations import logarithm, matrix_of
+from ..arm.rotations import logarithm, matrix_of, nearest_rotation
 from ..common.arrays import Array
 from ..errors import LogError
 from .spatial_start import frame
@@ -28,15 +28,9 @@ def turn_misfit(nominal: Array, seen: Array, x: Array) -> float:
     X has to be known, from positions: with X and Y both free, quaternions in the order w, x, y, z
     look like inverted ones, since every orthogonal map of quaternions is a q b or a conj(q) b.
     """
-    y = _nearest((np.swapaxes(nominal, 1, 2) @ x.T @ seen).sum(axis=0))
+    y = nearest_rotation((np.swapaxes(nominal, 1, 2) @ x.T @ seen).sum(axis=0))
     left = seen @ np.swapaxes(x @ nominal @ y, 1, 2)
     return float(np.median(np.linalg.norm(logarithm(left), axis=1)))
-
-
-def _nearest(matrix: Array) -> Array:
-    """The rotation nearest to a matrix (3, 3)."""
-    u, _, vt = np.linalg.svd(matrix)
-    return np.asarray(u @ np.diag([1.0, 1.0, np.linalg.det(u @ vt)]) @ vt)
 
 
 def refuse_misfit(structure: SpatialStructure, q: Array, x: Array, quaternions: Array) -> None:

@@ -10,6 +10,10 @@ import numpy as np
 from ..arm.rotations import cross_matrix, quaternion_of
 from ..common.arrays import Array
 from .belief import Body
+from .gauge import without_gauge
+
+TELLING = 0.8
+"""Share of a position's spread below which it is told what is left without the gauge."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -17,8 +21,7 @@ class SensorPose:
     """A sensor in the base frame of an arm in space.
 
     The first joint's offset is zero by convention where it turns: the sensor turned about that
-    joint's axis, and the offset the other way, give the same readings. The spreads leave that
-    turn out.
+    joint's axis, and the offset the other way, give the same readings.
     """
 
     position: Array  # (3,) [m]
@@ -27,6 +30,7 @@ class SensorPose:
     # (3,) [m, rad], along and about the base's axes
     position_sd: Array
     turn_sd: Array
+    told_sd: Array  # (3,) [m], of the position but for what no reading tells, see `gauge`
     depth_sd: float  # [m], along the sensor's z
     first: str | None  # the joint whose offset is zero by convention
 
@@ -41,9 +45,11 @@ class SensorPose:
         position = -back @ sensor.shift / sensor.scale
         index = np.concatenate([groups[f"view.{part}"] for part in ("rotation", "shift", "scale")])
         held = np.flatnonzero(np.isin(index, body.active))
-        covariance = np.zeros((7, 7))
-        place = np.searchsorted(body.active, index[held])
-        covariance[np.ix_(held, held)] = body.covariance[np.ix_(place, place)]
+        place = np.ix_(*2 * (np.searchsorted(body.active, index[held]),))
+        covariance, told = np.zeros((7, 7)), np.zeros((7, 7))
+        covariance[np.ix_(held, held)] = told[np.ix_(held, held)] = body.covariance[place]
+        if structure.view != "base":
+            told[np.ix_(held, held)] = without_gauge(structure, body, not structure.camera)[place]
         # position = -R' t / s, and R turned by d on its left moves it by R' (d x t) / s
         slope = -np.hstack([back @ cross_matrix(sensor.shift), back]) / sensor.scale
         slope = np.hstack([slope, -position[:, None]])
@@ -55,6 +61,7 @@ class SensorPose:
             back,
             np.sqrt(np.diag(spread)),
             np.sqrt(np.diag(back @ covariance[:3, :3] @ back.T)),
+            np.sqrt(np.maximum(np.diag(slope @ told @ slope.T), 0.0)),
             float(np.sqrt(ahead @ spread @ ahead)),
             structure.joint_names[0] if free else None,
         )
@@ -74,6 +81,7 @@ class SensorPose:
             "interval": np.stack([self.position - half, self.position + half], axis=1).tolist(),
             "quaternion": self.quaternion.tolist(),
             "turn_95": (1.96 * self.turn_sd).tolist(),
+            "position_95_up_to_gauge": (1.96 * self.told_sd).tolist(),
             "convention": about if self.first else None,
         }
 
@@ -89,6 +97,12 @@ class SensorPose:
         ]
         if what == "camera":
             lines.append(f"  it looks along {_direction(self.rotation[:, 2])} of the base")
+        if self.told_sd.max() < TELLING * self.position_sd.max():
+            size = "the arm's size, " if what == "camera" else ""
+            lines.append(
+                f"  but for {size}a turn about and a shift along the first joint's axis, which no "
+                f"reading tells, its position is known to {1e3 * 1.96 * self.told_sd.max():.2g} mm"
+            )
         if self.first:
             lines.append(
                 f"  its turn about {self.first} cannot be told from that joint's offset, which is "

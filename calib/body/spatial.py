@@ -14,16 +14,17 @@ from typing import Any
 
 import numpy as np
 
+from ..arm.motion import Deviations, Motion, move
 from ..arm.rotations import exponential, logarithm
 from ..arm.spatial_chain import GRAVITY, SpatialChain
 from ..common.arrays import Array
+from . import spatial_prior, spatial_words
 from .curves import curve_value
-from .spatial_layout import SpatialLayout
+from .layout import SpatialLayout, spatial_layout
 from .spatial_loads import Loads
-from .spatial_motion import Deviations, Motion, move
 from .spatial_slopes import by_joints, by_parameters
 from .spatial_view import Placed, View, compose, look
-from .structure import Indices, Label, Prior, Structure
+from .structure import Indices, Structure
 from .views import SPATIAL, ViewKind
 
 _CHAIN_ARRAYS = ("axes", "points", "tip", "rotation", "coupling", "bias", "masses", "centres")
@@ -79,14 +80,14 @@ class SpatialStructure(Structure):
 
     @cached_property
     def layout(self) -> SpatialLayout:
-        """Which parameter is what."""
+        """Where each parameter stands, and what it is."""
         weighted = len(self.chain.masses) > 0
-        return SpatialLayout(self.joint_names, self.chain_names, self.revolute, weighted)
+        return spatial_layout(self.joint_names, self.chain_names, self.revolute, weighted)
 
     @property
-    def groups(self) -> Mapping[str, Indices]:
-        """Indices of each group of parameters."""
-        return self.layout.groups
+    def units(self) -> Mapping[str, str]:
+        """Units that depend on the sensor: a camera stands metres away."""
+        return {"position": "m" if self.camera else self.unit}
 
     @cached_property
     def loads(self) -> Loads:
@@ -108,11 +109,10 @@ class SpatialStructure(Structure):
         self, q: Array, beta: Array, active: Indices | None = None
     ) -> tuple[Array, Array]:
         """Outputs (n, m) and their derivative (n, m, k) by the parameters `active` (or all)."""
-        return by_parameters(self, q, beta, active)
+        values, x = self.derivative(q, beta, np.arange(self.size) if active is None else active)
+        return values, x.dense()
 
-    def predict_and_slope(self, q: Array, beta: Array) -> tuple[Array, Array]:
-        """Outputs (n, m) and their derivative (n, m, dof) by the joint values."""
-        return by_joints(self, q, beta)
+    derivative, predict_and_slope = by_parameters, by_joints
 
     def retract(self, beta: Array, delta: Array) -> Array:
         """`beta` (d,) moved by `delta` (d,): the sum, or a step on a rotation."""
@@ -137,33 +137,14 @@ class SpatialStructure(Structure):
             out[:, 3:] = logarithm(seen @ np.swapaxes(expected, 1, 2))
         return np.asarray(out)
 
-    def label(self, index: int) -> Label:
-        """What parameter `index` is."""
-        return self.layout.label(index, "m" if self.camera else self.unit)
-
-    def prior(self, free: Sequence[str]) -> Prior:
-        """Prior of the member that fits the groups of `free`; ``"curve"`` stands for all curves."""
-        from .spatial_prior import prior
-
-        return prior(self, free)
-
-    def members(self) -> tuple[tuple[str, tuple[str, ...]], ...]:
-        """The gate's members from simple to rich: a name and the groups that it fits."""
-        from .spatial_prior import members
-
-        return members(self)
+    prior, members = spatial_prior.prior, spatial_prior.members
+    words = spatial_words.words
 
     def starts(self, q: Array, z: Array) -> Sequence[tuple[Structure, Array]]:
         """Candidate starts: structures with their parameters (d,)."""
         from .spatial_start import starts
 
         return starts(self, q, z)
-
-    def words(self, beta: Array, sd: Array) -> tuple[str, ...]:
-        """Lines that say the parameters in words; `sd` (d,) is zero where nothing was fitted."""
-        from .spatial_words import words
-
-        return words(self, beta, sd)
 
     def header(self) -> dict[str, Any]:
         """JSON-ready description from which `rebuild_structure` makes the structure again."""

@@ -16,12 +16,12 @@ from collections.abc import Sequence
 
 import numpy as np
 
+from ..arm.motion import placements
 from ..common.arrays import Array
 from .belief import SHARED, Body, Second
 from .bound import NORMAL_95
 from .curves import HARMONICS, ORDERS
 from .spatial import SpatialStructure
-from .spatial_motion import placements
 from .spatial_row import SpatialRow
 from .structure import Indices
 

@@ -3,12 +3,12 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from .curves import HARMONICS, curve_shape
-from .structure import Hyper, Indices, Prior
+from .curves import curve_shape
+from .structure import GrowingPrior, Prior
 
 if TYPE_CHECKING:
     from .spatial import SpatialStructure
@@ -58,59 +58,40 @@ def members(structure: SpatialStructure) -> tuple[tuple[str, tuple[str, ...]], .
 def prior(structure: SpatialStructure, free: Sequence[str]) -> Prior:
     """Prior of the member that fits the groups `free`; ``"curve"`` stands for all curves."""
     groups, layout = structure.groups, structure.layout
-    mean, sd = structure.neutral(), np.zeros(structure.size)
-    hypers: list[Hyper] = []
-    reach = max(structure.chain.reach, 1e-9)
-    camera = structure.camera
-
-    def varied(name: str, ix: Indices, scale: float, factors: tuple[float, ...]) -> None:
-        sd[ix] = scale
-        if len(ix):
-            hypers.append(Hyper(name, ix, np.ones(len(ix)), scale, choices=factors))
-
-    if "view.rotation" in free:
-        sd[groups["view.rotation"]] = 100.0
-    if "view.shift" in free:
-        sd[groups["view.shift"]] = FREE * (reach if camera else structure.extent)
-    if "view.scale" in free:
-        sd[groups["view.scale"]] = 100.0
-    if "lens" in free:
-        sd[groups["lens"]] = structure.lens_sd
-    if "tool.rotation" in free:
-        sd[groups["tool.rotation"]] = 100.0
-    if "tool" in free and camera and structure.informed:
-        varied("tool", groups["tool"], TAG, SCALES)
-    elif "tool" in free:
-        sd[groups["tool"]] = FREE * reach if structure.informed else reach
+    found = GrowingPrior(structure.neutral())
+    sd, reach = found.sd, max(structure.chain.reach, 1e-9)
+    camera, informed = structure.camera, structure.informed
+    flat: dict[str, Any] = {
+        "view.rotation": 100.0,
+        "view.shift": FREE * (reach if camera else structure.extent),
+        "view.scale": 100.0,
+        "lens": structure.lens_sd,
+        "tool": FREE * reach if informed else reach,
+        "tool.rotation": 100.0,
+    }
+    for group in free:
+        if group in flat and not (group == "tool" and camera and informed):
+            sd[groups[group]] = flat[group]
+    if "tool" in free and camera and informed:
+        found.chosen("tool", groups["tool"], TAG, SCALES)
+    # in a free frame the first turning joint's offset and a turn of the frame about its axis are
+    # one, and the first origin's place is the frame's own
+    first = 0 if structure.view == "base" else 1
     if "offset" in free:
         # before the placements: turned and shifted origins would explain an offset too, by freeing
         # sixfold what they are; of a camera's arm they took 2 deg where 0.2 deg was true
-        # the first turning joint's offset and a turn of the frame about its axis are one
-        first = 0 if structure.view == "base" else 1
-        turning = np.flatnonzero(structure.revolute)
-        turning = turning[turning >= first]
-        sliding = np.flatnonzero(~np.asarray(structure.revolute))
-        varied("offset", groups["offset"][turning], TURN, OFFSET_SCALES)
-        varied("offset.slide", groups["offset"][sliding[sliding >= first]], SHIFT, SCALES)
-    if "placement" in free and structure.informed:
-        # in a free frame the first origin's place is the frame's own
-        first = 0 if structure.view == "base" else 1
-        varied("placement.shift", layout.shifts[first:].ravel(), SHIFT, SCALES)
-        varied("placement.turn", layout.turns[first:].ravel(), TURN, SCALES)
+        turns, offset = np.asarray(structure.revolute)[first:], groups["offset"][first:]
+        found.chosen("offset", offset[turns], TURN, OFFSET_SCALES)
+        found.chosen("offset.slide", offset[~turns], SHIFT, SCALES)
+    if "placement" in free and informed:
+        found.chosen("placement.shift", layout.shifts[first:].ravel(), SHIFT, SCALES)
+        found.chosen("placement.turn", layout.turns[first:].ravel(), TURN, SCALES)
     elif "placement" in free:
         sd[layout.shifts] = reach
         sd[layout.turns] = 3.0
     if "gain" in free:
-        varied("gain", groups["gain"], 1e-3, SCALES)
-    if "elastic" in free and len(groups["elastic"]):
-        ix = groups["elastic"]
-        sd[ix] = ELASTIC
-        hypers.append(Hyper("elastic", ix, np.ones(len(ix)), ELASTIC, pseudo=1.0))
-    for k in range(structure.dof):
-        ix = groups[f"curve.{k}"]
-        if len(ix) and ("curve" in free or f"curve.{k}" in free):
-            shape = curve_shape()
-            scale = CURVE / np.sqrt(2 * HARMONICS)
-            sd[ix] = scale * np.sqrt(shape)
-            hypers.append(Hyper(f"curve.{k}", ix, shape, scale, pseudo=5.0))
-    return Prior(mean, sd, tuple(hypers))
+        found.chosen("gain", groups["gain"], 1e-3, SCALES)
+    if "elastic" in free:
+        found.moving("elastic", groups["elastic"], ELASTIC, 1.0)
+    found.curves(groups, free, curve_shape(), CURVE, 5.0)
+    return found.whole()

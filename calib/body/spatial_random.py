@@ -12,7 +12,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from ..arm.rotations import exponential, logarithm
+from ..arm.motion import move
 from ..arm.spatial_chain import SpatialChain
 from ..common.arrays import Array
 from ..common.rows import thinned
@@ -101,22 +101,13 @@ def chains(structure: SpatialStructure, q: Array, z: Array) -> Sequence[tuple[St
 
 def absorbed(structure: SpatialStructure, beta: Array) -> SpatialStructure:
     """Return the structure whose nominal chain is where `beta` puts origins and tip."""
-    chain, deviations = structure.chain, structure.deviations(beta)
-    rotation, position, last = np.eye(3), np.zeros(3), np.zeros(3)
-    axes, points = np.empty_like(chain.axes), np.empty_like(chain.points)
-    turns = exponential(deviations.turns)
-    for i in range(chain.joints):
-        position = position + rotation @ (chain.points[i] - last + deviations.shifts[i])
-        last = chain.points[i]
-        rotation = rotation @ turns[i]
-        points[i], axes[i] = position, rotation @ chain.axes[i]
-    flange = rotation @ chain.rotation
-    tip = position + rotation @ (chain.tip - last) + flange @ deviations.tool
-    tool = flange @ exponential(deviations.tool_turn)
-    axes /= np.linalg.norm(axes, axis=1, keepdims=True)
-    return replace(
-        structure, chain=replace(chain, axes=axes, points=points, tip=tip, rotation=tool)
+    still = move(structure.chain, np.zeros((structure.chain.joints, 1)), structure.deviations(beta))
+    axes = still.axes[..., 0] / np.linalg.norm(still.axes[..., 0], axis=1, keepdims=True)
+    tip, rotation = still.position[..., 0], still.rotation[..., 0]
+    chain = replace(
+        structure.chain, axes=axes, points=still.origins[..., 0], tip=tip, rotation=rotation
     )
+    return replace(structure, chain=chain)
 
 
 def _drawn(structure: SpatialStructure, z: Array, rng: np.random.Generator) -> SpatialStructure:
@@ -130,7 +121,4 @@ def _drawn(structure: SpatialStructure, z: Array, rng: np.random.Generator) -> S
     points = middle + np.cumsum(np.vstack([np.zeros(3), steps[1:]]), axis=0)
     points = points - points.mean(axis=0) + middle
     tip = points[-1] + rng.normal(0.0, link / np.sqrt(3), size=3)
-    rotation = exponential(logarithm(chain.rotation))
-    return replace(
-        structure, chain=replace(chain, axes=axes, points=points, tip=tip, rotation=rotation)
-    )
+    return replace(structure, chain=replace(chain, axes=axes, points=points, tip=tip))

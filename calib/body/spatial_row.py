@@ -13,11 +13,11 @@ from typing import Any
 
 import numpy as np
 
+from ..arm.motion import Placements, placements
 from ..arm.spatial_chain import SpatialChain
 from ..common.arrays import Array
 from .curves import curve_table, in_table, in_table_with_slope
 from .spatial import SpatialStructure
-from .spatial_motion import Placements, placements
 from .spatial_view import NEAREST
 
 

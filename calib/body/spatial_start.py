@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from ..arm.rotations import exponential, logarithm
+from ..arm.rotations import exponential, logarithm, nearest_rotation, similarity
 from ..common.arrays import Array
 from ..common.rows import thinned
 from ..errors import LogError
@@ -175,17 +175,6 @@ def _tool(
     return solution[:3], solution[3:]
 
 
-def similarity(a: Array, b: Array) -> tuple[Array, Array, float]:
-    """Rotation (3, 3), shift (3,) and scale with b = scale R a + shift (Umeyama 1991)."""
-    middle, seen = a.mean(axis=0), b.mean(axis=0)
-    u, s, vt = np.linalg.svd((b - seen).T @ (a - middle))
-    sign = np.array([1.0, 1.0, np.sign(np.linalg.det(u @ vt))])
-    turn = u @ np.diag(sign) @ vt
-    spread = float(((a - middle) ** 2).sum())
-    scale = max(float((s * sign).sum()) / max(spread, 1e-300), 1e-12)
-    return turn, seen - scale * turn @ middle, scale
-
-
 def _from_pose(
     structure: SpatialStructure, points: Array, rotations: Array, z: Array, arm: Array
 ) -> Array:
@@ -201,13 +190,10 @@ def _from_pose(
     sane = np.abs(np.linalg.norm(nominal, axis=1) - np.linalg.norm(observed, axis=1)) < 0.2
     if sane.sum() < 3:
         sane[:] = True
-    u, _, vt = np.linalg.svd(observed[sane].T @ nominal[sane])
-    turn = u @ np.diag([1.0, 1.0, np.linalg.det(u @ vt)]) @ vt
+    turn = nearest_rotation(observed[sane].T @ nominal[sane])
     left = np.einsum("nij,jk,nkl->nil", np.swapaxes(rotations, 1, 2), turn.T, seen)
-    u, _, vt = np.linalg.svd(left.sum(axis=0))
-    tool_turn = u @ np.diag([1.0, 1.0, np.linalg.det(u @ vt)]) @ vt
     beta[groups["view.rotation"]] = logarithm(turn)
-    beta[groups["tool.rotation"]] = logarithm(tool_turn)
+    beta[groups["tool.rotation"]] = logarithm(nearest_rotation(left.sum(axis=0)))
     beta[groups["tool"]], beta[groups["view.shift"]] = _tool(
         points, rotations, z, turn, structure.metre
     )
@@ -229,17 +215,11 @@ def _cameras(structure: SpatialStructure, points: Array, z: Array, arm: Array) -
     for focal in (f,) if not structure.lens_sd[0] else (f, 0.7 * f, 1.4 * f):
         depth = focal / max(float(s.mean()), 1e-9)
         centre = np.array([*((z.mean(axis=0) - (u0, v0)) / focal), 1.0]) * depth
-        for flip in (False, True):  # an affine camera does not tell before from behind
-            own = turn if not flip else _tilted(turn)
+        # an affine camera does not tell before from behind: also a start from elsewhere, tilted
+        for own in (turn, exponential([0.6, 0.0, 0.0]) @ turn):
             guess = beta.copy()
             guess[groups["lens"][0]] = focal
             guess[groups["view.rotation"]] = logarithm(own)
             guess[groups["view.shift"]] = centre - own @ middle
             guesses.append(guess)
     return guesses
-
-
-def _tilted(turn: Array) -> Array:
-    """Turn a camera half-way round its view of the arm, tilted: a start from elsewhere."""
-    tilt = exponential(np.array([0.6, 0.0, 0.0]))
-    return np.asarray(tilt @ turn)

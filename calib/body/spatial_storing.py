@@ -9,10 +9,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ..arm.spatial_chain import SpatialChain
-from ..errors import ModelError
-from .given import Given
+from .given import given, given_fields, refuse
 from .spatial import SpatialStructure
-from .storing import finite_array
+from .storing import finite_array, impossible_names
 from .views import SPATIAL
 
 _MOST_JOINTS = 32
@@ -25,17 +24,26 @@ def rebuild_spatial(
 
     Raises ModelError if a value is missing, of the wrong kind or size, not finite, or impossible.
     """
-    given = Given(header, "body.structure")
-    names, chain_names = given.texts("joint_names"), given.texts("chain_names")
+    # the chain is in the arrays; `few` is found out by the fit
+    told = given_fields(
+        SpatialStructure,
+        {**header, "revolute": header.get("turning")},
+        "body.structure",
+        leave=("chain", "few"),
+    )
+    names, chain_names = told["joint_names"], told["chain_names"]
     dof, m = len(names), len(chain_names)
-    if not 1 <= dof <= m <= _MOST_JOINTS or len(set(names)) != dof or len(set(chain_names)) != m:
-        raise ModelError(
-            f"body: {dof} joint names and {m} of the chain, expected 1 to {_MOST_JOINTS} "
-            "different ones"
-        )
-    view = given.text("view")
-    if view not in SPATIAL:
-        raise ModelError(f"body: unknown view {view!r}")
+    turning = given(tuple[bool, ...], header.get("chain_revolute"), "body.structure")
+    refuse(
+        {
+            **impossible_names(names, min(m, _MOST_JOINTS)),
+            **impossible_names(chain_names, _MOST_JOINTS),
+            f"one of the views {', '.join(SPATIAL)}": told["view"] not in SPATIAL,
+            "sizes above zero": told["metre"] < 1e-12 or told["extent"] < 1e-300,
+            f"kinds of {dof} and {m} joints": (len(told["revolute"]), len(turning)) != (dof, m),
+        },
+        "body.structure",
+    )
     masses = arrays.get("masses")
     weights = m if masses is not None and len(masses) else 0
     chain = SpatialChain(
@@ -43,31 +51,19 @@ def rebuild_spatial(
         points=finite_array(arrays, "points", (m, 3)),
         tip=finite_array(arrays, "tip", (3,)),
         rotation=finite_array(arrays, "rotation", (3, 3)),
-        revolute=given.truths("chain_revolute", m),
+        revolute=turning,
         coupling=finite_array(arrays, "coupling", (m, dof)),
         bias=finite_array(arrays, "bias", (m,)),
         masses=finite_array(arrays, "masses", (weights,)),
         centres=finite_array(arrays, "centres", (weights, 3)),
     )
-    for name, axis in zip(chain_names, chain.axes, strict=True):
-        if abs(float(np.linalg.norm(axis)) - 1) > 1e-6:
-            raise ModelError(f"body: the axis of {name!r} is no unit vector")
-    if np.abs(chain.rotation @ chain.rotation.T - np.eye(3)).max() > 1e-6:
-        raise ModelError("body: the orientation of the tip is no rotation")
-    lens, lens_sd = given.numbers("lens", 4), given.numbers("lens_sd", 4)
-    gravity = given.numbers("gravity", 3)
-    return SpatialStructure(
-        chain=chain,
-        joint_names=names,
-        chain_names=chain_names,
-        revolute=given.truths("turning", dof),
-        view=view,
-        unit=given.text("unit"),
-        metre=given.number("metre", least=1e-12),
-        extent=given.number("extent", least=1e-300),
-        lens=(lens[0], lens[1], lens[2], lens[3]),
-        lens_sd=(lens_sd[0], lens_sd[1], lens_sd[2], lens_sd[3]),
-        informed=given.truth("informed"),
-        gravity=(gravity[0], gravity[1], gravity[2]),
-        simulated=given.truth("simulated"),
+    lengths = np.linalg.norm(chain.axes, axis=1)
+    turned = chain.rotation @ chain.rotation.T - np.eye(3)
+    refuse(
+        {
+            "axes of length 1": bool(np.abs(lengths - 1).max() > 1e-6),
+            "the orientation of the tip to be a rotation": bool(np.abs(turned).max() > 1e-6),
+        },
+        "body.structure",
     )
+    return SpatialStructure(chain=chain, **told)

@@ -10,8 +10,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from ..arm.motion import cross
 from ..arm.rotations import exponential, logarithm
-from ..arm.spatial_chain import cross
 from ..common.arrays import Array
 from .views import SPATIAL
 
@@ -45,42 +45,21 @@ class View:
 
         `velocity` (3, n) [m] and `angular` (3, n) [rad] are those of the tip.
         """
-        moved = self.sensor.scale * (self.sensor.rotation @ velocity)
-        if self.slope is not None:
-            return self.seen(moved)
-        if self.sensor.kind == "pose":
-            turned = np.broadcast_to(self.sensor.rotation @ angular, moved.shape)
-            return np.concatenate([moved, turned])
-        return np.asarray(moved)
+        rotation = self.sensor.rotation
+        return self.seen(self.sensor.scale * (rotation @ velocity), rotation @ angular)
 
     def turned(self, axis: int) -> Array:
         """How outputs (outputs, n) move when the sensor's frame turns about its own axis."""
-        about = np.zeros((3, 1))
-        about[axis] = 1.0
-        moved = cross(about, self.point if self.slope is None else self._without_shift)
-        if self.slope is not None:
-            return self.seen(moved)
-        if self.sensor.kind == "pose":
-            return np.concatenate([moved, np.repeat(about, moved.shape[1], axis=1)])
-        return moved
+        about = np.eye(3)[:, axis, None]
+        return self.seen(cross(about, self._arm), about)
 
     def shifted(self, axis: int) -> Array:
         """How outputs (outputs, n) move when the sensor's frame is shifted."""
-        n = self.point.shape[1]
-        moved = np.zeros((3, n))
-        moved[axis] = 1.0
-        if self.slope is not None:
-            return self.seen(moved)
-        return np.concatenate([moved, np.zeros((3, n))]) if self.sensor.kind == "pose" else moved
+        return self.seen(np.repeat(np.eye(3)[:, axis, None], self.point.shape[1], axis=1))
 
     def scaled(self) -> Array:
         """How outputs (outputs, n) move when the logarithm of the scale does."""
-        moved = self.point if self.slope is None else self._without_shift
-        if self.slope is not None:
-            return self.seen(moved)
-        return (
-            np.concatenate([moved, np.zeros_like(moved)]) if self.sensor.kind == "pose" else moved
-        )
+        return self.seen(self._arm)
 
     def refocused(self) -> Array:
         """Derivative (2, 4, n) of pixels by focal length, centre and k1."""
@@ -93,14 +72,18 @@ class View:
         out[:, 3] = f * ideal * by_k1
         return out
 
-    def seen(self, moved: Array) -> Array:
-        """How pixels (2, n) move when the point moves (3, n) in the camera's frame."""
-        slope = np.zeros((2, 3, 1)) if self.slope is None else self.slope
-        return np.asarray((slope * moved[None]).sum(axis=1))
+    def seen(self, moved: Array, turned: Array | float = 0.0) -> Array:
+        """How outputs move when the point moves (3, n) and turns (3, n) in the sensor's frame."""
+        if self.slope is not None:
+            return np.asarray((self.slope * moved[None]).sum(axis=1))
+        if self.sensor.kind == "pose":
+            return np.concatenate([moved, np.broadcast_to(turned, moved.shape)])
+        return moved
 
     @property
-    def _without_shift(self) -> Array:
-        return self.point - self.sensor.shift[:, None]
+    def _arm(self) -> Array:
+        """The tip from the arm's root, in the sensor's frame."""
+        return self.point if self.slope is None else self.point - self.sensor.shift[:, None]
 
 
 def look(sensor: Placed, position: Array, rotation: Array) -> View:

@@ -6,7 +6,6 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from ..arm.rotations import exponential
 from ..common.arrays import Array
 from .curves import curve_rms
 
@@ -55,30 +54,12 @@ def words(structure: SpatialStructure, beta: Array, sd: Array) -> tuple[str, ...
     if sd[tool].any():
         shown = ", ".join(f"{1e3 * v:.1f}" for v in beta[tool])
         lines.append(f"tool ({shown}) ± {1e3 * 1.96 * _rms(sd[tool]):.2f} mm from the tip")
-    if structure.camera:
-        lines += camera(structure, beta, sd)
+    if structure.camera:  # `Body.describe` says where it stands
+        f, u, v, k1 = beta[groups["lens"]]
+        spread = 1.96 * sd[groups["lens"][0]]
+        f, known = (f"{f:.1f} ± {spread:.1f}", "") if spread > 0 else (f"{f:.1f}", " (given)")
+        lines.append(f"lens f {f} px, centre ({u:.1f}, {v:.1f}) px, k1 {k1:.4f}{known}")
     return tuple(lines)
-
-
-def camera(structure: SpatialStructure, beta: Array, sd: Array) -> list[str]:
-    """Lines on a camera's lens; `Body.describe` says where it stands."""
-    if not structure.camera:
-        return []
-    lines, lens = [], structure.groups["lens"]
-    f, u, v, k1 = beta[lens]
-    known = "" if sd[lens[0]] > 0 else " (given)"
-    spread = f" ± {1.96 * sd[lens[0]]:.1f}" if sd[lens[0]] > 0 else ""
-    lines.append(f"lens f {f:.1f}{spread} px, centre ({u:.1f}, {v:.1f}) px, k1 {k1:.4f}{known}")
-    return lines
-
-
-def camera_place(structure: SpatialStructure, beta: Array) -> tuple[Array, Array]:
-    """Camera in the arm's root frame: position (3,) [m] and orientation (3, 3).
-
-    The columns of the orientation are the camera's x (right), y (down) and z (ahead).
-    """
-    turn = exponential(beta[structure.groups["view.rotation"]])
-    return -turn.T @ beta[structure.groups["view.shift"]], turn.T
 
 
 def _length(vector: Array) -> float:

@@ -7,7 +7,8 @@ from dataclasses import dataclass
 import numpy as np
 
 from ..common.arrays import Array
-from .normal import Factor, student_weights, sums_of
+from .derivative import Derivative
+from .normal import Factor, negative_log_likelihood, slices, student_weights, sums_of
 from .structure import Prior, Structure
 
 ROWS = 400
@@ -80,26 +81,16 @@ def best_starts(
     return (best,)
 
 
-def _robust(r: Array, sigma: Array, blocks: tuple[int, ...]) -> float:
-    total, at = 0.0, 0
-    for p in blocks:
-        e2 = ((r[:, at : at + p] / sigma[at : at + p]) ** 2).sum(axis=1)
-        total += 0.5 * (NU + p) * float(np.log1p(e2 / NU).sum())
-        at += p
-    return total
-
-
 def _spread(r: Array, extents: Array, blocks: tuple[int, ...]) -> Array:
     """Maximum-likelihood Student scale (m,) of residuals, at least 1e-7 of the extents."""
-    sigma, at = np.empty(r.shape[1]), 0
-    for p in blocks:
-        e2 = (r[:, at : at + p] ** 2).sum(axis=1)
-        s2 = float(np.median(e2)) / p + 1e-14 * extents[at] ** 2
+    sigma = np.empty(r.shape[1])
+    for part in slices(blocks):
+        p, least = part.stop - part.start, 1e-14 * extents[part.start] ** 2
+        e2 = (r[:, part] ** 2).sum(axis=1)
+        s2 = float(np.median(e2)) / p + least
         for _ in range(12):
-            w = (NU + p) / (NU + e2 / s2)
-            s2 = float((w * e2).mean()) / p + 1e-14 * extents[at] ** 2
-        sigma[at : at + p] = np.sqrt(s2)
-        at += p
+            s2 = float(((NU + p) / (NU + e2 / s2) * e2).mean()) / p + least
+        sigma[part] = np.sqrt(s2)
     return sigma
 
 
@@ -128,7 +119,8 @@ def settle(
     damping = 1e-3
 
     def posterior(r: Array, b: Array, sigma: Array) -> float:
-        return _robust(r, sigma, blocks) + 0.5 * float((((b[active] - mean) / sd) ** 2).sum())
+        away = (b[active] - mean) / sd
+        return negative_log_likelihood(r, sigma, NU, blocks) + 0.5 * float(away @ away)
 
     with np.errstate(all="ignore"):
         for _ in range(steps):
@@ -138,7 +130,9 @@ def settle(
                 return beta, np.inf, np.inf
             sigma = _spread(r, extents, blocks)
             w = student_weights(r, sigma, NU, blocks)
-            parts = sums_of(x / sigma[:, None], r / sigma, w, blocks)
+            parts = sums_of(
+                Derivative.of(x / sigma[:, None]), r / sigma, w, blocks, np.array([0, len(r)])
+            )
             gram = np.sum([s.gram for s in parts], axis=0)
             pull = np.sum([s.moment for s in parts], axis=0) - (beta[active] - mean) / sd**2
             gram[np.diag_indices(len(sd))] += sd**-2.0
@@ -168,5 +162,4 @@ def settle(
         if not np.isfinite(r).all():
             return beta, np.inf, np.inf
         sigma = _spread(r, extents, blocks)
-    cost = posterior(r, beta, sigma) + len(r) * float(np.log(sigma).sum())
-    return beta, cost, float((sigma / extents).max())
+    return beta, posterior(r, beta, sigma), float((sigma / extents).max())

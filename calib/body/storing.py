@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
+from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
@@ -11,8 +12,7 @@ from numpy.typing import NDArray
 from ..common.arrays import Array
 from ..errors import ModelError
 from .belief import Body, Second
-from .given import Given
-from .nominal import Nominal
+from .given import given, refuse
 from .packing import Packed, packed_of, unpack
 from .planar import PlanarStructure
 from .structure import Indices, Structure
@@ -63,15 +63,21 @@ def rebuild_body(header: Mapping[str, Any], arrays: Stored) -> Body:
 
     Raises ModelError if a value is missing, of the wrong kind or size, not finite, or impossible.
     """
-    given = Given(header, "body")
-    structure = rebuild_structure(
-        given.mapping("structure"),
-        {k[10:]: v for k, v in arrays.items() if k.startswith("structure.")},
+    told = given(_Told, header, "body")
+    refuse(
+        {
+            "kappa of at least 1": told.kappa < 1.0,
+            "nu of at least 2": told.nu is not None and told.nu < 2.0,
+            "an autocorrelation, rows and scales of 0 or more": (
+                min(told.autocorrelation, told.rows, *told.scales.values()) < 0.0
+            ),
+        },
+        "body",
     )
-    nu = given.value("nu")
-    freedom = np.inf if nu is None else given.number("nu", least=2.0)
-    scales = given.mapping("scales")
-    second = _second(structure, arrays) if given.truth("second") else None
+    structure = rebuild_structure(
+        told.structure, {k[10:]: v for k, v in arrays.items() if k.startswith("structure.")}
+    )
+    second = _second(structure, arrays) if told.second else None
     active, covariance, packed = _belief(structure, arrays, "")
     return Body(
         structure,
@@ -79,23 +85,38 @@ def rebuild_body(header: Mapping[str, Any], arrays: Stored) -> Body:
         active,
         covariance,
         _positive(arrays, "noise", structure.outputs),
-        given.number("kappa", least=1.0),
+        told.kappa,
         _positive(arrays, "tau", structure.outputs, zero=True),
         _positive(arrays, "residual", structure.outputs, zero=True),
-        freedom,
-        given.number("autocorrelation", least=0.0),
-        {str(k): Given(scales, "body.scales").number(k, least=0.0) for k in scales},
-        given.count("rows"),
-        given.truth("simulated"),
-        given.text("member"),
+        np.inf if told.nu is None else told.nu,
+        told.autocorrelation,
+        told.scales,
+        told.rows,
+        told.simulated,
+        told.member,
         second,
         packed,
     )
 
 
+@dataclass(frozen=True)
+class _Told:
+    """What a header says of a body, see `Body`."""
+
+    structure: dict[str, Any]
+    kappa: float
+    nu: float | None  # None where it is infinite, which JSON cannot say
+    autocorrelation: float
+    scales: dict[str, float]
+    rows: int
+    simulated: bool
+    member: str
+    second: bool
+
+
 def rebuild_structure(header: Mapping[str, Any], arrays: Stored) -> Structure:
     """The structure of a header and its arrays; its kind says which class."""
-    kind = Given(header, "body.structure").text("kind")
+    kind = header.get("kind")
     if kind == "planar":
         return rebuild_planar(header)
     if kind == "spatial":
@@ -107,43 +128,29 @@ def rebuild_structure(header: Mapping[str, Any], arrays: Stored) -> Structure:
 
 def rebuild_planar(header: Mapping[str, Any]) -> PlanarStructure:
     """A planar structure from its header."""
-    given = Given(header, "body.structure")
-    names = given.texts("joint_names")
-    n = len(names)
-    if not 1 <= n <= MOST_JOINTS or len(set(names)) != n:
-        raise ModelError(f"body: {n} joint names, expected 1 to {MOST_JOINTS} different ones")
-    view = given.text("view")
-    if view not in PLANAR:
-        raise ModelError(f"body: unknown view {view!r}")
-    revolute = given.truths("revolute", n)
-    signs = given.signs("signs", n)
-    nominal = None
-    if given.value("nominal") is not None:
-        inner = Given(given.mapping("nominal"), "body.structure.nominal")
-        shift = inner.numbers("shift", 2)
-        nominal = Nominal(
-            tuple(inner.numbers("lengths", n)),
-            tuple(inner.numbers("offsets", n)),
-            inner.number("rotation"),
-            (shift[0], shift[1]),
-            inner.sign("mirror"),
-            inner.signs("signs", n),
-        )
-    centre = given.numbers("centre", 2)
-    return PlanarStructure(
-        names,
-        revolute,
-        view,
-        given.text("unit"),
-        given.number("metre", least=1e-12),
-        given.truth("lens"),
-        signs,
-        given.sign("mirror"),
-        given.number("extent", least=1e-300),
-        (centre[0], centre[1]),
-        nominal,
-        given.truth("simulated"),
+    found: PlanarStructure = given(PlanarStructure, header, "body.structure")
+    n, own = len(found.joint_names), found.nominal
+    told = [found.revolute, found.signs, *((own.lengths, own.offsets, own.signs) if own else ())]
+    signs = {*found.signs, found.mirror, *((own.mirror, *own.signs) if own else ())}
+    refuse(
+        {
+            **impossible_names(found.joint_names, MOST_JOINTS),
+            f"{n} values of each kind": any(len(values) != n for values in told),
+            "signs that are 1 or -1": not signs <= {1, -1},
+            f"one of the views {', '.join(PLANAR)}": found.view not in PLANAR,
+            "sizes above zero": found.metre < 1e-12 or found.extent < 1e-300,
+        },
+        "body.structure",
     )
+    return found
+
+
+def impossible_names(names: tuple[str, ...], most: int) -> dict[str, bool]:
+    """Whether joints' names are too few or many, or the same, by what is expected."""
+    return {
+        f"1 to {most} different joint names": not 1 <= len(names) <= most
+        or len(set(names)) < len(names)
+    }
 
 
 def _second(structure: Structure, arrays: Stored) -> Second:

@@ -11,12 +11,16 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from functools import cached_property
-from typing import Any, ClassVar, NamedTuple
+from typing import TYPE_CHECKING, Any, ClassVar, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
 from ..common.arrays import Array
+
+if TYPE_CHECKING:
+    from .derivative import Derivative
+    from .layout import Layout
 
 Indices = NDArray[np.intp]
 
@@ -65,6 +69,42 @@ class Prior:
         return np.flatnonzero(self.sd > 0)
 
 
+class GrowingPrior:
+    """A prior that is put together group by group; `sd` is zero for what is left out."""
+
+    def __init__(self, mean: Array) -> None:
+        self.mean, self.sd = mean, np.zeros(len(mean))
+        self._hypers: list[Hyper] = []
+
+    def chosen(self, name: str, ix: Indices, scale: float, factors: tuple[float, ...]) -> None:
+        """Let the evidence choose the scale of parameters among `factors` times `scale`."""
+        self._add(Hyper(name, ix, np.ones(len(ix)), scale, choices=factors))
+
+    def moving(
+        self, name: str, ix: Indices, scale: float, pseudo: float, shape: Array | None = None
+    ) -> None:
+        """Let the scale of parameters move by EM; `pseudo` observations hold it at `scale`."""
+        shape = np.ones(len(ix)) if shape is None else shape
+        self._add(Hyper(name, ix, shape, scale, pseudo))
+
+    def curves(
+        self, groups: Mapping[str, Indices], free: Sequence[str], shape: Array, rms: float, n: float
+    ) -> None:
+        """Free the curves that `free` names, each of `rms` [rad], with `n` pseudo-observations."""
+        for name, ix in groups.items():
+            if len(ix) and name.startswith("curve.") and ("curve" in free or name in free):
+                self.moving(name, ix, rms / np.sqrt(len(ix)), n, shape)
+
+    def _add(self, hyper: Hyper) -> None:
+        self.sd[hyper.indices] = hyper.scale * np.sqrt(hyper.shape)
+        if len(hyper.indices):
+            self._hypers.append(hyper)
+
+    def whole(self) -> Prior:
+        """The prior."""
+        return Prior(self.mean, self.sd, tuple(self._hypers))
+
+
 class Structure:
     """What a body needs to know of its structure (planar chain and view, spatial chain and view).
 
@@ -104,6 +144,11 @@ class Structure:
         raise NotImplementedError
 
     @property
+    def layout(self) -> Layout:
+        """Where each parameter stands, and what it is."""
+        raise NotImplementedError
+
+    @property
     def groups(self) -> Mapping[str, Indices]:
         """Indices of each group of parameters.
 
@@ -111,12 +156,17 @@ class Structure:
         ``"view.tilt"``, ``"lens"``, ``"length"``, ``"offset"``, ``"gain"``, ``"elastic"``,
         ``"curve.0"``, ... (planar); spatial ones add ``"placement"``, ``"tool"``.
         """
-        raise NotImplementedError
+        return self.layout.groups
 
     @cached_property
     def size(self) -> int:
         """Number d of parameters."""
-        return sum(len(ix) for ix in self.groups.values())
+        return sum(len(ix) for ix in self.groups.values())  # a kind may leave groups out
+
+    @property
+    def units(self) -> Mapping[str, str]:
+        """Units that depend on the sensor, by how the layout calls them."""
+        return {"position": self.unit}
 
     def predict(self, q: Array, beta: Array) -> Array:
         """Outputs (n, m) at joint values (n, dof); a rotation is a rotation vector."""
@@ -127,6 +177,13 @@ class Structure:
     ) -> tuple[Array, Array]:
         """Outputs (n, m) and their derivative (n, m, k) by the parameters `active` (or all)."""
         raise NotImplementedError
+
+    def derivative(self, q: Array, beta: Array, active: Indices) -> tuple[Array, Derivative]:
+        """The same with the derivative's structure, where it has one."""
+        from .derivative import Derivative
+
+        values, x = self.linearise(q, beta, active)
+        return values, Derivative.of(x)
 
     def predict_and_slope(self, q: Array, beta: Array) -> tuple[Array, Array]:
         """Outputs (n, m) and their derivative (n, m, dof) by the joint values."""
@@ -146,7 +203,8 @@ class Structure:
 
     def label(self, index: int) -> Label:
         """What parameter `index` is."""
-        raise NotImplementedError
+        found = self.layout.labels[index]
+        return found._replace(unit=self.units.get(found.unit, found.unit))
 
     def prior(self, free: Sequence[str]) -> Prior:
         """Prior of the member that fits the groups of `free`; ``"curve"`` stands for all curves."""

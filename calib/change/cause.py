@@ -35,8 +35,8 @@ class Cause:
     """One change that explains a log."""
 
     # ``"sensor"``, ``"offset:JOINT"``, ``"length:JOINT"``, ``"gain:JOINT"``, ``"elastic:JOINT"``,
-    # ``"curve:JOINT"``, ``"scale"``, ``"tilt"``, ``"lens"``, ``"mirror"``, ``"sign:JOINT"``,
-    # ``"lost:JOINT"``, ``"noise"`` or ``"unknown"``
+    # ``"curve:JOINT"``, ``"curve"`` of all joints, ``"scale"``, ``"tilt"``, ``"lens"``,
+    # ``"mirror"``, ``"sign:JOINT"``, ``"lost:JOINT"``, ``"noise"`` or ``"unknown"``
     cause: str
     group: str  # group of parameters: ``"view.rotation"``, ``"offset"``, ``"length"``,
     value: float | None  # size of the change, None where no number tells it

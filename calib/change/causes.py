@@ -13,7 +13,7 @@ from ..model.alignment import Alignment
 from ..samples.plausibility import unit_hint
 from .alike import same_as_first_joint, same_as_scale
 from .cause import Cause
-from .members import NOTHING
+from .members import CREEP, NOTHING
 from .parameter_causes import SIGNIFICANT, of_parameters, single
 from .whitening import scaled
 
@@ -39,6 +39,9 @@ def find_causes(comparison: Comparison, drifted: bool) -> tuple[tuple[Cause, ...
         best = comparison.explanations[0]
         if comparison.changed and best.member != NOTHING:
             found += of_parameters(comparison, best)
+        elif comparison.changed and best.waves > CREEP:
+            words = "the joints have waves that the model does not know: gears, or their sensors"
+            found.append(Cause("curve", "curve", None, None, "", words))
         elif not found:
             found += _of_tests(comparison)
         more, notes = same_as_first_joint(comparison, found)

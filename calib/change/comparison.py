@@ -7,6 +7,7 @@ once, when it is first asked for.
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass, replace
 from functools import cached_property
 from typing import TYPE_CHECKING
@@ -17,8 +18,8 @@ from numpy.typing import NDArray
 from ..body.belief import Body
 from ..common.arrays import Array
 from ..errors import ModelError
-from .explain import Explanation, changed, explain, likely
-from .group_tests import Tested, group_tests
+from .explain import Explanation, changed, explain, likely, unusual
+from .group_tests import FALSE_ALARM, Tested, group_tests
 from .lag import lag_of
 from .members import as_built
 from .reference import Reference, kept_reference, reference_of
@@ -140,8 +141,10 @@ class Comparison:
         gap = np.linalg.norm(self.z - self.body.predict(self.q), axis=1)[self.kept]
         told = np.nan_to_num(self.model.expected_error(self.q), nan=np.inf)
         told = np.maximum(told, self.belief.bound(self.q))[self.kept]
+        radius = float(chdtri(self.z.shape[1], 0.05))  # squared, of 95 % in units of a deviation
+        told = np.sqrt(told**2 + radius * self.log.shared**2)
         more = max(self.tested.noise**2 - self.tested.usual**2, 0.0)
-        noisy = np.sqrt(told**2 + float(chdtri(self.z.shape[1], 0.05)) * more)
+        noisy = np.sqrt(told**2 + radius * more)
         return float(np.median(gap / told)), float(np.median(gap / noisy))
 
     @cached_property
@@ -159,13 +162,32 @@ class Comparison:
 
     @cached_property
     def explanations(self) -> tuple[Explanation, ...]:
-        """Members with their evidence, best first; of a log that no test fires on, no change."""
-        return explain(self.reference, self.log, self._weighted[1], self.cause, not self._suspect)
+        """Members with their evidence, best first; of a log that shows no change, that of none."""
+        return self._explained(calm=False) if self._suspect else self._calm
+
+    @cached_property
+    def _calm(self) -> tuple[Explanation, ...]:
+        """Explanations by no change."""
+        return self._explained(calm=True)
+
+    @property
+    def _waves(self) -> float:
+        """Evidence of waves, which look like noise to the tests, over what chance stays below.
+
+        What is less likely than the usual by 1 / p has a chance below p where nothing changed
+        (Markov's inequality).
+        """
+        return unusual(self._calm) / -math.log(FALSE_ALARM)
+
+    def _explained(self, calm: bool) -> tuple[Explanation, ...]:
+        return explain(self.reference, self.log, self._weighted[1], self.cause, calm)
 
     @cached_property
     def score(self) -> float:
         """How far the log is from an arm and a sensor as they were: above 1 they changed."""
         score = max(self.tested.score, 2.0 if self.reference.new else 0.0)
+        if score <= 1.0:
+            score = max(score, self._waves)
         if self._suspect and not self.explained:
             return max(score, 1.0 + self.misfit)
         return max(score, self.beyond[0] if self.unexpected else 0.0)
@@ -174,6 +196,8 @@ class Comparison:
     def _suspect(self) -> bool:
         """Whether a test fires, or rows are so far from the model that noise alone is no answer."""
         if self.reference.new or self.tested.score > 1.0 or self.beyond[0] > 1.0:
+            return True
+        if self._waves > 1.0:
             return True
         gap = np.linalg.norm(self.z - self.body.structure.predict(self.q, self.body.beta), axis=1)
         spread = np.linalg.norm(self.x - np.median(self.x, axis=0), axis=1)

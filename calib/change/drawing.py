@@ -11,8 +11,9 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from ..body.fitting import METRES, fit_body
+from ..body.fitting import fit_body
 from ..body.nominal import nominal_of
+from ..common.scale import METRES
 from ..errors import CalibError
 
 if TYPE_CHECKING:

@@ -104,6 +104,9 @@ def groups_of(body: Body) -> dict[str, Indices]:
             own = np.array(some, dtype=np.intp)
             found[name] = own
             found[f"{name} and sensor"] = np.concatenate([own, frame])
+    if len(known.get("elastic", ())):  # a payload bends all joints at once
+        found["elastic"] = joined("elastic")
+        found["elastic and sensor"] = joined("elastic", *FRAME)
     geometry = joined("offset", "length", "gain", "elastic", *FRAME)
     found["geometry"] = geometry
     return {k: np.asarray(ix, dtype=np.intp) for k, ix in found.items() if len(ix)}
@@ -149,6 +152,8 @@ def group_tests(body: Body, reference: Reference, log: Log, probes: Array) -> Te
     derivative = space.turn_columns(x)
     found = []
     for name, indices in groups.items():
+        if name.startswith("elastic"):  # of a joint about a vertical axis no load is felt
+            indices = indices[np.argsort(-moves[np.searchsorted(every, indices)], kind="stable")]
         place = np.searchsorted(every, indices)
         if not x[..., place[0]].any():  # what the sensor cannot see: a tracker has no lens
             continue

@@ -128,7 +128,7 @@ class Monitor:
         z = [a - b for a, b in zip(u, known, strict=False)]
         for k in self._turning:
             z[k] -= round(z[k])
-        terms = [1.0, *z, *(a * b for a in z for b in z)]
+        terms = [1.0, *z, *(a * b for k, a in enumerate(z) for b in z[k:])]
         row = self._rows[node].copy()
         power, place = 0.0, len(u)
         for k, value in enumerate(v):
@@ -232,7 +232,10 @@ def _own_error(model: Model) -> float:
 
 
 def _second_order(model: Model) -> Array:
-    """Value, slope and half the curvature at each motor node, axis by axis, (nodes, terms)."""
+    """Value, slope and curvature at each motor node, axis by axis, (nodes, terms).
+
+    The terms of Taylor's series: those of the symmetric curvature once, of two joints both.
+    """
     predictor, units = model.predictor, model.motor.units
     value, slope = predictor.value_and_slope(units)
     step = 0.25 * model.motor.spacing * np.eye(units.shape[1])
@@ -241,9 +244,10 @@ def _second_order(model: Model) -> Array:
         for s in step
     ]
     curvature = np.stack(bend, axis=-1) / (4.0 * step[0, 0])
-    n, axes = value.shape
-    terms = [value[:, :, None], slope, curvature.reshape(n, axes, -1)]
-    return np.asarray(np.concatenate(terms, axis=2).reshape(n, -1))
+    curvature += np.swapaxes(curvature, 2, 3) * (1.0 - np.eye(len(step)))
+    first, second = np.triu_indices(len(step))
+    terms = [value[:, :, None], slope, curvature[:, :, first, second]]
+    return np.asarray(np.concatenate(terms, axis=2).reshape(len(value), -1))
 
 
 def _chi_square(freedom: int) -> float:

@@ -33,5 +33,17 @@ CAUSES = ("sensor", "joints")
 METHODS = ("few-shot", "online")
 """How a model adapts."""
 
+DICTIONARY = "apriltag_36h11"
+"""The dictionary of tags that is used if none is named."""
+
+PICTURES = (".jpg", ".jpeg", ".png", ".bmp", ".tif", ".tiff", ".webp", ".ppm", ".pgm")
+"""Endings of files that are pictures."""
+
+VIDEOS = (".mp4", ".mov", ".avi", ".mkv", ".webm", ".m4v", ".mpg", ".mpeg", ".wmv")
+"""Endings of files that are videos, whatever else OpenCV opens."""
+
+BACKENDS = ("loky", "threading", "dask", "ray")
+"""Where the trainings of a sweep run: processes or threads of this machine, or clusters."""
+
 MOTIONS = ("uniform", "halton", "sobol", "smooth")
 """How a simulated arm babbles."""

@@ -4,8 +4,9 @@ from __future__ import annotations
 
 import threading
 from collections.abc import Callable, Iterator
+from concurrent.futures import Future
 from contextlib import contextmanager
-from typing import Any, Generic, TypeVar
+from typing import Any, TypeVar
 
 S = TypeVar("S")
 T = TypeVar("T")
@@ -21,8 +22,16 @@ def side_by_side(aside: Callable[[], S], here: Callable[[], T]) -> tuple[S, T]:
 
     An error of either is raised.
     """
-    task = _Aside(aside)
-    thread = threading.Thread(target=task.run, daemon=True)
+    task: Future[S] = Future()
+
+    def run() -> None:
+        try:
+            task.set_result(aside())
+        except BaseException as error:  # noqa: BLE001, RUF100 - raised again by result()
+            task.set_exception(error)
+
+    # a pool's threads are waited for when the program ends, a daemon is not
+    thread = threading.Thread(target=run, daemon=True)
     thread.start()
     try:
         result = here()
@@ -78,21 +87,3 @@ def _limit() -> Any:
 def in_turn(first: Callable[[], S], second: Callable[[], T]) -> tuple[S, T]:
     """Results of two tasks that run one after the other."""
     return first(), second()
-
-
-class _Aside(Generic[S]):
-    def __init__(self, task: Callable[[], S]) -> None:
-        self._task = task
-        self._error: BaseException | None = None
-        self._value: list[S] = []
-
-    def run(self) -> None:
-        try:
-            self._value.append(self._task())
-        except BaseException as error:  # noqa: BLE001, RUF100 - raised again by result()
-            self._error = error
-
-    def result(self) -> S:
-        if self._error is not None:
-            raise self._error
-        return self._value[0]

@@ -64,6 +64,16 @@ def number_rows(
     return rows, single
 
 
+def checked_rows(values: Any, names: Sequence[str], what: str) -> tuple[Array, bool]:
+    """`number_rows` of finite numbers."""
+    rows, single = number_rows(values, names, what)
+    if not np.isfinite(rows).all():
+        row = int(np.argmin(np.isfinite(rows).all(axis=1)))
+        where = "" if single else f" in row {row}"
+        raise QueryError(f"{what}{where}: {rows[row].tolist()} is not finite, expected numbers")
+    return rows, single
+
+
 def column_names(values: Any) -> list[Any]:
     """Return the names of the columns, none for an array without."""
     return _columns(values) or []

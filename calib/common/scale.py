@@ -12,6 +12,9 @@ from .frozen import ReadOnly
 
 TURN = 2 * np.pi
 
+METRES = {"m": 1.0, "cm": 100.0, "mm": 1000.0, "um": 1e6, "in": 1 / 0.0254}
+"""Units per metre of the units that are lengths."""
+
 
 @dataclass(frozen=True)
 class Scale(ReadOnly):
@@ -41,6 +44,7 @@ class Scale(ReadOnly):
             u = (x - self.lower) / self.span
         if self.periodic.any():
             u[:, self.periodic] %= 1.0
+            # of -1e-20 the remainder rounds to 1, which a periodic k-d tree refuses
             u[u == 1.0] = np.where(self.periodic, 0.0, 1.0)[np.nonzero(u == 1.0)[1]]
         return u
 

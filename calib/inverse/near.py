@@ -36,66 +36,50 @@ def position_near(
     q = np.clip(near, joints.lower, joints.upper)
     wanted = evaluate(q)[1]
     n, dof = q.shape
+
+    def merit(q: Array, r: Array) -> Array:
+        """What is minimised (n,): joint motion and, times `keep`, the turn."""
+        turn = logarithm(wanted @ np.swapaxes(r, 1, 2))
+        return np.asarray(((q - near) ** 2).sum(axis=1) + keep**2 * (turn**2).sum(axis=1))
+
+    def step(free: Array) -> Array:
+        """Step (n, dof) to the minimum of the linearised problem that reaches the position."""
+        slope, turning = jacobian[:, :3] * free[:, None, :], jacobian[:, 3:] * free[:, None, :]
+        turn = logarithm(wanted @ np.swapaxes(r, 1, 2))
+        # minimise |near - q - s|^2 + keep^2 |turn - T s|^2 with J s = position - p
+        back = keep**2 * np.swapaxes(turning, 1, 2)
+        inverse = np.linalg.inv(np.eye(dof) + back @ turning)
+        pull = free * (near - q) + (back @ turn[:, :, None])[:, :, 0]
+        reached = slope @ inverse @ np.swapaxes(slope, 1, 2)
+        # at a fold no force reaches the position: a little slack keeps the step finite
+        reached[:, range(3), range(3)] += 1e-9 * length**2
+        lacking = position - p - (slope @ inverse @ pull[:, :, None])[:, :, 0]
+        force = np.linalg.solve(reached, lacking[:, :, None])
+        total = pull + (np.swapaxes(slope, 1, 2) @ force)[:, :, 0]
+        return np.asarray((inverse @ total[:, :, None])[:, :, 0] * free)
+
     share = np.ones(n)
     p, r, jacobian = evaluate(q)
-    distance = np.linalg.norm(position - p, axis=1)
-    merit = _merit(q, near, r, wanted, keep)
+    distance, cost = np.linalg.norm(position - p, axis=1), merit(q, r)
     for _ in range(STEPS):
-        free = np.ones((n, dof), dtype=bool)
+        free = np.ones((n, dof))
         for _ in range(2):  # once as if there were no limits, once with what meets one held
-            step = _step(q, near, p, r, jacobian, position, wanted, keep, free, length)
-            beyond = ((q + step) < joints.lower) | ((q + step) > joints.upper)
-            free &= ~(beyond & ((q <= joints.lower) | (q >= joints.upper)))
-        step *= np.minimum(share, 0.5 / np.maximum(np.abs(step).max(axis=1), 1e-300))[:, None]
-        trial = np.clip(q + step, joints.lower, joints.upper)
-        moved = evaluate(trial)
-        away = np.linalg.norm(position - moved[0], axis=1)
-        cost = _merit(trial, near, moved[1], wanted, keep)
+            move = step(free)
+            beyond = ((q + move) < joints.lower) | ((q + move) > joints.upper)
+            free[beyond & ((q <= joints.lower) | (q >= joints.upper))] = 0.0
+        move *= np.minimum(share, 0.5 / np.maximum(np.abs(move).max(axis=1), 1e-300))[:, None]
+        trial = np.clip(q + move, joints.lower, joints.upper)
+        there = evaluate(trial)
+        away, price = np.linalg.norm(position - there[0], axis=1), merit(trial, there[1])
         close = away <= TOLERANCE * length
-        better = (away < distance) | (close & (cost <= merit))
+        better = (away < distance) | (close & (price <= cost))
         settled = close & (np.abs(trial - q).max(axis=1) < 1e-10)
         q = np.where(better[:, None], trial, q)
-        p = np.where(better[:, None], moved[0], p)
-        r = np.where(better[:, None, None], moved[1], r)
-        jacobian = np.where(better[:, None, None], moved[2], jacobian)
-        distance, merit = np.where(better, away, distance), np.where(better, cost, merit)
+        p = np.where(better[:, None], there[0], p)
+        r = np.where(better[:, None, None], there[1], r)
+        jacobian = np.where(better[:, None, None], there[2], jacobian)
+        distance, cost = np.where(better, away, distance), np.where(better, price, cost)
         share = np.where(better, np.minimum(1.0, 2 * share), share / 3)
         if (settled | (share < 1e-9)).all():
             break
     return q, distance
-
-
-def _merit(q: Array, near: Array, r: Array, wanted: Array, keep: float) -> Array:
-    """What is minimised (n,): joint motion and, times `keep`, the turn."""
-    turn = logarithm(wanted @ np.swapaxes(r, 1, 2))
-    return np.asarray(((q - near) ** 2).sum(axis=1) + keep**2 * (turn**2).sum(axis=1))
-
-
-def _step(
-    q: Array,
-    near: Array,
-    p: Array,
-    r: Array,
-    jacobian: Array,
-    position: Array,
-    wanted: Array,
-    keep: float,
-    free: Array,
-    length: float,
-) -> Array:
-    """Step (n, dof) to the minimum of the linearised problem that reaches the position."""
-    dof = q.shape[1]
-    loose = free.astype(float)
-    slope = jacobian[:, :3] * loose[:, None, :]
-    turning = jacobian[:, 3:] * loose[:, None, :]
-    turn = logarithm(wanted @ np.swapaxes(r, 1, 2))
-    # minimise |near - q - s|^2 + keep^2 |turn - T s|^2 with J s = position - p
-    hessian = np.eye(dof) + keep**2 * np.swapaxes(turning, 1, 2) @ turning
-    pull = loose * (near - q) + keep**2 * (np.swapaxes(turning, 1, 2) @ turn[:, :, None])[:, :, 0]
-    inverse = np.linalg.inv(hessian)
-    reached = slope @ inverse @ np.swapaxes(slope, 1, 2)
-    reached[:, range(3), range(3)] += 1e-9 * length**2
-    lacking = position - p - (slope @ inverse @ pull[:, :, None])[:, :, 0]
-    force = np.linalg.solve(reached, lacking[:, :, None])
-    total = pull + (np.swapaxes(slope, 1, 2) @ force)[:, :, 0]
-    return np.asarray((inverse @ total[:, :, None])[:, :, 0] * loose)

@@ -22,6 +22,7 @@ Evaluate = Callable[[Array], tuple[Array, Array, Array]]
 STEPS = 40
 #: Random starts of a round, and rounds in a row that must find nothing new.
 ROUND, QUIET = 96, 2
+ROUNDS = 12  # at most
 _MOST = 64  # branches; more are those of a redundant arm
 _TOGETHER = 50  # poses that are searched side by side
 #: A pose is reached within this share of the arm's length, and solutions this far apart [rad or m]
@@ -125,21 +126,20 @@ def pose_branches(
     *,
     starts: Array | None = None,
     seed: int = 0,
-    rounds: int = 12,
 ) -> list[Array]:
     """Every way (b, dof) in which an arm reaches each of some poses (n, 3), (n, 3, 3) [m].
 
     Joints are within their ranges and reach the pose to 1e-9 of the arm's length; sorted; empty
     where nothing does. Of a redundant arm they are some of infinitely many. `starts` (n, dof) were
-    active near each pose and are tried first, then starts that are drawn by `seed`, in at most so
-    many rounds; the search ends when two in a row find nothing new. The poses are searched side by
-    side: an evaluation of one row costs as much as one of a hundred.
+    active near each pose and are tried first, then starts that are drawn by `seed`, in at most
+    `ROUNDS` rounds; the search ends when two in a row find nothing new. The poses are searched side
+    by side: an evaluation of one row costs as much as one of a hundred.
     """
     searches = [
         _Search(joints, seed, None if starts is None else starts[i]) for i in range(len(position))
     ]
     open_ = list(range(len(searches)))
-    for _ in range(rounds):
+    for _ in range(ROUNDS):
         for part in (open_[i : i + _TOGETHER] for i in range(0, len(open_), _TOGETHER)):
             counts = [len(searches[i].tried) for i in part]
             target = np.repeat(part, counts)

@@ -16,11 +16,13 @@ from .closest import closest
 from .newton import CLOSE, Newton
 from .self_motions import representatives
 from .singular_points import twins
-from .starts import Starts
+from .starts import Starts, damped_inverse
 
 SAME = 1e-5
 """Solutions closer than this share of the joints' range are one."""
 
+_BESIDE = 0.1  # of the sine between the Jacobian's columns: a step so long stays on its branch
+_SHORT = 0.03  # of the joints' range: no longer step is taken for one
 _ALIKE = 4.0  # node spacings: solutions of redundant joints that are about as close
 _WIDE = 8  # sensory nodes whose partners are tried where others have failed
 
@@ -69,7 +71,10 @@ class Solver:
         Returns distance : (n,), what is left to the target
         """
         if not self.redundant:
-            u, distance = self._from_starts(x, near)
+            u, distance = self._from_near(x, near)
+            rows = np.flatnonzero(np.isnan(distance))
+            if len(rows):
+                u[rows], distance[rows] = self._from_starts(x[rows], near[rows])
         else:
             # redundant joints: from the wished ones on; the links where that leads far away
             u, distance = self.newton.settle(self.clip(near), x, near)
@@ -79,6 +84,27 @@ class Solver:
             if len(rows):
                 self._take_better(u, distance, rows, *self._from_starts(x[rows], near[rows]), near)
         return self._rescued(u, distance, x, near)
+
+    def _from_near(self, x: Array, near: Array) -> tuple[Array, Array]:
+        """Solutions next to the joints wished for; NaN where another branch may be closer.
+
+        Branches meet at folds, where the Jacobian's columns are parallel: the sine between them
+        is about the way [rad] to the fold, and the other branch is as far beyond it.
+        """
+        u, distance = np.full(near.shape, np.nan), np.full(len(near), np.nan)
+        if near.shape[1] != x.shape[1]:
+            return u, distance
+        value, slope = self.predictor.value_and_slope(near)
+        size = np.sqrt((slope * slope).sum(axis=1)).prod(axis=1)
+        sine = np.abs(np.linalg.det(slope)) / np.maximum(size, 1e-300)
+        room = np.minimum(_BESIDE * sine, _SHORT)
+        step = np.einsum("ndm,nm->nd", damped_inverse(slope, 0.0), x - value)
+        rows = np.flatnonzero(np.abs(step).max(axis=1) < room)
+        found, left = self.newton.refine(near[rows], x[rows])
+        gap = np.abs(self.scale.difference(found, near[rows])).max(axis=1)
+        sure = (left <= CLOSE * self.extent) & (gap < 2.0 * room[rows])
+        u[rows[sure]], distance[rows[sure]] = found[sure], left[sure]
+        return u, distance
 
     def _from_starts(self, x: Array, near: Array) -> tuple[Array, Array]:
         """Solutions from the starts that are closest to the joints wished for."""

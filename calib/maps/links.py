@@ -4,11 +4,13 @@ from __future__ import annotations
 
 from collections.abc import Iterable, Iterator
 from dataclasses import dataclass
+from functools import partial
 from typing import TYPE_CHECKING
 
 import numpy as np
 
 from ..common.arrays import Array
+from ..common.parallel import side_by_side
 from ..errors import OptionError
 from .map import Map
 
@@ -92,7 +94,8 @@ class Wiring:
         """Rows of the samples and the activities of both maps, part after part."""
         for first in range(0, len(u), _AT_ONCE):
             rows = slice(first, first + _AT_ONCE)
-            yield rows, self.activity(motor, u[rows]), self.activity(sensory, v[rows])
+            both = ((motor, u[rows]), (sensory, v[rows]))
+            yield rows, *side_by_side(*(partial(self.activity, *one) for one in both))
 
     def linked(self, parts: Iterable[tuple[csr_array, csr_array]]) -> csr_array:
         """Links from the activities of both maps, part after part, see :meth:`link`."""

@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from ..common.arrays import Array
-from ..common.rows import number_rows
+from ..common.rows import checked_rows
 from ..errors import QueryError
 from ..maps.association import check_readout
 
@@ -177,13 +177,3 @@ def anchor(model: Model, near: ArrayLike | None, n: int) -> Array:
         )
     unit = scale.to_unit(rows)
     return unit if len(unit) == n else np.broadcast_to(unit, (n, len(names)))
-
-
-def checked_rows(values: ArrayLike, names: tuple[str, ...], what: str) -> tuple[Array, bool]:
-    """Check an argument; rows (n, len(names)) and whether it was a single vector."""
-    rows, single = number_rows(values, names, what)
-    if not np.isfinite(rows).all():
-        row = int(np.argmin(np.isfinite(rows).all(axis=1)))
-        where = "" if single else f" in row {row}"
-        raise QueryError(f"{what}{where}: {rows[row].tolist()} is not finite, expected numbers")
-    return rows, single

@@ -8,9 +8,10 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from ..common.arrays import Array
+from ..common.rows import checked_rows
 from ..errors import QueryError
 from . import answers
-from .answers import Answer, checked_rows
+from .answers import Answer
 from .doors import Doors
 from .parts import Parts
 from .trust import MOST_BLENDED, MOST_SHARE
@@ -114,11 +115,12 @@ class Model(Parts, Doors):
         >>> model.forward([0.5, 1.0]).round(3)
         array([0.281, 0.393])
         """
-        readout = self._readout(readout)
-        if readout == "local" and self.single is not None and approach is None:
+        # a model with single queries answers with "local" by default
+        if readout in (None, "local") and approach is None and self.single is not None:
             position = self.single.forward(q)
             if position is not None:
                 return position
+        readout = self._readout(readout)
         q, single = checked_rows(q, self.about.joint_names, "joint values")
         inside = self.trust.covers(self.motor.scale.to_unit(q))
         side = self._sides(approach, len(q))
@@ -162,11 +164,11 @@ class Model(Parts, Doors):
         -------
         (n, dof) or (dof,) array [rad or m]
         """
-        readout = self._readout(readout)
-        if readout == "local" and near is not None and self.single is not None:
+        if readout in (None, "local") and near is not None and self.single is not None:
             joints = self.single.inverse(x, near)
             if joints is not None:
                 return joints
+        readout = self._readout(readout)
         if readout == "local":
             rows, single = checked_rows(x, self.axes, "positions")
             q = answers.joints(self, rows, answers.anchor(self, near, len(rows)), nearest=nearest)
@@ -209,6 +211,8 @@ class Model(Parts, Doors):
         :meth:`forward`, it is the smaller bound for a known direction.
         """
         bound = self._bound(q, "bounds")
+        if approach is None:
+            return bound
         rows, _ = checked_rows(q, self.about.joint_names, "joint values")
         side = self._sides(approach, len(rows))
         if side is None or self.approach is None:

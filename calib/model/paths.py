@@ -11,6 +11,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from ..common.arrays import Array
+from ..common.rows import checked_rows
 from ..errors import QueryError
 from ..inverse.tracking import follow
 from . import answers
@@ -54,7 +55,7 @@ def follow_path(
     model: Model, waypoints: ArrayLike, start: ArrayLike | None, step: float | None
 ) -> Path:
     """Follow waypoints; see :meth:`calib.Model.path`."""
-    corners, single = answers.checked_rows(waypoints, model.axes, "waypoints")
+    corners, single = checked_rows(waypoints, model.axes, "waypoints")
     if single or len(corners) < 2:
         raise QueryError(
             f"a path needs 2 waypoints or more, got {len(corners)}: add rows, or ask for the "

@@ -13,11 +13,11 @@ from numpy.typing import ArrayLike, NDArray
 
 from ..arm.rotations import matrix_of, quaternion_of
 from ..common.arrays import Array
+from ..common.rows import checked_rows
 from ..errors import QueryError
 from ..inverse.near import position_near
 from ..inverse.pose import TOLERANCE, Reached, pose_branches, reach_poses
 from ..samples.roles import QUATERNION, ROUNDING
-from .answers import checked_rows
 from .space import REACHED, Space
 
 if TYPE_CHECKING:

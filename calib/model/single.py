@@ -10,15 +10,12 @@ import math
 from collections.abc import Callable, Sequence
 from functools import cached_property
 from itertools import count
+from operator import le, sub, truediv
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from ..body.planar import PlanarStructure
 from ..body.planar_row import PlanarRow, Sloped
-from ..body.spatial import SpatialStructure
-from ..body.spatial_bound_row import SpatialBoundRow
-from ..body.spatial_row import SpatialRow
 from ..common.arrays import Array
 from ..inverse.one_row import FURTHEST, nearest, two_joints
 from ..maps.node_cells import NodeCells
@@ -26,7 +23,9 @@ from ..maps.node_models import NodeModels
 from ..maps.predictor import BodyInBox
 from .trust import MOST_BLENDED
 
-if TYPE_CHECKING:
+if TYPE_CHECKING:  # what only arms in space need is imported when one asks
+    from ..body.spatial_bound_row import SpatialBoundRow
+    from ..body.spatial_row import SpatialRow
     from .model import Model
 
 _FEW = 20  # queries that take less than the cells take to make
@@ -42,17 +41,18 @@ class Single:
     def __init__(self, model: Model) -> None:
         scale, body = model.motor.scale, model.body
         self.model, self._asked = model, count()
-        self._planar = isinstance(getattr(body, "structure", None), PlanarStructure)
+        self._planar = body is not None and body.structure.kind == "planar"
         self._everywhere = bool((model.model_bounds <= model.trust.most).all())
         self._smooth = self._everywhere and model.predictor.models.degree < 0
         self._lower: list[float] = scale.lower.tolist()
         self._span: list[float] = scale.span.tolist()
         self._turning: list[int] = np.flatnonzero(scale.periodic).tolist()
         ranges = list(zip(self._lower, self._span, strict=True))
-        self._limits = [
+        limits = [
             (-math.inf, math.inf) if turns else (low - _SLACK * span, low + (1.0 + _SLACK) * span)
             for (low, span), turns in zip(ranges, scale.periodic, strict=True)
         ]
+        self._least, self._most = ([limit[k] for limit in limits] for k in (0, 1))
         # unit of a joint's distance: a radian, or the range of a slide
         kinds = zip(self._span, model.about.revolute, strict=True)
         self._wide = [1.0 if turns else span for span, turns in kinds]
@@ -63,10 +63,8 @@ class Single:
         body, smooth = model.body, model.predictor.smooth
         if body is None or not isinstance(smooth, BodyInBox) or smooth.body is not body:
             return None
-        structure = body.structure
-        planar = isinstance(structure, PlanarStructure)
-        alone = isinstance(structure, SpatialStructure) and model.predictor.models.degree < 0
-        return Single(model) if planar or alone else None
+        alone = body.structure.kind == "spatial" and model.predictor.models.degree < 0
+        return Single(model) if body.structure.kind == "planar" or alone else None
 
     @cached_property
     def cells(self) -> NodeCells | None:
@@ -150,7 +148,9 @@ class Single:
             )
         else:
             found = nearest(self._rows, target, start, self.model.motor.scale.span, self._in_range)
-        if found is None or self._across(found) or not self._known(found):
+        if found is None or self._across(found):
+            return None
+        if not (self._in_range(found) and self._known(found)):
             return None
         far = max(abs(f - s) / w for f, s, w in zip(found, start, self._wide, strict=True))
         return found if far <= FURTHEST else None
@@ -174,14 +174,10 @@ class Single:
         return any(not 0.0 <= row[k] - lower[k] < span[k] for k in self._turning)
 
     def _in_range(self, row: Sequence[float]) -> bool:
-        for value, (low, high) in zip(row, self._limits, strict=True):
-            if not low <= value <= high:
-                return False
-        return True
+        return all(map(le, self._least, row)) and all(map(le, row, self._most))
 
-    def _known(self, row: list[float]) -> bool:
-        if not self._in_range(row):
-            return False
+    def _known(self, row: Sequence[float]) -> bool:
+        """Whether joints within their range are answered."""
         if self._everywhere:
             return True
         assert self.cells is not None  # noqa: S101
@@ -189,16 +185,16 @@ class Single:
         return bound <= self.model.trust.most
 
     def _unit(self, row: Sequence[float]) -> list[float]:
-        return [
-            (value - low) / span
-            for value, low, span in zip(row, self._lower, self._span, strict=True)
-        ]
+        return list(map(truediv, map(sub, row, self._lower), self._span))
 
     @cached_property
     def _compiled(self) -> PlanarRow | SpatialRow:
         body: Any = self.model.body
-        kind = PlanarRow.of if self._planar else SpatialRow
-        return kind(body.structure, body.beta)
+        if self._planar:
+            return PlanarRow.of(body.structure, body.beta)
+        from ..body.spatial_row import SpatialRow
+
+        return SpatialRow(body.structure, body.beta)
 
     @cached_property
     def _position(self) -> Callable[[Sequence[float]], Sequence[float]]:
@@ -234,7 +230,7 @@ class Single:
     @cached_property
     def _rows(self) -> Callable[[Sequence[float]], tuple[Sequence[float], Array]]:
         """Position and its derivative (m, dof) of any arm."""
-        if isinstance(self._compiled, SpatialRow):
+        if not isinstance(self._compiled, PlanarRow):
             return self._compiled.sloped
 
         def sloped(row: Sequence[float]) -> tuple[Sequence[float], Array]:
@@ -249,6 +245,8 @@ class Single:
         body: Any = self.model.body
         if self._planar or body.structure.outputs != 3 or len(self._lower) <= MOST_BLENDED:
             return None
+        from ..body.spatial_bound_row import SpatialBoundRow
+
         return SpatialBoundRow(body)
 
     @cached_property
@@ -271,11 +269,9 @@ def _floats(values: Any, count: int) -> list[float] | None:
         row: list[float] = values.tolist()
     elif type(values) in (list, tuple):
         row = [float(v) if type(v) is int else v for v in values]
+        if not all(isinstance(value, float) for value in row):
+            return None
     else:
         return None
-    if len(row) != count:
-        return None
-    for value in row:
-        if not isinstance(value, float) or not math.isfinite(value):
-            return None
-    return row
+    # one sum tells whether any is infinite or NaN; where it overflows the batch answers
+    return row if len(row) == count and math.isfinite(sum(row)) else None

@@ -19,12 +19,12 @@ from ..body.belief import Body
 from ..body.spatial_view import look
 from ..body.views import is_camera
 from ..common.arrays import Array
+from ..common.rows import checked_rows
 from ..errors import QueryError
 from ..inverse.near import position_near
 from ..inverse.pixel import on_plane
 from ..inverse.pose import Joints, Reached, pose_branches, reach_poses
 from ..inverse.self_motions import free_directions
-from .answers import checked_rows
 from .base import drawn, in_base
 
 if TYPE_CHECKING:

@@ -10,6 +10,7 @@ from numpy.typing import NDArray
 
 from ..body.basis import Basis
 from ..body.belief import Body
+from ..body.storing import body_arrays, body_header, rebuild_body
 from ..body.trend import Trend
 from ..common.checks import LARGEST
 from ..common.scale import Scale
@@ -29,7 +30,7 @@ def smooth_header(smooth: Smooth) -> dict[str, Any]:
     basis = None if trend is None else trend.basis
     return {
         "linear": isinstance(smooth, LinearModels),
-        "body": body and body.header(),
+        "body": body and body_header(body),
         "trend": basis and {"turns": [*basis.turns], "degree": basis.degree, "each": basis.each},
     }
 
@@ -39,7 +40,7 @@ def smooth_tensors(smooth: Smooth) -> dict[str, NDArray[Any]]:
     body, trend = _parts(smooth)
     tensors: dict[str, NDArray[Any]] = {}
     if body is not None:
-        tensors |= {_BODY + name: array for name, array in body.arrays().items()}
+        tensors |= {_BODY + name: array for name, array in body_arrays(body).items()}
     if trend is not None:
         tensors["trend.coefficients"] = trend.coefficients
     return tensors
@@ -75,7 +76,7 @@ def build_smooth(
         return linear(), None
     body = None
     if stated["body"] is not None:
-        body = Body.rebuild(stated["body"], tensors.under(_BODY).named())
+        body = rebuild_body(stated["body"], tensors.under(_BODY).named())
         if body.structure.dof != len(scale.span):
             raise ValueError("the body is of another arm")
     trend = _trend(stated["trend"], tensors, scale, outputs) if stated["trend"] else None

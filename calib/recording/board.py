@@ -8,19 +8,16 @@ from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
 from ..common.arrays import Array
+from ..common.scale import METRES
 from ..errors import OptionError
 from .edges import refine_corners
-from .opencv import opencv
+from .opencv import Picture, opencv
 from .tags import find_dictionary
 
 LEAST_CORNERS = 8
 """Corners of a board that a picture must show."""
-
-
-_METRES = {"mm": 1e-3, "cm": 1e-2, "m": 1.0, "in": 0.0254}
 
 
 @dataclass(frozen=True)
@@ -105,17 +102,18 @@ class BoardFinder:
         patterns = (False, True) if board.rows % 2 == 0 else (False,)
         self._detectors = [aruco.CharucoDetector(board.opencv(legacy=p)) for p in patterns]
 
-    def find(self, grey: NDArray[np.uint8]) -> dict[int, Array]:
+    def find(self, grey: Picture) -> dict[int, Array]:
         """Return the corners that a picture shows: number to place (2,) [px]."""
         best = self._detect(grey)
         if len(best) < LEAST_CORNERS:  # cells of two pixels are read at twice the size
             cv2 = opencv()
             large = cv2.resize(grey, None, fx=2.0, fy=2.0, interpolation=cv2.INTER_CUBIC)
+            # pixel centres have whole coordinates: doubling puts them half a pixel off
             larger = {n: 0.5 * (place - 0.5) for n, place in self._detect(large).items()}
             best = max(best, larger, key=len)
         return refine_corners(grey, best, self.board)
 
-    def _detect(self, grey: NDArray[np.uint8]) -> dict[int, Array]:
+    def _detect(self, grey: Picture) -> dict[int, Array]:
         best: dict[int, Array] = {}
         for detector in self._detectors:
             corners, numbers = detector.detectBoard(grey)[:2]
@@ -127,8 +125,8 @@ class BoardFinder:
         return best
 
 
-def parse_length(text: str, what: str = "length") -> float:
-    """Return a length above zero in metres.
+def parse_length(text: str, what: str = "length", *, signed: bool = False) -> float:
+    """Return a length above zero, or with a sign one of either side, in metres.
 
     Raises OptionError if the text has no number, or no unit.
 
@@ -137,12 +135,13 @@ def parse_length(text: str, what: str = "length") -> float:
     >>> parse_length("24mm"), parse_length("2.5 cm")
     (0.024, 0.025)
     """
-    match = re.fullmatch(r"\s*([0-9.]+(?:[eE][+-]?[0-9]+)?)\s*(mm|cm|m|in)\s*", text)
+    match = re.fullmatch(r"\s*(-?[0-9.]+(?:[eE][+-]?[0-9]+)?)\s*(mm|cm|m|in)?\s*", text)
     try:
         value = float(match[1]) if match else math.nan
     except ValueError:
         value = math.nan
-    if match is None or not 0.0 < value < 1e6:
+    if signed and value == 0.0:
+        return 0.0  # of any unit
+    if match is None or not match[2] or not (-1e6 if signed else 0.0) < value < 1e6:
         raise OptionError(f"{what} {text!r}: expected a number and its unit, such as 24mm")
-    scale = _METRES[match[2]]
-    return value / round(1.0 / scale) if match[2] in ("mm", "cm") else value * scale
+    return value / METRES[match[2]]

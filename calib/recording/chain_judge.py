@@ -97,7 +97,9 @@ def _search(
         distance = np.linalg.norm(miss, axis=1)
         if not np.isfinite(distance).all():
             return None, beta
+        # 1.18 is the median distance of two independent normal errors of size one
         scale = max(float(np.median(distance)) / 1.18, 0.01)
+        # of a Student t in two dimensions: what is far from the chain counts for little
         weight = (_NU + 2.0) / (_NU + (distance / scale) ** 2) / scale**2
         JW = (J * weight[:, None, None]).reshape(-1, len(sd))
         precision = JW.T @ J.reshape(-1, len(sd)) + np.diag(1.0 / sd**2)

@@ -67,7 +67,7 @@ class Clocks:
 
 
 @dataclass(frozen=True, eq=False)
-class Pair:
+class ClockPair:
     """A track (n, 2) at times (n,), and joints (m, joints) at times (m,) of another clock."""
 
     t: Array
@@ -104,6 +104,7 @@ class Pair:
         sb, sbb = (sums(v, start, stop) for v in (b, b**2))
         scale = (saa - sa**2 / count) * (sbb - sb**2 / count)
         c = (both[lags % size] - sa * sb / count) / np.sqrt(np.maximum(scale, 1e-12))
+        # peaks within 0.2 s of a higher one are its shoulders
         wide = np.pad(c, 10, mode="edge")
         highest = np.max([wide[k : k + len(c)] for k in range(21)], axis=0)
         top = np.flatnonzero(c >= highest)
@@ -127,6 +128,7 @@ class Pair:
             judge = Judge(there)
             clocks = replace(clocks, error=judge.error(seen))
             best = min(best, clocks, key=lambda each: each.error)
+            # a bounded step: the tip's velocity is a guide over a few hundredths of a second only
             step = self._step(judge, seen, when, rate=False)[0][0]
             offset = clocks.offset + float(np.clip(step, -0.06, 0.06))
             offset = float(np.clip(offset, peak - _FARTHEST, peak + _FARTHEST))
@@ -229,7 +231,7 @@ def align_clocks(
     spread = float(np.sqrt(((x - x.mean(0)) ** 2).sum(1).mean()))
     if spread < 5.0 or np.ptp(q, axis=0).max() < 0.02:
         raise ClockError("the arm never moves, so the clocks cannot be matched; give `time_offset`")
-    pair = Pair(t, x, joint_time, q)
+    pair = ClockPair(t, x, joint_time, q)
     peaks = pair.peaks()
     if not len(peaks):
         raise ClockError(
@@ -239,6 +241,7 @@ def align_clocks(
     apart = [c for k, c in enumerate(judged) if all(_apart(c, d) for d in judged[:k])]
     kinds = tuple(revolute) if revolute is not None else (True,) * q.shape[1]
     chains = [pair.chain(c, kinds) for c in apart[:_CHAINS]]
+    # a chain needs fewer rows, so it goes first; an arm in space has none that fits
     fitted = sorted((c for c in chains if c is not None), key=_by_error)
     if not fitted or not fitted[0].error < _CHAIN_FITS * spread:
         fitted = sorted(map(pair.refined, apart[:_CHAINS]), key=_by_error)

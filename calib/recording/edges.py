@@ -15,7 +15,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ..common.arrays import Array
-from .opencv import opencv
+from .opencv import Picture, opencv
 
 if TYPE_CHECKING:
     from .board import Board
@@ -30,7 +30,7 @@ _CLEAR = 1.3  # [px]; the blur of the tags beside an edge
 _ALONG = np.linspace(0.14, 0.82, 14)[:, None]  # of a square: near a corner edges are round
 
 
-def refine_square(grey: NDArray[np.uint8], corners: Array, cells: int = 8) -> tuple[Array, float]:
+def refine_square(grey: Picture, corners: Array, cells: int = 8) -> tuple[Array, float]:
     """Fit lines to the four sides of a dark square on white, and cross them.
 
     corners : (4, 2) array [px]; corners within a pixel or so, in their order around the square.
@@ -57,7 +57,7 @@ def refine_square(grey: NDArray[np.uint8], corners: Array, cells: int = 8) -> tu
     return c + low, roughness
 
 
-def blurred_part(grey: NDArray[np.uint8], points: Array) -> tuple[NDArray[np.float32], Array]:
+def blurred_part(grey: Picture, points: Array) -> tuple[NDArray[np.float32], Array]:
     """Return the part of a picture around points, a little blurred, and its corner [px]."""
     low = np.maximum(np.floor(points.min(0)).astype(int) - 12, 0)
     high = np.ceil(points.max(0)).astype(int) + 13
@@ -116,9 +116,7 @@ def _line(points: Array) -> tuple[Array, float]:
     return np.array([*normal, -normal @ middle]), float(np.sqrt(np.mean(distance[keep] ** 2)))
 
 
-def refine_corners(
-    grey: NDArray[np.uint8], corners: Mapping[int, Array], board: Board
-) -> dict[int, Array]:
+def refine_corners(grey: Picture, corners: Mapping[int, Array], board: Board) -> dict[int, Array]:
     """Put corners of a board, known within two pixels, where its edges cross.
 
     Corners are places (2,) [px] by number, as in the answer: a hidden one has no edges, and is left
@@ -143,9 +141,7 @@ def _near(refined: Mapping[int, Array], corners: Mapping[int, Array]) -> dict[in
     return {n: p for n, p in refined.items() if np.linalg.norm(p - corners[n]) < 2.5}
 
 
-def _once(
-    grey: NDArray[np.uint8], places: Mapping[int, Array], board: Board
-) -> dict[int, Array] | None:
+def _once(grey: Picture, places: Mapping[int, Array], board: Board) -> dict[int, Array] | None:
     width = board.columns - 1
     numbers, ahead = [], []
     for n, place in places.items():
@@ -235,7 +231,7 @@ def _at(curve: tuple[Array, Array, Array], s: float) -> tuple[Array, Array]:
     return s * u + (a + b * s + c * s**2) * v, u + (b + 2.0 * c * s) * v
 
 
-def _by_window(grey: NDArray[np.uint8], places: Mapping[int, Array]) -> dict[int, Array]:
+def _by_window(grey: Picture, places: Mapping[int, Array]) -> dict[int, Array]:
     """Refine corners within small windows, as OpenCV does."""
     cv2 = opencv()
     stop = (cv2.TERM_CRITERIA_EPS + cv2.TERM_CRITERIA_MAX_ITER, 40, 1e-3)

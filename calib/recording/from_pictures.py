@@ -8,28 +8,29 @@ from collections.abc import Mapping, Sequence
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
+from ..arm.rotations import quaternion_of
 from ..common.arrays import Array
 from ..common.parallel import one_blas_thread
 from ..common.wording import listed
-from ..errors import LogError, OptionError
+from ..errors import LogError
 from .board import BoardFinder
 from .joint_table import JointTable
+from .opencv import Picture
 from .pictures import list_pictures, match_rows, read_series
 from .plane import square_pose
 from .recorded import Recorded, told
 from .reference import PlaneReference
-from .setting import Setting
+from .setting import Setup
 from .tags import Tag, TagFinder
 from .track import TipTags, astray, check_motion, row_shift, stuck, unrelated
-from .watch import Marks
+from .watch import Marks, Watched
 
 
 def log_pictures(
     source: str | os.PathLike[str],
     joints: JointTable,
-    setting: Setting,
+    setting: Setup,
     *,
     since: Mapping[str, Any] | None = None,
 ) -> Recorded:
@@ -50,10 +51,11 @@ def log_pictures(
     marks: list[tuple[int, Marks]] = []
     damaged: list[str] = []
     size = (0, 0)
-    sample: list[NDArray[np.uint8]] = []
+    sample: list[Picture] = []
     for number, grey in read_series([path for _, path in pairs], damaged):
         name, size = pairs[number][1].name, (grey.shape[1], grey.shape[0])
         setting.check_size(name, size)
+        # a dozen pictures tell which tags are there, should this one not be
         if number % max(1, len(pairs) // 12) == 0:
             sample.append(grey)
         found = setting.finder.find(grey)
@@ -63,17 +65,12 @@ def log_pictures(
         if tip is not None:
             rows.append(number)
             tags.append(tip)
-    reasons, twice = tips.reasons, tips.twice
+    reasons = tips.reasons
     notes += [f"{text}; left out" for text in damaged[:5]]
     reasons["cut off or damaged"] = len(damaged)
-    if twice:
-        raise LogError(
-            f"tag {setting.tag} is there twice in {len(twice)} of {len(pairs)} pictures "
-            f"({listed(twice, 3)}): cover one, or print another id for the tip"
-        )
+    tips.check_single(f"{len(tips.twice)} of {len(pairs)} pictures ({listed(tips.twice, 3)})")
     if not tags:
-        instead = seen_instead(setting, sample)
-        raise LogError(f"tag {setting.tag} is in none of {len(pairs)} pictures: {instead}")
+        raise unseen(setting, sample, f"{len(pairs)} pictures")
     what = f"{len(tags)} pictures"
     index = np.array([pairs[number][0] for number in rows])
     q, pixels = joints.q[index], np.array([t.centre for t in tags])
@@ -95,12 +92,12 @@ def log_pictures(
     kept = [tag for tag, ok in zip(tags, good, strict=True) if ok]
     return assemble(
         setting,
-        watched.positions(pixels[good], numbers),
-        joints.names,
-        q[good],
+        watched,
         kept,
-        source={"source": "pictures", "size": list(size), **setting.about(watched)},
-        poses=watched.parts[-1],
+        numbers,
+        joint_names=joints.names,
+        q=q[good],
+        source={"source": "pictures", "size": list(size)},
         pictures=tuple(pairs[number][1].name for number in numbers),
         dropped={why: count for why, count in reasons.items() if count},
         notes=[*notes, *told(reasons, "pictures")],
@@ -108,59 +105,51 @@ def log_pictures(
 
 
 def assemble(
-    setting: Setting,
-    located: tuple[Array, Array, Array],
-    names: tuple[str, ...],
-    q: Array,
+    setting: Setup,
+    watched: Watched,
     tags: Sequence[Tag],
-    *,
-    source: Mapping[str, Any],
-    poses: object,
-    pictures: tuple[str, ...] | None = None,
-    time: Array | None = None,
-    dropped: Mapping[str, int],
-    notes: Sequence[str],
+    numbers: Array,
+    **more: Any,
 ) -> Recorded:
-    """Put a log together from tags and where they are; see `Watch.positions`."""
-    x, scale, common = located
-    unit = setting.layout and "m"
+    """Put a log together from tags that were seen in the pictures of these numbers (n,).
+
+    `more` are further fields of the log; its source is completed.
+    """
+    pixels = np.array([tag.centre for tag in tags])
+    x, scale, common = watched.positions(pixels, numbers)
+    unit, quaternion, notes = "px" if setting.layout is None else "m", None, list(more.pop("notes"))
     noise = np.array([tag.noise for tag in tags]) * scale
-    quaternion = None
     if setting.pose:
-        x, quaternion, unit = *_poses(setting, tags, poses), "m"
+        x, quaternion, unit = *_poses(setting, tags, watched.parts[-1]), "m"
     shared = float(np.sqrt(np.mean(common**2)))
     if steep := sum(tag.upright < 0.5 for tag in tags):
-        notes = [*notes, f"the tag is seen at more than 60 deg in {steep} rows: let it face the "
-                 "camera"]  # fmt: skip
+        notes.append(f"the tag is seen at more than 60 deg in {steep} rows: let it face the camera")
     return Recorded(
-        joint_names=names,
-        q=q,
         x=x,
-        unit=unit or "px",
+        unit=unit,
         noise=float(np.hypot(np.sqrt(np.mean(noise**2)), shared)),
         common=shared,
-        pixels=np.array([tag.centre for tag in tags]),
-        source=source,
+        pixels=pixels,
+        source={**more.pop("source"), **setting.about(watched)},
         quaternion=quaternion,
-        time=time,
-        pictures=pictures,
-        dropped=dropped,
         notes=tuple(notes),
+        **more,
     )
 
 
-def seen_instead(setting: Setting, greys: Sequence[NDArray[np.uint8]]) -> str:
-    """Say which tags some pictures show."""
+def unseen(setting: Setup, greys: Sequence[Picture], what: str) -> LogError:
+    """Return the error for a tag that is in none of `what`; some pictures tell which tags are."""
     finder, seen = TagFinder(setting.dictionary), Counter[int]()
     for grey in greys:
         seen.update({tag.number for tag in finder.find(grey)})
+    shown = listed([f"{number} ({times} times)" for number, times in seen.most_common()], 6)
+    instead = f"{len(greys)} of them show {shown} of {setting.dictionary}"
     if not seen:
-        return (
+        instead = (
             f"no tag of {setting.dictionary} is in {len(greys)} of them; check that it is sharp, "
             "has a white border and is of this dictionary"
         )
-    shown = listed([f"{number} ({times} times)" for number, times in seen.most_common()], 6)
-    return f"{len(greys)} of them show {shown} of {setting.dictionary}"
+    return LogError(f"tag {setting.tag} is in none of {what}: {instead}")
 
 
 def _check_order(q: Array, pixels: Array, pictures: Sequence[str]) -> list[str]:
@@ -179,24 +168,16 @@ def _check_order(q: Array, pixels: Array, pictures: Sequence[str]) -> list[str]:
     return ["the joints predict the tag no better than those of other pictures: of another run?"]
 
 
-def _poses(setting: Setting, tags: Sequence[Tag], reference: object) -> tuple[Array, Array]:
+def _poses(setting: Setup, tags: Sequence[Tag], reference: object) -> tuple[Array, Array]:
     """Return places (n, 3) [m] and quaternions (n, 4) of tags, in the reference's frame.
 
     Without a reference the frame is the camera's: x right, y down, z ahead.
     """
-    from scipy.spatial.transform import Rotation
-
     lens, size = setting.lens, setting.tag_size
-    if lens is None or size is None:
-        raise OptionError("the tag's pose needs `lens` and `tag_size`")
-    places, turns = [], []
-    for tag in tags:
-        pose = square_pose(lens, tag.corners, size)
-        turn, place = pose.rotation, pose.shift
-        if isinstance(reference, PlaneReference):
-            frame = reference.pose.rotation
-            turn, place = frame.T @ turn, frame.T @ (place - reference.pose.shift)
-        places.append(place)
-        turns.append(turn)
-    quaternion = Rotation.from_matrix(np.array(turns)).as_quat()
-    return np.array(places), quaternion * np.sign(quaternion[:, 3:] + 1e-300)
+    assert lens is not None and size is not None  # noqa: S101, PT018 - the setting was checked
+    poses = [square_pose(lens, tag.corners, size) for tag in tags]
+    turns, places = np.array([p.rotation for p in poses]), np.array([p.shift for p in poses])
+    if isinstance(reference, PlaneReference):
+        frame = reference.pose.rotation
+        turns, places = frame.T @ turns, (places - reference.pose.shift) @ frame
+    return places, quaternion_of(turns)

@@ -16,13 +16,13 @@ from ..errors import LogError, OptionError
 from ..samples.bags import MAX_GAP
 from ..samples.joint_values import covered, joints_at
 from .clocks import Clocks, align_clocks
-from .from_pictures import assemble, seen_instead
+from .from_pictures import assemble, unseen
 from .joint_table import JointTable
 from .recorded import Recorded, told
-from .setting import Setting
-from .tags import FLOOR, Tag
+from .setting import Setup
+from .tags import LEAST_NOISE, Tag
 from .track import check_motion, jumps
-from .video import follow
+from .video import follow_tag
 
 _REST = 0.01  # a joint that moves slower rests [rad/s or m/s]
 _LEAST = 3  # frames that a rest must have
@@ -32,7 +32,7 @@ _SHAKE = 0.5  # a tag that moves more has not come to rest [px]
 
 
 @dataclass(frozen=True)
-class Rows:
+class VideoRows:
     """Which frames become rows of a log."""
 
     time_offset: float | None = None  # added to the video's times; found if not given [s]
@@ -51,8 +51,8 @@ class Rows:
 def log_video(
     path: str | os.PathLike[str],
     joints: JointTable,
-    setting: Setting,
-    rows: Rows | None = None,
+    setting: Setup,
+    rows: VideoRows | None = None,
     *,
     revolute: Sequence[bool] | None = None,
     since: Mapping[str, Any] | None = None,
@@ -65,20 +65,20 @@ def log_video(
     Raises LogError in one line, if no log can be made: no such tag, clocks that cannot be aligned,
         an arm that never rests, and the like.
     """
-    rows = rows or Rows()
+    rows = rows or VideoRows()
     if joints.time is None:
         raise LogError(f"{joints.label} has no times: a video needs a column 'time' [s]")
+    # a stamp that is there twice has no speed: the first row counts
     joint_time, first = np.unique(joints.time, return_index=True)
     q = joints.q[first]
     if len(q) < 2:
         raise LogError(f"{joints.label} has one time only: expected the joints' motion")
     name = Path(path).name
-    track = follow(path, setting)
+    track = follow_tag(path, setting)
     pixels = track.pixels
     seen = np.isfinite(pixels[:, 0])
     if not seen.any():
-        instead = seen_instead(setting, track.sample)
-        raise LogError(f"tag {setting.tag} is in none of {len(pixels)} frames: {instead}")
+        raise unseen(setting, track.sample, f"{len(pixels)} frames")
     check_motion(q, pixels[seen], setting.tag, name)
     notes = list(track.notes)
     clocks = Clocks(rows.time_offset or 0.0)
@@ -123,27 +123,24 @@ def log_video(
             f"frames in motion: the noise allows for a rolling shutter of {1e3 * _SHUTTER:g} ms, "
             "which would shift the tag; rests have no such error"
         )
-    centres = np.array([tag.centre for tag in tags])
     watched = setting.watch(track.marks, since)
-    notes += watched.notes
     time = np.array([np.median(when[g]) for g in groups])
     return assemble(
         setting,
-        watched.positions(centres, np.array([g[0] for g in groups])),
-        joints.names,
-        np.array([there[g].mean(axis=0) for g in groups]),
+        watched,
         tags,
+        np.array([g[0] for g in groups]),
+        joint_names=joints.names,
+        q=np.array([there[g].mean(axis=0) for g in groups]),
         source={
             "source": "video",
             "size": list(track.sample[0].shape[1::-1]),
             "time_offset": clocks.offset,
             "rate": clocks.rate,
-            **setting.about(watched),
         },
-        poses=watched.parts[-1],
         time=time - time[0],
         dropped={why: count for why, count in reasons.items() if count},
-        notes=[*notes, *told(reasons, "frames")],
+        notes=[*notes, *watched.notes, *told(reasons, "frames")],
     )
 
 
@@ -198,6 +195,7 @@ def _trimmed(when: Array, pixels: Array, run: list[int]) -> list[NDArray[np.intp
     frames = frames[inner]
     if len(frames) < _LEAST:
         return []
+    # the arm may still swing where its joints stand: only frames near the median count
     near = np.linalg.norm(pixels[frames] - np.median(pixels[frames], axis=0), axis=1) < _SHAKE
     return [frames[near]] if near.sum() >= _LEAST else []
 
@@ -212,5 +210,6 @@ def _middle(tags: Sequence[Tag]) -> Tag:
         tags[0],
         corners=np.median([tag.corners for tag in tags], axis=0),
         centre=np.median(centres, axis=0),
-        noise=max(FLOOR, 1.25 * scatter / float(np.sqrt(len(tags)))),
+        # a median scatters by 1.25 times what a mean does (normal noise)
+        noise=max(LEAST_NOISE, 1.25 * scatter / float(np.sqrt(len(tags)))),
     )

@@ -76,16 +76,8 @@ class Lens:
 
     def to_json(self) -> dict[str, Any]:
         """Return it as plain values."""
-        return {
-            "kind": "calib lens",
-            "size": list(self.size),
-            "focal": self.focal.tolist(),
-            "centre": self.centre.tolist(),
-            "distortion": self.distortion.tolist(),
-            "rms": self.rms,
-            "pictures": self.pictures,
-            "covariance": self.covariance.tolist(),
-        }
+        fields = {name: np.asarray(value).tolist() for name, value in vars(self).items()}
+        return {"kind": "calib lens", **fields}
 
     @classmethod
     def from_json(cls, told: Mapping[str, Any]) -> Lens:
@@ -188,6 +180,7 @@ def _fit(
     fits = []
     for flags, terms in choices[: 3 if len(images) >= _TANGENTIAL else 2]:
         fit = cv2.calibrateCameraExtended(objects, images, size, None, None, flags=flags)
+        # below 0.001 px the misfit is rounding, and its logarithm would decide
         score = count * np.log(max(fit[0], 1e-3) ** 2) + terms * np.log(count)
         fits.append((float(score), terms, fit))
     _, terms, (rms, matrix, distortion, turns, shifts, spread, *_) = min(fits, key=lambda f: f[0])

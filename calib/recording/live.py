@@ -15,7 +15,7 @@ from ..common.atomic import atomic_write
 from ..errors import LogError
 from ..samples.places import parse_cell
 from .opencv import opencv
-from .setting import Setting
+from .setting import Setup
 
 JOINTS = "joints.csv"
 """The table of joints beside the pictures."""
@@ -27,7 +27,7 @@ def record_live(
     device: str,
     lines: Iterable[str],
     folder: Path,
-    setting: Setting,
+    setting: Setup,
     say: Callable[[str], None] = lambda _: None,
 ) -> Path:
     """Take a picture for each line of joints, until the lines end or Ctrl-C.

@@ -6,7 +6,13 @@ import os
 from importlib import import_module
 from typing import Any
 
+import numpy as np
+from numpy.typing import NDArray
+
 from ..errors import LogError
+
+Picture = NDArray[np.uint8]
+"""Grey (height, width), or with three colours (height, width, 3)."""
 
 _INSTALL = "reading pictures needs OpenCV: pip install 'calib-arm[camera]'"
 

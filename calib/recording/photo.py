@@ -9,20 +9,18 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
 from ..common.arrays import Array
 from ..common.atomic import atomic_write
+from ..common.choices import PICTURES
 from ..errors import LogError
 from ..model.photo import Photo
 from .board import BoardFinder
-from .opencv import opencv
-from .pictures import SUFFIXES, read_picture
-from .reference import PixelReference, Reference, read_reference
-from .setting import Setting
+from .opencv import Picture, opencv
+from .pictures import read_picture
+from .reference import PixelReference, PositionReference, read_reference
+from .setting import Setup
 from .tags import Tag, TagFinder
-
-Picture = NDArray[np.uint8]
 
 WIDEST = 1000
 """Pixels along a kept photo's longer side, at most."""
@@ -60,7 +58,7 @@ def take_photo(
         )
     if x.shape[1] != 2:
         raise LogError("positions in space are not drawn over a photo: expected x and y")
-    reference: Reference = PixelReference()
+    reference: PositionReference = PixelReference()
     if unit != "px":
         reference = read_reference(about)
         if reference.unit != unit:
@@ -88,7 +86,7 @@ def read_photo(path: Path) -> Picture:
         there = False
     if not there:
         raise LogError(f"there is no photo {os.fspath(path)!r}")
-    if path.suffix.lower() in SUFFIXES:
+    if path.suffix.lower() in PICTURES:
         return read_picture(path, colour=True)
     grey = next((frame for _, frame in Video(path).frames()), None)
     if grey is None:
@@ -107,7 +105,7 @@ def _packed(picture: Picture) -> bytes:
     return buffer.getvalue()
 
 
-def _from_above(picture: Picture, reference: Reference, x: Array) -> Photo:
+def _from_above(picture: Picture, reference: PositionReference, x: Array) -> Photo:
     """Return the plane of the positions as a camera straight above would see it."""
     from .opencv import opencv
 
@@ -133,7 +131,7 @@ def _from_above(picture: Picture, reference: Reference, x: Array) -> Photo:
     return Photo(_packed(np.asarray(above, np.uint8)), (left, right, bottom, top))
 
 
-def draw_seen(photo: Picture, setting: Setting, places: Array) -> Picture:
+def draw_seen(photo: Picture, setting: Setup, places: Array) -> Picture:
     """Draw what a picture shows, and where the tag was in all rows of a log.
 
     The photo is grey or red, green, blue; `places` (n, 2) [px] are where the tag's centre was seen.
@@ -172,15 +170,13 @@ def draw_seen(photo: Picture, setting: Setting, places: Array) -> Picture:
     return np.asarray(canvas, np.uint8)
 
 
-def write_seen(
-    path: str | os.PathLike[str], photo: Picture, setting: Setting, places: Array
-) -> None:
+def write_seen(path: str | os.PathLike[str], photo: Picture, setting: Setup, places: Array) -> None:
     """Write the drawing of `draw_seen` as PNG."""
     packed = opencv().imencode(".png", draw_seen(photo, setting, places))[1]
     atomic_write(path, packed.tobytes())
 
 
-def _all_tags(grey: Picture, setting: Setting) -> list[Tag]:
+def _all_tags(grey: Picture, setting: Setup) -> list[Tag]:
     """Return the tags looked for as they were, and what else of the dictionary is there."""
     found = setting.finder.find(grey)
     known = [tag.centre for tag in found]

@@ -11,15 +11,12 @@ from glob import glob
 from pathlib import Path
 
 import numpy as np
-from numpy.typing import NDArray
 
+from ..common.choices import PICTURES
 from ..common.wording import listed
 from ..errors import LogError
 from .joint_table import JointTable
-
-Picture = NDArray[np.uint8]
-
-SUFFIXES = (".jpg", ".jpeg", ".png", ".bmp", ".tif", ".tiff", ".webp", ".ppm", ".pgm")
+from .opencv import Picture
 
 
 class UnreadableError(LogError):
@@ -40,7 +37,7 @@ def list_pictures(source: str | os.PathLike[str]) -> list[Path]:
     text = os.fspath(source)
     folder = Path(text)
     if folder.is_dir():
-        found = [p for p in folder.iterdir() if p.suffix.lower() in SUFFIXES and p.is_file()]
+        found = [p for p in folder.iterdir() if p.suffix.lower() in PICTURES and p.is_file()]
     elif folder.is_file():
         found = [folder]
     elif any(mark in text for mark in "*?["):
@@ -50,7 +47,7 @@ def list_pictures(source: str | os.PathLike[str]) -> list[Path]:
         raise LogError(f"there is no folder {text!r}: expected a folder of pictures or a pattern")
     found = [p for p in found if not p.name.startswith(".")]
     if not found:
-        raise LogError(f"no pictures in {text!r}: expected {', '.join(SUFFIXES)}")
+        raise LogError(f"no pictures in {text!r}: expected {', '.join(PICTURES)}")
     return sorted(found, key=lambda p: natural(p.name))
 
 

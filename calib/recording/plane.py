@@ -7,6 +7,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import ArrayLike
 
+from ..arm.rotations import exponential
 from ..common.arrays import Array
 from ..errors import LogError
 from .lens import Lens
@@ -33,7 +34,7 @@ class Pose:
 
     def moved(self, change: Array) -> Pose:
         """Return the pose after a small turn and shift (6,)."""
-        turned = rotation_of(change[:3]) @ self.rotation
+        turned = exponential(change[:3]) @ self.rotation
         return replace(self, rotation=turned, shift=self.shift + change[3:])
 
     @property
@@ -44,13 +45,6 @@ class Pose:
         A = np.c_[[[0, -z, y], [z, 0, -x], [-y, x, 0]], np.eye(3)]
         place = A @ self.covariance[:6, :6] @ A.T
         return float(np.sqrt(np.trace(turn))), float(np.sqrt(np.trace(place)))
-
-
-def rotation_of(turn: Array) -> Array:
-    """Return the rotation matrix of a rotation vector [rad] (Rodrigues)."""
-    from scipy.spatial.transform import Rotation
-
-    return np.asarray(Rotation.from_rotvec(turn).as_matrix())
 
 
 def find_pose(lens: Lens, points: Array, pixels: Array) -> Pose:
@@ -70,16 +64,17 @@ def find_pose(lens: Lens, points: Array, pixels: Array) -> Pose:
         raise LogError("the reference's points lie on a line or in one place: no pose fits them")
 
     def miss(p: Array, start: Array) -> Array:
-        seen = points @ (rotation_of(p[:3]) @ start).T + p[3:]
+        seen = points @ (exponential(p[:3]) @ start).T + p[3:]
         return np.asarray((lens.distort(seen[:, :2] / seen[:, 2:]) - pixels).ravel())
 
     fits = []
     for turn, shift in zip(turns, shifts, strict=True):
-        start = rotation_of(np.ravel(turn))
+        start = exponential(np.ravel(turn))
         fit = least_squares(
             miss, np.r_[np.zeros(3), np.ravel(shift)], args=(start,), loss="soft_l1", f_scale=0.5
         )
         fits.append((fit, start))
+    # a plane seen from afar fits two poses almost alike: the better one counts
     fit, start = min(fits, key=lambda each: float(each[0].cost))
     residual = fit.fun.reshape(-1, 2)
     rms = float(np.sqrt((residual**2).sum(1).mean()))
@@ -87,16 +82,16 @@ def find_pose(lens: Lens, points: Array, pixels: Array) -> Pose:
     slopes = np.asarray(fit.jac)
     spread = np.linalg.pinv(slopes.T @ slopes) * max(variance, _LEAST_NOISE**2)
     # where the lens is not as it was taken to be, the pose follows it
-    camera = points @ (rotation_of(fit.x[:3]) @ start).T + fit.x[3:]
+    camera = points @ (exponential(fit.x[:3]) @ start).T + fit.x[3:]
     flat = camera[:, :2] / camera[:, 2:]
     steps = np.diag(np.maximum(1e-6 * np.abs(lens.parameters), 1e-7))
     now = lens.distort(flat)
     slope = [(lens.moved(d).distort(flat) - now).ravel() / d.max() for d in steps]
     bent = np.stack(slope, axis=1)
-    follow = np.vstack([-np.linalg.lstsq(slopes, bent, rcond=None)[0], np.eye(9)])
-    covariance = follow @ lens.covariance @ follow.T
+    follow_tag = np.vstack([-np.linalg.lstsq(slopes, bent, rcond=None)[0], np.eye(9)])
+    covariance = follow_tag @ lens.covariance @ follow_tag.T
     covariance[:6, :6] += spread
-    return Pose(rotation_of(fit.x[:3]) @ start, fit.x[3:].copy(), covariance, rms)
+    return Pose(exponential(fit.x[:3]) @ start, fit.x[3:].copy(), covariance, rms)
 
 
 def cut_plane(lens: Lens, pose: Pose, pixels: ArrayLike, height: float = 0.0) -> Array:

@@ -9,10 +9,11 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
+from ..common.choices import DICTIONARY
 from ..errors import OptionError
 from .board import Board
 from .opencv import opencv
-from .tags import DICTIONARY, find_dictionary
+from .tags import find_dictionary
 
 Cells = NDArray[np.bool_]
 

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
+from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import Any
 
@@ -12,6 +12,8 @@ from ..common.arrays import Array
 from ..errors import LogError
 from .lens import Lens
 from .plane import Pose, apply_homography, cut_noise, cut_plane
+
+_HALF = np.array([[0.5, 0.0], [0.0, 0.5]])  # [px], steps of a finite difference
 
 
 @dataclass(frozen=True)
@@ -59,8 +61,7 @@ class PlaneReference:
 
     def noise(self, pixels: Array) -> tuple[Array, Array]:
         """Return the scale of a pixel, and what pose and lens leave open."""
-        shared = cut_noise(self.lens, self.pose, pixels, self.height)
-        return _scale(self.positions, pixels), shared
+        return _scale(self, pixels), cut_noise(self.lens, self.pose, pixels, self.height)
 
     def told(self) -> dict[str, Any]:
         """Return the camera's pose over the frame."""
@@ -91,26 +92,25 @@ class FlatReference:
 
     def noise(self, pixels: Array) -> tuple[Array, Array]:
         """Return the scale of a pixel, and the tags' own misfit."""
-        return _scale(self.positions, pixels), np.full(len(pixels), self.residual)
+        return _scale(self, pixels), np.full(len(pixels), self.residual)
 
     def told(self) -> dict[str, Any]:
         """Return the homography."""
         return {"kind": "flat", "matrix": self.matrix.tolist()}
 
 
-Reference = PixelReference | PlaneReference | FlatReference
+PositionReference = PixelReference | PlaneReference | FlatReference
 """Turns pixels into positions and back, and says how well it is known."""
 
 
-def _scale(positions: Callable[[Array], Array], pixels: Array) -> Array:
+def _scale(reference: PositionReference, pixels: Array) -> Array:
     """Return the standard deviation (n,) along each axis that one pixel's makes."""
-    base = positions(pixels)
-    steps = [positions(pixels + d) - base for d in ([0.5, 0.0], [0.0, 0.5])]
-    return np.asarray(2.0 * np.sqrt(sum((s**2).sum(1) for s in steps) / 2.0))
+    x, y = (reference.positions(pixels + d) - reference.positions(pixels) for d in _HALF)
+    return np.asarray(2.0 * np.sqrt((x**2 + y**2).sum(1) / 2.0))
 
 
-def read_reference(about: Mapping[str, Any]) -> Reference:
-    """Return the reference that a log tells of itself; see `Reference.told`.
+def read_reference(about: Mapping[str, Any]) -> PositionReference:
+    """Return the reference that a log tells of itself; see `PositionReference.told`.
 
     Raises LogError if it tells none.
     """

@@ -9,20 +9,19 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
+from ..common.choices import DICTIONARY
 from ..errors import LogError, OptionError
 from .board import Board, BoardFinder
 from .lens import Lens, calibrate_lens, read_lens
+from .opencv import Picture
 from .pictures import list_pictures, read_series
-from .tags import DICTIONARY, Tag, TagFinder
-from .watch import Layout, Marks, Seen, Watch, board_layout, motion, watch
-
-Picture = NDArray[np.uint8]
+from .tags import Tag, TagFinder
+from .watch import MarkLayout, Marks, Seen, Watched, board_layout, motion, watch
 
 
 @dataclass(frozen=True)
-class Setting:
+class Setup:
     """What is in the pictures, and what is known of the camera."""
 
     # tag, dictionary: id of the tag on the tip, and its dictionary, which is that of tags around
@@ -32,7 +31,7 @@ class Setting:
     # board, tags_at: what lies on the desk, a board or tags at known places: positions are in its
     # frame [m]
     board: Board | None = None
-    tags_at: Layout | None = None
+    tags_at: MarkLayout | None = None
     lens: Lens | None = None  # the camera's
     tag_size: float | None = None  # side of the tip's tag: its pose needs it [m]
     # how far the tip's tag is above the board, or above the tags on the desk [m]
@@ -70,7 +69,7 @@ class Setting:
         object.__setattr__(self, "finder", TagFinder(self.dictionary, {self.tag, *at}))
 
     @property
-    def layout(self) -> Layout | None:
+    def layout(self) -> MarkLayout | None:
         """What positions are told in, if not pixels."""
         return board_layout(self.board) if self.board is not None else self.tags_at
 
@@ -91,14 +90,14 @@ class Setting:
         counts = [t.number for t in tags]
         return {t.number: t.centre for t in tags if t.number in at and counts.count(t.number) == 1}
 
-    def watch(self, seen: Seen, since: Mapping[str, Any] | None = None) -> Watch:
+    def watch(self, seen: Seen, since: Mapping[str, Any] | None = None) -> Watched:
         """Find the reference over a recording, and say how far it moved since an earlier log."""
         found = watch(self.layout, seen, self.lens, self.tag_height)
         if since is None:
             return found
         return replace(found, notes=(*found.notes, motion(since, found.parts[0])))
 
-    def about(self, watched: Watch) -> dict[str, Any]:
+    def about(self, watched: Watched) -> dict[str, Any]:
         """Return what a log tells of its source, as plain values."""
         told: dict[str, Any] = {"tag": self.tag, "dictionary": self.dictionary}
         told["reference"] = watched.parts[-1].told()

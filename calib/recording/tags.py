@@ -8,20 +8,15 @@ from functools import cache
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
 from ..common.arrays import Array
+from ..common.choices import DICTIONARY
 from ..common.wording import suggestion
 from ..errors import OptionError
 from .edges import crossing, refine_square
-from .opencv import opencv
+from .opencv import Picture, opencv
 
-Picture = NDArray[np.uint8]
-
-DICTIONARY = "apriltag_36h11"
-"""The dictionary of tags that is used if none is named."""
-
-FLOOR = 0.03
+LEAST_NOISE = 0.03
 """Least standard deviation that a tag's centre is credited with, along each axis [px]."""
 
 _ROUGH = 0.5  # rms [px]: sides whose points lie further from their line are not sharp
@@ -38,7 +33,7 @@ class Tag:
     corners: Array
     centre: Array
     # standard deviation of the centre along each axis, from how well lines fit the sides [px]
-    noise: float = FLOOR
+    noise: float = LEAST_NOISE
     sharp: bool = True  # whether they fit at all
 
     @property
@@ -128,6 +123,7 @@ class TagFinder:
         for number, corners in found:
             tag = self._measured(grey, number, corners, shift)
             same = [t for t in tags if t.number == number]
+            # both margins find the same tag: it is one within a third of its side
             if not any(np.linalg.norm(t.centre - tag.centre) < 0.3 * t.side for t in same):
                 tags.append(tag)
         return tags
@@ -140,7 +136,7 @@ class TagFinder:
             return Tag(number, corners + shift, crossing(corners) + shift, 0.5, sharp=False)
         # neighbours on a side err alike, as of four independent points: rendered with noise, blur
         # and JPEG the centre misses by 0.3 to 0.6 of the roughness along each axis
-        tag = Tag(number, refined + shift, crossing(refined) + shift, max(FLOOR, rough / 2.0))
+        tag = Tag(number, refined + shift, crossing(refined) + shift, max(LEAST_NOISE, rough / 2.0))
         # short sides cross at a sharp angle: rendered at 60 to 80 deg the miss is 4 to 13 times as
         # large (benchmarks/camera_real.py)
         return replace(tag, noise=tag.noise * max(1.0, 0.9 / tag.upright) ** 1.5)

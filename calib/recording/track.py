@@ -18,18 +18,18 @@ from ..common.rows import thinned
 from ..errors import LogError
 from .tags import Tag
 
-MOST = 240
+JUDGED_ROWS = 240
 """Rows that are judged at once; of more, so many are taken evenly."""
 
 _SEARCHED = 120  # rows that each of some eighty shifts is judged by
 _SOFT = (1e-6, 1e-4, 1e-2)  # ridge, relative to the kernel's one
 
 
-STILL = 2.0
+_STILL = 2.0
 """A tag that moves less than this over a recording does not move [px]."""
 
 
-def kernel(q: Array, other: Array) -> Array:
+def harmonics(q: Array, other: Array) -> Array:
     """Return the covariance (n, m) of harmonics up to the second of each joint."""
     result = np.ones((len(q), len(other)))
     for a, b in zip(q.T, other.T, strict=True):
@@ -48,7 +48,7 @@ class Judge:
     def __init__(self, q: Array, blocks: int = 8, soft: float = _SOFT[1]) -> None:
         n = len(q)
         self.q = q
-        self._inverse = np.linalg.inv(kernel(q, q) + 1.0 + soft * np.eye(n))  # one: a free mean
+        self._inverse = np.linalg.inv(harmonics(q, q) + 1.0 + soft * np.eye(n))  # one: a free mean
         self._parts = [p for p in np.array_split(np.arange(n), min(blocks, n)) if len(p)]
 
     def miss(self, x: Array) -> Array:
@@ -66,10 +66,10 @@ class Judge:
     def predict(self, q: Array, x: Array) -> Array:
         """Return what the fit to values (n, d) of all rows says at joints (m, joints)."""
         middle = x.mean(0)
-        return np.asarray((kernel(q, self.q) + 1.0) @ (self._inverse @ (x - middle)) + middle)
+        return np.asarray((harmonics(q, self.q) + 1.0) @ (self._inverse @ (x - middle)) + middle)
 
 
-def held_out(q: Array, x: Array, blocks: int = 8) -> Array:
+def misses(q: Array, x: Array, blocks: int = 8) -> Array:
     """Return how far each row is predicted by the rows of other blocks (n,) [unit of x].
 
     Joints (n, joints) are in the order of time, x (n, d) is what was seen with them; neighbouring
@@ -101,7 +101,7 @@ def row_shift(q: Array, x: Array, most: int = 3) -> tuple[int, int, float, float
         # rows without joints, and those whose joints an earlier one has, are left out
         good = np.flatnonzero((source >= 0) & (source < n) & ((rows < start) | (source >= start)))
         good = good[thinned(len(good), _SEARCHED)]
-        return float(np.mean(held_out(q[source[good] if moved else good], x[good])))
+        return float(np.mean(misses(q[source[good] if moved else good], x[good])))
 
     # rows that predict each other well need no search
     if n < 12 + 2 * most or error(n, 0) < 0.02 * float(np.linalg.norm(x.std(axis=0))):
@@ -124,11 +124,11 @@ def unrelated(q: Array, x: Array) -> bool:
     Less than ten rows for each joint may be too few to tell.  From there on six joints at 60
     random postures miss by 0.8 of what the joints of other rows do, the worst of 45 such arms.
     """
-    some = thinned(len(q), MOST)
+    some = thinned(len(q), JUDGED_ROWS)
     q, x = q[some], x[some]
     if len(q) < 10 * q.shape[1]:
         return False
-    own, other = (held_out(joints, x).mean() for joints in (q, np.roll(q, len(q) // 2, axis=0)))
+    own, other = (misses(joints, x).mean() for joints in (q, np.roll(q, len(q) // 2, axis=0)))
     return bool(own > 0.9 * other)
 
 
@@ -154,6 +154,14 @@ class TipTags:
             self.reasons["blurred"] += 1
         return tip[0], tip[0] if tip[0].sharp else None
 
+    def check_single(self, where: str) -> None:
+        """Refuse a recording in which the tag was there twice."""
+        if self.twice:
+            raise LogError(
+                f"tag {self.number} is there twice in {where}: cover one, or print another id for "
+                "the tip"
+            )
+
 
 def check_motion(q: Array, pixels: Array, tag: int, what: str) -> None:
     """Refuse a recording in which the arm, or the tag alone, stands still.
@@ -163,7 +171,7 @@ def check_motion(q: Array, pixels: Array, tag: int, what: str) -> None:
     moved = float(np.linalg.norm(np.ptp(pixels, axis=0)))
     if np.ptp(q, axis=0).max() < 2e-3:
         raise LogError(f"the arm never moves in {what}: nothing to learn from")
-    if moved < STILL:
+    if moved < _STILL:
         u, v = np.median(pixels, axis=0)
         raise LogError(
             f"tag {tag} stays at ({u:.0f}, {v:.0f}) px in all of {what} while the joints move: "
@@ -186,6 +194,7 @@ def stuck(q: Array, pixels: Array) -> Mask:
         near = np.linalg.norm(pixels - pixels[k], axis=1) < 0.5
         if near.sum() < 3 or result[k]:
             continue
+        # a working arm comes back to a place, but with about the same joints
         moved = float(np.ptp(q[near], axis=0).max() / spread.max())
         if moved > 0.1 and scale > 20.0:
             result |= near
@@ -199,15 +208,15 @@ def astray(q: Array, pixels: Array) -> Mask:
     """
     n = len(q)
     result = np.zeros(n, bool)
-    if not 15 <= n <= MOST:
+    if not 15 <= n <= JUDGED_ROWS:
         return result
     spread = float(np.linalg.norm(pixels.std(axis=0)))
     for _ in range(n // 10):
         rows = np.flatnonzero(~result)
-        distance = held_out(q[rows], pixels[rows], blocks=len(rows))
+        distance = misses(q[rows], pixels[rows], blocks=len(rows))
         worst = int(np.argmax(distance))
         rest = np.delete(rows, worst)  # which it spoils as long as it is among them
-        typical = float(np.median(held_out(q[rest], pixels[rest], blocks=len(rest))))
+        typical = float(np.median(misses(q[rest], pixels[rest], blocks=len(rest))))
         if distance[worst] < max(25.0 * typical, 0.2 * spread):
             break
         result[rows[worst]] = True

@@ -10,18 +10,15 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
 from ..common.arrays import Array
 from ..errors import LogError
 from .board import BoardFinder
-from .opencv import opencv
-from .setting import Setting
+from .opencv import Picture, opencv
+from .setting import Setup
 from .tags import Tag
 from .track import TipTags
 from .watch import Marks
-
-Picture = NDArray[np.uint8]
 
 _LEAST_FRAMES = 10  # a video of fewer frames is none
 _WHOLE = 30  # frames between searches of the whole picture: a window misses a second tag
@@ -75,7 +72,7 @@ class Video:
 
 
 @dataclass(frozen=True, eq=False)
-class Track:
+class TagTrack:
     """The tag through a video."""
 
     # time, tags: times of the frames, by the camera's clock, and the tag in each (n,) [s]
@@ -94,7 +91,7 @@ class Track:
         return np.array([unseen if tag is None else tag.centre for tag in self.tags])
 
 
-def follow(path: str | os.PathLike[str], setting: Setting) -> Track:
+def follow_tag(path: str | os.PathLike[str], setting: Setup) -> TagTrack:
     """Track the tag of a setting through a video, within a window where it was just seen.
 
     Raises LogError if the file is no video, or the tag is there twice.
@@ -123,6 +120,7 @@ def follow(path: str | os.PathLike[str], setting: Setting) -> Track:
             marks.append((number, setting.marks(grey, found, boards)))
         if number % every == 0 and len(sample) < _MARKS:
             sample.append(grey)
+        # without a tag in both frames nothing is known of its speed
         speed = now.centre - before.centre if now is not None and before is not None else 0 * speed
         before = now
         times.append(time)
@@ -132,17 +130,14 @@ def follow(path: str | os.PathLike[str], setting: Setting) -> Track:
             f"{video.name} has {len(times)} frames that can be read, {_LEAST_FRAMES} expected: is "
             "it a video?"
         )
-    if tips.twice:
-        raise LogError(
-            f"tag {setting.tag} is there twice in {video.name}, such as at {tips.twice[0]:.1f} s: "
-            "cover one, or print another id for the tip"
-        )
+    at = "".join(f", such as at {time:.1f} s" for time in tips.twice[:1])
+    tips.check_single(f"{video.name}{at}")
     notes = []
     if video.claimed > 1.05 * len(times) + 2:
         notes.append(
             f"{video.name} claims {video.claimed} frames, {len(times)} can be read: it is cut off"
         )
-    return Track(
+    return TagTrack(
         np.array(times), tuple(tags), tuple(marks), tips.reasons, tuple(notes), tuple(sample)
     )
 

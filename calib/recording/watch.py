@@ -13,13 +13,20 @@ from typing import Any
 
 import numpy as np
 
+from ..arm.rotations import logarithm
 from ..common.arrays import Array
 from ..errors import LogError, OptionError
 from ..samples.columns import open_source, read_columns
 from .board import LEAST_CORNERS, Board
 from .lens import Lens
 from .plane import apply_homography, find_pose, homography
-from .reference import FlatReference, PixelReference, PlaneReference, Reference, read_reference
+from .reference import (
+    FlatReference,
+    PixelReference,
+    PlaneReference,
+    PositionReference,
+    read_reference,
+)
 
 Marks = Mapping[int, Array]
 Seen = Sequence[tuple[int, Marks]]
@@ -31,14 +38,14 @@ _CLEAR = 3.0  # standard deviations that a motion between recordings must have
 
 
 @dataclass(frozen=True, eq=False)
-class Layout:
+class MarkLayout:
     """Marks at known places of a flat frame: a board's corners, or tags on a desk."""
 
     what: str  # what messages call it
     points: Marks  # places by number (2,) [m]
     least: int  # marks that must be seen
 
-    def reference(self, seen: Marks, lens: Lens | None, height: float) -> Reference:
+    def reference(self, seen: Marks, lens: Lens | None, height: float) -> PositionReference:
         """Fit the reference to the marks of a recording."""
         numbers = [n for n in self.points if n in seen]
         flat = np.array([self.points[n] for n in numbers])
@@ -51,12 +58,12 @@ class Layout:
         return PlaneReference(lens, find_pose(lens, np.c_[flat, 0.0 * flat[:, 0]], pixels), height)
 
 
-def board_layout(board: Board) -> Layout:
+def board_layout(board: Board) -> MarkLayout:
     """Return the corners of a board as a layout."""
-    return Layout("the board", dict(enumerate(board.corners()[:, :2])), LEAST_CORNERS)
+    return MarkLayout("the board", dict(enumerate(board.corners()[:, :2])), LEAST_CORNERS)
 
 
-def read_layout(path: str | os.PathLike[str]) -> Layout:
+def read_layout(path: str | os.PathLike[str]) -> MarkLayout:
     """Read tags at known places: a table with the columns `tag`, `x`, `y` [m].
 
     Raises LogError if there are fewer than four, or a tag has two places.
@@ -73,15 +80,15 @@ def read_layout(path: str | os.PathLike[str]) -> Layout:
         )
     if np.abs(rows[:, 1:]).max() > 20.0:
         raise LogError(f"{source.label}: a tag is {np.abs(rows[:, 1:]).max():g} m off; in mm?")
-    return Layout("the frame of tags", points, 4)
+    return MarkLayout("the frame of tags", points, 4)
 
 
 @dataclass(frozen=True, eq=False)
-class Watch:
+class Watched:
     """The reference over a recording, which may have been bumped on the way."""
 
     starts: tuple[int, ...]  # first picture of each part
-    parts: tuple[Reference, ...]  # the reference of each
+    parts: tuple[PositionReference, ...]  # the reference of each
     notes: tuple[str, ...] = ()  # what moved
     # pictures whose marks are elsewhere than the reference of their part
     off: frozenset[int] = frozenset()
@@ -102,14 +109,14 @@ class Watch:
         return x, scale, common
 
 
-def watch(layout: Layout | None, seen: Seen, lens: Lens | None, height: float = 0.0) -> Watch:
+def watch(layout: MarkLayout | None, seen: Seen, lens: Lens | None, height: float = 0.0) -> Watched:
     """Find the reference in a recording, and whether it moved within it.
 
     Without a layout positions are pixels; without a lens a homography is fitted. `seen` has numbers
     of pictures, in order, and what they show; `height` [m] is of the tag's plane over the layout's.
     """
     if layout is None:
-        return Watch((0,), (PixelReference(),))
+        return Watched((0,), (PixelReference(),))
     if lens is None and height:
         raise OptionError(
             f"`tag_height={height:g}` needs `lens`: rays are cut with the tag's plane"
@@ -154,10 +161,10 @@ def watch(layout: Layout | None, seen: Seen, lens: Lens | None, height: float = 
             f"{layout.what} is elsewhere in {len(off)} of {len(looked)} pictures: is the camera "
             "loose, or does it refocus? fix it and switch its autofocus off"
         )
-    return Watch(starts, parts, tuple(notes), off)
+    return Watched(starts, parts, tuple(notes), off)
 
 
-def _check_focus(layout: Layout, looked: Seen, lens: Lens | None) -> None:
+def _check_focus(layout: MarkLayout, looked: Seen, lens: Lens | None) -> None:
     """Refuse pictures between which the focal length changes: marks grow about the middle.
 
     A camera that was bumped moves them otherwise.  Its pose would take most of a new focal length,
@@ -171,6 +178,7 @@ def _check_focus(layout: Layout, looked: Seen, lens: Lens | None) -> None:
     growth = []
     for now in flat:
         both = [k for k in now if k in flat[0]]
+        # fewer marks have a growth of their own that is all noise
         if len(both) < 3:
             continue
         a, b = (np.array([each[k] for k in both]) for each in (flat[0], now))
@@ -180,6 +188,7 @@ def _check_focus(layout: Layout, looked: Seen, lens: Lens | None) -> None:
         )
         radial = left < _RADIAL[0] * moved + _RADIAL[1]
         growth.append(factor if radial and moved > _MOVED else 1.0)
+    # one picture alone may be blurred: two others than the first have to show it
     if np.ptp(growth) > _STRETCH and np.sum(np.abs(np.subtract(growth, growth[0])) > _STRETCH) > 1:
         raise LogError(
             f"{layout.what} appears {min(growth):.4f} to {max(growth):.4f} times as large about "
@@ -188,7 +197,7 @@ def _check_focus(layout: Layout, looked: Seen, lens: Lens | None) -> None:
         )
 
 
-def motion(about: Mapping[str, Any], now: Reference) -> str:
+def motion(about: Mapping[str, Any], now: PositionReference) -> str:
     """Say how far the camera moved over its reference since an earlier recording.
 
     `about` is what the earlier log tells of itself, `now` the reference of the later one.
@@ -198,7 +207,7 @@ def motion(about: Mapping[str, Any], now: Reference) -> str:
         return "the earlier recording has no reference of the same kind to compare with"
     far = float(np.linalg.norm(now.pose.camera - then.pose.camera))
     between = now.pose.rotation @ then.pose.rotation.T
-    angle = float(np.arccos(np.clip((np.trace(between) - 1.0) / 2.0, -1.0, 1.0)))
+    angle = float(np.linalg.norm(logarithm(between)))
     doubt_angle, doubt = np.hypot(then.pose.doubt, now.pose.doubt)
     told = (
         f"by {1e3 * far:.2g} mm and turned by {np.degrees(angle):.2g} deg over its reference "

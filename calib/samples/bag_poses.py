@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, field
+from operator import attrgetter
 from typing import Any
 
 import numpy as np
@@ -55,11 +56,11 @@ def stamped_poses(messages: Iterable[tuple[float, Any]], kind: str, topic: str) 
     where, turn = POSITIONS[kind]
     times, places, turns = [], [], []
     for time, message in messages:
-        point = _part(message, where)
+        point = attrgetter(where)(message)
         times.append(time)
         places.append((point.x, point.y, point.z))
         if turn is not None:
-            q = _part(message, turn)
+            q = attrgetter(turn)(message)
             turns.append((q.x, q.y, q.z, q.w))
     if not times:
         raise LogError(f"topic {topic!r} has no messages")
@@ -113,12 +114,6 @@ def tf_poses(messages: Iterable[tuple[float, Any]], frames: Sequence[str] | None
         place = (matrices @ place[:, :, None])[:, :, 0] + rows[:, :3]
         turn = matrices @ turn
     return Poses(times, place, _turning(quaternion_of(turn)))
-
-
-def _part(message: Any, where: str) -> Any:
-    for name in where.split("."):
-        message = getattr(message, name)
-    return message
 
 
 def _turning(quaternions: Any) -> Array | None:

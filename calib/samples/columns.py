@@ -65,7 +65,8 @@ def open_source(path: str | os.PathLike[str] | Source) -> Source:
     label = "standard input" if name == "-" else printable(name)
     try:
         file = Path(name)
-        if name == "-" or _is_stream(file):
+        # what is no regular file (a pipe, a socket, /dev/stdin) can be read only once
+        if name == "-" or stat.S_IFMT(file.stat().st_mode) not in (stat.S_IFREG, stat.S_IFDIR):
             file, keep = _spooled(file)
         with file.open("rb") as opened:
             opener = _FORMATS.get(opened.read(4))
@@ -121,12 +122,6 @@ def _place(source: Source, name: str) -> Place:
             f"{source.label} has {count} columns {quoted(place.column)}: rename all but one"
         )
     return place
-
-
-def _is_stream(path: Path) -> bool:
-    """Whether a file can be read only once: a pipe, a socket, a terminal, /dev/stdin."""
-    mode = path.stat().st_mode
-    return not (stat.S_ISREG(mode) or stat.S_ISDIR(mode))
 
 
 def _spooled(path: Path) -> tuple[Path, object]:

@@ -12,9 +12,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ..common.arrays import Array, Mask
+from ..common.scale import TURN
 from ..errors import CalibError, LogError
-
-TURN = 2.0 * math.pi
 
 _SLACK = 0.05  # share of a range by which values may leave it
 _MOST_TURNS = 4.0  # further from zero a joint value is in degrees, or not reset for long

@@ -9,8 +9,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ..common.arrays import Array
+from ..common.scale import TURN
 from ..errors import LogError, OptionError
-from .joint_values import TURN, beyond, in_degrees, many_turns, unit_of_joint
+from .joint_values import beyond, in_degrees, many_turns, unit_of_joint
 
 Range = tuple[float, float]
 

@@ -11,11 +11,11 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from ..common.arrays import Array
+from ..common.scale import TURN
 from ..common.wording import vector
 from ..errors import LogError, OptionError
 from .camera import camera_of
 from .columns import Source, open_source
-from .joint_values import TURN
 from .log_ranges import ChosenRange, JointColumn, Range
 from .measured_rows import HELD_ROWS, MeasuredRows, Reservoir
 from .places import find_place

@@ -138,7 +138,7 @@ class Reservoir:
         self._shrink()
         _, values, numbers = self._parts[0]
         ends = self._low + self._high
-        missing = {n: row for row, n in ends if not _holds(numbers, n)}
+        missing = {n: row for row, n in ends if n not in numbers}
         if missing:
             numbers = np.concatenate([numbers, np.array(list(missing), dtype=np.intp)])
             values = np.concatenate([values, np.stack(list(missing.values()))])
@@ -170,9 +170,3 @@ class Reservoir:
                     ends.append(found)
                 elif beyond(values[row, k], ends[k][0][k]):
                     ends[k] = found
-
-
-def _holds(numbers: Numbers, number: int) -> bool:
-    """Whether ascending numbers hold one of them."""
-    place = int(np.searchsorted(numbers, number))
-    return place < len(numbers) and int(numbers[place]) == number

@@ -13,15 +13,14 @@ from typing import TYPE_CHECKING
 import numpy as np
 from numpy.typing import NDArray
 
+from ..arm.rotations import similarity
 from ..common.arrays import Array
 from ..common.rows import thinned
+from ..common.scale import METRES
 from ..errors import LogError
 
 if TYPE_CHECKING:
     from ..arm.arm import Arm
-
-LENGTHS = {"mm": 1e3, "cm": 1e2, "in": 39.3700787, "um": 1e6}
-"""Units of length, as how many of them are a metre."""
 
 OUT_OF_PLANE = 0.02
 """Share of the extent by which positions of a planar arm may leave their plane (rms)."""
@@ -89,14 +88,9 @@ def check_against_robot(
 
 def misfit(a: Array, b: Array) -> float:
     """Root mean square distance of `b` (n, m) from `a` (n, m), turned, shifted and scaled."""
-    a, b = a - a.mean(axis=0), b - b.mean(axis=0)
-    u, size, v = np.linalg.svd(b.T @ a)
-    sign = np.ones(len(size))
-    # the nearest rotation, no reflection (Kabsch): a mirrored sensor is to be seen as a misfit
-    sign[-1] = np.sign(np.linalg.det(u @ v))
-    total = max(float(np.sum(a**2)), 1e-300)
-    scale = float(np.sum(size * sign)) / total
-    return float(np.sqrt(np.mean(np.sum((b - scale * a @ (u * sign @ v).T) ** 2, axis=1))))
+    # no reflection: a mirrored sensor is to be seen as a misfit
+    turn, shift, scale = similarity(a, b)
+    return float(np.sqrt(np.mean(np.sum((b - scale * a @ turn.T - shift) ** 2, axis=1))))
 
 
 def unit_of_ratio(ratio: float) -> str:
@@ -107,7 +101,7 @@ def unit_of_ratio(ratio: float) -> str:
     >>> unit_of_ratio(1012.0), unit_of_ratio(900.0)
     ('mm', '')
     """
-    return next((n for n, f in LENGTHS.items() if abs(ratio / f - 1.0) < _UNIT), "")
+    return next((n for n, f in METRES.items() if n != "m" and abs(ratio / f - 1.0) < _UNIT), "")
 
 
 def unit_hint(ratio: float) -> str:

@@ -74,7 +74,7 @@ class Simulation:
         for change in self._of("joint", "length"):
             length = change.value
             if change.relative:
-                length *= self._link_length(change)
+                length *= self.arm.link_lengths[change.joint]
             arm = arm.with_link_length(change.joint, length)
         for change in self._of("tip", "offset"):
             arm = arm.with_tip_offset(*change.values)  # type: ignore[attr-defined]
@@ -220,15 +220,6 @@ class Simulation:
                 parameter="degrees",
                 value=change.value,
             )
-
-    def _link_length(self, change: Change) -> float:
-        length = float(self.arm.link_lengths[change.joint])
-        if length == 0.0:
-            raise OptionError(
-                f"change {change.text!r}: that link has no length to alter by a percentage; "
-                f"give one in metres such as {change.joint}.length=0.1"
-            )
-        return length
 
 
 def _play(theta: Array, width: float) -> Array:

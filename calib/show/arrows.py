@@ -7,6 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from ..common.arrays import Array
+from ..common.rows import thinned
 from ..model.model import Model
 from .error_scale import length_in_words
 
@@ -26,7 +27,7 @@ class Arrows:
     @staticmethod
     def of(model: Model, q: Array, x: Array, width: float) -> Arrows | None:
         """Return at most 300 arrows over a picture of a width [unit]; None where no row counts."""
-        some = slice(None, None, max(1, -(-len(q) // _MOST)))
+        some = thinned(len(q), _MOST)
         seen = np.asarray(x[some])
         miss = model.forward(q[some]) - seen if len(seen) else seen
         known = np.isfinite(miss).all(axis=1)

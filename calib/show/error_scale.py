@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 
 from ..common.arrays import Array
 
-ROUNDING = 1e-9
+ROUNDED_AWAY = 1e-9
 """Errors below this [m], or below this share of a sensor's extent, are rounding."""
 
 _PREFIXES = ((1.0, "m"), (1e-3, "mm"), (1e-6, "µm"), (1e-9, "nm"))
@@ -31,7 +31,7 @@ def length_in_words(value: float, unit: str) -> str:
         return f"{value:.3g} {unit}"
     if value == 0:
         return "0"
-    if abs(value) < ROUNDING:
+    if abs(value) < ROUNDED_AWAY:
         return "below 1 nm"
     factor, name = next(
         ((f, n) for f, n in _PREFIXES[1:] if abs(value) >= 0.9995 * f), _PREFIXES[-1]
@@ -56,7 +56,7 @@ class ErrorScale:
     def of(errors: Array, unit: str, extent: float) -> ErrorScale:
         """Return the scale that shows some errors; `extent` is that of the workspace."""
         known = errors[np.isfinite(errors)]
-        least = ROUNDING if unit == "m" else ROUNDING * extent
+        least = ROUNDED_AWAY if unit == "m" else ROUNDED_AWAY * extent
         if not len(known) or known.max() < least:
             return ErrorScale(0.0, least, False, unit, True)
         low, high = (float(v) for v in np.quantile(known, [0.01, 0.99]))

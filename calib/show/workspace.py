@@ -13,7 +13,7 @@ from ..maps.map import Map
 from ..model.model import Model
 from ..samples.samples import Samples
 
-Shape = tuple[int, int]
+_Shape = tuple[int, int]
 
 _INSIDE = 25_000  # joint values spread over the whole range
 _EDGE = 240  # joint values along each edge of the range
@@ -58,7 +58,7 @@ def drawn_edges(part: Map) -> NDArray[np.intp]:
     return np.asarray(edges[~((gap > 0.5) & part.scale.periodic).any(axis=1)])
 
 
-def cell_means(points: Array, values: Array, low: Array, size: Array, shape: Shape) -> Array:
+def cell_means(points: Array, values: Array, low: Array, size: Array, shape: _Shape) -> Array:
     """Mean of values (n,) at points (n, 2) in the cells of a grid, (rows, columns); NaN if none.
 
     Cells have a `size` (2,) and begin at `low` (2,); `shape` counts rows (y) and columns (x).
@@ -79,6 +79,7 @@ def reached_positions(model: Model) -> Array:
     parts = [np.stack([a.ravel() for a in np.meshgrid(*[axis] * dof)], axis=1)]
     along = np.linspace(0.0, 1.0, _EDGE)
     corners = np.array(list(product([0.0, 1.0], repeat=min(dof - 1, 6))))
+    # the border is reached where all joints but one are at an end of their range
     for k in range(min(dof, 7)):
         for corner in corners:
             edge = np.zeros((_EDGE, dof))
@@ -90,7 +91,7 @@ def reached_positions(model: Model) -> Array:
     return x[np.isfinite(x).all(axis=1)]
 
 
-def border(model: Model) -> Array:
+def outline(model: Model) -> Array:
     """Border of the workspace as short pieces of line, (m, 2, 2) [unit].
 
     The line at a small distance from all that the arm reaches, moved onto the nearest reached
@@ -108,6 +109,7 @@ def border(model: Model) -> Array:
     grid = np.stack(np.meshgrid(x, y, indexing="ij"), axis=-1)
     tree = cKDTree(reached)
     away = np.asarray(tree.query(grid.reshape(-1, 2))[0]).reshape(count) / step
+    # a level of the distance closes gaps between samples that cells would leave open
     lines = level_lines(x, y, away, _GAP)
     if not len(lines):
         return lines
@@ -125,26 +127,22 @@ def level_lines(x: Array, y: Array, values: Array, level: float) -> Array:
     return np.concatenate([np.empty((0, 2, 2)), *pieces])
 
 
-def training_samples(model: Model) -> tuple[Array, Array] | None:
-    """Joints (n, dof) and positions (n, m) that a simulated model learned from, babbled again."""
+def training_rows(model: Model, samples: Samples | None) -> tuple[Array, Array, str]:
+    """Joints (n, dof) and positions (n, m) that a model learned from, and what they are.
+
+    Those of a simulation are babbled again; of a log they are those given, else those kept.
+    """
+    from ..samples.babbling import babble
     from ..training.evaluate import simulation_of
 
-    simulation = simulation_of(model)
-    if simulation is None:
-        return None
-    from ..samples.babbling import babble
-
-    about = model.about
-    noise, changes = simulation.noise, simulation.changes
-    drawn = babble(simulation.arm, about.samples, seed=about.seed, noise=noise, changes=changes)
-    return np.asarray(drawn.q), np.asarray(drawn.x)
-
-
-def training_positions(model: Model, samples: Samples | None) -> tuple[Array, str]:
-    """Positions (n, m) that a model learned from, as far as they can be had."""
+    about, simulation = model.about, simulation_of(model)
     if samples is not None:
-        return np.asarray(samples.x), "rows of the log"
-    drawn = training_samples(model)
-    return (
-        (np.empty((0, len(model.axes))), "") if drawn is None else (drawn[1], "babbled positions")
-    )
+        return np.asarray(samples.q), np.asarray(samples.x), "rows of the log"
+    if simulation is not None:
+        noise, changes = simulation.noise, simulation.changes
+        arm, n = simulation.arm, about.samples
+        drawn = babble(arm, n, seed=about.seed, noise=noise, changes=changes)
+        return np.asarray(drawn.q), np.asarray(drawn.x), "babbled positions"
+    if model.rows is not None:
+        return model.rows.q, model.rows.x, "rows kept of the log"
+    return np.empty((0, len(about.joint_names))), np.empty((0, len(model.axes))), ""

@@ -14,13 +14,11 @@ from importlib.util import find_spec
 from multiprocessing import resource_tracker
 from typing import Any, TypeVar
 
+from ..common.choices import BACKENDS
 from ..errors import OptionError
 
 S = TypeVar("S")
 T = TypeVar("T")
-
-BACKENDS = ("loky", "threading", "dask", "ray")
-"""Joblib's: processes or threads of this machine, or a cluster's workers."""
 
 _NEEDED = {"dask": "distributed", "ray": "ray"}
 _LOOK = 0.2  # how often a worker looks whether it is still wanted [s]

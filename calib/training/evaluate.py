@@ -3,17 +3,16 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from ..arm.rotations import logarithm, matrix_of
 from ..body.poses import knows_orientation
 from ..common.arrays import Array
+from ..common.parallel import side_by_side
 from ..errors import LogError, OptionError
 from ..model.answers import unit_joints
-from ..model.space import Space
 
 if TYPE_CHECKING:
     from ..model.model import Model
@@ -51,8 +50,8 @@ class Residuals:
         """Forward residuals."""
         known = model.trust.covers(model.motor.scale.to_unit(q))
         q, x = q[known], x[known]
-        forward = {r: model.forward(q, r) - x if len(q) else np.empty_like(x) for r in readouts}
         left_out = int(np.count_nonzero(~known))
+        forward = _forward(model, q, x, readouts)
         return Residuals(q, x, forward, {}, {}, model.about.joint_names, left_out)
 
     @staticmethod
@@ -91,8 +90,23 @@ def evaluate_residuals(
     without it (a log) the learned map tells how far the answered joints lead from the recorded
     ones.
     """
-    forward = Residuals.of(model, q, x, model.readouts)
-    q, x = forward.q, forward.x
+    known = Residuals.of(model, q, x, ())
+    q, x = known.q, known.x
+    forward, (inverse, distance) = side_by_side(
+        lambda: _forward(model, q, x, model.readouts), lambda: _inverse(model, q, x, truth)
+    )
+    return replace(known, forward=forward, inverse=inverse, distance=distance)
+
+
+def _forward(model: Model, q: Array, x: Array, readouts: Sequence[str]) -> dict[str, Array]:
+    """Predicted less true position, by readout."""
+    return {r: model.forward(q, r) - x if len(q) else np.empty_like(x) for r in readouts}
+
+
+def _inverse(
+    model: Model, q: Array, x: Array, truth: Callable[[Array], Array] | None
+) -> tuple[dict[str, Array], dict[str, Array]]:
+    """Answered less true joints, and how far the answers lead from the target, by readout."""
     inverse: dict[str, Array] = {}
     distance: dict[str, Array] = {}
     scale = model.motor.scale
@@ -105,9 +119,7 @@ def evaluate_residuals(
         inverse[readout] = scale.difference(u, own) * scale.span
         there = model.forward(answered) - model.forward(q) if truth is None else truth(answered) - x
         distance[readout] = np.linalg.norm(there, axis=1)
-    return Residuals(
-        q, x, forward.forward, inverse, distance, forward.joint_names, forward.left_out
-    )
+    return inverse, distance
 
 
 def summarise(residuals: Residuals, turned: Array | None = None) -> dict[str, Any]:
@@ -216,6 +228,9 @@ def _turned(model: Model, samples: Samples) -> Array | None:
     """Errors (n,) of the orientation [rad], None where it is not measured or not known."""
     if samples.orientation is None or not knows_orientation(model.body):
         return None
+    from ..arm.rotations import logarithm, matrix_of
+    from ..model.space import Space
+
     space = Space.of(model)
     predicted = space.to_sensor(*space.evaluate(samples.q)[:2])[1]
     left = matrix_of(samples.orientation) @ np.swapaxes(predicted, 1, 2)

@@ -9,13 +9,13 @@ from numpy.typing import NDArray
 
 from ..arm.arms import SpatialArm
 from ..arm.rotations import logarithm, matrix_of
-from ..body.fitting import METRES
 from ..body.poses import positions_of, refuse_misfit
 from ..body.posterior import BodyFit, fit_structure
 from ..body.spatial import structure_of
 from ..body.spatial_random import unknown_structure
 from ..body.telling import warnings_of
 from ..body.views import is_camera
+from ..common.scale import METRES
 from ..errors import OptionError
 from ..samples.samples import Samples
 

@@ -1,10 +1,10 @@
-"""C source and tables of the posterior's bound, for an arm in space of more than three joints.
+"""C source and tables of the posterior's bound, for an arm of more than three joints.
 
 The whole covariance of 600 parameters would take a megabyte.  Kept are the covariance of the
 geometry, of each joint's curve by itself (one function of the joint's value), and of what couples
 them the `RANK` directions that move positions most.  Python's bound has all of it: on the UR10 the
-header's is within a hundredth of it, of an arm that 300 rows tell of within a twelfth.  The nodes'
-bounds, blended, were off by a half, and the covariance's own largest directions by as much.
+header's is within a thirtieth of it, of a planar chain that 120 rows tell of within a tenth.  The
+nodes' bounds, blended, were off by a factor of 4, the covariance's own largest directions by half.
 """
 
 from __future__ import annotations
@@ -16,66 +16,23 @@ import numpy as np
 from ..body.belief import SHARED
 from ..body.bound import NORMAL_95, root_of
 from ..body.curves import HARMONICS, powers
+from ..body.planar import PlanarStructure
+from ..body.spatial import SpatialStructure
 from ..body.spatial_view import compose
 from ..common.arrays import Array
+from . import c_planar, c_slopes
+from .c_curves import curves_of
 from .c_source import array, integers
 
 if TYPE_CHECKING:
     from ..body.belief import Body, Second
-    from ..body.spatial import SpatialStructure
+    from ..body.structure import Structure
 
 RANK = 32
 """Directions that are kept of what couples curves with each other and with the geometry."""
 
 
 SOURCE = """\
-
-/* Derivatives of the position: by the geometry, and by the joints' own values. */
-static inline void calib_derivatives(const calib_real q[CALIB_DOF],
-                                     calib_real geometry[CALIB_GEOMETRY][3],
-                                     calib_real own[CALIB_DOF][3]) {
-  calib_real at[CALIB_CHAIN + 1][21], load[CALIB_CHAIN], bent[CALIB_CHAIN][CALIB_DOF];
-  calib_real p[3], R[9], point[3], arrow[3], moved[3], about[3], flange[9];
-  int i, a, k, n = 17 + 6 * CALIB_CHAIN;
-  calib_chain(&calib_body, q, p, R, 0, at);
-  for (i = 0; i < CALIB_GEOMETRY; ++i)
-    for (k = 0; k < 3; ++k) geometry[i][k] = i - 3 == k ? 1 : 0;
-  for (k = 0; k < 3; ++k) geometry[6][k] = point[k] = calib_dot(calib_view + 3 * k, p);
-  for (k = 0; k < 9; ++k) flange[k] = at[CALIB_CHAIN][k];
-  calib_times(flange, calib_flange);
-  for (a = 0; a < 3; ++a) {
-    calib_cross(geometry[3 + a], point, geometry[a]);
-    for (k = 0; k < 3; ++k) about[k] = flange[3 * k + a];
-    for (k = 0; k < 3; ++k) geometry[11 + a][k] = calib_dot(calib_view + 3 * k, about);
-  }
-  for (k = 0; k < CALIB_DOF; ++k)
-    for (a = 0; a < 3; ++a) own[k][a] = 0;
-  if (@elastic@) calib_loads(q, load, bent, 0);
-  for (i = 0; i < CALIB_CHAIN; ++i) {
-    for (k = 0; k < 3; ++k) arrow[k] = p[k] - at[i][18 + k];
-    for (a = 0; a < 3; ++a) {
-      for (k = 0; k < 3; ++k) moved[k] = at[i][3 * k + a];
-      for (k = 0; k < 3; ++k)
-        geometry[17 + 6 * i + a][k] = calib_dot(calib_view + 3 * k, moved);
-      for (k = 0; k < 3; ++k) about[k] = at[i][9 + 3 * k + a];
-      calib_cross(about, arrow, moved);
-      for (k = 0; k < 3; ++k)
-        geometry[20 + 6 * i + a][k] = calib_dot(calib_view + 3 * k, moved);
-    }
-    for (k = 0; k < 3; ++k) about[k] = calib_dot(at[i] + 9 + 3 * k, calib_axis[i]);
-    if (calib_bends[i]) calib_cross(about, arrow, about);
-    for (a = 0; a < 3; ++a) {
-      const calib_real slope = calib_dot(calib_view + 3 * a, about);
-      for (k = 0; k < CALIB_DOF; ++k) own[k][a] += calib_coupling[i][k] * slope;
-      if (@elastic@) geometry[n + 2 * CALIB_DOF + i][a] = slope * load[i];
-    }
-  }
-  for (k = 0; k < CALIB_DOF; ++k)
-    for (a = 0; a < 3; ++a) {
-      geometry[n + k][a] = own[k][a];
-      geometry[n + CALIB_DOF + k][a] = own[k][a] * q[k];
-    }
-}
 
 /* How a position moves along a direction of the parameters. */
 static inline void calib_along(const float *direction, calib_real geometry[][3],
@@ -138,10 +95,10 @@ static inline calib_real calib_posterior(const calib_real q[CALIB_DOF]) {
     }
     for (i = 0; i < @rank@; ++i) {
       calib_along(calib_coupled[b * (@rank@ + 1) + i], geometry, own, wave, y);
-      for (k = 0; k < 6; ++k) S[k] += calib_sign[b * @rank@ + i] * y[first[k]] * y[other[k]];
+      for (k = 0; k < 6; ++k) S[k] += calib_gains[b * @rank@ + i] * y[first[k]] * y[other[k]];
     }
     calib_along(calib_coupled[b * (@rank@ + 1) + @rank@], geometry, own, wave, y);
-    apart = sqrt(calib_dot(y, y));
+    apart = sqrt(y[0] * y[0] + y[1] * y[1] + y[2] * y[2]);
     apart += calib_scale[b][0] * calib_radius_95(S, calib_scale[b][1], calib_more);
     if (apart > bound) bound = apart;
   }
@@ -150,10 +107,23 @@ static inline calib_real calib_posterior(const calib_real q[CALIB_DOF]) {
 """
 
 
+def source(body: Body) -> str:
+    """The bound's source, after that of the body."""
+    if not isinstance(body.structure, SpatialStructure):
+        return c_slopes.PLANAR + SOURCE
+    return (c_slopes.PIXELS if body.structure.camera else "") + c_slopes.SPATIAL + SOURCE
+
+
 def words(body: Body) -> dict[str, object]:
     """Numbers that stand in the source itself."""
-    return {
-        "elastic": int(len(body.structure.groups["elastic"]) > 0),
+    structure = body.structure
+    own: dict[str, object] = {}
+    if isinstance(structure, SpatialStructure):
+        own["bends"] = int(len(structure.groups["elastic"]) > 0)
+        own["seen"] = "  calib_in_pixels(p, geometry, own);\n" if structure.camera else ""
+    how = ": within about a tenth of what Python has, which keeps more of it"
+    return own | {
+        "how": how if _rank(body) else "",
         "waves": HARMONICS,
         "beliefs": 1 if body.second is None else 2,
         "rank": _rank(body),
@@ -161,17 +131,16 @@ def words(body: Body) -> dict[str, object]:
     }
 
 
-def tables(structure: SpatialStructure, body: Body, q: Array, *, noise: bool, single: bool) -> str:
+def tables(structure: Structure, body: Body, q: Array, *, noise: bool, single: bool) -> str:
     """Constant tables, most of them in single precision.
 
-    body : it sees positions
     q : (n, dof) [rad or m], joint values, by whose positions directions are compared
     noise : whether the bound counts the noise of a single reading
     single : whether the rest is ``float``, too
     """
-    curves = sum(len(structure.groups[f"curve.{k}"]) for k in range(structure.dof))
-    geometry = structure.size - curves
-    slope = structure.linearise(q, body.beta)[1].reshape(-1, structure.size)
+    geometry = structure.size - sum(map(len, curves_of(structure).values()))
+    seen = structure.blocks[0]
+    slope = structure.linearise(q, body.beta)[1][:, :seen].reshape(-1, structure.size)
     values, vectors = np.linalg.eigh(slope.T @ slope)
     scales = vectors, np.sqrt(np.maximum(values, 1e-14 * values[-1]))
     beliefs: list[Body | Second] = [body] if body.second is None else [body, body.second]
@@ -180,18 +149,27 @@ def tables(structure: SpatialStructure, body: Body, q: Array, *, noise: bool, si
     root, own, coupled = (np.vstack([part[k] for part in parts]) for k in range(3))
     signs = np.concatenate([part[3] for part in parts])
     scale = np.array([(body.kappa, SHARED**2), (1.0, 1.0)][: len(parts)])
-    more = body.residual[:3] ** 2 + (body.noise[:3] ** 2 if noise else 0.0)
+    more = np.zeros(3)
+    more[:seen] = body.residual[:seen] ** 2 + (body.noise[:seen] ** 2 if noise else 0.0)
     size, waves = "CALIB_GEOMETRY", 2 * HARMONICS
     return (
         f"\nenum {{ {size} = {geometry} }};\n"
         + array("float", "calib_root", [str(len(root)), size], root, True)
         + array("float", "calib_own", [str(len(own)), str(2 * waves + 1)], own, True)
         + array("float", "calib_coupled", [str(len(coupled)), str(coupled.shape[1])], coupled, True)
-        + integers("calib_sign", str(max(len(signs), 1)), signs if rank else [0])
+        + integers("calib_gains", str(max(len(signs), 1)), signs if rank else [0])
         + array("calib_real", "calib_scale", [str(len(scale)), "2"], scale, single)
         + array("calib_real", "calib_more", ["3"], more, single)
-        + array("calib_real", "calib_flange", ["9"], structure.chain.rotation.ravel(), single)
+        + _own(structure, body.beta, single)
     )
+
+
+def _own(structure: Structure, beta: Array, single: bool) -> str:
+    """What the derivatives need beyond the body's own tables."""
+    if isinstance(structure, PlanarStructure):
+        return c_planar.shears(structure, beta, single)
+    assert isinstance(structure, SpatialStructure)  # noqa: S101
+    return array("calib_real", "calib_flange", ["9"], structure.chain.rotation.ravel(), single)
 
 
 def _rank(body: Body) -> int:
@@ -202,7 +180,7 @@ def _rank(body: Body) -> int:
 
 
 def _compact(
-    structure: SpatialStructure,
+    structure: Structure,
     belief: Body | Second,
     beta: Array,
     geometry: int,
@@ -226,24 +204,23 @@ def _compact(
     turn: Array = np.linspace(0.0, 2 * np.pi, 8 * HARMONICS, endpoint=False)
     wave = powers(turn)
     waves = np.concatenate([wave.real, wave.imag], axis=1)
-    for k in range(dof):
-        curve = structure.groups[f"curve.{k}"]
-        if len(curve):
-            block = np.ix_(curve, curve)
-            terms = np.fft.rfft(((waves @ covariance[block]) * waves).sum(axis=1)) / len(waves)
-            own[k, 0], left[block] = float(terms[0].real), 0.0
-            own[k, 1::2] = 2 * terms[1 : 2 * HARMONICS + 1].real
-            own[k, 2::2] = -2 * terms[1 : 2 * HARMONICS + 1].imag
+    curves = curves_of(structure)
+    for k, curve in curves.items():
+        block = np.ix_(curve, curve)
+        terms = np.fft.rfft(((waves @ covariance[block]) * waves).sum(axis=1)) / len(waves)
+        own[k, 0], left[block] = float(terms[0].real), 0.0
+        own[k, 1::2] = 2 * terms[1 : 2 * HARMONICS + 1].real
+        own[k, 2::2] = -2 * terms[1 : 2 * HARMONICS + 1].imag
     strength, kept = np.linalg.eigh((vectors * weight).T @ left @ (vectors * weight))
     most = np.argsort(-np.abs(strength))[:rank]
     directions = ((vectors / weight) @ kept[:, most] * np.sqrt(np.abs(strength[most]))).T
     apart, view = belief.beta - beta, structure.groups["view.rotation"]
-    apart[view] = compose(belief.beta[view], -beta[view])
+    if len(view) == 3:
+        apart[view] = compose(belief.beta[view], -beta[view])
     directions = np.vstack([directions, apart])
     coupled = np.zeros((rank + 1, geometry + 2 * HARMONICS * dof))
     coupled[:, :geometry] = directions[:, :geometry]
-    for k in range(dof):  # slides have no curve
-        curve = structure.groups[f"curve.{k}"]
+    for k, curve in curves.items():
         start = geometry + 2 * HARMONICS * k
         coupled[:, start : start + len(curve)] = directions[:, curve]
     return root, own, coupled, np.sign(strength[most])

@@ -4,43 +4,24 @@ from __future__ import annotations
 
 import numpy as np
 
-from ..body.curves import HARMONICS
 from ..body.planar import PlanarStructure
+from ..body.planar_view import turned
 from ..common.arrays import Array
 from .c_source import array, integers, number
 
 SOURCE = """\
-/* Error curve of a joint and its derivative, by Horner's rule in exp(j q). */
-static inline void calib_curve(int joint, calib_real q, calib_real *value, calib_real *slope) {
-  const calib_real c = cos(q), s = sin(q);
-  const calib_real *a = calib_curve_cos[joint], *b = calib_curve_sin[joint];
-  calib_real re = 0, im = 0, dre = 0, dim = 0, t;
-  int n;
-  for (n = CALIB_HARMONICS; n >= 1; --n) {
-    re += a[n - 1];
-    im -= b[n - 1];
-    dre += (calib_real)n * b[n - 1];
-    dim += (calib_real)n * a[n - 1];
-    t = re * c - im * s;
-    im = re * s + im * c;
-    re = t;
-    t = dre * c - dim * s;
-    dim = dre * s + dim * c;
-    dre = t;
-  }
-  *value = re;
-  *slope = dre;
-}
-
-/* Body: position and, where J is not null, its derivative by the joints (row by row). */
+/* Body: position; where J is not null its derivative by the joints (row by row), and where `at`
+ * is not null each joint's nominal angle, direction and part of the chain, and the tip. */
 static inline void calib_body(const calib_real *beta, int curves, const calib_real q[CALIB_DOF],
-                           calib_real x[CALIB_OUT], calib_real *J) {
+                              calib_real x[CALIB_OUT], calib_real *J, calib_real at[][5]) {
   calib_real psi[CALIB_DOF], theta[CALIB_DOF], own[CALIB_DOF], bend[CALIB_DOF][CALIB_DOF];
   calib_real ux[CALIB_DOF], uy[CALIB_DOF], px[CALIB_DOF];
   calib_real py[CALIB_DOF], tx[CALIB_DOF], ty[CALIB_DOF];
   calib_real sum = 0, angle = 0, sx = 0, sy = 0, w, yx, yy, r2;
   calib_real k, cx, cy, lx, ly, m00, m01, m10, m11;
+  calib_real value[CALIB_DOF], slope[CALIB_DOF];
   int i, j, e = 0;
+  if (curves) calib_curves(q, value, slope, J != 0);
   for (i = 0; i < CALIB_DOF; ++i) {
     if (calib_turns[i]) sum += calib_sign[i] * q[i];
     psi[i] = sum;
@@ -65,10 +46,8 @@ static inline void calib_body(const calib_real *beta, int curves, const calib_re
       bend[i][j] = b * c - a * s;
     }
     if (curves) {
-      calib_real value, slope;
-      calib_curve(i, q[i], &value, &slope);
-      theta[i] += value;
-      own[i] += slope;
+      theta[i] += value[i];
+      own[i] += slope[i];
     }
   }
   for (i = 0; i < CALIB_DOF; ++i) {
@@ -82,6 +61,10 @@ static inline void calib_body(const calib_real *beta, int curves, const calib_re
     py[i] = reach * uy[i];
     sx += px[i];
     sy += py[i];
+    if (at) {
+      at[i][0] = psi[i]; at[i][1] = ux[i]; at[i][2] = uy[i]; at[i][3] = px[i]; at[i][4] = py[i];
+      at[CALIB_DOF][0] = sx; at[CALIB_DOF][1] = sy;
+    }
   }
   m00 = calib_view[0]; m01 = calib_view[1]; m10 = calib_view[2]; m11 = calib_view[3];
   w = 1 + calib_view[6] * sx + calib_view[7] * sy;
@@ -137,14 +120,14 @@ static inline void calib_body(const calib_real *beta, int curves, const calib_re
 
 
 static inline void calib_smooth(const calib_real q[CALIB_DOF], calib_real *x, calib_real *J) {
-  calib_body(calib_beta, @curves@, q, x, J);
+  calib_body(calib_beta, @curves@, q, x, J, 0);
 }
 """
 
 WANTED = """\
 
 static inline void calib_wanted(const calib_real q[CALIB_DOF], calib_real x[CALIB_OUT]) {
-  calib_body(calib_nominal, 0, q, x, 0);
+  calib_body(calib_nominal, 0, q, x, 0, 0);
 }
 
 /* A start near q: positions alone are corrected. */
@@ -175,20 +158,20 @@ def tables(structure: PlanarStructure, beta: Array, single: bool) -> str:
     lens = np.concatenate([beta[8:11], structure.centre, [1.5 * structure.extent]])
     geometry = beta.copy()
     geometry[: lay.length[0]] = 0.0
-    zero = np.zeros((2, HARMONICS))
-    waves = [
-        beta[lay.curve[i]].reshape(2, -1) if i in lay.curve else zero for i in range(structure.dof)
-    ]
-    sizes = [dof, "CALIB_HARMONICS"]
     return (
         integers("calib_turns", dof, structure.revolute)
         + array(real, "calib_sign", [dof], np.asarray(structure.signs, dtype=float), single)
         + beta_table("calib_beta", structure, geometry, single)
         + array(real, "calib_view", ["8"], view, single)
         + array(real, "calib_lens", ["6"], lens, single)
-        + array(real, "calib_curve_cos", sizes, np.array([w[0] for w in waves]), single)
-        + array(real, "calib_curve_sin", sizes, np.array([w[1] for w in waves]), single)
     )
+
+
+def shears(structure: PlanarStructure, beta: Array, single: bool) -> str:
+    """How the view's linear part changes with its shear: two matrices, row by row."""
+    turn, mirror = np.exp(beta[1]) * turned(beta), np.diag([1.0, float(structure.mirror)])
+    both = [turn @ shear @ mirror for shear in (np.diag([1.0, -1.0]), np.eye(2)[::-1])]
+    return array("calib_real", "calib_shears", ["8"], np.ravel(both), single)
 
 
 def beta_table(name: str, structure: PlanarStructure, beta: Array, single: bool) -> str:

@@ -84,15 +84,6 @@ static inline void calib_model(const calib_real q[CALIB_DOF], calib_real *x, cal
   calib_smooth(q, x, J);
 @local@}
 
-/* Values of the nodes, blended at q. */
-static inline calib_real calib_blended(const calib_real *values, const calib_real q[CALIB_DOF]) {
-  int node[CALIB_NEAR], k;
-  calib_real weight[CALIB_NEAR], u[CALIB_DOF], sum = 0;
-  calib_near(q, node, weight, u);
-  for (k = 0; k < CALIB_NEAR; ++k) sum += weight[k] * values[node[k]];
-  return sum;
-}
-
 /* Position; where J is not null also its derivative, J[coordinate * DOF + joint]. */
 static inline int calib_position(const calib_real q[CALIB_DOF], calib_real *x, calib_real *J) {
   calib_real inside[CALIB_DOF];

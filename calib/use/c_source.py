@@ -102,6 +102,15 @@ static inline void calib_near(const calib_real *q, int *node, calib_real *weight
     weight[k] = total > 0 ? weight[k] / total : (calib_real)1 / CALIB_NEAR;
 }
 
+/* Values of the nodes, blended at q. */
+static inline calib_real calib_blended(const calib_real *values, const calib_real q[CALIB_DOF]) {
+  int node[CALIB_NEAR], k;
+  calib_real weight[CALIB_NEAR], u[CALIB_DOF], sum = 0;
+  calib_near(q, node, weight, u);
+  for (k = 0; k < CALIB_NEAR; ++k) sum += weight[k] * values[node[k]];
+  return sum;
+}
+
 """
 
 

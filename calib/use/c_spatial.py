@@ -47,32 +47,6 @@ static inline void calib_unit(calib_real R[9]) {
   for (i = 0; i < 9; ++i) R[i] = i % 4 == 0 ? 1 : 0;
 }
 
-/* Error curves of all joints and their derivatives, by Horner's rule in exp(j q). */
-static inline void calib_curves(const calib_real q[CALIB_DOF], calib_real value[CALIB_DOF],
-                                calib_real slope[CALIB_DOF], int slopes) {
-  calib_real c[CALIB_DOF], s[CALIB_DOF], im[CALIB_DOF], dim[CALIB_DOF], t;
-  int i, n;
-  for (i = 0; i < CALIB_DOF; ++i) {
-    c[i] = cos(q[i]);
-    s[i] = sin(q[i]);
-    value[i] = im[i] = slope[i] = dim[i] = 0;
-  }
-  for (n = CALIB_HARMONICS - 1; n >= 0; --n)
-    for (i = 0; i < CALIB_DOF; ++i) {
-      t = value[i] + calib_curve_cos[n][i];
-      im[i] -= calib_curve_sin[n][i];
-      value[i] = t * c[i] - im[i] * s[i];
-      im[i] = t * s[i] + im[i] * c[i];
-    }
-  for (n = CALIB_HARMONICS - 1; slopes && n >= 0; --n)
-    for (i = 0; i < CALIB_DOF; ++i) {
-      t = slope[i] + (calib_real)(n + 1) * calib_curve_sin[n][i];
-      dim[i] += (calib_real)(n + 1) * calib_curve_cos[n][i];
-      slope[i] = t * c[i] - dim[i] * s[i];
-      dim[i] = t * s[i] + dim[i] * c[i];
-    }
-}
-
 /* Torques of gravity in the nominal arm, as shares of the largest, and their derivatives. */
 static inline void calib_loads(const calib_real q[CALIB_DOF], calib_real load[CALIB_CHAIN],
                                calib_real slope[CALIB_CHAIN][CALIB_DOF], int slopes) {
@@ -178,7 +152,7 @@ static inline void calib_chain(const calib_arm *arm, const calib_real q[CALIB_DO
     }
   }
 }
-
+@pinhole@
 /* What the sensor sees of a chain, and where J is not null its derivative (row by row). */
 static inline void calib_seen(const calib_arm *arm, const calib_real q[CALIB_DOF],
                               calib_real x[CALIB_OUT], calib_real *J, calib_real R[9]) {
@@ -223,21 +197,34 @@ LINEAR = """\
 """
 
 PINHOLE = """\
+
+/* Pixels of a point in the camera's frame, their derivative by it, and the point at depth 1. */
+static inline void calib_pinhole(const calib_real at[3], calib_real x[2], calib_real L[6],
+                                 calib_real u[2]) {
+  const calib_real depth = at[2] > @nearest@ ? at[2] : @nearest@, f = calib_lens[0];
+  const calib_real a = at[0] / depth, b = at[1] / depth, r2 = a * a + b * b;
+  const calib_real k1 = calib_lens[3], @law@, bent = 1 + rise * ratio, twice = 2 * rise;
+  int i;
+  u[0] = a;
+  u[1] = b;
+  L[0] = f * (bent + twice * a * a) / depth;
+  L[1] = L[3] = f * twice * a * b / depth;
+  L[4] = f * (bent + twice * b * b) / depth;
+  for (i = 0; i < 2; ++i) {
+    x[i] = f * u[i] * bent + calib_lens[1 + i];
+    L[3 * i + 2] = -(L[3 * i] * a + L[3 * i + 1] * b);
+  }
+}
+"""
+
+SEEN_BY_CAMERA = """\
   {
-    const calib_real depth = at[2] > @nearest@ ? at[2] : @nearest@;
-    const calib_real a = at[0] / depth, b = at[1] / depth, r2 = a * a + b * b;
-    const calib_real k1 = calib_lens[3], @law@, bent = 1 + rise * ratio, twice = 2 * rise;
-    const calib_real f = calib_lens[0] / depth;
-    const calib_real aa = f * (bent + twice * a * a), ab = f * twice * a * b;
-    const calib_real bb = f * (bent + twice * b * b);
-    x[0] = calib_lens[0] * a * bent + calib_lens[1];
-    x[1] = calib_lens[0] * b * bent + calib_lens[2];
-    for (j = 0; j < 3; ++j) {
-      const calib_real u = calib_view[j] - a * calib_view[6 + j];
-      const calib_real v = calib_view[3 + j] - b * calib_view[6 + j];
-      V[j] = aa * u + ab * v;
-      V[3 + j] = ab * u + bb * v;
-    }
+    calib_real L[6], u[2];
+    calib_pinhole(at, x, L, u);
+    for (i = 0; i < 2; ++i)
+      for (j = 0; j < 3; ++j)
+        V[3 * i + j] = L[3 * i] * calib_view[j] + L[3 * i + 1] * calib_view[3 + j] +
+                       L[3 * i + 2] * calib_view[6 + j];
   }
 """
 

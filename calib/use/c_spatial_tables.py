@@ -4,13 +4,12 @@ from __future__ import annotations
 
 import numpy as np
 
-from ..body.curves import HARMONICS
+from ..arm.motion import placements
 from ..body.spatial import SpatialStructure
-from ..body.spatial_motion import placements
 from ..body.spatial_view import NEAREST
 from ..common.arrays import Array
 from .c_source import array, integers, number
-from .c_spatial import LINEAR, PINHOLE
+from .c_spatial import LINEAR, SEEN_BY_CAMERA
 
 _POSES, _POSE_CALM = 2, 1e-6  # steps towards a pose, and their damping
 
@@ -19,7 +18,9 @@ def words(structure: SpatialStructure, single: bool) -> dict[str, object]:
     """Numbers and lines that stand in the source itself."""
     lever = structure.chain.reach
     return {
-        "view": _pinhole(structure, single) if structure.camera else LINEAR,
+        "law": structure.seen_as.source,
+        "nearest": number(NEAREST, single),
+        "view": SEEN_BY_CAMERA if structure.camera else LINEAR,
         "poses": _POSES,
         "pose_calm": number(_POSE_CALM, single),
         "lever": number(lever, single),
@@ -27,19 +28,10 @@ def words(structure: SpatialStructure, single: bool) -> dict[str, object]:
     }
 
 
-def _pinhole(structure: SpatialStructure, single: bool) -> str:
-    law = PINHOLE.replace("@law@", structure.seen_as.source)
-    return law.replace("@nearest@", number(NEAREST, single))
-
-
 def tables(structure: SpatialStructure, beta: Array, single: bool) -> str:
     """Constant tables of a spatial body: the chain, its loads, its curves and the sensor."""
     chain, sensor = structure.chain, structure.sensor(beta)
-    real, waves = "calib_real", np.zeros((2, HARMONICS, structure.dof))
-    for k in range(structure.dof):
-        curve = structure.groups[f"curve.{k}"]
-        if len(curve):
-            waves[:, :, k] = beta[curve].reshape(2, HARMONICS)
+    real = "calib_real"
     weighed = chain.masses if len(chain.masses) else np.zeros(chain.joints)
     middle = chain.centres - chain.points if len(chain.masses) else np.zeros((chain.joints, 3))
     gravity = np.asarray(structure.gravity) / structure.loads.torque
@@ -54,8 +46,6 @@ def tables(structure: SpatialStructure, beta: Array, single: bool) -> str:
         + array(real, "calib_mass", [rows], weighed, single)
         + array(real, "calib_centre", [rows, "3"], middle, single)
         + array(real, "calib_gravity", ["3"], gravity, single)
-        + array(real, "calib_curve_cos", ["CALIB_HARMONICS", dof], waves[0], single)
-        + array(real, "calib_curve_sin", ["CALIB_HARMONICS", dof], waves[1], single)
         + array(real, "calib_view", ["9"], sensor.scale * sensor.rotation, single)
         + array(real, "calib_aim", ["9"], sensor.rotation, single)
         + array(real, "calib_shift", ["3"], sensor.shift, single)

@@ -1,4 +1,4 @@
-"""Collisions: postures in which an arm hits itself or hides its tip from the camera.
+"""Collisions: postures in which an arm hits itself or hides its tip from a camera or tracker.
 
 Both are found by the collision bodies of its URDF.
 """
@@ -13,11 +13,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ..arm.arm import Arm
-from ..body.views import is_camera
 from ..common.arrays import Array
 from ..model.model import Model
 from ..model.space import Space as Chain
-from .geometry import moves_in_space
+from .nominal import moves_in_space
 from .pose_space import Space
 
 _TRIED, _ALWAYS = 100, 0.9  # postures in which links meet that are built so, and their share
@@ -59,7 +58,7 @@ def hits_itself(
             bodies.addCollisionPair(pin.CollisionPair(*pair))
     if not len(bodies.collisionPairs):
         return None
-    results = pin.GeometryData(bodies)
+    results = pin.GeometryData(bodies)  # anew: it holds the pairs there were when it was made
     hits = [pin.computeCollisions(model, data, bodies, results, at, True) for at in rows]
     return np.array(hits, dtype=bool)
 
@@ -67,7 +66,7 @@ def hits_itself(
 def hides_its_tip(
     urdf: str, names: Sequence[str], locked: Mapping[str, float], q: Array, tips: Array, eye: Array
 ) -> NDArray[np.bool_]:
-    """Whether a link stands between a camera at `eye` (3,) and the tips (n, 3) [m], (n,).
+    """Whether a link stands between a sensor at `eye` (3,) and the tips (n, 3) [m], (n,).
 
     The last link carries what is seen and hides nothing.
     """
@@ -98,24 +97,35 @@ def hides_its_tip(
 
 
 def visible(source: Arm | Model, space: Space, points: Array) -> tuple[Array, list[str]]:
-    """The candidates whose tip the camera of a model sees, and what was left out."""
+    """The candidates whose tip a model's camera or tracker sees, and what was left out.
+
+    A laser tracker stands at its frame's origin. An origin within the arm's reach is that of
+    another frame, which hides nothing.
+    """
     from ..body.sensor import SensorPose
 
     body = None if isinstance(source, Arm) else source.body
-    camera = SensorPose.of(body)
-    if isinstance(source, Arm) or body is None or not is_camera(body.structure.view) or not camera:
+    sensor = SensorPose.of(body)
+    if isinstance(source, Arm) or body is None or sensor is None or body.structure.view == "base":
         return points, []
     q, chain, about = space.scale.from_unit(points), Chain.of(source), source.about
+    if not chain.camera and np.linalg.norm(sensor.position) <= chain.length:
+        return points, []
     tips = chain.evaluate(q)[0]
     seen = np.flatnonzero(chain.sees(tips))
-    asked = about.urdf, about.joint_names, about.locked, q[seen], tips[seen], camera.position
+    asked = about.urdf, about.joint_names, about.locked, q[seen], tips[seen], sensor.position
     seen = seen[~hides_its_tip(*asked)]
+    what, where = "tracker at the origin of its frame", "behind a link"
+    if chain.camera:
+        what, where = "camera", f"outside of its picture, or {where}"
     if not len(seen):
-        return points, ["the camera sees the tip in none of the poses: look where it stands"]
+        return points, [f"the {what} sees the tip in none of the poses: look where it stands"]
     left = 1 - len(seen) / len(points)
+    if not (left or chain.camera):
+        return points, []
     return points[seen], [
-        f"{left:.0%} of the candidates were left out because the camera does not see the tip there "
-        "(outside of its picture, or behind a link by the URDF's collision bodies)"
+        f"{left:.0%} of the candidates were left out because the {what} does not see the tip there "
+        f"({where} by the URDF's collision bodies)"
     ]
 
 

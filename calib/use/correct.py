@@ -13,14 +13,15 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from ..common.arrays import Array
-from ..common.rows import number_rows
+from ..common.rows import checked_rows
 from ..common.scale import TURN
 from ..errors import OptionError, QueryError
 from ..model.answers import Answer
 from ..model.model import Model
 from ..samples.joint_values import check_joint_values
 from ..samples.log_ranges import wrap
-from .geometry import frames, moves_in_space
+from .geometry import frames
+from .nominal import moves_in_space
 from .wanted import Wanted, wanted
 
 _USUAL = 3.0  # a correction this many times the 95 % quantile of the model's own is not trusted
@@ -140,10 +141,7 @@ def correct(
     fitted together with joint offsets and link placements, so that only what is the arm's own
     is compensated.
     """
-    rows, single = number_rows(q, model.about.joint_names, "joint values")
-    if not np.isfinite(rows).all():
-        row = int(np.argmin(np.isfinite(rows).all(axis=1)))
-        raise QueryError(f"joint values of row {row + 1} are not finite: {rows[row].tolist()}")
+    rows, single = checked_rows(q, model.about.joint_names, "joint values")
     about = model.about
     check_joint_values(
         rows, about.joint_names, about.lower, about.upper, about.revolute, error=QueryError

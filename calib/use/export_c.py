@@ -14,13 +14,14 @@ from ..body.planar import PlanarStructure
 from ..body.spatial import SpatialStructure
 from ..body.views import cubic
 from ..common.arrays import Array
+from ..common.parallel import one_blas_thread
 from ..common.wording import one_line
 from ..errors import OptionError
 from ..maps.local_models import FULL, blend_size, predict, reach_of
 from ..maps.predictor import BodyInBox
 from ..model.model import Model
 from ..model.trust import MOST_BLENDED
-from . import c_bound, c_planar, c_queries, c_spatial, c_spatial_tables
+from . import c_bound, c_curves, c_planar, c_queries, c_spatial, c_spatial_tables
 from .c_source import HEAD, NODES, RANGE, array, filled, integers, number
 from .correct import usual_limit
 from .nominal import nominal_in_space, nominal_in_view
@@ -75,7 +76,8 @@ def c_header(model: Model, *, prefix: str = "calib_", single: bool = False) -> C
     ):
         raise OptionError(f"the lens of view {structure.view!r} has no C form")
     writer = _Writer(model, model.body, prefix, single)
-    text, tables = writer.text()
+    with one_blas_thread():  # the same bytes on any number of cores
+        text, tables = writer.text()
     notes = []
     apart = writer.left_out()
     if apart.max() > 1e-9 * model.solver.extent:
@@ -102,7 +104,7 @@ class _Writer:
         if isinstance(structure, PlanarStructure):
             tables = c_planar.tables(structure, beta, self.single)
             nominal = self._nominal_in_plane(structure)
-            parts = [c_planar.SOURCE, c_planar.WANTED]
+            own, wanted = c_planar.SOURCE, c_planar.WANTED
             words |= c_planar.words(structure, beta, self.single)
             pose = ""
         else:
@@ -110,31 +112,42 @@ class _Writer:
             tables = c_spatial_tables.tables(structure, beta, self.single)
             nominal = ""
             if structure.informed:
-                own = nominal_in_space(structure, beta)
-                nominal = c_spatial_tables.arm("calib_nominal", structure, own, self.single)
-            parts, pose = [c_spatial.SOURCE, c_spatial.WANTED], c_spatial.POSE
-            if self._posterior:
-                about, noisy = self.model.about, self.model.about.bound_of == "sensor reading"
-                q = np.random.default_rng(0).uniform(about.lower, about.upper, (400, structure.dof))
-                parts[0] += c_bound.SOURCE
-                words |= c_bound.words(self.body)
-                tables += c_bound.tables(structure, self.body, q, noise=noisy, single=self.single)
+                there = nominal_in_space(structure, beta)
+                nominal = c_spatial_tables.arm("calib_nominal", structure, there, self.single)
+            own, wanted, pose = c_spatial.SOURCE, c_spatial.WANTED, c_spatial.POSE
+            own = own.replace("@pinhole@", c_spatial.PINHOLE if structure.camera else "")
             words |= c_spatial_tables.words(structure, self.single)
             keeps = bool(nominal) and structure.dof >= 6
             words["limit"] = self._n(usual_limit(self.model).max() if keeps else 0.0)
+        if self._posterior:
+            about, noisy = self.model.about, self.model.about.bound_of == "sensor reading"
+            q = np.random.default_rng(0).uniform(about.lower, about.upper, (400, structure.dof))
+            own += c_bound.source(self.body)
+            words |= c_bound.words(self.body)
+            tables += c_bound.tables(structure, self.body, q, noise=noisy, single=self.single)
+        tables += c_curves.tables(structure, beta, self.single)
         tables = self._ranges() + tables + self._nodes() + nominal
         local = c_queries.LOCAL if self._local else ""
-        parts = [HEAD, tables, RANGE, NODES, parts[0], local, c_queries.QUERIES, pose] + (
-            [parts[1], c_queries.CORRECT] if nominal else []
-        )
-        whole = "".join(parts) + "\n#endif /* @guard@ */\n"
+        nodes = NODES if self._asks_nodes else ""
+        correct = wanted + c_queries.CORRECT if nominal else ""
+        parts = (RANGE, nodes, c_curves.SOURCE, own, local, c_queries.QUERIES, pose, correct)
+        whole = HEAD + tables + "".join(parts) + "\n#endif /* @guard@ */\n"
         return filled(whole, words, self.prefix, self.single), _bytes(tables)
 
     @property
     def _posterior(self) -> bool:
         """Whether the expected error is the posterior's, as in `Model.bound_at`."""
-        structure = self.body.structure
-        return structure.kind == "spatial" and structure.outputs == 3 < structure.dof
+        return self.body.structure.dof > MOST_BLENDED
+
+    @property
+    def _trusted(self) -> bool:
+        """Whether there is an answer wherever joints are within their range."""
+        return bool((self.model.model_bounds <= self.model.trust.most).all())
+
+    @property
+    def _asks_nodes(self) -> bool:
+        """Whether anything is told by the motor map's nodes: a bound, local models."""
+        return self._local or not (self._posterior and self._trusted)
 
     @property
     def _local(self) -> bool:
@@ -157,8 +170,6 @@ class _Writer:
     def _words(self) -> dict[str, object]:
         model = self.model
         extent, dof = model.solver.extent, self.body.structure.dof
-        coarse = dof > MOST_BLENDED and not self._posterior
-        trusted = bool((model.model_bounds <= model.trust.most).all())
         blended = f" || !(calib_blended(calib_position_bound, q) <= {self._n(model.trust.most)})"
         models = model.predictor.models
         return {
@@ -167,7 +178,7 @@ class _Writer:
             "facts": self._facts(),
             "unit": _comment(model.about.unit),
             "bound_of": _comment(model.about.bound_of),
-            "how": ", blended between the motor map's nodes" if coarse else "",
+            "how": "",
             "bounded": _POSTERIOR if self._posterior else _BLENDED,
             "guard": "CALIB_MODEL_H",
             "real": "float" if self.single else "double",
@@ -176,7 +187,7 @@ class _Writer:
             "nodes": model.motor.size,
             "near": min(blend_size(dof), model.motor.size - 1),
             "harmonics": HARMONICS,
-            "trusted": "" if trusted else blended,
+            "trusted": "" if self._trusted else blended,
             "local": "  calib_local(q, x, J);\n" if self._local else "",
             "fades": int(models.fades),
             "votes": int(models.votes > 0.0),
@@ -208,12 +219,14 @@ class _Writer:
 
     def _nodes(self) -> str:
         """Nodes of the motor map, their bounds and their local models."""
+        if not self._asks_nodes:
+            return ""
         model, one = self.model, self.single
         nodes, dof, real = "CALIB_NODES", "CALIB_DOF", "calib_real"
         out = array(real, "calib_node", [nodes, dof], model.motor.units, one)
         if not self._posterior:
             out += array(real, "calib_bound", [nodes], model.bounds, one)
-        if not (model.model_bounds <= model.trust.most).all():
+        if not self._trusted:
             out += array(real, "calib_position_bound", [nodes], model.model_bounds, one)
         if not self._local:
             return out

@@ -6,97 +6,20 @@
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass, replace
-from typing import Any
 
 import numpy as np
 
-from ..arm.arms import PlanarArm, SpatialArm
-from ..body.spatial import SpatialStructure
+from ..arm.arms import PlanarArm
 from ..common.arrays import Array
 from ..common.choices import CAUSES, LOG_FRAMES
 from ..errors import OptionError
 from ..model.alignment import Alignment
 from ..model.model import Model
-from .nominal import nominal_in_view
-from .planar_geometry import PlanarProblem
+from .nominal import nominal_arm, nominal_in_view
+from .planar_geometry import fit_in_plane
 from .spatial_geometry import SpatialGeometry
-from .urdf import Moved
 
 _POINTS, _ROWS = 500, 2_000
-
-
-@dataclass(frozen=True, eq=False)
-class Geometry:
-    """A fitted planar geometry."""
-
-    arm: PlanarArm  # the nominal arm
-    # (dof,) [rad or m], joint value at which the nominal arm stands where the real one reads zero
-    offsets: Array
-    # (dof, 2) [m], how far each joint's successor (the last one's: the tip) is displaced in the
-    # plane, in the axes of the plane at the zero posture
-    moved: Array
-    base: Array  # (2,) [m], displacement of the first joint; zero unless it was freed
-    # half widths of the 95 % intervals; what the data cannot tell apart is within them
-    interval_offsets: Array
-    interval_moved: Array
-    interval_base: Array
-    frame: Alignment  # from the root link's plane to the frame that the model answers in
-    # whether that frame was fitted; the first joint's offset is zero then, by convention
-    free: bool
-    residual: float  # [m], root mean square distance that this geometry does not explain
-    before: float  # [m], the same for the nominal geometry, in the same frame
-    reach: float  # [m], furthest distance of the tip from the first joint
-    unit = "m"
-
-    def origins(self) -> dict[str, Moved]:
-        """What is written of each joint."""
-        axes = np.stack([self.arm.plane.x, self.arm.plane.y])
-        shifts = np.vstack([self.base, self.moved[:-1]]) @ axes
-        parts = zip(self.arm.joint_names, shifts, self.offsets.tolist(), strict=True)
-        return {name: Moved(shift, value=value) for name, shift, value in parts}
-
-    def tip(self) -> Moved:
-        """What is written of the tip."""
-        return Moved(self.moved[-1] @ np.stack([self.arm.plane.x, self.arm.plane.y]))
-
-    def to_json(self) -> dict[str, Any]:
-        """Plain data."""
-        names = self.arm.joint_names
-        offsets = zip(names, self.offsets.tolist(), self.interval_offsets.tolist(), strict=True)
-        moved = zip(names, self.moved.tolist(), self.interval_moved.tolist(), strict=True)
-        return {
-            "offsets": {n: {"value": v, "interval": i} for n, v, i in offsets},
-            "moved": {n: {"value": v, "interval": i} for n, v, i in moved},
-            "base": {"value": self.base.tolist(), "interval": self.interval_base.tolist()},
-            "frame": {"matrix": self.frame.matrix.tolist(), "shift": self.frame.shift.tolist()},
-            "frame_fitted": self.free,
-            "residual": self.residual,
-            "before": self.before,
-            "reach": self.reach,
-        }
-
-
-def moves_in_space(model: Model) -> bool:
-    """Whether the arm moves in space: seen in x, y and z, or by a camera from anywhere."""
-    return len(model.axes) == 3 or (
-        model.body is not None and isinstance(model.body.structure, SpatialStructure)
-    )
-
-
-def nominal_arm(model: Model) -> PlanarArm | SpatialArm:
-    """Return the arm as its URDF describes it."""
-    from ..arm.loading import arm_from_urdf
-
-    about = model.about
-    if not about.urdf:
-        raise OptionError(
-            "the model has no URDF, so there is no nominal arm to compare it with",
-            hint="train it with a robot, or with a robot and a log",
-            parameter="robot",
-        )
-    planar = not moves_in_space(model)
-    return arm_from_urdf(about.urdf, about.joint_names, about.tip, lock=about.locked, planar=planar)
 
 
 def frame_is_free(model: Model, view: str = "auto") -> bool:
@@ -128,7 +51,7 @@ def fit_geometry(
     cause: str = "sensor",
     move_base: bool = False,
     move_tip: bool = False,
-) -> Geometry | SpatialGeometry:
+) -> SpatialGeometry:
     """Fit the nominal chain to what was learned, where rows were, by Gauss-Newton.
 
     Of a planar arm, unknown are an offset for each joint and, in the plane, the place of the tip
@@ -174,7 +97,8 @@ def fit_geometry(
             free = False
         if move_tip:
             raise OptionError("a planar arm's tip is always written", parameter="move_tip")
-        return _in_plane(model, arm, q, x, error, free, move_base)
+        unit = model.about.unit
+        return fit_in_plane(arm, q, x, unit, free=free, move_base=move_base, error=error)
     from .spatial_geometry import fit_spatial
 
     moving = {
@@ -184,37 +108,6 @@ def fit_geometry(
         "move_tip": move_tip,
     }
     return fit_spatial(arm, model.body, q, x, unit=model.about.unit, **moving)
-
-
-def _in_plane(
-    model: Model, arm: PlanarArm, q: Array, x: Array, error: float, free: bool, move_base: bool
-) -> Geometry:
-    """Fit the geometry of a planar arm; `error` is the least one of the rows' mean."""
-    problems = [
-        PlanarProblem(arm, q, x, free, move_base, mirrored, error=error)
-        for mirrored in (False, True)
-    ]
-    problems = problems if free else problems[:1]
-    if free and model.about.unit == "m":
-        problems = [replace(problem, scaled=False) for problem in problems]
-    found = [(problem, *problem.solve()) for problem in problems]
-    problem, theta, covariance = min(found, key=lambda each: each[0].rms(each[1]))
-    half = 1.96 * np.sqrt(np.diag(covariance)) * problem.inflation(theta)
-    reach = float(np.linalg.norm(arm.forward(q) - arm.forward(q).mean(axis=0), axis=1).max())
-    scale = math.exp(theta[problem.frame][1])
-    parts, widths = problem.split(theta), problem.split(half)
-    nominal = np.zeros_like(theta)
-    nominal[problem.frame] = theta[problem.frame]
-    return Geometry(
-        arm,
-        *parts,
-        *widths,
-        problem.alignment(theta),
-        free,
-        problem.rms(theta) / scale,
-        problem.rms(nominal) / scale,
-        reach,
-    )
 
 
 def frames(model: Model, cause: str = "sensor") -> list[Alignment]:

@@ -9,10 +9,12 @@ from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
-from functools import cached_property
+from functools import cache, cached_property, partial
+from typing import Generic, TypeVar
 
 import numpy as np
 
+from ..arm.arms import PlanarArm, SpatialArm
 from ..arm.rotations import exponential, logarithm
 from ..body.nominal import Nominal, nominal_of
 from ..body.planar import PlanarStructure
@@ -25,24 +27,30 @@ from ..inverse.one_row import to_pose
 from ..inverse.pose import reach_poses
 from ..model.model import Model
 
+S = TypeVar("S", PlanarStructure, SpatialStructure)
 
-@dataclass(frozen=True)
-class NominalArm:
+
+@dataclass(frozen=True, eq=False)
+class NominalArm(Generic[S]):
     """The URDF's arm as the sensor would see it."""
 
-    structure: PlanarStructure  # signs are the URDF's
+    structure: S  # signs of a planar one are the URDF's
     beta: Array  # (d,), view of the body, geometry of the URDF
 
     def predict(self, q: Array) -> Array:
         """Positions (n, m) [unit] of the nominal arm at joint values (n, dof)."""
         return self.structure.predict(q, self.beta)
 
-    def compiled(self) -> Callable[[Sequence[float]], tuple[float, float]]:
+    def compiled(self) -> Callable[[Sequence[float]], Sequence[float]]:
         """The same for one row in plain floats."""
-        return PlanarRow.of(self.structure, self.beta).predict
+        structure = self.structure
+        if isinstance(structure, PlanarStructure):
+            return PlanarRow.of(structure, self.beta).predict
+        row = cache(partial(SpatialRow, structure, self.beta))  # costly, and few ask for it
+        return lambda q: row().predict(q)
 
 
-def nominal_in_base(model: Model) -> NominalArm:
+def nominal_in_base(model: Model) -> NominalArm[PlanarStructure]:
     """The nominal arm of a model whose positions are in the robot's root frame.
 
     Raises OptionError as `nominal_in_view`.
@@ -53,7 +61,7 @@ def nominal_in_base(model: Model) -> NominalArm:
     return NominalArm(replace(own, mirror=nominal.mirror), neutral)
 
 
-def nominal_in_view(model: Model) -> NominalArm:
+def nominal_in_view(model: Model) -> NominalArm[PlanarStructure]:
     """The nominal arm of a model with a body.
 
     Raises OptionError if the model has no body, or knows no URDF.
@@ -83,20 +91,34 @@ def _planar(model: Model) -> tuple[PlanarStructure, Nominal]:
     body = model.body
     if body is None or not isinstance(body.structure, PlanarStructure):
         raise OptionError("the model has no planar body, so its sensor's frame is not known")
-    return body.structure, body.structure.nominal or _from_urdf(model)
+    nominal = body.structure.nominal
+    if nominal is None:
+        about = model.about
+        forward = nominal_arm(model).forward
+        nominal = nominal_of(forward, about.lower, about.upper, about.revolute)
+    return body.structure, nominal
 
 
-def _from_urdf(model: Model) -> Nominal:
+def moves_in_space(model: Model) -> bool:
+    """Whether the arm moves in space: seen in x, y and z, or by a camera from anywhere."""
+    return len(model.axes) == 3 or (
+        model.body is not None and isinstance(model.body.structure, SpatialStructure)
+    )
+
+
+def nominal_arm(model: Model) -> PlanarArm | SpatialArm:
+    """Return the arm as its URDF describes it."""
     from ..arm.loading import arm_from_urdf
 
     about = model.about
     if not about.urdf:
         raise OptionError(
-            "the model knows no URDF, so there is no nominal arm: train it with a robot, or "
-            "with a robot and a log"
+            "the model has no URDF, so there is no nominal arm to compare it with",
+            hint="train it with a robot, or with a robot and a log",
+            parameter="robot",
         )
-    arm = arm_from_urdf(about.urdf, about.joint_names, about.tip, lock=about.locked)
-    return nominal_of(arm.forward, about.lower, about.upper, about.revolute)
+    planar = not moves_in_space(model)
+    return arm_from_urdf(about.urdf, about.joint_names, about.tip, lock=about.locked, planar=planar)
 
 
 @dataclass(frozen=True, eq=False)

@@ -6,8 +6,8 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from ..common.arrays import Array
+from ..common.rows import checked_rows
 from ..errors import QueryError
-from ..model import answers
 from ..model.model import Model
 
 _LONGEST = 0.1  # of the joints' range: no step is longer
@@ -19,9 +19,9 @@ def servo_step(
     """One step towards the targets; see :meth:`calib.Model.servo`."""
     if not 0.0 < gain <= 1.0:
         raise QueryError(f"gain {gain!r}: expected a share of the way, above 0 and up to 1")
-    seen, _ = answers.checked_rows(measured, model.axes, "measured position")
-    wanted, _ = answers.checked_rows(target, model.axes, "target")
-    joints, single = answers.checked_rows(q, model.about.joint_names, "q")
+    seen, _ = checked_rows(measured, model.axes, "measured position")
+    wanted, _ = checked_rows(target, model.axes, "target")
+    joints, single = checked_rows(q, model.about.joint_names, "q")
     if not len(seen) == len(wanted) == len(joints):
         raise QueryError(
             f"{len(seen)} measured positions, {len(wanted)} targets and {len(joints)} rows of "

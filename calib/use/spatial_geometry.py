@@ -11,17 +11,18 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from ..arm.arm import Arm
 from ..arm.arms import SpatialArm
 from ..arm.urdf import parse_urdf
 from ..body.belief import Body
 from ..body.fit import maximise
 from ..body.fitted import Fit
-from ..body.fitting import METRES
 from ..body.spatial import SpatialStructure, structure_of
 from ..body.spatial_prior import SHIFT, frame_groups
 from ..body.spatial_start import frame
 from ..body.structure import Prior
 from ..common.arrays import Array
+from ..common.scale import METRES
 from .urdf import Moved
 
 _NU = 6.0  # degrees of freedom of the residuals: a few rows may be grossly wrong
@@ -33,7 +34,7 @@ _STEPS = 15
 class SpatialGeometry:
     """A fitted geometry of a spatial arm."""
 
-    arm: SpatialArm  # the nominal arm
+    arm: Arm  # the nominal arm
     structure: SpatialStructure  # its chain and view
     # (d,), parameters and their posterior standard deviations, 0 where nothing was fitted
     beta: Array
@@ -98,6 +99,12 @@ class SpatialGeometry:
                 "turn": told(groups["tool.rotation"]),
                 "written": self.move_tip,
             },
+            **self.sizes_to_json(),
+        }
+
+    def sizes_to_json(self) -> dict[str, Any]:
+        """What any geometry tells of its fit."""
+        return {
             "frame_fitted": self.free,
             "residual": self.residual,
             "before": self.before,
@@ -133,14 +140,14 @@ def fit_spatial(
     nominal = frame(structure, q, x) if nominal is None and probe else nominal
     nominal = structure.neutral() if nominal is None else nominal
     if len(prior.active):
-        nominal = _fit(structure, q, x, nominal, prior).beta
+        nominal = fit_prior(structure, q, x, nominal, prior).beta
     prior = structure.prior((*groups, "placement", "offset"))
-    if not probe:
+    if not probe:  # a simulation's point is the tip, as sure as any other place
         prior.sd[tool] = SHIFT
         still = none if move_tip else tool
     first = np.concatenate([layout.shifts[0], layout.turns[0]])
     prior = _held(prior, np.concatenate([still, none if move_base else first]))
-    fitted = _fit(structure, q, x, nominal, prior)
+    fitted = fit_prior(structure, q, x, nominal, prior)
     sd = np.zeros(structure.size)
     sd[fitted.active] = np.sqrt(np.diag(fitted.covariance))
     metre = 1.0 if structure.camera else structure.metre
@@ -187,6 +194,9 @@ def _held(prior: Prior, still: NDArray[np.intp]) -> Prior:
     return Prior(prior.mean, sd, tuple(hypers))
 
 
-def _fit(structure: SpatialStructure, q: Array, x: Array, beta: Array, prior: Prior) -> Fit:
-    floor = _FLOOR * structure.extents
+def fit_prior(
+    structure: SpatialStructure, q: Array, x: Array, beta: Array, prior: Prior, error: float = 0.0
+) -> Fit:
+    """The most probable parameters from `beta` on; `error` is the least noise [unit]."""
+    floor = np.maximum(_FLOOR * structure.extents, error)
     return maximise(structure, q, x, beta, prior, nu=_NU, floor=floor, steps=_STEPS, tolerance=1e-3)

@@ -21,7 +21,6 @@ from ..common.wording import for_people
 from ..errors import OptionError, RobotError
 
 if TYPE_CHECKING:
-    from .geometry import Geometry
     from .spatial_geometry import SpatialGeometry
 
 MOST_UNEXPLAINED = 0.01
@@ -30,7 +29,7 @@ MOST_UNEXPLAINED = 0.01
 _TINY = 1e-12  # [m or rad]; a smaller change is rounding
 
 
-def corrected_urdf(geometry: Geometry | SpatialGeometry) -> str:
+def corrected_urdf(geometry: SpatialGeometry) -> str:
     """Text of the nominal URDF with corrected joint origins.
 
     A joint's offset becomes a turn of its origin about its axis (or a shift along it, if it

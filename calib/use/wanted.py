@@ -20,17 +20,18 @@ from ..inverse.one_row import nearest
 from ..model.alignment import Alignment
 from ..model.model import Model
 from ..model.space import REACHED, Space
-from .geometry import (
-    Geometry,
-    fit_geometry,
-    frame_is_free,
-    frames,
-    is_simulated,
+from .geometry import fit_geometry, frame_is_free, frames, is_simulated
+from .nominal import (
+    NominalArm,
+    NominalPose,
+    S,
     moves_in_space,
     nominal_arm,
+    nominal_in_base,
+    nominal_in_space,
+    nominal_in_view,
 )
-from .nominal import NominalArm, NominalPose, nominal_in_base, nominal_in_space, nominal_in_view
-from .spatial_geometry import SpatialGeometry
+from .planar_geometry import Geometry
 
 
 @dataclass(frozen=True, eq=False)
@@ -77,9 +78,9 @@ def _found(model: Model, view: str, cause: str) -> Wanted:
         # the body knows the sensor's frame as it is after all adaptations; if the sensor stayed,
         # what they found of its frame is the arm's
         back = tuple(f.inverse() for f in reversed(frames(model))) if cause == "joints" else ()
-        return _of_body(nominal_in_view(model), back, free)
+        return _of(nominal_in_view(model), back, free)
     if planar:
-        return _of_body(nominal_in_base(model), moved, free)
+        return _of(nominal_in_base(model), moved, free)
     if moves_in_space(model):
         return _in_space(model, view, cause, free)
     geometry = fit_geometry(model, view=view, cause=cause) if free else None
@@ -95,7 +96,8 @@ def _in_space(model: Model, view: str, cause: str, free: bool) -> Wanted:
     if is_simulated(model):
         arm = nominal_arm(model)
         structure = structure_of(arm, "base")
-        return Wanted(arm.forward, moved, free, _one(structure, structure.neutral(), moved))
+        drawn = NominalArm(structure, structure.neutral())
+        return replace(_of(drawn, moved, free), forward=arm.forward)
     if (
         body is not None
         and isinstance(own, SpatialStructure)
@@ -106,31 +108,15 @@ def _in_space(model: Model, view: str, cause: str, free: bool) -> Wanted:
         pose = NominalPose.of(own, body.beta, beta)
     else:
         geometry = fit_geometry(model, view=view, cause=cause)
-        assert isinstance(geometry, SpatialGeometry)  # noqa: S101
         structure = geometry.structure
         beta = nominal_in_space(structure, geometry.beta)
-    one = _one(structure, beta, moved)
-    found = Wanted(lambda q: structure.predict(q, beta), moved, free, one, pose)
+    found = _of(NominalArm(structure, beta), moved, free)
     if pose is not None:
-        return replace(found, near_one=pose.one)
-    if not _camera(model):
+        return replace(found, pose=pose, near_one=pose.one)
+    if body is None or not is_camera(body.structure.view):
         return found
     near, near_one = _near(model, structure, beta)
     return replace(found, near=near, near_one=near_one)
-
-
-def _one(
-    structure: SpatialStructure, beta: Array, moved: tuple[Alignment, ...]
-) -> Callable[[Sequence[float]], Sequence[float]] | None:
-    """The nominal arm for one row, compiled when it is asked; None behind a frame that moved."""
-    if moved:
-        return None
-    row = cache(partial(SpatialRow, structure, beta))
-    return lambda q: row().predict(q)
-
-
-def _camera(model: Model) -> bool:
-    return model.body is not None and is_camera(model.body.structure.view)
 
 
 def _near(
@@ -158,5 +144,5 @@ def _near(
     return near, one
 
 
-def _of_body(arm: NominalArm, moved: tuple[Alignment, ...], free: bool) -> Wanted:
+def _of(arm: NominalArm[S], moved: tuple[Alignment, ...], free: bool) -> Wanted:
     return Wanted(arm.predict, moved, free, None if moved else arm.compiled())

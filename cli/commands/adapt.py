@@ -1,48 +1,46 @@
-"""The command `calib adapt`."""
+"""The command `calib adapt`: re-calibrate a model from a few new samples."""
 
 from __future__ import annotations
 
 from pathlib import Path
-from typing import Annotated
 
 import typer
 
 from calib.common.choices import METHODS
 from calib.common.wording import for_people
 
-from .. import options as o
-from ..measurements import log_for
-from ..output import NO, Notes, Table, note, number, progress_bar, show, show_json, tell
+from ..measurements import Reading, log_for
+from ..options import NEW_LOG, takes
+from ..output import NO, Notes, TextTable, note, number, progress_bar, show, show_json, tell
 from ..photo import photo_of_log
 from ..translation import as_typed
 from ..units import units_of
-from ..usage import check_output, choice, option
+from ..usage import check_file, choice, option
 
 
+@takes(
+    output=option("--output -o MODEL", "The new file (default MODEL.adapted.calib)."),
+    method=choice(
+        "--method",
+        METHODS,
+        "few-shot updates the body from a few rows; online applies the paper's rule to "
+        "thousands of rows.",
+    ),
+    schema=option(
+        "--schema NAME", "Name of the new state; the old state is kept in the same file."
+    ),
+    **NEW_LOG,
+)
 def adapt(
-    model: o.ModelArgument,
-    data: o.NewLogOption,
-    output: Annotated[
-        str | None, option("--output -o MODEL", "The new file (default MODEL.adapted.calib).")
-    ] = None,
-    method: Annotated[
-        str,
-        choice(
-            "--method",
-            METHODS,
-            "few-shot updates the body from a few rows; online applies the paper's rule to "
-            "thousands of rows.",
-        ),
-    ] = "few-shot",
-    schema: Annotated[
-        str | None,
-        option("--schema NAME", "Name of the new state; the old state is kept in the same file."),
-    ] = None,
-    cause: o.CauseOption = None,
-    columns: o.ColumnsOption = None,
-    unit: o.UnitOption = None,
-    degrees: o.LogDegreesOption = None,
-    as_json: o.JsonOption = False,
+    *,
+    model: str,
+    data: str,
+    output: str | None = None,
+    method: str = "few-shot",
+    schema: str | None = None,
+    cause: str | None = None,
+    reading: Reading,
+    as_json: bool = False,
 ) -> None:
     """Re-calibrate a model from a few new samples. Exit code 3 if it does not improve."""
     import calib
@@ -52,12 +50,12 @@ def adapt(
     if schema is not None:
         check_name(schema)
     if output is not None:
-        check_output(output)
+        check_file(output)
     loaded = calib.load(model)
     path = output or adapted_name(model)
-    check_output(path)
+    check_file(path)
     notes = Notes()
-    log = log_for(loaded, data, columns, degrees, unit, notes)
+    log = log_for(loaded, data, reading, notes)
     with progress_bar(loaded.about.unit) as progress:
         found = calib.adapt(loaded, log, method=method, cause=cause, progress=progress)
     notes.say(found.notes)
@@ -94,7 +92,7 @@ def adapt(
             for when, error in (("before", found.before), ("after", found.after))
         ]
         title = f"distance to held-out rows [{name}], corrected: {found.correction}"
-        show(Table(["", "mean", "p99", "max"], rows, title))
+        show(TextTable(["", "mean", "p99", "max"], rows, title))
         for change in found.changed:
             if change.cause == "unknown":  # a note told it
                 continue

@@ -1,17 +1,17 @@
-"""The command `calib check`."""
+"""The command `calib check`: compare a model with new samples, and say whether it drifted."""
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING, Annotated
+from typing import TYPE_CHECKING
 
 import typer
 
 from calib.common.wording import for_people
 
-from .. import options as o
-from ..measurements import log_for
-from ..output import NO, Notes, Table, number, show, show_json, tell
-from ..parsing import number as number_of
+from ..measurements import Reading, log_for
+from ..options import NEW_LOG, takes
+from ..output import NO, Notes, TextTable, number, show, show_json, tell
+from ..parsing import number_where
 from ..terms import explained
 from ..translation import as_typed
 from ..units import units_of
@@ -20,7 +20,7 @@ from ..usage import option
 if TYPE_CHECKING:
     from calib import Drift
 
-MOST = 8
+_MOST = 8
 """Groups that are printed."""
 
 SIGNALS = {
@@ -31,29 +31,29 @@ SIGNALS = {
 }
 
 
+@takes(
+    tolerance=option(
+        "--tolerance S",
+        "Also exit 3 if the rows could not have shown a change of this size [m].",
+        number_where("a number [m]"),
+    ),
+    **NEW_LOG,
+)
 def check(
-    model: o.ModelArgument,
-    data: o.NewLogOption,
-    cause: o.CauseOption = None,
-    tolerance: Annotated[
-        float | None,
-        option(
-            "--tolerance S",
-            "Also exit 3 if the rows could not have shown a change of this size [m].",
-            number_of("a number [m]"),
-        ),
-    ] = None,
-    columns: o.ColumnsOption = None,
-    unit: o.UnitOption = None,
-    degrees: o.LogDegreesOption = None,
-    as_json: o.JsonOption = False,
+    *,
+    model: str,
+    data: str,
+    cause: str | None = None,
+    tolerance: float | None = None,
+    reading: Reading,
+    as_json: bool = False,
 ) -> None:
     """Compare a model with new samples: is it still calibrated? Exit code 3 if not."""
     import calib
 
     loaded = calib.load(model)
     notes = Notes()
-    log = log_for(loaded, data, columns, degrees, unit, notes)
+    log = log_for(loaded, data, reading, notes)
     drift = calib.check(loaded, log, cause=cause, tolerance=tolerance)
     notes.say(drift.notes)
     unit_seen = "sensor" if _of_another_scale(drift) else loaded.about.unit
@@ -91,7 +91,7 @@ def _remedy(drift: Drift) -> str:
 
 def _show(drift: Drift, title: str, factor: float, name: str) -> None:
     """Print the most telling groups, how the rows lie on the maps, and the verdict."""
-    groups = sorted(drift.groups, key=lambda g: -g.score)[:MOST]
+    groups = sorted(drift.groups, key=lambda g: -g.score)[:_MOST]
     rows = [
         [
             group.name,
@@ -103,13 +103,14 @@ def _show(drift: Drift, title: str, factor: float, name: str) -> None:
         for group in groups
     ]
     header = ["what may have changed", "found", "threshold", f"smallest [{name}]", ""]
-    show(explained(Table(header, rows, title)))
+    show(explained(TextTable(header, rows, title)))
     rows = [
         [SIGNALS[key], factor_unit, number(size * found.value), number(size * found.threshold)]
         for key, found in drift.distortion.items()
+        # zeta is a squared share of the unit box: millionths are readable
         for size, factor_unit in [(factor, name) if key == "links" else (1e6, "1e-6")]
     ]
-    show(explained(Table(["on the maps", "unit", "found", "usual"], rows, left=2)))
+    show(explained(TextTable(["on the maps", "unit", "found", "usual"], rows, left=2)))
     for text in drift.explanations:
         tell(as_typed(text))
     verdict = "still calibrated"

@@ -1,13 +1,13 @@
-"""The command `calib correct`."""
+"""The command `calib correct`: correct joint values so that the real arm goes where they lead."""
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING, Annotated, Any
+from typing import TYPE_CHECKING, Any
 
 import typer
 
-from .. import options as o
 from .. import parsing
+from ..options import OF_FRAMES, takes
 from ..output import NO, Notes, note, number, show_json, tell
 from ..units import JointFormat, units_of
 from ..usage import option
@@ -16,31 +16,29 @@ if TYPE_CHECKING:
     from calib.use.correct import Corrected
 
 
+@takes(
+    input_=option(
+        "--input FILE",
+        "Joint values that are right for the nominal arm: a CSV file (- standard input).",
+    ),
+    output=option("--output FILE", "File of the corrected joint values, as CSV."),
+    limit=option(
+        "--limit L",
+        "Largest change of a joint that is accepted [rad or m]; three times what the "
+        "model usually corrects if not given.",
+        parsing.above_zero("rad or m"),
+    ),
+    **OF_FRAMES,
+)
 def correct(
-    model: o.ModelArgument,
-    input_: Annotated[
-        str,
-        option(
-            "--input FILE",
-            "Joint values that are right for the nominal arm: a CSV file (- standard input).",
-        ),
-    ],
-    output: Annotated[
-        str | None, option("--output FILE", "File of the corrected joint values, as CSV.")
-    ] = None,
-    limit: Annotated[
-        float | None,
-        option(
-            "--limit L",
-            "Largest change of a joint that is accepted [rad or m]; three times what the "
-            "model usually corrects if not given.",
-            parsing.above_zero("rad or m"),
-        ),
-    ] = None,
-    view: o.ViewOption = "auto",
-    cause: o.BlameOption = "sensor",
-    degrees: o.DegreesOption = False,
-    as_json: o.JsonOption = False,
+    model: str,
+    input_: str,
+    output: str | None = None,
+    limit: float | None = None,
+    view: str = "auto",
+    cause: str = "sensor",
+    degrees: bool = False,
+    as_json: bool = False,
 ) -> None:
     """Correct joint values so that the real arm reaches where the nominal arm would be.
 

@@ -1,28 +1,28 @@
-"""The command `calib evaluate`."""
+"""The command `calib evaluate`: print the errors of a model, on fresh samples or on a log."""
 
 from __future__ import annotations
 
 import time
 
-from .. import options as o
-from ..measurements import log_of
+from ..measurements import Reading, log_of
+from ..options import takes
 from ..output import Notes, show, show_json
 from ..summary import error_table, summary
 
 
+@takes()
 def evaluate(
-    model: o.ModelArgument,
-    data: o.DataOption = None,
-    columns: o.ColumnsOption = None,
-    unit: o.UnitOption = None,
-    degrees: o.LogDegreesOption = None,
-    as_json: o.JsonOption = False,
+    *,
+    model: str,
+    data: str | None = None,
+    reading: Reading,
+    as_json: bool = False,
 ) -> None:
     """Print the errors of a model, on fresh samples or on a log."""
     import calib
 
     loaded = calib.load(model)
-    log = log_of(loaded, data, columns, degrees, unit, Notes())
+    log = log_of(loaded, data, reading, Notes())
     started = time.perf_counter()
     result = loaded.evaluate(log)
     seconds = {"total": time.perf_counter() - started}

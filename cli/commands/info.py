@@ -1,4 +1,4 @@
-"""The command `calib info`."""
+"""The command `calib info`: show what a model is and how it was made."""
 
 from __future__ import annotations
 
@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Any
 from calib.common.wording import printable
 from calib.show.facts import facts
 
-from .. import options as o
+from ..options import takes
 from ..output import show, show_facts, show_json
 from ..summary import compact_table, summary
 from ..translation import as_typed
@@ -18,9 +18,8 @@ if TYPE_CHECKING:
     from calib import Model
 
 
-def info(
-    model: o.ModelArgument, degrees: o.DegreesOption = False, as_json: o.JsonOption = False
-) -> None:
+@takes()
+def info(model: str, degrees: bool = False, as_json: bool = False) -> None:
     """Show what a model is and how it was made."""
     import calib
 
@@ -76,6 +75,7 @@ def _facts(model: Model, path: str, degrees: bool) -> dict[str, str]:
     if model.approach is not None:
         half = zip(about.joint_names, model.approach.play, about.revolute, strict=True)
         found["backlash"] = ", ".join(
+            # play is stored as the distance from the middle, and told from side to side
             f"{name} {2 * math.degrees(h):.3g} deg" if turns else f"{name} {2 * h:.3g} m"
             for name, h, turns in half
             if h > 0.0

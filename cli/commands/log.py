@@ -1,195 +1,108 @@
-"""The command `calib log`."""
+"""The command `calib log`: turn a ROS bag, pictures or a video into a log."""
 
 from __future__ import annotations
 
 from collections.abc import Sequence
-from typing import Annotated, Any
+from typing import Any
 
 from calib.common.wording import for_people
 
-from .. import camera as c
-from .. import options as o
 from .. import parsing
-from ..output import Notes, show_json, tell
+from ..camera import Shooting, is_picture, offset_or_auto, record
+from ..options import takes
+from ..output import Notes, conclude
 from ..parsing import Names
 from ..usage import BadOption, argument, flag, option, refuse
 
 
+@takes(
+    bag=argument(
+        "BAG|PICTURES|VIDEO",
+        "A ROS 1 .bag, the folder of a ROS 2 bag or an .mcap file; a folder or pattern of "
+        "pictures; a video.",
+    ),
+    output=option("--output -o LOG", "The log: CSV or Parquet."),
+    joints_topic=option(
+        "--joints-topic TOPIC", "Topic of the JointState messages; found if there is one only."
+    ),
+    tip_topic=option(
+        "--tip-topic TOPIC",
+        "Topic of the positions (PointStamped, PoseStamped, TransformStamped or tf); found "
+        "if there is one only.",
+    ),
+    frames=option(
+        "--frames SENSOR,TIP",
+        "For tf: frames of the sensor and of the tip; found if one transform only moves.",
+        parsing.names,
+    ),
+    max_gap=option(
+        "--max-gap S",
+        "Drop positions between joint states that are further apart than this [s].",
+        parsing.above_zero("s"),
+    ),
+    still=option(
+        "--still SPEED",
+        "Drop positions taken while a joint moved faster than this [rad/s or m/s].",
+        parsing.above_zero("rad/s or m/s"),
+    ),
+    time_offset=option(
+        "--time-offset auto|S",
+        "Added to the times of the positions [s]; auto finds it for a video and is 0 for a bag.",
+        offset_or_auto,
+    ),
+    rests=flag("--rests", "For a video, take the median of each rest (the default)."),
+)
 def log(
-    bag: Annotated[
-        str,
-        argument(
-            "BAG|PICTURES|VIDEO",
-            "A ROS 1 .bag, the folder of a ROS 2 bag or an .mcap file; a folder or pattern of "
-            "pictures; a video.",
-        ),
-    ],
-    output: Annotated[str, option("--output -o LOG", "The log: CSV or Parquet.")],
-    joints_topic: Annotated[
-        str | None,
-        option(
-            "--joints-topic TOPIC", "Topic of the JointState messages; found if there is one only."
-        ),
-    ] = None,
-    tip_topic: Annotated[
-        str | None,
-        option(
-            "--tip-topic TOPIC",
-            "Topic of the positions (PointStamped, PoseStamped, TransformStamped or tf); found "
-            "if there is one only.",
-        ),
-    ] = None,
-    frames: Annotated[
-        Names | None,
-        option(
-            "--frames SENSOR,TIP",
-            "For tf: frames of the sensor and of the tip; found if one transform only moves.",
-            parsing.names,
-        ),
-    ] = None,
-    joints: o.JointsOption = None,
-    max_gap: Annotated[
-        float,
-        option(
-            "--max-gap S",
-            "Drop positions between joint states that are further apart than this [s].",
-            parsing.above_zero("s"),
-        ),
-    ] = 0.1,
-    still: Annotated[
-        float | None,
-        option(
-            "--still SPEED",
-            "Drop positions taken while a joint moved faster than this [rad/s or m/s].",
-            parsing.above_zero("rad/s or m/s"),
-        ),
-    ] = None,
-    time_offset: Annotated[
-        str,
-        option(
-            "--time-offset auto|S",
-            "Added to the times of the positions [s]; auto finds it for a video and is 0 for a "
-            "bag.",
-            c.offset_or_auto,
-        ),
-    ] = "auto",
-    rests: Annotated[
-        bool, flag("--rests", "For a video, take the median of each rest (the default).")
-    ] = False,
-    joints_file: Annotated[
-        str | None,
-        option(
-            "--joints-file FILE",
-            "Joint values of the pictures (column picture, or in their order) or of the video "
-            "(column time).",
-        ),
-    ] = None,
-    tag: Annotated[
-        int | None, option("--tag ID", "Number of the tag on the tip.", parsing.whole(0))
-    ] = None,
-    dictionary: c.DictionaryOption = c.DICTIONARY,
-    board: c.BoardOption = None,
-    tags_at: Annotated[
-        str | None, option("--tags-at FILE", "Tags on the desk: a table of tag, x, y [m].")
-    ] = None,
-    lens: Annotated[
-        str | None,
-        option(
-            "--lens SHOTS|lens.json",
-            "Pictures of the board that calibrate the camera, or the lens.json of an earlier run.",
-        ),
-    ] = None,
-    tag_size: Annotated[
-        str | None, option("--tag-size 40mm", "Side of the tip's tag, for --pose.")
-    ] = None,
-    tag_height: Annotated[
-        str | None,
-        option("--tag-height 25mm", "Height of the tip's tag above the board or the tags."),
-    ] = None,
-    pose: Annotated[
-        bool, flag("--pose", "Write z and qx, qy, qz, qw of the tag too, for spatial arms.")
-    ] = False,
-    since: Annotated[
-        str | None, option("--since LOG", "An earlier log; prints how far the camera moved since.")
-    ] = None,
-    picture: Annotated[
-        str | None, option("--picture seen.png", "Draw the detections over a photo.")
-    ] = None,
-    camera: Annotated[
-        str | None,
-        option(
-            "--camera DEVICE",
-            "Take the pictures now, into PICTURES: one for each line of joints on standard input, "
-            "below a line with their names.",
-        ),
-    ] = None,
-    degrees: o.DegreesOption = False,
-    prismatic: o.PrismaticOption = None,
-    as_json: o.JsonOption = False,
+    *,
+    bag: str,
+    output: str,
+    joints_topic: str | None = None,
+    tip_topic: str | None = None,
+    frames: Names | None = None,
+    joints: Names | None = None,
+    max_gap: float = 0.1,
+    still: float | None = None,
+    time_offset: str = "auto",
+    rests: bool = False,
+    shooting: Shooting,
+    degrees: bool = False,
+    prismatic: Names | None = None,
+    as_json: bool = False,
 ) -> None:
     """Turn a ROS bag, pictures or a video into a log of joints and positions.
 
     Exit code 3 if no clock offset, or more than one, fits a video to its joints.
     """
-    notes = Notes()
-    shooting = c.Shooting(
-        joints_file, tag, dictionary, board, tags_at, tag_size, tag_height, lens, pose, camera
-    )
-    if shooting or picture is not None or c.is_camera(bag):
-        of_bags = {"--joints-topic": joints_topic, "--tip-topic": tip_topic, "--frames": frames}
-        refuse(of_bags, "is for bags, not for pictures and videos")
+    offset = 0.0 if time_offset == "auto" else float(time_offset)
+    bags = {"joints_topic": joints_topic, "tip_topic": tip_topic, "frames": frames}
+    shared: dict[str, Any] = {"joints": joints, "max_gap": max_gap, "still": still}
+    if shooting.given() or is_picture(bag):
+        refuse(bags, "is for bags, not for pictures and videos")
         if rests and still is not None:
             raise BadOption("--rests and --still are given: expected one of them")
-        _from_camera(
-            bag,
-            output,
-            shooting,
-            as_json,
-            joints=joints,
-            degrees=degrees,
-            prismatic=prismatic or (),
-            since=since,
-            picture=picture,
-            time_offset=time_offset,
-            still=still,
-            max_gap=max_gap,
-            notes=notes,
-        )
+        shared |= {"degrees": degrees, "prismatic": prismatic or (), "time_offset": time_offset}
+        _from_camera(bag, output, shooting, as_json, **shared, notes=Notes())
     else:
         if frames is not None and len(frames) != 2:
             raise BadOption("--frames names two frames: expected SENSOR,TIP")
-        _from_bag(
-            bag,
-            output,
-            as_json,
-            joints_topic=joints_topic,
-            tip_topic=tip_topic,
-            joints=list(joints) if joints else None,
-            max_gap=max_gap,
-            still=still,
-            time_offset=0.0 if time_offset == "auto" else float(time_offset),
-            frames=frames,
-        )
+        _from_bag(bag, output, as_json, **bags, **shared, time_offset=offset)
 
 
 def _from_camera(
-    source: str, output: str, shooting: c.Shooting, as_json: bool, **options: Any
+    source: str, output: str, shooting: Shooting, as_json: bool, **options: Any
 ) -> None:
     from calib.common.atomic import check_writable
 
     if output != "-":
         check_writable(output)
-    made = c.record(source, output, shooting, **options)
+    made = record(source, output, shooting, **options)
     made.write(output)
-    if as_json:
-        counted = {"log": output, "joints": made.joint_names, "samples": len(made)}
-        show_json({**counted, **made.about(), "units": _units(made.joint_names, made.unit)})
-    elif output != "-":
-        factor, unit = for_people(made.unit)
-        tell(
-            f"{output}: {len(made)} rows of {', '.join(made.columns())} [rad, {made.unit}], noise "
-            f"{factor * made.noise:.2g} {unit}"
-        )
+    counted = {"log": output, "joints": made.joint_names, "samples": len(made)}
+    document = {**counted, **made.about(), "units": _units(made.joint_names, made.unit)}
+    factor, unit = for_people(made.unit)
+    line = f"{len(made)} rows of {', '.join(made.columns())} [rad, {made.unit}], "
+    line += f"noise {factor * made.noise:.2g} {unit}"
+    conclude(output, line, (), document if as_json else None)
 
 
 def _from_bag(bag: str, output: str, as_json: bool, **options: Any) -> None:
@@ -204,11 +117,10 @@ def _from_bag(bag: str, output: str, as_json: bool, **options: Any) -> None:
     turns = recording.quaternion
     columns |= {} if turns is None else dict(zip(QUATERNION, turns.T, strict=True))
     write_table(output, {**columns, "time": recording.time})
-    if as_json:
-        counted = {"log": output, "joints": recording.joint_names, "samples": len(recording.q)}
-        show_json({**counted, "units": _units(recording.joint_names, "m")})
-    elif output != "-":
-        tell(f"{output}: {len(recording.q)} rows of {', '.join(columns)}, time [rad, m, s]")
+    counted = {"log": output, "joints": recording.joint_names, "samples": len(recording.q)}
+    document = {**counted, "units": _units(recording.joint_names, "m")}
+    line = f"{len(recording.q)} rows of {', '.join(columns)}, time [rad, m, s]"
+    conclude(output, line, (), document if as_json else None)
 
 
 def _units(joints: Sequence[str], unit: str) -> dict[str, object]:

@@ -1,18 +1,18 @@
-"""The command `calib query path`."""
+"""The command `calib query path`: find joint values along straight lines through waypoints."""
 
 from __future__ import annotations
 
 import math
-from typing import TYPE_CHECKING, Annotated, Any
+from typing import TYPE_CHECKING, Any
 
 import typer
 
 from calib.common.wording import for_people
 
-from .. import options as o
+from ..options import takes
 from ..output import NO, note, show_json
-from ..parsing import Numbers, expects, finite, numbers, require
-from ..units import JointFormat, meaning, one_each
+from ..parsing import expects, finite_number, reals, require
+from ..units import JointFormat, meaning
 from ..usage import one_document, option
 
 if TYPE_CHECKING:
@@ -22,34 +22,33 @@ if TYPE_CHECKING:
 @expects("a length greater than zero, or inf")
 def _step(text: str) -> float:
     """Read a length greater than zero, or `inf`."""
-    value = math.inf if text.strip().lower() == "inf" else finite(text)
+    value = math.inf if text.strip().lower() == "inf" else finite_number(text)
     require(value > 0.0)
     return value
 
 
+@takes(
+    input_=option("--input FILE", "Waypoints: a CSV file with columns x,y."),
+    start=option(
+        "--from Q1,Q2",
+        "Start near these joint values; without it on the branch that goes furthest.",
+        reals,
+    ),
+    step=option(
+        "--step S",
+        "Longest way of the tip between two rows [m, or the sensor's unit]; inf for the "
+        "waypoints alone; 1 % of the workspace's extent if not given.",
+        _step,
+    ),
+)
 def path(
-    model: o.ModelArgument,
-    input_: Annotated[str, option("--input FILE", "Waypoints: a CSV file with columns x,y.")],
-    output: o.AnswersOption = None,
-    start: Annotated[
-        Numbers | None,
-        option(
-            "--from Q1,Q2",
-            "Start near these joint values; without it on the branch that goes furthest.",
-            numbers,
-        ),
-    ] = None,
-    step: Annotated[
-        float | None,
-        option(
-            "--step S",
-            "Longest way of the tip between two rows [m, or the sensor's unit]; inf for the "
-            "waypoints alone; 1 % of the workspace's extent if not given.",
-            _step,
-        ),
-    ] = None,
-    degrees: o.DegreesOption = False,
-    as_json: o.JsonOption = False,
+    model: str,
+    input_: str,
+    output: str | None = None,
+    start: tuple[float, ...] | None = None,
+    step: float | None = None,
+    degrees: bool = False,
+    as_json: bool = False,
 ) -> None:
     """Joint values along straight lines through waypoints, on one branch where possible.
 
@@ -65,7 +64,7 @@ def path(
 
     loaded = calib.load(model)
     joints = JointFormat(loaded.about, degrees)
-    first = None if start is None else one_each("--from", start, joints.names, joints.typed)
+    first = joints.one_each("--from", start)
     typed, invalid = read_table(input_, loaded.axes)
     valid = np.flatnonzero(np.isfinite(typed).all(axis=1))
     found = loaded.path(typed[valid], first, step)

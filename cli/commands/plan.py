@@ -1,66 +1,59 @@
-"""The command `calib plan`."""
+"""The command `calib plan`: plan poses to measure: well spread, within the limits."""
 
 from __future__ import annotations
 
-from collections.abc import Mapping
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any, cast
+from typing import TYPE_CHECKING, Any
 
-from .. import options as o
-from ..measurements import log_for
-from ..output import Notes, note, show_json, tell
-from ..parsing import Numbers, at_least_zero, numbers, whole
+from ..measurements import Reading, log_for
+from ..options import takes
+from ..output import Notes, conclude
+from ..parsing import (
+    Columns,
+    at_least_zero,
+    integer,
+    reals,
+)
 from ..samples import Selection
-from ..units import JointFormat, one_each, ranges_in_si
+from ..units import JointFormat, ranges_in_si
 from ..usage import argument, one_document, option, refuse
 
 if TYPE_CHECKING:
     from calib import Model, Plan, Samples
     from calib.arm.arm import Arm
-    from calib.model.about import About
 
 
+@takes(
+    robot=argument(
+        "ROBOT|MODEL",
+        "A URDF file or a bundled robot, to be measured for the first time; or a model, "
+        "to be improved or checked.",
+    ),
+    output=option("--output -o FILE", "CSV, or Parquet by its name (- for standard output)."),
+    poses=option("--poses -n N", "How many poses.", integer(1, 1000)),
+    margin=option(
+        "--margin M",
+        "Distance from the joints' limits [rad or m]; 1 deg, but at most 2 % of the range, if "
+        "not given.",
+        at_least_zero("rad or m"),
+    ),
+    start=option(
+        "--from Q1,Q2", "Joint values before the first pose; neutral if not given.", reals
+    ),
+    data=option("--data LOG", "A log of what was measured already; the plan covers the rest."),
+)
 def plan(
-    source: Annotated[
-        str,
-        argument(
-            "ROBOT|MODEL",
-            "A URDF file or a bundled robot, to be measured for the first time; or a model, "
-            "to be improved or checked.",
-        ),
-    ],
-    output: Annotated[
-        str, option("--output -o FILE", "CSV, or Parquet by its name (- for standard output).")
-    ],
-    poses: Annotated[int, option("--poses -n N", "How many poses.", whole(1, 1000))] = 60,
-    joints: o.JointsOption = None,
-    tip: o.TipOption = None,
-    planar: o.PlanarOption = False,
-    lock: o.LockOption = None,
-    ranges: o.RangeOption = None,
-    margin: Annotated[
-        float | None,
-        option(
-            "--margin M",
-            "Distance from the joints' limits [rad or m]; 1 deg, but at most 2 % of the range, if "
-            "not given.",
-            at_least_zero("rad or m"),
-        ),
-    ] = None,
-    start: Annotated[
-        Numbers | None,
-        option(
-            "--from Q1,Q2", "Joint values before the first pose; neutral if not given.", numbers
-        ),
-    ] = None,
-    data: Annotated[
-        str | None,
-        option("--data LOG", "A log of what was measured already; the plan covers the rest."),
-    ] = None,
-    columns: o.ColumnsOption = None,
-    seed: o.SeedOption = 0,
-    degrees: o.DegreesOption = False,
-    as_json: o.JsonOption = False,
+    *,
+    robot: str,
+    output: str,
+    poses: int = 60,
+    selection: Selection,
+    margin: float | None = None,
+    start: tuple[float, ...] | None = None,
+    data: str | None = None,
+    columns: Columns | None = None,
+    seed: int = 0,
+    as_json: bool = False,
 ) -> None:
     """Plan poses to measure: within the limits, well spread, with short moves between them.
 
@@ -68,14 +61,14 @@ def plan(
     """
     one_document(output, as_json)
     if data is None:
-        refuse({"--columns": columns}, "applies to a log: expected --data LOG too")
+        refuse({"columns": columns}, "applies to a log: expected --data LOG too")
     import calib
     from calib.samples.tables import write_table
 
-    known = _load(Selection(source, joints, tip, lock or (), ranges or (), degrees, planar))
+    known, degrees = _load(robot, selection), selection.degrees
     notes = Notes()
     notes.say(getattr(known, "notes", ()))  # an arm's
-    facts = _facts(known)
+    facts: Any = getattr(known, "about", known)  # what tells the joints and their ranges
     joints_typed = JointFormat(facts, degrees)
     names, typed = joints_typed.names, joints_typed.typed
     turning = dict(zip(names, facts.revolute, strict=True))
@@ -85,42 +78,32 @@ def plan(
         seed=seed,
         margin=None if margin is None else [margin / factor for factor in typed],
         # an arm was loaded with them, which it may need where it states no limits
-        ranges=ranges_in_si(ranges or (), turning, degrees) if _is_model(source) else None,
-        start=None if start is None else one_each("--from", start, names, typed),
+        ranges=ranges_in_si(selection.ranges or (), turning, degrees) if _is_model(robot) else None,
+        start=joints_typed.one_each("--from", start),
         measured=None if data is None else _measured(known, data, columns, degrees, notes),
     )
     notes.say(found.notes)
     table = found.columns()
     table |= {name: found.q[:, k] * typed[k] for k, name in enumerate(names)}
     write_table(output, table)
-    if as_json:
-        units = {"joints": dict(zip(names, facts.units_of_joints, strict=True))}
-        document = _document(found, output, seed)
-        show_json({**document, "units": {**units, "positions": found.unit}})
-        return
+    units = {"joints": dict(zip(names, facts.units_of_joints, strict=True))}
+    document = {**_document(found, output, seed), "units": {**units, "positions": found.unit}}
     # angles first, then slides, then positions, each unit once
     units_typed = [u for u in ("rad", "m") if u in facts.units_of_joints]
     shown = ["deg" if degrees and unit == "rad" else unit for unit in units_typed]
     shown = list(dict.fromkeys([*shown, found.unit]))
-    lines = [f"{len(found)} rows of {', '.join(table)} [{', '.join(shown)}]"]
-    lines += [*found.why, _travel(found, joints_typed)]
-    if output == "-":
-        for line in lines:
-            note(line)
-    else:
-        for line in [f"{output}: {lines[0]}", *lines[1:]]:
-            tell(line)
+    line = f"{len(found)} rows of {', '.join(table)} [{', '.join(shown)}]"
+    more = [*found.why, _travel(found, joints_typed)]
+    conclude(output, line, more, document if as_json else None)
 
 
-def _load(selection: Selection) -> Arm | Model:
+def _load(source: str, selection: Selection) -> Arm | Model:
     """Load a robot or a model, whichever the file is."""
     import calib
 
-    source = str(selection.robot)
     if not _is_model(source):
-        return selection.load()
-    of_robots: dict[str, object] = {"--joints": selection.joints, "--tip": selection.tip}
-    of_robots["--lock"] = selection.lock or None
+        return selection.load(source)
+    of_robots = {name: getattr(selection, name) for name in ("joints", "tip", "lock")}
     refuse(of_robots, "is for ROBOT: a model has its joints and its tip already")
     return calib.load(source)
 
@@ -131,6 +114,7 @@ def _is_model(source: str) -> bool:
 
     if source.endswith(".calib"):
         return True
+    # before the file is looked at: a folder may hold a model of a bundled robot's name
     if (robots_folder() / f"{source}.urdf").is_file():
         return False
     try:
@@ -140,25 +124,17 @@ def _is_model(source: str) -> bool:
         return False
 
 
-def _facts(known: Arm | Model) -> Arm | About:
-    """What tells the joints and their ranges."""
-    about: About | None = getattr(known, "about", None)
-    return cast("Arm", known) if about is None else about
-
-
 def _measured(
-    known: Arm | Model, data: str, columns: Mapping[str, str] | None, degrees: bool, notes: Notes
+    known: Arm | Model, data: str, columns: Columns | None, degrees: bool, notes: Notes
 ) -> Samples:
     """Read the log of what was measured already."""
     import calib
 
     if isinstance(known, calib.Model):  # which remembers columns, unit and degrees of its log
-        return log_for(known, data, columns, degrees or None, None, notes)
-    facts = _facts(known)
-    sliding = [n for n, turns in zip(facts.joint_names, facts.revolute, strict=True) if not turns]
-    log = calib.read_log(
-        data, joints=list(facts.joint_names), columns=columns, degrees=degrees, prismatic=sliding
-    )
+        return log_for(known, data, Reading(columns, None, degrees or None), notes)
+    names = list(known.joint_names)
+    sliding = [n for n, turns in zip(names, known.revolute, strict=True) if not turns]
+    log = calib.read_log(data, joints=names, columns=columns, degrees=degrees, prismatic=sliding)
     notes.say(log.notes)
     return log
 

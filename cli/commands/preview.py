@@ -1,48 +1,43 @@
-"""The command `calib preview`."""
+"""The command `calib preview`: show the arm and its learned maps in a browser."""
 
 from __future__ import annotations
 
 import webbrowser
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated
+from typing import TYPE_CHECKING
 
-from .. import options as o
 from .. import parsing
+from ..measurements import Reading
+from ..options import takes
 from ..output import Notes, note, tell
-from ..photo import NoPhotoOption, PhotoOption, to_draw
-from ..usage import BadOption, check_output, flag, option
+from ..photo import Drawn
+from ..usage import BadOption, check_file, flag, option
 
 if TYPE_CHECKING:
     from calib.model.model import Model
 
-MeshesOption = Annotated[
-    str | None,
-    option("--meshes FOLDER", "Folder of the URDF's mesh files; nothing outside of it is read."),
-]
-PortOption = Annotated[
-    int, option("--port N", "Port of the page (default: any free port).", parsing.whole(0, 65535))
-]
 
-
+@takes(
+    html=option("--html FILE", "Write the page into a file, which needs no network, and end."),
+    meshes=option(
+        "--meshes FOLDER", "Folder of the URDF's mesh files; nothing outside of it is read."
+    ),
+    port=option(
+        "--port N", "Port of the page (default: any free port).", parsing.integer(0, 65535)
+    ),
+    no_open=flag("--no-open", "Print the address and open no browser."),
+    live=flag("--live", "Show a target that can be dragged, and every inverse solution for it."),
+)
 def preview(
-    model: o.ModelArgument,
-    html: Annotated[
-        str | None,
-        option("--html FILE", "Write the page into a file, which needs no network, and end."),
-    ] = None,
-    data: o.DataOption = None,
-    columns: o.ColumnsOption = None,
-    unit: o.UnitOption = None,
-    degrees: o.LogDegreesOption = None,
-    photo: PhotoOption = None,
-    no_photo: NoPhotoOption = False,
-    meshes: MeshesOption = None,
-    port: PortOption = 0,
-    no_open: Annotated[bool, flag("--no-open", "Print the address and open no browser.")] = False,
-    live: Annotated[
-        bool,
-        flag("--live", "Show a target that can be dragged, and every inverse solution for it."),
-    ] = False,
+    *,
+    model: str,
+    html: str | None = None,
+    reading: Reading,
+    drawn: Drawn,
+    meshes: str | None = None,
+    port: int = 0,
+    no_open: bool = False,
+    live: bool = False,
 ) -> None:
     """Show the arm and its learned maps in a browser, with meshcat."""
     from calib.show.preview.page import html as page_of
@@ -50,12 +45,13 @@ def preview(
 
     if live and html is not None:
         raise BadOption("--live needs a running preview: expected it without --html")
-    folder = checked_folder(meshes)
+    if meshes is not None and not Path(meshes).is_dir():
+        raise BadOption(f"--meshes {meshes!r}: expected the folder of the URDF's mesh files")
     if html is not None:
-        check_output(html)
+        check_file(html)
     notes = Notes()
-    loaded, log = to_draw(model, data, columns, degrees, unit, photo, no_photo, notes)
-    scene = draw(loaded, samples=log, meshes=folder)
+    loaded, log = drawn.load(model, reading, notes)
+    scene = draw(loaded, samples=log, meshes=None if meshes is None else Path(meshes))
     notes.say(scene.notes)
     page = page_of(scene, loaded, live=live)
     if html is not None:
@@ -85,13 +81,3 @@ def _serve(model: Model, page: str, port: int, *, no_open: bool, live: bool) -> 
             server.serve_forever(poll_interval=0.2)
         except KeyboardInterrupt:
             note("ended")
-
-
-def checked_folder(meshes: str | None) -> Path | None:
-    """Return the folder of the meshes, which has to be one."""
-    if meshes is None:
-        return None
-    folder = Path(meshes)
-    if not folder.is_dir():
-        raise BadOption(f"--meshes {meshes!r}: expected the folder of the URDF's mesh files")
-    return folder

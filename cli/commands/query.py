@@ -3,27 +3,22 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from typing import TYPE_CHECKING, Annotated
+from typing import TYPE_CHECKING, Any
 
 import typer
 
 from calib.common.wording import for_people
 
-from .. import options as o
 from ..answers import answers, show_answers
+from ..options import takes
 from ..output import NO, fixed, note, show_json
-from ..parsing import Numbers, finite, height, numbers
-from ..units import JointFormat, meaning, one_each, why_outside
+from ..parsing import finite_number, height, reals
+from ..units import JointFormat, meaning, why_outside
 from ..usage import BadOption, argument, bad_option, flag, one_document, option
 from .path import path
 
 if TYPE_CHECKING:
-    import numpy as np
-    from numpy.typing import NDArray
-
     from calib import Answer, Model
-
-    Array = NDArray[np.float64]
 
 
 query_app = typer.Typer(
@@ -36,110 +31,90 @@ _NEGATIVE = {"ignore_unknown_options": True}  # -0.1 is a number, not an option
 
 
 @query_app.command(context_settings=_NEGATIVE)
+@takes(values=argument("Q1 Q2", "Joint values, base to tip [rad or m]."))
 def forward(
-    model: o.ModelArgument,
-    values: Annotated[
-        list[str] | None, argument("Q1 Q2", "Joint values, base to tip [rad or m].")
-    ] = None,
-    readout: o.ReadoutOption = None,
-    input_: o.InputOption = None,
-    output: o.AnswersOption = None,
-    frame: o.FrameOption = "sensor",
-    degrees: o.DegreesOption = False,
-    as_json: o.JsonOption = False,
+    model: str,
+    values: list[str] | None = None,
+    readout: str | None = None,
+    input_: str | None = None,
+    output: str | None = None,
+    frame: str = "sensor",
+    degrees: bool = False,
+    as_json: bool = False,
 ) -> None:
     """Position of the tip for joint values; exit code 3 outside of what was learned."""
+    import calib
+
+    from ..batch import BOUNDS, UP_TO_SCALE, Streams, forward_batch, told_at
+
     typed = _numbers(values or [])
     _check_streams(typed, input_, output, as_json)
-    loaded = _load(model)
+    loaded = calib.load(model)
     joints = JointFormat(loaded.about, degrees)
     if input_ is not None:
-        from ..batch import Streams, forward_batch
-
         streams = Streams(input_, output, as_json)
         raise typer.Exit(forward_batch(loaded, joints, streams, readout, frame))
     _check_count(typed, loaded.about.joint_names, "joint value")
     q = [value / factor for value, factor in zip(typed, joints.typed, strict=True)]
-    position = loaded.forward(q, readout)
-    from calib.model.answers import forward_bounds
-
-    expected, known = forward_bounds(loaded, q, position, readout)
-    bounds = float(expected), float(known)
-    more: dict[str, float] = {}
-    if len(loaded.axes) == 3 or frame == "base":
-        from ..space import seen_forward
-
-        more = {k: float(v[0]) for k, v in seen_forward(loaded, [q], frame).items()}
-    if frame == "base":
-        import numpy as np
-
-        position = np.array([more[axis] for axis in "xyz"])
-        bounds = more["expected_error"], more["model_error"]
-    turn = [more[name] for name in ("qx", "qy", "qz", "qw")] if "qw" in more else None
-    outside = loaded.outside(q)
-    (answer,) = answers(
-        joints,
-        [q],
-        position=[position],
-        **({} if turn is None else {"quaternion": [turn]}),
-        expected_error=[bounds[0]],
-        model_error=[bounds[1]],
-    )
+    told = {name: float(value) for name, value in told_at(loaded, q, readout, frame).items()}
+    in_base = frame == "base"
+    unit, axes = ("m", "xyz") if in_base else (loaded.about.unit, loaded.axes)
+    quantities: dict[str, Any] = {"position": [told[axis] for axis in axes]}
+    if "qw" in told:
+        quantities["quaternion"] = [told[name] for name in ("qx", "qy", "qz", "qw")]
+    quantities |= {name: told[name] for name in (*BOUNDS, UP_TO_SCALE) if name in told}
+    (answer,) = answers(joints, [q], **{name: [value] for name, value in quantities.items()})
     if as_json:
         show_json({**answer, **meaning(loaded.about, frame)})
-    if outside is not None:
+    if (outside := loaded.outside(q)) is not None:
         note(f"no answer: {why_outside(joints, loaded, q) or outside}")
         raise typer.Exit(NO)
     if not as_json:
-        in_base = frame == "base"
-        unit, axes = ("m", "xyz") if in_base else (loaded.about.unit, loaded.axes)
         show_answers(joints, [answer], unit, axes, _bounds(loaded, frame))
-        if turn is not None:
-            print("quaternion " + " ".join(fixed(value, 6) for value in turn))
-        if in_base:
+        if "quaternion" in answer:
+            print("quaternion " + " ".join(fixed(value, 6) for value in answer["quaternion"]))
+        if UP_TO_SCALE in told:
             from ..space import say_size
 
-            say_size(loaded, [q])
+            say_size(told[UP_TO_SCALE])
 
 
 @query_app.command(context_settings=_NEGATIVE)
+@takes(
+    target=argument("X Y [Z]", "Position wanted [m, or the sensor's unit]."),
+    near=option("--near Q1,Q2", "Answer with the branch nearest to these joint values.", reals),
+    every=flag("--all", "Answer with every branch."),
+    quaternion=option(
+        "--quaternion QX,QY,QZ,QW", "Of an arm in space: the orientation wanted too.", reals
+    ),
+    rpy=option("--rpy R,P,Y", "The same as roll, pitch and yaw, as in a URDF [rad].", reals),
+    keep=flag("--keep-orientation", "Turn the tool as little as possible from --near."),
+    on=option("--on z=H", "The pixel X Y lies on this plane of the base frame [m].", height),
+)
 def inverse(
-    model: o.ModelArgument,
-    target: Annotated[
-        list[str] | None, argument("X Y [Z]", "Position wanted [m, or the sensor's unit].")
-    ] = None,
-    near: o.NearOption = None,
-    every: o.AllOption = False,
-    readout: o.ReadoutOption = None,
-    input_: o.InputOption = None,
-    output: o.AnswersOption = None,
-    frame: o.FrameOption = "sensor",
-    quaternion: Annotated[
-        Numbers | None,
-        option(
-            "--quaternion QX,QY,QZ,QW", "Of an arm in space: the orientation wanted too.", numbers
-        ),
-    ] = None,
-    rpy: Annotated[
-        Numbers | None,
-        option("--rpy R,P,Y", "The same as roll, pitch and yaw, as in a URDF [rad].", numbers),
-    ] = None,
-    keep: Annotated[
-        bool, flag("--keep-orientation", "Turn the tool as little as possible from --near.")
-    ] = False,
-    on: Annotated[
-        float | None,
-        option("--on z=H", "The pixel X Y lies on this plane of the base frame [m].", height),
-    ] = None,
-    degrees: o.DegreesOption = False,
-    as_json: o.JsonOption = False,
+    model: str,
+    target: list[str] | None = None,
+    near: tuple[float, ...] | None = None,
+    every: bool = False,
+    readout: str | None = None,
+    input_: str | None = None,
+    output: str | None = None,
+    frame: str = "sensor",
+    quaternion: tuple[float, ...] | None = None,
+    rpy: tuple[float, ...] | None = None,
+    keep: bool = False,
+    on: float | None = None,
+    degrees: bool = False,
+    as_json: bool = False,
 ) -> None:
     """Joint values that bring the tip to a position; exit code 3 if it is out of reach."""
+    import calib
+
     typed = _numbers(target or [])
     _check_streams(typed, input_, output, as_json)
     if every and readout is not None:
         raise BadOption(f"--all answers by the default readout: expected no --readout {readout}")
-    loaded = _load(model)
+    loaded = calib.load(model)
     joints = JointFormat(loaded.about, degrees)
     anchor = _anchor(loaded, near, joints)
     one = keep or on is not None or quaternion is not None or rpy is not None
@@ -193,18 +168,12 @@ def inverse(
         say_free(joints, free_of(loaded, answer.q[0]), near is not None)
 
 
-def _load(path: str) -> Model:
-    import calib
-
-    return calib.load(path)
-
-
 def _numbers(values: Sequence[str]) -> list[float]:
     """Parse arguments; among them are options that do not exist."""
     result = []
     for text in values:
         try:
-            result.append(finite(text))
+            result.append(finite_number(text))
         except ValueError:
             if text.startswith("-") and not text[1:2].isdigit():
                 raise BadOption(f"no such option or number: {text!r}") from None
@@ -230,11 +199,9 @@ def _check_count(typed: Sequence[float], names: Sequence[str], what: str) -> Non
 
 
 def _anchor(model: Model, near: Sequence[float] | None, joints: JointFormat) -> list[float] | None:
-    if near is None:
-        return None
-    q = one_each("--near", near, joints.names, joints.typed)
+    q = joints.one_each("--near", near)
     about, turns_round = model.about, model.motor.scale.periodic
-    for k, value in enumerate(q):
+    for k, value in enumerate(q or ()):
         slack = 1e-9 * (about.upper[k] - about.lower[k])
         inside = about.lower[k] - slack <= value <= about.upper[k] + slack
         if not (inside or turns_round[k]):

@@ -1,38 +1,35 @@
-"""The command `calib report`."""
+"""The command `calib report`: write figures and tables that explain a calibration."""
 
 from __future__ import annotations
 
 from pathlib import Path
-from typing import Annotated
 
-from .. import options as o
+from ..measurements import Reading
+from ..options import takes
 from ..output import Notes, tell
-from ..photo import NoPhotoOption, PhotoOption, to_draw
-from ..usage import BadOption, check_output, option
+from ..photo import Drawn
+from ..usage import BadOption, check_file, option
 
 
+@takes(
+    output=option("--output -o FILE.html", "The report, in one file."),
+    png=option("--png DIR", "Write its figures as PNG into this folder."),
+)
 def report(
-    model: o.ModelArgument,
-    output: Annotated[
-        str | None, option("--output -o FILE.html", "The report, in one file.")
-    ] = None,
-    png: Annotated[
-        str | None, option("--png DIR", "Write its figures as PNG into this folder.")
-    ] = None,
-    data: o.DataOption = None,
-    columns: o.ColumnsOption = None,
-    unit: o.UnitOption = None,
-    degrees: o.LogDegreesOption = None,
-    photo: PhotoOption = None,
-    no_photo: NoPhotoOption = False,
+    *,
+    model: str,
+    output: str | None = None,
+    png: str | None = None,
+    reading: Reading,
+    drawn: Drawn,
 ) -> None:
     """Write figures and tables that explain a calibration."""
     if output is None and png is None:
         raise BadOption("nothing to write: expected -o FILE.html, or --png DIR, or both")
     if output is not None:
-        check_output(output)
+        check_file(output)
     notes = Notes()
-    loaded, log = to_draw(model, data, columns, degrees, unit, photo, no_photo, notes)
+    loaded, log = drawn.load(model, reading, notes)
     from calib.common.atomic import atomic_write
     from calib.show.report.page import pictures
     from calib.show.report.page import report as report_of

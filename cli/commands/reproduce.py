@@ -1,4 +1,4 @@
-"""The command `calib reproduce`."""
+"""The command `calib reproduce`: repeat the paper's tables, figures and experiments."""
 
 from __future__ import annotations
 
@@ -6,12 +6,12 @@ import time
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import replace
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any
+from typing import TYPE_CHECKING, Any
 
-from .. import options as o
 from .. import parsing
-from ..output import Table, note, number, progress_bar, show, show_json
-from ..parsing import JointValue
+from ..options import takes
+from ..output import TextTable, note, number, progress_bar, show, show_json
+from ..parsing import JointRange, JointValue
 from ..terms import explained
 from ..units import kinds_of_joints, ranges_in_si
 from ..usage import argument, choice, flag, option
@@ -30,39 +30,34 @@ CHOICES = (*SUBJECTS, "all")
 def _length(text: str) -> JointValue:
     """Read the length of the link that a joint moves."""
     joint, _, value = text.partition("=")
-    length = parsing.finite(value)
+    length = parsing.finite_number(value)
     parsing.require(bool(joint) and 0.0 < length < _LONGEST)
-    return JointValue(joint, length)
+    return joint, length
 
 
+@takes(
+    what=argument("|".join(CHOICES), "What to repeat.", parsing.one_of(CHOICES)),
+    output=option("--output -o DIR", "Folder of the CSV files, figures."),
+    quick=flag("--quick", "Use small lattices and few samples, for a quick trial."),
+    data=option("--data DIR", "Folder of real logs, for the ablation."),
+    robot=option("--robot ROBOT", "Another arm with two revolute joints."),
+    lengths=option(
+        "--length JOINT=M", "Length of the link that a joint moves; repeatable.", _length
+    ),
+    formats=choice("--format", FORMATS, "File type of the figures; repeatable (default png)."),
+)
 def reproduce(
-    what: Annotated[
-        str, argument("|".join(CHOICES), "What to repeat.", parsing.one_of(CHOICES))
-    ] = "all",
-    output: Annotated[
-        str, option("--output -o DIR", "Folder of the CSV files, figures.")
-    ] = "reproduced",
-    quick: Annotated[
-        bool, flag("--quick", "Use small lattices and few samples, for a quick trial.")
-    ] = False,
-    data: Annotated[
-        str | None, option("--data DIR", "Folder of real logs, for the ablation.")
-    ] = None,
-    robot: Annotated[
-        str | None, option("--robot ROBOT", "Another arm with two revolute joints.")
-    ] = None,
-    ranges: o.RangeOption = None,
-    lengths: Annotated[
-        list[JointValue] | None,
-        option("--length JOINT=M", "Length of the link that a joint moves; repeatable.", _length),
-    ] = None,
-    formats: Annotated[
-        list[str] | None,
-        choice("--format", FORMATS, "File type of the figures; repeatable (default png)."),
-    ] = None,
-    degrees: o.DegreesOption = False,
-    seed: o.SeedOption = 0,
-    as_json: o.JsonOption = False,
+    what: str = "all",
+    output: str = "reproduced",
+    quick: bool = False,
+    data: str | None = None,
+    robot: str | None = None,
+    ranges: list[JointRange] | None = None,
+    lengths: list[JointValue] | None = None,
+    formats: list[str] | None = None,
+    degrees: bool = False,
+    seed: int = 0,
+    as_json: bool = False,
 ) -> None:
     """Repeat the paper's tables, figures and experiments, with its numbers beside ours."""
     from calib.paper.setting import ROBOT, Setting
@@ -139,7 +134,7 @@ def _keep(result: Result, folder: Path, *, shown: bool) -> None:
             left = next(
                 (k for k, c in enumerate(table.rows[0]) if not isinstance(c, str)), len(rows[0])
             )
-            show(explained(Table(table.header, rows, table.title, left)))
+            show(explained(TextTable(table.header, rows, table.title, left)))
             print()
 
 

@@ -1,12 +1,13 @@
-"""The command `calib robots`."""
+"""The command `calib robots`: list the bundled robots."""
 
 from __future__ import annotations
 
-from ..options import JsonOption
-from ..output import Table, show, show_json
+from ..options import takes
+from ..output import TextTable, show, show_json
 
 
-def robots(as_json: JsonOption = False) -> None:
+@takes()
+def robots(as_json: bool = False) -> None:
     """List the bundled robots."""
     import calib
 
@@ -25,4 +26,4 @@ def robots(as_json: JsonOption = False) -> None:
         )
         return
     rows = [[entry.name, ", ".join(entry.joints), entry.description] for entry in entries]
-    show(Table(["robot", "joints, base to tip", "description"], rows, left=3))
+    show(TextTable(["robot", "joints, base to tip", "description"], rows, left=3))

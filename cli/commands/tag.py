@@ -1,21 +1,28 @@
-"""The command `calib tag`."""
+"""The command `calib tag`: write a tag for the arm's tip, or a board for the desk."""
 
 from __future__ import annotations
 
-from typing import Annotated
+from calib.common.choices import DICTIONARY
 
-from .. import camera as c
 from .. import parsing
+from ..camera import PRINTED
+from ..options import takes
 from ..output import tell
 from ..usage import BadOption, argument, option
 
 
+@takes(
+    output=option("--output -o FILE.svg", "The page to print."),
+    number=argument("ID", "Number of the tag.", parsing.integer(0)),
+    size=option("--size 40mm", "Side of the black square."),
+    **PRINTED,
+)
 def tag(
-    output: Annotated[str, option("--output -o FILE.svg", "The page to print.")],
-    number: Annotated[int | None, argument("ID", "Number of the tag.", parsing.whole(0))] = None,
-    size: Annotated[str, option("--size 40mm", "Side of the black square.")] = "40mm",
-    dictionary: c.DictionaryOption = c.DICTIONARY,
-    board: c.BoardOption = None,
+    output: str,
+    number: int | None = None,
+    size: str = "40mm",
+    dictionary: str = DICTIONARY,
+    board: str | None = None,
 ) -> None:
     """Write a tag for the arm's tip, or a board for the desk, to print at its true size (SVG)."""
     from calib.common.atomic import atomic_write

@@ -1,124 +1,132 @@
-"""The command `calib train`."""
+"""The command `calib train`: learn a model from simulated babbling or from a measured log."""
 
 from __future__ import annotations
 
 import re
 from dataclasses import replace
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated
+from typing import TYPE_CHECKING
 
+from calib.common.choices import BODIES, MAPS, RULES, VIEWS
 from calib.common.wording import for_people
 from calib.show.facts import size_in_words
 
-from .. import options as o
+from .. import parsing
+from ..options import takes
 from ..output import Notes, progress_bar, show, show_json, tell
-from ..photo import NoPhotoOption, PhotoOption, photo_of_log, with_photo
-from ..samples import Selection, babbled, check_sources, measured
+from ..photo import photo_of_log, with_photo
+from ..samples import Babbling, Logged, Selection, babbled_samples, check_sources, measured_samples
 from ..summary import compact_table, summary
-from ..usage import BadOption, argument, check_output, flag, option
+from ..usage import BadOption, argument, check_file, choice, flag, option
 
 if TYPE_CHECKING:
     from calib import Model, Samples
 
 
+@takes(
+    robot=argument(
+        "ROBOT", "A URDF file, or a bundled robot (calib robots). Not needed with --data."
+    ),
+    output=option(
+        "--output -o MODEL", "The model's file (default ROBOT.calib, without ROBOT LOG.calib)."
+    ),
+    force=flag("--force", "Replace a model of another robot or log by that name."),
+    map_=option(
+        f"--map {'|'.join(MAPS)}",
+        "Kind of map (default vdsom; for a log with --body none gas where held-out blocks prefer "
+        "it); vdsom:error and the like name variants of the paper's rule.",
+        parsing.kind_of_map(MAPS),
+    ),
+    size=option(
+        "--size N|NxN|NxNxN",
+        "Nodes of both maps: 70 or 70x70 if not given, for three joints 17x17x17 in the "
+        "motor map; a log chooses its own.",
+        parsing.size,
+    ),
+    motor_size=option(
+        "--motor-size N|NxN", "Nodes of the motor map, where they differ.", parsing.size
+    ),
+    sensory_size=option(
+        "--sensory-size N|NxN", "Nodes of the sensory map, where they differ.", parsing.size
+    ),
+    body=choice(
+        "--body",
+        BODIES,
+        "auto fits a kinematic body under the maps; none learns maps and Hebbian links alone.",
+    ),
+    view=choice(
+        "--view",
+        VIEWS,
+        "What the sensor measures: base is the robot's root frame; auto is rigid for "
+        "lengths, homography for pixels, pinhole for pixels of an arm in space.",
+    ),
+    rule=choice("--rule", RULES, "Training rule."),
+    epochs=option(
+        "--epochs N",
+        "Passes over the samples; the full lattice alone is trained then.",
+        parsing.integer(1),
+    ),
+    sigma=option(
+        "--sigma START:END",
+        "Neighbourhood radius at the start and the end [nodes]; the full lattice alone "
+        "is trained then.",
+        parsing.sigma,
+    ),
+    lens=option(
+        "--lens lens.json",
+        "The calibrated lens of a camera that sees an arm in space (default: fitted).",
+    ),
+    no_rows=flag("--no-rows", "Keep no rows of the log in the model (default up to 5000)."),
+)
 def train(
-    robot: Annotated[
-        str | None,
-        argument(
-            "ROBOT", "A URDF file, or a bundled robot (calib robots). Not needed with --data."
-        ),
-    ] = None,
-    data: o.DataOption = None,
-    output: Annotated[
-        str | None,
-        option(
-            "--output -o MODEL", "The model's file (default ROBOT.calib, without ROBOT LOG.calib)."
-        ),
-    ] = None,
-    force: Annotated[
-        bool, flag("--force", "Replace a model of another robot or log by that name.")
-    ] = False,
-    joints: o.JointsOption = None,
-    tip: o.TipOption = None,
-    planar: o.PlanarOption = False,
-    lock: o.LockOption = None,
-    ranges: o.RangeOption = None,
-    map_: o.MapOption = None,
-    size: o.SizeOption = None,
-    motor_size: o.MotorSizeOption = None,
-    sensory_size: o.SensorySizeOption = None,
-    body: o.BodyOption = "auto",
-    view: o.SensorViewOption = "auto",
-    rule: o.RuleOption = "batch",
-    epochs: o.EpochsOption = None,
-    sigma: o.SigmaOption = None,
-    samples: o.SamplesOption = None,
-    noise: o.NoiseOption = None,
-    seed: o.SeedOption = 0,
-    motion: o.MotionOption = None,
-    change: o.ChangeOption = None,
-    columns: o.ColumnsOption = None,
-    unit: o.UnitOption = None,
-    prismatic: o.PrismaticOption = None,
-    lens: Annotated[
-        str | None,
-        option(
-            "--lens lens.json",
-            "The calibrated lens of a camera that sees an arm in space (default: fitted).",
-        ),
-    ] = None,
-    no_rows: Annotated[
-        bool, flag("--no-rows", "Keep no rows of the log in the model (default up to 5000).")
-    ] = False,
-    photo: PhotoOption = None,
-    no_photo: NoPhotoOption = False,
-    degrees: o.DegreesOption = False,
-    as_json: o.JsonOption = False,
+    *,
+    robot: str | None = None,
+    data: str | None = None,
+    output: str | None = None,
+    force: bool = False,
+    selection: Selection,
+    map_: str | None = None,
+    size: int | tuple[int, ...] | None = None,
+    motor_size: int | tuple[int, ...] | None = None,
+    sensory_size: int | tuple[int, ...] | None = None,
+    body: str = "auto",
+    view: str = "auto",
+    rule: str = "batch",
+    epochs: int | None = None,
+    sigma: tuple[float, float] | None = None,
+    babbling: Babbling,
+    seed: int = 0,
+    logged: Logged,
+    lens: str | None = None,
+    no_rows: bool = False,
+    photo: str | None = None,
+    no_photo: bool = False,
+    as_json: bool = False,
 ) -> None:
     """Learn a model from simulated babbling or from a measured log."""
     import calib
 
-    simulated = {"--samples": samples, "--noise": noise, "--motion": motion, "--change": change}
-    of_logs = {"--columns": columns, "--unit": unit, "--prismatic": prismatic}
-    of_logs |= {"--lens": lens, "--photo": photo}
-    check_sources([robot] if robot else [], data is not None, simulated, of_logs)
+    of_logs = {**vars(logged), "lens": lens, "photo": photo}
+    check_sources([robot] if robot else [], data is not None, vars(babbling), of_logs)
     if photo is not None and no_photo:
         raise BadOption("--photo and --no-photo are given: expected one of them")
     if output is not None:
-        check_output(output)
-    selection = Selection(robot, joints, tip, lock or (), ranges or (), degrees, planar)
+        check_file(output)
     notes = Notes()
     if data is None:
-        log = babbled(
-            selection,
-            samples=samples,
-            noise=noise,
-            motion=motion,
-            changes=change or (),
-            seed=seed,
-            notes=notes,
-        )
+        log = babbled_samples(robot, selection, babbling, seed, notes)
     else:
-        log = measured(
-            selection,
-            data,
-            columns=columns,
-            unit=unit,
-            prismatic=prismatic or (),
-            seed=seed,
-            notes=notes,
-            lens=lens,
-        )
-    path = output or f"{_file_name(_stem(robot or data))}.calib"
-    check_output(path)
+        log = measured_samples(robot, selection, data, logged, seed, notes, lens)
+    path = output or _file_name(str(robot or data))
+    check_file(path)
     if output is None and not force:
         _check_same_origin(path, log)
     with progress_bar(log.unit) as progress:
         model = calib.train(
             log,
-            size=size and size.plain(),
-            motor_size=motor_size and motor_size.plain(),
-            sensory_size=sensory_size and sensory_size.plain(),
+            size=size,
+            motor_size=motor_size,
+            sensory_size=sensory_size,
             map=map_,
             rule=rule,
             epochs=epochs,
@@ -181,6 +189,7 @@ def _check_same_origin(path: str, log: Samples) -> None:
     else:
         urdf = log.arm.urdf if log.arm else ""
         simulated = log.simulation is not None
+        # the URDF's text and the joints tell robots apart, the first kept row tells logs apart
         same = (old.about.urdf, old.about.joint_names) == (urdf, log.joint_names)
         if not simulated and old.rows is not None and len(old.rows):
             pairs = ((old.rows.q, log.q), (old.rows.x, log.x))
@@ -195,10 +204,8 @@ def _check_same_origin(path: str, log: Samples) -> None:
     )
 
 
-def _stem(source: str | None) -> str:
-    return "log" if source in (None, "-") else Path(str(source)).stem
-
-
-def _file_name(name: str) -> str:
-    """Return a name without what would lead to another folder or hide the file."""
-    return re.sub(r"[^\w.+-]+", "_", name).lstrip(".") or "robot"
+def _file_name(source: str) -> str:
+    """Return the default name of a model, without what would lead elsewhere or hide the file."""
+    stem = "log" if source == "-" else Path(source).stem
+    safe = re.sub(r"[^\w.+-]+", "_", stem).lstrip(".")
+    return f"{safe or 'robot'}.calib"

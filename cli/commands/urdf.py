@@ -1,39 +1,40 @@
-"""The command `calib urdf`."""
+"""The command `calib urdf`: write a copy of the URDF with what the model has learned."""
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING, Annotated
+from typing import TYPE_CHECKING
 
 import typer
 
 from calib.common.wording import for_people
 
-from .. import options as o
-from ..output import NO, Notes, Table, fixed, note, number, show, show_json, tell
+from ..options import OF_FRAMES, takes
+from ..output import NO, Notes, TextTable, fixed, note, number, show, show_json, tell
 from ..units import units_of
 from ..usage import flag, option
 
 if TYPE_CHECKING:
-    from calib.use.geometry import Geometry
+    from calib.use.planar_geometry import Geometry
     from calib.use.spatial_geometry import SpatialGeometry
 
 
+@takes(
+    output=option("--output -o URDF", "The corrected description."),
+    move_base=flag("--move-base", "Fit the place of the first joint as well."),
+    move_tip=flag(
+        "--move-tip",
+        "Write the sensed point of a spatial arm as its tip; else it is a probe or a tag.",
+    ),
+    **OF_FRAMES,
+)
 def urdf(
-    model: o.ModelArgument,
-    output: Annotated[str, option("--output -o URDF", "The corrected description.")],
-    view: o.ViewOption = "auto",
-    cause: o.BlameOption = "sensor",
-    move_base: Annotated[
-        bool, flag("--move-base", "Fit the place of the first joint as well.")
-    ] = False,
-    move_tip: Annotated[
-        bool,
-        flag(
-            "--move-tip",
-            "Write the sensed point of a spatial arm as its tip; else it is a probe or a tag.",
-        ),
-    ] = False,
-    as_json: o.JsonOption = False,
+    model: str,
+    output: str,
+    view: str = "auto",
+    cause: str = "sensor",
+    move_base: bool = False,
+    move_tip: bool = False,
+    as_json: bool = False,
 ) -> None:
     """Write a copy of the URDF with the joint offsets and link placements that fit the model best.
 
@@ -43,7 +44,7 @@ def urdf(
     import calib
     from calib.common.atomic import atomic_write, check_writable
     from calib.use.correct import free_frame
-    from calib.use.geometry import Geometry, fit_geometry
+    from calib.use.geometry import fit_geometry
     from calib.use.urdf import MOST_UNEXPLAINED, check_output, corrected_urdf
 
     check_writable(output)
@@ -63,7 +64,7 @@ def urdf(
             }
         )
     else:
-        show(_table(geometry) if isinstance(geometry, Geometry) else _in_space(geometry))
+        show(_table(geometry))
     if geometry.free:
         Notes().say(free_frame(loaded, cause))
     left = 100.0 * geometry.residual / geometry.reach
@@ -80,48 +81,35 @@ def urdf(
         tell(f"{output}: residual {rms}, with the nominal URDF {before}")
 
 
-def _table(geometry: Geometry) -> Table:
-    rows = []
-    arm = geometry.arm
-    for k, name in enumerate(arm.joint_names):
-        factor, unit = for_people("rad" if arm.revolute[k] else "m")
-        value, width = geometry.offsets[k], geometry.interval_offsets[k]
-        rows.append(_row(name, "offset", factor, unit, value, width))
-        for axis, label in enumerate(("along x", "along y")):
-            what = f"far end of its link, {label}"
-            value, width = geometry.moved[k, axis], geometry.interval_moved[k, axis]
-            rows.append(_row("", what, 1e3, "mm", value, width))
-    if geometry.interval_base.any():
-        for axis, label in enumerate(("along x", "along y")):
-            value, width = geometry.base[axis], geometry.interval_base[axis]
-            rows.append(_row("" if axis else "base", label, 1e3, "mm", value, width))
-    return Table(["joint", "change of", "unit", "value", "+-"], rows, "against the URDF", left=3)
+def _table(geometry: Geometry | SpatialGeometry) -> TextTable:
+    """Return what differs from the URDF, a line for each number; `geometry` is as its JSON."""
+    import numpy as np
 
-
-def _in_space(geometry: SpatialGeometry) -> Table:
-    structure, beta, half = geometry.structure, geometry.beta, 1.96 * geometry.sd
-    groups, layout, revolute = structure.groups, structure.layout, geometry.arm.revolute
+    told, arm = geometry.to_json(), geometry.arm
     found = []
-    for k, name in enumerate(geometry.arm.joint_names):
-        kind = "rad" if revolute[k] else "m"
-        found.append((name, "offset", kind, groups["offset"][[k]]))
-    for i, name in enumerate(geometry.places):
-        found.append((name, "origin along {}", "m", layout.shifts[i]))
-        found.append((name, "origin about {}", "rad", layout.turns[i]))
-    written = "" if geometry.move_tip else ", not written"
-    found.append((f"sensed point{written}", "along {}", "m", groups["tool"]))
-    found.append((f"sensed point{written}", "about {}", "rad", groups["tool.rotation"]))
+    for name, turns in zip(arm.joint_names, arm.revolute, strict=True):
+        found.append((name, "offset", "rad" if turns else "m", told["offsets"][name]))
+        if "moved" in told:
+            found.append((name, "far end of its link, along {}", "m", told["moved"][name]))
+    places = [(name, "origin ", each) for name, each in told.get("places", {}).items()]
+    if "tip" in told:
+        written = "" if told["tip"]["written"] else ", not written"
+        places.append((f"sensed point{written}", "", told["tip"]))
+    for name, what, each in places:
+        found.append((name, f"{what}along {{}}", "m", each["shift"]))
+        found.append((name, f"{what}about {{}}", "rad", each["turn"]))
+    if "base" in told:
+        found.append(("base", "along {}", "m", told["base"]))
     rows, last = [], ""
-    for name, what, kind, indices in found:
-        if not half[indices].any():
-            continue
+    for name, what, kind, each in found:
+        values, widths = np.ravel(each["value"]), np.ravel(each["interval"])
+        if not widths.any() and (name == "base" or "places" in told):
+            continue  # what was not fitted
         factor, unit = for_people(kind)
-        for axis, index in zip("xyz", indices.tolist(), strict=False):
-            shown = "" if name == last else name
+        for axis, value, width in zip("xyz", values.tolist(), widths.tolist(), strict=False):
+            shown = ["" if name == last else name, what.format(axis), unit]
+            rows.append([*shown, fixed(factor * value, 4), number(factor * width)])
             last = name
-            rows.append(_row(shown, what.format(axis), factor, unit, beta[index], half[index]))
-    return Table(["joint", "change of", "unit", "value", "+-"], rows, "against the URDF", left=3)
-
-
-def _row(name: str, what: str, factor: float, unit: str, value: float, width: float) -> list[str]:
-    return [name, what, unit, fixed(factor * float(value), 4), number(factor * float(width))]
+    return TextTable(
+        ["joint", "change of", "unit", "value", "+-"], rows, "against the URDF", left=3
+    )

@@ -28,7 +28,7 @@ _UPRIGHT = np.array([[1.0, 0, 0, 0], [0, 0, -1, 0], [0, 1, 0, 0], [0, 0, 0, 1]])
 
 
 def draw_arm(
-    canvas: Canvas, body: Body, poses: Mapping[str, Array], size: float, meshes: Path | None
+    canvas: Canvas, body: DrawnArm, poses: Mapping[str, Array], size: float, meshes: Path | None
 ) -> tuple[str, ...]:
     """Draw a robot at a posture; return what could not be drawn, for the user.
 
@@ -74,7 +74,7 @@ def _draw_shape(
     return True
 
 
-def _draw_skeleton(canvas: Canvas, body: Body, poses: Mapping[str, Array], size: float) -> None:
+def _draw_skeleton(canvas: Canvas, body: DrawnArm, poses: Mapping[str, Array], size: float) -> None:
     """Bones from each link on the way to the tip to the next, and balls between them."""
     way = body.way
     for link, following in zip(way, [*way[1:], None], strict=True):
@@ -104,7 +104,7 @@ def _along(end: Array) -> Array:
 
 
 @dataclass(frozen=True, eq=False)
-class Body:
+class DrawnArm:
     """The links of a robot, moved by its active joints."""
 
     urdf: Urdf  # the checked tree
@@ -115,7 +115,7 @@ class Body:
     locked: Mapping[str, float]  # [rad or m], other joints; those not named are neutral
 
     @staticmethod
-    def of(about: About) -> Body | None:
+    def of(about: About) -> DrawnArm | None:
         """Return the body of a model's robot, None where no URDF came with it."""
         if not about.urdf or not about.tip:
             return None
@@ -124,7 +124,7 @@ class Body:
             kinematics = Kinematics(urdf)
         except CalibError:
             return None
-        return Body(urdf, about.urdf, kinematics, about.joint_names, about.tip, about.locked)
+        return DrawnArm(urdf, about.urdf, kinematics, about.joint_names, about.tip, about.locked)
 
     def poses(self, q: ArrayLike) -> dict[str, Array]:
         """Transforms (n, 4, 4) of every link in the root's frame, for joints (n, dof)."""

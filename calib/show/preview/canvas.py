@@ -81,6 +81,7 @@ class Canvas:
         scene["materials"][0]["map"] = texture = f"texture-{self._count}"
         scene["images"] = [{"uuid": f"image-{self._count}", "url": address}]
         scene["textures"] = [
+            # 1001 is three.js's ClampToEdgeWrapping: its default repeats the picture
             {"uuid": texture, "image": f"image-{self._count}", "wrap": [1001, 1001]}
         ]
 
@@ -101,6 +102,7 @@ class Canvas:
 
     def place(self, path: str, transform: ArrayLike) -> None:
         """Put everything below a path where a transform (4, 4) says."""
+        # three.js stores matrices by columns
         matrix = np.asarray(transform, dtype=float).T.ravel().tolist()
         self._commands.append({"type": "set_transform", "path": path, "matrix": matrix})
 
@@ -178,9 +180,11 @@ class Canvas:
         name = "LineBasicMaterial" if kind == "Line" else f"{kind}Material"
         return {
             "type": name,
+            # both sides: nobody guarantees how a URDF's triangles are wound
             "side": 2,
             "transparent": opacity < 1.0,
             "opacity": float(opacity),
+            # what is seen through must not hide what is drawn after it
             "depthWrite": opacity >= 1.0,
             **self._colour(colour),
         }
@@ -189,6 +193,7 @@ class Canvas:
     def _colour(colour: NDArray[np.uint8] | str) -> dict[str, Any]:
         if isinstance(colour, str):
             return {"color": int(colour[1:], 16)}
+        # 2 as meshcat's own classes write it: the constant VertexColors of older three.js
         return {"color": 0xFFFFFF, "vertexColors": 2}
 
 
@@ -201,6 +206,7 @@ def quaternions(rotations: Array) -> Array:
     """Quaternions x, y, z, w (n, 4) of rotations (n, 3, 3), neighbours on one side."""
     q = quaternion_of(rotations)
     flips = np.sign(np.sum(q[1:] * q[:-1], axis=1))
+    # q and -q are one rotation; between opposite signs three.js would turn the long way
     signs = np.concatenate([[1.0], np.cumprod(np.where(flips < 0, -1.0, 1.0))])
     return np.asarray(q * signs[:, None])
 

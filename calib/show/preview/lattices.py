@@ -14,7 +14,7 @@ from ...model.model import Model
 from ..error_scale import ErrorScale, colours, rgb
 from ..workspace import drawn_edges, extent, motor_errors, sensory_errors
 from .canvas import Canvas
-from .motion import Motion
+from .motion import Loop
 from .placement import Placement
 
 LINK, FRAME = "#2f9e44", "#8b97a3"
@@ -93,7 +93,7 @@ def draw_maps(
 
 
 def draw_links(
-    canvas: Canvas, model: Model, motion: Motion, nodes: tuple[Array, Array], size: float
+    canvas: Canvas, model: Model, motion: Loop, nodes: tuple[Array, Array], size: float
 ) -> int:
     """Draw the links of one sensory node on the motion's path; return the node."""
     partners, strength = strongest_partners(model)
@@ -138,6 +138,7 @@ def telling_node(model: Model, among: NDArray[np.intp]) -> int:
     links = model.links[:, among].T.tocsr()
     units = model.motor.units
     total = np.asarray(links.sum(axis=1)).ravel()
+    # a node without partners has no spread, and is not chosen
     total = np.where(total > 0, total, np.inf)
     # variance of the partners about their mean, E|u|^2 - |E u|^2
     mean = (links @ units) / total[:, None]

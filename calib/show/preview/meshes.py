@@ -22,7 +22,7 @@ from numpy.typing import NDArray
 
 from ...errors import RobotError
 
-KINDS = (".stl", ".obj", ".ply", ".dae", ".glb")
+_KINDS = (".stl", ".obj", ".ply", ".dae", ".glb")
 
 
 @dataclass(frozen=True, eq=False)
@@ -75,12 +75,12 @@ def read_mesh(path: Path) -> Triangles:
     Raises RobotError if it is too large, of an unknown kind, or damaged.
     """
     kind = path.suffix.lower()
-    if kind not in KINDS:
-        raise RobotError(f"mesh {path.name}: kind {kind or 'none'}, expected {', '.join(KINDS)}")
-    if path.stat().st_size > MAX_BYTES:
+    if kind not in _KINDS:
+        raise RobotError(f"mesh {path.name}: kind {kind or 'none'}, expected {', '.join(_KINDS)}")
+    if path.stat().st_size > _MOST_BYTES:
         raise RobotError(
             f"mesh {path.name}: {path.stat().st_size / 1e6:.0f} MB, at most "
-            f"{MAX_BYTES // 1_000_000} MB are drawn"
+            f"{_MOST_BYTES // 1_000_000} MB are drawn"
         )
     data = path.read_bytes()
     check_mesh(path.name, kind, data)
@@ -93,21 +93,22 @@ def read_mesh(path: Path) -> Triangles:
         faces = np.asarray(mesh.faces, dtype=np.uint32).reshape(-1, 3)
     except Exception as error:  # whatever the reader of one of the formats throws
         raise RobotError(f"mesh {path.name}: cannot be read ({error})") from error
-    if len(vertices) > MAX_VERTICES or len(faces) > MAX_VERTICES:
-        raise RobotError(f"mesh {path.name}: more than {MAX_VERTICES:,} vertices or triangles")
+    if len(vertices) > _MOST_VERTICES or len(faces) > _MOST_VERTICES:
+        raise RobotError(f"mesh {path.name}: more than {_MOST_VERTICES:,} vertices or triangles")
     if not len(faces) or not np.isfinite(vertices).all() or faces.max() >= len(vertices):
         raise RobotError(f"mesh {path.name}: holds no triangles")
+    # STL repeats each vertex for each of its triangles, five or six times
     vertices, where = np.unique(vertices, axis=0, return_inverse=True)
     return Triangles(vertices, where.reshape(-1)[faces].astype(np.uint32))
 
 
-MAX_BYTES = 50_000_000
+_MOST_BYTES = 50_000_000
 """Bytes of a binary file that are read."""
 
-MAX_TEXT = 10_000_000
+_MOST_TEXT = 10_000_000
 """Bytes of a file of text: its readers make some twenty bytes of each."""
 
-MAX_VERTICES = 3_000_000
+_MOST_VERTICES = 3_000_000
 """Vertices of a mesh with all its instances."""
 
 _TEXT = (".obj", ".dae")
@@ -123,7 +124,7 @@ def check_mesh(name: str, kind: str, data: bytes) -> None:
     be.
     """
     text = kind in _TEXT or (kind in (".stl", ".ply") and _is_text(data))
-    most = MAX_TEXT if text else MAX_BYTES
+    most = _MOST_TEXT if text else _MOST_BYTES
     if len(data) > most:
         raise RobotError(
             f"mesh {name}: {len(data) / 1e6:.0f} MB of {'text' if text else 'data'}, at most "
@@ -173,8 +174,8 @@ def _check_glb(name: str, data: bytes) -> None:
         length = int.from_bytes(data[12:16], "little")
         described = json.loads(data[20 : 20 + length])
         counts = [_elements(name, described, a, len(data)) for a in described.get("accessors", [])]
-        if _vertices(described, counts) > MAX_VERTICES:
-            raise _more_than_held(name, MAX_VERTICES + 1)
+        if _vertices(described, counts) > _MOST_VERTICES:
+            raise _more_than_held(name, _MOST_VERTICES + 1)
     except (ValueError, TypeError, KeyError, IndexError, AttributeError, RecursionError) as error:
         raise RobotError(f"mesh {name}: damaged, its description makes no sense") from error
 

@@ -9,20 +9,20 @@ import numpy as np
 from ...common.arrays import Array
 from ...model.model import Model
 from ..arrows import round_factor
-from ..error_scale import ROUNDING, length_in_words
+from ..error_scale import ROUNDED_AWAY, length_in_words
 from ..workspace import extent
 from .canvas import Canvas
 from .placement import Placement
 
 TARGET, REACHED = "#1c7ed6", "#e8590c"
-FRAMES = 180
+_FRAMES = 180
 FPS = 30.0
 _WIDTHS = (0.36, 0.25, 0.15, 0.08)  # swing of the joints about their middle, of their range
 _VISIBLE = 1 / 60  # of the extent: deviations are drawn at least so large
 
 
 @dataclass(frozen=True, eq=False)
-class Motion:
+class Loop:
     """A path, the joints that the inverse map answers with, and where they lead."""
 
     q: Array  # (n, dof) [rad or m], answered joints; the last row is the first
@@ -50,7 +50,7 @@ class Motion:
         return self.target + factor * (self.reached - self.target), factor
 
 
-def drive(model: Model) -> Motion:
+def drive(model: Model) -> Loop:
     """Drive the arm along a loop through its workspace.
 
     The targets are where a smooth loop of the joints leads, so that they can be reached
@@ -59,7 +59,8 @@ def drive(model: Model) -> Motion:
     from ...training.evaluate import simulation_of
 
     scale, dof = model.motor.scale, len(model.about.joint_names)
-    t = np.linspace(0.0, 2 * np.pi, FRAMES + 1)
+    t = np.linspace(0.0, 2 * np.pi, _FRAMES + 1)
+    # cosines and sines of one and two turns: a closed loop in which no joint follows another
     wave = np.stack(
         [np.cos((1 + k // 2) * t - (k % 2) * np.pi / 2 + 0.7 * k) for k in range(dof)], axis=1
     )
@@ -83,12 +84,12 @@ def drive(model: Model) -> Motion:
     answer = model.solve(target, q)
     simulation = simulation_of(model)
     reached = answer.position if simulation is None else simulation.exact(answer.q)
-    least = ROUNDING if model.about.unit == "m" else ROUNDING * extent(model)
-    return Motion(answer.q, target, reached, simulation is not None, least)
+    least = ROUNDED_AWAY if model.about.unit == "m" else ROUNDED_AWAY * extent(model)
+    return Loop(answer.q, target, reached, simulation is not None, least)
 
 
 def draw_motion(
-    canvas: Canvas, model: Model, motion: Motion, placement: Placement, front: Array, size: float
+    canvas: Canvas, model: Model, motion: Loop, placement: Placement, front: Array, size: float
 ) -> dict[str, Array]:
     """Draw both paths, a little in front (3,) of the maps, and the balls that run along them.
 

@@ -11,7 +11,6 @@ from numpy.typing import ArrayLike
 
 from ...arm.plane import Plane, fit_plane
 from ...body.spatial import SpatialStructure
-from ...body.spatial_words import camera_place
 from ...body.views import is_camera
 from ...common.arrays import Array
 from ...common.rows import thinned
@@ -20,7 +19,7 @@ from ..workspace import downwards, extent
 
 if TYPE_CHECKING:
     from ...model.model import Model
-    from .arm import Body
+    from .arm import DrawnArm
 
 _TRUSTED = 0.15  # a sensor that differs less [share of the extent] is drawn where it says
 _SIZES = (0.05, 20.0)  # extents [m] that are drawn as they are
@@ -64,7 +63,7 @@ class Placement:
         return np.stack([x, np.cross(normal, x), normal])
 
 
-def place(model: Model, body: Body | None) -> Placement:
+def place_model(model: Model, body: DrawnArm | None) -> Placement:
     """Find where a model's positions are in space.
 
     Positions of a sensor that agrees with the robot's own geometry are drawn where they
@@ -84,6 +83,7 @@ def place(model: Model, body: Body | None) -> Placement:
         axes = scale * np.stack([plane.x, up * plane.y])
         return Placement(scale * plane.origin, axes, scale, up=up)
     nodes = model.motor.scale.from_unit(np.clip(model.motor.units[model.visited], 0.0, 1.0))
+    # visited nodes: the others stand where nothing was measured
     nodes = nodes[thinned(len(nodes), 300)]
     learned = model.forward(nodes)
     known = np.isfinite(learned).all(axis=1)
@@ -98,7 +98,7 @@ def place(model: Model, body: Body | None) -> Placement:
     linear, shift, note = np.eye(2), np.zeros(2), ""
     far = np.sqrt(np.mean(np.sum((learned - nominal) ** 2, axis=1)))
     if about.unit != "m" or far > _TRUSTED * reach:
-        linear, shift = similarity(learned, nominal)
+        linear, shift = mirrored_similarity(learned, nominal)
         note = (
             "the sensor's frame is not the robot's: its positions are drawn where a least-squares "
             "fit (turn, mirror, scale, shift) brings them"
@@ -107,7 +107,7 @@ def place(model: Model, body: Body | None) -> Placement:
     return Placement(scale * plane.lift(shift), scale * linear @ basis, scale, note, up)
 
 
-def _in_space(model: Model, body: Body | None) -> Placement:
+def _in_space(model: Model, body: DrawnArm | None) -> Placement:
     """The sensor's frame as the model's body knows it; without one it is the scene's."""
     size, own = extent(model), model.body
     if body is None or own is None or not getattr(own.structure, "informed", False):
@@ -125,12 +125,13 @@ def _in_space(model: Model, body: Body | None) -> Placement:
     return Placement(-scale * sensor.shift @ axes, scale * axes, scale, note)
 
 
-def _picture(model: Model, body: Body) -> Placement:
+def _picture(model: Model, body: DrawnArm) -> Placement:
     """A camera's picture where it would show the arm at its true size: as far as the tip is."""
     own = model.body
     assert own is not None  # noqa: S101
     assert isinstance(own.structure, SpatialStructure)  # noqa: S101
-    place, turn = camera_place(own.structure, own.beta)
+    sensor = own.structure.sensor(own.beta)
+    turn, place = sensor.rotation.T, -sensor.rotation.T @ sensor.shift
     f, u, v, _ = own.beta[own.structure.groups["lens"]]
     nodes = model.motor.scale.from_unit(np.clip(model.motor.units[model.visited], 0.0, 1.0))
     nodes = nodes[thinned(len(nodes), 300)]
@@ -146,7 +147,7 @@ def _scale_of(size: float) -> float:
     return 1.0 if _SIZES[0] <= size <= _SIZES[1] else _DRAWN / size
 
 
-def similarity(source: Array, target: Array) -> tuple[Array, Array]:
+def mirrored_similarity(source: Array, target: Array) -> tuple[Array, Array]:
     """Similarity, mirrored or not, that brings points (n, 2) closest to others (n, 2).
 
     Returns linear, shift : (2, 2), (2,), ``source @ linear + shift`` is close to `target` (Umeyama
@@ -174,7 +175,7 @@ _UPRIGHT = 0.75  # cosine of normal and vertical; planes above it are seen from 
 
 
 @dataclass(frozen=True, eq=False)
-class Camera:
+class Viewpoint:
     """A perspective camera that shows a box of the scene whatever the window's shape."""
 
     target: Array  # (3,), middle of the picture
@@ -182,7 +183,7 @@ class Camera:
     half: Array  # (3,), half the extent of what is shown, along right, up and depth
 
     @staticmethod
-    def onto(points: Array, frame: Array) -> Camera:
+    def onto(points: Array, frame: Array) -> Viewpoint:
         """Camera that shows points (n, 3) and looks onto a plane of axes `frame` (3, 3)."""
         normal, up = frame[2], np.array([0.0, 0.0, 1.0])
         if abs(normal @ up) > _UPRIGHT:
@@ -195,7 +196,7 @@ class Camera:
         axes = _axes(direction)
         seen = points @ axes.T
         low, high = seen.min(axis=0), seen.max(axis=0)
-        return Camera((low + high) / 2 @ axes, direction, (high - low) / 2)
+        return Viewpoint((low + high) / 2 @ axes, direction, (high - low) / 2)
 
     def to_json(self) -> dict[str, Any]:
         """Plain data for the page, which computes the same."""

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import base64
-import math
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -11,18 +10,19 @@ from typing import Any
 import numpy as np
 
 from ...common.arrays import Array
+from ...common.rows import thinned
 from ...model.model import Model
 from ...samples.samples import Samples
 from ..arrows import Arrows
 from ..error_scale import ErrorScale, colours, stops
-from ..workspace import border, extent, motor_errors, sensory_errors, training_positions
+from ..workspace import extent, motor_errors, outline, sensory_errors, training_rows
 from . import arm as arm_layer
-from .arm import Body
+from .arm import DrawnArm
 from .canvas import POINT, Canvas
 from .cloud import Cloud, cloud
 from .lattices import LINK, draw_links, draw_maps, labels, panel_beside
-from .motion import FPS, TARGET, Motion, draw_motion, drive
-from .placement import Camera, Placement, place
+from .motion import FPS, TARGET, Loop, draw_motion, drive
+from .placement import Placement, Viewpoint, place_model
 
 BORDER, SAMPLE, ARROW = "#2a9d8f", "#6c7a89", "#e8590c"
 _MOST_SAMPLES = 5000
@@ -34,11 +34,11 @@ class Scene:
     """A drawn model."""
 
     canvas: Canvas
-    camera: Camera  # from where they are seen
+    camera: Viewpoint  # from where they are seen
     page: dict[str, Any]  # plain data for the page: title, legend, layers, labels, links
     notes: tuple[str, ...]  # what the user should be told
     placement: Placement  # where the sensor's positions are
-    motion: Motion  # the path of the animation
+    motion: Loop  # the path of the animation
     scale: ErrorScale  # what the nodes' colours mean
 
 
@@ -58,8 +58,8 @@ class _Drawing:
         self.model, self.samples, self.meshes = model, samples, meshes
         self.canvas = Canvas()
         self.notes: list[str] = []
-        self.body = Body.of(model.about)
-        self.placement = place(model, self.body)
+        self.body = DrawnArm.of(model.about)
+        self.placement = place_model(model, self.body)
         self.size = extent(model) * float(np.linalg.norm(self.placement.axes[0]))
         self.in_space = len(model.axes) == 3
         self.cloud = cloud(model) if self.in_space else None
@@ -67,7 +67,7 @@ class _Drawing:
     def run(self) -> Scene:
         model, placement, canvas = self.model, self.placement, self.canvas
         motion = drive(model)
-        line = np.empty((0, 2, 2)) if self.in_space else border(model)
+        line = np.empty((0, 2, 2)) if self.in_space else outline(model)
         around = placement.lift(line.reshape(-1, 2) if len(line) else model.sensory.weights)
         poses: dict[str, Array] = {}
         if self.body is not None:
@@ -83,8 +83,9 @@ class _Drawing:
         self.labels = labels(model, placement, self.panel)
         wide = {"left": 0.12 * self.size * frame[0]}  # what begins at the panel's edge
         words = [np.array(each["at"]) + wide.get(each["align"], 0.0) for each in self.labels]
-        camera = Camera.onto(np.concatenate([around, self.panel.outline[0], words]), frame)
+        camera = Viewpoint.onto(np.concatenate([around, self.panel.outline[0], words]), frame)
         # lines that lie on the maps are drawn a little in front of them
+        # at equal depth the graphics card would draw now the one, now the other
         self.front = 0.006 * self.size * camera.direction
         scale = self._errors()
 
@@ -104,11 +105,13 @@ class _Drawing:
         self._residuals()
         tracks = draw_motion(canvas, model, motion, placement, self.front, self.size)
         for link, transforms in poses.items():
+            # links before the first joint stand still: no track for them makes the page smaller
             if np.ptp(transforms, axis=0).max() > 1e-9:
                 tracks[f"{arm_layer.LAYER}/{link}"] = transforms
         canvas.animate(tracks, FPS, _REPETITIONS)
         if placement.note:
             self.notes.append(placement.note)
+        # meshcat's grid lies in z = 0 and cuts a tilted plane's maps
         canvas.set("Grid", "visible", False)
         canvas.place("Axes", self._axes())
         page = self._page(scale, camera)
@@ -162,10 +165,10 @@ class _Drawing:
         self.canvas.points(f"{name}/points", points, colours(scale.share(errors)), 1.5 * dot)
 
     def _samples(self) -> None:
-        x, what = training_positions(self.model, self.samples)
+        _, x, what = training_rows(self.model, self.samples)
         if not len(x):
             return
-        shown = x[:: max(1, math.ceil(len(x) / _MOST_SAMPLES))]
+        shown = x[thinned(len(x), _MOST_SAMPLES)]
         few = f"{len(shown):,} of {len(x):,} {what}" if len(shown) < len(x) else what
         name = self.canvas.layer("Training samples", SAMPLE, few, shown=False)
         self.canvas.points(
@@ -193,7 +196,7 @@ class _Drawing:
         self.canvas.lines(f"{name}/lines", np.concatenate([seen, ends]), pairs, ARROW)
         self.canvas.points(f"{name}/seen", seen, "#ffffff", 0.012 * self.size)
 
-    def _page(self, scale: ErrorScale, camera: Camera) -> dict[str, Any]:
+    def _page(self, scale: ErrorScale, camera: Viewpoint) -> dict[str, Any]:
         about = self.model.about
         bound = "true position" if about.source == "simulation" else about.bound_of
         return {

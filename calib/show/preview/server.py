@@ -15,8 +15,8 @@ from ...common.wording import one_line
 from ...errors import CalibError, OptionError, QueryError
 from ...model.model import Model
 from ..error_scale import length_in_words
-from .arm import Body
-from .placement import place
+from .arm import DrawnArm
+from .placement import place_model
 
 ADDRESS = "127.0.0.1"
 """The loopback interface: no other computer can reach it."""
@@ -24,7 +24,7 @@ ADDRESS = "127.0.0.1"
 _LONGEST = 10_000  # bytes of a question
 _NONSENSE = (ValueError, TypeError, KeyError, AttributeError, CalibError)
 
-Answer = Callable[[dict[str, Any]], dict[str, Any]]
+_Reply = Callable[[dict[str, Any]], dict[str, Any]]
 
 
 class PreviewServer(ThreadingHTTPServer):
@@ -43,7 +43,7 @@ class PreviewServer(ThreadingHTTPServer):
     daemon_threads = True
     allow_reuse_address = False
 
-    def __init__(self, page: str, port: int = 0, answer: Answer | None = None) -> None:
+    def __init__(self, page: str, port: int = 0, answer: _Reply | None = None) -> None:
         try:
             super().__init__((ADDRESS, port), _Handler)
         except (OSError, OverflowError) as error:
@@ -116,6 +116,7 @@ class _Handler(BaseHTTPRequestHandler):
 
     def _send(self, status: int, kind: str, data: bytes) -> None:
         host = self.headers.get("Host", "")
+        # against DNS rebinding: a page of another name, led here, asks in the user's browser
         if host.split(":")[0] not in (ADDRESS, "localhost"):  # a name that leads here
             status, kind, data = 404, "text/plain", b"not here"
         self.send_response(status)
@@ -135,8 +136,8 @@ class Live:
 
     def __init__(self, model: Model) -> None:
         self._model = model
-        self._body = Body.of(model.about)
-        self._placement = place(model, self._body)
+        self._body = DrawnArm.of(model.about)
+        self._placement = place_model(model, self._body)
 
     def answer(self, question: dict[str, Any]) -> dict[str, Any]:
         """Answer with every branch that reaches a point of the scene.
@@ -149,6 +150,7 @@ class Live:
         point = np.asarray(question["at"], dtype=float)
         if point.shape != (3,) or not np.isfinite(point).all():
             raise QueryError(f"a point of {point.size} numbers: expected three finite ones")
+        # the plane's axes span two of three dimensions: least squares drops the third
         x = (point - placement.origin) @ np.linalg.pinv(placement.axes)
         found = model.solve_all(x[None])[0]
         reachable = bool(found.reachable.any())

@@ -8,10 +8,10 @@ import numpy as np
 
 from ...common.arrays import Array
 from ...maps.node_bounds import COVERAGE
-from ..error_scale import ROUNDING, length_in_words
+from ..error_scale import ROUNDED_AWAY, length_in_words
 from .evidence import Evidence
 from .maps import WIDE
-from .style import DASHES, INK, SERIES, new_figure
+from .style import DASHES, HUES, INK, new_figure
 from .tables import figure_unit
 
 _GROUPS = 10
@@ -19,7 +19,7 @@ _GROUPS = 10
 
 def least(evidence: Evidence) -> float:
     """Errors below this are rounding [unit]."""
-    return ROUNDING if evidence.unit == "m" else ROUNDING * evidence.extent
+    return ROUNDED_AWAY if evidence.unit == "m" else ROUNDED_AWAY * evidence.extent
 
 
 def histogram(evidence: Evidence) -> Any:
@@ -35,6 +35,7 @@ def histogram(evidence: Evidence) -> Any:
         (axes[0], residuals.errors, "forward"),
         (axes[1], residuals.distance, "inverse"),
     ):
+        # errors of rounding have no place on a logarithmic axis
         shown = {r: np.maximum(e, floor) for r, e in found.items()}
         low = min(float(e.min()) for e in shown.values())
         high = max(float(e.max()) for e in shown.values())
@@ -47,7 +48,7 @@ def histogram(evidence: Evidence) -> Any:
                 100 * share,
                 edges * factor,
                 label=readout,
-                color=SERIES[readout],
+                color=HUES[readout],
                 linestyle=DASHES[readout],
                 linewidth=1.6,
             )
@@ -64,8 +65,6 @@ def histogram(evidence: Evidence) -> Any:
 
 def training(evidence: Evidence) -> Any:
     """Quantization error, topographic error and radius, epoch by epoch."""
-    from matplotlib.ticker import NullFormatter
-
     model = evidence.model
     if not len(model.motor.history) or not len(model.sensory.history):
         return None
@@ -80,11 +79,12 @@ def training(evidence: Evidence) -> Any:
             ("radius sigma\n[nodes]", history[:, 1], "log"),
         )
         for ax, (label, values, scale) in zip(grid[:, column], rows, strict=True):
-            ax.plot(epoch, values, "o-", color=SERIES["local"], markersize=2.5, linewidth=1.2)
+            ax.plot(epoch, values, "o-", color=HUES["local"], markersize=2.5, linewidth=1.2)
             for change in np.flatnonzero(np.diff(history[:, 0])):
                 ax.axvline(change + 1.5, color=_ink(), linewidth=0.6, linestyle=":")
-            ax.set_yscale(scale if (values > 0).any() else "linear")
-            ax.yaxis.set_minor_formatter(NullFormatter())  # half of the drawing time
+            if scale == "log" and (values > 0).any():
+                ax.set_yscale("log")
+                _label_steps(ax.yaxis)
             ax.grid(visible=True, axis="y")
             if column == 0:
                 ax.set_ylabel(label)
@@ -96,8 +96,6 @@ def training(evidence: Evidence) -> Any:
 
 def calibration(evidence: Evidence) -> Any:
     """Whether errors keep to what is expected of them."""
-    from matplotlib.ticker import LogLocator, NullFormatter
-
     pairs = bound_pairs(evidence)
     if pairs is None:
         return None
@@ -105,10 +103,11 @@ def calibration(evidence: Evidence) -> Any:
     factor, unit = figure_unit(evidence.unit)
     figure = new_figure(WIDE, 3.0)
     left, right = figure.subplots(1, 2)
+    # equal counts, not equal widths: each quantile rests on as many samples
     groups = np.array_split(np.argsort(bound, kind="stable"), min(_GROUPS, len(bound)))
     stated = np.array([np.median(bound[g]) for g in groups]) * factor
     seen = np.array([np.quantile(error[g], COVERAGE) for g in groups]) * factor
-    left.plot(stated, seen, "o", color=SERIES["local"], label="a tenth of the samples each")
+    left.plot(stated, seen, "o", color=HUES["local"], label="a tenth of the samples each")
     ends = np.array([min(stated.min(), seen.min()), max(stated.max(), seen.max())])
     left.plot(ends, ends, "-", color=_ink(), linewidth=0.8, label="as promised")
     left.set(
@@ -118,15 +117,13 @@ def calibration(evidence: Evidence) -> Any:
         ylabel=f"95 % of the errors are below [{unit}]",
         title="bound and measured error",
     )
-    for axis in (left.xaxis, left.yaxis):  # less than a decade has no power of ten to tell
-        axis.set_major_locator(LogLocator(subs=(1.0, 2.0, 5.0)))
-        axis.set_major_formatter("{x:g}")
-        axis.set_minor_formatter(NullFormatter())
+    for axis in (left.xaxis, left.yaxis):
+        _label_steps(axis)
     left.legend(fontsize=7.5)
     ratio = np.sort(error / bound)
     share = 100 * np.arange(1, len(ratio) + 1) / len(ratio)
     keep = np.unique(np.linspace(0, len(ratio) - 1, 400).astype(int))
-    right.plot(ratio[keep], share[keep], color=SERIES["local"], linewidth=1.6)
+    right.plot(ratio[keep], share[keep], color=HUES["local"], linewidth=1.6)
     right.axvline(1.0, color=_ink(), linewidth=0.8)
     right.axhline(100 * COVERAGE, color=_ink(), linewidth=0.8, linestyle=":")
     right.set(
@@ -155,6 +152,15 @@ def bound_pairs(evidence: Evidence) -> tuple[Array, Array] | None:
 def coverage(bound: Array, error: Array) -> float:
     """Share of the errors that keep to their bound."""
     return float(np.mean(error <= bound))
+
+
+def _label_steps(axis: Any) -> None:
+    """Label 1, 2 and 5 of a logarithmic axis: less than a decade has no power of ten to tell."""
+    from matplotlib.ticker import LogLocator, NullFormatter
+
+    axis.set_major_locator(LogLocator(subs=(1.0, 2.0, 5.0)))
+    axis.set_major_formatter("{x:g}")
+    axis.set_minor_formatter(NullFormatter())  # laying minor labels out takes half of the drawing
 
 
 def _ink() -> str:

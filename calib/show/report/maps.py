@@ -14,12 +14,12 @@ from ...model.photo import Photo
 from ..arrows import Arrows
 from ..error_scale import UNKNOWN, ErrorScale
 from ..workspace import (
-    border,
     cell_means,
     downwards,
     drawn_edges,
     extent,
     motor_errors,
+    outline,
     sensory_errors,
 )
 from .evidence import Evidence
@@ -29,6 +29,8 @@ from .tables import figure_unit
 _BINS = 36
 _PAPERS = "activity"  # the readout of the paper, beside the default
 WIDE = 7.4  # inches, the page's column
+PROJECTIONS = {2: ((0, 1),), 3: ((0, 1), (0, 2), (1, 2))}
+"""Pairs of coordinates in which positions in a plane, and in space, are seen."""
 
 
 def joint_axis(about: About, k: int) -> tuple[float, str]:
@@ -38,71 +40,84 @@ def joint_axis(about: About, k: int) -> tuple[float, str]:
 
 
 def heat_maps(evidence: Evidence, direction: str) -> Any:
-    """Errors of a direction, "forward" or "inverse", over workspace and joint space."""
-    residuals, about = evidence.residuals, evidence.model.about
+    """Errors of a direction, "forward" or "inverse", over positions; in a plane over joints too.
+
+    Positions in space are seen along each axis of the sensor.
+    """
+    residuals, model = evidence.residuals, evidence.model
     if residuals is None:
         return None
     found = residuals.errors if direction == "forward" else residuals.distance
-    readouts = [r for r in (evidence.model.default_readout, _PAPERS) if r in found]
-    figure = new_figure(WIDE, 2.9 * len(readouts))
-    grid = figure.subplots(len(readouts), 2, squeeze=False)
+    views, flat = PROJECTIONS[len(model.axes)], len(model.axes) == 2
+    readouts = [r for r in (model.default_readout, _PAPERS) if r in found][: 2 if flat else 1]
+    figure = new_figure(WIDE, 2.9 * len(readouts) if flat else 2.3)
+    grid = figure.subplots(len(readouts), 2 if flat else 3, squeeze=False)
+    factor, _ = figure_unit(evidence.unit)
     for row, readout in zip(grid, readouts, strict=True):
         errors = found[readout]
         scale = ErrorScale.of(errors, evidence.unit, evidence.extent)
-        factor, unit = figure_unit(evidence.unit)
-        image = heat(row[0], residuals.x * factor, errors, scale)
-        row[0].set(
-            xlabel=f"x [{unit}]",
-            ylabel=f"y [{unit}]",
-            aspect="equal",
-            title=f"{readout}: workspace",
-        )
-        if downwards(about.unit):
-            row[0].invert_yaxis()
-        factors, names = zip(*(joint_axis(about, k) for k in (0, 1)), strict=True)
-        heat(row[1], residuals.q[:, :2] * np.array(factors), errors, scale)
-        row[1].set(xlabel=names[0], ylabel=names[1], title=f"{readout}: joint space")
+        for ax, view in zip(row, views, strict=False):
+            image = heat(ax, residuals.x[:, view] * factor, errors, scale)
+            name_axes(ax, evidence, view)
+        if flat:
+            row[0].set_title(f"{readout}: workspace")
+            factors, names = zip(*(joint_axis(model.about, k) for k in (0, 1)), strict=True)
+            heat(row[1], residuals.q[:, :2] * np.array(factors), errors, scale)
+            row[1].set(xlabel=names[0], ylabel=names[1], title=f"{readout}: joint space")
         colour_bar(figure, image, row, scale)
     return figure
 
 
+def name_axes(ax: Any, evidence: Evidence, view: tuple[int, int] = (0, 1)) -> None:
+    """Name the axes of positions, of which two coordinates are seen; a picture's y runs down."""
+    _, unit = figure_unit(evidence.unit)
+    across, up = ("xyz"[k] for k in view)
+    ax.set(xlabel=f"{across} [{unit}]", ylabel=f"{up} [{unit}]", aspect="equal")
+    if len(evidence.model.axes) == 3:
+        ax.locator_params(nbins=4)  # three figures in a row have room for few labels
+    if downwards(evidence.unit):
+        ax.invert_yaxis()
+
+
 def lattices(evidence: Evidence) -> Any:
     """Both lattices in their spaces, coloured by the expected error."""
-    from matplotlib.collections import LineCollection
-
     model = evidence.model
     figure = new_figure(WIDE, 3.5)
     axes = figure.subplots(1, 2)
     errors = [motor_errors(model), sensory_errors(model)]
     scale = ErrorScale.of(np.concatenate(errors), evidence.unit, evidence.extent)
     factors, names = zip(*(joint_axis(model.about, k) for k in (0, 1)), strict=True)
-    factor, unit = figure_unit(evidence.unit)
-    parts = (
-        (axes[0], model.motor, np.array(factors), names, errors[0]),
-        (axes[1], model.sensory, np.full(2, factor), (f"x [{unit}]", f"y [{unit}]"), errors[1]),
-    )
-    for ax, part, by, labels, values in parts:
-        edges = drawn_edges(part)
-        points = part.weights[:, :2] * by
-        shades = np.ma.masked_invalid(scale.share(values)[edges].mean(axis=1))
-        lines = LineCollection(
-            list(points[edges]),
-            array=shades,
-            cmap=colour_map(unknown=UNKNOWN),
-            norm=_norm(),
-            linewidths=0.7,
-            rasterized=True,
-        )
-        ax.add_collection(lines)
+    factor, _ = figure_unit(evidence.unit)
+    for ax, part, by, values, what in (
+        (axes[0], model.motor, np.array(factors), errors[0], "motor"),
+        (axes[1], model.sensory, factor, errors[1], "sensory"),
+    ):
+        points, edges = part.weights[:, :2] * by, drawn_edges(part)
+        lines = _lattice(ax, points, edges, values, scale, linewidths=0.7)
         ax.autoscale()
-        ax.set(xlabel=labels[0], ylabel=labels[1])
-    axes[0].set_title(f"motor map, {_shape(model.motor)} nodes")
-    axes[1].set_title(f"sensory map, {_shape(model.sensory)} nodes")
-    axes[1].set_aspect("equal")
-    if downwards(evidence.unit):
-        axes[1].invert_yaxis()
+        ax.set_title(f"{what} map, {'x'.join(map(str, part.lattice.shape))} nodes")
+    axes[0].set(xlabel=names[0], ylabel=names[1])
+    name_axes(axes[1], evidence)
     colour_bar(figure, lines, axes, scale, "expected error")
     return figure
+
+
+def _lattice(
+    ax: Any, points: Array, edges: Any, errors: Array, scale: ErrorScale, **style: Any
+) -> Any:
+    """Draw edges (m, 2) between nodes (n, 2), coloured by the errors (n,) of their ends."""
+    from matplotlib.collections import LineCollection
+
+    lines = LineCollection(
+        list(points[edges]),
+        array=np.ma.masked_invalid(scale.share(errors)[edges].mean(axis=1)),
+        cmap=colour_map(unknown=UNKNOWN),
+        norm=_norm(),
+        rasterized=True,  # ten thousand lines as vectors would make the page ten times as large
+        **style,
+    )
+    ax.add_collection(lines)
+    return lines
 
 
 def node_maps(evidence: Evidence) -> Any:
@@ -160,6 +175,7 @@ def _norm() -> Any:
 def heat(ax: Any, points: Array, errors: Array, scale: ErrorScale) -> Any:
     """Mean error in the cells of a grid over points (n, 2)."""
     low, high = points.min(axis=0), points.max(axis=0)
+    # a joint that never moved has a range of no width
     span = np.where(high > low, high - low, 1.0)
     mean = cell_means(points, errors, low, span / _BINS, (_BINS, _BINS))
     return ax.imshow(
@@ -184,6 +200,7 @@ def _nodes(figure: Any, ax: Any, part: Map, values: Array, how: str, title: str)
         ax.set(xlabel="first coordinate [range]", ylabel="second", title=title)
     else:
         grid = values.reshape(shape)
+        # hits of nodes behind each other add up, distances do not
         while grid.ndim > 2:
             grid = grid.mean(axis=-1) if how == "mean" else grid.sum(axis=-1)
         image = ax.imshow(
@@ -199,10 +216,6 @@ def _nodes(figure: Any, ax: Any, part: Map, values: Array, how: str, title: str)
     bar = figure.colorbar(image, ax=ax, shrink=0.9, pad=0.01, aspect=24)
     bar.set_label("distance [ranges]" if how == "mean" else "samples")
     bar.outline.set_visible(False)
-
-
-def _shape(part: Map) -> str:
-    return "x".join(map(str, part.lattice.shape))
 
 
 BORDER, ARROW = "#12b886", "#e8590c"
@@ -226,7 +239,6 @@ def over_photo(evidence: Evidence) -> Any:
     # a lighter photo leaves the colours to what is drawn over it
     ax.imshow(pixels, extent=photo.box, interpolation="antialiased", aspect="equal")
     ax.imshow([[1.0]], extent=photo.box, cmap="gray", vmin=0, vmax=1, alpha=0.18, aspect="equal")
-    ax.set(xlim=(left, right), ylim=(low, high), xticks=[], yticks=[])
     for spine in ax.spines.values():
         spine.set_visible(False)
     errors = sensory_errors(model)
@@ -235,17 +247,10 @@ def over_photo(evidence: Evidence) -> Any:
     long = np.linalg.norm(np.diff(model.sensory.weights[edges], axis=1)[:, 0], axis=1)
     # an edge that is far longer than others leads across what the arm does not reach
     edges = edges[np.isfinite(errors[edges]).all(axis=1) & (long < _FAR * np.median(long))]
-    lines = LineCollection(
-        list(model.sensory.weights[edges]),
-        array=scale.share(errors)[edges].mean(axis=1),
-        cmap=colour_map(),
-        linewidths=0.8,
-        alpha=0.85,
-        rasterized=True,
-    )
-    lines.set_clim(0.0, 1.0)
-    ax.add_collection(lines, autolim=False)
-    around = LineCollection(list(border(model)), colors=BORDER, linewidths=2.2, capstyle="round")
+    nodes = model.sensory.weights
+    lines = _lattice(ax, nodes, edges, errors, scale, linewidths=0.8, alpha=0.85)
+    ax.set(xlim=(left, right), ylim=(low, high), xticks=[], yticks=[])
+    around = LineCollection(list(outline(model)), colors=BORDER, linewidths=2.2, capstyle="round")
     ax.add_collection(around, autolim=False)
     words = {"what the learned range reaches": Line2D([], [], color=BORDER, lw=2.2)}
     if label := _arrows(ax, evidence, photo):

@@ -12,7 +12,7 @@ import numpy as np
 
 from ...model.model import Model
 from ...samples.samples import Samples
-from ...use.geometry import moves_in_space
+from ...use.nominal import moves_in_space
 from ..error_scale import length_in_words
 from ..facts import facts
 from . import curves, maps, space
@@ -37,12 +37,6 @@ class Section:
     when: Callable[[Model], bool] = lambda _: True  # whether it is of a model at all
 
 
-def heat_maps(evidence: Evidence, direction: str) -> Any:
-    """Errors over the workspace, of an arm in a plane or in space."""
-    draw = space.projections if space.in_space(evidence.model) else maps.heat_maps
-    return draw(evidence, direction)
-
-
 SECTIONS = (
     Section(
         "photo",
@@ -56,13 +50,13 @@ SECTIONS = (
         "Forward error: where is the tip?",
         "Mean distance between predicted and true position of the test samples in each cell, "
         "over the positions; in a plane also over the joints that they belong to.",
-        lambda e: heat_maps(e, "forward"),
+        lambda e: maps.heat_maps(e, "forward"),
     ),
     Section(
         "inverse",
         "Inverse error: how to get there?",
         "Distance from each target to where the answered joints lead.",
-        lambda e: heat_maps(e, "inverse"),
+        lambda e: maps.heat_maps(e, "inverse"),
     ),
     Section(
         "vectors",

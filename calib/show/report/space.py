@@ -7,14 +7,14 @@ from typing import Any
 import numpy as np
 
 from ...body.curves import powers
+from ...common.rows import thinned
 from ...model.model import Model
-from ..error_scale import ErrorScale, length_in_words
+from ..error_scale import length_in_words
 from .evidence import Evidence
-from .maps import WIDE, colour_bar, heat, joint_axis
-from .style import SERIES, new_figure
+from .maps import PROJECTIONS, WIDE, joint_axis, name_axes
+from .style import HUES, new_figure
 from .tables import figure_unit
 
-_VIEWS = ((0, 1), (0, 2), (1, 2))
 _ARROWS = 250
 _LENGTH = 1 / 12  # of the extent: a large residual is drawn so long
 _GROUPS = 24  # parts of a joint's range
@@ -31,39 +31,24 @@ def has_curves(model: Model) -> bool:
     return bool(_curved(model))
 
 
-def projections(evidence: Evidence, direction: str) -> Any:
-    """Errors of a direction, "forward" or "inverse", seen along each axis of the sensor."""
-    residuals = evidence.residuals
-    if residuals is None:
-        return None
-    found = residuals.errors if direction == "forward" else residuals.distance
-    errors = found[evidence.model.default_readout]
-    scale = ErrorScale.of(errors, evidence.unit, evidence.extent)
-    figure, axes = _three(evidence, 2.3)
-    factor, _ = figure_unit(evidence.unit)
-    for ax, view in zip(axes, _VIEWS, strict=True):
-        image = heat(ax, residuals.x[:, view] * factor, errors, scale)
-        ax.set_aspect("equal")
-    colour_bar(figure, image, axes, scale)
-    return figure
-
-
 def residual_vectors(evidence: Evidence) -> Any:
     """Measured minus predicted positions as arrows, seen along each axis of the sensor."""
     residuals = evidence.residuals
     if residuals is None or not len(residuals.q):
         return None
-    some = np.unique(np.linspace(0, len(residuals.q) - 1, _ARROWS).round().astype(int))
+    some = thinned(len(residuals.q), _ARROWS)
     x = residuals.x[some]
     off = x - evidence.model.forward(residuals.q[some])
     size = np.linalg.norm(off, axis=1)
+    # the largest would shrink all others if it is an outlier
     large = float(np.nanquantile(size, 0.95))
     if not large > 0.0:
         return None
     enlarged = _LENGTH * evidence.extent / large
-    figure, axes = _three(evidence, 2.9)
+    figure = new_figure(WIDE, 2.9)
+    axes = figure.subplots(1, 3)
     factor, _ = figure_unit(evidence.unit)
-    for ax, view in zip(axes, _VIEWS, strict=True):
+    for ax, view in zip(axes, PROJECTIONS[3], strict=True):
         ax.quiver(
             *(factor * x[:, view]).T,
             *(factor * enlarged * off[:, view]).T,
@@ -71,9 +56,10 @@ def residual_vectors(evidence: Evidence) -> Any:
             scale_units="xy",
             scale=1.0,
             width=0.006,
-            color=SERIES["local"],
+            color=HUES["local"],
         )
-        ax.set_aspect("equal", adjustable="datalim")
+        name_axes(ax, evidence, view)
+        ax.set_adjustable("datalim")
         ax.grid(visible=True)
     words = length_in_words(large, evidence.unit)
     axes[1].set_title(f"enlarged {enlarged:,.0f} times; 95 % are shorter than {words}")
@@ -101,7 +87,7 @@ def by_joint(evidence: Evidence) -> Any:
             ("95 %", "v:", lambda part: np.quantile(part, 0.95)),
         ):
             values = [factor * float(of(p)) for p, use in zip(parts, known, strict=True) if use]
-            ax.plot(middle, values, style, color=SERIES["local"], markersize=2.5, label=what)
+            ax.plot(middle, values, style, color=HUES["local"], markersize=2.5, label=what)
         ax.set(xlabel=label)
         ax.grid(visible=True, axis="y")
         if k % 3 == 0:
@@ -135,9 +121,14 @@ def joint_curves(evidence: Evidence) -> Any:
         # beta ~ N(m, R R'): a curve w beta has the standard deviation |w R|
         half = 1.96e3 * np.linalg.norm(waves @ root[place], axis=1)
         ax.fill_between(
-            q * by, value - half, value + half, color=SERIES["local"], alpha=0.25, linewidth=0
+            q * by,
+            value - half,
+            value + half,
+            color=HUES["local"],
+            alpha=0.25,
+            linewidth=0,
         )
-        ax.plot(q * by, value, color=SERIES["local"], linewidth=1.0)
+        ax.plot(q * by, value, color=HUES["local"], linewidth=1.0)
         ax.set(xlabel=label)
         ax.grid(visible=True, axis="y")
         if k % 3 == 0:
@@ -153,17 +144,6 @@ def _curved(model: Model) -> list[int]:
     groups = body.structure.groups
     curves = [(k, groups.get(f"curve.{k}", ())) for k in range(body.structure.dof)]
     return [k for k, ix in curves if len(ix) and bool(np.isin(ix, body.active).all())]
-
-
-def _three(evidence: Evidence, height: float) -> tuple[Any, Any]:
-    """Axes of the three projections."""
-    figure = new_figure(WIDE, height)
-    axes = figure.subplots(1, 3)
-    _, unit = figure_unit(evidence.unit)
-    for ax, (i, j) in zip(axes, _VIEWS, strict=True):
-        ax.locator_params(nbins=4)
-        ax.set(xlabel=f"{'xyz'[i]} [{unit}]", ylabel=f"{'xyz'[j]} [{unit}]")
-    return figure, axes
 
 
 def _each_joint(n: int) -> tuple[Any, Any]:

@@ -12,7 +12,7 @@ from ..error_scale import stops
 INK, FAINT = "#010203", "#020304"
 """Stand for the page's own colours until a figure is written."""
 
-SERIES = {
+HUES = {
     "local": "#1c7ed6",
     "body": "#2f9e44",
     "linear": "#9c36b5",
@@ -97,12 +97,14 @@ def to_svg(figure: Any, name: str, words: str) -> str:
     figure.savefig(buffer, format="svg", dpi=150, metadata=metadata)
     svg = buffer.getvalue()
     svg = svg[svg.index("<svg") :]
+    # the page's own colours, light or dark, which matplotlib cannot name
     svg = svg.replace(INK, "currentColor").replace(FAINT, "var(--rule)")
     # two equal images, such as colour bars, get one name, which nothing refers to
     svg = re.sub(r'\bid="image[0-9a-f]+"', "", svg)
     # several figures share one page: their names must not meet
     svg = re.sub(r'\bid="', f'id="{name}-', svg)
     svg = re.sub(r'(href="|url\()#', rf"\1#{name}-", svg)
+    # what matplotlib leaves of it names no source and no date, and is of no use in a page
     svg = re.sub(r"<metadata>.*?</metadata>", "", svg, flags=re.DOTALL)
     return svg.replace("<svg", f'<svg role="img" aria-label="{words}"', 1)
 

@@ -1,4 +1,4 @@
-"""Motion of a spatial chain whose joint origins are not quite where a drawing says.
+"""Motion of a spatial chain, vectorised over rows; its joint origins may be off the drawing.
 
 Each joint origin i is moved by a shift d_i and a turn w_i against its nominal place:
 
@@ -11,13 +11,15 @@ parallel axes (Denavit-Hartenberg does), and slides and turns are treated alike.
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import NamedTuple
+from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
 
-from ..arm.rotations import exponential
-from ..arm.spatial_chain import SpatialChain, cross, rotated, times, turned
 from ..common.arrays import Array
+from .rotations import cross_matrix, exponential
+
+if TYPE_CHECKING:
+    from .spatial_chain import SpatialChain
 
 
 @dataclass(frozen=True)
@@ -28,6 +30,12 @@ class Deviations:
     turns: Array  # (m, 3) [rad], rotation vectors of the joint origins
     tool: Array  # (3,) [m], of the tip, along the axes of its own frame
     tool_turn: Array  # (3,) [rad]
+
+    @staticmethod
+    def none(joints: int) -> Deviations:
+        """Those of the nominal chain."""
+        zeros = np.zeros((joints, 3))
+        return Deviations(zeros, zeros, np.zeros(3), np.zeros(3))
 
 
 class Placements(NamedTuple):
@@ -41,9 +49,7 @@ class Placements(NamedTuple):
 
 def placements(chain: SpatialChain, moved: Deviations | None = None) -> Placements:
     """The links of a chain, of its nominal one where no deviations are given."""
-    if moved is None:
-        zeros = np.zeros((chain.joints, 3))
-        moved = Deviations(zeros, zeros, np.zeros(3), np.zeros(3))
+    moved = moved or Deviations.none(chain.joints)
     return Placements(
         np.diff(chain.points, axis=0, prepend=np.zeros((1, 3))) + moved.shifts,
         exponential(moved.turns),
@@ -59,9 +65,10 @@ class Motion:
     position: Array  # (3, n) [m]
     rotation: Array  # (3, 3, n), orientation of the tip's frame
     origins: Array  # (m, 3, n) [m]
-    # (m, 3, 3, n), frames of each joint origin before and after its own turn w_i
-    before: Array
-    after: Array
+    places: Array  # (m, 3, n) [m], the same after each joint has slid
+    # (m + 1) of (3, 3, n), orientation of the root and of the frame beyond each joint
+    frames: tuple[Array, ...]
+    turned: tuple[Array, ...]  # (m) of (3, 3, n), frames of the joint origins after their own turn
     axes: Array  # (m, 3, n)
     flange: Array  # (3, 3, n), axes of the tip's frame before its own turn
 
@@ -73,31 +80,69 @@ class Motion:
 
     def turn(self, i: int, axis: int) -> tuple[Array, Array]:
         """The same as the origin of joint i turns about an axis of its own frame."""
-        about = self.after[i][:, axis]
+        about = self.turned[i][:, axis]
         return cross(about, self.position - self.origins[i]), about
 
 
-def move(chain: SpatialChain, values: Array, deviations: Deviations) -> Motion:
+def move(chain: SpatialChain, values: Array, moved: Deviations | None = None) -> Motion:
     """Evaluate a chain at the values (m, n) of its joints [rad or m]."""
     m, n = values.shape
-    origins, axes = np.empty((m, 3, n)), np.empty((m, 3, n))
-    before, after = np.empty((m, 3, 3, n)), np.empty((m, 3, 3, n))
-    rotation = np.repeat(np.eye(3)[:, :, None], n, axis=2)
+    moved = moved or Deviations.none(m)
+    # coordinates come first and rows last, so that every operation runs along the rows
+    origins, places, axes = np.empty((3, m, 3, n))
+    frames, after = [np.repeat(np.eye(3)[:, :, None], n, axis=2)], []
     position, last = np.zeros((3, n)), np.zeros(3)
-    turns = exponential(deviations.turns)
+    turns = exponential(moved.turns)
     for i in range(m):
-        position = position + turned(rotation, chain.points[i] - last + deviations.shifts[i])
+        rotation = frames[-1]
+        position = position + turned(rotation, chain.points[i] - last + moved.shifts[i])
         last = chain.points[i]
-        before[i] = rotation
-        if deviations.turns[i].any():
+        if moved.turns[i].any():
             rotation = times(rotation, turns[i])
-        after[i], origins[i] = rotation, position
         axes[i] = turned(rotation, chain.axes[i])
+        origins[i] = position
+        after.append(rotation)
         if chain.revolute[i]:
             rotation = rotated(rotation, chain.axes[i], values[i])
         else:
             position = position + axes[i] * values[i]
-    flange = times(rotation, chain.rotation)
-    position = position + turned(rotation, chain.tip - last) + turned(flange, deviations.tool)
-    tip = times(flange, exponential(deviations.tool_turn))
-    return Motion(position, tip, origins, before, after, axes, flange)
+        places[i] = position
+        frames.append(rotation)
+    flange = times(frames[-1], chain.rotation)
+    position = position + turned(frames[-1], chain.tip - last) + turned(flange, moved.tool)
+    tip = times(flange, exponential(moved.tool_turn))
+    return Motion(position, tip, origins, places, tuple(frames), tuple(after), axes, flange)
+
+
+def cross(a: Array, b: Array) -> Array:
+    """Cross products of columns: (3, n) x (3, n) -> (3, n)."""
+    out = np.empty(np.broadcast_shapes(a.shape, b.shape))
+    out[0] = a[1] * b[2] - a[2] * b[1]
+    out[1] = a[2] * b[0] - a[0] * b[2]
+    out[2] = a[0] * b[1] - a[1] * b[0]
+    return out
+
+
+def turned(rotation: Array, vector: Array) -> Array:
+    """Turn one vector (3,) by many rotations (3, 3, n): (3, n)."""
+    x, y, z = vector
+    return np.asarray(rotation[:, 0] * x + rotation[:, 1] * y + rotation[:, 2] * z)
+
+
+def times(rotation: Array, matrix: Array) -> Array:
+    """Multiply many rotations (3, 3, n) by one matrix (3, 3) from the right."""
+    out = np.empty_like(rotation)
+    for k in range(3):  # no BLAS: it would round one row otherwise than many
+        out[:, k] = turned(rotation, matrix[:, k])
+    return out
+
+
+def rotated(rotation: Array, axis: Array, angle: Array) -> Array:
+    """Multiply rotations (3, 3, n) by turns about one constant unit axis by angles (n,)."""
+    k = cross_matrix(axis)
+    # Rodrigues: exp = 1 + sin(v) K + (1 - cos(v)) K^2 with K^2 = a a' - 1
+    cosine, swung = np.cos(angle), 1.0 - np.cos(angle)
+    out = np.sin(angle) * times(rotation, k)
+    out += cosine * rotation
+    out += (swung * turned(rotation, axis))[:, None] * axis[:, None]
+    return out

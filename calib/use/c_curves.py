@@ -1,0 +1,58 @@
+"""C source and tables of the joints' error curves, of a body of any kind."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from ..body.curves import HARMONICS
+from ..body.structure import Indices, Structure
+from ..common.arrays import Array
+from .c_source import array
+
+SOURCE = """\
+
+/* Error curves of all joints and their derivatives, by Horner's rule in exp(j q). */
+static inline void calib_curves(const calib_real q[CALIB_DOF], calib_real value[CALIB_DOF],
+                                calib_real slope[CALIB_DOF], int slopes) {
+  calib_real c[CALIB_DOF], s[CALIB_DOF], im[CALIB_DOF], dim[CALIB_DOF], t;
+  int i, n;
+  for (i = 0; i < CALIB_DOF; ++i) {
+    c[i] = cos(q[i]);
+    s[i] = sin(q[i]);
+    value[i] = im[i] = slope[i] = dim[i] = 0;
+  }
+  for (n = CALIB_HARMONICS - 1; n >= 0; --n)
+    for (i = 0; i < CALIB_DOF; ++i) {
+      t = value[i] + calib_curve_cos[n][i];
+      im[i] -= calib_curve_sin[n][i];
+      value[i] = t * c[i] - im[i] * s[i];
+      im[i] = t * s[i] + im[i] * c[i];
+    }
+  for (n = CALIB_HARMONICS - 1; slopes && n >= 0; --n)
+    for (i = 0; i < CALIB_DOF; ++i) {
+      t = slope[i] + (calib_real)(n + 1) * calib_curve_sin[n][i];
+      dim[i] += (calib_real)(n + 1) * calib_curve_cos[n][i];
+      slope[i] = t * c[i] - dim[i] * s[i];
+      dim[i] = t * s[i] + dim[i] * c[i];
+    }
+}
+"""
+
+
+def curves_of(structure: Structure) -> dict[int, Indices]:
+    """The parameters of each joint's curve; slides have none."""
+    names = {k: f"curve.{k}" for k in range(structure.dof)}
+    found = {k: structure.groups[name] for k, name in names.items() if name in structure.groups}
+    return {k: curve for k, curve in found.items() if len(curve)}
+
+
+def tables(structure: Structure, beta: Array, single: bool) -> str:
+    """Cosines and sines of all joints, harmonic by harmonic."""
+    waves = np.zeros((2, HARMONICS, structure.dof))
+    for k, curve in curves_of(structure).items():
+        waves[:, :, k] = beta[curve].reshape(2, HARMONICS)
+    sizes = ["CALIB_HARMONICS", "CALIB_DOF"]
+    return "".join(
+        array("calib_real", f"calib_curve_{name}", sizes, wave, single)
+        for name, wave in zip(("cos", "sin"), waves, strict=True)
+    )
