@@ -10,6 +10,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
+from functools import cached_property
 from typing import TYPE_CHECKING, Any, ClassVar, NamedTuple
 
 import numpy as np
@@ -157,10 +158,10 @@ class Structure:
         """
         return self.layout.groups
 
-    @property
+    @cached_property
     def size(self) -> int:
         """Number d of parameters."""
-        return self.layout.size
+        return sum(len(ix) for ix in self.groups.values())  # a kind may leave groups out
 
     @property
     def units(self) -> Mapping[str, str]:

@@ -262,12 +262,6 @@ def unusual(found: tuple[Explanation, ...]) -> float:
     return max(0.0, max((e.evidence for e in calm), default=-np.inf) - usual)
 
 
-def surprised(found: tuple[Explanation, ...]) -> bool:
-    """Whether a log shows more than an arm as it was, with the usual residual, by the margin."""
-    usual = [e.evidence for e in found if e.member == NOTHING and (e.factor, e.waves) == OWN[0]]
-    return not usual or found[0].evidence > usual[0] + MARGIN
-
-
 def likely(found: tuple[Explanation, ...], most: int = 6) -> list[tuple[float, Explanation]]:
     """The members that count, with their posterior weights."""
     some = [e for e in found if e.evidence > found[0].evidence - 5.0][:most]

@@ -14,7 +14,6 @@ from ..model.model import Model
 from .adaptation import Adaptation
 from .carry import carry
 from .comparison import Comparison, carried
-from .explain import surprised
 from .own_residual import OwnResidual
 
 _RADIUS_95 = 2.448  # radius that holds 95 % of a 2-D Gaussian of standard deviation 1
@@ -68,7 +67,7 @@ def _growth(found: Comparison, fresh: Model, own: OwnResidual, nodes: Array) -> 
 def doubts(found: Comparison, fresh: Model, *, real: bool) -> tuple[Model, str] | None:
     """The old model with wider bounds and why, where the rows contradict its own; else None.
 
-    Rows do where most of them lie beyond the bound, or by their evidence: waves along a line
+    Rows do where most of them lie beyond the bound, or where they have drifted: waves along a line
     missed a fifth of the rows, and the bound covered 31 % of the box.
 
     fresh : what the rows made of the model, although it is no better at them
@@ -83,7 +82,7 @@ def doubts(found: Comparison, fresh: Model, *, real: bool) -> tuple[Model, str] 
     # The bound of an exact simulation says nothing of a real arm.
     noise &= not (real and found.body.simulated)
     beyond = not noise and np.mean(missed > bound) > _MOST
-    if not beyond and not (found.score > 1.0 and surprised(found.explanations)):
+    if not beyond and found.score <= 1.0:
         return None
     u = np.clip(model.motor.units, 0.0, 1.0)
     apart = np.linalg.norm(fresh.predictor.value(u) - model.predictor.value(u), axis=1)
