@@ -19,7 +19,6 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-from peers import PEERS, SLOW, Calib, Gaussian, Neighbours, Perceptron, Polynomial, Radial, Refit
 from spatial_page import section
 
 import calib
@@ -34,6 +33,8 @@ TESTS = 2000
 
 def simulated(quick: bool) -> list[dict[str, Any]]:
     """Every peer on the same rows of two_link, tested on the same exact points."""
+    from peers import PEERS, SLOW
+
     rows = []
     for n in SAMPLES[:1] if quick else SAMPLES:
         for noise in NOISES[::2] if quick else NOISES:
@@ -76,6 +77,8 @@ def _one(kind: Any, log: Any, q: Any, x: Any) -> dict[str, Any]:
 
 def measured(folder: Path, quick: bool) -> list[dict[str, Any]]:
     """Every peer on a real UR10: ten contiguous blocks, five of them held out in turn."""
+    from peers import Calib, Gaussian, Neighbours, Perceptron, Polynomial, Radial, Refit
+
     rows = []
     for series in ("c",) if quick else ("a", "c"):
         path = folder / f"series_{series}.csv"

@@ -17,8 +17,8 @@ UR10, six joints, position by a laser tracker (the same measurements, all column
 without elasticity and joint curves; "nominal" is the URDF with base and tool fitted."""
 
 PEERS = """\
-**Beside other tools** on the same rows, {rows} of them evenly spaced, each from the nominal arm in
-its best frame (`--part peer`, which says how they are installed). robotkinecal 0.1.0 moves the
+**Beside other tools** on the same {rows} rows, evenly spaced, each from the nominal arm in its
+best frame (`benchmarks/spatial_peer.py` says how they are installed). robotkinecal 0.1.0 moves the
 joints' screws, FIGAROH 1.0.2 six numbers at each joint origin of which it keeps those that can be
 told, both without a prior, elasticity or curves; both converged."""
 

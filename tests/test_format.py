@@ -64,6 +64,15 @@ def of_both():
     return replace(model, predictor=replace(model.predictor, smooth=smooth))
 
 
+def gated():
+    """Local models that end at lines."""
+    model = made("of no arm")
+    models = model.predictor.models
+    gates = np.random.default_rng(0).standard_normal((len(models.radius), 3))
+    predictor = replace(model.predictor, models=replace(models, gates=gates))
+    return replace(model, predictor=predictor)
+
+
 MODELS = {
     "of format 1": lambda: calib.load(KEPT[1]),
     "of format 2": lambda: calib.load(KEPT[2]),
@@ -71,6 +80,7 @@ MODELS = {
     "mirrored, in millimetres": mirrored,
     "in the robot's root frame": lambda: calib.train(log(60, 1e-3), size=6, view="base"),
     "of no arm": lambda: calib.train(no_arm(200), size=6),
+    "of gates": gated,
     "of a body and a trend": of_both,
     "with noise": lambda: trained("two_link", 800, 8, noise=1e-3),
     "of a log": lambda: measured(150, 5),

@@ -10,6 +10,7 @@ from models import in_space
 
 from calib.arm.loading import load_arm
 from calib.body.belief import Body
+from calib.body.derivative import Derivative
 from calib.body.fitting import fit_structure
 from calib.body.gauge import without_gauge
 from calib.body.normal import sums_of
@@ -109,8 +110,9 @@ def test_a_fit_is_never_worse_than_the_drawing_with_fitted_frames(arm, rows):
 def test_blocks_add_up_to_the_normal_equations():
     rng = np.random.default_rng(0)
     x, r, w = rng.normal(size=(25, 2, 4)), rng.normal(size=(25, 2)), rng.random((25, 2))
-    (sums,) = sums_of(x, r, w, (2,), np.array([0, 7, 25]))
-    (kept,) = sums_of(x, r, w, (2,), np.array([0, 7, 25]), [sums])
+    each = Derivative.of(x)
+    (sums,) = sums_of(each, r, w, (2,), np.array([0, 7, 25]))
+    (kept,) = sums_of(each, r, w, (2,), np.array([0, 7, 25]), [sums])
     flat, heavy = x.reshape(-1, 4), w.ravel()
     np.testing.assert_allclose(sums.grams.sum(axis=0), (flat * heavy[:, None]).T @ flat, atol=1e-10)
     np.testing.assert_allclose(sums.gram, sums.grams.sum(axis=0))
@@ -155,3 +157,18 @@ def test_a_gauge_is_what_no_reading_tells():
     tracker = SensorPose.of(body)
     assert tracker.told_sd.max() < 0.1 * tracker.position_sd.max()
     assert "no reading tells" in " ".join(tracker.words("sensor's frame"))
+
+
+def test_sums_of_harmonics_are_those_of_all_columns():
+    body = in_space().body
+    rng = np.random.default_rng(2)
+    q, w, r = rng.uniform(-1, 1, (30, 3)), rng.random((30, 3)), rng.normal(size=(30, 3))
+    for kept in (body.active, np.delete(body.active, -1)):  # without one of the harmonics
+        x = body.structure.derivative(q, body.beta, kept)[1]
+        flat = body.structure.linearise(q, body.beta, kept)[1].reshape(90, -1)
+        np.testing.assert_array_equal(x.dense().reshape(90, -1), flat)
+        np.testing.assert_allclose(x.gram(w), (flat.T * w.ravel()) @ flat, atol=1e-12)
+        np.testing.assert_allclose(x.moment(r), flat.T @ r.ravel(), atol=1e-12)
+        step = rng.normal(size=len(kept))
+        np.testing.assert_allclose(x.rows(slice(3, 9)).times(step).ravel(), flat[9:27] @ step)
+    assert len(x.waves) == 3

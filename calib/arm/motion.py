@@ -88,6 +88,7 @@ def move(chain: SpatialChain, values: Array, moved: Deviations | None = None) ->
     """Evaluate a chain at the values (m, n) of its joints [rad or m]."""
     m, n = values.shape
     moved = moved or Deviations.none(m)
+    # coordinates come first and rows last, so that every operation runs along the rows
     origins, places, axes = np.empty((3, m, 3, n))
     frames, after = [np.repeat(np.eye(3)[:, :, None], n, axis=2)], []
     position, last = np.zeros((3, n)), np.zeros(3)
@@ -131,7 +132,7 @@ def turned(rotation: Array, vector: Array) -> Array:
 def times(rotation: Array, matrix: Array) -> Array:
     """Multiply many rotations (3, 3, n) by one matrix (3, 3) from the right."""
     out = np.empty_like(rotation)
-    for k in range(3):
+    for k in range(3):  # no BLAS: it would round one row otherwise than many
         out[:, k] = turned(rotation, matrix[:, k])
     return out
 

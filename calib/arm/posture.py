@@ -42,6 +42,7 @@ class Kinematics:
         self._joints: dict[str, int] = {}
         # of each link the joint that carries it, and its placement there
         self._links: dict[str, tuple[int, Any]] = {urdf.root: (0, pin.SE3.Identity())}
+        # a URDF may list a joint before the one that carries it
         for joint in sorted(urdf.joints, key=lambda joint: len(urdf.path(joint.child))):
             carrier, there = self._links[joint.parent]
             placed = there * pin.SE3(pin.rpy.rpyToMatrix(*joint.rpy), np.array(joint.xyz))

@@ -99,6 +99,7 @@ def similarity(a: Array, b: Array) -> tuple[Array, Array, float]:
     middle, seen = a.mean(axis=0), b.mean(axis=0)
     u, s, vt = np.linalg.svd((b - seen).T @ (a - middle))
     sign = np.ones(len(s))
+    # of the orthogonal matrices that fit, the rotation: a mirror is another sensor
     sign[-1] = np.sign(np.linalg.det(u @ vt)) or 1.0
     turn = (u * sign) @ vt
     spread = float(((a - middle) ** 2).sum())

@@ -48,7 +48,7 @@ def maximise(
     keeps = len(search.active) > MANY and np.isfinite(nu)
     fresh = begun is None or not np.array_equal(begun.active, search.active)
     if begun is not None and not fresh:
-        search.x = begun.derivative
+        search.x, search.sums = begun.derivative, begun.sums
     # noise and scales follow the steps, and choices of scales are compared three times
     least = 0 if not learn else 3 if any(h.choices for h in search.hypers) else 1
     for it in range(steps):
@@ -61,25 +61,30 @@ def maximise(
             now = first_noise(search.r, floor, structure.blocks)
             search.noise = np.maximum(search.noise, now / 1.2)
         moved = np.abs(delta) / np.sqrt(variance)
-        fresh = not keeps or share < 0.9 or bool(moved.max() > 5.0)
+        fresh = not keeps or bool(moved.max() > 5.0)
+        if share < 0.9:  # old weights led too far: new ones of the same derivatives
+            search.sums = []
         if (it >= least and moved.max() <= tolerance) or share == 0.0:
             break
+    return _finished(search, fresh)
+
+
+def _finished(search: Search, fresh: bool) -> Fit:
+    """Posterior at the parameters found; `fresh` as in `Search.linearise`."""
     search.linearise(fresh)
-    return _finished(search)
-
-
-def _finished(search: Search) -> Fit:
-    """Posterior at the parameters that were seen last."""
     grams, moments = search.by_block()
     precision = with_prior(grams.sum(axis=0), search.sd, search.known)
+    factor = Factor(precision)
+    if not fresh and search.stale(factor):
+        return _finished(search, True)
     distance = search.distance(search.beta)
-    known = 2 * np.log(search.sd).sum()
+    known = 2 * float(np.log(search.sd).sum())
     if search.known is not None:
         known = -Factor(search.known).log_determinant()
     # Laplace's approximation around the maximum
     evidence = -negative_log_likelihood(search.r, search.noise, search.nu, search.blocks)
     evidence -= 0.5 * (float(distance @ search.pull(distance)) + known)
-    evidence -= 0.5 * Factor(precision).log_determinant()
+    evidence -= 0.5 * factor.log_determinant()
     return Fit(
         search.structure,
         search.beta,
@@ -90,6 +95,7 @@ def _finished(search: Search) -> Fit:
         search.r,
         search.x,
         search.w,
+        search.sums,
         precision,
         moments.sum(axis=0) - search.pull(distance),
         search.edges,

@@ -5,7 +5,8 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 from ..common.arrays import Array
-from .normal import Factor, information_factor, with_prior
+from .derivative import Derivative
+from .normal import Factor, Sums, information_factor, with_prior
 from .structure import Indices, Structure
 
 
@@ -20,8 +21,9 @@ class Fit:
     noise: Array  # (m,)
     nu: float
     residual: Array  # (n, m)
-    derivative: Array  # (n, m, k)
+    derivative: Derivative  # (n, m, k)
     weight: Array  # (n, m)
+    sums: list[Sums]  # of each block of outputs
     precision: Array  # (k, k), weighted information and prior
     # (k,), of the log posterior: zero at its maximum, not quite where the steps ended before it
     gradient: Array

@@ -91,7 +91,7 @@ class HeldOut:
 
 def leave_blocks_out(fit: Fit, partitions: tuple[int, ...] = PARTITIONS) -> HeldOut:
     """Held-out predictions of a fit, linearised, with its noise and scales kept."""
-    n, m, k = fit.derivative.shape
+    (n, m), k = fit.residual.shape, fit.derivative.size
     edges = fit.edges
     count = len(edges) - 1
     gram_all = fit.grams.sum(axis=0)
@@ -114,11 +114,11 @@ def leave_blocks_out(fit: Fit, partitions: tuple[int, ...] = PARTITIONS) -> Held
             except np.linalg.LinAlgError:
                 continue
             if parts == count:
-                residual[rows] = fit.residual[rows] - fit.derivative[rows] @ delta
+                residual[rows] = fit.residual[rows] - fit.derivative.rows(rows).times(delta)
             rows = slice(edges[first], edges[last], every)
-            x = fit.derivative[rows]
-            length = np.linalg.norm((fit.residual[rows] - x @ delta)[:, :p], axis=1)
-            y = softer.whiten(x[:, :p].reshape(-1, k).T).reshape(k, -1, p)
+            x = fit.derivative.rows(rows, slice(p))
+            length = np.linalg.norm(fit.residual[rows, :p] - x.times(delta), axis=1)
+            y = softer.whiten(x.dense().reshape(-1, k).T).reshape(k, -1, p)
             spread = np.einsum("kni,knj->nij", y, y) + np.diag(fit.noise[:p] ** 2)
             ratio[rows] = length / radius_95(spread)
             if parts == count:

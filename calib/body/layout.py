@@ -5,7 +5,6 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from functools import lru_cache
 from itertools import product
-from types import MappingProxyType
 
 import numpy as np
 
@@ -29,7 +28,7 @@ class Layout:
         for group, own in parts.items():
             groups[group] = np.arange(start, start := start + len(own))
             groups[group].setflags(write=False)
-        self.groups: Mapping[str, Indices] = MappingProxyType(groups)
+        self.groups: Mapping[str, Indices] = groups  # a plain one: models are pickled
         self.size = start
 
 

@@ -11,6 +11,7 @@ from scipy.linalg import cho_solve, solve_triangular
 from scipy.linalg.lapack import dpotrf, dpotri, dtrtri
 
 from ..common.arrays import Array
+from .derivative import Derivative
 from .structure import Indices, Structure
 
 
@@ -105,34 +106,27 @@ def student_weights(r: Array, noise: Array, nu: float, blocks: tuple[int, ...]) 
 
 
 def sums_of(
-    x: Array,
+    x: Derivative,
     r: Array,
     w: Array,
     blocks: tuple[int, ...],
     edges: Indices,
     old: Sequence[Sums] = (),
 ) -> list[Sums]:
-    """Sums of each block of outputs: derivatives (n, m, k), residuals (n, m), weights (n, m).
+    """Sums of each block of outputs: derivatives, residuals (n, m) and weights (n, m).
 
     `edges` (b + 1,) are limits of blocks of rows. With `old` sums their grams are kept, which are
     by far the most work.
     """
     out = []
     for at, part in enumerate(slices(blocks)):
-        grams, moments = [], []
-        for rows in (slice(a, b) for a, b in pairwise(edges)):
-            weight, residual = w[rows, part], r[rows, part]
-            if old:
-                moments.append(np.tensordot(weight * residual, x[rows, part], axes=2))
-                continue
-            root = np.sqrt(weight)
-            a = (x[rows, part] * root[:, :, None]).reshape(-1, x.shape[2])
-            grams.append(a.T @ a)
-            moments.append(a.T @ (residual * root).ravel())
-        kept = old[at].grams if old else np.stack(grams)
-        gram = old[at].gram if old else kept.sum(axis=0)
-        square = float((w[:, part] * r[:, part] ** 2).sum())
-        out.append(Sums(kept, np.stack(moments), gram, square, r[:, part].size))
+        pulled = w[:, part] * r[:, part]
+        parts = [(slice(a, b), x.rows(slice(a, b), part)) for a, b in pairwise(edges)]
+        moments = np.stack([some.moment(pulled[rows]) for rows, some in parts])
+        grams = old[at].grams if old else np.stack([each.gram(w[r_, part]) for r_, each in parts])
+        gram = old[at].gram if old else grams.sum(axis=0)
+        square = float((pulled * r[:, part]).sum())
+        out.append(Sums(grams, moments, gram, square, pulled.size))
     return out
 
 

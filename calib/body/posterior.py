@@ -29,7 +29,7 @@ LEAST_SHARE = 0.5
 FEW = 1000
 """Rows from which on the second fit's spread is no more scaled by its held-out errors."""
 
-SETTLED = 0.05
+SETTLED = 0.2
 """Share of a posterior sd that the last step of a log's member moves at most."""
 
 STUDENT = 6.0

@@ -24,7 +24,7 @@ from .layout import SpatialLayout, spatial_layout
 from .spatial_loads import Loads
 from .spatial_slopes import by_joints, by_parameters
 from .spatial_view import Placed, View, compose, look
-from .structure import Structure
+from .structure import Indices, Structure
 from .views import SPATIAL, ViewKind
 
 _CHAIN_ARRAYS = ("axes", "points", "tip", "rotation", "coupling", "bias", "masses", "centres")
@@ -105,7 +105,14 @@ class SpatialStructure(Structure):
         """Outputs (n, m) at joint values (n, dof); a rotation is a rotation vector."""
         return self.seen(q, beta)[1].values
 
-    linearise, predict_and_slope = by_parameters, by_joints
+    def linearise(
+        self, q: Array, beta: Array, active: Indices | None = None
+    ) -> tuple[Array, Array]:
+        """Outputs (n, m) and their derivative (n, m, k) by the parameters `active` (or all)."""
+        values, x = self.derivative(q, beta, np.arange(self.size) if active is None else active)
+        return values, x.dense()
+
+    derivative, predict_and_slope = by_parameters, by_joints
 
     def retract(self, beta: Array, delta: Array) -> Array:
         """`beta` (d,) moved by `delta` (d,): the sum, or a step on a rotation."""

@@ -9,6 +9,7 @@ import numpy as np
 from ..arm.motion import Motion
 from ..common.arrays import Array
 from .curves import curve_slope, powers
+from .derivative import Derivative, Waves
 from .spatial_view import View
 from .structure import Indices
 
@@ -19,14 +20,18 @@ _STILL = np.zeros((3, 1))
 
 
 def by_parameters(
-    structure: SpatialStructure, q: Array, beta: Array, active: Indices | None = None
-) -> tuple[Array, Array]:
-    """Outputs (n, m) and their derivative (n, m, k) by the parameters `active` (or all)."""
-    wanted = np.arange(structure.size) if active is None else active
+    structure: SpatialStructure, q: Array, beta: Array, active: Indices
+) -> tuple[Array, Derivative]:
+    """Outputs (n, m) and their derivative by some parameters (k,)."""
     motion, view = structure.seen(q, beta)
     n, outputs = view.values.shape
-    columns = _Columns(n, outputs, structure.size, wanted)
     groups, layout = structure.groups, structure.layout
+    place = np.full(structure.size, -1)
+    place[active] = np.arange(len(active))
+    curves = [groups[f"curve.{k}"] for k in range(structure.dof)]
+    bare = ~np.isin(active, np.concatenate(curves))
+    columns = _Columns(n, outputs, structure.size, active[bare])
+    waved: list[Waves] = []
     for axis in range(3):
         columns.put(groups["view.rotation"][axis], lambda a=axis: view.turned(a))
         columns.put(groups["view.shift"][axis], lambda a=axis: view.shifted(a))
@@ -54,11 +59,16 @@ def by_parameters(
         own = np.tensordot(structure.chain.coupling[:, k], chained, axes=1)
         columns.put(groups["offset"][k], lambda own=own: own)
         columns.put(groups["gain"][k], lambda own=own, k=k: own * q[:, k])
-        curve = groups[f"curve.{k}"]
-        if columns.any(curve):
-            waves = powers(q[:, k])
-            columns.block(curve, own, np.concatenate([waves.real, waves.imag], axis=1))
-    return view.values, columns.out
+        stands = place[curves[k]]
+        if not (stands >= 0).any():
+            continue
+        chosen, waves = np.flatnonzero(stands >= 0), powers(q[:, k])
+        factors = np.concatenate([waves.real, waves.imag], axis=1)
+        gaps = np.flatnonzero(np.diff(stands[chosen]) != 1) + 1
+        for run in np.split(chosen, gaps):  # of harmonics in a row, mostly all of them
+            at = slice(int(stands[run[0]]), int(stands[run[-1]]) + 1)
+            waved.append(Waves(at, np.ascontiguousarray(own.T), factors[:, run]))
+    return view.values, Derivative(columns.out, np.flatnonzero(bare), tuple(waved))
 
 
 def by_joints(structure: SpatialStructure, q: Array, beta: Array) -> tuple[Array, Array]:
@@ -105,14 +115,3 @@ class _Columns:
         place = self._place[index]
         if place >= 0:
             self.out[:, :, place] = column().T
-
-    def block(self, indices: Indices, direction: Array, factors: Array) -> None:
-        """Set columns direction (outputs, n) times factors (n, g)."""
-        place = self._place[indices]
-        chosen = np.flatnonzero(place >= 0)
-        start = place[chosen[0]]
-        if (place[chosen] == start + np.arange(len(chosen))).all():
-            part = self.out[:, :, start : start + len(chosen)]
-            np.multiply(direction.T[:, :, None], factors[:, None, chosen], out=part)
-        else:
-            self.out[:, :, place[chosen]] = direction.T[:, :, None] * factors[:, None, chosen]

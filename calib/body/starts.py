@@ -7,6 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from ..common.arrays import Array
+from .derivative import Derivative
 from .normal import Factor, negative_log_likelihood, slices, student_weights, sums_of
 from .structure import Prior, Structure
 
@@ -129,7 +130,9 @@ def settle(
                 return beta, np.inf, np.inf
             sigma = _spread(r, extents, blocks)
             w = student_weights(r, sigma, NU, blocks)
-            parts = sums_of(x / sigma[:, None], r / sigma, w, blocks, np.array([0, len(r)]))
+            parts = sums_of(
+                Derivative.of(x / sigma[:, None]), r / sigma, w, blocks, np.array([0, len(r)])
+            )
             gram = np.sum([s.gram for s in parts], axis=0)
             pull = np.sum([s.moment for s in parts], axis=0) - (beta[active] - mean) / sd**2
             gram[np.diag_indices(len(sd))] += sd**-2.0

@@ -10,6 +10,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
+from functools import cached_property
 from typing import TYPE_CHECKING, Any, ClassVar, NamedTuple
 
 import numpy as np
@@ -18,6 +19,7 @@ from numpy.typing import NDArray
 from ..common.arrays import Array
 
 if TYPE_CHECKING:
+    from .derivative import Derivative
     from .layout import Layout
 
 Indices = NDArray[np.intp]
@@ -156,10 +158,10 @@ class Structure:
         """
         return self.layout.groups
 
-    @property
+    @cached_property
     def size(self) -> int:
         """Number d of parameters."""
-        return self.layout.size
+        return sum(len(ix) for ix in self.groups.values())  # a kind may leave groups out
 
     @property
     def units(self) -> Mapping[str, str]:
@@ -175,6 +177,13 @@ class Structure:
     ) -> tuple[Array, Array]:
         """Outputs (n, m) and their derivative (n, m, k) by the parameters `active` (or all)."""
         raise NotImplementedError
+
+    def derivative(self, q: Array, beta: Array, active: Indices) -> tuple[Array, Derivative]:
+        """The same with the derivative's structure, where it has one."""
+        from .derivative import Derivative
+
+        values, x = self.linearise(q, beta, active)
+        return values, Derivative.of(x)
 
     def predict_and_slope(self, q: Array, beta: Array) -> tuple[Array, Array]:
         """Outputs (n, m) and their derivative (n, m, dof) by the joint values."""

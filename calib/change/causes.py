@@ -122,4 +122,4 @@ def _noise(comparison: Comparison, drifted: bool) -> list[Cause]:
     factor, unit = for_people(comparison.unit_seen)
     words = f"the scatter is {factor * noise:.3g} {unit} per axis"
     words += f", {noise / tested.usual:.2g} times the usual"
-    return [Cause("noise", "noise", noise, None, comparison.unit_seen, words)]
+    return [Cause("noise", "noise", float(noise), None, comparison.unit_seen, words)]

@@ -141,8 +141,10 @@ class Comparison:
         gap = np.linalg.norm(self.z - self.body.predict(self.q), axis=1)[self.kept]
         told = np.nan_to_num(self.model.expected_error(self.q), nan=np.inf)
         told = np.maximum(told, self.belief.bound(self.q))[self.kept]
+        radius = float(chdtri(self.z.shape[1], 0.05))  # squared, of 95 % in units of a deviation
+        told = np.sqrt(told**2 + radius * self.log.shared**2)
         more = max(self.tested.noise**2 - self.tested.usual**2, 0.0)
-        noisy = np.sqrt(told**2 + float(chdtri(self.z.shape[1], 0.05)) * more)
+        noisy = np.sqrt(told**2 + radius * more)
         return float(np.median(gap / told)), float(np.median(gap / noisy))
 
     @cached_property

@@ -44,6 +44,7 @@ class Scale(ReadOnly):
             u = (x - self.lower) / self.span
         if self.periodic.any():
             u[:, self.periodic] %= 1.0
+            # of -1e-20 the remainder rounds to 1, which a periodic k-d tree refuses
             u[u == 1.0] = np.where(self.periodic, 0.0, 1.0)[np.nonzero(u == 1.0)[1]]
         return u
 

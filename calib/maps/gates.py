@@ -17,7 +17,7 @@ from .map import Map, search_tree
 _MOST = 200  # rows around a node that tell where a defect ends
 _FEWEST = 30  # of them at least, also beyond its cell
 _WIDE = 2.0  # spacings within which they lie: where the node speaks, at most
-_EACH = 4  # rows of either kind
+_WRONG, _CALM = 12, 4  # rows of either kind that a gate is told by at least
 _DIRECTIONS = 32  # that are tried
 _SURE = 8.0  # log-likelihood by which a gate has to explain the rows better than none
 _ROW = 40.0  # of one row at most: an outlier is no defect
@@ -46,7 +46,7 @@ def find_gates(
     used[:, :_FEWEST] = True
     wrong = used & ~calm[index]
     count = wrong.sum(axis=1)
-    edge = np.flatnonzero((count >= _EACH) & ((used & calm[index]).sum(axis=1) >= _EACH))
+    edge = np.flatnonzero((count >= _WRONG) & ((used & calm[index]).sum(axis=1) >= _CALM))
     if not len(edge):
         return None
     used, index, r2 = used[edge], index[edge], square[index[edge]]

@@ -12,6 +12,7 @@ import math
 from collections.abc import Sequence
 from dataclasses import dataclass, field
 from operator import mul
+from typing import Any
 
 import numpy as np
 
@@ -60,9 +61,10 @@ class NodeCells:
         # each node the short way round from its cell, so that no query has to ask
         turns = np.where(motor.scale.periodic, np.round(units[node] - centers[owner]), 0.0)
         seen = units[node] - turns
-        kept: dict[tuple[float, ...], tuple[float, ...]] = {}  # a point once, not in every cell
+        kept: dict[Any, Any] = {}  # a point and a number once, not in every cell
         rows = [kept.setdefault(row, row) for row in zip(*seen.T.tolist(), strict=True)]
-        ends, numbers = np.cumsum(counts).tolist(), node.tolist()
+        numbers = [kept.setdefault(n, n) for n in node.tolist()]
+        ends = np.cumsum(counts).tolist()
         cells = [(tuple(rows[a:b]), tuple(numbers[a:b])) for a, b in itertools.pairwise([0, *ends])]
         return NodeCells(side, count, cells)
 

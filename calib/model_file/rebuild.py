@@ -46,6 +46,7 @@ def build(header: Mapping[str, Any], tensors: Tensors) -> Model:
         or (np.abs(about.lower - motor.scale.lower) > 1e-6 * motor.scale.span).any()
     ):
         raise ValueError("the motor map has other limits than the joints")
+    # nothing but a tensor's shape says whether positions are in a plane or in space
     width = len(tensors.take("sensory.lower", (-1,)))
     if width not in (2, 3):
         raise ValueError(f"positions have {width} coordinates")

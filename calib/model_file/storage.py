@@ -142,11 +142,13 @@ def _unsigned(count: int) -> type[np.unsignedinteger[Any]]:
 def _checksum(tensors: Mapping[str, NDArray[Any]], header: Mapping[str, Any]) -> str:
     """SHA-256 of all tensors and of the rest of the description."""
     digest = hashlib.sha256()
+    # names, types and shapes count too: the same bytes may be read as other tensors
     for name in sorted(tensors):
         array = tensors[name]
         digest.update(f"{name} {array.dtype.str} {array.shape};".encode())
         digest.update(np.ascontiguousarray(array).tobytes())
     rest = {key: value for key, value in header.items() if key != "sha256"}
+    # a text may hold a lone surrogate, which UTF-8 alone refuses
     digest.update(_canonical(rest).encode("utf-8", "surrogatepass"))
     return digest.hexdigest()
 
@@ -183,6 +185,7 @@ def _read(path: Path) -> bytes:
     if status.st_size > _LARGEST:
         raise ModelError(f"{path}: {status.st_size:,} bytes are too many for a model")
     with path.open("rb") as file:
+        # of a large file that is no model only the start is held in memory
         start = file.read(_HEADER)
         return start + file.read(_LARGEST) if f'"{_KEY}"'.encode() in start else start
 

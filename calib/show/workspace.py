@@ -127,26 +127,22 @@ def level_lines(x: Array, y: Array, values: Array, level: float) -> Array:
     return np.concatenate([np.empty((0, 2, 2)), *pieces])
 
 
-def training_samples(model: Model) -> tuple[Array, Array] | None:
-    """Joints (n, dof) and positions (n, m) that a simulated model learned from, babbled again."""
+def training_rows(model: Model, samples: Samples | None) -> tuple[Array, Array, str]:
+    """Joints (n, dof) and positions (n, m) that a model learned from, and what they are.
+
+    Those of a simulation are babbled again; of a log they are those given, else those kept.
+    """
+    from ..samples.babbling import babble
     from ..training.evaluate import simulation_of
 
-    simulation = simulation_of(model)
-    if simulation is None:
-        return None
-    from ..samples.babbling import babble
-
-    about = model.about
-    noise, changes = simulation.noise, simulation.changes
-    drawn = babble(simulation.arm, about.samples, seed=about.seed, noise=noise, changes=changes)
-    return np.asarray(drawn.q), np.asarray(drawn.x)
-
-
-def training_positions(model: Model, samples: Samples | None) -> tuple[Array, str]:
-    """Positions (n, m) that a model learned from, as far as they can be had."""
+    about, simulation = model.about, simulation_of(model)
     if samples is not None:
-        return np.asarray(samples.x), "rows of the log"
-    drawn = training_samples(model)
-    return (
-        (np.empty((0, len(model.axes))), "") if drawn is None else (drawn[1], "babbled positions")
-    )
+        return np.asarray(samples.q), np.asarray(samples.x), "rows of the log"
+    if simulation is not None:
+        noise, changes = simulation.noise, simulation.changes
+        arm, n = simulation.arm, about.samples
+        drawn = babble(arm, n, seed=about.seed, noise=noise, changes=changes)
+        return np.asarray(drawn.q), np.asarray(drawn.x), "babbled positions"
+    if model.rows is not None:
+        return model.rows.q, model.rows.x, "rows kept of the log"
+    return np.empty((0, len(about.joint_names))), np.empty((0, len(model.axes))), ""

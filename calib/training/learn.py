@@ -51,7 +51,7 @@ class Options:
     # :data:`calib.maps.fields.LinkRule`
     links: str | LinkRule = "reciprocal"
     body: str = "auto"  # {"auto", "none"}, whether a kinematic model stands under the maps
-    view: str = "auto"  # what the sensor measures, see :func:`calib.body.fit_body`
+    view: str = "auto"  # what the sensor measures, see :func:`calib.body.fitting.fit_body`
 
     def to_json(self) -> dict[str, Any]:
         """Plain data for a model file."""

@@ -58,7 +58,7 @@ def find_smooth_part(
     samples : joint values and positions
     scale : range of the joints
     body : {"auto", "none"}, ``none`` leaves the kinematic model out
-    view : what the sensor measures, see :func:`calib.body.fit_body`
+    view : what the sensor measures, see :func:`calib.body.fitting.fit_body`
     seed : chooses rows where there are many
     """
     every = -(-len(samples) // LEARNED_ROWS)

@@ -58,7 +58,7 @@ def hits_itself(
             bodies.addCollisionPair(pin.CollisionPair(*pair))
     if not len(bodies.collisionPairs):
         return None
-    results = pin.GeometryData(bodies)
+    results = pin.GeometryData(bodies)  # anew: it holds the pairs there were when it was made
     hits = [pin.computeCollisions(model, data, bodies, results, at, True) for at in rows]
     return np.array(hits, dtype=bool)
 

@@ -14,10 +14,10 @@ import numpy as np
 
 from ..arm.arms import PlanarArm
 from ..arm.rotations import logarithm, similarity
+from ..body.derivative import Derivative
 from ..body.fitted import Fit
 from ..body.spatial import SpatialStructure, structure_of
 from ..body.spatial_prior import FREE, SCALES, SHIFT
-from ..body.spatial_slopes import by_parameters
 from ..body.structure import Indices, Prior
 from ..common.arrays import Array
 from ..model.alignment import Alignment
@@ -46,12 +46,10 @@ class InPlane(SpatialStructure):
         """Outputs (n, 2) at joint values (n, dof)."""
         return super().predict(q, beta)[:, :2]
 
-    def linearise(
-        self, q: Array, beta: Array, active: Indices | None = None
-    ) -> tuple[Array, Array]:
-        """Outputs (n, 2) and their derivative (n, 2, k) by the parameters `active` (or all)."""
-        seen, slope = by_parameters(self, q, beta, active)
-        return seen[:, :2], slope[:, :2]
+    def derivative(self, q: Array, beta: Array, active: Indices) -> tuple[Array, Derivative]:
+        """Outputs (n, 2) and their derivative by the parameters `active`."""
+        seen, slope = super().derivative(q, beta, active)
+        return seen[:, :2], slope.rows(slice(None), slice(2))
 
 
 def in_plane(arm: PlanarArm, unit: str = "m", extent: float = 1.0) -> InPlane:

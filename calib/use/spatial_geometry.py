@@ -142,7 +142,7 @@ def fit_spatial(
     if len(prior.active):
         nominal = fit_prior(structure, q, x, nominal, prior).beta
     prior = structure.prior((*groups, "placement", "offset"))
-    if not probe:
+    if not probe:  # a simulation's point is the tip, as sure as any other place
         prior.sd[tool] = SHIFT
         still = none if move_tip else tool
     first = np.concatenate([layout.shifts[0], layout.turns[0]])

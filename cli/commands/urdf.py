@@ -45,7 +45,6 @@ def urdf(
     from calib.common.atomic import atomic_write, check_writable
     from calib.use.correct import free_frame
     from calib.use.geometry import fit_geometry
-    from calib.use.planar_geometry import Geometry
     from calib.use.urdf import MOST_UNEXPLAINED, check_output, corrected_urdf
 
     check_writable(output)
@@ -65,7 +64,7 @@ def urdf(
             }
         )
     else:
-        show(_table(geometry) if isinstance(geometry, Geometry) else _in_space(geometry))
+        show(_table(geometry))
     if geometry.free:
         Notes().say(free_frame(loaded, cause))
     left = 100.0 * geometry.residual / geometry.reach
@@ -82,49 +81,35 @@ def urdf(
         tell(f"{output}: residual {rms}, with the nominal URDF {before}")
 
 
-def _table(geometry: Geometry) -> TextTable:
-    rows, arm, offsets, ends = [], geometry.arm, geometry.offsets, geometry.ends
-    for k, name in enumerate(arm.joint_names):
-        factor, unit = for_people("rad" if arm.revolute[k] else "m")
-        rows.append(_row(name, "offset", factor, unit, *(part[k] for part in offsets)))
-        for axis, label in enumerate(("along x", "along y")):
-            what = f"far end of its link, {label}"
-            rows.append(_row("", what, 1e3, "mm", *(part[k + 1, axis] for part in ends)))
-    if ends[1][0].any():
-        for axis, label in enumerate(("along x", "along y")):
-            name = "" if axis else "base"
-            rows.append(_row(name, label, 1e3, "mm", *(part[0, axis] for part in ends)))
-    return TextTable(
-        ["joint", "change of", "unit", "value", "+-"], rows, "against the URDF", left=3
-    )
+def _table(geometry: Geometry | SpatialGeometry) -> TextTable:
+    """Return what differs from the URDF, a line for each number; `geometry` is as its JSON."""
+    import numpy as np
 
-
-def _in_space(geometry: SpatialGeometry) -> TextTable:
-    structure, beta, half = geometry.structure, geometry.beta, 1.96 * geometry.sd
-    groups, layout, revolute = structure.groups, structure.layout, geometry.arm.revolute
+    told, arm = geometry.to_json(), geometry.arm
     found = []
-    for k, name in enumerate(geometry.arm.joint_names):
-        kind = "rad" if revolute[k] else "m"
-        found.append((name, "offset", kind, groups["offset"][[k]]))
-    for i, name in enumerate(geometry.places):
-        found.append((name, "origin along {}", "m", layout.shifts[i]))
-        found.append((name, "origin about {}", "rad", layout.turns[i]))
-    written = "" if geometry.move_tip else ", not written"
-    found.append((f"sensed point{written}", "along {}", "m", groups["tool"]))
-    found.append((f"sensed point{written}", "about {}", "rad", groups["tool.rotation"]))
+    for name, turns in zip(arm.joint_names, arm.revolute, strict=True):
+        found.append((name, "offset", "rad" if turns else "m", told["offsets"][name]))
+        if "moved" in told:
+            found.append((name, "far end of its link, along {}", "m", told["moved"][name]))
+    places = [(name, "origin ", each) for name, each in told.get("places", {}).items()]
+    if "tip" in told:
+        written = "" if told["tip"]["written"] else ", not written"
+        places.append((f"sensed point{written}", "", told["tip"]))
+    for name, what, each in places:
+        found.append((name, f"{what}along {{}}", "m", each["shift"]))
+        found.append((name, f"{what}about {{}}", "rad", each["turn"]))
+    if "base" in told:
+        found.append(("base", "along {}", "m", told["base"]))
     rows, last = [], ""
-    for name, what, kind, indices in found:
-        if not half[indices].any():
-            continue
+    for name, what, kind, each in found:
+        values, widths = np.ravel(each["value"]), np.ravel(each["interval"])
+        if not widths.any() and (name == "base" or "places" in told):
+            continue  # what was not fitted
         factor, unit = for_people(kind)
-        for axis, index in zip("xyz", indices.tolist(), strict=False):
-            shown = "" if name == last else name
+        for axis, value, width in zip("xyz", values.tolist(), widths.tolist(), strict=False):
+            shown = ["" if name == last else name, what.format(axis), unit]
+            rows.append([*shown, fixed(factor * value, 4), number(factor * width)])
             last = name
-            rows.append(_row(shown, what.format(axis), factor, unit, beta[index], half[index]))
     return TextTable(
         ["joint", "change of", "unit", "value", "+-"], rows, "against the URDF", left=3
     )
-
-
-def _row(name: str, what: str, factor: float, unit: str, value: float, width: float) -> list[str]:
-    return [name, what, unit, fixed(factor * float(value), 4), number(factor * float(width))]

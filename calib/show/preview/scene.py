@@ -15,7 +15,7 @@ from ...model.model import Model
 from ...samples.samples import Samples
 from ..arrows import Arrows
 from ..error_scale import ErrorScale, colours, stops
-from ..workspace import extent, motor_errors, outline, sensory_errors, training_positions
+from ..workspace import extent, motor_errors, outline, sensory_errors, training_rows
 from . import arm as arm_layer
 from .arm import DrawnArm
 from .canvas import POINT, Canvas
@@ -165,7 +165,7 @@ class _Drawing:
         self.canvas.points(f"{name}/points", points, colours(scale.share(errors)), 1.5 * dot)
 
     def _samples(self) -> None:
-        x, what = training_positions(self.model, self.samples)
+        _, x, what = training_rows(self.model, self.samples)
         if not len(x):
             return
         shown = x[thinned(len(x), _MOST_SAMPLES)]

@@ -17,7 +17,7 @@ from ...training.evaluate import (
     simulation_of,
     summarise,
 )
-from ..workspace import extent, training_samples
+from ..workspace import extent, training_rows
 
 
 @dataclass(frozen=True, eq=False)
@@ -48,29 +48,24 @@ class Evidence:
 
 def gather(model: Model, samples: Samples | None = None) -> Evidence:
     """Evaluate a model, on a log or on fresh samples of the simulated arm."""
-    about = model.about
     simulation = simulation_of(model)
+    q, x, _ = training_rows(model, samples)
     residuals, source = None, "rows held out in contiguous blocks while it was trained"
-    errors, left_out = dict(about.errors), 0
-    if samples is not None:
-        residuals = Residuals.join([evaluate_residuals(model, samples.q, samples.x, None)])
-        left_out = residuals.left_out
-        errors = summarise(residuals) if len(residuals.q) else errors
-        source = f"{len(residuals.q):,} rows of the log that was given"
-        q, x = samples.q, samples.x
-    elif simulation is not None:
+    errors, left_out = dict(model.about.errors), 0
+    if samples is None and simulation is not None:
         residuals = fresh_residuals(model, simulation)
-        errors = summarise(residuals)
         source = f"{len(residuals.q):,} fresh exact samples"
-        drawn = training_samples(model)
-        assert drawn is not None  # noqa: S101 - it is simulated
-        q, x = drawn
-    elif model.rows is not None and len(model.rows):
-        # heat maps of the rows that are kept; the errors stay those of held-out rows
-        q, x = model.rows.q, model.rows.x
+    elif len(q):
         residuals = Residuals.join([evaluate_residuals(model, q, x, None)])
-    else:
-        q, x = np.empty((0, len(about.joint_names))), np.empty((0, len(model.axes)))
+    if samples is not None and residuals is not None:
+        left_out, source = (
+            residuals.left_out,
+            f"{len(residuals.q):,} rows of the log that was given",
+        )
+    # kept rows are good for heat maps, but the model learned from them: their errors are too small
+    learned = samples is None and simulation is None
+    if residuals is not None and len(residuals.q) and not learned:
+        errors = summarise(residuals)
     noise = None if simulation is None else simulation.noise
     u = model.motor.scale.to_unit(np.array(q))
     v = model.sensory.scale.to_unit(np.array(x))
