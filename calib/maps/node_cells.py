@@ -71,8 +71,7 @@ class NodeCells:
     def near(self, u: Sequence[float]) -> Near:
         """Nodes that speak for a point of the unit box, and their weights, which sum to 1."""
         points, nodes = self.cells[self._place(u)]
-        # the loop over candidates is C's: in Python it takes twice as long
-        away = list(map(math.dist, points, itertools.repeat(u)))
+        away = _distances(points, u)
         furthest = sorted(away)[self.count]
         found, weights = [], []
         for d, n in zip(away, nodes, strict=True):
@@ -101,12 +100,32 @@ class NodeCells:
             if not 0.0 <= value <= 1.0:
                 return None
         points, nodes = self.cells[self._place(u)]
-        away = list(map(math.dist, points, itertools.repeat(u)))
+        away = _distances(points, u)
         least = min(away)
         return least, nodes[away.index(least)]
 
     def blend(self, u: Sequence[float], values: Sequence[float]) -> float:
         """Values of the nodes, blended at a point of the unit box."""
-        nodes, weights = self.near(u)
-        total: float = sum(map(mul, weights, map(values.__getitem__, nodes)))
-        return total
+        points, nodes = self.cells[self._place(u)]
+        away = _distances(points, u)
+        furthest = sorted(away)[self.count]
+        total = blended = 0.0
+        for d, n in zip(away, nodes, strict=True):
+            if d < furthest:  # the weights of `near`, without lists of them
+                share = d / furthest
+                weight = 1.0 - share * share
+                weight *= weight
+                total += weight
+                blended += weight * values[n]
+        if total > 0.0:
+            return blended / total
+        found, weights = self.near(u)
+        return sum(map(mul, weights, map(values.__getitem__, found)))
+
+
+def _distances(points: Points, u: Sequence[float]) -> list[float]:
+    """Distances of points from one, in a loop of C: Python's takes twice as long.
+
+    `math.dist` copies what is no tuple, each time.
+    """
+    return list(map(math.dist, points, itertools.repeat(tuple(u))))
