@@ -119,8 +119,9 @@ class NodeCells:
                 blended += weight * values[n]
         if total > 0.0:
             return blended / total
-        found, weights = self.near(u)
-        return sum(map(mul, weights, map(values.__getitem__, found)))
+        found, weights = self.near(u)  # all equally far
+        mean: float = sum(map(mul, weights, map(values.__getitem__, found)))
+        return mean
 
 
 def _distances(points: Points, u: Sequence[float]) -> list[float]:
