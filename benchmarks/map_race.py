@@ -188,7 +188,7 @@ def _promising(peer: Peer, race: Race, smaller: list[dict[str, Any]]) -> list[Se
         s for s in settings
         if presented(peer, s) >= least * race.side**2
         and (round(s.start / race.side, 3), s.end) in radii
-    ]  # fmt: skip
+    ] or settings  # fmt: skip
 
 
 def _search(course: Course, peer: Peer, settings: list[Setting]) -> dict[str, Any]:
