@@ -123,6 +123,8 @@ def judged_trials(what: str, trials: list[Trial]) -> Iterator[Row]:
         "unit": "",
         "most": 0.8,
     }
+    if not moved:
+        return
     yield {
         "what": f"coverage on the rest after an adaptation, mean of {len(moved)}",
         "measured": 100 * float(np.mean([t.covered for t in moved])),

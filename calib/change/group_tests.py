@@ -17,6 +17,7 @@ from ..common.arrays import Array
 from .members import FRAME, TESTED, drift, parts_of
 from .reference import Reference
 from .rows import TESTED_ROWS, Log
+from .seen import design_effect
 from .whitening import scaled, spectrum
 
 FALSE_ALARM = 1e-3
@@ -150,6 +151,8 @@ def group_tests(body: Body, reference: Reference, log: Log, probes: Array) -> Te
     places = structure.blocks[0]
     moves = np.sqrt((moves[:, :places] ** 2).sum(axis=1).mean(axis=0))
     derivative = space.turn_columns(x)
+    # maps' errors are alike near each other: a statistic is so many times that of noise
+    unsure = design_effect(structure, log.q, noise * float(scaled(body).size[0]))
     found = []
     for name, indices in groups.items():
         if name.startswith("elastic"):  # of a joint about a vertical axis no load is felt
@@ -170,6 +173,7 @@ def group_tests(body: Body, reference: Reference, log: Log, probes: Array) -> Te
             threshold = float(chdtri(p, level))
         else:
             threshold = p * float(fdtri(p, max(len(y) - len(every), 1), 1.0 - level))
+        threshold *= unsure
         estimate = (vt[kept].T / s[kept]) @ score / size
         deviation = np.sqrt(((vt[kept].T / s[kept]) ** 2).sum(axis=1)) / size
         # the noncentrality with which the statistic exceeds its threshold nine times in ten

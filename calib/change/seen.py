@@ -17,14 +17,16 @@ from numpy.typing import NDArray
 from ..body import planar_view
 from ..body.belief import Body
 from ..body.planar import PlanarStructure
-from ..body.structure import Indices
+from ..body.structure import Indices, Structure
 from ..common.arrays import Array
+from ..maps.map import search_tree
 
 if TYPE_CHECKING:
     from ..model.model import Model
 
 _RADIUS_95 = 2.448  # radius that holds 95 % of a 2-D Gaussian of standard deviation 1
 _VIEW = ("view.", "lens")
+_ALIKE = 3.0  # spacings of nodes within which the errors of maps have one sign
 
 
 @dataclass(frozen=True)
@@ -101,3 +103,21 @@ def seen_body(model: Model) -> Body:
         6.0,
         1.0,
     )
+
+
+def design_effect(structure: Structure, q: Array, noise: float) -> float:
+    """How much more a sum over rows varies by the errors of maps than by noise alone (Kish 1965).
+
+    A lattice's errors keep their sign over some nodes: they are neither the noise of single rows
+    nor a residual as smooth as a body's.  1 where a body predicts.
+
+    q : (n, dof)
+    noise : [unit], of one row along an axis, with the errors of maps in it
+    """
+    if not isinstance(structure, SeenStructure):
+        return 1.0
+    model = structure.model
+    own = np.nanmean((model.model_error(q) / _RADIUS_95) ** 2)
+    tree = search_tree(model.motor.scale.to_unit(q), model.motor.scale)
+    others = 2 * len(tree.query_pairs(_ALIKE * model.motor.spacing)) / len(q)
+    return float(1.0 + others * min(own / noise**2, 1.0))
