@@ -12,8 +12,8 @@ from ..common.arrays import Array
 from ..common.wording import for_people
 from ..model.model import Model
 from .adaptation import Adaptation
-from .carry import carry
-from .comparison import Comparison, carried
+from .carry import carried_offset, carry
+from .comparison import Comparison
 from .own_residual import OwnResidual
 
 _RADIUS_95 = 2.448  # radius that holds 95 % of a 2-D Gaussian of standard deviation 1
@@ -34,7 +34,7 @@ def rebuilt(found: Comparison, body: Body, own: OwnResidual | None, *, anew: boo
         if anew:
             return body.predict(q)
         if np.any(added):
-            added = carried(found.body, body, body.beta, q, added)
+            added = carried_offset(found.body, body, body.beta, q, added)
         predicted = body.predict(q) + added
         return predicted if own is None else predicted + own.value(q)
 
