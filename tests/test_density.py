@@ -233,9 +233,10 @@ def test_no_node_is_left_with_fewer_than_five_samples(per_node, dim):
     share = rationed(wrong, per_node, dim)
     dense = share ** (dim / (dim + 2))
     rows = per_node * dense.mean() / dense  # of each node, where the density follows the gain
-    assert rows.min() == pytest.approx(5.0)
-    free = share < share.max()
     plain = np.clip(wrong / wrong.mean(), 0.05, 50)
+    capped = share.max() < plain.max()
+    assert rows.min() == pytest.approx(5.0) if capped else rows.min() > 5.0
+    free = share < share.max()
     np.testing.assert_array_equal(share[free], plain[free])
 
 
