@@ -41,9 +41,8 @@ def find_gates(
     Returns a and b of each node's factor, see :func:`opening`; 0 and 1 where it is open everywhere.
     """
     dof = u.shape[1]
-    inside = np.where(motor.scale.periodic, motor.units % 1.0, motor.units)
-    near = np.arange(1, min(_MOST, len(u)) + 1)
-    distance, index = map(np.asarray, search_tree(u, motor.scale).query(inside, k=near, workers=-1))
+    near, at = np.arange(1, min(_MOST, len(u)) + 1), motor.scale.wrapped(motor.units)
+    distance, index = map(np.asarray, search_tree(u, motor.scale).query(at, k=near, workers=-1))
     used = distance <= _WIDE * motor.spacings[:, None]
     used[:, :_FEWEST] = True
     wrong = used & ~calm[index]

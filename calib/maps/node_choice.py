@@ -177,7 +177,7 @@ def _mostly(
     of_wrong = np.bincount(index.ravel(), (weight * wrong[:, None]).ravel(), motor.size)
     mostly = np.asarray(of_wrong > 0.5 * of_node)
     alone = np.flatnonzero(of_node == 0.0)
-    at = np.where(motor.scale.periodic, motor.units[alone] % 1.0, motor.units[alone])
+    at = motor.scale.wrapped(motor.units[alone])
     mostly[alone] = wrong[nearest_points(u, motor.scale, at)[1][:, 0]]
     return mostly
 
