@@ -9,8 +9,7 @@ import numpy as np
 
 from ..common.arrays import Array
 from .belief import Body, Second
-from .fit import MANY, maximise
-from .fitted import Fit
+from .fit import MANY, Fit, maximise
 from .gate import Passed, Tried, choose_member
 from .held_out import HeldOut, leave_blocks_out
 from .packing import pack, unpack

@@ -12,8 +12,8 @@ from ..common.arrays import Array
 from ..common.rows import thinned
 from ..model.alignment import Alignment
 from ..model.baseline import learn_baseline
+from ..model.measured import Rows
 from ..model.model import Model
-from ..model.rows import Rows
 from ..training.evaluate import evaluate_residuals, summarise
 from .cause import Cause
 from .comparison import Comparison

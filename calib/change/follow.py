@@ -22,10 +22,8 @@ from ..maps.lattice import Lattice
 from ..maps.links import oja, sparse_links
 from ..maps.map import Map
 from ..maps.online import present
-from .radius import matching_sigma
 from .settled import settled_model
-from .step import Step
-from .watch import Watch
+from .watch import Step, Watch, matching_sigma
 
 if TYPE_CHECKING:
     from ..model.model import Model

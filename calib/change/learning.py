@@ -11,7 +11,7 @@ import numpy as np
 from ..common.arrays import Array
 from ..model.baseline import learn_baseline
 from .follow import BLOCK, OnlineAdapter
-from .step import Step
+from .watch import Step
 
 if TYPE_CHECKING:
     from ..model.about import About

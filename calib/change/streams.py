@@ -22,7 +22,7 @@ from ..model.schemas import Schema
 from .follow import HORIZON, check_followable
 from .learning import SETTLED, Learning
 from .schemas import MOST, OUTSIDE, compare, in_state
-from .step import Step
+from .watch import Step
 
 if TYPE_CHECKING:
     from ..model.model import Model

@@ -15,8 +15,7 @@ from ..maps.predictor import Predictor
 from .closest import closest
 from .newton import CLOSE, Newton
 from .self_motions import representatives
-from .singular_points import twins
-from .starts import Starts, damped_inverse
+from .starts import Starts, damped_inverse, twins
 
 SAME = 1e-5
 """Solutions closer than this share of the joints' range are one."""

@@ -21,10 +21,8 @@ from ..maps.links import Wiring
 from ..maps.map import HISTORY, Map
 from ..maps.predictor import Predictor
 from ..model.about import About
-from ..model.photo import Photo
-from ..model.rows import MOST, Rows
-from .parts import WHOLE, Tensors, build_baseline, build_models
-from .smooth_part import build_smooth
+from ..model.measured import MOST, Photo, Rows
+from .parts import WHOLE, Tensors, build_baseline, build_models, build_smooth
 
 if TYPE_CHECKING:
     from ..model.model import Model

@@ -14,8 +14,17 @@ from ..maps.linear_models import LinearModels
 from ..maps.map import Map
 from ..maps.predictor import Predictor
 from ..model.schemas import Schema, check_name
-from .parts import Tensors, baseline_tensors, build_baseline, build_models, models_header, whole
-from .smooth_part import build_smooth, smooth_header, smooth_tensors
+from .parts import (
+    Tensors,
+    baseline_tensors,
+    build_baseline,
+    build_models,
+    build_smooth,
+    models_header,
+    smooth_header,
+    smooth_tensors,
+    whole,
+)
 
 if TYPE_CHECKING:
     from ..model.model import Model

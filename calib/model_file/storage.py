@@ -20,9 +20,8 @@ from ..maps.graph import Graph
 from ..maps.linear_models import to_shifts
 from ..model.schemas import FIRST
 from . import schemas
-from .parts import Tensors, baseline_tensors, models_header
+from .parts import Tensors, baseline_tensors, models_header, smooth_header, smooth_tensors
 from .rebuild import build
-from .smooth_part import smooth_header, smooth_tensors
 
 if TYPE_CHECKING:
     from ..model.model import Model

@@ -91,7 +91,7 @@ class _Writer:
     def text(self) -> tuple[str, int]:
         """The whole header, and the bytes of its tables."""
         structure, beta = self.body.structure, self.body.beta
-        words, nominal, pose = self._words(), "", ()
+        words, nominal, pose = self._words(), "", list[str]()
         if isinstance(structure, PlanarStructure):
             tables, own_words = c_tables.planar(structure, beta, self.single)
             nominal = self._nominal_in_plane(structure)
@@ -102,7 +102,7 @@ class _Writer:
             if structure.informed:
                 there = nominal_in_space(structure, beta)
                 nominal = c_tables.spatial_arm("calib_nominal", structure, there, self.single)
-            kind, pose = "spatial", ("pose",)
+            kind, pose = "spatial", ["pose"]
             body = ["spatial_chain", *["pinhole"] * structure.camera, "spatial_seen"]
             keeps = bool(nominal) and structure.dof >= 6
             words["limit"] = self._n(usual_limit(self.model).max() if keeps else 0.0)
