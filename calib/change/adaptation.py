@@ -111,17 +111,8 @@ def finished(
             "mean": usual.get("mean"),
         },
     }
-    unit = found.unit_seen
-    about = replace(
-        old.about,
-        source="log",
-        bound_of="sensor reading",
-        simulation=None,
-        samples=made.samples,
-        taught=False,
-        unit=unit,
-        errors=errors,
-        notes=made.notes,
+    about = old.about.measured(
+        samples=made.samples, unit=found.unit_seen, errors=errors, notes=made.notes
     )
     points = np.random.default_rng(0).random((_BASELINE, found.q.shape[1]))
     baseline = learn_baseline(fresh.association, points, fresh.predictor.value(points), after)

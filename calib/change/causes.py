@@ -67,7 +67,9 @@ def _of_frame(comparison: Comparison) -> list[Cause]:
     found = []
     if reference.mirrored:
         words = "the log's positions are mirrored, compared with the model"
-        if _swapped(comparison):
+        old = comparison.body.predict(comparison.probes)
+        new = reference.structure.predict(comparison.probes, reference.beta)
+        if old.shape[1] == 2 and Alignment.between(old, new).swapped:
             words = "x and y of the log are exchanged, compared with the model"
         found.append(Cause("mirror", "view.mirror", None, None, "", words))
     for k in reference.turned:
@@ -78,17 +80,9 @@ def _of_frame(comparison: Comparison) -> list[Cause]:
         found.append(Cause(f"lost:{names[k]}", "gain", 0.0, None, "1", words))
     if reference.scale != 1.0:
         ratio = reference.scale
-        words = f"the log's positions are {ratio:.4g} times the model's"
-        words += unit_hint(ratio)
+        words = f"the log's positions are {ratio:.4g} times the model's{unit_hint(ratio)}"
         found.append(Cause("scale", "view.scale", ratio, None, "1", words))
     return found
-
-
-def _swapped(comparison: Comparison) -> bool:
-    reference = comparison.reference
-    old = comparison.body.structure.predict(comparison.probes, comparison.body.beta)
-    new = reference.structure.predict(comparison.probes, reference.beta)
-    return old.shape[1] == 2 and Alignment.between(old, new).swapped
 
 
 def _of_tests(comparison: Comparison) -> list[Cause]:
@@ -126,8 +120,8 @@ def _noise(comparison: Comparison, drifted: bool) -> list[Cause]:
     if noise < _NOISIER * tested.usual:
         return []
     factor, unit = for_people(comparison.unit_seen)
-    words = f"the scatter is {factor * noise:.3g} {unit} per axis"
-    words += f", {noise / tested.usual:.2g} times the usual"
+    usual = f"{noise / tested.usual:.2g} times the usual"
+    words = f"the scatter is {factor * noise:.3g} {unit} per axis, {usual}"
     return [Cause("noise", "noise", float(noise), None, comparison.unit_seen, words)]
 
 
@@ -161,12 +155,11 @@ def same_as_first_joint(
     seen = structure.predict(comparison.probes, body.beta)
     moved = body.beta.copy()
     sense = int(getattr(structure, "mirror", 1))
-    moved[int(np.asarray(offset)[0])] += sense * sensor.value
+    moved[offset[0]] += sense * sensor.value
     best = comparison.explanations[0].beta if comparison.changed else body.beta
     framed = body.beta.copy()
     for group in FRAME:
-        ix = np.asarray(structure.groups[group])
-        framed[ix] = best[ix]
+        framed[structure.groups[group]] = best[structure.groups[group]]
     change = structure.predict(comparison.probes, framed) - seen
     gap = change - (structure.predict(comparison.probes, moved) - seen)
     if np.linalg.norm(gap) > _ALIKE * np.linalg.norm(change) + 1e-12:
@@ -191,14 +184,13 @@ def same_as_scale(comparison: Comparison, found: list[Cause]) -> tuple[list[Caus
         "give `cause='joints'` or `cause='sensor'` if you know which"
     )
     told = [words] if comparison.cause is None else []
-    scale = next((c for c in found if c.cause == "scale" and c.interval is not None), None)
-    if scale is not None:
+    if any(c.cause == "scale" and c.interval is not None for c in found):
         return [], told
     longer = {c.cause: c for c in found if c.group == "length"}
     if len(longer) < len(about.joint_names):
         return [], []
     ratios = []
-    for name, index in zip(about.joint_names, np.asarray(lengths), strict=True):
+    for name, index in zip(about.joint_names, lengths, strict=True):
         value, interval = longer[f"length:{name}"].value, longer[f"length:{name}"].interval
         if value is None or interval is None:
             return [], []

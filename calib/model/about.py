@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping, Sequence
-from dataclasses import asdict, dataclass, field, fields
+from dataclasses import asdict, dataclass, field, fields, replace
 from typing import Any
 
 import numpy as np
@@ -100,6 +100,11 @@ class About(ReadOnly):
     def units_of_joints(self) -> tuple[str, ...]:
         """Unit of each joint: "rad" or "m"."""
         return tuple("rad" if turns else "m" for turns in self.revolute)
+
+    def measured(self, **facts: Any) -> About:
+        """The same facts but for these, of a model that now rests on what a sensor read."""
+        told: dict[str, Any] = {"source": "log", "bound_of": "sensor reading", "simulation": None}
+        return replace(self, **told, taught=False, **facts)
 
     def to_json(self) -> dict[str, Any]:
         """Plain data, as it is stored in a model file."""

@@ -72,17 +72,10 @@ class Schema:
     def of(cls, model: Model, name: str | None = None) -> Schema:
         """The present state of a model, under its own name or another one."""
         return cls(
-            model.schema if name is None else name,
-            model.sensory,
-            model.predictor,
-            model.bounds,
-            model.model_bounds,
-            model.trust.most,
-            model.visited,
-            model.baseline,
-            model.about.bound_of,
-            model.about.samples,
-        )
+            model.schema if name is None else name, model.sensory, model.predictor, model.bounds,
+            model.model_bounds, model.trust.most, model.visited, model.baseline,
+            model.about.bound_of, model.about.samples,
+        )  # fmt: skip
 
     @property
     def noise(self) -> float:

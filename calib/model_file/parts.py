@@ -165,9 +165,8 @@ def smooth_header(smooth: Smooth) -> dict[str, Any]:
 def smooth_tensors(smooth: Smooth) -> dict[str, NDArray[Any]]:
     """Arrays of a smooth part, by name."""
     body, trend = _parts(smooth)
-    tensors: dict[str, NDArray[Any]] = {}
-    if body is not None:
-        tensors |= {_BODY + name: array for name, array in body_arrays(body).items()}
+    own = {} if body is None else body_arrays(body)
+    tensors = {_BODY + name: array for name, array in own.items()}
     if trend is not None:
         tensors["trend.coefficients"] = trend.coefficients
     return tensors

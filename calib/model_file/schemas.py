@@ -45,13 +45,11 @@ def pack(schemas: Sequence[Schema]) -> tuple[list[dict[str, Any]], dict[str, NDA
     """Descriptions and tensors of the schemas that fit into :data:`BYTES`."""
     described: list[dict[str, Any]] = []
     tensors: dict[str, NDArray[Any]] = {}
-    total = 0
     for k, schema in enumerate(schemas[:_MOST]):
-        own = _tensors(schema)
-        total += sum(array.nbytes for array in own.values())
-        if total > BYTES:
+        own = {f"{PREFIX}{k}.{name}": array for name, array in _tensors(schema).items()}
+        if sum(array.nbytes for array in (*tensors.values(), *own.values())) > BYTES:
             break
-        tensors.update({f"{PREFIX}{k}.{name}": array for name, array in own.items()})
+        tensors |= own
         described.append(
             {
                 "name": schema.name,
