@@ -24,6 +24,7 @@ STEPS = 40
 ROUND, QUIET = 96, 2
 ROUNDS = 12  # at most
 _MOST = 64  # branches; more are those of a redundant arm
+_SLACK = 1e-9  # [rad or m] by which a joint may be rounded beyond its range
 _TOGETHER = 50  # poses that are searched side by side
 #: A pose is reached within this share of the arm's length, and solutions this far apart [rad or m]
 #: are different branches.
@@ -38,16 +39,18 @@ class Joints:
     upper: Array
     revolute: tuple[bool, ...]
 
+    @property
+    def middle(self) -> Array:
+        """Middle (dof,) of the ranges."""
+        return 0.5 * (self.lower + self.upper)
+
     def within(self, q: Array) -> tuple[Array, NDArray[np.bool_]]:
         """Joint values (n, dof) by whole turns into the ranges, and whether all are inside (n,)."""
         turns = np.asarray(self.revolute)
-        middle = 0.5 * (self.lower + self.upper)
-        away = np.where(turns, np.round((q - middle) / (2 * np.pi)), 0.0)
+        away = np.where(turns, np.round((q - self.middle) / (2 * np.pi)), 0.0)
         out = q - 2 * np.pi * away
-        slack = 1e-9
-        near = (out >= self.lower - slack) & (out <= self.upper + slack)
-        inside = np.asarray(near.all(axis=1))
-        return np.clip(out, self.lower, self.upper), inside
+        near = (out >= self.lower - _SLACK) & (out <= self.upper + _SLACK)
+        return np.clip(out, self.lower, self.upper), np.asarray(near.all(axis=1))
 
     def draw(self, n: int, rng: np.random.Generator) -> Array:
         """Joint values (n, dof) drawn from the ranges."""

@@ -154,8 +154,7 @@ class Space:
         those of the pose where they are known.
         """
         p, r = np.asarray(position, dtype=float), matrix_of(np.asarray(quaternion, dtype=float))
-        middle = 0.5 * (self.joints.lower + self.joints.upper)
-        anchor = middle if near is None else np.asarray(near, dtype=float)
+        anchor = self.joints.middle if near is None else np.asarray(near, dtype=float)
         found = branches
         if found is None:
             (found,) = pose_branches(
@@ -184,8 +183,7 @@ class Space:
         the tip has at `near` as far as the joints allow.
         """
         p = np.asarray(position, dtype=float)
-        middle = 0.5 * (self.joints.lower + self.joints.upper)
-        anchor = middle if near is None else np.asarray(near, dtype=float)
+        anchor = self.joints.middle if near is None else np.asarray(near, dtype=float)
         q, left = self._near(p, anchor[None], keep)
         if left[0] > REACHED * self.length:  # the way from there may end at a limit
             q, left = self._near(p, self.joints.draw(_STARTS, np.random.default_rng(0)), False)
