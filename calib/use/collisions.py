@@ -89,8 +89,8 @@ def hides_its_tip(
         sight, middle = coal.Capsule(_SIGHT, length), coal.Transform3s(turn, tip + 0.5 * way)
         for k in links:
             own = coal.Transform3s(places.oMg[k].rotation, places.oMg[k].translation)
-            geometry, found = bodies.geometryObjects[k].geometry, coal.CollisionResult()
-            if coal.collide(geometry, own, sight, middle, coal.CollisionRequest(), found):
+            asked = bodies.geometryObjects[k].geometry, own, sight, middle
+            if coal.collide(*asked, coal.CollisionRequest(), coal.CollisionResult()):
                 hidden[i] = True
                 break
     return hidden

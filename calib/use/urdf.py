@@ -59,17 +59,13 @@ def corrected_urdf(geometry: SpatialGeometry) -> str:
             parameter="tip",
             value=arm.tip,
         )
-    rotation = np.eye(3)
-    changes: dict[str, dict[str, Array]] = {}
+    rotation, changes = np.eye(3), dict[str, dict[str, Array]]()
     for joint in joints:
         own = moved.get(joint.name, Moved())
         origin, lock = _origin(joint), _motion(joint, arm.locked.get(joint.name, 0.0))
-        change = np.eye(4)
-        change[:3, :3] = exponential(rotation.T @ own.turn)
-        change[:3, 3] = rotation.T @ (own.shift + tip.shift * (joint is last))
-        new = origin.copy()
-        new[:3, :3] = change[:3, :3] @ origin[:3, :3]
-        new[:3, 3] += change[:3, 3]
+        new = origin.copy()  # moved about itself, by what is known in the root's axes
+        new[:3, :3] = exponential(rotation.T @ own.turn) @ origin[:3, :3]
+        new[:3, 3] += rotation.T @ (own.shift + tip.shift * (joint is last))
         new = new @ _motion(joint, own.value)
         if joint is last and tip.turn.any():
             turn = np.eye(4)
