@@ -44,10 +44,8 @@ class Newton:
         """
         if len(u) <= _CHUNK:
             return self._refine(u, x, tolerance)
-        parts = [
-            self._refine(u[i : i + _CHUNK], x[i : i + _CHUNK], tolerance)
-            for i in range(0, len(u), _CHUNK)
-        ]
+        chunks = (slice(i, i + _CHUNK) for i in range(0, len(u), _CHUNK))
+        parts = [self._refine(u[rows], x[rows], tolerance) for rows in chunks]
         return np.concatenate([p[0] for p in parts]), np.concatenate([p[1] for p in parts])
 
     def _refine(self, start: Array, target: Array, tolerance: float) -> tuple[Array, Array]:

@@ -9,6 +9,7 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass
+from itertools import permutations
 
 import numpy as np
 from numpy.typing import NDArray
@@ -199,19 +200,8 @@ class _Search:
 
 def _flipped(q: Array, joints: Joints) -> Array:
     """Starts that a branch suggests: turns half round, or bent the other way, and pairs of them."""
-    dof = len(q)
-    turns = [k for k in range(dof) if joints.revolute[k]]
-    single = []
-    for k in turns:
-        for value in (q[k] + np.pi, -q[k]):
-            row = q.copy()
-            row[k] = value
-            single.append(row)
-    pairs = []
-    for i in turns:
-        for j in turns:
-            if i != j:
-                row = q.copy()
-                row[i], row[j] = row[i] + np.pi, -row[j]
-                pairs.append(row)
-    return np.array([*single, *pairs]).reshape(-1, dof)
+    joint, turns = np.arange(len(q)), np.flatnonzero(joints.revolute)
+    rows = [np.where(joint == k, moved, q) for k in turns for moved in (q + np.pi, -q)]
+    for i, j in permutations(turns, 2):
+        rows.append(np.where(joint == i, q + np.pi, np.where(joint == j, -q, q)))
+    return np.array(rows).reshape(-1, len(q))

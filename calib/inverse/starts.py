@@ -6,7 +6,6 @@ Folds, where two branches meet because the arm is stretched or folded, get start
 from __future__ import annotations
 
 import itertools
-from dataclasses import dataclass, field
 from functools import cached_property
 from typing import TYPE_CHECKING
 
@@ -43,32 +42,26 @@ _PROBE = 1e-4  # of the joints' range: step of the derivative of the determinant
 _FAR = 0.3  # of the joints' range: a twin is not looked for further away
 
 
-@dataclass(frozen=True, eq=False, repr=False)
 class Starts:
     """For each sensory node the joints that lead there: one start per branch.
 
     Every motor node that was ever active with a sensory node is linked to it, so every
     branch is among them.  They are refined and merged when a sensory node is first asked
     for, and kept: many targets share them.
+
+    association : the maps and their links
+    newton : refines what the links propose
     """
 
-    association: Association  # the maps and their links
-    newton: Newton  # refines what the links propose
-    _known: NDArray[np.bool_] = field(init=False)
-    _u: Array = field(init=False)
-    _value: Array = field(init=False)
-    _inverse: Array = field(init=False)
-    _folded: NDArray[np.bool_] = field(init=False)
-
-    def __post_init__(self) -> None:
-        nodes, dof = self.association.sensory.size, self.association.motor.units.shape[1]
-        outputs = self.association.sensory.units.shape[1]
-        width = _WIDTH.get(dof, _WIDEST)
-        object.__setattr__(self, "_known", np.zeros(nodes, dtype=bool))
-        object.__setattr__(self, "_u", np.full((nodes, width, dof), np.nan))
-        object.__setattr__(self, "_value", np.full((nodes, width, outputs), np.nan))
-        object.__setattr__(self, "_inverse", np.zeros((nodes, width, dof, outputs)))
-        object.__setattr__(self, "_folded", np.zeros(nodes, dtype=bool))
+    def __init__(self, association: Association, newton: Newton) -> None:
+        self.association, self.newton = association, newton
+        nodes, dof = association.sensory.size, association.motor.units.shape[1]
+        outputs, width = association.sensory.units.shape[1], _WIDTH.get(dof, _WIDEST)
+        self._known = np.zeros(nodes, dtype=bool)
+        self._u = np.full((nodes, width, dof), np.nan)
+        self._value = np.full((nodes, width, outputs), np.nan)
+        self._inverse = np.zeros((nodes, width, dof, outputs))
+        self._folded = np.zeros(nodes, dtype=bool)
 
     def of(self, x: Array) -> tuple[Array, Array, NDArray[np.bool_]]:
         """Starts (n, k, dof) for targets `x` (n, m) in the unit box; NaN beyond the last.
@@ -116,10 +109,8 @@ class Starts:
         target, u, distance = target[order], u[order], distance[order]
         place = np.arange(len(target)) - np.searchsorted(target, target)
         width, dof = int(place.max()) + 1, u.shape[1]
-        table, missed = (
-            np.full((len(nodes), width, dof), np.nan),
-            np.full((len(nodes), width), np.inf),
-        )
+        table = np.full((len(nodes), width, dof), np.nan)
+        missed = np.full((len(nodes), width), np.inf)
         table[target, place], missed[target, place] = u, distance
         kept = self._distinct(table, missed)
         # the best of each node first, as many as there is room for
