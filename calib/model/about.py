@@ -181,7 +181,7 @@ def check_about(data: Mapping[str, Any]) -> None:
     if min(data["samples"], data["seed"], data["tested"], data["left_out"]) < 0:
         raise ValueError("samples, seed, tested, left_out: expected zero or more")
     for name in _OPTIONS:
-        _ = data["options"][name]
+        _ = data["options"][name]  # a KeyError where one is missing
     _check_errors(data["errors"], joints)
 
 

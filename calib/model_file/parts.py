@@ -69,7 +69,7 @@ class Tensors:
         if array.dtype.kind == "u":
             return array
         array = array.astype(float, copy=False)
-        if not (np.abs(array) < LARGEST).all():
+        if not (np.abs(array) < LARGEST).all():  # nor is NaN below it
             raise ValueError(f"{name} holds a value that is not finite, or beyond {LARGEST:g}")
         return array
 
