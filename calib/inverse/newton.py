@@ -61,6 +61,7 @@ class Newton:
             u, x, gap, distance, slope = (part[..., rows] for part in (u, x, gap, distance, slope))
         else:
             u = u.copy()
+        # nearly Gauss-Newton at first: a start is within a node's spacing of its answer
         damping = np.full(len(rows), 1e-9)
         for _ in range(_STEPS):
             if not len(rows):
@@ -113,6 +114,7 @@ class Newton:
         extra = damping * (aa + bb)
         aa, bb = aa + extra, bb + extra
         det = np.maximum(aa * bb - ab * ab, 1e-300)
+        # the inverse of a 2x2 matrix in place of LAPACK, whose calls cost more than the numbers
         first, second = (bb * gap[0] - ab * gap[1]) / det, (aa * gap[1] - ab * gap[0]) / det
         return np.asarray(a * first + b * second)
 

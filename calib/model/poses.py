@@ -68,7 +68,7 @@ def solve_poses(
     names = model.about.joint_names
     p, _ = checked_rows(position, ("x", "y", "z"), "positions")
     n = len(p)
-    r = None
+    r = None  # free
     if quaternion is not None:
         turns, _ = checked_rows(quaternion, QUATERNION, "quaternions")
         r = matrix_of(_units(turns))

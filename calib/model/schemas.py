@@ -116,6 +116,7 @@ class Schema:
             distance[known] = np.linalg.norm(x[known] - predicted, axis=1)
             square = blend_nodes(motor, self.bounds, u[known]) ** 2
             square += (self.radius * self.noise) ** 2  # of the sensor, on top
+            # a simulation's bound is zero where its samples are exact
             floor = _GRAIN * float(np.linalg.norm(self.sensory.scale.span))
             bound[known] = np.sqrt(square + floor**2)
             ratio[known] = distance[known] / bound[known]

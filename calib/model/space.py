@@ -169,6 +169,7 @@ class Space:
                 self.evaluate, starts, np.tile(p, (n, 1)), np.tile(r, (n, 1, 1)), self.length
             )
             q, _ = self.joints.within(q)
+            # a radian of turn is worth the arm's length, as in the steps themselves
             left = self._answer(q, p, r)
             best = int(np.argmin(left.away + self.length * left.turned))
             return self._answer(q[[best]], p, r)
@@ -237,6 +238,7 @@ class Space:
             jacobian = self.evaluate(q)[2]
             jacobian[:, :3] /= self.length
             wish = anchor - q
+            # (1 - J+ J) wish: what of it leaves the tip where it is
             inverse = np.linalg.pinv(jacobian, rcond=1e-6)
             step = wish - np.einsum("nij,nj->ni", inverse @ jacobian, wish)
             step *= np.minimum(1, 0.3 / np.maximum(np.abs(step).max(axis=1), 1e-12))[:, None]
@@ -252,6 +254,7 @@ class Space:
     def _order(self, q: Array, anchor: Array) -> NDArray[np.intp]:
         span = self.joints.upper - self.joints.lower
         away = q - anchor
+        # a joint of full turns is as near from the other side
         whole = 2 * np.pi * np.round(away / (2 * np.pi))
         away = away - np.where(self.model.motor.scale.periodic, whole, 0.0)
         return np.argsort(np.linalg.norm(away / span, axis=1), kind="stable")

@@ -41,6 +41,7 @@ def build(header: Mapping[str, Any], tensors: Tensors) -> Model:
     about = About.from_json(header["about"])
     dof = len(about.joint_names)
     motor = _map("motor", header, tensors, dof)
+    # joints are asked in the unit box of the map: other limits would shift every answer
     if (
         not np.allclose((about.upper - about.lower) / motor.scale.span, 1.0, rtol=0, atol=1e-6)
         or (np.abs(about.lower - motor.scale.lower) > 1e-6 * motor.scale.span).any()
@@ -143,7 +144,7 @@ def _map(name: str, header: Mapping[str, Any], tensors: Tensors, dim: int) -> Ma
     periodic = own.take("periodic", (dim,), "uint8").astype(bool)
     history = own.take("history", (-1, len(HISTORY)))
     found = Map(units, lattice, Scale(lower, span, periodic), history)
-    if not found.spacing > 0.0:
+    if not found.spacing > 0.0:  # which steps and cells are counted in
         raise ValueError(f"the nodes of the {name} map are all in one place")
     return found
 

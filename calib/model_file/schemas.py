@@ -72,7 +72,7 @@ def _tensors(schema: Schema) -> dict[str, NDArray[Any]]:
         **{SMOOTH + name: array for name, array in smooth_tensors(predictor.smooth).items()},
         "bounds": _rounded_up(schema.bounds),
         "model_bounds": _rounded_up(schema.model_bounds),
-        "visited": np.packbits(schema.visited),
+        "visited": np.packbits(schema.visited),  # an eighth of a byte a node
     }
     if isinstance(predictor.smooth, LinearModels):  # what its links would say
         arrays["linear.values"] = predictor.smooth.values.astype(np.float32)
@@ -87,7 +87,7 @@ def _tensors(schema: Schema) -> dict[str, NDArray[Any]]:
 
 def _rounded_up(bounds: NDArray[np.float64]) -> NDArray[np.float32]:
     """Single precision, never below: a bound stays one."""
-    single = bounds.astype(np.float32)
+    single = bounds.astype(np.float32)  # rounds to the nearest, below in half of the cases
     return np.where(single < bounds, np.nextafter(single, np.float32(np.inf)), single)
 
 

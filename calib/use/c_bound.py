@@ -64,6 +64,7 @@ def tables(structure: Structure, body: Body, q: Array, *, noise: bool, single: b
     parts = [_compact(structure, each, body.beta, geometry, rank, *scales) for each in beliefs]
     root, own, coupled = (np.vstack([part[k] for part in parts]) for k in range(3))
     signs = np.concatenate([part[3] for part in parts])
+    # as in `Body.bound`: the first belief is inflated, the second not
     scale = np.array([(body.kappa, SHARED**2), (1.0, 1.0)][: len(parts)])
     more = np.zeros(3)
     more[:seen] = body.residual[:seen] ** 2 + (body.noise[:seen] ** 2 if noise else 0.0)
@@ -112,6 +113,7 @@ def _compact(
     size, dof = structure.size, structure.dof
     covariance = np.zeros((size, size))
     covariance[np.ix_(belief.active, belief.active)] = belief.covariance
+    # a sum of squares stays positive in single precision, which the covariance itself does not
     root = root_of(covariance[:geometry, :geometry]).T
     left = covariance.copy()
     left[:geometry, :geometry] = 0.0
@@ -130,6 +132,7 @@ def _compact(
     strength, kept = np.linalg.eigh((vectors * weight).T @ left @ (vectors * weight))
     most = np.argsort(-np.abs(strength))[:rank]
     directions = ((vectors / weight) @ kept[:, most] * np.sqrt(np.abs(strength[most]))).T
+    # on rotations a difference of vectors is no rotation: the one that leads from one to the other
     apart, view = belief.beta - beta, structure.groups["view.rotation"]
     if len(view) == 3:
         apart[view] = compose(belief.beta[view], -beta[view])

@@ -35,6 +35,7 @@ def candidates(space: Space, rng: np.random.Generator) -> Array:
     inside, faces = rng.random((_INSIDE, dof)), rng.random((_FACES, dof))
     rows = np.arange(_FACES)
     faces[rows, rng.integers(dof, size=_FACES)] = rng.integers(2, size=_FACES)
+    # every corner of the first eight joints, beyond which there would be too many
     corners = np.stack(np.meshgrid(*[[0.0, 1.0]] * min(dof, 8), indexing="ij"), axis=-1)
     corners = corners.reshape(-1, min(dof, 8))
     rest = rng.integers(2, size=(len(corners), dof - corners.shape[1]))

@@ -70,6 +70,7 @@ def corrected_urdf(geometry: SpatialGeometry) -> str:
         if joint is last and tip.turn.any():
             turn = np.eye(4)
             turn[:3, :3] = exponential(tip.turn)
+            # the tip's own turn comes behind the joint's locked motion, which stays in the URDF
             new = new @ lock @ turn @ np.linalg.inv(lock)
         changes[joint.name] = _changed(joint, new)
         rotation = rotation @ origin[:3, :3] @ lock[:3, :3]
@@ -171,6 +172,7 @@ def _origin(joint: Joint) -> Array:
     from scipy.spatial.transform import Rotation
 
     origin = np.eye(4)
+    # lower-case letters are fixed axes in SciPy, as URDF means roll, pitch and yaw
     origin[:3, :3] = Rotation.from_euler("xyz", joint.rpy).as_matrix()
     origin[:3, 3] = joint.xyz
     return origin
