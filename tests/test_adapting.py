@@ -13,7 +13,7 @@ import calib
 from calib.change import adapt_online
 from calib.change import follow as online
 from calib.change.follow import BLOCK, OnlineAdapter, follow
-from calib.change.radius import matching_sigma
+from calib.change.watch import matching_sigma
 from calib.maps.density import Visit, border
 from calib.maps.links import oja
 from calib.maps.map import Map

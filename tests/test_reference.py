@@ -6,9 +6,8 @@ import numpy as np
 import pytest
 from beliefs import LOWER, UPPER, body, exact_body, joints, noise, tip
 
-from calib.change.carry import carried_offset
-from calib.change.lag import lag_of
-from calib.change.reference import kept_reference, reference_of
+from calib.change.reference import carried_offset, kept_reference, reference_of
+from calib.change.sanity import lag_of
 
 pytestmark = pytest.mark.usefixtures("one_blas_thread")
 

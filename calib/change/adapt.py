@@ -24,7 +24,7 @@ from .cause import KEPT, Cause
 from .causes import find_causes
 from .comparison import UNEXPLAINED, Comparison, compare
 from .drawing import fit_from_drawing
-from .explain import Explanation
+from .explain import Explanation, weighed
 from .members import CREEP, NOTHING
 from .orientation import turned_tool, with_orientations
 from .own_residual import OwnResidual, own_residual
@@ -177,10 +177,7 @@ def _unchanged(found: Comparison) -> list[tuple[float, Explanation]]:
     # mounting made an error 1.2 times as large elsewhere. A drawing has no waves to start from.
     simulated = found.belief.simulated
     some = [e for e in found.explanations if not e.margin and (simulated or e.waves <= CREEP)]
-    if not some:
-        return found.likely
-    weight = np.exp(np.array([e.evidence for e in some]) - some[0].evidence)
-    return list(zip((weight / weight.sum()).tolist(), some, strict=True))
+    return weighed(some) if some else found.likely
 
 
 def _improves(

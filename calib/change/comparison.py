@@ -18,14 +18,12 @@ from numpy.typing import NDArray
 from ..body.belief import Body
 from ..common.arrays import Array
 from ..errors import ModelError
-from .carry import carried_offset
 from .explain import Explanation, changed, explain, likely, unusual
 from .group_tests import FALSE_ALARM, Tested, group_tests
-from .lag import lag_of
 from .members import as_built
-from .reference import Reference, kept_reference, reference_of
+from .reference import Reference, carried_offset, kept_reference, reference_of
 from .rows import Log, weighted
-from .sanity import Comparable, comparable
+from .sanity import Comparable, comparable, lag_of
 from .seen import seen_body
 
 if TYPE_CHECKING:

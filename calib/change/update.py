@@ -191,26 +191,20 @@ class _Rows:
         self.root = 1.0 / np.sqrt(variance * e.temper)  # (n, m)
         self.features, self.own, self.temper = features, own, e.temper
 
-    def columns(self, x: Array) -> Array:
-        """Whitened derivatives (n, m, k + m nodes)."""
-        n, m, k = x.shape
-        nodes = self.features.shape[1]
-        out = np.zeros((n, m, k + m * nodes))
-        out[:, :, :k] = x * self.root[:, :, None]
-        for j in range(m):
-            part = slice(k + j * nodes, k + (j + 1) * nodes)
-            size = self.own[j] * np.sqrt(self.temper)
-            out[:, j, part] = self.features * (size * self.root[:, j, None])
-        return out
-
     def sums(self, x: Array, residual: Array) -> tuple[Array, Array]:
         """Information and moment of parameters and of the log's own residual."""
-        self.full = self.columns(x)
-        self.y = residual * self.root
-        flat = self.full.reshape(-1, self.full.shape[2])
+        n, m, k = x.shape
+        nodes = self.features.shape[1]
+        self.full, self.y = np.zeros((n, m, k + m * nodes)), residual * self.root
+        self.full[:, :, :k] = x * self.root[:, :, None]
+        for j in range(m):  # the residual of each output has nodes of its own
+            part = slice(k + j * nodes, k + (j + 1) * nodes)
+            size = self.own[j] * np.sqrt(self.temper)
+            self.full[:, j, part] = self.features * (size * self.root[:, j, None])
+        flat = self.full.reshape(-1, k + m * nodes)
         gram = flat.T @ flat
-        own = np.arange(x.shape[2], len(gram))
-        gram[own, own] += 1.0
+        own = np.arange(k, len(gram))
+        gram[own, own] += 1.0  # their prior: standard normal
         return gram, flat.T @ self.y.ravel()
 
     def held_out(self, gram: Array, x: Array, residual: Array, pull: Array) -> Array:
@@ -231,13 +225,9 @@ def _second(
     """The second belief, after the same log under the best explanation."""
     apart = second.beta - old.beta
     other = replace(
-        old,
-        beta=second.beta,
-        active=second.active,
-        covariance=second.covariance,
-        kappa=1.0,
+        old, beta=second.beta, active=second.active, covariance=second.covariance, kappa=1.0,
         second=None,
-    )
+    )  # fmt: skip
     place = replace(reference, body=other, beta=reference.beta + apart)
     start = replace(e, origin=e.origin + apart, beta=e.beta + apart)
     found = _posterior(other, place, start, log)
@@ -251,15 +241,13 @@ def _second(
     )
 
 
-def settled(before: Array, after: Array, blocks: int = _BLOCKS) -> tuple[float, float]:
+def settled(before: Array, after: Array) -> tuple[float, float]:
     """How much held-out rows gained: mean ratio of errors, and gain over its standard error.
 
     before, after : (n,) [unit], distances of the same rows from the old prediction, and from the
         new one without their block
     """
-    gain = [
-        float(np.mean(before[b] - after[b])) for b in np.array_split(np.arange(len(before)), blocks)
-    ]
+    gain = [float(part.mean()) for part in np.array_split(before - after, _BLOCKS)]
     error = float(np.std(gain, ddof=1)) / np.sqrt(len(gain))
     ratio = float(after.mean() / max(float(before.mean()), 1e-300))
     return ratio, float(np.mean(gain)) / max(error, 1e-300)
