@@ -79,15 +79,9 @@ def document(found: Sweep, output: str | None) -> dict[str, Any]:
         "units": {"errors": "unit of the row", "seconds": "s"},
         "combinations": [_combination(part) for part in found.combinations()],
         "rows": [
-            {
-                "source": row.source,
-                "options": row.options,
-                "seed": row.seed,
-                "unit": row.unit or None,
-                "seconds": row.seconds,
-                "errors": row.errors or None,
-                "error": row.error or None,
-            }
+            {key: getattr(row, key) for key in ("source", "options", "seed", "seconds")}
+            # what a training that failed does not have, and the error of one that did not
+            | {key: getattr(row, key) or None for key in ("unit", "errors", "error")}
             for row in found.rows
         ],
     }

@@ -43,14 +43,6 @@ class Asked:
     keep: bool = False  # whether the orientation at `near` is kept softly
     height: float | None = None  # [m], of the plane z of the base frame that a pixel lies on
 
-    def __bool__(self) -> bool:
-        return self.frame == "base" or self.keep or self.height is not None or self.posed
-
-    @property
-    def posed(self) -> bool:
-        """Whether an orientation is wanted."""
-        return self.quaternion is not None or self.rpy is not None
-
     def orientation(self, degrees: bool) -> Array | None:
         """The quaternion (4,) wanted, checked."""
         if self.quaternion is not None and self.rpy is not None:

@@ -30,7 +30,7 @@ from .roles import (
     unit_quaternions,
 )
 from .samples import Samples
-from .tables import about_source, unit_of, write_table
+from .tables import read_about, unit_of, write_table
 
 if TYPE_CHECKING:
     from ..arm.arm import Arm
@@ -111,7 +111,7 @@ def read_log(
     source = open_source(path)
     there = {k: name for k, name in (usual or {}).items() if find_place(source.header, name)}
     columns = {**there, **(columns or {})}
-    about = about_source(source)
+    about = read_about(source)
     if sees_pixels(source.header, columns, arm.joint_names if arm else joints or ()):
         columns |= PIXELS
         unit = unit or "px"

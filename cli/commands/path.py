@@ -10,7 +10,7 @@ import typer
 from calib.common.wording import for_people
 
 from ..options import takes
-from ..output import NO, note, show_json
+from ..output import NO, note
 from ..parsing import expects, finite_number, reals, require
 from ..units import JointFormat, meaning
 from ..usage import one_document, option
@@ -76,20 +76,16 @@ def path(
     columns["model_error"] = found.model_error
     columns["reachable"] = found.reachable.astype(np.int64)
     columns["jump"] = np.isin(np.arange(len(found.q)), found.jumps).astype(np.int64)
-    streams = Streams(input_, output, as_json)
-    streams.write(columns)
-    if as_json:
-        show_json(
-            {
-                "output": output,
-                "rows": len(found.q),
-                "invalid": invalid,
-                "jumps": (found.jumps + 1).tolist(),
-                "out_of_reach": (np.flatnonzero(~found.reachable) + 1).tolist(),
-                **meaning(loaded.about),
-                **streams.inside("path", joints, columns),
-            }
-        )
+    Streams(input_, output, as_json).answer(
+        columns,
+        joints,
+        "path",
+        rows=len(found.q),
+        invalid=invalid,
+        jumps=(found.jumps + 1).tolist(),
+        out_of_reach=(np.flatnonzero(~found.reachable) + 1).tolist(),
+        **meaning(loaded.about),
+    )
     say_rows(invalid, len(typed), "not all numbers, left out of the path")
     _tell(found, loaded.about.unit)
     if invalid:

@@ -13,17 +13,8 @@ def robots(as_json: bool = False) -> None:
 
     entries = calib.list_robots()
     if as_json:
-        show_json(
-            [
-                {
-                    "name": entry.name,
-                    "joints": entry.joints,
-                    "dof": entry.dof,
-                    "description": entry.description,
-                }
-                for entry in entries
-            ]
-        )
+        keys = ("name", "joints", "dof", "description")
+        show_json([{key: getattr(entry, key) for key in keys} for entry in entries])
         return
     rows = [[entry.name, ", ".join(entry.joints), entry.description] for entry in entries]
     show(TextTable(["robot", "joints, base to tip", "description"], rows, left=3))
