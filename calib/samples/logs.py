@@ -26,6 +26,7 @@ from .roles import (
     check_names,
     find_roles,
     from_angles,
+    log_columns,
     sees_pixels,
     unit_quaternions,
 )
@@ -225,11 +226,7 @@ def write_log(samples: Samples, path: str | os.PathLike[str]) -> None:
     True
     """
     check_names(samples.joint_names)
-    columns = dict(
-        zip((*samples.joint_names, *samples.axes), (*samples.q.T, *samples.x.T), strict=True)
-    )
-    if samples.orientation is not None:
-        columns |= dict(zip(QUATERNION, samples.orientation.T, strict=True))
+    columns = log_columns(samples.joint_names, samples.q, samples.x, samples.orientation)
     write_table(path, columns)
 
 

@@ -51,14 +51,7 @@ class Trial:
     def distance(self, readout: str, direction: str, statistic: str) -> float:
         """Return an error of the tip [unit], NaN if there is none.
 
-        Parameters
-        ----------
-        readout : str
-            "local", "activity" or "winner".
-        direction : str
-            "forward" or "inverse".
-        statistic : str
-            "mean", "p99" or "max".
+        `direction` is "forward" or "inverse", `statistic` "mean", "p99" or "max".
         """
         if readout not in self.errors:
             return math.nan

@@ -107,15 +107,12 @@ def _from_camera(
 
 def _from_bag(bag: str, output: str, as_json: bool, **options: Any) -> None:
     from calib.samples.bags import read_bag
-    from calib.samples.roles import QUATERNION
+    from calib.samples.roles import log_columns
     from calib.samples.tables import write_table
 
     recording = read_bag(bag, **options)
     Notes().say(recording.notes)
-    columns = {name: recording.q[:, k] for k, name in enumerate(recording.joint_names)}
-    columns |= {axis: recording.x[:, k] for k, axis in enumerate("xyz")}
-    turns = recording.quaternion
-    columns |= {} if turns is None else dict(zip(QUATERNION, turns.T, strict=True))
+    columns = log_columns(recording.joint_names, recording.q, recording.x, recording.quaternion)
     write_table(output, {**columns, "time": recording.time})
     counted = {"log": output, "joints": recording.joint_names, "samples": len(recording.q)}
     document = {**counted, "units": _units(recording.joint_names, "m")}

@@ -34,7 +34,7 @@ def has_curves(model: Model) -> bool:
 def residual_vectors(evidence: Evidence) -> Any:
     """Measured minus predicted positions as arrows, seen along each axis of the sensor."""
     residuals = evidence.residuals
-    if residuals is None or not len(residuals.q):
+    if residuals is None:
         return None
     some = thinned(len(residuals.q), _ARROWS)
     x = residuals.x[some]
