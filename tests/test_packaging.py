@@ -94,7 +94,7 @@ def test_wheel_holds_all_that_is_needed(tmp_path):
     assert done.returncode == 0, done.stdout + done.stderr
     (wheel,) = tmp_path.glob("calib_arm-*.whl")
     names = set(zipfile.ZipFile(wheel).namelist())
-    kinds = ("py", "css", "html", "js", "svg")
+    kinds = ("py", "css", "html", "js", "mplstyle", "svg")
     files = [path for kind in kinds for path in (ROOT / "calib").rglob(f"*.{kind}")]
     modules = {path.relative_to(ROOT).as_posix() for path in files}
     commands = {f"calib_cli/{path.name}" for path in (ROOT / "cli").glob("*.py")}
