@@ -127,7 +127,6 @@ def answer_inverse(
 
 
 def _target(space: Space, asked: Asked, typed: Sequence[float]) -> Array:
-    """The position wanted (3,) in the base frame [m]."""
     if asked.height is not None:
         if len(typed) != 2:
             raise BadOption(f"--on needs a pixel: expected U V, not {len(typed)} numbers")

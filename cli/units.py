@@ -6,7 +6,7 @@ import math
 from collections.abc import Iterable, Mapping, Sequence
 from typing import TYPE_CHECKING, Any
 
-from calib.common.wording import for_people
+from calib.common.wording import for_people, unit_of_joint
 from calib.show.facts import learned_range
 
 from .output import fixed
@@ -54,7 +54,7 @@ class JointFormat:
     @property
     def typed(self) -> list[float]:
         """Factors from SI units to what is typed, and written to tables of answers."""
-        return [math.degrees(1.0) if self._turned(k) else 1.0 for k in range(len(self.names))]
+        return [unit_of_joint(turns, self.degrees)[0] for turns in self._about.revolute]
 
     def in_si(self, columns: Mapping[str, Any]) -> dict[str, Any]:
         """Columns of a table of answers in SI units, as a JSON document holds them."""
@@ -80,8 +80,8 @@ class JointFormat:
 
     def value(self, k: int, value: float) -> str:
         """Return a value of joint `k` [rad or m] in words."""
-        unit = "deg" if self._turned(k) else self._about.units_of_joints[k]
-        return f"{self.names[k]} = {value * self.typed[k]:.6g} {unit}"
+        factor, unit = unit_of_joint(self._about.revolute[k], self.degrees)
+        return f"{self.names[k]} = {value * factor:.6g} {unit}"
 
     def hint(self, k: int, value: float) -> str:
         """Return what to do if a value of joint `k` [rad] outside of its range fits in degrees."""
@@ -111,9 +111,6 @@ class JointFormat:
         """Return a change of joint `k` [rad or m] in words, in deg or mm."""
         factor, unit = self.of_change(k)
         return f"{self.names[k]} {abs(value) * factor:.4g} {unit}"
-
-    def _turned(self, k: int) -> bool:
-        return self.degrees and self._about.revolute[k]
 
     def _printed(self, k: int) -> tuple[float, str]:
         if self._about.revolute[k]:

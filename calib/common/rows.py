@@ -80,7 +80,6 @@ def column_names(values: Any) -> list[Any]:
 
 
 def _columns(values: Any) -> list[Any] | None:
-    """Names of the columns, None for what has none."""
     if isinstance(values, np.ndarray):
         return list(values.dtype.names) if values.dtype.names else None
     if isinstance(values, Mapping):

@@ -66,6 +66,13 @@ def for_people(unit: str) -> tuple[float, str]:
     return named.get(unit, (1.0, unit))
 
 
+def unit_of_joint(revolute: bool, degrees: bool) -> tuple[float, str]:
+    """Return what makes of a joint's rad or m the unit that it is typed and told in, and that."""
+    if not revolute:
+        return 1.0, "m"
+    return (math.degrees(1.0), "deg") if degrees else (1.0, "rad")
+
+
 def vector(values: Iterable[float]) -> str:
     """Return a vector as text, in which rounding errors, and a zero's sign, do not show."""
     return "(" + ", ".join(f"{round(float(value), 6) + 0.0:.4g}" for value in values) + ")"

@@ -144,5 +144,4 @@ def _csv_errors(label: str) -> Iterator[None]:
 
 
 def _is_row(fields: Sequence[str]) -> bool:
-    """Whether a line is not blank."""
     return len(fields) > 1 or any(field.strip() for field in fields)

@@ -95,14 +95,12 @@ def choose_backend(name: str, jobs: int | None, tasks: int) -> Backend:
 
 
 def _cores() -> int:
-    """Cores that this process may use."""
     import joblib
 
     return int(joblib.cpu_count())
 
 
 def _cluster(backend: Backend) -> AbstractContextManager[Any]:
-    """Make ready what the tasks run on."""
     if backend.name == "loky":
         return _quiet_tracker()
     if backend.name == "dask":

@@ -121,5 +121,4 @@ def _from_bag(bag: str, output: str, as_json: bool, **options: Any) -> None:
 
 
 def _units(joints: Sequence[str], unit: str) -> dict[str, object]:
-    """Units of the numbers of a log."""
     return {"joints": dict.fromkeys(joints, "rad"), "positions": unit, "time": "s"}

@@ -21,7 +21,6 @@ if TYPE_CHECKING:
 
 @expects("a length greater than zero, or inf")
 def _step(text: str) -> float:
-    """Read a length greater than zero, or `inf`."""
     value = math.inf if text.strip().lower() == "inf" else finite_number(text)
     require(value > 0.0)
     return value

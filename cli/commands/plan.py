@@ -127,7 +127,6 @@ def _is_model(source: str) -> bool:
 def _measured(
     known: Arm | Model, data: str, columns: Columns | None, degrees: bool, notes: Notes
 ) -> Samples:
-    """Read the log of what was measured already."""
     import calib
 
     if isinstance(known, calib.Model):  # which remembers columns, unit and degrees of its log

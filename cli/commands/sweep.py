@@ -125,7 +125,6 @@ def _arm(robot: str, selection: Selection, notes: Notes) -> Arm:
 
 
 def _check_lists(robots: Sequence[str], data: Sequence[str]) -> None:
-    """Refuse lists of robots and logs that do not go together."""
     if data and len(robots) > 1:
         raise BadOption(
             f"--data with {len(robots)} robots: expected one ROBOT or none; repeat --data for "

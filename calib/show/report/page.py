@@ -178,7 +178,6 @@ def _heading(title: str) -> str:
 
 
 def _verdict(evidence: Evidence) -> str:
-    """One sentence that says how well the model does."""
     errors, unit = evidence.errors.get(evidence.model.default_readout), evidence.unit
     if not errors:
         return "No errors are known of this model."

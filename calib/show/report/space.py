@@ -137,7 +137,6 @@ def joint_curves(evidence: Evidence) -> Any:
 
 
 def _curved(model: Model) -> list[int]:
-    """Joints whose curve was fitted."""
     body = model.body
     if body is None:
         return []
