@@ -116,6 +116,7 @@ def inverse_batch(
     every : whether to write all branches of each pose, a row each
     """
     base, beside = frame == "base", [f"near_{name}" for name in joints.names]
+    # fewer than six joints reach almost no pose that is given: its columns go along unread
     turns = QUATERNION if len(joints.names) >= 6 and (base or len(model.axes) == 3) else ()
     batch = read_batch(streams.source, "xyz" if base else model.axes, (beside, turns))
     posed = bool(turns) and "qw" in batch.names

@@ -93,6 +93,7 @@ def together(part: Sequence[Trial], readout: str, direction: str) -> dict[str, f
     "mean" of the mean errors, their standard deviation "spread" (NaN for one seed), and the
     largest error "max" of all.
     """
+    # not NumPy's: what one command alone needs must not slow the others' start
     from statistics import stdev
 
     means = [row.distance(readout, direction, "mean") for row in part]

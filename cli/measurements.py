@@ -68,6 +68,7 @@ def log_for(model: Model, path: str, reading: Reading, notes: Notes) -> Samples:
     if unit is not None and unit != about.unit and {unit, about.unit} <= set(METRES):
         factor = METRES[about.unit] / METRES[unit]
         notes.say([f"positions converted from {unit} to {about.unit}"])
+        # that noise is a length too, in the unit of the log that states it
         shared = {"noise_of_reference": log.shared * factor}
         log = replace(log, x=log.x * factor, unit=about.unit, source={**log.source, **shared})
     return log

@@ -165,6 +165,7 @@ def takes(**own: Any) -> Callable[[Command], Callable[..., None]]:
 
     def declared(command: Command) -> Callable[..., None]:
         known, taken, groups = SHARED, dict[str, Parameter](), dict[str, Any]()
+        # annotations are texts in these modules, and Typer looks at types
         for parameter in signature(command, eval_str=True).parameters.values():
             kind = parameter.annotation
             if not is_dataclass(kind):
@@ -200,6 +201,7 @@ def takes(**own: Any) -> Callable[[Command], Callable[..., None]]:
 
 def _typed(kind: Any) -> Any:
     """What Typer is told of a parameter: a flag, a text or several; readers make values of it."""
+    # of numbers and tuples Typer makes values by itself, with errors of several lines
     kinds = get_args(kind) or (kind,)
     if bool in kinds:
         return kind

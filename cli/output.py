@@ -71,6 +71,7 @@ def show(table: TextTable) -> None:
     """Print a table; on a terminal that is too narrow for it a line for each cell."""
     # not with Rich: it would be imported, which takes longer than most queries
     lines = table.lines()
+    # the foot is wrapped already, however narrow the terminal is
     widest = max(map(len, replace(table, foot="").lines()))
     if sys.stdout.isatty() and widest > shutil.get_terminal_size().columns:
         lines = table.records()

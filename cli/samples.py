@@ -45,6 +45,7 @@ class Selection:
 
         if robot is None:
             raise BadOption("ROBOT is missing: expected a URDF file or a bundled robot")
+        # which joints turn is wanted before the arm is loaded, and the file read twice only then
         turns = kinds_of_joints(robot) if self.degrees and (self.lock or self.ranges) else {}
         return calib.load_arm(
             robot,

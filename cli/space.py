@@ -54,6 +54,7 @@ class Asked:
             if abs(length - 1) > 0.01:
                 shown = f"of length {length:.4g}: expected length 1, in the order qx,qy,qz,qw"
                 raise BadOption(f"--quaternion is {shown}")
+            # typed numbers are rounded: the unit sphere's nearest point is meant
             return np.array([float(part) / length for part in self.quaternion])
         if self.rpy is None:
             return None
@@ -188,6 +189,7 @@ def say_free(joints: JointFormat, free: Array, near: bool) -> None:
 def free_of(model: Model, q: Any) -> Array:
     """Free directions (k, dof) at an answer q (dof,) to a position in the sensor's frame."""
     u = model.motor.scale.to_unit(np.asarray(q, dtype=float)[None])
+    # the slope by joints: u = (q - lower) / span, so dx/dq = (dx/du) / span
     slope = model.predictor.value_and_slope(u)[1][0] / model.motor.scale.span
     return free_directions(slope)
 

@@ -86,6 +86,7 @@ class JointFormat:
     def hint(self, k: int, value: float) -> str:
         """Return what to do if a value of joint `k` [rad] outside of its range fits in degrees."""
         low, high = self._about.lower[k], self._about.upper[k]
+        # below one turn a value may as well be a slip in rad: nothing is suggested
         fits = low <= math.radians(value) <= high and abs(value) > 2.0 * math.pi
         far = self._about.revolute[k] and not self.degrees and fits
         return "; as degrees it fits: give --degrees" if far else ""
@@ -144,6 +145,7 @@ def kinds_of_joints(robot: str) -> dict[str, bool]:
     from calib.arm.robots import resolve_robot
     from calib.arm.urdf import parse_urdf, read_urdf
 
+    # without Pinocchio: units are wanted before it is known which arm is loaded
     path = resolve_robot(robot)
     urdf = parse_urdf(read_urdf(path), path.stem)
     return {joint.name: joint.revolute for joint in urdf.joints if joint.movable}

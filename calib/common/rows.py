@@ -37,6 +37,7 @@ def number_rows(
     >>> number_rows([0.5, 1.0], ("shoulder", "elbow"), "joint values")
     (array([[0.5, 1. ]]), True)
     """
+    # a table's columns may stand in any order: NumPy would take them as they stand
     there = _columns(values)
     if there is not None:
         missing = [name for name in names if name not in there]

@@ -18,7 +18,7 @@ def printable(text: str) -> str:
     >>> printable("el\nbow"), printable("été")
     ('el\\nbow', 'été')
     """
-    if text.isprintable():
+    if text.isprintable():  # most texts: one C loop
         return text
     return "".join(c if c.isprintable() else repr(c)[1:-1] for c in text)
 

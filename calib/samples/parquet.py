@@ -160,6 +160,8 @@ def parquet_errors(label: str) -> Iterator[None]:
 @contextmanager
 def _quiet_stderr() -> Iterator[None]:
     """Send the process's standard error nowhere for a moment."""
+    # the whole process's, other threads' words too: a panic of Polars' Rust threads writes to
+    # descriptor 2 by itself, before Python sees an exception, and nothing else stops it
     with suppress(AttributeError, ValueError):
         sys.stderr.flush()
     try:

@@ -100,6 +100,7 @@ def sweep(
         )
     where = choose_backend(backend, jobs, count)
     report = progress or (lambda *_: None)
+    # before the sources are loaded, which may take as long as a training
     report(0.0, f"0 of {count} trainings", math.nan)
     rows = [Trial(name, o, s) for name in every for o in options for s in drawn]
     loaded = {name: _loaded(source) for name, source in every.items()}

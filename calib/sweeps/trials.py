@@ -101,6 +101,7 @@ class Sweep:
         table: dict[str, list[Any]] = {"source": [row.source for row in self.rows]}
         for name in names:
             values = [row.options.get(name) for row in self.rows]
+            # of True and False, which are ints too, a column of words
             numeric = all(type(value) in (int, float) for value in values)
             table[name] = values if numeric else [written(value) for value in values]
         table["seed"] = [row.seed for row in self.rows]

@@ -25,6 +25,7 @@ def info(model: str, degrees: bool = False, as_json: bool = False) -> None:
 
     loaded = calib.load(model)
     if as_json:
+        # a model knows no seconds: its bytes must not depend on the machine's pace
         show_json({**summary(loaded, model, loaded.about.errors, {}), **_provenance(loaded)})
         return
     show_facts(_facts(loaded, model, degrees))

@@ -97,6 +97,7 @@ def sweep(
     else:
         robot = robots[0] if robots else None
         for path in _logs(data):
+            # one unit for all: errors of logs in mm and m would stand in one column
             in_unit = replace(logged, unit=unit)
             sources[path] = partial(measured_samples, robot, selection, path, in_unit, 0, notes)
     with progress_bar(unit) as progress:
@@ -141,6 +142,7 @@ def _logs(typed: Sequence[str]) -> list[str]:
     """Return the logs that are meant, each once; a name with wildcards stands for several."""
     found: dict[str, None] = {}
     for text in typed:
+        # a file may be called log[1].csv: what is there is no pattern
         several_meant = glob.has_magic(text) and not Path(text).exists()
         matches = sorted(glob.glob(text, recursive=True)) if several_meant else [text]  # noqa: PTH207
         if not matches:

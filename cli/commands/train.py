@@ -106,6 +106,7 @@ def _report(model: Model, path: str) -> None:
 
 def _unexplained(model: Model, log: Samples) -> list[str]:
     """Tell of rows that are predicted far worse than their log says that they were measured."""
+    # only a log of pictures states how well its rows were measured
     stated, unit = log.source.get("noise"), model.about.unit
     left = next(iter(model.about.errors.values()))["forward"]["distance"]["mean"]
     if not isinstance(stated, float) or log.source.get("unit") != unit or left < 10.0 * stated:
