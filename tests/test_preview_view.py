@@ -11,7 +11,7 @@ from scenes import paths, project
 
 import calib
 from calib.arm.rotations import similarity
-from calib.show.error_scale import UNKNOWN, ErrorScale, colours, length_in_words, rgb, stops
+from calib.show.error_scale import STOPS, UNKNOWN, ErrorScale, colours, length_in_words, rgb
 from calib.show.preview.arm import DrawnArm
 from calib.show.preview.canvas import quaternions
 from calib.show.preview.motion import drive
@@ -170,4 +170,4 @@ def test_colours_rise_evenly_in_lightness_and_have_no_ends_that_vanish():
     assert light[0] > 0.02
     assert light[-1] < 0.6
     assert colours(np.array([np.nan]))[0].tolist() == list(rgb(UNKNOWN))
-    assert colours(np.array([0.0]))[0].tolist() == list(rgb(stops()[0]))
+    assert colours(np.array([0.0]))[0].tolist() == list(rgb(STOPS[0]))

@@ -98,7 +98,11 @@ def _from_camera(
     made = record(source, output, shooting, **options)
     made.write(output)
     counted = {"log": output, "joints": made.joint_names, "samples": len(made)}
-    document = {**counted, **made.about(), "units": _units(made.joint_names, made.unit)}
+    document = {
+        **counted,
+        **made.about(),
+        "units": _units(made.joint_names, made.unit, options["prismatic"]),
+    }
     factor, unit = for_people(made.unit)
     line = f"{len(made)} rows of {', '.join(made.columns())} [rad, {made.unit}], "
     line += f"noise {factor * made.noise:.2g} {unit}"
@@ -120,5 +124,6 @@ def _from_bag(bag: str, output: str, as_json: bool, **options: Any) -> None:
     conclude(output, line, (), document if as_json else None)
 
 
-def _units(joints: Sequence[str], unit: str) -> dict[str, object]:
-    return {"joints": dict.fromkeys(joints, "rad"), "positions": unit, "time": "s"}
+def _units(joints: Sequence[str], unit: str, sliding: Sequence[str] = ()) -> dict[str, object]:
+    units = {name: "m" if name in sliding else "rad" for name in joints}
+    return {"joints": units, "positions": unit, "time": "s"}

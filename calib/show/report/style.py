@@ -8,7 +8,7 @@ from pathlib import Path
 from typing import Any
 
 from ...common.wording import printable
-from ..error_scale import stops
+from ..error_scale import STOPS
 
 INK, FAINT = "#010203", "#020304"
 """Stand for the page's own colours until a figure is written; figure.mplstyle has them too."""
@@ -65,7 +65,7 @@ def colour_map(unknown: str = "none") -> Any:
     """Colours of errors, those of the preview, and one for what is not known."""
     from matplotlib.colors import LinearSegmentedColormap
 
-    return LinearSegmentedColormap.from_list("calib", list(stops())).with_extremes(bad=unknown)
+    return LinearSegmentedColormap.from_list("calib", list(STOPS)).with_extremes(bad=unknown)
 
 
 def to_svg(figure: Any, name: str, words: str) -> str:
