@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Any
 from calib.common.choices import READOUTS
 from calib.common.wording import for_people
 
-from .output import TextTable, fixed, number
+from .output import TextTable, fields, fixed, number
 from .terms import explained
 
 if TYPE_CHECKING:
@@ -79,7 +79,7 @@ def document(found: Sweep, output: str | None) -> dict[str, Any]:
         "units": {"errors": "unit of the row", "seconds": "s"},
         "combinations": [_combination(part) for part in found.combinations()],
         "rows": [
-            {key: getattr(row, key) for key in ("source", "options", "seed", "seconds")}
+            fields(row, "source options seed seconds")
             # what a training that failed does not have, and the error of one that did not
             | {key: getattr(row, key) or None for key in ("unit", "errors", "error")}
             for row in found.rows

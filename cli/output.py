@@ -93,6 +93,11 @@ def show_json(document: Any) -> None:
     print(json.dumps(plain(document), indent=indent, allow_nan=False))
 
 
+def fields(holder: object, names: str) -> dict[str, Any]:
+    """Return what stands in a document under the same names as in what was found."""
+    return {name: getattr(holder, name) for name in names.split()}
+
+
 def plain(value: Any) -> Any:
     """Return a value as JSON can hold it: no arrays, no NaN, no infinity."""
     if isinstance(value, Mapping):

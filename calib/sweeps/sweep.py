@@ -164,15 +164,11 @@ def _named(sources: Source | Iterable[Source] | Mapping[str, Source]) -> dict[st
         named = {str(name): source for name, source in sources.items()}
     else:
         several = not (isinstance(sources, str | Arm | Samples) or callable(sources))
-        each = sources if several else [sources]
-        named = {}
-        for source in cast("Iterable[Source]", each):
-            name = base = _name(source)
-            for k in itertools.count(2):
-                if name not in named:
-                    break
-                name = f"{base} ({k})"
-            named[name] = source
+        each = list(cast("Iterable[Source]", sources if several else [sources]))
+        names = [_name(source) for source in each]
+        again = [names[:k].count(name) for k, name in enumerate(names)]
+        names = [f"{name} ({k + 1})" if k else name for name, k in zip(names, again, strict=True)]
+        named = dict(zip(names, each, strict=True))
     if not named:
         raise OptionError("nothing to learn from: expected a robot or a log")
     return named

@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, Any
 
 from ..measurements import Reading, log_for
 from ..options import takes
-from ..output import Notes, conclude
+from ..output import Notes, conclude, fields
 from ..parsing import (
     Columns,
     at_least_zero,
@@ -153,11 +153,7 @@ def _document(found: Plan, output: str, seed: int) -> dict[str, Any]:
         "rows": len(found),
         "joints": found.joint_names,
         "seed": seed,
-        "start": found.start,
         "travel": dict(zip(found.joint_names, found.travel.tolist(), strict=True)),
-        "length": found.length,
-        "random_length": found.random_length,
-        "unit": found.unit,
-        "why": found.why,
         "poses": found.columns(),
+        **fields(found, "start length random_length unit why"),
     }
