@@ -11,12 +11,13 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
+from numpy.typing import NDArray
 
 from ..body.bound import autocorrelation_time
 from ..body.normal import Factor
 from ..body.structure import Indices
 from ..common.arrays import Array
-from .members import CREEP, NOTHING, Member, drift, freedom, members_of
+from .members import ANYWHERE, CREEP, NOTHING, Member, anywhere, drift, freedom, members_of
 from .reference import Reference
 from .rows import EXPLAINED_ROWS, Log
 from .whitening import Spectrum, scaled, spectrum
@@ -140,8 +141,9 @@ class _Search:
                     self.best, leader = made.evidence, (made, known)
         if leader is not None and leader[0].member != NOTHING:
             best, known = leader  # of this one alone: an inverse is a third of the work of a fit
-            free = best.sd > 0
-            best.deviation[free] = best.sd[free] * np.sqrt(known.variances())
+            free = np.flatnonzero(best.sd > 0)
+            held = np.isin(free, anywhere(self.structure, reference.forgotten))
+            best.deviation[free] = best.sd[free] * np.sqrt(_variances(known, held))
         return found
 
     def _free(self, member: Member) -> tuple[Array, Indices, Array]:
@@ -248,6 +250,19 @@ def _information(j: Array, precision: Array) -> Factor:
     a = (j * precision[:, None]).T @ j
     a[np.diag_indices(len(a))] += 1.0
     return Factor(a)
+
+
+def _variances(information: Factor, held: NDArray[np.bool_]) -> Array:
+    """Diagonal (k,) of the covariance, less the prior of what was `held` to a fit of these rows.
+
+    By the matrix inversion lemma: ``C + C_h (1 / w - C_hh)^-1 C_h'``, w the weight taken away.
+    """
+    if not held.any():
+        return information.variances()
+    c = information.inverse()
+    lost = -c[np.ix_(held, held)]
+    lost[np.diag_indices(len(lost))] += 1.0 / (1.0 - ANYWHERE**-2)
+    return np.asarray(np.diag(c) + (c[:, held] * np.linalg.solve(lost, c[held]).T).sum(axis=1))
 
 
 def changed(found: tuple[Explanation, ...]) -> bool:

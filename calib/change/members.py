@@ -45,6 +45,9 @@ _DRIFT = {
 }
 """Sd by which everything may creep between two logs; curves creep by 10 urad."""
 
+ANYWHERE = 20.0
+"""Sizes of a freed frame, a radian and an extent, beyond which it is not looked for."""
+
 _CURVE_FREE, _OTHER_FREE, _OTHER_DRIFT = 0.3, 5.0, 0.1
 
 _SMALL = 0.1  # of the sizes above: a second prior of members with elasticity
@@ -156,6 +159,15 @@ def freedom(body: Body, member: Member, cause: str | None = None) -> Array:
         sd[ix] = share * _size(body, group, ix, _FREE, _CURVE_FREE, _OTHER_FREE)
     _keep_gauge(body, sd, cause)
     return sd
+
+
+def anywhere(structure: Structure, forgotten: Indices) -> Indices:
+    """Parameters of a frame that was fitted to the log: no prior holds them.
+
+    A narrow one about that fit would count the rows twice; `ANYWHERE` times its sd is none.
+    """
+    frame = [ix for name, ix in structure.groups.items() if name in FRAME]
+    return np.intersect1d(np.concatenate(frame), forgotten) if frame else forgotten[:0]
 
 
 def drift(body: Body, waves: float = CREEP) -> Array:

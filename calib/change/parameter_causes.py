@@ -21,6 +21,7 @@ if TYPE_CHECKING:
 SIGNIFICANT = 2.6
 """Standard deviations from which a parameter is said to have changed."""
 
+_VAGUE = math.radians(1.0)  # half an interval of a turn from which it is worth a word
 _MATTERS = 0.05  # share of the largest displacement from which a cause is named
 
 
@@ -132,6 +133,8 @@ def _of_sensor(
         value = (value + math.pi) % (2 * math.pi) - math.pi
         motion = Alignment.between(before, after).words(comparison.unit_seen)
     words = f"the sensor's frame moved: {motion}"
+    if half > _VAGUE:
+        words += f" (the turn to ± {math.degrees(half):.2g} deg)"
     where = np.searchsorted(every, both)
     moved = math.inf if new else float(np.linalg.norm(change * size[where]))
     cause = Cause("sensor", "view.rotation", value, (value - half, value + half), "rad", words)
