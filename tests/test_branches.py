@@ -7,7 +7,7 @@ from planar import branches_2r
 
 import calib
 from calib.common.scale import TURN
-from calib.inverse.singular_points import twins
+from calib.inverse.starts import twins
 
 SIZES = {"two_link_full": 40, "scara": 40, "two_link": 30}
 

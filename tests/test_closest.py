@@ -6,8 +6,7 @@ from closed_arms import TWO, newton_of
 
 from calib.common.scale import TURN
 from calib.inverse.closest import closest
-from calib.inverse.singular_points import singular, twins
-from calib.inverse.starts import damped_inverse
+from calib.inverse.starts import damped_inverse, singular, twins
 
 
 @pytest.fixture

@@ -17,7 +17,7 @@ from typer.testing import CliRunner
 
 import calib
 from calib.errors import CalibError
-from calib.model.photo import Photo
+from calib.model.measured import Photo
 from calib.model_file.storage import from_bytes, to_bytes
 from calib.recording.lens import Lens
 from calib.recording.photo import WIDEST, take_photo

@@ -12,10 +12,9 @@ from calib.arm.loading import load_arm
 from calib.body.belief import Body
 from calib.body.derivative import Derivative
 from calib.body.fitting import fit_structure
-from calib.body.gauge import without_gauge
 from calib.body.normal import sums_of
 from calib.body.remount import remount
-from calib.body.sensor import SensorPose
+from calib.body.sensor import SensorPose, without_gauge
 from calib.body.spatial import structure_of
 from calib.body.spatial_start import frame
 

@@ -96,15 +96,14 @@ class Body(ReadOnly):
         """Outputs (n, m) and their derivative (n, m, dof) by the joint values."""
         return self.structure.predict_and_slope(np.asarray(q, dtype=float), self.beta)
 
-    def bound(self, q: Array, *, noise: bool = True, block: int = 0) -> Array:
-        """95 % bound (n,) on the distance to what the sensor reads, or to the true output.
+    def bound(self, q: Array, *, noise: bool = True) -> Array:
+        """95 % bound (n,) on the distance of positions to what the sensor reads, or to the truth.
 
         q : (n, dof), joint values
         noise : whether the sensor's noise is part of the distance
-        block : block of the outputs: 0 for positions, 1 for the orientation of a pose [rad]
         """
         q = np.asarray(q, dtype=float)
-        parts = [self._bound(q[i : i + CHUNK], noise, block) for i in range(0, len(q), CHUNK)]
+        parts = [self._bound(q[i : i + CHUNK], noise) for i in range(0, len(q), CHUNK)]
         return np.concatenate(parts) if parts else np.zeros(0)
 
     def spread(self, q: Array) -> Array:
@@ -112,9 +111,8 @@ class Body(ReadOnly):
         _, x = self.structure.linearise(np.asarray(q, dtype=float), self.beta, self.active)
         return spread_of(x, self.root)
 
-    def _bound(self, q: Array, noise: bool, block: int) -> Array:
-        edges = np.cumsum((0, *self.structure.blocks))
-        part = slice(int(edges[block]), int(edges[block + 1]))
+    def _bound(self, q: Array, noise: bool) -> Array:
+        part = slice(self.structure.blocks[0])  # positions, without the orientation of a pose
         extra = self.residual[part] ** 2 + (self.noise[part] ** 2 if noise else 0.0)
         z, x = self.structure.linearise(q, self.beta, self.active)
         spread = SHARED**2 * spread_of(x[:, part], self.root)
@@ -138,15 +136,10 @@ class Body(ReadOnly):
         sd = self.deviations
         out = []
         for index in self.active:
-            what = self.structure.label(int(index))
-            if what.group.startswith("curve"):
-                continue
+            group, joint, name, unit = self.structure.label(int(index))
             value, half = float(self.beta[index]), 1.96 * float(sd[index])
-            out.append(
-                Parameter(
-                    what.name, what.group, what.joint, value, value - half, value + half, what.unit
-                )
-            )
+            if not group.startswith("curve"):
+                out.append(Parameter(name, group, joint, value, value - half, value + half, unit))
         return tuple(out)
 
     def describe(self) -> tuple[str, ...]:

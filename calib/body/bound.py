@@ -6,7 +6,9 @@ import numpy as np
 
 from ..common.arrays import Array
 
-NORMAL_95 = 1.6448536269514722
+NORMAL_95 = 1.6448536269514722  # one-sided quantile of 95 %
+
+_LAGS = 60  # rows that an autocorrelation is followed over
 
 
 def radius_95(covariance: Array) -> Array:
@@ -36,7 +38,7 @@ def root_of(covariance: Array) -> Array:
     return np.asarray(vectors * np.sqrt(np.maximum(values, 0.0)) * scale[:, None])
 
 
-def autocorrelation_time(r: Array, most: int = 60) -> float:
+def autocorrelation_time(r: Array) -> float:
     """Integrated autocorrelation time [rows] of residuals (n, m) in the order of the log."""
     n = len(r)
     if n < 40:
@@ -46,7 +48,7 @@ def autocorrelation_time(r: Array, most: int = 60) -> float:
     r = r - r.mean(axis=0)
     power = float((r * r).sum()) + 1e-300
     total = 1.0
-    for lag in range(1, min(most, n // 3)):
+    for lag in range(1, min(_LAGS, n // 3)):
         rho = float((r[lag:] * r[:-lag]).sum()) / power
         if rho < 2 / np.sqrt(r.size):
             break

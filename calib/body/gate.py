@@ -7,7 +7,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from .fitted import Fit
+from .fit import Fit
 from .held_out import HeldOut, leave_blocks_out
 from .search import BLOCKS
 

@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 
 from ..common.arrays import Array
 from .bound import radius_95
-from .fitted import Fit
+from .fit import Fit
 from .normal import Factor, slices
 from .structure import Indices
 

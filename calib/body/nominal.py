@@ -90,7 +90,7 @@ def nominal_of(
     # A joint whose axis points into the plane turns the other way: every sign is tried.
     for code in range(2 ** len(revolute)):
         signs = np.array([1.0 if not code >> i & 1 else -1.0 for i in range(len(revolute))])
-        if any(s < 0 and not r for s, r in zip(signs, revolute, strict=True)):
+        if (signs[~np.asarray(revolute)] < 0).any():  # a slide that is reversed is another offset
             continue
         columns = np.c_[regressors(q, signs, revolute), np.ones(len(q))]
         t = np.linalg.lstsq(columns, tip, rcond=None)[0]
@@ -98,19 +98,11 @@ def nominal_of(
         if error < least:
             mirror = int(signs[turning[0]]) if len(turning) else 1
             size, offsets, rotation = chain_of(t[:-1], mirror, revolute)
-            least, best = (
-                error,
-                Nominal(
-                    tuple(float(v) if r else 0.0 for v, r in zip(size, revolute, strict=True)),
-                    tuple(offsets.tolist()),
-                    rotation,
-                    (float(t[-1].real), float(t[-1].imag)),
-                    mirror,
-                    tuple(
-                        int(s) * mirror if r else 1 for s, r in zip(signs, revolute, strict=True)
-                    ),
-                ),
-            )
+            least, best = error, Nominal(
+                tuple(np.where(revolute, size, 0.0).tolist()), tuple(offsets.tolist()), rotation,
+                (float(t[-1].real), float(t[-1].imag)), mirror,
+                tuple(np.where(revolute, signs * mirror, 1).astype(int).tolist()),
+            )  # fmt: skip
     if best is None or not least <= 1e-6 * (1e-9 + float(np.abs(tip).max())):
         raise OptionError(
             f"nominal: the forward function is no planar chain (off by {least:.3g} m), expected "

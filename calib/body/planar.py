@@ -18,12 +18,13 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ..common.arrays import Array
-from . import planar_prior, planar_start, planar_view, planar_words
+from . import planar_start, planar_view, priors
 from .curves import curve_slope, curve_value, powers
 from .layout import PlanarLayout, planar_layout
 from .nominal import Nominal
 from .structure import Indices, Structure
 from .views import PLANAR, ViewKind
+from .words import planar_words
 
 Complex = NDArray[np.complex128]
 
@@ -195,8 +196,8 @@ class PlanarStructure(Structure):
         z, view, _ = planar_view.columns(self, terms.sum(axis=1), beta, place, 0)
         return z, np.asarray(view @ np.stack([by_joint.real, by_joint.imag], axis=1))
 
-    prior, members = planar_prior.prior, planar_prior.members
-    starts, words = planar_start.starts, planar_words.words
+    prior, members = priors.planar_prior, priors.planar_members
+    starts, words = planar_start.starts, planar_words
 
     def header(self) -> dict[str, Any]:
         """JSON-ready description."""

@@ -11,7 +11,7 @@ import numpy as np
 
 from ..common.arrays import Array
 from .nominal import chain_of, regressors
-from .planar_prior import anchored, neutral
+from .priors import anchored, planar_neutral
 from .structure import Structure
 
 if TYPE_CHECKING:
@@ -70,7 +70,7 @@ def _linear(
 ) -> tuple[float, PlanarStructure, Array]:
     """Error, structure and parameters of the best similarity of the chain."""
     lay = structure.layout
-    beta = neutral(structure)
+    beta = planar_neutral(structure)
     one = np.ones(len(q))
     if structure.nominal is not None:
         if structure.view != "base":
@@ -118,7 +118,7 @@ def _elbows(structure: PlanarStructure, q: Array, tip: Array) -> list[Array]:
     """Starts with equal links and several elbow offsets."""
     out = []
     for offset in ELBOWS:
-        beta = neutral(structure)
+        beta = planar_neutral(structure)
         beta[structure.layout.offset[1]] = offset
         out.append(_placed(structure, beta, q, tip))
     return out
@@ -143,7 +143,7 @@ def _affine(structure: PlanarStructure, q: Array, z: Array) -> list[Array]:
     rotation = u @ vt
     stretch = rotation.T @ rotated
     scale = np.trace(stretch) / 2
-    beta = neutral(structure)
+    beta = planar_neutral(structure)
     beta[0] = np.arctan2(rotation[1, 0], rotation[0, 0])
     beta[1] = np.log(scale)
     beta[2] = (stretch[0, 0] - stretch[1, 1]) / 2 / scale

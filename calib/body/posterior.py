@@ -4,18 +4,18 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
+from functools import partial
 
 import numpy as np
 
 from ..common.arrays import Array
 from .belief import Body, Second
-from .fit import MANY, maximise
-from .fitted import Fit
+from .fit import MANY, Fit, maximise
 from .gate import Passed, Tried, choose_member
 from .held_out import HeldOut, leave_blocks_out
 from .packing import pack, unpack
 from .starts import Start, best_starts
-from .structure import Hyper, Indices, Prior, Structure
+from .structure import Prior, Structure
 
 LOG_FLOOR, SIMULATED_FLOOR = 1e-4, 1e-7
 """Least noise, as a share of the extents."""
@@ -70,8 +70,10 @@ def fit_structure(
     nu = np.inf if simulated else STUDENT
     members = template.members()
     chain = next((free for name, free in members if name == "chain"), members[0][1])
-    rows = _subset(len(q), seed, template.gate_rows)
-    sub_q, sub_z = (q, z) if rows is None else (q[rows], z[rows])
+    sub_q, sub_z, few = q, z, len(q) <= template.gate_rows
+    if not few:  # a draw in the order of the log
+        rows = np.sort(np.random.default_rng(seed).permutation(len(q))[: template.gate_rows])
+        sub_q, sub_z = q[rows], z[rows]
     passed = max(
         (
             _through_gate(start, start.structure.members(), chain, sub_q, sub_z, nu, floor)
@@ -79,7 +81,7 @@ def fit_structure(
         ),
         key=lambda each: each.fit.evidence,
     )
-    whole = passed.fit if rows is None else _over_all_rows(passed, q, z, floor)
+    whole = passed.fit if few else _over_all_rows(passed, q, z, floor)
     held = leave_blocks_out(whole)
     body = _body(whole, held, passed.name, simulated)
     if not simulated:
@@ -117,18 +119,11 @@ def _through_gate(
         starts = [max(within, key=lambda each: each.evidence)] if within else [first]
         if gaussian and len(within) > 1:
             starts.append(within[0])  # what passed may have bent the arm to mend the sensor
+        run = partial(maximise, start.structure, q, z, nu=nu, floor=floor)
+        prior, steps = start.structure.prior(free), 20 if gaussian else 10
+        tolerance = 1e-3 if gaussian else SETTLED
         tries = [
-            maximise(
-                start.structure,
-                q,
-                z,
-                each.beta,
-                start.structure.prior(free),
-                nu=nu,
-                floor=floor,
-                tolerance=1e-3 if gaussian else SETTLED,
-                steps=20 if gaussian else 10,
-            )
+            run(each.beta, prior, tolerance=tolerance, steps=steps)
             for each in dict.fromkeys(starts)
         ]
         made = max(tries, key=lambda each: each.evidence)
@@ -142,37 +137,18 @@ def _through_gate(
     return choose_member(members, fit, enough)
 
 
-def _subset(n: int, seed: int, most: int) -> Array | None:
-    """Rows of the gate where there are too many: a draw in the order of the log."""
-    if n <= most:
-        return None
-    return np.sort(np.random.default_rng(seed).permutation(n)[:most])
-
-
-def _fixed(prior: Prior, fit: Fit) -> Prior:
-    """The prior with the scales that the evidence chose, no longer moving."""
-    sd = np.zeros(len(prior.sd))
-    sd[fit.active] = fit.sd
-    return Prior(prior.mean, sd)
-
-
 def _over_all_rows(passed: Passed, q: Array, z: Array, floor: Array) -> Fit:
     """The member's fit carried on over all rows, with its prior scales kept."""
     fit = passed.fit
-    prior = _fixed(fit.structure.prior(passed.free), fit)
+    prior = fit.structure.prior(passed.free)
+    sd = np.zeros(len(prior.sd))
+    sd[fit.active] = fit.sd
+    learn = bool((fit.noise > floor).any())  # exact rows leave nothing to learn of their noise
+    steps = 4 if len(fit.active) > MANY else 10
     whole = maximise(
-        fit.structure,
-        q,
-        z,
-        fit.beta,
-        prior,
-        nu=fit.nu,
-        floor=floor,
-        noise=fit.noise,
-        learn=bool((fit.noise > floor).any()),  # exact rows leave nothing to learn of their noise
-        steps=4 if len(fit.active) > MANY else 10,
-        tolerance=SETTLED,
-    )
+        fit.structure, q, z, fit.beta, Prior(prior.mean, sd),
+        nu=fit.nu, floor=floor, noise=fit.noise, learn=learn, steps=steps, tolerance=SETTLED,
+    )  # fmt: skip
     return replace(whole, scales=fit.scales)
 
 
@@ -214,36 +190,20 @@ def _second(
     prior = fit.structure.prior(free)
     sd = prior.sd.copy()
     sd[fit.active] = fit.sd
-    hypers = tuple(_wider(h, fit.structure.wide) for h in prior.hypers if _left_out(h, fit.active))
+    (pseudo, rms), hypers = fit.structure.wide, []
+    for h in prior.hypers:
+        if h.name.startswith("curve"):  # many pseudo-observations of a large one
+            hypers.append(replace(h, pseudo=pseudo, scale=rms / np.sqrt(len(h.indices))))
+        elif not np.isin(h.indices, fit.active).any():  # a group that the member left out
+            hypers.append(h)
     for h in hypers:
         sd[h.indices] = h.scale * np.sqrt(h.shape)
     made = maximise(
-        fit.structure,
-        q,
-        z,
-        fit.beta,
-        Prior(prior.mean, sd, hypers),
-        nu=fit.nu,
-        floor=floor,
-        noise=fit.noise,
-        steps=4,
-        begun=fit,
-    )
+        fit.structure, q, z, fit.beta, Prior(prior.mean, sd, tuple(hypers)),
+        nu=fit.nu, floor=floor, noise=fit.noise, steps=4, begun=fit,
+    )  # fmt: skip
     # Few rows of an arm in space tell how large its curves are altogether, if not where.
     few = len(q) < FEW and fit.structure.kind == "spatial"
     share = np.clip(leave_blocks_out(made).ratio(), LEAST_SHARE, 1.0) if few else 1.0
     packed = pack(float(share) ** 2 * made.covariance)
     return Second(made.beta, made.active, unpack(packed, len(made.active)), made.noise, packed)
-
-
-def _left_out(h: Hyper, active: Indices) -> bool:
-    """Whether a scale is learned by the second fit: a curve's, or that of a group left out."""
-    return h.name.startswith("curve") or not np.isin(h.indices, active).any()
-
-
-def _wider(h: Hyper, wide: tuple[float, float]) -> Hyper:
-    """The hyperprior of a curve with many pseudo-observations of a large one."""
-    if not h.name.startswith("curve"):
-        return h
-    pseudo, rms = wide
-    return replace(h, pseudo=pseudo, scale=rms / np.sqrt(len(h.indices)))

@@ -21,8 +21,8 @@ from .fit import maximise
 from .held_out import FEW, leave_blocks_out
 from .normal import Factor, information_factor
 from .packing import pack, unpack
+from .priors import frame_groups
 from .spatial import SpatialStructure
-from .spatial_prior import frame_groups
 from .spatial_start import frame
 from .structure import Prior
 

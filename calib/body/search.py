@@ -146,9 +146,8 @@ class Search:
 
     def _levels(self) -> Array:
         """Logarithms of the noise and of the scales that EM moves."""
-        noise = np.ones(1) if self.noise is None else self.noise
         moving = [self.scales[h.name] for h in self.hypers if not h.choices]
-        return np.asarray(np.log(np.concatenate([noise, moving])))
+        return np.asarray(np.log(np.concatenate([self.noise, moving])))
 
     def _learn(self, value: Array, delta: Array, variance: Array, used: list[float]) -> None:
         """One step of EM: the scales of the hypers without choices, and the noise.
@@ -192,14 +191,13 @@ class Search:
             inner = inner - gram[np.ix_(own, rest)] @ back
             lead = lead - pull[rest] @ back
         for h in varied:
-            best: tuple[float, float] | None = None
+            best, chosen = -np.inf, h.scale
             for factor in h.choices:
                 self._rescale(h, h.scale * factor)
                 value = linear_evidence(inner, lead, start, self.sd[own])
-                if best is None or value > best[0] + 1.0:
-                    best = (value, h.scale * factor)
-            if best is not None:
-                self._rescale(h, best[1])
+                if value > best + 1.0:  # a nat: one that is as good is not worth a wider prior
+                    best, chosen = value, h.scale * factor
+            self._rescale(h, chosen)
 
     def objective(self, beta: Array, r: Array) -> float:
         """Negative log posterior at `beta` and its residuals, up to a constant, or infinite."""

@@ -18,16 +18,48 @@ from ..arm.motion import Deviations, Motion, move
 from ..arm.rotations import exponential, logarithm
 from ..arm.spatial_chain import GRAVITY, SpatialChain
 from ..common.arrays import Array
-from . import spatial_prior, spatial_words
+from . import priors
 from .curves import curve_value
 from .layout import SpatialLayout, spatial_layout
-from .spatial_loads import Loads
 from .spatial_slopes import by_joints, by_parameters
 from .spatial_view import Placed, View, compose, look
 from .structure import Indices, Structure
 from .views import SPATIAL, ViewKind
+from .words import spatial_words
 
 _CHAIN_ARRAYS = ("axes", "points", "tip", "rotation", "coupling", "bias", "masses", "centres")
+
+
+@dataclass(frozen=True, eq=False)
+class Loads:
+    """Torques of gravity as shares of the largest that the first joint could carry."""
+
+    chain: SpatialChain  # where nothing is known of its masses, there are no loads
+    gravity: tuple[float, float, float]  # (3,) [m/s2], in the root frame
+
+    @cached_property
+    def torque(self) -> float:
+        """Largest torque [N m] of the first joint: that of the arm stretched."""
+        away = np.linalg.norm(self.chain.centres - self.chain.points[0], axis=1)
+        return max(float(self.chain.masses @ away * np.linalg.norm(self.gravity)), 1e-12)
+
+    def shares(self, q: Array) -> Array:
+        """Loads (m, n) of the chain's joints at joint values (n, dof)."""
+        # a fit asks for the same rows again, and they do not depend on its parameters
+        last = self._memory.get("rows")
+        if last is None or last[0] is not q:
+            loads = self.chain.torques(q, np.asarray(self.gravity)).T / self.torque
+            last = self._memory["rows"] = (q, np.ascontiguousarray(loads))
+        return last[1]
+
+    def slopes(self, q: Array) -> Array:
+        """Derivatives (m, dof, n) of the loads by the joint values."""
+        slopes = self.chain.torque_slopes(q, np.asarray(self.gravity)) / self.torque
+        return np.moveaxis(slopes, 0, 2)
+
+    @cached_property
+    def _memory(self) -> dict[str, tuple[Array, Array]]:
+        return {}
 
 
 @dataclass(frozen=True, eq=False)
@@ -137,8 +169,7 @@ class SpatialStructure(Structure):
             out[:, 3:] = logarithm(seen @ np.swapaxes(expected, 1, 2))
         return np.asarray(out)
 
-    prior, members = spatial_prior.prior, spatial_prior.members
-    words = spatial_words.words
+    prior, members, words = priors.spatial_prior, priors.spatial_members, spatial_words
 
     def starts(self, q: Array, z: Array) -> Sequence[tuple[Structure, Array]]:
         """Candidate starts: structures with their parameters (d,)."""

@@ -64,7 +64,7 @@ def frame(structure: SpatialStructure, q: Array, z: Array, arm: Array | None = N
     the nominal ones.
     """
     arm = structure.neutral() if arm is None else arm
-    from .spatial_prior import frame_groups
+    from .priors import frame_groups
 
     groups = [group for group in frame_groups(structure) if group != "lens"]
     sd = structure.prior(groups).sd

@@ -61,11 +61,9 @@ def best_starts(
     found = structure.starts(q, z)
     if len(found) == 1:  # nothing to choose from: the gate goes on from here
         return (Start(found[0][0], found[0][1], 0.0, 0.0),)
-    runs = [_refine(each, q, z, beta, each.prior(free), 6) for each, beta in found]
+    runs = [_refined(each, q, z, beta, free, 6) for each, beta in found]
     runs.sort(key=lambda run: run.cost)
-    runs = [
-        _refine(run.structure, q, z, run.beta, run.structure.prior(free), 40) for run in runs[:KEPT]
-    ]
+    runs = [_refined(run.structure, q, z, run.beta, free, 40) for run in runs[:KEPT]]
     best = runs[0]
     for run in runs:
         if run.cost < best.cost - 1e-9 * abs(best.cost):
@@ -94,13 +92,13 @@ def _spread(r: Array, extents: Array, blocks: tuple[int, ...]) -> Array:
     return sigma
 
 
-def _refine(
-    structure: Structure, q: Array, z: Array, beta: Array, prior: Prior, steps: int
+def _refined(
+    structure: Structure, q: Array, z: Array, beta: Array, free: tuple[str, ...], steps: int
 ) -> Start:
     """The end of a short run from `beta`."""
+    prior = structure.prior(free)
     beta = np.where(prior.sd > 0, beta, prior.mean)
-    beta, cost, noise = settle(structure, q, z, beta, prior, steps)
-    return Start(structure, beta, cost, noise)
+    return Start(structure, *settle(structure, q, z, beta, prior, steps))
 
 
 def settle(

@@ -40,21 +40,13 @@ def body_header(body: Body) -> dict[str, Any]:
 
 def body_arrays(body: Body) -> dict[str, NDArray[Any]]:
     """Arrays of a body: parameters in double, covariances in single precision."""
-    out: dict[str, NDArray[Any]] = {
-        "beta": body.beta,
-        "active": body.active.astype(np.int32),
-        "root": packed_of(body.covariance, body.packed),
-        "noise": body.noise,
-        "tau": body.tau,
-        "residual": body.residual,
-    }
-    if body.second is not None:
-        out |= {
-            "second.beta": body.second.beta,
-            "second.active": body.second.active.astype(np.int32),
-            "second.root": packed_of(body.second.covariance, body.second.packed),
-            "second.noise": body.second.noise,
-        }
+    out: dict[str, NDArray[Any]] = {"tau": body.tau, "residual": body.residual}
+    for prefix, belief in (("", body), ("second.", body.second)):
+        if belief is not None:
+            out[f"{prefix}beta"] = belief.beta
+            out[f"{prefix}active"] = belief.active.astype(np.int32)
+            out[f"{prefix}root"] = packed_of(belief.covariance, belief.packed)
+            out[f"{prefix}noise"] = belief.noise
     return out | {f"structure.{k}": v for k, v in body.structure.arrays().items()}
 
 
@@ -77,14 +69,11 @@ def rebuild_body(header: Mapping[str, Any], arrays: Stored) -> Body:
     structure = rebuild_structure(
         told.structure, {k[10:]: v for k, v in arrays.items() if k.startswith("structure.")}
     )
-    second = _second(structure, arrays) if told.second else None
-    active, covariance, packed = _belief(structure, arrays, "")
+    second = Second(*_belief(structure, arrays, "second.")) if told.second else None
+    first = _belief(structure, arrays, "")
     return Body(
         structure,
-        finite_array(arrays, "beta", (structure.size,)),
-        active,
-        covariance,
-        _positive(arrays, "noise", structure.outputs),
+        *first[:4],
         told.kappa,
         _positive(arrays, "tau", structure.outputs, zero=True),
         _positive(arrays, "residual", structure.outputs, zero=True),
@@ -95,7 +84,7 @@ def rebuild_body(header: Mapping[str, Any], arrays: Stored) -> Body:
         told.simulated,
         told.member,
         second,
-        packed,
+        first[4],
     )
 
 
@@ -153,19 +142,10 @@ def impossible_names(names: tuple[str, ...], most: int) -> dict[str, bool]:
     }
 
 
-def _second(structure: Structure, arrays: Stored) -> Second:
-    active, covariance, packed = _belief(structure, arrays, "second.")
-    return Second(
-        finite_array(arrays, "second.beta", (structure.size,)),
-        active,
-        covariance,
-        _positive(arrays, "second.noise", structure.outputs),
-        packed,
-    )
-
-
-def _belief(structure: Structure, arrays: Stored, prefix: str) -> tuple[Indices, Array, Packed]:
-    """Active parameters, their covariance and its root."""
+def _belief(
+    structure: Structure, arrays: Stored, prefix: str
+) -> tuple[Array, Indices, Array, Array, Packed]:
+    """Parameters, which of them are active, their covariance, the noise, the covariance's root."""
     name = prefix + "active"
     active = arrays.get(name)
     if active is None or active.ndim != 1 or active.dtype.kind not in "iu":
@@ -181,7 +161,8 @@ def _belief(structure: Structure, arrays: Stored, prefix: str) -> tuple[Indices,
     covariance = unpack(packed, k)
     if not (np.isfinite(covariance).all() and (np.diag(covariance) > 0).all()):
         raise ModelError(f"body: array {name!r} is the root of no covariance")
-    return index, covariance, packed
+    beta = finite_array(arrays, prefix + "beta", (structure.size,))
+    return beta, index, covariance, _positive(arrays, prefix + "noise", structure.outputs), packed
 
 
 def finite_array(arrays: Stored, name: str, shape: tuple[int, ...]) -> Array:

@@ -69,42 +69,6 @@ class Prior:
         return np.flatnonzero(self.sd > 0)
 
 
-class GrowingPrior:
-    """A prior that is put together group by group; `sd` is zero for what is left out."""
-
-    def __init__(self, mean: Array) -> None:
-        self.mean, self.sd = mean, np.zeros(len(mean))
-        self._hypers: list[Hyper] = []
-
-    def chosen(self, name: str, ix: Indices, scale: float, factors: tuple[float, ...]) -> None:
-        """Let the evidence choose the scale of parameters among `factors` times `scale`."""
-        self._add(Hyper(name, ix, np.ones(len(ix)), scale, choices=factors))
-
-    def moving(
-        self, name: str, ix: Indices, scale: float, pseudo: float, shape: Array | None = None
-    ) -> None:
-        """Let the scale of parameters move by EM; `pseudo` observations hold it at `scale`."""
-        shape = np.ones(len(ix)) if shape is None else shape
-        self._add(Hyper(name, ix, shape, scale, pseudo))
-
-    def curves(
-        self, groups: Mapping[str, Indices], free: Sequence[str], shape: Array, rms: float, n: float
-    ) -> None:
-        """Free the curves that `free` names, each of `rms` [rad], with `n` pseudo-observations."""
-        for name, ix in groups.items():
-            if len(ix) and name.startswith("curve.") and ("curve" in free or name in free):
-                self.moving(name, ix, rms / np.sqrt(len(ix)), n, shape)
-
-    def _add(self, hyper: Hyper) -> None:
-        self.sd[hyper.indices] = hyper.scale * np.sqrt(hyper.shape)
-        if len(hyper.indices):
-            self._hypers.append(hyper)
-
-    def whole(self) -> Prior:
-        """The prior."""
-        return Prior(self.mean, self.sd, tuple(self._hypers))
-
-
 class Structure:
     """What a body needs to know of its structure (planar chain and view, spatial chain and view).
 

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from itertools import combinations
 
 import numpy as np
 
@@ -93,10 +94,5 @@ def _copies(a: Array, b: Array) -> bool:
 
 def _is_path(scaled: Array) -> bool:
     """Whether any two joints together visit no more cells than a few curves would."""
-    cells = np.minimum(((scaled - scaled.min(axis=0)) * CELLS).astype(int), CELLS - 1)
-    n = cells.shape[1]
-    fullest = 0
-    for i in range(n):
-        for j in range(i):
-            fullest = max(fullest, len(np.unique(cells[:, i] * CELLS + cells[:, j])))
-    return fullest < 7 * CELLS
+    cells = np.minimum(((scaled - scaled.min(axis=0)) * CELLS).astype(int), CELLS - 1).T
+    return all(len(np.unique(a * CELLS + b)) < 7 * CELLS for a, b in combinations(cells, 2))

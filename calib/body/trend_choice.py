@@ -60,15 +60,8 @@ class _Moments:
         The ridge is steep in the degree of a function: a smooth trend is likelier.
         """
         key = degree, ridge, without
-        if key not in self._solved:
-            self._solved[key] = self._solve(degree, ridge, without)
-        return self._solved[key]
-
-    @cached_property
-    def _solved(self) -> dict[tuple[int, float, int | None], Array]:
-        return {}
-
-    def _solve(self, degree: int, ridge: float, without: int | None) -> Array:
+        if key in self._solved:
+            return self._solved[key]
         gram, moment = self._all
         if without is not None:
             gram, moment = gram - self.folds[without][0], moment - self.folds[without][1]
@@ -76,7 +69,12 @@ class _Moments:
         a = gram[:t, :t].copy()
         diagonal = np.einsum("ii->i", a)
         diagonal += ridge * diagonal.mean() * (np.maximum(self.basis.totals[:t], 1) / 3.0) ** 4
-        return np.asarray(np.linalg.solve(a, moment[:t]))
+        self._solved[key] = found = np.asarray(np.linalg.solve(a, moment[:t]))
+        return found
+
+    @cached_property
+    def _solved(self) -> dict[tuple[int, float, int | None], Array]:
+        return {}
 
     def errors(self, x: Array, folds: Folds) -> dict[tuple[int, float], Array]:
         """Mean distance in each held-out fold for each (degree, ridge)."""

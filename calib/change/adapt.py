@@ -22,10 +22,9 @@ from .adapt_online import adapt_online
 from .adaptation import Adaptation, finished, measured_share
 from .cause import KEPT, Cause
 from .causes import find_causes
-from .check import outlier_note
 from .comparison import UNEXPLAINED, Comparison, compare
 from .drawing import fit_from_drawing
-from .explain import Explanation
+from .explain import Explanation, weighed
 from .members import CREEP, NOTHING
 from .orientation import turned_tool, with_orientations
 from .own_residual import OwnResidual, own_residual
@@ -178,10 +177,7 @@ def _unchanged(found: Comparison) -> list[tuple[float, Explanation]]:
     # mounting made an error 1.2 times as large elsewhere. A drawing has no waves to start from.
     simulated = found.belief.simulated
     some = [e for e in found.explanations if not e.margin and (simulated or e.waves <= CREEP)]
-    if not some:
-        return found.likely
-    weight = np.exp(np.array([e.evidence for e in some]) - some[0].evidence)
-    return list(zip((weight / weight.sum()).tolist(), some, strict=True))
+    return weighed(some) if some else found.likely
 
 
 def _improves(
@@ -241,7 +237,7 @@ def _notes(
     unsettled: tuple[str, ...],
     improved: bool,
 ) -> list[str]:
-    notes = [*found.rows.notes, *outlier_note(found.outliers)]
+    notes = [*found.rows.notes, *found.outlier_notes()]
     # what nobody may miss: another unit, a mirror, a joint that turns round or not at all
     notes += [c.words for c in causes if c.cause.split(":")[0] in _LOUD]
     notes += unsettled

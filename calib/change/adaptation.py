@@ -12,8 +12,8 @@ from ..common.arrays import Array
 from ..common.rows import thinned
 from ..model.alignment import Alignment
 from ..model.baseline import learn_baseline
+from ..model.measured import Rows
 from ..model.model import Model
-from ..model.rows import Rows
 from ..training.evaluate import evaluate_residuals, summarise
 from .cause import Cause
 from .comparison import Comparison
@@ -111,17 +111,8 @@ def finished(
             "mean": usual.get("mean"),
         },
     }
-    unit = found.unit_seen
-    about = replace(
-        old.about,
-        source="log",
-        bound_of="sensor reading",
-        simulation=None,
-        samples=made.samples,
-        taught=False,
-        unit=unit,
-        errors=errors,
-        notes=made.notes,
+    about = old.about.measured(
+        samples=made.samples, unit=found.unit_seen, errors=errors, notes=made.notes
     )
     points = np.random.default_rng(0).random((_BASELINE, found.q.shape[1]))
     baseline = learn_baseline(fresh.association, points, fresh.predictor.value(points), after)

@@ -7,6 +7,7 @@ eigenvectors of `Spectrum`; its evidence is Laplace's, with the likelihood raise
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -37,6 +38,7 @@ error where nothing was measured."""
 
 _STEPS = 12
 _NOTHING_LEFT = 1e-2  # twice the nats by which a step must better the fit
+_COUNTS, _AVERAGED = 5.0, 6  # members so many nats behind the best are averaged, so many at most
 _HOPELESS = 10.0  # nats behind the best with which no member counts any more
 _FAR = 30.0  # the same before its noise is settled
 
@@ -262,8 +264,12 @@ def unusual(found: tuple[Explanation, ...]) -> float:
     return max(0.0, max((e.evidence for e in calm), default=-np.inf) - usual)
 
 
-def likely(found: tuple[Explanation, ...], most: int = 6) -> list[tuple[float, Explanation]]:
-    """The members that count, with their posterior weights."""
-    some = [e for e in found if e.evidence > found[0].evidence - 5.0][:most]
+def likely(found: Sequence[Explanation]) -> list[tuple[float, Explanation]]:
+    """The members that count, best first, with their posterior weights."""
+    return weighed([e for e in found if e.evidence > found[0].evidence - _COUNTS][:_AVERAGED])
+
+
+def weighed(some: Sequence[Explanation]) -> list[tuple[float, Explanation]]:
+    """Explanations with their posterior weights."""
     weight = np.exp(np.array([e.evidence for e in some]) - some[0].evidence)
     return list(zip((weight / weight.sum()).tolist(), some, strict=True))

@@ -22,10 +22,8 @@ from ..maps.lattice import Lattice
 from ..maps.links import oja, sparse_links
 from ..maps.map import Map
 from ..maps.online import present
-from .radius import matching_sigma
 from .settled import settled_model
-from .step import Step
-from .watch import Watch
+from .watch import Step, Watch, matching_sigma
 
 if TYPE_CHECKING:
     from ..model.model import Model
@@ -102,11 +100,10 @@ class OnlineAdapter:
         """Take the next samples of the stream, (n, dof) and (n, 2), and learn from them."""
         u = self._model.motor.scale.to_unit(np.asarray(q, dtype=float))
         v = self._model.sensory.scale.to_unit(np.asarray(x, dtype=float))
-        step = None
+        if not len(u):
+            raise OptionError("no samples: expected one or more rows")
         for first in range(0, len(u), BLOCK):
             step = self._feed(u[first : first + BLOCK], v[first : first + BLOCK])
-        if step is None:
-            raise OptionError("no samples: expected one or more rows")
         return step
 
     def _feed(self, u: Array, v: Array) -> Step:
@@ -119,8 +116,8 @@ class OnlineAdapter:
         kept = slice(None)
         if self._changed(u, v, expected):
             self._reset()
-            # this block may have begun before the change
-            kept = slice(None) if self._force else slice(0)
+            if not self._force:  # this block may have begun before the change
+                kept = slice(0)
         if self._since < 0:
             return self._step(expected, 0.0, 0.0, 0.0)
         for name, network, points in (("motor", motor, u), ("sensory", sensory, v)):
@@ -159,13 +156,9 @@ class OnlineAdapter:
         found = None
         if links == "rule":
             found = sparse_links((self._links * np.exp(-self._idle)[:, None]).T)
+        maps = self._map("motor"), self._map("sensory")
         return settled_model(
-            self._model,
-            self._map("motor"),
-            self._map("sensory"),
-            np.concatenate(self._q),
-            np.concatenate(self._x),
-            found,
+            self._model, *maps, np.concatenate(self._q), np.concatenate(self._x), found
         )
 
     def _map(self, name: str) -> Map:
@@ -238,18 +231,11 @@ class OnlineAdapter:
         present(weights, network.lattice, points, self._sigma(name, t), rate)
 
     def _step(self, expected: float, sigma: float, eta: float, beta: float) -> Step:
+        mean = self._watch.mean
         return Step(
-            self._seen,
-            self._watch.mean["motor"],
-            self._watch.mean["sensory"],
-            expected,
-            self._watch.mean["error"],
-            float(sigma),
-            float(eta),
-            float(beta),
-            self.adapting,
-            self._changes,
-        )
+            self._seen, mean["motor"], mean["sensory"], expected, mean["error"], float(sigma),
+            float(eta), float(beta), self.adapting, self._changes,
+        )  # fmt: skip
 
 
 def check_followable(model: Model) -> None:

@@ -81,7 +81,7 @@ class Tested:
 def groups_of(body: Body) -> dict[str, Indices]:
     """Groups that are tested: the sensor's view, and each joint's own parameters."""
     structure = body.structure
-    known = {k: np.asarray(ix) for k, ix in structure.groups.items()}
+    known = structure.groups
 
     def joined(*names: str) -> Indices:
         return np.concatenate([known[n] for n in names if n in known]).astype(np.intp)
@@ -94,22 +94,18 @@ def groups_of(body: Body) -> dict[str, Indices]:
         found["sensor tilt"] = joined("view.tilt", "view.shear", "view.scale", *FRAME)
     if "lens" in known and len(known["lens"]):
         found["lens"] = np.concatenate([known["lens"][:1], frame])
-    joints: dict[str, dict[str, list[int]]] = {}
+    joints: dict[str, list[int]] = {}
     for group in TESTED:
         for index in (k for _, ix in parts_of(structure, group) for k in ix):
-            joint = structure.label(int(index)).joint or ""
-            joints.setdefault(group, {}).setdefault(joint, []).append(int(index))
-    for group, parts in joints.items():
-        for joint, some in parts.items():
-            name = f"{group}:{joint}" if joint else group
-            own = np.array(some, dtype=np.intp)
-            found[name] = own
-            found[f"{name} and sensor"] = np.concatenate([own, frame])
+            joint = structure.label(int(index)).joint
+            joints.setdefault(f"{group}:{joint}" if joint else group, []).append(int(index))
+    for name, own in joints.items():
+        found[name] = np.array(own, dtype=np.intp)
+        found[f"{name} and sensor"] = np.concatenate([found[name], frame])
     if len(known.get("elastic", ())):  # a payload bends all joints at once
         found["elastic"] = joined("elastic")
         found["elastic and sensor"] = joined("elastic", *FRAME)
-    geometry = joined("offset", "length", "gain", "elastic", *FRAME)
-    found["geometry"] = geometry
+    found["geometry"] = joined("offset", "length", "gain", "elastic", *FRAME)
     return {k: np.asarray(ix, dtype=np.intp) for k, ix in found.items() if len(ix)}
 
 

@@ -10,8 +10,9 @@ import numpy as np
 
 from ..common.arrays import Array
 from ..model.baseline import learn_baseline
+from ..training.evaluate import figures
 from .follow import BLOCK, OnlineAdapter
-from .step import Step
+from .watch import Step
 
 if TYPE_CHECKING:
     from ..model.about import About
@@ -38,8 +39,7 @@ class Learning:
         self.samples = 0
         self.step: Step | None = None
         # from now on it rests on what a sensor reads
-        self._about = replace(base.about, bound_of="sensor reading")
-        self._base = replace(base, about=self._about)
+        self._base = replace(base, about=replace(base.about, bound_of="sensor reading"))
         self._adapter = OnlineAdapter(self._base, horizon, force=True)
         self._horizon = horizon
         self._u: list[Array] = []
@@ -94,7 +94,7 @@ class Learning:
         errors = np.concatenate(self._judged)[-_JUDGED:] if self._judged else noise
         self._made = replace(
             made,
-            about=_about(self._about, self.samples, errors),
+            about=self._told(errors),
             baseline=learn_baseline(made.association, u, x, noise),
             schema=self.name,
             history=(*self._base.history, self._event(errors)) if last else self._base.history,
@@ -103,35 +103,20 @@ class Learning:
         return self._made
 
     def _event(self, errors: Array) -> dict[str, Any]:
-        figures = {"mean": float(errors.mean()), "max": float(errors.max())} if len(errors) else {}
+        after = figures(errors) if len(errors) else {}
         return {
             "event": "followed",
             "method": "online",
             "schema": self.name,
             "samples": self.samples,
-            "after": figures,
+            "after": {name: value for name, value in after.items() if name != "p99"},
             "frame": None,
         }
 
-
-def _about(about: About, samples: int, errors: Array) -> About:
-    """Facts of a model that was followed: it rests on what a sensor read."""
-    found = dict(about.errors)
-    if len(errors) and "local" in found:
-        told = {
-            "mean": float(errors.mean()),
-            "max": float(errors.max()),
-            "p99": float(np.quantile(errors, 0.99)),
-        }
-        local = dict(found["local"])
-        local["forward"] = {**local["forward"], "distance": told}
-        found["local"] = local
-    return replace(
-        about,
-        source="log",
-        bound_of="sensor reading",
-        simulation=None,
-        samples=samples,
-        taught=False,
-        errors=found,
-    )
+    def _told(self, errors: Array) -> About:
+        """Facts with the errors of a model that was followed."""
+        about, found = self._base.about, dict(self._base.about.errors)
+        if len(errors) and "local" in found:
+            forward = {**found["local"]["forward"], "distance": figures(errors)}
+            found["local"] = {**found["local"], "forward": forward}
+        return about.measured(samples=self.samples, errors=found)

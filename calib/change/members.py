@@ -131,17 +131,15 @@ def members_of(structure: Structure, cause: str | None = None) -> tuple[Member, 
 
 def _named(groups: tuple[str, ...]) -> str:
     words = {"view.scale": "scale", "view.shear": "shear", "view.tilt": "tilt"}
-    names = ["frame"] if "view.shift" in groups else []
-    names += [words.get(g, g) for g in groups if g not in FRAME]
-    return ", ".join(names)
+    named = (words.get(g, g) for g in groups if g not in FRAME)
+    return ", ".join([*["frame"] * ("view.shift" in groups), *named])
 
 
 def parts_of(structure: Structure, group: str) -> list[tuple[str, Indices]]:
     """Parts of a group that are named apart, each with its parameters: the joints' curves."""
-    own = [name for name in structure.groups if name == group]
-    if group == "curve":
-        own = [name for name in structure.groups if name.startswith("curve.")]
-    return [(name, np.asarray(structure.groups[name])) for name in own]
+    curves = group == "curve"
+    own = [n for n in structure.groups if (n.startswith("curve.") if curves else n == group)]
+    return [(name, structure.groups[name]) for name in own]
 
 
 def _indices(structure: Structure, group: str) -> Indices:
@@ -171,8 +169,7 @@ def drift(body: Body, waves: float = CREEP) -> Array:
         if not (group.startswith("view.") or group == "lens"):
             sd[ix] = _size(body, group, ix, _DRIFT, waves, _OTHER_DRIFT)
     _keep_gauge(body, sd, None)
-    known = np.zeros(len(sd), dtype=bool)
-    known[body.active] = True
+    known = np.isin(np.arange(len(sd)), body.active)
     if waves > CREEP:
         known[_indices(body.structure, "curve")] = True
     return np.where(known, sd, 0.0)
@@ -208,14 +205,11 @@ def _chain_size(body: Body) -> float:
 
 def _keep_gauge(body: Body, sd: Array, cause: str | None) -> None:
     """Hold what a free frame already says: the first joint's offset, the first length."""
-    structure = body.structure
-    active = np.zeros(len(sd), dtype=bool)
-    active[body.active] = True
-    offset = _indices(structure, "offset")
+    active = np.isin(np.arange(len(sd)), body.active)
+    offset, length = (_indices(body.structure, group) for group in ("offset", "length"))
     # with the frame held, the first joint's offset is what a turn about its axis is
     if len(offset) and not active[offset[0]] and cause != "joints":
         sd[offset[0]] = 0.0
-    length = _indices(structure, "length")
     if len(length) and active[length[1:]].any() and not active[length[0]]:
         sd[length[0]] = 0.0
 
@@ -247,9 +241,7 @@ def as_built(body: Body) -> Body:
             share = _CURVE_FREE if group.startswith("curve") else 1.0
             sd[ix] = share * structure.prior((group,)).sd[ix]
     _keep_gauge(body, sd, None)
-    known = np.zeros(len(sd))
-    known[body.active] = body.deviations[body.active]
-    sd = np.maximum(sd, known)
+    sd = np.maximum(sd, body.deviations)
     active = np.flatnonzero(sd > 0)
     return replace(
         body, active=active, covariance=np.diag(sd[active] ** 2), second=None, packed=None

@@ -76,6 +76,7 @@ class Monitor:
 
     def __init__(self, model: Model, window: float = WINDOW) -> None:
         from scipy.linalg.lapack import dposv
+        from scipy.special import chdtri
 
         self._solve = dposv
         baseline = model.baseline
@@ -106,7 +107,7 @@ class Monitor:
         self._spread = baseline.spread[1]
         self._noise = max(baseline.noise, self._floor)
         self._leak = float((sensory.scale.span**-2.0).sum() / baseline.sensory.mean())
-        self._quantile = _chi_square(p)
+        self._quantile = float(chdtri(p, FALSE_ALARM))
         self._samples = 0
         self._state = State(0, False, 0.0, 0.0, 0.0, 0.0, ())
 
@@ -248,10 +249,3 @@ def _second_order(model: Model) -> Array:
     first, second = np.triu_indices(len(step))
     terms = [value[:, :, None], slope, curvature[:, :, first, second]]
     return np.asarray(np.concatenate(terms, axis=2).reshape(len(value), -1))
-
-
-def _chi_square(freedom: int) -> float:
-    """What a chi-square variable exceeds next to never."""
-    from scipy.special import chdtri
-
-    return float(chdtri(freedom, FALSE_ALARM))

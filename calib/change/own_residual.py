@@ -62,21 +62,20 @@ def own_residual(
     n = len(q)
     if n < 2 * _PARTITIONS[-1] or not np.any(residual):
         return None
-    best: tuple[float, Array, float, float] | None = None
+    tried: list[tuple[float, float, float, float]] = []
+    root, m = np.sqrt(weight)[:, None], residual.shape[1]
     for share in _LENGTHS:
         alike = kernel(q, q, share * lengths)
-        values, vectors = np.linalg.eigh(alike * np.sqrt(weight)[:, None] * np.sqrt(weight))
-        y2 = ((vectors.T @ (residual * np.sqrt(weight)[:, None])) ** 2).sum(axis=1)
-        m = residual.shape[1]
+        values, vectors = np.linalg.eigh(alike * root * root.T)
+        y2 = ((vectors.T @ (residual * root)) ** 2).sum(axis=1)
         for ratio in _RATIOS:
             total = np.maximum(values, 0.0) + ratio
+            # the variance of the greatest likelihood is known in closed form
             variance = float((y2 / total).sum()) / (m * n)
             cost = m * (float(np.log(total).sum()) + n * np.log(variance + 1e-300))
-            if best is None or cost < best[0]:
-                best = (cost, share * lengths, float(ratio), variance)
-    if best is None:
-        return None
-    _, lengths, ratio, variance = best
+            tried.append((cost, share, float(ratio), variance))
+    _, share, ratio, variance = min(tried, key=lambda each: each[0])
+    lengths = share * lengths
     noise = np.diag(ratio / weight + 1e-10)
     alike = kernel(q, q, lengths)
     before = np.linalg.norm(held, axis=1)

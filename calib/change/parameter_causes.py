@@ -41,8 +41,7 @@ def of_parameters(comparison: Comparison, best: Explanation) -> list[Cause]:
     if not comparison.reference.locked:
         found += _lost(comparison, best, old)
     found.sort(key=lambda pair: -pair[0])
-    finite = [moved for moved, _ in found if math.isfinite(moved)]
-    least = _MATTERS * max(finite, default=0.0)
+    least = _MATTERS * max((moved for moved, _ in found if math.isfinite(moved)), default=0.0)
     return [cause for moved, cause in found if moved >= least]
 
 
@@ -117,7 +116,7 @@ def _of_sensor(
 ) -> list[tuple[float, Cause]]:
     """The sensor's frame as one cause, its rotation as the number."""
     structure = comparison.reference.structure
-    turn, shift = (np.asarray(structure.groups[g]) for g in FRAME)
+    turn, shift = (structure.groups[g] for g in FRAME)
     both = np.concatenate([turn, shift])
     change, deviation = (best.beta - old)[both], best.deviation[both]
     mirrored = comparison.reference.mirrored
@@ -151,7 +150,7 @@ def _seen_before_and_after(comparison: Comparison, beta: Array) -> tuple[Array, 
     mixed = comparison.belief.beta.copy()
     for name, ix in structure.groups.items():
         if name.startswith("view.") or name == "lens":
-            mixed[np.asarray(ix)] = beta[np.asarray(ix)]
+            mixed[ix] = beta[ix]
     before = old.structure.predict(comparison.probes, old.beta)
     return np.asarray(before), np.asarray(structure.predict(comparison.probes, mixed))
 

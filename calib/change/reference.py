@@ -68,7 +68,7 @@ def reference_of(body: Body, q: Array, z: Array, unit: str | None = None) -> Ref
     q, z = q[rows], z[rows]
     seen = body.structure.predict(q, body.beta)
     extent = float(np.asarray(body.structure.extents)[0])
-    gap = _typical(np.linalg.norm((z - seen)[:, :places], axis=1))
+    gap = float(np.median(np.linalg.norm((z - seen)[:, :places], axis=1)))
     if gap < _FAR * extent:
         return kept
     if is_camera(body.structure.view):
@@ -93,25 +93,14 @@ def reference_of(body: Body, q: Array, z: Array, unit: str | None = None) -> Ref
     view = [ix for name, ix in groups.items() if name.startswith("view.") or name == "lens"]
     factor = ratio if other else 1.0
     moved = replace(
-        body,
-        structure=structure,
-        noise=body.noise * factor,
-        tau=body.tau * factor,
+        body, structure=structure, noise=body.noise * factor, tau=body.tau * factor,
         residual=body.residual * factor,
-    )
+    )  # fmt: skip
     signs = change.get("signs")
     old = getattr(body.structure, "signs", ())
     turned = tuple(k for k, s in enumerate(signs) if s != old[k]) if signs else ()
-    return Reference(
-        moved,
-        beta,
-        new,
-        "mirror" in change,
-        turned,
-        locked,
-        factor,
-        np.concatenate(view).astype(np.intp) if new else _moving(structure),
-    )
+    forgotten = np.concatenate(view).astype(np.intp) if new else _moving(structure)
+    return Reference(moved, beta, new, "mirror" in change, turned, locked, factor, forgotten)
 
 
 def _moving(structure: Structure) -> Indices:
@@ -137,10 +126,6 @@ def _camera_moved(body: Body, q: Array, z: Array) -> Array:
     return min(tries, key=lambda t: t[0])[1]
 
 
-def _typical(values: Array) -> float:
-    return float(np.median(values))
-
-
 def _variants(body: Body) -> Iterator[tuple[dict[str, Any], Array, tuple[int, ...]]]:
     """The belief itself, seen from behind, with one joint turned round, with one joint locked.
 
@@ -161,13 +146,11 @@ def _variants(body: Body) -> Iterator[tuple[dict[str, Any], Array, tuple[int, ..
             for mirror in mirrors:
                 yield {**mirror, "signs": other}, beta, ()
         if chain and turns and k:
-            held = beta.copy()
-            held[np.asarray(structure.groups["gain"])[k]] = 0.0
+            held, offset = beta.copy(), structure.groups["offset"][k]
+            held[structure.groups["gain"][k]] = 0.0
             for angle in np.arange(-np.pi, np.pi, _LOCKED_STEP):
                 held = held.copy()
-                held[np.asarray(structure.groups["offset"])[k]] = (
-                    beta[np.asarray(structure.groups["offset"])[k]] + angle
-                )
+                held[offset] = beta[offset] + angle
                 yield {}, held, (k,)
 
 
@@ -177,6 +160,7 @@ def _fields(structure: Structure) -> set[str]:
 
 
 def _replaced(structure: Structure, change: dict[str, Any]) -> Structure:
+    # a copy would compute again what a structure keeps of itself
     return replace(structure, **change) if change else structure  # type: ignore[type-var]
 
 
@@ -212,7 +196,7 @@ def rigid_misfit(p: Array, z: Array, scaled: bool) -> tuple[float, float, Array]
         error = np.linalg.norm(left, axis=1)
         kept = error <= max(3.0 * float(np.median(error)), 1e-12)
     # a scale that is near one is not what is asked for
-    typical = _typical(error) / (size if scaled and size > 0 else 1.0)
+    typical = float(np.median(error)) / (size if scaled and size > 0 else 1.0)
     return typical, max(ratio, 1e-12), turn
 
 
@@ -266,4 +250,20 @@ def _aligned(
         if float(np.abs(step * size).max()) < 1e-9 * float(size.max()):
             break
     left = structure.residual(z, structure.predict(q, beta))
-    return _typical(np.linalg.norm(left, axis=1)), beta
+    return float(np.median(np.linalg.norm(left, axis=1))), beta
+
+
+def carried_offset(old: Body, new: Body, beta: Array, q: Array, offset: Array) -> Array:
+    """What maps add to a body, after the arm or the sensor has changed.
+
+    A displacement of the tip is taken as that of the joints that causes it (least squares), and
+    these joints' displacement in the new prediction: a moved sensor turns it exactly.
+
+    beta : (d,), parameters of the new prediction
+    q, offset : (n, dof), (n, m)
+    Returns (n, m).
+    """
+    before = old.structure.slope(q, old.beta)
+    after = new.structure.slope(q, beta)
+    joints = np.einsum("ndm,nm->nd", np.linalg.pinv(before, rcond=1e-3), offset)
+    return np.asarray(np.einsum("nmd,nd->nm", after, joints))

@@ -244,15 +244,9 @@ def compare(schemas: Sequence[Schema], u: Array, x: Array) -> tuple[str | None, 
         square = (schema.radius * ratio[seen]) ** 2
         sigma, k = bound[seen] / schema.radius, x.shape[1]
         density = -k * np.log(sigma) - (_FREEDOM + k) / 2 * np.log1p(square / _FREEDOM)
-        found.append(
-            Fit(
-                schema.name,
-                _may_be_chance(int(outside.sum()), len(outside)),
-                float(outside.mean()),
-                float(np.median(distance[seen])),
-                float(density.mean()),
-            )
-        )
+        fits = _may_be_chance(int(outside.sum()), len(outside))
+        sizes = float(outside.mean()), float(np.median(distance[seen])), float(density.mean())
+        found.append(Fit(schema.name, fits, *sizes))
     found.sort(key=lambda f: -f.likelihood)
     best = next((f for f in found if f.fits), None)
     return None if best is None else best.name, tuple(found)

@@ -73,36 +73,18 @@ def seen_body(model: Model) -> Body:
     centre = x.mean(axis=0)
     extent = float(np.sqrt(((x - centre) ** 2).sum(axis=1).mean()))
     structure = SeenStructure(
-        about.joint_names,
-        about.revolute,
-        "rigid",
-        about.unit,
-        1.0,
-        False,
-        (1,) * len(about.joint_names),
-        1,
-        extent,
-        (float(centre[0]), float(centre[1])),
-        None,
-        False,
-        model,
-    )
-    beta = np.zeros(structure.size)
+        about.joint_names, about.revolute, "rigid", about.unit, metre=1.0, lens=False,
+        signs=(1,) * len(about.joint_names), mirror=1, extent=extent,
+        centre=(float(centre[0]), float(centre[1])), nominal=None, simulated=False, model=model,
+    )  # fmt: skip
     noise = model.baseline.noise if model.baseline is not None else 1e-4 * extent
     bound = float(np.median(model.bounds[model.visited])) / _RADIUS_95
     own = np.sqrt(max(bound**2 - noise**2, (0.3 * bound) ** 2))
     return Body(
-        structure,
-        beta,
-        np.zeros(0, dtype=np.intp),
-        np.zeros((0, 0)),
-        np.full(2, max(noise, 1e-6 * extent)),
-        1.0,
-        np.full(2, own),
-        np.zeros(2),
-        6.0,
-        1.0,
-    )
+        structure, np.zeros(structure.size), np.zeros(0, dtype=np.intp), np.zeros((0, 0)),
+        noise=np.full(2, max(noise, 1e-6 * extent)), kappa=1.0, tau=np.full(2, own),
+        residual=np.zeros(2), nu=6.0, autocorrelation=1.0,
+    )  # fmt: skip
 
 
 def design_effect(structure: Structure, q: Array, noise: float) -> float:

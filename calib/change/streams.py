@@ -22,7 +22,7 @@ from ..model.schemas import Schema
 from .follow import HORIZON, check_followable
 from .learning import SETTLED, Learning
 from .schemas import MOST, OUTSIDE, compare, in_state
-from .step import Step
+from .watch import Step
 
 if TYPE_CHECKING:
     from ..model.model import Model
@@ -206,9 +206,7 @@ class Follower:
 
     def _recalled(self, u: Array, x: Array) -> bool:
         """Make the kept schema that fits the samples the present one, if one does."""
-        if not self._kept:
-            return False
-        if len(u) < _RECALL:
+        if not self._kept or len(u) < _RECALL:
             return False
         name, _ = compare(self._kept, u[-_WINDOW:], x[-_WINDOW:])
         if name is None:
@@ -216,9 +214,7 @@ class Follower:
         schema = next(s for s in self._kept if s.name == name)
         self._kept.remove(schema)
         self._keep_present()
-        if schema.name not in self._models:
-            self._models[schema.name] = in_state(self._present, schema)
-        self._show(self._models[schema.name])
+        self._show(self._models.get(name) or in_state(self._present, schema))
         return True
 
     def _begin(self, u: Array, x: Array) -> bool:

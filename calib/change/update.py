@@ -20,7 +20,7 @@ from ..body.structure import Indices
 from ..common.arrays import Array
 from ..common.rows import thinned
 from .explain import Explanation
-from .members import drift
+from .members import FRAME, drift
 from .reference import Reference
 from .rows import UPDATED_ROWS, Log
 from .whitening import nuisance_sd, scaled
@@ -30,6 +30,7 @@ _BLOCKS = 5
 _ENOUGH = 30  # rows that tell a quantile
 _OUTLIER = 2.5  # 95 % radii from which a row is an outlier
 _STEPS = 3
+_ANYWHERE = 20.0  # sizes of a freed frame, a radian and an extent, that are no prior
 _CLEAN = 0.01  # of the residual that a log is allowed: half of its rows are nearer than that
 
 
@@ -134,6 +135,10 @@ def _posterior(old: Body, reference: Reference, e: Explanation, log: Log) -> Pos
     structure = old.structure
     creep = drift(old, e.waves)
     loose = np.sqrt(e.sd**2 + creep**2)
+    if e.member.framed and len(reference.forgotten):
+        # the frame was fitted to these rows: as a narrow prior it would count them twice
+        frame = [ix for name, ix in structure.groups.items() if name in FRAME]
+        loose[np.intersect1d(np.concatenate(frame), reference.forgotten)] *= _ANYWHERE
     active = np.union1d(old.active, np.flatnonzero(loose > 0)).astype(np.intp)
     prior = np.diag(loose[active] ** 2)
     place = np.searchsorted(active, old.active)
@@ -186,26 +191,20 @@ class _Rows:
         self.root = 1.0 / np.sqrt(variance * e.temper)  # (n, m)
         self.features, self.own, self.temper = features, own, e.temper
 
-    def columns(self, x: Array) -> Array:
-        """Whitened derivatives (n, m, k + m nodes)."""
-        n, m, k = x.shape
-        nodes = self.features.shape[1]
-        out = np.zeros((n, m, k + m * nodes))
-        out[:, :, :k] = x * self.root[:, :, None]
-        for j in range(m):
-            part = slice(k + j * nodes, k + (j + 1) * nodes)
-            size = self.own[j] * np.sqrt(self.temper)
-            out[:, j, part] = self.features * (size * self.root[:, j, None])
-        return out
-
     def sums(self, x: Array, residual: Array) -> tuple[Array, Array]:
         """Information and moment of parameters and of the log's own residual."""
-        self.full = self.columns(x)
-        self.y = residual * self.root
-        flat = self.full.reshape(-1, self.full.shape[2])
+        n, m, k = x.shape
+        nodes = self.features.shape[1]
+        self.full, self.y = np.zeros((n, m, k + m * nodes)), residual * self.root
+        self.full[:, :, :k] = x * self.root[:, :, None]
+        for j in range(m):  # the residual of each output has nodes of its own
+            part = slice(k + j * nodes, k + (j + 1) * nodes)
+            size = self.own[j] * np.sqrt(self.temper)
+            self.full[:, j, part] = self.features * (size * self.root[:, j, None])
+        flat = self.full.reshape(-1, k + m * nodes)
         gram = flat.T @ flat
-        own = np.arange(x.shape[2], len(gram))
-        gram[own, own] += 1.0
+        own = np.arange(k, len(gram))
+        gram[own, own] += 1.0  # their prior: standard normal
         return gram, flat.T @ self.y.ravel()
 
     def held_out(self, gram: Array, x: Array, residual: Array, pull: Array) -> Array:
@@ -226,13 +225,9 @@ def _second(
     """The second belief, after the same log under the best explanation."""
     apart = second.beta - old.beta
     other = replace(
-        old,
-        beta=second.beta,
-        active=second.active,
-        covariance=second.covariance,
-        kappa=1.0,
+        old, beta=second.beta, active=second.active, covariance=second.covariance, kappa=1.0,
         second=None,
-    )
+    )  # fmt: skip
     place = replace(reference, body=other, beta=reference.beta + apart)
     start = replace(e, origin=e.origin + apart, beta=e.beta + apart)
     found = _posterior(other, place, start, log)
@@ -246,15 +241,13 @@ def _second(
     )
 
 
-def settled(before: Array, after: Array, blocks: int = _BLOCKS) -> tuple[float, float]:
+def settled(before: Array, after: Array) -> tuple[float, float]:
     """How much held-out rows gained: mean ratio of errors, and gain over its standard error.
 
     before, after : (n,) [unit], distances of the same rows from the old prediction, and from the
         new one without their block
     """
-    gain = [
-        float(np.mean(before[b] - after[b])) for b in np.array_split(np.arange(len(before)), blocks)
-    ]
+    gain = [float(part.mean()) for part in np.array_split(before - after, _BLOCKS)]
     error = float(np.std(gain, ddof=1)) / np.sqrt(len(gain))
     ratio = float(after.mean() / max(float(before.mean()), 1e-300))
     return ratio, float(np.mean(gain)) / max(error, 1e-300)

@@ -1,8 +1,13 @@
-"""A watch over a stream: whether distortion, links or positions leave what is usual (eq. 9)."""
+"""A watch over a stream: whether distortion, links or positions leave what is usual (eq. 9).
+
+`Watch` notices a change, `matching_sigma` says from which radius maps start again, and `Step` is
+what a follower tells after some samples.
+"""
 
 from __future__ import annotations
 
 import math
+from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -22,6 +27,28 @@ _JUMP = 3.0  # an error that rises by this factor while the maps re-form: anothe
 _NEIGHBOURS = 4  # earlier samples that a sample is compared with
 _LOOSE = 1.5  # what a settled map's own distortion must be exceeded by
 _TRACKING = 0.05  # share by which a settled map's usual means follow, per block
+
+
+@dataclass(frozen=True)
+class Step:
+    """The state after some samples of the stream."""
+
+    samples: int  # samples seen so far
+    # distortion of the maps (eq. 9): running mean of the squared distance to the winner, in the
+    # unit box.
+    zeta_motor: float
+    zeta_sensory: float
+    threshold: float  # what the sensory distortion exceeds by chance next to never
+    # [unit], running mean of the distance from each sample to what the readout ``activity`` said of
+    # it before it was learned
+    error: float
+    # [nodes], neighbourhood radius of the sensory map (eq. 10), 0 before a change was noticed.
+    sigma: float
+    # learning rate and forgetting factor of the links (eq. 12).
+    eta: float
+    beta: float
+    adapting: bool  # whether a change was noticed and the maps are re-forming
+    changes: int = 0  # changes noticed so far
 
 
 class Watch:
@@ -110,3 +137,27 @@ class Watch:
         self._apart = math.nan
         self.usual.clear()
         self.mean = dict(self.block)
+
+
+def matching_sigma(network: Map, error: float) -> float:
+    """Neighbourhood radius [nodes] at which training had a quantization error (eq. 10).
+
+    network : its history tells how the error fell with sigma; the radii of its coarse lattices
+        count as the same share of the full one
+    error : root mean square distance to the winner after the change, in the unit box
+    Returns float, the radius of the whole map where the error is larger than at the start.
+    """
+    dim = len(network.lattice.shape)
+    side = network.lattice.size ** (1 / dim)
+    nodes, sigma, past = network.history[:, 0], network.history[:, 1], network.history[:, 2]
+    full = sigma * side / nodes ** (1 / dim)
+    # the error of an epoch is that of the radius before it
+    past, full = past[1:], full[:-1]
+    if not len(past) or error > past.max():
+        return max(network.lattice.shape) / 2
+    # the last epoch that was as bad
+    epoch = int(np.flatnonzero(past >= error)[-1])
+    if epoch + 1 == len(past) or past[epoch] == past[epoch + 1]:
+        return float(full[epoch])
+    share = (past[epoch] - error) / (past[epoch] - past[epoch + 1])
+    return float(full[epoch] * (full[epoch + 1] / full[epoch]) ** share)

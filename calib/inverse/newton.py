@@ -44,10 +44,8 @@ class Newton:
         """
         if len(u) <= _CHUNK:
             return self._refine(u, x, tolerance)
-        parts = [
-            self._refine(u[i : i + _CHUNK], x[i : i + _CHUNK], tolerance)
-            for i in range(0, len(u), _CHUNK)
-        ]
+        chunks = (slice(i, i + _CHUNK) for i in range(0, len(u), _CHUNK))
+        parts = [self._refine(u[rows], x[rows], tolerance) for rows in chunks]
         return np.concatenate([p[0] for p in parts]), np.concatenate([p[1] for p in parts])
 
     def _refine(self, start: Array, target: Array, tolerance: float) -> tuple[Array, Array]:
@@ -63,6 +61,7 @@ class Newton:
             u, x, gap, distance, slope = (part[..., rows] for part in (u, x, gap, distance, slope))
         else:
             u = u.copy()
+        # nearly Gauss-Newton at first: a start is within a node's spacing of its answer
         damping = np.full(len(rows), 1e-9)
         for _ in range(_STEPS):
             if not len(rows):
@@ -115,6 +114,7 @@ class Newton:
         extra = damping * (aa + bb)
         aa, bb = aa + extra, bb + extra
         det = np.maximum(aa * bb - ab * ab, 1e-300)
+        # the inverse of a 2x2 matrix in place of LAPACK, whose calls cost more than the numbers
         first, second = (bb * gap[0] - ab * gap[1]) / det, (aa * gap[1] - ab * gap[0]) / det
         return np.asarray(a * first + b * second)
 

@@ -9,6 +9,7 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass
+from itertools import permutations
 
 import numpy as np
 from numpy.typing import NDArray
@@ -24,6 +25,7 @@ STEPS = 40
 ROUND, QUIET = 96, 2
 ROUNDS = 12  # at most
 _MOST = 64  # branches; more are those of a redundant arm
+_SLACK = 1e-9  # [rad or m] by which a joint may be rounded beyond its range
 _TOGETHER = 50  # poses that are searched side by side
 #: A pose is reached within this share of the arm's length, and solutions this far apart [rad or m]
 #: are different branches.
@@ -38,16 +40,18 @@ class Joints:
     upper: Array
     revolute: tuple[bool, ...]
 
+    @property
+    def middle(self) -> Array:
+        """Middle (dof,) of the ranges."""
+        return 0.5 * (self.lower + self.upper)
+
     def within(self, q: Array) -> tuple[Array, NDArray[np.bool_]]:
         """Joint values (n, dof) by whole turns into the ranges, and whether all are inside (n,)."""
         turns = np.asarray(self.revolute)
-        middle = 0.5 * (self.lower + self.upper)
-        away = np.where(turns, np.round((q - middle) / (2 * np.pi)), 0.0)
+        away = np.where(turns, np.round((q - self.middle) / (2 * np.pi)), 0.0)
         out = q - 2 * np.pi * away
-        slack = 1e-9
-        near = (out >= self.lower - slack) & (out <= self.upper + slack)
-        inside = np.asarray(near.all(axis=1))
-        return np.clip(out, self.lower, self.upper), inside
+        near = (out >= self.lower - _SLACK) & (out <= self.upper + _SLACK)
+        return np.clip(out, self.lower, self.upper), np.asarray(near.all(axis=1))
 
     def draw(self, n: int, rng: np.random.Generator) -> Array:
         """Joint values (n, dof) drawn from the ranges."""
@@ -196,19 +200,8 @@ class _Search:
 
 def _flipped(q: Array, joints: Joints) -> Array:
     """Starts that a branch suggests: turns half round, or bent the other way, and pairs of them."""
-    dof = len(q)
-    turns = [k for k in range(dof) if joints.revolute[k]]
-    single = []
-    for k in turns:
-        for value in (q[k] + np.pi, -q[k]):
-            row = q.copy()
-            row[k] = value
-            single.append(row)
-    pairs = []
-    for i in turns:
-        for j in turns:
-            if i != j:
-                row = q.copy()
-                row[i], row[j] = row[i] + np.pi, -row[j]
-                pairs.append(row)
-    return np.array([*single, *pairs]).reshape(-1, dof)
+    joint, turns = np.arange(len(q)), np.flatnonzero(joints.revolute)
+    rows = [np.where(joint == k, moved, q) for k in turns for moved in (q + np.pi, -q)]
+    for i, j in permutations(turns, 2):
+        rows.append(np.where(joint == i, q + np.pi, np.where(joint == j, -q, q)))
+    return np.array(rows).reshape(-1, len(q))

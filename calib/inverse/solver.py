@@ -15,8 +15,7 @@ from ..maps.predictor import Predictor
 from .closest import closest
 from .newton import CLOSE, Newton
 from .self_motions import representatives
-from .singular_points import twins
-from .starts import Starts, damped_inverse
+from .starts import Starts, damped_inverse, twins
 
 SAME = 1e-5
 """Solutions closer than this share of the joints' range are one."""
@@ -146,25 +145,17 @@ class Solver:
         return self.association.motor.spacing
 
     def _take_better(
-        self,
-        u: Array,
-        distance: Array,
-        rows: Index,
-        found: Array,
-        found_distance: Array,
-        near: Array,
+        self, u: Array, distance: Array, rows: Index, found: Array, left: Array, near: Array
     ) -> None:
         """Replace answers in place: a met target before a missed one, then closer joints.
 
         `rows` says which target each of those found belongs to, ascending.
         """
-        every = np.concatenate([np.arange(len(u)), rows]) if len(rows) else np.arange(len(u))
+        every = np.append(np.arange(len(u)), rows)
         asked = np.zeros(len(u), dtype=bool)
         asked[rows] = True
-        every_u, every_distance = (
-            np.concatenate([u, found]),
-            np.concatenate([distance, found_distance]),
-        )
+        every_u = np.concatenate([u, found])
+        every_distance = np.concatenate([distance, left])
         use = np.flatnonzero(asked[every])
         met = every_distance[use] <= CLOSE * self.extent
         away = np.linalg.norm(self.scale.difference(every_u[use], near[every[use]]), axis=1)
@@ -177,10 +168,8 @@ class Solver:
         """Answers whose targets were missed, tried again from more places."""
         missed = np.flatnonzero(distance > CLOSE * self.extent)
         if len(missed):
-            for target, start in (
-                self.starts.propose(x[missed], _WIDE),
-                self.starts.around(x[missed]),
-            ):
+            starts = self.starts
+            for target, start in (starts.propose(x[missed], _WIDE), starts.around(x[missed])):
                 row = missed[target]
                 found = self.newton.settle(start, x[row], near[row])
                 self._take_better(u, distance, row, *found, near)

@@ -1,9 +1,11 @@
-"""Starts: joints from which every branch of a target is reached, as the links propose them."""
+"""Starts: joints from which every branch of a target is reached, as the links propose them.
+
+Folds, where two branches meet because the arm is stretched or folded, get starts of their own.
+"""
 
 from __future__ import annotations
 
 import itertools
-from dataclasses import dataclass, field
 from functools import cached_property
 from typing import TYPE_CHECKING
 
@@ -14,7 +16,6 @@ from ..common.arrays import Array, Index
 from ..maps.association import Association
 from ..maps.map import search_tree
 from .newton import CLOSE, Newton
-from .singular_points import SINGULAR, singular
 
 if TYPE_CHECKING:
     from scipy.spatial import cKDTree
@@ -32,33 +33,35 @@ _CORNERED = 4  # most joints whose corners are tried as well
 _AHEAD = 48  # sensory nodes that a single query makes known
 _CHUNK = 512  # sensory nodes at once
 
+SINGULAR = 0.3
+"""Sine between the motions of both joints below which a fold may be near."""
 
-@dataclass(frozen=True, eq=False, repr=False)
+_FINE = 0.1  # the same between solutions, for twins of a map whose nodes stand close
+_COARSE = 5.0  # and per node spacing, where they do not
+_PROBE = 1e-4  # of the joints' range: step of the derivative of the determinant
+_FAR = 0.3  # of the joints' range: a twin is not looked for further away
+
+
 class Starts:
     """For each sensory node the joints that lead there: one start per branch.
 
     Every motor node that was ever active with a sensory node is linked to it, so every
     branch is among them.  They are refined and merged when a sensory node is first asked
     for, and kept: many targets share them.
+
+    association : the maps and their links
+    newton : refines what the links propose
     """
 
-    association: Association  # the maps and their links
-    newton: Newton  # refines what the links propose
-    _known: NDArray[np.bool_] = field(init=False)
-    _u: Array = field(init=False)
-    _value: Array = field(init=False)
-    _inverse: Array = field(init=False)
-    _folded: NDArray[np.bool_] = field(init=False)
-
-    def __post_init__(self) -> None:
-        nodes, dof = self.association.sensory.size, self.association.motor.units.shape[1]
-        outputs = self.association.sensory.units.shape[1]
-        width = _WIDTH.get(dof, _WIDEST)
-        object.__setattr__(self, "_known", np.zeros(nodes, dtype=bool))
-        object.__setattr__(self, "_u", np.full((nodes, width, dof), np.nan))
-        object.__setattr__(self, "_value", np.full((nodes, width, outputs), np.nan))
-        object.__setattr__(self, "_inverse", np.zeros((nodes, width, dof, outputs)))
-        object.__setattr__(self, "_folded", np.zeros(nodes, dtype=bool))
+    def __init__(self, association: Association, newton: Newton) -> None:
+        self.association, self.newton = association, newton
+        nodes, dof = association.sensory.size, association.motor.units.shape[1]
+        outputs, width = association.sensory.units.shape[1], _WIDTH.get(dof, _WIDEST)
+        self._known = np.zeros(nodes, dtype=bool)
+        self._u = np.full((nodes, width, dof), np.nan)
+        self._value = np.full((nodes, width, outputs), np.nan)
+        self._inverse = np.zeros((nodes, width, dof, outputs))
+        self._folded = np.zeros(nodes, dtype=bool)
 
     def of(self, x: Array) -> tuple[Array, Array, NDArray[np.bool_]]:
         """Starts (n, k, dof) for targets `x` (n, m) in the unit box; NaN beyond the last.
@@ -106,10 +109,8 @@ class Starts:
         target, u, distance = target[order], u[order], distance[order]
         place = np.arange(len(target)) - np.searchsorted(target, target)
         width, dof = int(place.max()) + 1, u.shape[1]
-        table, missed = (
-            np.full((len(nodes), width, dof), np.nan),
-            np.full((len(nodes), width), np.inf),
-        )
+        table = np.full((len(nodes), width, dof), np.nan)
+        missed = np.full((len(nodes), width), np.inf)
         table[target, place], missed[target, place] = u, distance
         kept = self._distinct(table, missed)
         # the best of each node first, as many as there is room for
@@ -219,3 +220,41 @@ def damped_inverse(slope: Array, share: float) -> Array:
     first = (a * bb[:, None] - b * ab[:, None]) / det[:, None]
     second = (b * aa[:, None] - a * ab[:, None]) / det[:, None]
     return np.stack([first, second], axis=2)
+
+
+def twins(newton: Newton, u: Array, spacing: float = 0.0) -> tuple[Index, Array]:
+    """Starts (m, 2) for the solutions across a nearby fold of `u` (n, 2), and of which rows (m,).
+
+    A Jacobian of determinant zero is a fold: two solutions meet there. Along the direction that
+    hardly moves the tip the determinant falls linearly to zero, and the other solution lies about
+    as far beyond as this one lies before. A coarse map, its nodes `spacing` apart in the unit box,
+    overlooks branches that are further apart, so that twins are looked for further away.
+    """
+    slope = newton.predictor.value_and_slope(u)[1]
+    share = min(max(_FINE, _COARSE * spacing), SINGULAR)
+    rows = np.flatnonzero(singular(slope, share))
+    if not len(rows):
+        return rows, u[rows]
+    # the right singular vector of the smaller singular value
+    flat = np.linalg.svd(slope[rows])[2][:, 1]
+    ahead = _determinant(newton.predictor.value_and_slope(u[rows] + _PROBE * flat)[1])
+    behind = _determinant(newton.predictor.value_and_slope(u[rows] - _PROBE * flat)[1])
+    rate = (ahead - behind) / (2 * _PROBE)
+    reach = -2.0 * _determinant(slope[rows]) / np.where(rate == 0.0, np.inf, rate)
+    near = (np.abs(reach) < _FAR) & (reach != 0.0)
+    rows = rows[near]
+    return rows, newton.clip(u[rows] + reach[near, None] * flat[near])
+
+
+def singular(slope: Array, share: float) -> NDArray[np.bool_]:
+    """Whether both joints move the tip along nearly the same line, (n,).
+
+    The determinant of the Jacobians (n, 2, 2) over the lengths of their columns is the sine
+    of the angle between them.
+    """
+    first, second = np.einsum("nij,nij->jn", slope, slope)
+    return np.asarray(np.abs(_determinant(slope)) < share * np.sqrt(first * second))
+
+
+def _determinant(slope: Array) -> Array:
+    return np.asarray(slope[:, 0, 0] * slope[:, 1, 1] - slope[:, 0, 1] * slope[:, 1, 0])

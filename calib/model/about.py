@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping, Sequence
-from dataclasses import asdict, dataclass, field, fields
+from dataclasses import asdict, dataclass, field, fields, replace
 from typing import Any
 
 import numpy as np
@@ -25,81 +25,52 @@ _WIDEST = 1e9  # range of a joint [rad or m]
 
 @dataclass(frozen=True, eq=False)
 class About(ReadOnly):
-    """Plain facts that travel with a model.
+    """Plain facts that travel with a model."""
 
-    Attributes
-    ----------
-    robot, tip : str
-        Name of the robot and of the frame whose position is sensed ("" without a URDF).
-    joint_names : tuple of str
-        Active joints from base to tip.
-    revolute : tuple of bool
-        Whether each joint turns (rad) or slides (m).
-    lower, upper : (dof,) array [rad or m]
-        Learned range of each joint.
-    locked : dict of str to float
-        Other joints and where they are held [rad or m].
-    plane : dict or None
-        "origin", "x" and "y" of the plane in the root link's frame [m].
-    unit : str
-        Unit of the positions.
-    bound_of : str
-        "true position" or "sensor reading": what the expected error bounds.
-    source : str
-        "simulation" or "log".
-    taught : bool
-        Whether the maps learned from positions that the body predicts, besides the samples.
-    samples, seed : int
-        Number of training samples, and the seed.
-    options : dict
-        "map", "rule", "epochs", "sigma" of the training.
-    simulation : dict or None
-        Noise and changes of the simulated arm.
-    urdf : str
-        The URDF's own text ("" without one).
-    errors : dict
-        Errors per readout as ``calib evaluate --json`` prints them.
-    tested, left_out : int
-        Samples behind those errors, and samples outside of what was learned from the others.
-    notes : tuple of str
-        Notes that were printed while the model was made.
-    columns : dict of str to str
-        Columns of its log that have other names than what they hold.
-    degrees : bool
-        Whether its log has turning joints in degrees; later logs are read alike.
-    picture : (int, int) or None [px]
-        Width and height of the pictures of a camera that sees an arm in space.
-    """
-
+    # name of the robot and of the frame whose position is sensed ("" without a URDF)
     robot: str
     tip: str
-    joint_names: tuple[str, ...]
-    revolute: tuple[bool, ...]
+    joint_names: tuple[str, ...]  # active joints from base to tip
+    revolute: tuple[bool, ...]  # whether each joint turns (rad) or slides (m)
+    # (dof,) [rad or m], learned range of each joint
     lower: Array
     upper: Array
-    locked: Mapping[str, float]
+    locked: Mapping[str, float]  # other joints and where they are held [rad or m]
+    # "origin", "x" and "y" of the plane in the root link's frame [m]
     plane: Mapping[str, Any] | None
-    unit: str
-    bound_of: str
-    source: str
+    unit: str  # unit of the positions
+    bound_of: str  # "true position" or "sensor reading": what the expected error bounds
+    source: str  # "simulation" or "log"
+    # whether the maps learned from positions that the body predicts, besides the samples
     taught: bool
+    # number of training samples, and the seed
     samples: int
     seed: int
-    options: Mapping[str, Any]
-    simulation: Mapping[str, Any] | None
-    urdf: str
+    options: Mapping[str, Any]  # "map", "rule", "epochs", "sigma" of the training
+    simulation: Mapping[str, Any] | None  # noise and changes of the simulated arm
+    urdf: str  # the URDF's own text ("" without one)
+    # errors per readout as ``calib evaluate --json`` prints them
     errors: Mapping[str, Any] = field(default_factory=dict)
+    # samples behind those errors, and samples outside of what was learned from the others
     tested: int = 0
     left_out: int = 0
-    notes: tuple[str, ...] = ()
+    notes: tuple[str, ...] = ()  # notes that were printed while the model was made
+    # columns of its log that have other names than what they hold
     columns: Mapping[str, str] = field(default_factory=dict)
+    # whether its log has turning joints in degrees; later logs are read alike
     degrees: bool = False
+    # [px], width and height of the pictures of a camera that sees an arm in space
     picture: tuple[int, int] | None = None
 
     @property
     def units_of_joints(self) -> tuple[str, ...]:
         """Unit of each joint: "rad" or "m"."""
         return tuple("rad" if turns else "m" for turns in self.revolute)
+
+    def measured(self, **facts: Any) -> About:
+        """The same facts but for these, of a model that now rests on what a sensor read."""
+        told: dict[str, Any] = {"source": "log", "bound_of": "sensor reading", "simulation": None}
+        return replace(self, **told, taught=False, **facts)
 
     def to_json(self) -> dict[str, Any]:
         """Plain data, as it is stored in a model file."""
@@ -176,7 +147,7 @@ def check_about(data: Mapping[str, Any]) -> None:
     if min(data["samples"], data["seed"], data["tested"], data["left_out"]) < 0:
         raise ValueError("samples, seed, tested, left_out: expected zero or more")
     for name in _OPTIONS:
-        _ = data["options"][name]
+        _ = data["options"][name]  # a KeyError where one is missing
     _check_errors(data["errors"], joints)
 
 

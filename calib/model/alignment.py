@@ -52,6 +52,7 @@ class Alignment:
     @property
     def angle(self) -> float:
         """Rotation [rad], after a mirror of x where there is one."""
+        # the nearest rotation of a 2x2 matrix: its antisymmetric part over its trace
         matrix = self.matrix @ np.diag([-1.0, 1.0]) if self.mirrored else self.matrix
         return math.atan2(matrix[1, 0] - matrix[0, 1], matrix[0, 0] + matrix[1, 1])
 

@@ -22,6 +22,7 @@ REACHED = 1e-9
 
 _SURE = 1e-2  # of the extent: a larger expected error does not make a target reachable
 _IN_SIGHT = 1e6  # extents of the workspace
+_LONGEST = 0.1  # of the joints' range: no step of a servo is longer
 
 
 class Answer(NamedTuple):
@@ -121,17 +122,13 @@ def answer(model: Model, u: Array, x: Array, position: Array | None) -> Answer:
     if position is None:
         position = model.predictor.value(u)
     with np.errstate(over="ignore"):  # the distance of a target at 1e308 may be infinite
-        distance = np.hypot(*(position - x).T) if x.shape[1] == 2 else _apart(position, x)
+        gap = position - x
+        distance = np.hypot(*gap.T) if x.shape[1] == 2 else np.sqrt((gap**2).sum(axis=1))
     bound = model.bound_at(u)
     same = model.model_bounds is model.bounds
     error = bound if same else model.bound_at(u, "model_bounds")
     within = distance <= within_reach(model, bound)
     return Answer(model.motor.scale.from_unit(u), position, distance, bound, error, within)
-
-
-def _apart(a: Array, b: Array) -> Array:
-    """Distances (n,) of points (n, m)."""
-    return np.asarray(np.sqrt(((a - b) ** 2).sum(axis=1)))
 
 
 def within_reach(model: Model, bound: Array) -> Array:
@@ -177,3 +174,26 @@ def anchor(model: Model, near: ArrayLike | None, n: int) -> Array:
         )
     unit = scale.to_unit(rows)
     return unit if len(unit) == n else np.broadcast_to(unit, (n, len(names)))
+
+
+def servo_step(
+    model: Model, measured: ArrayLike, target: ArrayLike, q: ArrayLike, gain: float
+) -> Array:
+    """One step towards the targets; see :meth:`calib.Model.servo`."""
+    if not 0.0 < gain <= 1.0:
+        raise QueryError(f"gain {gain!r}: expected a share of the way, above 0 and up to 1")
+    seen, _ = checked_rows(measured, model.axes, "measured position")
+    wanted, _ = checked_rows(target, model.axes, "target")
+    joints, single = checked_rows(q, model.about.joint_names, "q")
+    if not len(seen) == len(wanted) == len(joints):
+        raise QueryError(
+            f"{len(seen)} measured positions, {len(wanted)} targets and {len(joints)} rows of "
+            "q: expected as many of each"
+        )
+    scale, newton = model.motor.scale, model.solver.newton
+    u = newton.clip(scale.to_unit(joints))
+    step = newton.rate(u, gain * (wanted - seen))
+    length = np.linalg.norm(step, axis=1, keepdims=True)
+    step *= np.minimum(1.0, _LONGEST / np.maximum(length, 1e-300))
+    result = scale.from_unit(newton.clip(u + step))
+    return result[0] if single else result

@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from ..body.belief import Body, Second
-from ..body.gauge import sensor_of, without_gauge, without_sensor
+from ..body.sensor import sensor_of, without_gauge, without_sensor
 
 if TYPE_CHECKING:
     from .model import Model
@@ -19,7 +19,7 @@ def in_base(body: Body, *, size: bool = True) -> Body | None:
 
     Where the sensor's frame was fitted, the base frame is turned about and shifted along the first
     joint's axis to where the belief has it, by convention, and the spread is what is left; without
-    `size` an error of all lengths by one factor is left out too, see `calib.body.gauge`.
+    `size` an error of all lengths by one factor is left out too, see `calib.body.sensor`.
     """
     structure: Any = body.structure
     if structure.kind != "spatial" or not structure.informed:

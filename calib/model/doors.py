@@ -99,7 +99,7 @@ class Doors:
         (n, dof) or (dof,) array [rad or m]
             Within the joints' range, at most a tenth of it away from `q`.
         """
-        from ..use.servo import servo_step
+        from .answers import servo_step
 
         return servo_step(_model(self), x_measured, target, q, gain)
 

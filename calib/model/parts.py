@@ -20,7 +20,7 @@ from ..maps.linear_models import LinearModels
 from ..maps.local_models import NO_MODELS
 from ..maps.map import Map
 from ..maps.predictor import BodyInBox, Predictor, Smooth
-from .rows import Rows
+from .measured import Rows
 from .single import Single
 from .trust import KNOWN, MOST_SHARE, STEEP, BetweenNodes, Trust
 
@@ -31,8 +31,8 @@ if TYPE_CHECKING:
     from ..body.belief import Body
     from .about import About
     from .baseline import Baseline
+    from .measured import Photo
     from .model import Model
-    from .photo import Photo
     from .schemas import Schema
 
 

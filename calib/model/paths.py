@@ -87,6 +87,7 @@ def _lines(corners: Array, step: float) -> tuple[Array, NDArray[np.intp]]:
         )
     points, leads = [corners[:1]], [np.zeros(1, dtype=np.intp)]
     for k, (a, b) in enumerate(itertools.pairwise(corners)):
+        # rounding of the length must not add a row
         parts = max(1, math.ceil(float(length[k]) / step - 1e-9))
         share = np.arange(1, parts + 1)[:, None] / parts
         points.append(a + (b - a) * share)

@@ -68,14 +68,13 @@ def solve_poses(
     names = model.about.joint_names
     p, _ = checked_rows(position, ("x", "y", "z"), "positions")
     n = len(p)
-    r = None
+    r = None  # free
     if quaternion is not None:
         turns, _ = checked_rows(quaternion, QUATERNION, "quaternions")
         r = matrix_of(_units(turns))
         if len(r) != n:
             raise QueryError(f"{len(r)} quaternions for {n} positions: expected as many")
-    middle = 0.5 * (space.joints.lower + space.joints.upper)
-    anchor, _ = checked_rows(middle if near is None else near, names, "near")
+    anchor, _ = checked_rows(space.joints.middle if near is None else near, names, "near")
     if len(anchor) not in (1, n):
         raise QueryError(f"near has {len(anchor)} rows for {n} poses: give one or {n}")
     anchor = np.broadcast_to(anchor, (n, len(names)))

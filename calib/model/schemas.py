@@ -72,17 +72,10 @@ class Schema:
     def of(cls, model: Model, name: str | None = None) -> Schema:
         """The present state of a model, under its own name or another one."""
         return cls(
-            model.schema if name is None else name,
-            model.sensory,
-            model.predictor,
-            model.bounds,
-            model.model_bounds,
-            model.trust.most,
-            model.visited,
-            model.baseline,
-            model.about.bound_of,
-            model.about.samples,
-        )
+            model.schema if name is None else name, model.sensory, model.predictor, model.bounds,
+            model.model_bounds, model.trust.most, model.visited, model.baseline,
+            model.about.bound_of, model.about.samples,
+        )  # fmt: skip
 
     @property
     def noise(self) -> float:
@@ -123,6 +116,7 @@ class Schema:
             distance[known] = np.linalg.norm(x[known] - predicted, axis=1)
             square = blend_nodes(motor, self.bounds, u[known]) ** 2
             square += (self.radius * self.noise) ** 2  # of the sensor, on top
+            # a simulation's bound is zero where its samples are exact
             floor = _GRAIN * float(np.linalg.norm(self.sensory.scale.span))
             bound[known] = np.sqrt(square + floor**2)
             ratio[known] = distance[known] / bound[known]

@@ -154,8 +154,7 @@ class Space:
         those of the pose where they are known.
         """
         p, r = np.asarray(position, dtype=float), matrix_of(np.asarray(quaternion, dtype=float))
-        middle = 0.5 * (self.joints.lower + self.joints.upper)
-        anchor = middle if near is None else np.asarray(near, dtype=float)
+        anchor = self.joints.middle if near is None else np.asarray(near, dtype=float)
         found = branches
         if found is None:
             (found,) = pose_branches(
@@ -170,6 +169,7 @@ class Space:
                 self.evaluate, starts, np.tile(p, (n, 1)), np.tile(r, (n, 1, 1)), self.length
             )
             q, _ = self.joints.within(q)
+            # a radian of turn is worth the arm's length, as in the steps themselves
             left = self._answer(q, p, r)
             best = int(np.argmin(left.away + self.length * left.turned))
             return self._answer(q[[best]], p, r)
@@ -184,8 +184,7 @@ class Space:
         the tip has at `near` as far as the joints allow.
         """
         p = np.asarray(position, dtype=float)
-        middle = 0.5 * (self.joints.lower + self.joints.upper)
-        anchor = middle if near is None else np.asarray(near, dtype=float)
+        anchor = self.joints.middle if near is None else np.asarray(near, dtype=float)
         q, left = self._near(p, anchor[None], keep)
         if left[0] > REACHED * self.length:  # the way from there may end at a limit
             q, left = self._near(p, self.joints.draw(_STARTS, np.random.default_rng(0)), False)
@@ -239,6 +238,7 @@ class Space:
             jacobian = self.evaluate(q)[2]
             jacobian[:, :3] /= self.length
             wish = anchor - q
+            # (1 - J+ J) wish: what of it leaves the tip where it is
             inverse = np.linalg.pinv(jacobian, rcond=1e-6)
             step = wish - np.einsum("nij,nj->ni", inverse @ jacobian, wish)
             step *= np.minimum(1, 0.3 / np.maximum(np.abs(step).max(axis=1), 1e-12))[:, None]
@@ -254,6 +254,7 @@ class Space:
     def _order(self, q: Array, anchor: Array) -> NDArray[np.intp]:
         span = self.joints.upper - self.joints.lower
         away = q - anchor
+        # a joint of full turns is as near from the other side
         whole = 2 * np.pi * np.round(away / (2 * np.pi))
         away = away - np.where(self.model.motor.scale.periodic, whole, 0.0)
         return np.argsort(np.linalg.norm(away / span, axis=1), kind="stable")

@@ -21,10 +21,10 @@ from ..maps.links import Wiring
 from ..maps.map import HISTORY, Map
 from ..maps.predictor import Predictor
 from ..model.about import About
-from ..model.photo import Photo
-from ..model.rows import MOST, Rows
-from .parts import WHOLE, Tensors, build_baseline, build_models
-from .smooth_part import build_smooth
+from ..model.alignment import Alignment
+from ..model.measured import MOST, Photo, Rows
+from .parts import WHOLE, Tensors, build_baseline, build_models, build_smooth
+from .schemas import schema_name, unpack
 
 if TYPE_CHECKING:
     from ..model.model import Model
@@ -41,6 +41,7 @@ def build(header: Mapping[str, Any], tensors: Tensors) -> Model:
     about = About.from_json(header["about"])
     dof = len(about.joint_names)
     motor = _map("motor", header, tensors, dof)
+    # joints are asked in the unit box of the map: other limits would shift every answer
     if (
         not np.allclose((about.upper - about.lower) / motor.scale.span, 1.0, rtol=0, atol=1e-6)
         or (np.abs(about.lower - motor.scale.lower) > 1e-6 * motor.scale.span).any()
@@ -52,21 +53,12 @@ def build(header: Mapping[str, Any], tensors: Tensors) -> Model:
         raise ValueError(f"positions have {width} coordinates")
     sensory = _map("sensory", header, tensors, width)
     nodes = (motor.size,)
-    association = Association(
-        motor,
-        sensory,
-        _links(tensors, motor.size, sensory.size),
-        _wiring(header["links"]),
-        _means(tensors, "motor", motor),
-        _means(tensors, "sensory", sensory),
-    )
+    means = _means(tensors, "motor", motor), _means(tensors, "sensory", sensory)
+    links = _links(tensors, motor.size, sensory.size)
+    association = Association(motor, sensory, links, _wiring(header["links"]), *means)
     smooth, body = build_smooth(header, tensors, motor.scale, width, lambda: association.linear)
-    models = build_models(
-        header["local"],
-        tensors,
-        ("local.radius", "local.coefficients", "local.gates"),
-        (*nodes, dof, width),
-    )
+    names = "local.radius", "local.coefficients", "local.gates"
+    models = build_models(header["local"], tensors, names, (*nodes, dof, width))
     bounds = tensors.take("bounds", nodes)
     # of a simulation they are the same, and format 1 had one
     model_bounds = tensors.take("model_bounds", nodes) if "model_bounds" in tensors else bounds
@@ -91,12 +83,10 @@ def build(header: Mapping[str, Any], tensors: Tensors) -> Model:
         left, right, low, high = numbers("photo", header["photo"], 4)
         photo = tensors.take("photo", (-1,), "uint8").tobytes()
         model = replace(model, photo=Photo(photo, (left, right, low, high)))
-    if "schemas" not in header:
-        return model
-    from . import schemas
-
-    model = replace(model, schema=schemas.schema_name(header["schema"]))
-    return replace(model, schemas=schemas.unpack(model, header["schemas"], tensors))
+    if "schemas" in header:
+        model = replace(model, schema=schema_name(header["schema"]))
+        model = replace(model, schemas=unpack(model, header["schemas"], tensors))
+    return model
 
 
 def _links(tensors: Tensors, motor: int, sensory: int) -> Compressed:
@@ -130,8 +120,6 @@ def _approach(stated: Any, tensors: Tensors, nodes: int, dof: int) -> Approach:
 
 
 def _history(stated: Any) -> tuple[dict[str, Any], ...]:
-    from ..model.alignment import Alignment
-
     states = tuple(of_type("history", state, dict) for state in of_type("history", stated, list))
     for state in states:
         if state.get("frame") is not None:
@@ -156,7 +144,7 @@ def _map(name: str, header: Mapping[str, Any], tensors: Tensors, dim: int) -> Ma
     periodic = own.take("periodic", (dim,), "uint8").astype(bool)
     history = own.take("history", (-1, len(HISTORY)))
     found = Map(units, lattice, Scale(lower, span, periodic), history)
-    if not found.spacing > 0.0:
+    if not found.spacing > 0.0:  # which steps and cells are counted in
         raise ValueError(f"the nodes of the {name} map are all in one place")
     return found
 

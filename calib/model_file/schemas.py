@@ -14,8 +14,17 @@ from ..maps.linear_models import LinearModels
 from ..maps.map import Map
 from ..maps.predictor import Predictor
 from ..model.schemas import Schema, check_name
-from .parts import Tensors, baseline_tensors, build_baseline, build_models, models_header, whole
-from .smooth_part import build_smooth, smooth_header, smooth_tensors
+from .parts import (
+    Tensors,
+    baseline_tensors,
+    build_baseline,
+    build_models,
+    build_smooth,
+    models_header,
+    smooth_header,
+    smooth_tensors,
+    whole,
+)
 
 if TYPE_CHECKING:
     from ..model.model import Model
@@ -36,13 +45,11 @@ def pack(schemas: Sequence[Schema]) -> tuple[list[dict[str, Any]], dict[str, NDA
     """Descriptions and tensors of the schemas that fit into :data:`BYTES`."""
     described: list[dict[str, Any]] = []
     tensors: dict[str, NDArray[Any]] = {}
-    total = 0
     for k, schema in enumerate(schemas[:_MOST]):
-        own = _tensors(schema)
-        total += sum(array.nbytes for array in own.values())
-        if total > BYTES:
+        own = {f"{PREFIX}{k}.{name}": array for name, array in _tensors(schema).items()}
+        if sum(array.nbytes for array in (*tensors.values(), *own.values())) > BYTES:
             break
-        tensors.update({f"{PREFIX}{k}.{name}": array for name, array in own.items()})
+        tensors |= own
         described.append(
             {
                 "name": schema.name,
@@ -65,7 +72,7 @@ def _tensors(schema: Schema) -> dict[str, NDArray[Any]]:
         **{SMOOTH + name: array for name, array in smooth_tensors(predictor.smooth).items()},
         "bounds": _rounded_up(schema.bounds),
         "model_bounds": _rounded_up(schema.model_bounds),
-        "visited": np.packbits(schema.visited),
+        "visited": np.packbits(schema.visited),  # an eighth of a byte a node
     }
     if isinstance(predictor.smooth, LinearModels):  # what its links would say
         arrays["linear.values"] = predictor.smooth.values.astype(np.float32)
@@ -80,7 +87,7 @@ def _tensors(schema: Schema) -> dict[str, NDArray[Any]]:
 
 def _rounded_up(bounds: NDArray[np.float64]) -> NDArray[np.float32]:
     """Single precision, never below: a bound stays one."""
-    single = bounds.astype(np.float32)
+    single = bounds.astype(np.float32)  # rounds to the nearest, below in half of the cases
     return np.where(single < bounds, np.nextafter(single, np.float32(np.inf)), single)
 
 

@@ -20,9 +20,8 @@ from ..maps.graph import Graph
 from ..maps.linear_models import to_shifts
 from ..model.schemas import FIRST
 from . import schemas
-from .parts import Tensors, baseline_tensors, models_header
+from .parts import Tensors, baseline_tensors, models_header, smooth_header, smooth_tensors
 from .rebuild import build
-from .smooth_part import smooth_header, smooth_tensors
 
 if TYPE_CHECKING:
     from ..model.model import Model
@@ -33,15 +32,8 @@ FORMAT = 2
 _KEY = "calib"
 _LARGEST = 2_000_000_000  # bytes
 _HEADER = 20_000_000  # bytes; those of the description are among them
-_NONSENSE = (  # what building a model from a description without sense raises
-    CalibError,
-    AttributeError,
-    IndexError,
-    KeyError,
-    OverflowError,
-    TypeError,
-    ValueError,
-)
+# what building a model from a description without sense raises
+_NONSENSE = (CalibError, ArithmeticError, AttributeError, LookupError, TypeError, ValueError)
 
 
 def save(model: Model, path: str | os.PathLike[str]) -> None:
@@ -70,7 +62,7 @@ def to_bytes(model: Model) -> bytes:
     from safetensors.numpy import save as pack
 
     with one_blas_thread():  # a covariance is factored on the way into the file
-        tensors = {name: np.ascontiguousarray(a) for name, a in _tensors(model).items()}
+        tensors = _tensors(model)
     models = model.predictor.models
     header: dict[str, Any] = {
         "format": FORMAT,
@@ -85,14 +77,16 @@ def to_bytes(model: Model) -> bytes:
     }
     if model.approach is not None:
         header["approach"] = model.approach.play.tolist()
-        tensors["approach.bounds"] = np.ascontiguousarray(model.approach.bounds)
+        tensors["approach.bounds"] = model.approach.bounds
     if model.schemas or model.schema != FIRST:
         header["schema"] = model.schema
         header["schemas"], kept = schemas.pack(model.schemas)
-        tensors.update({name: np.ascontiguousarray(a) for name, a in kept.items()})
+        tensors |= kept
     if model.photo is not None:
         header["photo"] = list(model.photo.box)
         tensors["photo"] = np.frombuffer(model.photo.jpeg, np.uint8)
+    # safetensors writes memory as it lies: a transposed array would come back as another
+    tensors = {name: np.ascontiguousarray(array) for name, array in tensors.items()}
     header["sha256"] = _checksum(tensors, header)
     return bytes(pack(tensors, metadata={_KEY: _canonical(header)}))
 
@@ -102,19 +96,20 @@ def _canonical(header: Mapping[str, Any]) -> str:
 
 
 def _tensors(model: Model) -> dict[str, NDArray[Any]]:
-    links = model.association.linked
+    links, models = model.association.linked, model.predictor.models
     tensors: dict[str, NDArray[Any]] = {
         "links.data": links.data.astype(np.float32),
         "links.indices": links.indices.astype(_unsigned(model.sensory.size)),
+        # of each row, not where it begins: numbers that fit into two bytes
         "links.counts": np.diff(links.indptr).astype(_unsigned(model.sensory.size + 1)),
-        "local.radius": model.predictor.models.radius,
-        "local.coefficients": model.predictor.models.coefficients,
+        "local.radius": models.radius,
+        "local.coefficients": models.coefficients,
         **smooth_tensors(model.predictor.smooth),
         "bounds": model.bounds,
         "visited": model.visited.astype(np.uint8),
     }
-    if model.predictor.models.gates is not None:
-        tensors["local.gates"] = model.predictor.models.gates
+    if models.gates is not None:
+        tensors["local.gates"] = models.gates
     if not np.array_equal(model.model_bounds, model.bounds):
         tensors["model_bounds"] = model.model_bounds
     for name, part, means in (
@@ -146,7 +141,7 @@ def _checksum(tensors: Mapping[str, NDArray[Any]], header: Mapping[str, Any]) ->
     for name in sorted(tensors):
         array = tensors[name]
         digest.update(f"{name} {array.dtype.str} {array.shape};".encode())
-        digest.update(np.ascontiguousarray(array).tobytes())
+        digest.update(array.tobytes())
     rest = {key: value for key, value in header.items() if key != "sha256"}
     # a text may hold a lone surrogate, which UTF-8 alone refuses
     digest.update(_canonical(rest).encode("utf-8", "surrogatepass"))

@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from ..change.follow import follow
-from ..change.step import Step
+from ..change.watch import Step
 from ..common.arrays import Array
 from ..training.train import train
 from .setting import NETWORKS, Setting

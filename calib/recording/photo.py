@@ -14,7 +14,7 @@ from ..common.arrays import Array
 from ..common.atomic import atomic_write
 from ..common.choices import PICTURES
 from ..errors import LogError
-from ..model.photo import Photo
+from ..model.measured import Photo
 from .board import BoardFinder
 from .opencv import Picture, opencv
 from .pictures import read_picture

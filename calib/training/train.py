@@ -23,8 +23,8 @@ from ..maps.model_selection import select
 from ..maps.node_bounds import learn_bounds, near_border
 from ..maps.predictor import Predictor
 from ..model.baseline import Baseline, learn_baseline
+from ..model.measured import Rows
 from ..model.model import Model
-from ..model.rows import Rows
 from ..samples.samples import Samples
 from .about import about_of
 from .approach import corrected, play_of, play_words, simulated_approach, widened

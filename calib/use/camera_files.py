@@ -32,18 +32,13 @@ def camera_info(model: Model) -> str:
     matrix = [f, 0.0, u, 0.0, f, v, 0.0, 0.0, 1.0]
     projection = [f, 0.0, u, 0.0, 0.0, f, v, 0.0, 0.0, 0.0, 1.0, 0.0]
     eye = [1.0, 0.0, 0.0, 0.0, 1.0, 0.0, 0.0, 0.0, 1.0]
-    return "\n".join(
-        [
-            f"image_width: {width}",
-            f"image_height: {height}",
-            "camera_name: camera",
-            *_matrix("camera_matrix", 3, 3, matrix),
-            f"distortion_model: {law}",
-            *_matrix("distortion_coefficients", 1, 5, [k1, 0.0, 0.0, 0.0, 0.0]),
-            *_matrix("rectification_matrix", 3, 3, eye),
-            *_matrix("projection_matrix", 3, 4, projection),
-            "",
-        ]
+    return (
+        f"image_width: {width}\nimage_height: {height}\ncamera_name: camera\n"
+        + _matrix("camera_matrix", 3, 3, matrix)
+        + f"distortion_model: {law}\n"
+        + _matrix("distortion_coefficients", 1, 5, [k1, 0.0, 0.0, 0.0, 0.0])
+        + _matrix("rectification_matrix", 3, 3, eye)
+        + _matrix("projection_matrix", 3, 4, projection)
     )
 
 
@@ -73,6 +68,5 @@ def static_transform(model: Model) -> str:
     return json.dumps(document, indent=2) + "\n"
 
 
-def _matrix(name: str, rows: int, columns: int, data: list[float]) -> list[str]:
-    numbers = ", ".join(repr(float(value)) for value in data)
-    return [f"{name}:", f"  rows: {rows}", f"  cols: {columns}", f"  data: [{numbers}]"]
+def _matrix(name: str, rows: int, columns: int, data: list[float]) -> str:
+    return f"{name}:\n  rows: {rows}\n  cols: {columns}\n  data: {data!r}\n"

@@ -45,7 +45,7 @@ def hits_itself(
     data = model.createData()
     rows = [_configuration(pin, model, joint_names, locked, values) for values in q]
     results, often = pin.GeometryData(bodies), np.zeros(len(bodies.collisionPairs))
-    for at in rows[:_TRIED]:
+    for at in rows[:_TRIED]:  # all pairs here, the first that meets is enough later
         pin.computeCollisions(model, data, bodies, results, at, False)
         often += [found.isCollision() for found in results.collisionResults]
     pairs = [(pair.first, pair.second) for pair in bodies.collisionPairs]
@@ -85,12 +85,13 @@ def hides_its_tip(
         pin.updateGeometryPlacements(model, data, bodies, places, at)
         way = eye - tip
         length = float(np.linalg.norm(way))
+        # a capsule lies along z: it is turned into the line of sight
         turn = pin.Quaternion.FromTwoVectors(np.array([0.0, 0.0, 1.0]), way).matrix()
         sight, middle = coal.Capsule(_SIGHT, length), coal.Transform3s(turn, tip + 0.5 * way)
         for k in links:
             own = coal.Transform3s(places.oMg[k].rotation, places.oMg[k].translation)
-            geometry, found = bodies.geometryObjects[k].geometry, coal.CollisionResult()
-            if coal.collide(geometry, own, sight, middle, coal.CollisionRequest(), found):
+            asked = bodies.geometryObjects[k].geometry, own, sight, middle
+            if coal.collide(*asked, coal.CollisionRequest(), coal.CollisionResult()):
                 hidden[i] = True
                 break
     return hidden
@@ -149,6 +150,7 @@ def apart(source: Arm | Model, space: Space, points: Array) -> tuple[Array, str]
 def _configuration(
     pin: Any, model: Any, names: Sequence[str], locked: Mapping[str, float], values: Array
 ) -> Array:
+    # a joint without limits has cosine and sine as its configuration: `integrate` fills in both
     velocity = np.zeros(model.nv)
     for name, value in {**locked, **dict(zip(names, values, strict=True))}.items():
         velocity[model.joints[model.getJointId(name)].idx_v] = value

@@ -5,7 +5,6 @@ Use it on what a controller that trusts its URDF is about to command.
 
 from __future__ import annotations
 
-import math
 from dataclasses import dataclass
 from weakref import WeakKeyDictionary
 
@@ -147,11 +146,8 @@ def correct(
         rows, about.joint_names, about.lower, about.upper, about.revolute, error=QueryError
     )
     nominal = wanted(model, view, cause)
-    limits = (
-        np.array(_usual(model, view, cause))
-        if limit is None
-        else _checked_limit(limit, rows.shape[1])
-    )
+    usual = limit is None
+    limits = np.array(_usual(model, view, cause)) if usual else _checked(limit, rows.shape[1])
     target, answer, found = _solved(model, nominal, rows, limits)
     change = found - rows
     exceeded = answer.reachable & (np.abs(change) > limits).any(axis=1)
@@ -281,14 +277,12 @@ def _solved(
     return target, answer, found
 
 
-def _checked_limit(limit: ArrayLike, dof: int) -> Array:
+def _checked(limit: ArrayLike | None, dof: int) -> Array:
     limits = np.asarray(limit, dtype=float)
-    if limits.shape not in ((), (dof,)) or not (limits > 0.0).all():
+    if limits.shape not in ((), (dof,)) or not (limits > 0.0).all():  # NaN is not above zero
         raise OptionError(
             f"limit {limit!r}: expected a number above zero, or {dof} of them [rad or m]",
             parameter="limit",
             value=limit,
         )
-    if math.isnan(float(limits.sum())):
-        raise OptionError(f"limit {limit!r}: expected a number", parameter="limit", value=limit)
     return np.broadcast_to(limits, (dof,)).copy()

@@ -12,7 +12,7 @@ from ..body.belief import Body
 from ..body.curves import HARMONICS
 from ..body.planar import PlanarStructure
 from ..body.spatial import SpatialStructure
-from ..body.views import cubic
+from ..body.views import cubic, is_camera
 from ..common.arrays import Array
 from ..common.parallel import one_blas_thread
 from ..common.wording import one_line
@@ -21,8 +21,8 @@ from ..maps.local_models import FULL, blend_size, predict, reach_of
 from ..maps.predictor import BodyInBox
 from ..model.model import Model
 from ..model.trust import MOST_BLENDED
-from . import c_bound, c_curves, c_planar, c_queries, c_spatial, c_spatial_tables
-from .c_source import HEAD, NODES, RANGE, array, filled, integers, number
+from . import c_bound, c_tables
+from .c_tables import DOF, REAL, array, filled, integers, number, source
 from .correct import usual_limit
 from .nominal import nominal_in_space, nominal_in_view
 
@@ -30,15 +30,6 @@ _NAME = re.compile(r"[A-Za-z_][A-Za-z0-9_]{0,40}")
 _CALM = 1e-9  # damping of a Newton step, as a share of the Jacobian's power
 _ENOUGH = {False: 1e-12, True: 1e-6}  # of the extent: a corrected tip that is as close as this
 _CLOSE = {False: 1e-9, True: 1e-4}  # of the extent: what counts as corrected
-
-_BLENDED = "  *bound = calib_blended(calib_bound, q);\n"
-_POSTERIOR = """\
-  {
-    calib_real inside[CALIB_DOF];
-    calib_wrapped(q, inside);
-    *bound = calib_posterior(inside);
-  }
-"""
 
 
 @dataclass(frozen=True)
@@ -100,38 +91,35 @@ class _Writer:
     def text(self) -> tuple[str, int]:
         """The whole header, and the bytes of its tables."""
         structure, beta = self.body.structure, self.body.beta
-        words = self._words()
+        words, nominal, pose = self._words(), "", list[str]()
         if isinstance(structure, PlanarStructure):
-            tables = c_planar.tables(structure, beta, self.single)
+            tables, own_words = c_tables.planar(structure, beta, self.single)
             nominal = self._nominal_in_plane(structure)
-            own, wanted = c_planar.SOURCE, c_planar.WANTED
-            words |= c_planar.words(structure, beta, self.single)
-            pose = ""
+            kind, body = "planar", ["planar"]
         else:
             assert isinstance(structure, SpatialStructure)  # noqa: S101
-            tables = c_spatial_tables.tables(structure, beta, self.single)
-            nominal = ""
+            tables, own_words = c_tables.spatial(structure, beta, self.single)
             if structure.informed:
                 there = nominal_in_space(structure, beta)
-                nominal = c_spatial_tables.arm("calib_nominal", structure, there, self.single)
-            own, wanted, pose = c_spatial.SOURCE, c_spatial.WANTED, c_spatial.POSE
-            own = own.replace("@pinhole@", c_spatial.PINHOLE if structure.camera else "")
-            words |= c_spatial_tables.words(structure, self.single)
+                nominal = c_tables.spatial_arm("calib_nominal", structure, there, self.single)
+            kind, pose = "spatial", ["pose"]
+            body = ["spatial_chain", *["pinhole"] * structure.camera, "spatial_seen"]
             keeps = bool(nominal) and structure.dof >= 6
             words["limit"] = self._n(usual_limit(self.model).max() if keeps else 0.0)
+        words |= own_words
         if self._posterior:
             about, noisy = self.model.about, self.model.about.bound_of == "sensor reading"
             q = np.random.default_rng(0).uniform(about.lower, about.upper, (400, structure.dof))
-            own += c_bound.source(self.body)
+            seen = ["pixel_derivatives"] * is_camera(structure.view)
+            body += [*seen, f"{kind}_derivatives", "posterior"]
             words |= c_bound.words(self.body)
             tables += c_bound.tables(structure, self.body, q, noise=noisy, single=self.single)
-        tables += c_curves.tables(structure, beta, self.single)
+        tables += c_tables.curves(structure, beta, self.single)
         tables = self._ranges() + tables + self._nodes() + nominal
-        local = c_queries.LOCAL if self._local else ""
-        nodes = NODES if self._asks_nodes else ""
-        correct = wanted + c_queries.CORRECT if nominal else ""
-        parts = (RANGE, nodes, c_curves.SOURCE, own, local, c_queries.QUERIES, pose, correct)
-        whole = HEAD + tables + "".join(parts) + "\n#endif /* @guard@ */\n"
+        nodes, local = ["nodes"] * self._asks_nodes, ["local"] * self._local
+        correct = (f"{kind}_wanted", "correct") if nominal else ()
+        parts = ("range", *nodes, "curves", *body, *local, "queries", *pose, *correct)
+        whole = source("head") + tables + source(*parts) + "\n#endif /* @guard@ */\n"
         return filled(whole, words, self.prefix, self.single), _bytes(tables)
 
     @property
@@ -179,7 +167,7 @@ class _Writer:
             "unit": _comment(model.about.unit),
             "bound_of": _comment(model.about.bound_of),
             "how": "",
-            "bounded": _POSTERIOR if self._posterior else _BLENDED,
+            "bounded": source("posterior_bound" if self._posterior else "blended_bound"),
             "guard": "CALIB_MODEL_H",
             "real": "float" if self.single else "double",
             "dof": dof,
@@ -193,7 +181,7 @@ class _Writer:
             "votes": int(models.votes > 0.0),
             "silent": self._n(models.votes),
             "full": self._n(FULL),
-            "gated": "" if models.gates is None else c_queries.GATED,
+            "gated": "" if models.gates is None else source("gated"),
             "terms": models.coefficients.shape[1] if self._local else 1,
             "slack": self._n(-1e-6 if self.single else -1e-9),
             "calm": self._n(_CALM),
@@ -212,9 +200,9 @@ class _Writer:
         scale = self.model.motor.scale
         return (
             "\n"
-            + array("calib_real", "calib_lower", ["CALIB_DOF"], scale.lower, self.single)
-            + array("calib_real", "calib_span", ["CALIB_DOF"], scale.span, self.single)
-            + integers("calib_periodic", "CALIB_DOF", scale.periodic)
+            + array(REAL, "calib_lower", [DOF], scale.lower, self.single)
+            + array(REAL, "calib_span", [DOF], scale.span, self.single)
+            + integers("calib_periodic", DOF, scale.periodic)
         )
 
     def _nodes(self) -> str:
@@ -222,12 +210,12 @@ class _Writer:
         if not self._asks_nodes:
             return ""
         model, one = self.model, self.single
-        nodes, dof, real = "CALIB_NODES", "CALIB_DOF", "calib_real"
-        out = array(real, "calib_node", [nodes, dof], model.motor.units, one)
+        nodes = "CALIB_NODES"
+        out = array(REAL, "calib_node", [nodes, DOF], model.motor.units, one)
         if not self._posterior:
-            out += array(real, "calib_bound", [nodes], model.bounds, one)
+            out += array(REAL, "calib_bound", [nodes], model.bounds, one)
         if not self._trusted:
-            out += array(real, "calib_position_bound", [nodes], model.model_bounds, one)
+            out += array(REAL, "calib_position_bound", [nodes], model.model_bounds, one)
         if not self._local:
             return out
         models = model.predictor.models
@@ -239,13 +227,13 @@ class _Writer:
         parent = [row[k] for row, k in zip(below, along, strict=True)]
         count = str(len(terms))
         if models.gates is not None:
-            out += array(real, "calib_gate", [nodes, "CALIB_DOF + 1"], models.gates, one)
+            out += array(REAL, "calib_gate", [nodes, f"{DOF} + 1"], models.gates, one)
         flat = models.coefficients.reshape(len(models.coefficients), -1)
         return (
             out
-            + array(real, "calib_radius", [nodes], models.radius, one)
-            + array(real, "calib_says", [nodes], reach_of(model.motor), one)
-            + array(real, "calib_local_terms", [nodes, str(flat.shape[1])], flat, one)
+            + array(REAL, "calib_radius", [nodes], models.radius, one)
+            + array(REAL, "calib_says", [nodes], reach_of(model.motor), one)
+            + array(REAL, "calib_local_terms", [nodes, str(flat.shape[1])], flat, one)
             + integers("calib_talks", nodes, models.degrees(model.motor.units.shape[1]) >= 0)
             + integers("calib_parent", count, parent)
             + integers("calib_along", count, along)
@@ -261,7 +249,7 @@ class _Writer:
             return ""
         if nominal.structure.signs != structure.signs:
             return ""  # a reversed joint: the wiring has to be mended first
-        return c_planar.beta_table("calib_nominal", structure, nominal.beta, self.single)
+        return c_tables.planar_arm("calib_nominal", structure, nominal.beta, self.single)
 
 
 def _bytes(tables: str) -> int:

@@ -17,7 +17,7 @@ from ..model.alignment import Alignment
 from ..model.model import Model
 from .nominal import nominal_arm, nominal_in_view
 from .planar_geometry import fit_in_plane
-from .spatial_geometry import SpatialGeometry
+from .spatial_geometry import SpatialGeometry, fit_spatial
 
 _POINTS, _ROWS = 500, 2_000
 
@@ -97,17 +97,13 @@ def fit_geometry(
             free = False
         if move_tip:
             raise OptionError("a planar arm's tip is always written", parameter="move_tip")
-        unit = model.about.unit
-        return fit_in_plane(arm, q, x, unit, free=free, move_base=move_base, error=error)
-    from .spatial_geometry import fit_spatial
-
-    moving = {
-        "free": free,
-        "probe": not is_simulated(model),
-        "move_base": move_base,
-        "move_tip": move_tip,
-    }
-    return fit_spatial(arm, model.body, q, x, unit=model.about.unit, **moving)
+        return fit_in_plane(
+            arm, q, x, model.about.unit, free=free, move_base=move_base, error=error
+        )
+    return fit_spatial(
+        arm, model.body, q, x, unit=model.about.unit, free=free, probe=not is_simulated(model),
+        move_base=move_base, move_tip=move_tip,
+    )  # fmt: skip
 
 
 def frames(model: Model, cause: str = "sensor") -> list[Alignment]:

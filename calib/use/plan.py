@@ -12,13 +12,14 @@ from numpy.typing import ArrayLike, NDArray
 
 from ..arm.arm import Arm
 from ..arm.arms import SpatialArm
-from ..body.most_telling import most_telling
+from ..body.most_telling import greedy, most_telling
 from ..common.arrays import Array, Index
 from ..common.checks import whole
+from ..common.frozen import ReadOnly
 from ..errors import OptionError
 from .collisions import apart, visible
 from .pose_space import Space, space_of
-from .spread import candidates, farthest, length, most_telling_of_arm, shortest_tour
+from .spread import candidates, farthest, length, shortest_tour, tells
 
 if TYPE_CHECKING:
     import os
@@ -37,7 +38,7 @@ _ORDERS = 100  # random ones, to compare with
 
 
 @dataclass(frozen=True, eq=False)
-class Plan:
+class Plan(ReadOnly):
     """Poses to measure, in their order.
 
     Attributes
@@ -77,15 +78,6 @@ class Plan:
     unit: str
     why: tuple[str, ...]
     notes: tuple[str, ...]
-
-    def __post_init__(self) -> None:
-        """Freeze the arrays."""
-        for name in ("q", "x", "expected_error", "start", "travel"):
-            array = getattr(self, name)
-            if array is not None:
-                array = np.array(array)
-                array.setflags(write=False)
-                object.__setattr__(self, name, array)
 
     def __len__(self) -> int:
         """Number of rows."""
@@ -193,26 +185,27 @@ def plan(
     others = [length(away, np.append(0, 1 + rng.permutation(n))) for _ in range(_ORDERS)]
     low, high = space.corners
     border = (np.isclose(u, low) | np.isclose(u, high)).any(axis=1)
+    moves, ends = np.abs(np.diff(way, axis=0)), np.count_nonzero(border)
     return Plan(
         space.joint_names,
         q,
         space.position(q),
         None if isinstance(source, Arm) else source.expected_error(q),
-        way[0],
-        np.abs(np.diff(way, axis=0)).sum(axis=0),
-        float(np.abs(np.diff(way, axis=0) / space.scale.span).max(axis=1).sum()),
-        float(np.mean(others)),
-        space.unit,
-        (f"{n} poses, {how}; {np.count_nonzero(border)} of them at an end of a joint's range",),
-        tuple(notes),
+        start=way[0],
+        travel=moves.sum(axis=0),
+        length=float((moves / space.scale.span).max(axis=1).sum()),
+        random_length=float(np.mean(others)),
+        unit=space.unit,
+        why=(f"{n} poses, {how}; {ends} of them at an end of a joint's range",),
+        notes=tuple(notes),
     )
 
 
 def _choice(source: Arm | Model, space: Space) -> tuple[partial[Index], str, str]:
     """How poses are chosen, and what is said of it: by information where a belief is known."""
-    if isinstance(source, SpatialArm):
-        tell = partial(most_telling_of_arm, source)
-        return partial(_most_telling, space, tell), "chosen to determine the arm best", "beside"
+    if isinstance(source, SpatialArm):  # never measured: the prior says what is not known
+        choose = partial(_most_telling, space, lambda q, n, t: greedy(tells(source, q, t), n))
+        return choose, "chosen to determine the arm best", "beside"
     body = None if isinstance(source, Arm) else source.body
     if body is not None and not body.simulated:  # exact samples leave nothing to learn
         how = "chosen to reduce the model's uncertainty most"

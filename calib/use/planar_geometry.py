@@ -15,9 +15,9 @@ import numpy as np
 from ..arm.arms import PlanarArm
 from ..arm.rotations import logarithm, similarity
 from ..body.derivative import Derivative
-from ..body.fitted import Fit
+from ..body.fit import Fit
+from ..body.priors import FREE, SCALES, SHIFT
 from ..body.spatial import SpatialStructure, structure_of
-from ..body.spatial_prior import FREE, SCALES, SHIFT
 from ..body.structure import Indices, Prior
 from ..common.arrays import Array
 from ..model.alignment import Alignment

@@ -15,10 +15,9 @@ from ..arm.arm import Arm
 from ..arm.arms import SpatialArm
 from ..arm.urdf import parse_urdf
 from ..body.belief import Body
-from ..body.fit import maximise
-from ..body.fitted import Fit
+from ..body.fit import Fit, maximise
+from ..body.priors import SHIFT, frame_groups
 from ..body.spatial import SpatialStructure, structure_of
-from ..body.spatial_prior import SHIFT, frame_groups
 from ..body.spatial_start import frame
 from ..body.structure import Prior
 from ..common.arrays import Array

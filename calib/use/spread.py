@@ -11,8 +11,7 @@ from __future__ import annotations
 import numpy as np
 
 from ..arm.arms import SpatialArm
-from ..body.most_telling import greedy
-from ..body.spatial import SpatialStructure, structure_of
+from ..body.spatial import structure_of
 from ..common.arrays import Array, Index
 from ..common.scale import Scale
 from ..maps.map import search_tree
@@ -21,6 +20,10 @@ from .pose_space import Space
 _INSIDE = 4000  # candidates within the box
 _FACES = 3000  # candidates with one joint at an end of its range
 _CORNERS = 256  # most corners, which are as many as 2^dof
+_LONGEST_RUN = 3  # poses that Or-opt moves together
+_SWEEPS = 50  # each lowers the length; far fewer are needed
+_NOISE = 1e-4  # [m] of a sensor that is not known yet
+_CHUNK = 200  # poses that are linearised at a time
 
 
 def candidates(space: Space, rng: np.random.Generator) -> Array:
@@ -32,6 +35,7 @@ def candidates(space: Space, rng: np.random.Generator) -> Array:
     inside, faces = rng.random((_INSIDE, dof)), rng.random((_FACES, dof))
     rows = np.arange(_FACES)
     faces[rows, rng.integers(dof, size=_FACES)] = rng.integers(2, size=_FACES)
+    # every corner of the first eight joints, beyond which there would be too many
     corners = np.stack(np.meshgrid(*[[0.0, 1.0]] * min(dof, 8), indexing="ij"), axis=-1)
     corners = corners.reshape(-1, min(dof, 8))
     rest = rng.integers(2, size=(len(corners), dof - corners.shape[1]))
@@ -50,8 +54,8 @@ def farthest(scale: Scale, points: Array, n: int, taken: Array) -> Index:
     """
     away = np.full(len(points), np.inf)
     if len(taken):
-        wrapped = np.where(scale.periodic, points % 1.0, points)
-        away = np.asarray(search_tree(taken, scale).query(wrapped)[0], dtype=float)
+        tree = search_tree(taken, scale)
+        away = np.asarray(tree.query(scale.wrapped(points))[0], dtype=float)
     chosen = np.empty(n, dtype=np.intp)
     for k in range(n):
         chosen[k] = row = int(away.argmax())
@@ -59,10 +63,6 @@ def farthest(scale: Scale, points: Array, n: int, taken: Array) -> Index:
         away = np.minimum(away, gap)
         away[row] = -1.0  # where points repeat, none is chosen twice
     return chosen
-
-
-_LONGEST_RUN = 3  # poses that Or-opt moves together
-_SWEEPS = 50  # each lowers the length; far fewer are needed
 
 
 def shortest_tour(away: Array) -> Index:
@@ -141,18 +141,6 @@ def _or_opt(away: Array, order: Index) -> Index:
     return order
 
 
-_NOISE = 1e-4  # [m] of a sensor that is not known yet
-_CHUNK = 200
-
-
-def most_telling_of_arm(arm: SpatialArm, q: Array, n: int, measured: Array) -> Index:
-    """Choose n poses of an arm that was never measured, (n,) rows of `q` (m, dof) [rad or m].
-
-    `measured` (k, dof) are poses whose rows exist, of which no belief knows yet.
-    """
-    return greedy(tells(arm, q, measured), n)
-
-
 def tells(arm: SpatialArm, q: Array, taken: Array) -> Array:
     """Directions (m, p, k) in which poses tell of the body, in units of noise and of the prior.
 
@@ -162,7 +150,9 @@ def tells(arm: SpatialArm, q: Array, taken: Array) -> Array:
     structure = structure_of(arm, "rigid")
     free = ("view.rotation", "view.shift", "tool", "placement", "offset", "elastic", "curve")
     prior = structure.prior(free)
-    told = _directions(structure, np.vstack([q, taken]), structure.neutral(), prior.active)
+    every, beta = np.vstack([q, taken]), structure.neutral()
+    parts = (every[i : i + _CHUNK] for i in range(0, len(every), _CHUNK))
+    told = np.concatenate([structure.linearise(part, beta, prior.active)[1] for part in parts])
     told = told * (prior.sd[prior.active] / _NOISE)
     told, known = told[: len(q)], told[len(q) :].reshape(-1, told.shape[2])
     if not len(known):
@@ -171,10 +161,3 @@ def tells(arm: SpatialArm, q: Array, taken: Array) -> Array:
     root = np.linalg.cholesky(np.eye(told.shape[2]) + known.T @ known)
     flat = np.linalg.solve(root, told.reshape(-1, told.shape[2]).T)
     return np.asarray(flat.T.reshape(told.shape))
-
-
-def _directions(structure: SpatialStructure, q: Array, beta: Array, active: Index) -> Array:
-    parts = [
-        structure.linearise(q[i : i + _CHUNK], beta, active)[1] for i in range(0, len(q), _CHUNK)
-    ]
-    return np.concatenate(parts)

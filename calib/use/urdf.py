@@ -59,21 +59,18 @@ def corrected_urdf(geometry: SpatialGeometry) -> str:
             parameter="tip",
             value=arm.tip,
         )
-    rotation = np.eye(3)
-    changes: dict[str, dict[str, Array]] = {}
+    rotation, changes = np.eye(3), dict[str, dict[str, Array]]()
     for joint in joints:
         own = moved.get(joint.name, Moved())
         origin, lock = _origin(joint), _motion(joint, arm.locked.get(joint.name, 0.0))
-        change = np.eye(4)
-        change[:3, :3] = exponential(rotation.T @ own.turn)
-        change[:3, 3] = rotation.T @ (own.shift + tip.shift * (joint is last))
-        new = origin.copy()
-        new[:3, :3] = change[:3, :3] @ origin[:3, :3]
-        new[:3, 3] += change[:3, 3]
+        new = origin.copy()  # moved about itself, by what is known in the root's axes
+        new[:3, :3] = exponential(rotation.T @ own.turn) @ origin[:3, :3]
+        new[:3, 3] += rotation.T @ (own.shift + tip.shift * (joint is last))
         new = new @ _motion(joint, own.value)
         if joint is last and tip.turn.any():
             turn = np.eye(4)
             turn[:3, :3] = exponential(tip.turn)
+            # the tip's own turn comes behind the joint's locked motion, which stays in the URDF
             new = new @ lock @ turn @ np.linalg.inv(lock)
         changes[joint.name] = _changed(joint, new)
         rotation = rotation @ origin[:3, :3] @ lock[:3, :3]
@@ -175,6 +172,7 @@ def _origin(joint: Joint) -> Array:
     from scipy.spatial.transform import Rotation
 
     origin = np.eye(4)
+    # lower-case letters are fixed axes in SciPy, as URDF means roll, pitch and yaw
     origin[:3, :3] = Rotation.from_euler("xyz", joint.rpy).as_matrix()
     origin[:3, 3] = joint.xyz
     return origin

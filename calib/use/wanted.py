@@ -132,6 +132,7 @@ def _near(
     nominal = cache(partial(SpatialRow, structure, beta))
     unit = np.ones(structure.dof)
 
+    # a pixel is met by a whole line of sight: the place in space decides where on it
     def near(q: Array) -> tuple[Array, NDArray[np.bool_]]:
         place = structure.pose(q, beta)[0]
         found, left = position_near(space.evaluate, place, q, space.joints, space.length)

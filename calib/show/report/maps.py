@@ -10,7 +10,7 @@ import numpy as np
 from ...common.arrays import Array
 from ...maps.map import Map
 from ...model.about import About
-from ...model.photo import Photo
+from ...model.measured import Photo
 from ..arrows import Arrows
 from ..error_scale import UNKNOWN, ErrorScale
 from ..workspace import (

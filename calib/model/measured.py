@@ -1,4 +1,7 @@
-"""Photo: a picture of the arm by the camera that measured it, for drawing a map over it."""
+"""Measured: rows of its log and a photo by its camera, which a model keeps.
+
+Use them to compare a model with what it was learned from, or to draw a map over the arm.
+"""
 
 from __future__ import annotations
 
@@ -9,15 +12,20 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from ..common.arrays import Array
+from ..common.frozen import ReadOnly
 from ..errors import ModelError
 
 _LARGEST = 3_000_000  # bytes
 _START = b"\xff\xd8\xff"  # of a JPEG
 
+MOST = 5_000
+"""Rows that are kept of a longer log, evenly spread over it."""
+
 
 @dataclass(frozen=True)
 class Photo:
-    """A picture whose borders are known positions.
+    """A picture of the arm by the camera that measured it; its borders are known positions.
 
     Raises ValueError if it is no JPEG, too large, or the borders are no box.
     """
@@ -45,3 +53,20 @@ class Photo:
             raise ModelError(
                 "the model's photo cannot be read", hint="keep another one with `photo`"
             ) from None
+
+
+@dataclass(frozen=True, eq=False)
+class Rows(ReadOnly):
+    """Measured rows."""
+
+    q: Array  # (n, dof) [rad or m], joint values
+    x: Array  # (n, m) [unit], positions
+
+    def __len__(self) -> int:
+        return len(self.q)
+
+    @staticmethod
+    def of(q: Array, x: Array) -> Rows:
+        """At most 5,000 of the rows of a log, evenly spread over it."""
+        every = -(-len(q) // MOST)
+        return Rows(q[::every].copy(), x[::every].copy())

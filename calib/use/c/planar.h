@@ -1,15 +1,3 @@
-"""C source of a planar body, and its tables."""
-
-from __future__ import annotations
-
-import numpy as np
-
-from ..body.planar import PlanarStructure
-from ..body.planar_view import turned
-from ..common.arrays import Array
-from .c_source import array, integers, number
-
-SOURCE = """\
 /* Body: position; where J is not null its derivative by the joints (row by row), and where `at`
  * is not null each joint's nominal angle, direction and part of the chain, and the tip. */
 static inline void calib_body(const calib_real *beta, int curves, const calib_real q[CALIB_DOF],
@@ -122,60 +110,3 @@ static inline void calib_body(const calib_real *beta, int curves, const calib_re
 static inline void calib_smooth(const calib_real q[CALIB_DOF], calib_real *x, calib_real *J) {
   calib_body(calib_beta, @curves@, q, x, J, 0);
 }
-"""
-
-WANTED = """\
-
-static inline void calib_wanted(const calib_real q[CALIB_DOF], calib_real x[CALIB_OUT]) {
-  calib_body(calib_nominal, 0, q, x, 0, 0);
-}
-
-/* A start near q: positions alone are corrected. */
-static inline void calib_posed(const calib_real q[CALIB_DOF], calib_real out[CALIB_DOF]) {
-  (void)q;
-  (void)out;
-}
-"""
-
-
-def words(structure: PlanarStructure, beta: Array, single: bool) -> dict[str, object]:
-    """Numbers that stand in the source itself."""
-    lay = structure.layout
-    return {
-        "gain": int(lay.gain[0]),
-        "offset": int(lay.offset[0]),
-        "length": int(lay.length[0]),
-        "elastic": int(lay.elastic[0]) if len(lay.elastic) else 0,
-        "curves": int(any(beta[ix].any() for ix in lay.curve.values())),
-        "slide": number(structure.slide, single),
-    }
-
-
-def tables(structure: PlanarStructure, beta: Array, single: bool) -> str:
-    """Constant tables of a planar body: signs, geometry, the view, the lens and the curves."""
-    real, dof, lay = "calib_real", "CALIB_DOF", structure.layout
-    view = np.concatenate([structure.matrix(beta).ravel(), beta[4:8]])
-    lens = np.concatenate([beta[8:11], structure.centre, [1.5 * structure.extent]])
-    geometry = beta.copy()
-    geometry[: lay.length[0]] = 0.0
-    return (
-        integers("calib_turns", dof, structure.revolute)
-        + array(real, "calib_sign", [dof], np.asarray(structure.signs, dtype=float), single)
-        + beta_table("calib_beta", structure, geometry, single)
-        + array(real, "calib_view", ["8"], view, single)
-        + array(real, "calib_lens", ["6"], lens, single)
-    )
-
-
-def shears(structure: PlanarStructure, beta: Array, single: bool) -> str:
-    """How the view's linear part changes with its shear: two matrices, row by row."""
-    turn, mirror = np.exp(beta[1]) * turned(beta), np.diag([1.0, float(structure.mirror)])
-    both = [turn @ shear @ mirror for shear in (np.diag([1.0, -1.0]), np.eye(2)[::-1])]
-    return array("calib_real", "calib_shears", ["8"], np.ravel(both), single)
-
-
-def beta_table(name: str, structure: PlanarStructure, beta: Array, single: bool) -> str:
-    """Parameters of an arm, without its curves."""
-    lay = structure.layout
-    short = int(max(lay.elastic, default=lay.gain[-1])) + 1
-    return array("calib_real", name, [str(short)], beta[:short], single)

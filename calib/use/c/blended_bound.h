@@ -1,0 +1,1 @@
+  *bound = calib_blended(calib_bound, q);

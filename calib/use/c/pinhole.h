@@ -1,0 +1,18 @@
+
+/* Pixels of a point in the camera's frame, their derivative by it, and the point at depth 1. */
+static inline void calib_pinhole(const calib_real at[3], calib_real x[2], calib_real L[6],
+                                 calib_real u[2]) {
+  const calib_real depth = at[2] > @nearest@ ? at[2] : @nearest@, f = calib_lens[0];
+  const calib_real a = at[0] / depth, b = at[1] / depth, r2 = a * a + b * b;
+  const calib_real k1 = calib_lens[3], @law@, bent = 1 + rise * ratio, twice = 2 * rise;
+  int i;
+  u[0] = a;
+  u[1] = b;
+  L[0] = f * (bent + twice * a * a) / depth;
+  L[1] = L[3] = f * twice * a * b / depth;
+  L[4] = f * (bent + twice * b * b) / depth;
+  for (i = 0; i < 2; ++i) {
+    x[i] = f * u[i] * bent + calib_lens[1 + i];
+    L[3 * i + 2] = -(L[3 * i] * a + L[3 * i + 1] * b);
+  }
+}

@@ -1,0 +1,1 @@
+  for (i = 0; i < CALIB_OUT; ++i) x[i] = at[i];
