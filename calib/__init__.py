@@ -17,7 +17,7 @@ from importlib import import_module
 from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
-    from .arm.arms import PlanarArm as PlanarArm
+    from .arm.arm import PlanarArm as PlanarArm
     from .arm.loading import load_arm as load_arm
     from .arm.robots import list_robots as list_robots
     from .change.adapt import adapt as adapt
@@ -84,7 +84,7 @@ _HOME = {
     "Pairs": "maps.fields",
     "Path": "model.paths",
     "Plan": "use.plan",
-    "PlanarArm": "arm.arms",
+    "PlanarArm": "arm.arm",
     "QueryError": "errors",
     "Recognition": "change.schemas",
     "RobotError": "errors",

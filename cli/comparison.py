@@ -9,8 +9,7 @@ from typing import TYPE_CHECKING, Any
 from calib.common.choices import READOUTS
 from calib.common.wording import for_people
 
-from .output import TextTable, fields, fixed, number
-from .terms import explained
+from .output import TextTable, explained, fields, fixed, number
 
 if TYPE_CHECKING:
     from calib import Sweep, Trial

@@ -20,10 +20,9 @@ from calib.model.poses import described, first_of
 from calib.model.space import Space
 from calib.samples.roles import QUATERNION, from_angles
 
-from .answers import answers, show_answers
 from .batch import UP_TO_SCALE
 from .output import note, show_json
-from .units import JointFormat, meaning
+from .units import JointFormat, answers, meaning, show_answers
 from .usage import BadOption
 
 if TYPE_CHECKING:

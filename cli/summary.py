@@ -9,8 +9,7 @@ from calib.common.choices import READOUTS
 from calib.common.wording import for_people
 from calib.show.facts import quantities
 
-from .output import TextTable, number
-from .terms import explained
+from .output import TextTable, explained, number
 from .units import units_of
 
 if TYPE_CHECKING:

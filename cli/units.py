@@ -1,4 +1,4 @@
-"""Units: what people read and type, and the SI units beneath."""
+"""Units: what people read and type, answers among it, and the SI units beneath."""
 
 from __future__ import annotations
 
@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Any
 from calib.common.wording import for_people, unit_of_joint
 from calib.show.facts import learned_range
 
-from .output import fixed
+from .output import TextTable, fixed, show
 from .parsing import JointRange, JointValue
 from .usage import BadOption, bad_option
 
@@ -117,6 +117,51 @@ class JointFormat:
         if self._about.revolute[k]:
             return for_people("rad") if self.degrees else (1.0, "rad")
         return for_people("m")
+
+
+_Answer = dict[str, Any]
+"""Joints [rad or m] by name, "position" and further quantities, in SI or the sensor's unit."""
+
+
+def answers(joints: JointFormat, q: Any, **quantities: Any) -> list[_Answer]:
+    """Return a document for each answer, of joints (n, dof) and quantities of n rows each."""
+    rows = zip(q, *quantities.values(), strict=True)
+    return [
+        {
+            "joints": dict(zip(joints.names, of, strict=True)),
+            **dict(zip(quantities, row, strict=True)),
+        }
+        for of, *row in rows
+    ]
+
+
+def show_answers(
+    joints: JointFormat,
+    found: Sequence[_Answer],
+    unit: str,
+    axes: Sequence[str],
+    quantities: Sequence[str],
+    title: str = "",
+) -> None:
+    """Print answers, one line each; an angle is in deg, all else in the unit of the positions."""
+    # bounds and distances have the unit of the positions, but for the angle of a pose
+    factor, printed = for_people(unit)
+    header = [*joints.header, *(f"{axis} [{printed}]" for axis in axes)]
+    units = [for_people("rad") if name == "turned" else (factor, printed) for name in quantities]
+    header += [
+        f"{name.replace('_', ' ')} [{shown}]"
+        for name, (_, shown) in zip(quantities, units, strict=True)
+    ]
+    rows = []
+    for answer in found:
+        row = [joints.cell(k, value) for k, value in enumerate(answer["joints"].values())]
+        row += [fixed(value * factor, 4) for value in answer["position"]]
+        row += [
+            fixed(float(answer[name]) * by, 4)
+            for name, (by, _) in zip(quantities, units, strict=True)
+        ]
+        rows.append(row)
+    show(TextTable(header, rows, title, left=0))
 
 
 def why_outside(joints: JointFormat, model: Model, q: Sequence[float]) -> str | None:

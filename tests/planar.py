@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from calib.arm.arms import PlanarArm
+from calib.arm.arm import PlanarArm
 
 
 def chain_urdf(joints: int, reach: float = 0.6, half: float = 1.4, slide: int | None = None) -> str:

@@ -7,8 +7,7 @@ from dataclasses import replace
 
 import pytest
 from calib_cli import parsing
-from calib_cli.output import TextTable, fixed, number, plain
-from calib_cli.terms import explained
+from calib_cli.output import TextTable, explained, fixed, number, plain
 from calib_cli.usage import BadOption, option
 from hypothesis import given
 from hypothesis import strategies as st

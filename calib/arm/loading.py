@@ -15,7 +15,7 @@ import numpy as np
 
 from ..common.wording import listed, one_line, quoted, suggestion
 from ..errors import OptionError, RobotError
-from .arms import PlanarArm, SpatialArm
+from .arm import PlanarArm, SpatialArm
 from .candidates import find_tip
 from .finding import MOST_JOINTS, Choice, find_arm, in_line, is_planar
 from .folding import carried, folded, followers, refuse_followers

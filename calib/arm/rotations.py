@@ -10,6 +10,7 @@ from numpy.typing import ArrayLike
 
 from ..common.arrays import Array
 
+# not scipy.spatial.transform: its import takes 0.2 s, longer than the query that needs a rotation
 #: Below this angle [rad] the series of an exponential or a logarithm is used.
 _SMALL = 1e-4
 

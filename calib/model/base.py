@@ -45,7 +45,7 @@ def in_base(body: Body, *, size: bool = True) -> Body | None:
 
 def drawn(model: Model) -> Body | None:
     """The drawn arm of a simulation whose arm and sensor were not changed."""
-    from ..arm.arms import SpatialArm
+    from ..arm.arm import SpatialArm
     from ..arm.loading import arm_from_urdf
     from ..body.spatial import structure_of
 

@@ -18,7 +18,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from ..arm.arms import PlanarArm
+from ..arm.arm import PlanarArm
 from ..common.arrays import Array
 from ..common.choices import MAP_READOUTS
 from ..common.parallel import one_blas_thread

@@ -13,7 +13,7 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
-from ..arm.arms import PlanarArm
+from ..arm.arm import PlanarArm
 from ..common.arrays import Array
 from ..samples.samples import Samples
 

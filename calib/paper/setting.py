@@ -16,7 +16,7 @@ from ..samples.babbling import babble
 from ..samples.samples import Samples
 
 if TYPE_CHECKING:
-    from ..arm.arms import PlanarArm
+    from ..arm.arm import PlanarArm
 
 Report = Callable[[float, str], None]
 """Called with the share of the work that is done and what is being done."""
@@ -87,7 +87,7 @@ class Setting:
     @cached_property
     def arm(self) -> PlanarArm:
         """The arm, with its ranges and lengths."""
-        from ..arm.arms import PlanarArm
+        from ..arm.arm import PlanarArm
         from ..arm.loading import load_arm
 
         arm = load_arm(self.robot, ranges=dict(self.ranges) or None)

@@ -11,7 +11,6 @@ from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
-from numpy.typing import NDArray
 
 from ..common.arrays import Array
 from ..common.parallel import one_blas_thread
@@ -81,6 +80,9 @@ class ClockPair:
 
     def peaks(self) -> list[float]:
         """Return the offsets of the highest peaks of the correlation of speeds [s]."""
+        from scipy.ndimage import maximum_filter1d
+        from scipy.signal import correlate, correlation_lags
+
         camera = np.arange(self.t[0], self.t[-1], 1.0 / _GRID)
         joints = np.arange(self.joint_time[0], self.joint_time[-1], 1.0 / _GRID)
         if min(len(camera), len(joints)) < 2 * _GRID:
@@ -88,26 +90,16 @@ class ClockPair:
         a = _speed(joints_at(camera, self.t, self.x))
         b = _speed(self.joints(joints) / np.maximum(self.q.std(0), 1e-9))
         a, b = a - a.mean(), b - b.mean()
-        n, m = len(a), len(b)
-        need = int(_OVERLAP * min(n, m))
-        lags = np.arange(need - n, m - need + 1)
-        start, stop = np.maximum(0, lags), np.minimum(m, n + lags)  # of b
-        count = stop - start
-        size = 1 << int(np.ceil(np.log2(n + m)))
-
-        def sums(values: Array, low: NDArray[np.intp], high: NDArray[np.intp]) -> Array:
-            total = np.r_[0.0, np.cumsum(values)]
-            return np.asarray(total[high] - total[low])
-
-        both = np.fft.irfft(np.fft.rfft(b, size) * np.conj(np.fft.rfft(a, size)), size)
-        sa, saa = (sums(v, start - lags, stop - lags) for v in (a, a**2))
-        sb, sbb = (sums(v, start, stop) for v in (b, b**2))
-        scale = (saa - sa**2 / count) * (sbb - sb**2 / count)
-        c = (both[lags % size] - sa * sb / count) / np.sqrt(np.maximum(scale, 1e-12))
+        # the correlation coefficient of what overlaps, from sums over each overlap: those of
+        # products with ones; the whole recordings' means and variances are not the overlap's
+        parts = ((b, a), (b, a**0), (b**2, a**0), (b**0, a), (b**0, a**2), (b**0, a**0))
+        ab, sb, sbb, sa, saa, count = (correlate(u, v, method="fft") for u, v in parts)
+        far = count > int(_OVERLAP * min(len(a), len(b))) - 0.5
+        lags, count = correlation_lags(len(b), len(a))[far], count[far]
+        scale = (saa[far] - sa[far] ** 2 / count) * (sbb[far] - sb[far] ** 2 / count)
+        c = (ab[far] - sa[far] * sb[far] / count) / np.sqrt(np.maximum(scale, 1e-12))
         # peaks within 0.2 s of a higher one are its shoulders
-        wide = np.pad(c, 10, mode="edge")
-        highest = np.max([wide[k : k + len(c)] for k in range(21)], axis=0)
-        top = np.flatnonzero(c >= highest)
+        top = np.flatnonzero(c >= maximum_filter1d(c, 21, mode="nearest"))
         top = top[np.argsort(-c[top], kind="stable")][:_CANDIDATES]
         return [float(joints[0] - camera[0] + lags[k] / _GRID) for k in top]
 

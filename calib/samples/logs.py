@@ -136,16 +136,7 @@ def read_log(
     }
     turning = [k for k, turns in enumerate(revolute) if turns and degrees]
     measured = MeasuredRows(source, roles.columns, turning, chosen)
-    reservoir = Reservoir(most, extremes=len(names), seed=seed)
-    count = 0
-    for batch, numbers in measured.batches():
-        reservoir.add(batch, numbers)
-        count += len(batch)
-    notes = measured.notes()
-    values, rows = reservoir.rows()
-    if len(rows) < count:
-        held = f"{len(rows):,} of them, drawn evenly, are held"
-        notes.append(f"{count:,} rows: {held}; other counts of values are of these")
+    values, rows, notes = measured.held(Reservoir(most, extremes=len(names), seed=seed))
     _check_values(source, values, names, axes)
     q = np.ascontiguousarray(values[:, : len(names)])
     # values of a few degrees at most are doubted

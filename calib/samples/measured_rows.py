@@ -56,6 +56,19 @@ class MeasuredRows:
                 inside &= range_.holds(values[:, k])
             yield values[inside], numbers[inside]
 
+    def held(self, reservoir: Reservoir) -> tuple[Array, Numbers, list[str]]:
+        """Return the rows that a reservoir keeps, their numbers, and what the user is told."""
+        count = 0
+        for values, numbers in self.batches():
+            reservoir.add(values, numbers)
+            count += len(values)
+        notes = self.notes()
+        values, numbers = reservoir.rows()
+        if len(numbers) < count:
+            held = f"{len(numbers):,} of them, drawn evenly, are held"
+            notes.append(f"{count:,} rows: {held}; other counts of values are of these")
+        return values, numbers, notes
+
     def notes(self) -> list[str]:
         """Say what was left out; a log without any usable row is an error."""
         if not self.total:

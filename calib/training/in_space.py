@@ -7,7 +7,7 @@ from dataclasses import replace
 import numpy as np
 from numpy.typing import NDArray
 
-from ..arm.arms import SpatialArm
+from ..arm.arm import SpatialArm
 from ..arm.rotations import logarithm, matrix_of
 from ..body.poses import positions_of, refuse_misfit
 from ..body.posterior import BodyFit, fit_structure

@@ -9,7 +9,7 @@ import math
 
 import numpy as np
 
-from ..arm.arms import PlanarArm
+from ..arm.arm import PlanarArm
 from ..common.arrays import Array
 from ..common.choices import CAUSES, LOG_FRAMES
 from ..errors import OptionError

@@ -14,7 +14,7 @@ from typing import Generic, TypeVar
 
 import numpy as np
 
-from ..arm.arms import PlanarArm, SpatialArm
+from ..arm.arm import PlanarArm, SpatialArm
 from ..arm.rotations import exponential, logarithm
 from ..body.nominal import Nominal, nominal_of
 from ..body.planar import PlanarStructure

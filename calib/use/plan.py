@@ -10,8 +10,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from ..arm.arm import Arm
-from ..arm.arms import SpatialArm
+from ..arm.arm import Arm, SpatialArm
 from ..body.most_telling import greedy, most_telling
 from ..common.arrays import Array, Index
 from ..common.checks import whole

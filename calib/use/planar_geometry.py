@@ -12,7 +12,7 @@ from typing import Any
 
 import numpy as np
 
-from ..arm.arms import PlanarArm
+from ..arm.arm import PlanarArm
 from ..arm.rotations import logarithm, similarity
 from ..body.derivative import Derivative
 from ..body.fit import Fit

@@ -11,8 +11,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from ..arm.arm import Arm
-from ..arm.arms import SpatialArm
+from ..arm.arm import Arm, SpatialArm
 from ..arm.urdf import parse_urdf
 from ..body.belief import Body
 from ..body.fit import Fit, maximise

@@ -10,7 +10,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from ..arm.arms import SpatialArm
+from ..arm.arm import SpatialArm
 from ..body.spatial import structure_of
 from ..common.arrays import Array, Index
 from ..common.scale import Scale

@@ -10,9 +10,8 @@ from calib.common.wording import for_people
 
 from ..measurements import Reading, log_for
 from ..options import NEW_LOG, takes
-from ..output import NO, Notes, TextTable, number, show, show_json, tell
+from ..output import NO, Notes, TextTable, explained, number, show, show_json, tell
 from ..parsing import number_where
-from ..terms import explained
 from ..translation import as_typed
 from ..units import units_of
 from ..usage import option

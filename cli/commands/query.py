@@ -9,11 +9,10 @@ import typer
 
 from calib.common.wording import for_people
 
-from ..answers import answers, show_answers
 from ..options import takes
 from ..output import NO, fixed, note, show_json
 from ..parsing import finite_number, height, reals
-from ..units import JointFormat, meaning, why_outside
+from ..units import JointFormat, answers, meaning, show_answers, why_outside
 from ..usage import BadOption, argument, bad_option, flag, one_document, option
 from .path import path
 

@@ -10,9 +10,8 @@ from typing import TYPE_CHECKING, Any
 
 from .. import parsing
 from ..options import takes
-from ..output import TextTable, note, number, progress_bar, show, show_json
+from ..output import TextTable, explained, note, number, progress_bar, show, show_json
 from ..parsing import JointRange, JointValue
-from ..terms import explained
 from ..units import kinds_of_joints, ranges_in_si
 from ..usage import argument, choice, flag, option
 

@@ -16,11 +16,11 @@ from numpy.typing import NDArray
 from PIL import Image
 
 from calib.maps.map import Map
-from calib.show.error_scale import UNKNOWN, stops
+from calib.show.error_scale import STOPS, UNKNOWN
 
 FOLDER = Path(__file__).parents[1] / "img"
-SCALE = LinearSegmentedColormap.from_list("calib", stops())
-FIRST, SECOND, THIRD = stops()[0], stops()[5], stops()[7]
+SCALE = LinearSegmentedColormap.from_list("calib", STOPS)
+FIRST, SECOND, THIRD = STOPS[0], STOPS[5], STOPS[7]
 INK, FAINT, GREY = "#1d2730", "#cfd6dc", UNKNOWN
 _DPI = 125
 _SETTINGS = {
