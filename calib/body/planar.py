@@ -23,7 +23,6 @@ from .curves import curve_slope, curve_value, powers
 from .layout import PlanarLayout, planar_layout
 from .nominal import Nominal
 from .structure import Indices, Structure
-from .views import PLANAR, ViewKind
 from .words import planar_words
 
 Complex = NDArray[np.complex128]
@@ -63,11 +62,6 @@ class PlanarStructure(Structure):
         relative = "1" if self.nominal is None else "m"
         length = relative if self.scaled else self.unit
         return {"position": self.unit, "length": length, "tilt": f"1/{length}"}
-
-    @property
-    def seen_as(self) -> ViewKind:
-        """The kind of its sensor."""
-        return PLANAR[self.view]
 
     @property
     def scaled(self) -> bool:

@@ -24,7 +24,6 @@ from .layout import SpatialLayout, spatial_layout
 from .spatial_slopes import by_joints, by_parameters
 from .spatial_view import Placed, View, compose, look
 from .structure import Indices, Structure
-from .views import SPATIAL, ViewKind
 from .words import spatial_words
 
 _CHAIN_ARRAYS = ("axes", "points", "tip", "rotation", "coupling", "bias", "masses", "centres")
@@ -87,11 +86,6 @@ class SpatialStructure(Structure):
     gravity: tuple[float, float, float] = GRAVITY  # (3,) [m/s2], in the root frame
     simulated: bool = False  # whether the rows are samples of a simulation
     few: bool = False  # whether the rows are too few to move joint origins; `starts` finds out
-
-    @property
-    def seen_as(self) -> ViewKind:
-        """The kind of its sensor."""
-        return SPATIAL[self.view]
 
     @property
     def outputs(self) -> int:

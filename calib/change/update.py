@@ -13,7 +13,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from ..body.belief import Body, Second
-from ..body.bound import radius_95
+from ..body.covariance import radius_95
 from ..body.likeness import kernel, lengths_of
 from ..body.normal import Factor
 from ..body.structure import Indices
