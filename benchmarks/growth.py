@@ -142,8 +142,13 @@ def _linking(arm: Any, log: Any, side: int) -> Any:
     sensory = Map(seen.to_unit(arm.forward(joints.from_unit(units))), lattice, seen, none)
     u, v = joints.to_unit(log.q), seen.to_unit(log.x)
     wiring = WIRINGS["reciprocal"]
-    wiring.learn(motor, u[:100], sensory, v[:100])
-    return lambda: wiring.learn(motor, u, sensory, v)
+
+    def learn(rows: int) -> Any:
+        parts = wiring.parts(motor, u[:rows], sensory, v[:rows])
+        return wiring.linked((a, b) for _, a, b in parts)
+
+    learn(100)
+    return lambda: learn(len(u))
 
 
 def _chain(joints: int, rows: int) -> tuple[Any, Any]:

@@ -43,14 +43,24 @@ class Streams:
     target: str | None
     as_json: bool  # whether to print a JSON document
 
-    def write(self, columns: Mapping[str, Any]) -> None:
-        """Write the answers, where they do not go into the document."""
-        if self.target is not None or not self.as_json:
-            write_table("-" if self.target is None else self.target, columns)
+    def answer(
+        self,
+        columns: Mapping[str, Any] | None,
+        joints: JointFormat,
+        key: str = "answers",
+        **told: Any,
+    ) -> None:
+        """Write the answers, None for no table, and print what is told with them as a document.
 
-    def inside(self, key: str, joints: JointFormat, columns: Mapping[str, Any]) -> dict[str, Any]:
-        """Answers as the document holds them, in SI units; nothing where a file does."""
-        return {} if self.target is not None else {key: joints.in_si(columns)}
+        The document holds the answers in SI units by a key, where no file does.
+        """
+        if columns is not None and (self.target is not None or not self.as_json):
+            write_table("-" if self.target is None else self.target, columns)
+        if self.as_json:
+            inside = {}
+            if columns is not None and self.target is None:
+                inside = {key: joints.in_si(columns)}
+            show_json({"output": columns and self.target, **told, **inside})
 
 
 def told_at(model: Model, q: ArrayLike, readout: str | None, frame: str) -> dict[str, Array]:
@@ -106,6 +116,7 @@ def inverse_batch(
     every : whether to write all branches of each pose, a row each
     """
     base, beside = frame == "base", [f"near_{name}" for name in joints.names]
+    # fewer than six joints reach almost no pose that is given: its columns go along unread
     turns = QUATERNION if len(joints.names) >= 6 and (base or len(model.axes) == 3) else ()
     batch = read_batch(streams.source, "xyz" if base else model.axes, (beside, turns))
     posed = bool(turns) and "qw" in batch.names
@@ -170,18 +181,8 @@ def _finish(
     """Write the answers, say which rows have none, and return the exit code."""
     columns, invalid = batch.answered(added), batch.invalid
     n = len(batch.values) if n is None else n
-    streams.write(columns)
-    if streams.as_json:
-        show_json(
-            {
-                "output": streams.target,
-                "rows": n,
-                "invalid": invalid,
-                "out_of_reach": refused,
-                **meaning(model.about, frame),
-                **streams.inside("answers", joints, columns),
-            }
-        )
+    units = meaning(model.about, frame)
+    streams.answer(columns, joints, rows=n, invalid=invalid, out_of_reach=refused, **units)
     Notes().say(batch.notes(list(added)))
     say_rows(invalid, n, "not all values are numbers, no answer")
     say_rows(refused, n, why)

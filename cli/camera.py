@@ -169,7 +169,6 @@ def record(
 
 
 def _middle_picture(source: str, made: Recorded) -> Path:
-    """Return a picture of a log, or the video."""
     from calib.recording.pictures import list_pictures
 
     if made.pictures is None:

@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Any
 from calib.common.choices import READOUTS
 from calib.common.wording import for_people
 
-from .output import TextTable, fixed, number
+from .output import TextTable, fields, fixed, number
 from .terms import explained
 
 if TYPE_CHECKING:
@@ -79,15 +79,9 @@ def document(found: Sweep, output: str | None) -> dict[str, Any]:
         "units": {"errors": "unit of the row", "seconds": "s"},
         "combinations": [_combination(part) for part in found.combinations()],
         "rows": [
-            {
-                "source": row.source,
-                "options": row.options,
-                "seed": row.seed,
-                "unit": row.unit or None,
-                "seconds": row.seconds,
-                "errors": row.errors or None,
-                "error": row.error or None,
-            }
+            fields(row, "source options seed seconds")
+            # what a training that failed does not have, and the error of one that did not
+            | {key: getattr(row, key) or None for key in ("unit", "errors", "error")}
             for row in found.rows
         ],
     }
@@ -99,6 +93,7 @@ def together(part: Sequence[Trial], readout: str, direction: str) -> dict[str, f
     "mean" of the mean errors, their standard deviation "spread" (NaN for one seed), and the
     largest error "max" of all.
     """
+    # not NumPy's: what one command alone needs must not slow the others' start
     from statistics import stdev
 
     means = [row.distance(readout, direction, "mean") for row in part]

@@ -39,11 +39,11 @@ def log_for(model: Model, path: str, reading: Reading, notes: Notes) -> Samples:
     from calib.errors import LogError
     from calib.samples.columns import open_source
     from calib.samples.joint_values import check_joint_values
-    from calib.samples.tables import about_source
+    from calib.samples.tables import read_about
 
     about = model.about
     source = open_source(path)  # once: it may be a pipe
-    said = about_source(source).get("unit")
+    said = read_about(source).get("unit")
     unit = reading.unit or (said if isinstance(said, str) else None)
     # pixels and metres have no factor between them, and the plane of a camera model is another
     if unit is not None and (unit == "px") != (about.unit == "px"):
@@ -68,6 +68,7 @@ def log_for(model: Model, path: str, reading: Reading, notes: Notes) -> Samples:
     if unit is not None and unit != about.unit and {unit, about.unit} <= set(METRES):
         factor = METRES[about.unit] / METRES[unit]
         notes.say([f"positions converted from {unit} to {about.unit}"])
+        # that noise is a length too, in the unit of the log that states it
         shared = {"noise_of_reference": log.shared * factor}
         log = replace(log, x=log.x * factor, unit=about.unit, source={**log.source, **shared})
     return log

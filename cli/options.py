@@ -8,14 +8,58 @@ from functools import wraps
 from inspect import Parameter, Signature, signature
 from typing import Annotated, Any, TypeVar, cast, get_args, get_origin
 
-from calib.common.choices import CAUSES, FRAMES, LOG_FRAMES, MOTIONS, READOUTS
+from calib.common.choices import CAUSES, FRAMES, LOG_FRAMES, MAPS, MOTIONS, READOUTS, RULES
 
 from . import parsing
 from .usage import argument, choice, flag, option
 
 Command = TypeVar("Command", bound=Callable[..., None])
 
+_OF_TRAINING: dict[str, tuple[str, str, parsing.Reader[Any]]] = {
+    "size": (
+        "--size N|NxN|NxNxN",
+        "Nodes of both maps: 70 or 70x70 if not given, for three joints 17x17x17 in the "
+        "motor map; a log chooses its own.",
+        parsing.size,
+    ),
+    "map": (
+        f"--map {'|'.join(MAPS)}",
+        "Kind of map (default vdsom; for a log with --body none gas where held-out blocks prefer "
+        "it); vdsom:error and the like name variants of the paper's rule.",
+        parsing.kind_of_map(MAPS),
+    ),
+    "rule": (f"--rule {'|'.join(RULES)}", "Training rule.", parsing.one_of(RULES)),
+    "epochs": (
+        "--epochs N",
+        "Passes over the samples; the full lattice alone is trained then.",
+        parsing.integer(1),
+    ),
+    "sigma": (
+        "--sigma START:END",
+        "Neighbourhood radius at the start and the end [nodes]; the full lattice alone is trained "
+        "then.",
+        parsing.sigma,
+    ),
+    "samples": (
+        "--samples -n N",
+        "How many samples to babble (default 20000).",
+        parsing.integer(1),
+    ),
+    "noise": (
+        "--noise S",
+        "Standard deviation of the simulated sensor along each axis [m] (default 0).",
+        parsing.at_least_zero("m"),
+    ),
+}
+"""Usage, help and reader of the options that a sweep takes several values of."""
+
+GRID: dict[str, Any] = {
+    name: option(f"{usage},..", text, parsing.several(read))
+    for name, (usage, text, read) in _OF_TRAINING.items()
+}
+
 SHARED: dict[str, Any] = {
+    **{name: option(*row) for name, row in _OF_TRAINING.items()},
     "robot": argument("ROBOT", "A URDF file, or a bundled robot (calib robots)."),
     "model": argument("MODEL", "A model file, as written by calib train."),
     # which arm
@@ -40,14 +84,6 @@ SHARED: dict[str, Any] = {
         parsing.joint_range,
     ),
     # simulated babbling
-    "samples": option(
-        "--samples -n N", "How many samples to babble (default 20000).", parsing.integer(1)
-    ),
-    "noise": option(
-        "--noise S",
-        "Standard deviation of the simulated sensor along each axis [m] (default 0).",
-        parsing.at_least_zero("m"),
-    ),
     "motion": choice("--motion", MOTIONS, "How the simulated arm babbles (default uniform)."),
     "change": option(
         "--change JOINT.WHAT=VALUE",
@@ -129,6 +165,7 @@ def takes(**own: Any) -> Callable[[Command], Callable[..., None]]:
 
     def declared(command: Command) -> Callable[..., None]:
         known, taken, groups = SHARED, dict[str, Parameter](), dict[str, Any]()
+        # annotations are texts in these modules, and Typer looks at types
         for parameter in signature(command, eval_str=True).parameters.values():
             kind = parameter.annotation
             if not is_dataclass(kind):
@@ -164,6 +201,7 @@ def takes(**own: Any) -> Callable[[Command], Callable[..., None]]:
 
 def _typed(kind: Any) -> Any:
     """What Typer is told of a parameter: a flag, a text or several; readers make values of it."""
+    # of numbers and tuples Typer makes values by itself, with errors of several lines
     kinds = get_args(kind) or (kind,)
     if bool in kinds:
         return kind

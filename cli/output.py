@@ -71,6 +71,7 @@ def show(table: TextTable) -> None:
     """Print a table; on a terminal that is too narrow for it a line for each cell."""
     # not with Rich: it would be imported, which takes longer than most queries
     lines = table.lines()
+    # the foot is wrapped already, however narrow the terminal is
     widest = max(map(len, replace(table, foot="").lines()))
     if sys.stdout.isatty() and widest > shutil.get_terminal_size().columns:
         lines = table.records()
@@ -90,6 +91,11 @@ def show_json(document: Any) -> None:
     # a person reads it on a terminal; a program wants one document on one line
     indent = 2 if sys.stdout.isatty() else None
     print(json.dumps(plain(document), indent=indent, allow_nan=False))
+
+
+def fields(holder: object, names: str) -> dict[str, Any]:
+    """Return what stands in a document under the same names as in what was found."""
+    return {name: getattr(holder, name) for name in names.split()}
 
 
 def plain(value: Any) -> Any:

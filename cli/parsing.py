@@ -63,6 +63,7 @@ def integer(least: int, most: int = 2**63 - 1) -> Reader[int]:
 
     @expects("a whole number")
     def read(text: str) -> int:
+        # int() also takes 1_0 and the digits of other scripts
         require(text.isascii() and "_" not in text)
         value = int(text)
         if not least <= value <= most:
@@ -181,6 +182,7 @@ def column_names(text: str) -> Columns:
 @expects("JOINT=VALUE such as wrist=0.5")
 def joint_value(text: str) -> JointValue:
     """Read `joint=value`; the name may hold an equals sign itself."""
+    # from the right: names in URDFs hold what they like, a number no equals sign
     joint, _, value = text.rpartition("=")
     require(bool(joint.strip()))
     return joint.strip(), finite_number(value)

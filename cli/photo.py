@@ -21,6 +21,7 @@ def photo_of_log(model: Model, log: Samples, data: str, notes: Notes) -> Model:
     if not isinstance(named, str) or data == "-":
         return model
     folder = Path(data).resolve().parent
+    # a log may come from a stranger: it must not bring files from elsewhere into a model
     try:
         path = (folder / named).resolve()
         there = path.is_relative_to(folder) and path.is_file()

@@ -4,12 +4,16 @@ from __future__ import annotations
 
 from collections.abc import Collection, Mapping, Sequence
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, ClassVar
 
+from calib.common.choices import BODIES, VIEWS
+
+from . import parsing
+from .options import GRID
 from .output import Notes
 from .parsing import Columns, JointRange, JointValue, Names
 from .units import changes_in_si, kinds_of_joints, locks_in_si, ranges_in_si
-from .usage import BadOption, refuse
+from .usage import BadOption, choice, option, refuse
 
 if TYPE_CHECKING:
     from calib import Samples
@@ -41,6 +45,7 @@ class Selection:
 
         if robot is None:
             raise BadOption("ROBOT is missing: expected a URDF file or a bundled robot")
+        # which joints turn is wanted before the arm is loaded, and the file read twice only then
         turns = kinds_of_joints(robot) if self.degrees and (self.lock or self.ranges) else {}
         return calib.load_arm(
             robot,
@@ -61,6 +66,54 @@ class Babbling:
     noise: float | None = None
     motion: str | None = None
     change: list[str] | None = None
+
+
+@dataclass(frozen=True)
+class Training:
+    """What is trained and how, as typed: arguments of `calib.train`."""
+
+    OPTIONS: ClassVar = {
+        "motor_size": option(
+            "--motor-size N|NxN", "Nodes of the motor map, where they differ.", parsing.size
+        ),
+        "sensory_size": option(
+            "--sensory-size N|NxN", "Nodes of the sensory map, where they differ.", parsing.size
+        ),
+        "body": choice(
+            "--body",
+            BODIES,
+            "auto fits a kinematic body under the maps; none learns maps and Hebbian links alone.",
+        ),
+        "view": choice(
+            "--view",
+            VIEWS,
+            "What the sensor measures: base is the robot's root frame; auto is rigid for "
+            "lengths, homography for pixels, pinhole for pixels of an arm in space.",
+        ),
+    }
+    map: str | None = None
+    size: int | tuple[int, ...] | None = None
+    motor_size: int | tuple[int, ...] | None = None
+    sensory_size: int | tuple[int, ...] | None = None
+    body: str = "auto"
+    view: str = "auto"
+    rule: str = "batch"
+    epochs: int | None = None
+    sigma: tuple[float, float] | None = None
+
+
+@dataclass(frozen=True)
+class Grid:
+    """Values to try of each option of a training, as typed."""
+
+    OPTIONS: ClassVar = GRID
+    size: tuple[Any, ...] | None = None
+    map: tuple[Any, ...] | None = None
+    rule: tuple[Any, ...] | None = None
+    epochs: tuple[Any, ...] | None = None
+    sigma: tuple[Any, ...] | None = None
+    samples: tuple[Any, ...] | None = None
+    noise: tuple[Any, ...] | None = None
 
 
 @dataclass(frozen=True)

@@ -43,14 +43,6 @@ class Asked:
     keep: bool = False  # whether the orientation at `near` is kept softly
     height: float | None = None  # [m], of the plane z of the base frame that a pixel lies on
 
-    def __bool__(self) -> bool:
-        return self.frame == "base" or self.keep or self.height is not None or self.posed
-
-    @property
-    def posed(self) -> bool:
-        """Whether an orientation is wanted."""
-        return self.quaternion is not None or self.rpy is not None
-
     def orientation(self, degrees: bool) -> Array | None:
         """The quaternion (4,) wanted, checked."""
         if self.quaternion is not None and self.rpy is not None:
@@ -62,6 +54,7 @@ class Asked:
             if abs(length - 1) > 0.01:
                 shown = f"of length {length:.4g}: expected length 1, in the order qx,qy,qz,qw"
                 raise BadOption(f"--quaternion is {shown}")
+            # typed numbers are rounded: the unit sphere's nearest point is meant
             return np.array([float(part) / length for part in self.quaternion])
         if self.rpy is None:
             return None
@@ -135,7 +128,6 @@ def answer_inverse(
 
 
 def _target(space: Space, asked: Asked, typed: Sequence[float]) -> Array:
-    """The position wanted (3,) in the base frame [m]."""
     if asked.height is not None:
         if len(typed) != 2:
             raise BadOption(f"--on needs a pixel: expected U V, not {len(typed)} numbers")
@@ -197,6 +189,7 @@ def say_free(joints: JointFormat, free: Array, near: bool) -> None:
 def free_of(model: Model, q: Any) -> Array:
     """Free directions (k, dof) at an answer q (dof,) to a position in the sensor's frame."""
     u = model.motor.scale.to_unit(np.asarray(q, dtype=float)[None])
+    # the slope by joints: u = (q - lower) / span, so dx/dq = (dx/du) / span
     slope = model.predictor.value_and_slope(u)[1][0] / model.motor.scale.span
     return free_directions(slope)
 

@@ -77,6 +77,7 @@ def view_of(model: Model) -> dict[str, Any]:
     if (sensor := SensorPose.of(body)) is not None:
         view["camera" if is_camera(view["kind"]) else "sensor"] = sensor.to_json()
     if is_camera(view["kind"]):
+        # one focal length serves both axes: the camera of a body has square pixels
         f, u, v, k1 = body.beta[body.structure.groups["lens"]].tolist()
         view["lens"] = {"focal": f, "centre": [u, v], "k1": k1, "size": model.about.picture}
     return view

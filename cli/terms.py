@@ -37,6 +37,7 @@ _MEANINGS = (
 
 def explained(table: TextTable) -> TextTable:
     """Return the table with what its terms mean below it; each row's first cells count too."""
+    # only words that stand in this table: a list of all terms would be longer than most tables
     cells = [cell for row in table.rows for cell in row[: table.left]]
     text = " ".join([table.title, *table.header, *cells]).lower()
     words = set(re.findall(r"[a-z]+|\+-", text))

@@ -55,6 +55,7 @@ def _option(match: re.Match[str]) -> str:
     if value is None:
         return option
     try:
+        # parsed, never evaluated: names within a message may be a stranger's
         tree = ast.parse(value.strip(), mode="eval").body
     except (SyntaxError, ValueError, MemoryError, RecursionError):
         return f"{option} {value}"

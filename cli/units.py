@@ -6,7 +6,7 @@ import math
 from collections.abc import Iterable, Mapping, Sequence
 from typing import TYPE_CHECKING, Any
 
-from calib.common.wording import for_people
+from calib.common.wording import for_people, unit_of_joint
 from calib.show.facts import learned_range
 
 from .output import fixed
@@ -54,7 +54,7 @@ class JointFormat:
     @property
     def typed(self) -> list[float]:
         """Factors from SI units to what is typed, and written to tables of answers."""
-        return [math.degrees(1.0) if self._turned(k) else 1.0 for k in range(len(self.names))]
+        return [unit_of_joint(turns, self.degrees)[0] for turns in self._about.revolute]
 
     def in_si(self, columns: Mapping[str, Any]) -> dict[str, Any]:
         """Columns of a table of answers in SI units, as a JSON document holds them."""
@@ -80,12 +80,13 @@ class JointFormat:
 
     def value(self, k: int, value: float) -> str:
         """Return a value of joint `k` [rad or m] in words."""
-        unit = "deg" if self._turned(k) else self._about.units_of_joints[k]
-        return f"{self.names[k]} = {value * self.typed[k]:.6g} {unit}"
+        factor, unit = unit_of_joint(self._about.revolute[k], self.degrees)
+        return f"{self.names[k]} = {value * factor:.6g} {unit}"
 
     def hint(self, k: int, value: float) -> str:
         """Return what to do if a value of joint `k` [rad] outside of its range fits in degrees."""
         low, high = self._about.lower[k], self._about.upper[k]
+        # below one turn a value may as well be a slip in rad: nothing is suggested
         fits = low <= math.radians(value) <= high and abs(value) > 2.0 * math.pi
         far = self._about.revolute[k] and not self.degrees and fits
         return "; as degrees it fits: give --degrees" if far else ""
@@ -111,9 +112,6 @@ class JointFormat:
         """Return a change of joint `k` [rad or m] in words, in deg or mm."""
         factor, unit = self.of_change(k)
         return f"{self.names[k]} {abs(value) * factor:.4g} {unit}"
-
-    def _turned(self, k: int) -> bool:
-        return self.degrees and self._about.revolute[k]
 
     def _printed(self, k: int) -> tuple[float, str]:
         if self._about.revolute[k]:
@@ -147,6 +145,7 @@ def kinds_of_joints(robot: str) -> dict[str, bool]:
     from calib.arm.robots import resolve_robot
     from calib.arm.urdf import parse_urdf, read_urdf
 
+    # without Pinocchio: units are wanted before it is known which arm is loaded
     path = resolve_robot(robot)
     urdf = parse_urdf(read_urdf(path), path.stem)
     return {joint.name: joint.revolute for joint in urdf.joints if joint.movable}

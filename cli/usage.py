@@ -27,11 +27,13 @@ class BadOption(typer.BadParameter):
 
     def format_message(self) -> str:
         """Return the message without a preface."""
+        # Click's own preface would name the option a second time
         return self.message
 
 
 def option(usage: str, help: str, read: Reader[Any] | None = None) -> Any:  # noqa: A002
     """Declare an option of a value as a usage line has it, such as "--output -o FILE"."""
+    # flags, then what stands for the value, as a manual page writes them
     *flags, metavar = usage.split()
     return typer.Option(*flags, metavar=metavar, parser=read and _parser(flags[0], read), help=help)
 

@@ -12,7 +12,7 @@ from scenes import project
 
 import calib
 from calib.model.model import Model
-from calib.show.error_scale import colours, rgb, stops
+from calib.show.error_scale import STOPS, colours, rgb
 from calib.show.preview.motion import REACHED
 from calib.show.preview.page import html
 from calib.show.preview.scene import Scene, draw
@@ -98,7 +98,7 @@ def test_outside_of_everything_is_background(scene: Scene, seen: Sight):
 
 def test_legend_runs_through_all_colours(seen: Sight):
     panel = seen.pixels[:200, :PANEL]
-    first, last = (np.array(rgb(c)) for c in (stops()[0], stops()[-1]))
+    first, last = (np.array(rgb(c)) for c in (STOPS[0], STOPS[-1]))
     starts = np.linalg.norm(panel - first, axis=2) < 25
     ends = np.linalg.norm(panel - last, axis=2) < 25
     rows = np.flatnonzero(starts.any(axis=1) & ends.any(axis=1))
@@ -172,5 +172,5 @@ def test_report_in_light_and_dark(reported: str, tmp_path: Path, dark: bool):
     # ink stands out from the ground, and the heat maps are there, from end to end
     ink = sight.pixels.reshape(-1, 3)
     assert ink.max() > 200 if dark else ink.min() < 60
-    for colour in (stops()[1], stops()[-1]):
+    for colour in (STOPS[1], STOPS[-1]):
         assert (np.linalg.norm(ink - np.array(rgb(colour)), axis=1) < 20).sum() > 50

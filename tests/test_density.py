@@ -17,6 +17,7 @@ from calib.maps.density import (
     kind_of,
     lattice,
     mixed,
+    rationed,
     residual,
     rho,
     transformation,
@@ -223,6 +224,28 @@ def test_the_default_is_the_border_times_where_a_smooth_model_is_wrong():
     share = np.clip(wrong / wrong.mean(), 0.05, 50)
     np.testing.assert_allclose(residual(told), border(plain) * share)
     np.testing.assert_allclose(residual(replace(told, progress=0.0)), 1.0)
+
+
+@pytest.mark.parametrize("dim", [1, 2, 3])
+@pytest.mark.parametrize("per_node", [6.0, 20.0, 50.0])
+def test_no_node_is_left_with_fewer_than_five_samples(per_node, dim):
+    wrong = np.random.default_rng(0).exponential(size=2000) * (np.arange(2000) % 50 == 0)
+    share = rationed(wrong, per_node, dim)
+    dense = share ** (dim / (dim + 2))
+    rows = per_node * dense.mean() / dense  # of each node, where the density follows the gain
+    plain = np.clip(wrong / wrong.mean(), 0.05, 50)
+    capped = share.max() < plain.max()
+    assert rows.min() == pytest.approx(5.0) if capped else rows.min() > 5.0
+    free = share < share.max()
+    np.testing.assert_array_equal(share[free], plain[free])
+
+
+def test_with_few_samples_per_node_a_residual_draws_none_and_with_many_all_it_asks_for():
+    wrong = np.arange(100.0)
+    np.testing.assert_array_equal(rationed(wrong, 5.0, 2), 1.0)
+    plain = np.clip(wrong / wrong.mean(), 0.05, 50)
+    np.testing.assert_array_equal(rationed(wrong, 1e6, 2), plain)
+    np.testing.assert_array_equal(rationed(wrong, np.inf, 2), plain)
 
 
 def test_at_the_default_schedule_the_border_weighs_less_on_a_small_lattice():

@@ -194,6 +194,6 @@ def test_links_learned_part_by_part_are_those_of_all_samples_at_once(name, monke
     wiring = WIRINGS[name]
     at_once = wiring.link(wiring.activity(maps[0], u), wiring.activity(maps[1], v))
     monkeypatch.setattr("calib.maps.links._AT_ONCE", 130)
-    parts = wiring.learn(maps[0], u, maps[1], v)
+    parts = wiring.linked((a, b) for _, a, b in wiring.parts(maps[0], u, maps[1], v))
     assert at_once.nnz > 100
     np.testing.assert_allclose(parts.toarray(), at_once.toarray(), rtol=1e-6, atol=1e-12)

@@ -10,11 +10,12 @@ from models import measured, trained
 from scenes import paths, project
 
 import calib
-from calib.show.error_scale import UNKNOWN, ErrorScale, colours, length_in_words, rgb, stops
+from calib.arm.rotations import similarity
+from calib.show.error_scale import STOPS, UNKNOWN, ErrorScale, colours, length_in_words, rgb
 from calib.show.preview.arm import DrawnArm
 from calib.show.preview.canvas import quaternions
 from calib.show.preview.motion import drive
-from calib.show.preview.placement import Viewpoint, mirrored_similarity, place_model
+from calib.show.preview.placement import Viewpoint, place_model
 from calib.show.preview.scene import draw
 from calib.show.workspace import level_lines, outline
 
@@ -24,8 +25,8 @@ def test_a_similarity_is_found_mirrored_or_not():
     x = rng.normal(size=(50, 2))
     for mirror in (1.0, -1.0):
         turn = 2.5 * np.array([[0.6, 0.8 * mirror], [-0.8, 0.6 * mirror]])
-        linear, shift = mirrored_similarity(x, x @ turn + [3.0, -1.0])
-        np.testing.assert_allclose(linear, turn, atol=1e-12)
+        found, shift, scale = similarity(x, x @ turn + [3.0, -1.0], mirrored=True)
+        np.testing.assert_allclose(scale * found.T, turn, atol=1e-12)
         np.testing.assert_allclose(shift, [3.0, -1.0], atol=1e-12)
 
 
@@ -169,4 +170,4 @@ def test_colours_rise_evenly_in_lightness_and_have_no_ends_that_vanish():
     assert light[0] > 0.02
     assert light[-1] < 0.6
     assert colours(np.array([np.nan]))[0].tolist() == list(rgb(UNKNOWN))
-    assert colours(np.array([0.0]))[0].tolist() == list(rgb(stops()[0]))
+    assert colours(np.array([0.0]))[0].tolist() == list(rgb(STOPS[0]))

@@ -6,8 +6,7 @@ import numpy as np
 import pytest
 from beliefs import LOWER, UPPER, body, exact_body, joints, noise, tip
 
-from calib.change.comparison import carried
-from calib.change.reference import kept_reference, reference_of
+from calib.change.reference import carried_offset, kept_reference, reference_of
 from calib.change.sanity import lag_of
 
 pytestmark = pytest.mark.usefixtures("one_blas_thread")
@@ -71,6 +70,6 @@ def test_what_maps_add_turns_with_the_sensor():
     turned = body().beta.copy()
     turned[body().structure.groups["view.rotation"]] += 0.7
     turned[body().structure.groups["view.shift"]] += [0.2, -0.1]
-    moved = carried(body(), body(), turned, q, offset)
+    moved = carried_offset(body(), body(), turned, q, offset)
     c, s = np.cos(0.7), np.sin(0.7)
     np.testing.assert_allclose(moved, offset @ [[c, s], [-s, c]], atol=1e-12)

@@ -76,28 +76,17 @@ class Arm:
         return self._by_rows(q, self.chain.positions)
 
     def jacobian(self, q: ArrayLike) -> Array:
-        """Return the derivatives by the joint values (n, dof) or (dof,) [rad or m].
+        """Derivatives (n, k, dof) or (k, dof) of the position by joint values (n, dof) or (dof,).
 
-        Returns
-        -------
-        (n, k, dof) or (k, dof) array
-            Of the position [m/rad or m/m]; of a spatial arm k is 6, and rows 3 to 5 give the
-            angular velocity of the tip's frame.
+        In [m/rad or m/m]; of a spatial arm k is 6: rows 3 to 5 are the angular velocity of the
+        tip's frame.
         """
         return self._by_rows(q, self.chain.jacobian)
 
     def pose(self, q: ArrayLike) -> tuple[Array, Array]:
-        """Return the tip's position and orientation in space.
+        """Return the tip's positions (n, 3) or (3,) [m] and quaternions (n, 4) or (4,) in space.
 
-        Parameters
-        ----------
-        q : (n, dof) or (dof,) array [rad or m]
-
-        Returns
-        -------
-        positions : (n, 3) or (3,) array [m]
-        quaternions : (n, 4) or (4,) array
-            As qx, qy, qz, qw, in the root link's frame.
+        At joint values (n, dof) or (dof,) [rad or m]; as qx, qy, qz, qw, in the root link's frame.
         """
 
         def together(rows: Array) -> Array:
@@ -108,16 +97,10 @@ class Arm:
         return found[..., :3], found[..., 3:]
 
     def points(self, q: ArrayLike) -> Array:
-        """Return the joints' origins and the tip in space, to draw the arm.
+        """Return the joints' origins and the tip, to draw the arm, (n, m + 1, 3) or (m + 1, 3) [m].
 
-        Parameters
-        ----------
-        q : (n, dof) or (dof,) array [rad or m]
-
-        Returns
-        -------
-        (n, m + 1, 3) or (m + 1, 3) array [m]
-            In the root link's frame; m joints, mimic joints included.
+        At joint values (n, dof) or (dof,) [rad or m], in the root link's frame; the m joints
+        include mimic joints.
         """
         return self._by_rows(q, self.chain.skeleton)
 
@@ -161,12 +144,7 @@ class Arm:
         return tuple("rad" if turns else "m" for turns in self.revolute)
 
     def with_range(self: _A, ranges: Mapping[str, Range]) -> _A:
-        """Return the arm with only a part of some joints' ranges.
-
-        Parameters
-        ----------
-        ranges : mapping of str to (lower, upper) [rad or m]
-        """
+        """Return the arm with only a part, (lower, upper) [rad or m], of some joints' ranges."""
         checked = {}
         for name, chosen in ranges.items():
             k = self._index(name, "ranges")

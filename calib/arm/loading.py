@@ -80,17 +80,10 @@ def load_arm(
     (('shoulder', 'elbow'), 'tip', [0.55, 0.0])
     """
     path = resolve_robot(robot)
-    text = read_urdf(path)
+    text, name = read_urdf(path), path.stem
     try:
         return arm_from_urdf(
-            text,
-            joints,
-            tip,
-            lock=lock,
-            ranges=ranges,
-            name=path.stem,
-            planar=planar,
-            columns=columns,
+            text, joints, tip, lock=lock, ranges=ranges, name=name, planar=planar, columns=columns
         )
     except RobotError as error:
         raise error.within(path.name) from None

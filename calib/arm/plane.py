@@ -31,19 +31,11 @@ _MIN_SPREAD = 1e-9
 
 @dataclass(frozen=True, eq=False)
 class Plane:
-    """An oriented plane with two orthonormal axes.
+    """An oriented plane with two orthonormal axes."""
 
-    Attributes
-    ----------
-    origin : (3,) array [m]
-        Point of the plane whose coordinates are (0, 0).
-    x, y : (3,) array
-        Unit axes of the plane.
-    """
-
-    origin: Array
-    x: Array
-    y: Array
+    origin: Array  # (3,) [m], the point of the plane whose coordinates are (0, 0)
+    x: Array  # (3,), unit axis
+    y: Array  # (3,), unit axis
 
     def __post_init__(self) -> None:
         """Check the shapes and the axes, and freeze the arrays."""
@@ -68,30 +60,12 @@ class Plane:
         return np.stack([self.x, self.y, self.normal])
 
     def project(self, points: ArrayLike) -> Array:
-        """Coordinates in the plane of points in space.
-
-        Parameters
-        ----------
-        points : (n, 3) or (3,) array [m]
-
-        Returns
-        -------
-        (n, 2) or (2,) array [m]
-        """
+        """Coordinates in the plane, (n, 2) or (2,), of points in space, (n, 3) or (3,) [m]."""
         offsets = np.asarray(points, dtype=float) - self.origin
         return np.asarray(offsets @ np.stack([self.x, self.y], axis=1))
 
     def lift(self, coordinates: ArrayLike) -> Array:
-        """Points in space of coordinates in the plane.
-
-        Parameters
-        ----------
-        coordinates : (n, 2) or (2,) array [m]
-
-        Returns
-        -------
-        (n, 3) or (3,) array [m]
-        """
+        """Points in space, (n, 3) or (3,), of coordinates in the plane, (n, 2) or (2,) [m]."""
         offsets = np.asarray(coordinates, dtype=float) @ np.stack([self.x, self.y])
         return np.asarray(self.origin + offsets)
 

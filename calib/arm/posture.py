@@ -81,7 +81,6 @@ class Kinematics:
         return {link: (data.oMi[k] * there).homogeneous for link, k, there in placed}
 
     def _placed(self, values: Mapping[str, float]) -> Any:
-        """Pinocchio's data at joint values."""
         data, q = self._model.createData(), np.zeros(self._model.nq)
         for name, value in values.items():
             q[self._joints[name] - 1] = value  # each joint has one value

@@ -94,13 +94,18 @@ def nearest_rotation(matrix: Array) -> Array:
     return np.asarray(u @ np.diag([1.0, 1.0, np.linalg.det(u @ vt)]) @ vt)
 
 
-def similarity(a: Array, b: Array) -> tuple[Array, Array, float]:
-    """Rotation (d, d), shift (d,) and scale with b = scale R a + shift of rows (Umeyama 1991)."""
+def similarity(a: Array, b: Array, *, mirrored: bool = False) -> tuple[Array, Array, float]:
+    """Rotation (d, d), shift (d,) and scale with b = scale R a + shift of rows (Umeyama 1991).
+
+    Where `mirrored`, a reflection serves too, if it fits better.
+    """
     middle, seen = a.mean(axis=0), b.mean(axis=0)
     u, s, vt = np.linalg.svd((b - seen).T @ (a - middle))
     sign = np.ones(len(s))
-    # of the orthogonal matrices that fit, the rotation: a mirror is another sensor
-    sign[-1] = np.sign(np.linalg.det(u @ vt)) or 1.0
+    if (
+        not mirrored
+    ):  # of the orthogonal matrices that fit, the rotation: a mirror is another sensor
+        sign[-1] = np.sign(np.linalg.det(u @ vt)) or 1.0
     turn = (u * sign) @ vt
     spread = float(((a - middle) ** 2).sum())
     scale = max(float((s * sign).sum()) / max(spread, 1e-300), 1e-12)

@@ -22,7 +22,6 @@ from .adapt_online import adapt_online
 from .adaptation import Adaptation, finished, measured_share
 from .cause import KEPT, Cause
 from .causes import find_causes
-from .check import outlier_note
 from .comparison import UNEXPLAINED, Comparison, compare
 from .drawing import fit_from_drawing
 from .explain import Explanation, weighed
@@ -238,7 +237,7 @@ def _notes(
     unsettled: tuple[str, ...],
     improved: bool,
 ) -> list[str]:
-    notes = [*found.rows.notes, *outlier_note(found.outliers)]
+    notes = [*found.rows.notes, *found.outlier_notes()]
     # what nobody may miss: another unit, a mirror, a joint that turns round or not at all
     notes += [c.words for c in causes if c.cause.split(":")[0] in _LOUD]
     notes += unsettled

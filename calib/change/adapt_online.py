@@ -12,7 +12,6 @@ from ..training.evaluate import figures
 from ..training.learn import Progress
 from .adaptation import Adaptation, finished, measured_share
 from .causes import find_causes
-from .check import outlier_note
 from .comparison import Comparison
 from .follow import BLOCK, HORIZON, OnlineAdapter
 
@@ -34,7 +33,7 @@ def adapt_online(found: Comparison, report: Progress) -> Adaptation:
     before = np.linalg.norm(x[held] - model.predictor.value(u[held]), axis=1)
     after = np.linalg.norm(x[held] - fresh.predictor.value(u[held]), axis=1)
     known = np.isfinite(fresh.expected_error(q[held]))
-    notes = [*found.rows.notes, *outlier_note(found.outliers)]
+    notes = [*found.rows.notes, *found.outlier_notes()]
     if shown > len(learned):
         notes.append(f"{len(learned)} samples were shown {shown // len(learned)} times")
     causes, unsettled = find_causes(found, found.changed or not found.explained)

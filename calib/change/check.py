@@ -167,7 +167,7 @@ def _drift(found: Comparison, log: Samples, tolerance: float | None) -> Drift:
     drifted: bool | None = score > 1.0
     if not drifted and tolerance is not None and tested.smallest > tolerance:
         drifted = None
-    notes = [*found.rows.notes, *outlier_note(found.outliers), *unsettled, *untold]
+    notes = [*found.rows.notes, *found.outlier_notes(), *unsettled, *untold]
     far = found.beyond[0]
     if far > 1.0 and tested.score <= 1.0 and not found.reference.new and found.explained:
         told = (
@@ -190,12 +190,6 @@ def _drift(found: Comparison, log: Samples, tolerance: float | None) -> Drift:
         (*causes, *bent),
         tuple(notes),
     )
-
-
-def outlier_note(outliers: int) -> list[str]:
-    """What is said of rows that contradict all others."""
-    rows = "1 row contradicts" if outliers == 1 else f"{outliers} rows contradict"
-    return [f"{rows} all others: left out"] if outliers else []
 
 
 def distortions(found: Comparison) -> dict[str, Signal]:

@@ -27,8 +27,9 @@ from ..maps.map import Map
 from ..maps.predictor import BodyInBox, Both, Predictor, Smooth
 from ..model.model import Model
 from .adaptation import Adaptation
-from .comparison import Comparison, carried
+from .comparison import Comparison
 from .own_residual import OwnResidual
+from .reference import carried_offset
 
 _RADIUS_95 = 2.448  # radius that holds 95 % of a 2-D Gaussian of standard deviation 1
 _TAIL = 3.0  # 95 % quantile over median; of Gaussian noise in the plane it is 2.1
@@ -55,7 +56,7 @@ def rebuilt(found: Comparison, body: Body, own: OwnResidual | None, *, anew: boo
         if anew:
             return body.predict(q)
         if np.any(added):
-            added = carried(found.body, body, body.beta, q, added)
+            added = carried_offset(found.body, body, body.beta, q, added)
         predicted = body.predict(q) + added
         return predicted if own is None else predicted + own.value(q)
 

@@ -251,3 +251,19 @@ def _aligned(
             break
     left = structure.residual(z, structure.predict(q, beta))
     return float(np.median(np.linalg.norm(left, axis=1))), beta
+
+
+def carried_offset(old: Body, new: Body, beta: Array, q: Array, offset: Array) -> Array:
+    """What maps add to a body, after the arm or the sensor has changed.
+
+    A displacement of the tip is taken as that of the joints that causes it (least squares), and
+    these joints' displacement in the new prediction: a moved sensor turns it exactly.
+
+    beta : (d,), parameters of the new prediction
+    q, offset : (n, dof), (n, m)
+    Returns (n, m).
+    """
+    before = old.structure.slope(q, old.beta)
+    after = new.structure.slope(q, beta)
+    joints = np.einsum("ndm,nm->nd", np.linalg.pinv(before, rcond=1e-3), offset)
+    return np.asarray(np.einsum("nmd,nd->nm", after, joints))

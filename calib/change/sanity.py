@@ -34,6 +34,7 @@ MOST = 30
 """Rows by which positions are moved against the joints, either way."""
 
 _BETTER = 0.5
+_MOST_ROWS = 0.8  # of the rows, which have to come nearer; the others may be wrong detections
 _SMOOTH = 0.3  # steps of the joints over their spread, above which rows are no path
 
 
@@ -176,6 +177,10 @@ def lag_of(reference: Reference, q: Array, z: Array) -> int:
         a, b = (q[: n - shift], z[shift:]) if shift >= 0 else (q[-shift:], z[: n + shift])
         rows = thinned(len(a), 60)
         predicted = reference.structure.predict(a[rows], reference.beta)
-        found[shift] = rigid_misfit(predicted[:, :places], b[rows, :places], scaled=False)[0]
+        p, seen = predicted[:, :places], b[rows, :places]
+        left = seen - p @ rigid_misfit(p, seen, scaled=False)[2].T
+        left -= np.median(left, axis=0)
+        # the median alone forgives what happens at the jumps between places
+        found[shift] = float(np.quantile(np.linalg.norm(left, axis=1), _MOST_ROWS))
     best = min(found, key=lambda k: (found[k], abs(k)))
     return best if found[best] < _BETTER * found[0] else 0

@@ -20,7 +20,7 @@ from ..body.structure import Indices
 from ..common.arrays import Array
 from ..common.rows import thinned
 from .explain import Explanation
-from .members import drift
+from .members import FRAME, drift
 from .reference import Reference
 from .rows import UPDATED_ROWS, Log
 from .whitening import nuisance_sd, scaled
@@ -30,6 +30,7 @@ _BLOCKS = 5
 _ENOUGH = 30  # rows that tell a quantile
 _OUTLIER = 2.5  # 95 % radii from which a row is an outlier
 _STEPS = 3
+_ANYWHERE = 20.0  # sizes of a freed frame, a radian and an extent, that are no prior
 _CLEAN = 0.01  # of the residual that a log is allowed: half of its rows are nearer than that
 
 
@@ -134,6 +135,10 @@ def _posterior(old: Body, reference: Reference, e: Explanation, log: Log) -> Pos
     structure = old.structure
     creep = drift(old, e.waves)
     loose = np.sqrt(e.sd**2 + creep**2)
+    if e.member.framed and len(reference.forgotten):
+        # the frame was fitted to these rows: as a narrow prior it would count them twice
+        frame = [ix for name, ix in structure.groups.items() if name in FRAME]
+        loose[np.intersect1d(np.concatenate(frame), reference.forgotten)] *= _ANYWHERE
     active = np.union1d(old.active, np.flatnonzero(loose > 0)).astype(np.intp)
     prior = np.diag(loose[active] ** 2)
     place = np.searchsorted(active, old.active)

@@ -37,6 +37,7 @@ def number_rows(
     >>> number_rows([0.5, 1.0], ("shoulder", "elbow"), "joint values")
     (array([[0.5, 1. ]]), True)
     """
+    # a table's columns may stand in any order: NumPy would take them as they stand
     there = _columns(values)
     if there is not None:
         missing = [name for name in names if name not in there]
@@ -80,7 +81,6 @@ def column_names(values: Any) -> list[Any]:
 
 
 def _columns(values: Any) -> list[Any] | None:
-    """Names of the columns, None for what has none."""
     if isinstance(values, np.ndarray):
         return list(values.dtype.names) if values.dtype.names else None
     if isinstance(values, Mapping):

@@ -60,6 +60,10 @@ class Scale(ReadOnly):
             delta = delta - np.where(self.periodic, turns, 0.0)
         return delta
 
+    def wrapped(self, u: Array) -> Array:
+        """Points (n, d) with their periodic coordinates within one turn, as a search tree asks."""
+        return np.where(self.periodic, u % 1.0, u)
+
     @property
     def boxsize(self) -> Array | None:
         """What ``scipy.spatial.cKDTree`` wants to know of the periodic coordinates."""

@@ -18,7 +18,7 @@ def printable(text: str) -> str:
     >>> printable("el\nbow"), printable("été")
     ('el\\nbow', 'été')
     """
-    if text.isprintable():
+    if text.isprintable():  # most texts: one C loop
         return text
     return "".join(c if c.isprintable() else repr(c)[1:-1] for c in text)
 
@@ -64,6 +64,13 @@ def for_people(unit: str) -> tuple[float, str]:
     """
     named = {"m": (1e3, "mm"), "rad": (math.degrees(1.0), "deg")}
     return named.get(unit, (1.0, unit))
+
+
+def unit_of_joint(revolute: bool, degrees: bool) -> tuple[float, str]:
+    """Return what makes of a joint's rad or m the unit that it is typed and told in, and that."""
+    if not revolute:
+        return 1.0, "m"
+    return (math.degrees(1.0), "deg") if degrees else (1.0, "rad")
 
 
 def vector(values: Iterable[float]) -> str:

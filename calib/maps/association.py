@@ -150,7 +150,7 @@ class Association:
         motor, strength = self.motor, self._strength
         means = motor.units if self.motor_means is None else self.motor_means
         partners = self._weighted / np.where(strength > 0, strength, 1.0)[:, None]
-        inside = np.where(motor.scale.periodic, motor.units % 1.0, motor.units)
+        inside = motor.scale.wrapped(motor.units)
         predicted = self.sensory.scale.from_unit(partners)
         return LinearModels.of(
             motor, means, predicted, strength, self.wiring.activity(motor, inside)

@@ -65,7 +65,7 @@ Gain = Callable[[Visit], Array]
 _STRENGTH = 9.0  # of the border's gain at a radius that the user chooses, and in the paper's tables
 _FULL = 2 / 3  # share of the training after which the gain at the border is full
 _LEAST, _MOST = 0.05, 50.0  # of the residual's share in the gain
-_PER_NODE = 7.0  # samples of a node that leave nothing to concentrate
+_OWN = 5.0  # samples that each node keeps
 
 
 def border(visit: Visit, strength: float = _STRENGTH) -> Array:
@@ -182,7 +182,7 @@ def residual(visit: Visit) -> Array:
     """Gain of samples where a smooth model is wrong, times that of the border: the default.
 
     g = border (r / mean r)^(min(1, 3/2 t/T)), r / mean r within 1/20 and 50, less where
-    samples are few for the nodes, see :func:`residual_limits`, and r the mean square of
+    samples are few for the nodes, see :func:`rationed`, and r the mean square of
     the model's held-out residuals around a sample, see
     :func:`calib.maps.misfit.misfit`; "concentration of nodes in regions with large
     transformation errors".  Without residuals it is the border's gain alone.  At the
@@ -193,21 +193,37 @@ def residual(visit: Visit) -> Array:
     gain = border(visit, own)
     if visit.residual is None:
         return gain
-    share = visit.residual / max(float(visit.residual.mean()), 1e-300)
     ramp = min(1.0, visit.progress / _FULL)
-    least, most = residual_limits(visit.per_node)
-    return np.asarray(gain * np.clip(share, least, most) ** ramp)
+    return np.asarray(
+        gain * rationed(visit.residual, visit.per_node, visit.weights.shape[1]) ** ramp
+    )
 
 
-def residual_limits(per_node: float) -> tuple[float, float]:
-    """Limits of the residual's share in the gain, by the samples per node.
+def rationed(residual: Array, per_node: float, dim: int) -> Array:
+    """The residual's share in the gain (n,), so that each node keeps samples of its own.
 
-    A node needs some samples of its own: to draw more nodes to a defect than it has samples
-    only takes them from elsewhere.  With 50 samples per node the limits are 1/20 and 50,
-    with 7 and fewer both are 1.
+    Samples with a gain g get a density of nodes in proportion to g^(d / (d + 2)) in d dimensions
+    (Zador, IEEE Trans. Inf. Theory 28, 1982).  The largest densities are capped where a node would
+    have fewer than 5 samples: more nodes than samples in a bump left one in ten of them with
+    too few rows to choose a local model by.
+
+    residual : (n,), how wrong the smooth model is around each sample
+    per_node : samples per node of the whole map
     """
-    most = float(np.clip((per_node / _PER_NODE) ** 2, 1.0, _MOST))
-    return max(_LEAST, 1.0 / most), most
+    share = np.clip(residual / max(float(residual.mean()), 1e-300), _LEAST, _MOST)
+    power, n = dim / (dim + 2.0), len(share)
+    dense = np.sort(share**power)
+    # a cap c is the density of nodes with 5 samples if c = (per_node / 5) mean(min(dense, c)); the
+    # i smallest are below it
+    below, above = np.cumsum(dense), np.arange(n - 1, -1, -1)
+    some = per_node / _OWN
+    low = np.flatnonzero(dense * n < some * (below + above * dense))
+    if not len(low):
+        return np.ones(n)
+    i = low[-1]
+    if i < n - 1:
+        share = np.minimum(share, (below[i] / (n / some - above[i])) ** (1.0 / power))
+    return share
 
 
 def border_strength(lattice: Lattice | Graph, per_node: float = np.inf) -> float:

@@ -22,6 +22,7 @@ _DIRECTIONS = 32  # that are tried
 _SURE = 8.0  # log-likelihood by which a gate has to explain the rows better than none
 _ROW = 40.0  # of one row at most: an outlier is no defect
 _SOFT = 0.05  # spacings over which a gate opens at least
+_SCALES = 4  # variances between that of noise and that of the wrong rows
 _AT_ONCE = 200  # nodes, so that the projections stay within some megabytes
 
 
@@ -30,7 +31,8 @@ def find_gates(
 ) -> Array | None:
     """The half-space of each node in which its rows are wrong, (nodes, d + 1), None without any.
 
-    A row is wrong with the variance of the wrong ones around its node, or calm with that of noise.
+    A row is wrong with a variance between noise's and that of the wrong ones around its node, or
+    calm with that of noise.
     The gate maximises the sum of the log-likelihood ratios of the rows that it lets through.
 
     u : (n, d), rows in the unit box
@@ -39,9 +41,8 @@ def find_gates(
     Returns a and b of each node's factor, see :func:`opening`; 0 and 1 where it is open everywhere.
     """
     dof = u.shape[1]
-    inside = np.where(motor.scale.periodic, motor.units % 1.0, motor.units)
-    near = np.arange(1, min(_MOST, len(u)) + 1)
-    distance, index = map(np.asarray, search_tree(u, motor.scale).query(inside, k=near, workers=-1))
+    near, at = np.arange(1, min(_MOST, len(u)) + 1), motor.scale.wrapped(motor.units)
+    distance, index = map(np.asarray, search_tree(u, motor.scale).query(at, k=near, workers=-1))
     used = distance <= _WIDE * motor.spacings[:, None]
     used[:, :_FEWEST] = True
     wrong = used & ~calm[index]
@@ -53,7 +54,11 @@ def find_gates(
     noise = max(float(square[calm].mean()) / outputs, 1e-300)
     mean = (r2 * wrong[edge]).sum(axis=1) / count[edge] / outputs
     ratio = np.maximum(mean / noise - 1.0, 1.0)[:, None]  # of the variances, less one
-    gain = 0.5 * (r2 / noise * ratio / (1.0 + ratio) - outputs * np.log1p(ratio))
+    # a smooth defect fades towards its edge: with the variance of its middle alone, a residual of
+    # three standard deviations there would be called calm, so several variances share the prior
+    several = ratio[..., None] ** np.linspace(0.0, 1.0, _SCALES)
+    each = (r2 / noise)[..., None] * several / (1.0 + several) - outputs * np.log1p(several)
+    gain = np.logaddexp.reduce(0.5 * each, axis=-1) - np.log(_SCALES)
     gain = np.where(used, np.clip(gain, -_ROW, _ROW), 0.0)
 
     directions = _directions(dof)

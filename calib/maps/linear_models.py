@@ -166,7 +166,7 @@ class LinearModels(ReadOnly):
         lost, linked = np.flatnonzero(~known), np.flatnonzero(known)
         if len(lost) and len(linked):  # a node without links: the nearest model goes on
             tree = search_tree(motor.units[linked], motor.scale)
-            source = linked[tree.query(_inside(motor, motor.units[lost]))[1]]
+            source = linked[tree.query(motor.scale.wrapped(motor.units[lost]))[1]]
             gap = motor.scale.difference(motor.units[lost], motor.units[source])
             slope[lost] = slope[source]
             value[lost] = value[source] + np.einsum("nd,ndo->no", gap, slope[source])
@@ -201,8 +201,3 @@ def smooth_blend(motor: Map, u: Array, *, slope: bool) -> tuple[Index, Array, Ar
     tilt *= np.where(even, 0.0, -2.0 * (1.0 - ratio))[..., None]
     tilt = (tilt - weight[..., None] * tilt.sum(axis=1, keepdims=True)) / total[..., None]
     return index[:, :-1], weight, tilt
-
-
-def _inside(motor: Map, u: Array) -> Array:
-    """Points with their periodic coordinates within one turn, as a search tree wants them."""
-    return np.where(motor.scale.periodic, u % 1.0, u)

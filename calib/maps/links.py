@@ -81,17 +81,13 @@ class Wiring:
         """
         return _linked([(a_motor, a_sensory)], beta, mutual=self.mutual)
 
-    def learn(self, motor: Map, u: Array, sensory: Map, v: Array) -> csr_array:
-        """Links of two maps from samples (n, dof) and (n, 2) in their unit boxes.
-
-        However many, the activities of only some of them are held at once.
-        """
-        return self.linked((a, b) for _, a, b in self.parts(motor, u, sensory, v))
-
     def parts(
         self, motor: Map, u: Array, sensory: Map, v: Array
     ) -> Iterator[tuple[slice, csr_array, csr_array]]:
-        """Rows of the samples and the activities of both maps, part after part."""
+        """Rows of samples (n, dof), (n, 2) and the activities of both maps, part after part.
+
+        However many samples there are, the activities of only some are held at once.
+        """
         for first in range(0, len(u), _AT_ONCE):
             rows = slice(first, first + _AT_ONCE)
             both = ((motor, u[rows]), (sensory, v[rows]))

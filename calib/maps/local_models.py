@@ -100,7 +100,7 @@ class Neighbourhood:
         """The `k` + 1 samples nearest to each node, all in the unit box."""
         k = min(k + 1, len(samples))
         distance, index = search_tree(samples, scale).query(
-            np.where(scale.periodic, nodes % 1.0, nodes), k=np.arange(1, k + 1), workers=-1
+            scale.wrapped(nodes), k=np.arange(1, k + 1), workers=-1
         )
         return Neighbourhood(np.asarray(index, dtype=np.intp), np.asarray(distance))
 
@@ -220,8 +220,7 @@ def near_rows(motor: Map, u: Array) -> Array:
     tree = search_tree(u, motor.scale)
     some = u[:: max(1, len(u) // 1000)]
     own = np.asarray(tree.query(some, k=[k])[0]).ravel()
-    inside = np.where(motor.scale.periodic, motor.units % 1.0, motor.units)
-    distance = np.asarray(tree.query(inside, k=[k])[0]).ravel()
+    distance = np.asarray(tree.query(motor.scale.wrapped(motor.units), k=[k])[0]).ravel()
     return _fade(distance / np.maximum(motor.spacings, 2.0 * float(np.median(own))))
 
 

@@ -129,6 +129,6 @@ def search_tree(points: Array, scale: Scale) -> cKDTree:
     from scipy.spatial import cKDTree
 
     if scale.boxsize is not None:
-        points = np.where(scale.periodic, points % 1.0, points)
+        points = scale.wrapped(points)
         points = np.where(scale.periodic & (points >= 1.0), 0.0, points)
     return cKDTree(points, boxsize=scale.boxsize, compact_nodes=False, balanced_tree=False)

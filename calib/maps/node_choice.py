@@ -177,7 +177,7 @@ def _mostly(
     of_wrong = np.bincount(index.ravel(), (weight * wrong[:, None]).ravel(), motor.size)
     mostly = np.asarray(of_wrong > 0.5 * of_node)
     alone = np.flatnonzero(of_node == 0.0)
-    at = np.where(motor.scale.periodic, motor.units[alone] % 1.0, motor.units[alone])
+    at = motor.scale.wrapped(motor.units[alone])
     mostly[alone] = wrong[nearest_points(u, motor.scale, at)[1][:, 0]]
     return mostly
 
@@ -269,8 +269,7 @@ def _settled(
     ]
     costs = [cost(left)[~calm].sum() for left in first]
     chosen = np.full(nodes, int(np.argmin(costs)))
-    # what stands until another choice is sure: in the midst of a defect few rows of its own must
-    # not leave a node silent between others that speak
+    # what stands until another choice is sure: in the midst of a defect no node is silent
     stands = np.where(mostly, chosen, usual)
     for turn in range(_TURNS):
         now, talks, sums, speaks = together(chosen)
@@ -287,6 +286,9 @@ def _settled(
             sure = total_gain > _SURE * np.sqrt(np.bincount(owner, away**2, nodes))
             sure &= several >= _RUNS  # of fewer the spread is not known
             score[k] = np.where(sure, np.bincount(node, gain * care[row], nodes), 0.0)
+        # with a dozen rows of its own such a node seemed surely better silent one time in ten, and
+        # its vote then silenced its neighbours in the midst of the defect
+        score[0, mostly] = 0.0
         best = score.argmax(axis=0) - 1
         best = np.where(score.max(axis=0) > 0.0, best, stands)
         chosen = np.where(np.arange(nodes) % _COLOURS == turn % _COLOURS, best, chosen)

@@ -100,8 +100,7 @@ class Trust:
         if self.known is None:
             return blended
         holding = np.flatnonzero(self.known >= 0.0)
-        inside = np.where(self.motor.scale.periodic, u % 1.0, u)
-        distance, nearest = self._tree.query(inside, k=1)
+        distance, nearest = self._tree.query(self.motor.scale.wrapped(u), k=1)
         away = np.maximum(distance - self.known[holding[nearest]], 0.0)
         return np.asarray(blended + self.growth * away)
 

@@ -201,7 +201,6 @@ class ClockPair:
 
 
 def _speed(values: Array) -> Array:
-    """Return smoothed speeds of values (n, d) on a grid of times."""
     along = np.gradient(values, 1.0 / _GRID, axis=0)
     window = np.hanning(15)[1:-1]
     return np.convolve(np.linalg.norm(along, axis=1), window / window.sum(), "same")

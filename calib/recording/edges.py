@@ -218,7 +218,6 @@ def _curve(
 
 
 def _cross(one: tuple[Array, Array, Array], other: tuple[Array, Array, Array]) -> Array:
-    """Return where two parabolas cross, near the origin."""
     t = np.zeros(2)
     for _ in range(5):
         (p, dp), (q, dq) = (_at(curve, s) for curve, s in zip((one, other), t, strict=True))

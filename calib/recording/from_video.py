@@ -201,7 +201,6 @@ def _trimmed(when: Array, pixels: Array, run: list[int]) -> list[NDArray[np.intp
 
 
 def _middle(tags: Sequence[Tag]) -> Tag:
-    """Return the median of a tag at rest."""
     if len(tags) == 1:
         return tags[0]
     centres = np.array([tag.centre for tag in tags])

@@ -100,7 +100,5 @@ def _named(source: Source, names: Sequence[str]) -> str | None:
 
 def _texts(source: Source, column: str) -> list[str]:
     """Read names of files; one may stand with its folder, of this system or another."""
-    if column not in source.header:
-        raise LogError(f"{source.label} has no column {column!r}; columns: {listed(source.header)}")
     cells = read_texts(source, [column])[column].to_list()
     return [str(cell or "").strip().replace("\\", "/").rpartition("/")[2] for cell in cells]

@@ -18,7 +18,7 @@ from ..model.measured import Photo
 from .board import BoardFinder
 from .opencv import Picture, opencv
 from .pictures import read_picture
-from .reference import PixelReference, PositionReference, read_reference
+from .reference import PIXELS, PositionReference, read_reference
 from .setting import Setup
 from .tags import Tag, TagFinder
 
@@ -58,7 +58,7 @@ def take_photo(
         )
     if x.shape[1] != 2:
         raise LogError("positions in space are not drawn over a photo: expected x and y")
-    reference: PositionReference = PixelReference()
+    reference: PositionReference = PIXELS
     if unit != "px":
         reference = read_reference(about)
         if reference.unit != unit:

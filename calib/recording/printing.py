@@ -10,6 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ..common.choices import DICTIONARY
+from ..common.templates import filled
 from ..errors import OptionError
 from .board import Board
 from .opencv import opencv
@@ -87,22 +88,7 @@ def _white(cells: Cells, x: float, y: float, cell: float) -> list[str]:
 
 
 def _page(width: float, height: float, body: list[str], words: str) -> str:
-    total = height + _FOOT
-    wide = max(width, 116.0)
-    line = f'<path d="M8 {height + 2:g}h100m-100 -1.5v3m100 -3v3" stroke="#000" stroke-width=".2"/>'
-    text = (
-        f'<text x="8" y="{height + 7.5:g}" font-family="sans-serif" font-size="3">{words}; '
-        "this line is 100 mm</text>"
-    )
-    return "\n".join(
-        [
-            f'<svg xmlns="http://www.w3.org/2000/svg" width="{wide:g}mm" height="{total:g}mm" '
-            f'viewBox="0 0 {wide:g} {total:g}" shape-rendering="crispEdges">',
-            f'<rect width="{wide:g}" height="{total:g}" fill="#fff"/>',
-            *body,
-            line,
-            text,
-            "</svg>",
-            "",
-        ]
-    )
+    sides = {"wide": f"{max(width, 116.0):g}", "high": f"{height + _FOOT:g}"}
+    line, foot = f"{height + 2:g}", f"{height + 7.5:g}"
+    shapes = "\n".join(body)
+    return filled(__package__, "page.svg", body=shapes, words=words, line=line, foot=foot, **sides)

@@ -8,6 +8,7 @@ from dataclasses import dataclass, field
 from typing import Any
 
 from ..common.arrays import Array
+from ..samples.roles import log_columns
 from ..samples.tables import write_table
 
 
@@ -48,16 +49,8 @@ class Recorded:
 
     def columns(self) -> dict[str, Array]:
         """Return the columns by name."""
-        named = {name: self.q[:, k] for k, name in enumerate(self.joint_names)}
-        named |= {
-            axis: self.x[:, k] for k, axis in zip(range(self.x.shape[1]), "xyz", strict=False)
-        }
-        if self.quaternion is not None:
-            names = ("qx", "qy", "qz", "qw")
-            named |= {name: self.quaternion[:, k] for k, name in enumerate(names)}
-        if self.time is not None:
-            named["time"] = self.time
-        return named
+        time = {} if self.time is None else {"time": self.time}
+        return log_columns(self.joint_names, self.q, self.x, self.quaternion) | time
 
     def write(self, path: str | os.PathLike[str]) -> None:
         """Write it as a log: CSV with one line of comment, or Parquet with metadata."""

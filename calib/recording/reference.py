@@ -16,29 +16,6 @@ from .plane import Pose, apply_homography, cut_noise, cut_plane
 _HALF = np.array([[0.5, 0.0], [0.0, 0.5]])  # [px], steps of a finite difference
 
 
-@dataclass(frozen=True)
-class PixelReference:
-    """Pixels of the picture as they are: x to the right, y down."""
-
-    unit: str = "px"
-
-    def positions(self, pixels: Array) -> Array:
-        """Return the pixels."""
-        return pixels
-
-    def pixels(self, positions: Array) -> Array:
-        """Return the positions."""
-        return positions
-
-    def noise(self, pixels: Array) -> tuple[Array, Array]:
-        """Return standard deviations (n,): per pixel of noise, and shared by all rows [unit]."""
-        return np.ones(len(pixels)), np.zeros(len(pixels))
-
-    def told(self) -> dict[str, Any]:
-        """Return what a later recording compares itself with, as plain values."""
-        return {"kind": "pixels"}
-
-
 @dataclass(frozen=True, eq=False)
 class PlaneReference:
     """A flat frame seen by a calibrated camera: rays are cut with the tag's plane."""
@@ -78,8 +55,8 @@ class PlaneReference:
 class FlatReference:
     """A flat frame seen by an unknown camera: a homography between tags around the arm."""
 
-    matrix: Array
-    residual: float
+    matrix: Array  # pixels to positions (3, 3)
+    residual: float  # of the tags that it was fitted to (standard deviation) [unit]
     unit: str = "m"
 
     def positions(self, pixels: Array) -> Array:
@@ -95,11 +72,16 @@ class FlatReference:
         return _scale(self, pixels), np.full(len(pixels), self.residual)
 
     def told(self) -> dict[str, Any]:
-        """Return the homography."""
+        """Return what a later recording compares itself with, as plain values."""
+        if self.unit == "px":
+            return {"kind": "pixels"}
         return {"kind": "flat", "matrix": self.matrix.tolist()}
 
 
-PositionReference = PixelReference | PlaneReference | FlatReference
+PIXELS = FlatReference(np.eye(3), 0.0, "px")
+"""Pixels of the picture as they are: x to the right, y down."""
+
+PositionReference = PlaneReference | FlatReference
 """Turns pixels into positions and back, and says how well it is known."""
 
 
@@ -117,7 +99,7 @@ def read_reference(about: Mapping[str, Any]) -> PositionReference:
     try:
         told = about["reference"]
         if told["kind"] == "pixels":
-            return PixelReference()
+            return PIXELS
         if told["kind"] == "flat":
             flat = FlatReference(np.array(told["matrix"], float).reshape(3, 3), 0.0)
             flat.pixels(np.zeros((1, 2)))  # it has an inverse

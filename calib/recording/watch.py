@@ -20,13 +20,7 @@ from ..samples.columns import open_source, read_columns
 from .board import LEAST_CORNERS, Board
 from .lens import Lens
 from .plane import apply_homography, find_pose, homography
-from .reference import (
-    FlatReference,
-    PixelReference,
-    PlaneReference,
-    PositionReference,
-    read_reference,
-)
+from .reference import PIXELS, FlatReference, PlaneReference, PositionReference, read_reference
 
 Marks = Mapping[int, Array]
 Seen = Sequence[tuple[int, Marks]]
@@ -116,7 +110,7 @@ def watch(layout: MarkLayout | None, seen: Seen, lens: Lens | None, height: floa
     of pictures, in order, and what they show; `height` [m] is of the tag's plane over the layout's.
     """
     if layout is None:
-        return Watched((0,), (PixelReference(),))
+        return Watched((0,), (PIXELS,))
     if lens is None and height:
         raise OptionError(
             f"`tag_height={height:g}` needs `lens`: rays are cut with the tag's plane"
@@ -219,7 +213,6 @@ def motion(about: Mapping[str, Any], now: PositionReference) -> str:
 
 
 def _middle(group: Seen) -> dict[int, Array]:
-    """Return the median place of each mark."""
     numbers = sorted({n for _, marks in group for n in marks})
     return {n: np.median([m[n] for _, m in group if n in m], axis=0) for n in numbers}
 

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Iterable, Mapping
+from functools import partial
 
 import numpy as np
 from numpy.random import Generator
@@ -99,30 +100,20 @@ def babble(
     )
 
 
-def uniform_points(n: int, dof: int, rng: Generator) -> Array:
-    """Draw `n` points of the unit cube (n, dof), each independent of the others."""
-    return rng.random((n, dof))
-
-
-def halton_points(n: int, dof: int, rng: Generator) -> Array:
-    """Return Halton's sequence in the unit cube, shifted at random. See `uniform_points`."""
+def even_points(n: int, dof: int, rng: Generator, sequence: str) -> Array:
+    """Return Halton's or Sobol's sequence in the unit cube (n, dof), shifted at random."""
     from scipy.stats import qmc
 
-    points = qmc.Halton(d=dof, scramble=False).random(n)
-    return np.asarray((points + rng.random(dof)) % 1.0)
-
-
-def sobol_points(n: int, dof: int, rng: Generator) -> Array:
-    """Return Sobol's sequence in the unit cube, shifted at random. See `uniform_points`."""
-    from scipy.stats import qmc
-
-    # The balance of the sequence holds for powers of two; its beginning is what we need.
-    points = qmc.Sobol(d=dof, scramble=False).random_base2((n - 1).bit_length())[:n]
+    if sequence == "halton":
+        points = qmc.Halton(d=dof, scramble=False).random(n)
+    else:
+        # the balance of the sequence holds for powers of two; its beginning is what is needed
+        points = qmc.Sobol(d=dof, scramble=False).random_base2((n - 1).bit_length())[:n]
     return np.asarray((points + rng.random(dof)) % 1.0)
 
 
 def smooth_points(n: int, dof: int, rng: Generator) -> Array:
-    """Return a continuous trajectory that covers the unit cube. See `uniform_points`.
+    """Return a continuous trajectory (n, dof) that covers the unit cube.
 
     Each coordinate sweeps to and fro as a triangle wave whose turns are rounded. The
     rates are powers of the root of g^(dof + 1) = g + 1, so that no two of them have a
@@ -143,8 +134,8 @@ def smooth_points(n: int, dof: int, rng: Generator) -> Array:
 
 
 METHODS: dict[str, Callable[[int, int, Generator], Array]] = {
-    "uniform": uniform_points,
-    "halton": halton_points,
-    "sobol": sobol_points,
+    "uniform": lambda n, dof, rng: rng.random((n, dof)),
+    "halton": partial(even_points, sequence="halton"),
+    "sobol": partial(even_points, sequence="sobol"),
     "smooth": smooth_points,
 }

@@ -46,9 +46,9 @@ class _Edge:
     def still(self) -> bool:
         """Whether it is the same in every message."""
         rows = np.array(self.rows)
-        signs = np.sign(rows[:, 3:] @ rows[0, 3:])[:, None]
-        return bool(np.abs(rows * np.hstack([np.ones((len(rows), 3)), signs.repeat(4, 1)])
-                           - rows[0]).max() < _SAME)  # fmt: skip
+        # q and -q are one orientation
+        rows[rows[:, 3:] @ rows[0, 3:] < 0, 3:] *= -1
+        return bool(np.abs(rows - rows[0]).max() < _SAME)
 
 
 def stamped_poses(messages: Iterable[tuple[float, Any]], kind: str, topic: str) -> Poses:

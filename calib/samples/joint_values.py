@@ -5,7 +5,6 @@ Use it on a table of queries, a trajectory to correct or a log: one check for al
 
 from __future__ import annotations
 
-import math
 from collections.abc import Sequence
 
 import numpy as np
@@ -13,17 +12,11 @@ from numpy.typing import NDArray
 
 from ..common.arrays import Array, Mask
 from ..common.scale import TURN
+from ..common.wording import unit_of_joint
 from ..errors import CalibError, LogError
 
 _SLACK = 0.05  # share of a range by which values may leave it
 _MOST_TURNS = 4.0  # further from zero a joint value is in degrees, or not reset for long
-
-
-def unit_of_joint(revolute: bool, degrees: bool) -> tuple[float, str]:
-    """Return the unit that messages tell a joint's values in, and what makes them of rad or m."""
-    if not revolute:
-        return 1.0, "m"
-    return (math.degrees(1.0), "deg") if degrees else (1.0, "rad")
 
 
 def in_degrees(values: Array, low: float, high: float) -> bool:

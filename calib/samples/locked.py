@@ -39,29 +39,30 @@ def locked_from_log(
     if not found:
         return {}, ()
     reservoirs = [Reservoir(HELD_ROWS, extremes=1) for _ in found]
-    row = 0
+    first = 1
     for batch in read_batches(source, [used[name] for name in found]):
-        numbers = np.arange(row, row + len(batch))
-        row += len(batch)
+        numbers = np.arange(first, first + len(batch))
+        first += len(batch)
         for reservoir, column in zip(reservoirs, batch.T, strict=True):
             there = np.isfinite(column)
             reservoir.add(column[there, None], numbers[there])
     values, notes = {}, []
     for name, reservoir in zip(found, reservoirs, strict=True):
-        recorded = reservoir.rows()[0].ravel()
+        recorded, numbers = reservoir.rows()
+        recorded = recorded.ravel()
         if not len(recorded):
             continue
         turns = name not in prismatic
         if turns and degrees:
             recorded = np.deg2rad(recorded)
         values[name] = float(np.median(recorded))
-        moved = float(np.abs(recorded - values[name]).max())
-        away = float(np.mean(np.abs(recorded - values[name]) > _STANDS[turns]))
+        off = np.abs(recorded - values[name])
+        moved, away = float(off.max()), float(np.mean(off > _STANDS[turns]))
         shown = f"{math.degrees(moved):.3g} deg" if turns else f"{1e3 * moved:.3g} mm"
         if away > _SOME:
             raise LogError(
                 f"{source.label}: {name} is locked but moved by up to {shown} (row "
-                f"{_furthest(reservoir, values[name], turns and degrees)})",
+                f"{numbers[np.argmax(off)]})",
                 hint="name it in `joints` too, without `planar` if its axis is not parallel to the "
                 "others', or leave out the rows in which it moved",
                 parameter="joints",
@@ -73,10 +74,3 @@ def locked_from_log(
                 "leave out those rows, or name it in `joints`"
             )
     return values, tuple(notes)
-
-
-def _furthest(reservoir: Reservoir, middle: float, degrees: bool) -> int:
-    """Number of the row in which a joint is furthest from a value [rad or m]."""
-    values, numbers = reservoir.rows()
-    column = np.deg2rad(values[:, 0]) if degrees else values[:, 0]
-    return int(numbers[int(np.argmax(np.abs(column - middle)))]) + 1

@@ -10,8 +10,9 @@ from numpy.typing import NDArray
 
 from ..common.arrays import Array
 from ..common.scale import TURN
+from ..common.wording import unit_of_joint
 from ..errors import LogError, OptionError
-from .joint_values import beyond, in_degrees, many_turns, unit_of_joint
+from .joint_values import beyond, in_degrees, many_turns
 
 Range = tuple[float, float]
 

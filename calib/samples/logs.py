@@ -26,11 +26,12 @@ from .roles import (
     check_names,
     find_roles,
     from_angles,
+    log_columns,
     sees_pixels,
     unit_quaternions,
 )
 from .samples import Samples
-from .tables import about_source, unit_of, write_table
+from .tables import read_about, unit_of, write_table
 
 if TYPE_CHECKING:
     from ..arm.arm import Arm
@@ -111,7 +112,7 @@ def read_log(
     source = open_source(path)
     there = {k: name for k, name in (usual or {}).items() if find_place(source.header, name)}
     columns = {**there, **(columns or {})}
-    about = about_source(source)
+    about = read_about(source)
     if sees_pixels(source.header, columns, arm.joint_names if arm else joints or ()):
         columns |= PIXELS
         unit = unit or "px"
@@ -225,11 +226,7 @@ def write_log(samples: Samples, path: str | os.PathLike[str]) -> None:
     True
     """
     check_names(samples.joint_names)
-    columns = dict(
-        zip((*samples.joint_names, *samples.axes), (*samples.q.T, *samples.x.T), strict=True)
-    )
-    if samples.orientation is not None:
-        columns |= dict(zip(QUATERNION, samples.orientation.T, strict=True))
+    columns = log_columns(samples.joint_names, samples.q, samples.x, samples.orientation)
     write_table(path, columns)
 
 

@@ -114,8 +114,7 @@ class Reservoir:
         self._rng = np.random.default_rng(seed)
         self._limit = np.inf
         self._parts: list[tuple[Array, Array, Numbers]] = []
-        self._low: list[tuple[Array, int]] = []
-        self._high: list[tuple[Array, int]] = []
+        self._ends: tuple[Array, Numbers] | None = None  # the extreme rows and their numbers
         self.held = 0
 
     def add(self, values: Array, numbers: Numbers) -> None:
@@ -133,18 +132,12 @@ class Reservoir:
 
     def rows(self) -> tuple[Array, Numbers]:
         """Return the rows that were kept, in the order of the log, and their numbers."""
-        if not self._parts:
+        if not self._parts or self._ends is None:
             return np.empty((0, 0)), np.empty(0, dtype=np.intp)
         self._shrink()
         _, values, numbers = self._parts[0]
-        ends = self._low + self._high
-        missing = {n: row for row, n in ends if n not in numbers}
-        if missing:
-            numbers = np.concatenate([numbers, np.array(list(missing), dtype=np.intp)])
-            values = np.concatenate([values, np.stack(list(missing.values()))])
-            order = np.argsort(numbers, kind="stable")
-            values, numbers = values[order], numbers[order]
-        return values, numbers
+        numbers, rows = np.unique(np.concatenate([numbers, self._ends[1]]), return_index=True)
+        return np.concatenate([values, self._ends[0]])[rows], numbers
 
     def _shrink(self) -> None:
         """Let go of all but the rows with the smallest keys."""
@@ -160,13 +153,9 @@ class Reservoir:
 
     def _widen(self, values: Array, numbers: Numbers) -> None:
         """Remember the rows that go beyond all earlier ones."""
-        for ends, pick, beyond in (
-            (self._low, np.argmin, np.less),
-            (self._high, np.argmax, np.greater),
-        ):
-            for k, row in enumerate(pick(values[:, : self.extremes], axis=0).tolist()):
-                found = values[row].copy(), int(numbers[row])
-                if k == len(ends):
-                    ends.append(found)
-                elif beyond(values[row, k], ends[k][0][k]):
-                    ends[k] = found
+        if self._ends is not None:  # first, so that of equals the earliest stays
+            values = np.concatenate([self._ends[0], values])
+            numbers = np.concatenate([self._ends[1], numbers])
+        watched = values[:, : self.extremes]
+        rows = np.unique(np.concatenate([watched.argmin(axis=0), watched.argmax(axis=0)]))
+        self._ends = values[rows], numbers[rows]

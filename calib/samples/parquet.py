@@ -14,7 +14,7 @@ import numpy as np
 
 from ..common.arrays import Array
 from ..errors import LogError
-from .places import Place, parse_cell
+from .places import Place, numbers_of
 
 if TYPE_CHECKING:
     import polars as pl
@@ -134,11 +134,7 @@ def _numbers(
         if column.dtype.is_numeric() or column.dtype == pl.Null:
             values[:, i] = column.cast(pl.Float64).fill_null(np.nan).to_numpy()
         elif column.dtype == pl.String:
-            for row, text in enumerate(column, start=first + 1):
-                where = f"{label}, row {row}, column {place.name!r}"
-                values[row - first - 1, i] = parse_cell(
-                    (text or "").strip(), where, lenient=lenient
-                )
+            values[:, i] = numbers_of(column, label, place.name, first + 1, lenient=lenient)
         else:
             lists = place.element is None and isinstance(column.dtype, (pl.List, pl.Array))
             remedy = f"; name one element, such as {place.name}[0]" if lists else ""
@@ -164,6 +160,8 @@ def parquet_errors(label: str) -> Iterator[None]:
 @contextmanager
 def _quiet_stderr() -> Iterator[None]:
     """Send the process's standard error nowhere for a moment."""
+    # the whole process's, other threads' words too: a panic of Polars' Rust threads writes to
+    # descriptor 2 by itself, before Python sees an exception, and nothing else stops it
     with suppress(AttributeError, ValueError):
         sys.stderr.flush()
     try:

@@ -1,13 +1,18 @@
-"""Places and cells: a column of a log or an element of its lists, and one number that it holds."""
+"""Places and cells: a column of a log or an element of its lists, and the numbers that it holds."""
 
 from __future__ import annotations
 
 import re
 from collections.abc import Sequence
 from dataclasses import dataclass
+from typing import TYPE_CHECKING
 
+from ..common.arrays import Array
 from ..common.wording import quoted
 from ..errors import LogError, OptionError
+
+if TYPE_CHECKING:
+    import polars as pl
 
 _ELEMENT = re.compile(r"(.+)\[(.*)\]", re.DOTALL)
 _INDEX = re.compile(r"0|[1-9][0-9]{0,8}")
@@ -73,3 +78,22 @@ def parse_cell(text: str, where: str, *, lenient: bool = False) -> float:
     shown = repr(text if len(text) <= 40 else text[:37] + "...")
     remedy = "write decimals with a point" if "," in text else "empty the cell if it is missing"
     raise LogError(f"{where}: {shown} is not a number; {remedy}")
+
+
+def numbers_of(
+    cells: pl.Series, label: str, name: str, first: int, *, lenient: bool = False
+) -> Array:
+    """Read a column of texts as numbers (n,), cell by cell where Polars knows none.
+
+    Errors say `label`, the column's `name` and a row, of which the `first` is the number of the
+    first cell; see `parse_cell`.
+    """
+    import polars as pl
+
+    cells = cells.str.strip_chars()
+    numbers = cells.cast(pl.Float64, strict=False)
+    values = numbers.fill_null(float("nan")).to_numpy(writable=True)
+    for row in (numbers.is_null() & (cells.fill_null("") != "")).arg_true():
+        where = f"{label}, row {first + row}, column {name!r}"
+        values[row] = parse_cell(cells[row], where, lenient=lenient)
+    return values

@@ -157,6 +157,15 @@ ROUNDING = 0.01
 _MOST = 2 * np.pi + 0.1
 
 
+def log_columns(
+    joints: Sequence[str], q: Array, x: Array, quaternion: Array | None = None
+) -> dict[str, Array]:
+    """Columns of a log by name: joints, positions and the parts of an orientation, if known."""
+    turns = {} if quaternion is None else dict(zip(QUATERNION, quaternion.T, strict=True))
+    positions = zip(POSITION, x.T, strict=False)
+    return {**dict(zip(joints, q.T, strict=True)), **dict(positions), **turns}
+
+
 def unit_quaternions(values: Array, label: str) -> Array:
     """Unit quaternions (n, 4) with qw >= 0 of a log's quaternions qx, qy, qz, qw.
 

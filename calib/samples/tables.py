@@ -25,8 +25,6 @@ from .places import find_place
 if TYPE_CHECKING:
     import polars as pl
 
-_MARK = COMMENT.decode()
-
 
 @dataclass(frozen=True, eq=False)
 class Batch:
@@ -155,19 +153,9 @@ def write_table(
         atomic_write(path, (_comment(about) + _csv(frame)).encode())
 
 
-def read_about(path: str | os.PathLike[str]) -> dict[str, Any]:
+def read_about(table: str | os.PathLike[str] | Source) -> dict[str, Any]:
     """Return what `write_table` wrote about all rows of a table; empty if nothing."""
-    return {} if os.fspath(path) == "-" else about_source(open_source(path))
-
-
-def unit_of(about: Mapping[str, Any]) -> str:
-    """Return the unit that a table states for its positions, else "m"; see `about_source`."""
-    unit = about.get("unit")
-    return unit if isinstance(unit, str) and unit else "m"
-
-
-def about_source(source: Source) -> dict[str, Any]:
-    """Return what holds for all rows of a table that is open; see `read_about`."""
+    source = open_source(table)
     try:
         about = json.loads(source.file.about())
     except ValueError:
@@ -175,8 +163,14 @@ def about_source(source: Source) -> dict[str, Any]:
     return about if isinstance(about, dict) else {}
 
 
+def unit_of(about: Mapping[str, Any]) -> str:
+    """Return the unit that a table states for its positions, else "m"; see `read_about`."""
+    unit = about.get("unit")
+    return unit if isinstance(unit, str) and unit else "m"
+
+
 def _comment(about: Mapping[str, Any] | None) -> str:
-    return f"{_MARK}{json.dumps(about, sort_keys=True)}\n" if about else ""
+    return f"{COMMENT}{json.dumps(about, sort_keys=True)}\n" if about else ""
 
 
 def _csv(frame: pl.DataFrame) -> str:

@@ -103,17 +103,11 @@ class ErrorScale:
 
 # the middle of the "plasma" map (van der Walt and Smith, CC0): its lightness rises evenly,
 # and its two ends, which vanish on dark and on light ground, are left out
-_STOPS = (
-    "#5c01a6",
-    "#7e03a8",
-    "#9c179e",
-    "#b52f8c",
-    "#cc4778",
-    "#de5f65",
-    "#ed7953",
-    "#f89540",
-    "#fdb42f",
+STOPS = (
+    *("#5c01a6", "#7e03a8", "#9c179e", "#b52f8c", "#cc4778"),
+    *("#de5f65", "#ed7953", "#f89540", "#fdb42f"),
 )
+"""Colours at equal steps of the scale, low to high."""
 
 UNKNOWN = "#8b97a3"
 """Nodes that no sample has visited."""
@@ -126,13 +120,8 @@ def rgb(colour: str) -> tuple[int, int, int]:
 
 def colours(share: NDArray[np.float64]) -> NDArray[np.uint8]:
     """Colours (n, 3) of places (n,) on a scale from 0 to 1; NaN is grey."""
-    stops = np.array([rgb(c) for c in _STOPS], dtype=float)
+    stops = np.array([rgb(c) for c in STOPS], dtype=float)
     place = np.where(np.isfinite(share), share, 0.0) * (len(stops) - 1)
     mixed = [np.interp(place, np.arange(len(stops)), stops[:, k]) for k in range(3)]
     mixed = [np.where(np.isfinite(share), m, u) for m, u in zip(mixed, rgb(UNKNOWN), strict=True)]
     return np.round(np.stack(mixed, axis=-1)).astype(np.uint8)
-
-
-def stops() -> tuple[str, ...]:
-    """Colours at equal steps of the scale, low to high."""
-    return _STOPS

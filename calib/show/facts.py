@@ -2,11 +2,10 @@
 
 from __future__ import annotations
 
-import math
 from collections.abc import Mapping
 from typing import TYPE_CHECKING, Any
 
-from ..common.wording import vector
+from ..common.wording import unit_of_joint, vector
 
 if TYPE_CHECKING:
     from ..arm.arm import Arm
@@ -42,8 +41,7 @@ def facts(model: Model, *, degrees: bool = True) -> dict[str, str]:
 
 def learned_range(about: About | Arm, k: int, *, degrees: bool) -> str:
     """Return the learned range of joint `k` in words."""
-    turned = degrees and about.revolute[k]
-    factor, unit = (math.degrees(1.0), "deg") if turned else (1.0, about.units_of_joints[k])
+    factor, unit = unit_of_joint(about.revolute[k], degrees)
     return f"{about.lower[k] * factor:.6g} to {about.upper[k] * factor:.6g} {unit}"
 
 

@@ -95,14 +95,12 @@ def choose_backend(name: str, jobs: int | None, tasks: int) -> Backend:
 
 
 def _cores() -> int:
-    """Cores that this process may use."""
     import joblib
 
     return int(joblib.cpu_count())
 
 
 def _cluster(backend: Backend) -> AbstractContextManager[Any]:
-    """Make ready what the tasks run on."""
     if backend.name == "loky":
         return _quiet_tracker()
     if backend.name == "dask":
@@ -123,7 +121,9 @@ def _shielded() -> Iterator[None]:
     if sys.platform == "win32":
         yield
         return
-    with suppress(ImportError, AttributeError):  # starting these lifts the mask
+    # starting these lifts the mask, so they start before it is set; without that, or without the
+    # quiet tracker below, words were left on standard error in half of the runs
+    with suppress(ImportError, AttributeError):
         from joblib.externals.loky.backend import resource_tracker as loky_tracker
 
         loky_tracker.ensure_running()

@@ -6,6 +6,7 @@ import itertools
 import math
 import time
 from collections.abc import Callable, Iterable, Mapping, Sequence
+from dataclasses import replace
 from typing import Any, cast
 
 import numpy as np
@@ -25,8 +26,8 @@ from .trials import Sweep, Trial
 Source = str | Arm | Samples | Callable[[], Arm | Samples]
 Grid = Mapping[str, Sequence[Any]]
 
-BABBLED = ("samples", "noise", "motion")
-"""Options of the grid that belong to simulated babbling."""
+BABBLED = {"samples": "n", "noise": "noise", "motion": "method"}
+"""Options of the grid that belong to simulated babbling, and parameters of :func:`calib.babble`."""
 
 LEARNED = ("size", "motor_size", "sensory_size", "map", "rule", "epochs", "sigma", "links")
 """Options of the grid that :func:`calib.train` takes."""
@@ -99,68 +100,54 @@ def sweep(
         )
     where = choose_backend(backend, jobs, count)
     report = progress or (lambda *_: None)
+    # before the sources are loaded, which may take as long as a training
     report(0.0, f"0 of {count} trainings", math.nan)
     rows = [Trial(name, o, s) for name in every for o in options for s in drawn]
-    tasks = []
     loaded = {name: _loaded(source) for name, source in every.items()}
+    tasks = []
     for k, row in enumerate(rows):
         ready = loaded[row.source]
         if isinstance(ready, str):
-            rows[k] = _failed(row, ready)
+            rows[k] = replace(row, error=ready)
         else:
-            tasks.append((k, row, ready))
-    done = len(rows) - len(tasks)
-    waiting = {k for k, _, _ in tasks}
-    lost = ""
+            tasks.append((row, ready))
+    waiting = [k for k, row in enumerate(rows) if not row.error]
+    left, lost = set(waiting), ""
     with one_blas_thread():
         try:
             for number, row in where.run(_trained, tasks):
-                k = tasks[number][0]
-                rows[k] = row
-                waiting.discard(k)
-                done += 1
+                rows[waiting[number]] = row
+                left.discard(waiting[number])
+                done = count - len(left)
                 mean = row.distance("local", "forward", "mean")
                 report(done / count, f"{done} of {count} trainings", mean)
         except Exception as error:  # a worker was killed, the cluster is gone
             lost = _told(error)
-    for k in waiting:
-        rows[k] = _failed(rows[k], f"not trained, the backend failed: {lost}")
+    for k in left:
+        rows[k] = replace(rows[k], error=f"not trained, the backend failed: {lost}")
     return Sweep(tuple(rows), where.name, where.jobs, (where.note,) if where.note else ())
 
 
-def _trained(task: tuple[int, Trial, Arm | Samples]) -> Trial:
+def _trained(task: tuple[Trial, Arm | Samples]) -> Trial:
     """Train one model, or tell why that failed; this is what a worker runs."""
-    _, row, source = task
+    row, source = task
     keep_one_blas_thread()  # for good: the first of a worker's threads to end would lift it
     started = time.perf_counter()
     try:
         options = dict(row.options)
         babbled = {name: options.pop(name) for name in BABBLED if name in options}
         if isinstance(source, Arm):
-            samples = babble(
-                source,
-                babbled.get("samples", 20_000),
-                noise=babbled.get("noise", 0.0),
-                method=babbled.get("motion", "uniform"),
-                seed=row.seed,
-            )
+            given = {BABBLED[name]: value for name, value in babbled.items()}
+            samples = babble(source, **given, seed=row.seed)
         elif babbled:
             raise OptionError(f"{', '.join(babbled)}: for simulated babbling, not for a log")
         else:
             samples = source
         model = train(samples, seed=row.seed, **options)
     except Exception as error:
-        return _failed(row, _told(error))
-    about = model.about
-    return Trial(
-        row.source,
-        row.options,
-        row.seed,
-        about.unit,
-        about.errors,
-        time.perf_counter() - started,
-        about.notes,
-    )
+        return replace(row, error=_told(error))
+    about, seconds = model.about, time.perf_counter() - started
+    return replace(row, unit=about.unit, errors=about.errors, seconds=seconds, notes=about.notes)
 
 
 def _told(error: Exception) -> str:
@@ -177,15 +164,11 @@ def _named(sources: Source | Iterable[Source] | Mapping[str, Source]) -> dict[st
         named = {str(name): source for name, source in sources.items()}
     else:
         several = not (isinstance(sources, str | Arm | Samples) or callable(sources))
-        each = sources if several else [sources]
-        named = {}
-        for source in cast("Iterable[Source]", each):
-            name = base = _name(source)
-            for k in itertools.count(2):
-                if name not in named:
-                    break
-                name = f"{base} ({k})"
-            named[name] = source
+        each = list(cast("Iterable[Source]", sources if several else [sources]))
+        names = [_name(source) for source in each]
+        again = [names[:k].count(name) for k, name in enumerate(names)]
+        names = [f"{name} ({k + 1})" if k else name for name, k in zip(names, again, strict=True)]
+        named = dict(zip(names, each, strict=True))
     if not named:
         raise OptionError("nothing to learn from: expected a robot or a log")
     return named
@@ -228,7 +211,3 @@ def _seeds(seeds: int | Sequence[int]) -> Sequence[int]:
     if isinstance(found, bool) or not isinstance(found, Sequence) or not len(found):
         raise OptionError(f"seeds {seeds!r}: expected how many, 1 or more, or a list of them")
     return found
-
-
-def _failed(row: Trial, why: str) -> Trial:
-    return Trial(row.source, row.options, row.seed, error=why)

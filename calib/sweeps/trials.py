@@ -51,14 +51,7 @@ class Trial:
     def distance(self, readout: str, direction: str, statistic: str) -> float:
         """Return an error of the tip [unit], NaN if there is none.
 
-        Parameters
-        ----------
-        readout : str
-            "local", "activity" or "winner".
-        direction : str
-            "forward" or "inverse".
-        statistic : str
-            "mean", "p99" or "max".
+        `direction` is "forward" or "inverse", `statistic` "mean", "p99" or "max".
         """
         if readout not in self.errors:
             return math.nan
@@ -108,6 +101,7 @@ class Sweep:
         table: dict[str, list[Any]] = {"source": [row.source for row in self.rows]}
         for name in names:
             values = [row.options.get(name) for row in self.rows]
+            # of True and False, which are ints too, a column of words
             numeric = all(type(value) in (int, float) for value in values)
             table[name] = values if numeric else [written(value) for value in values]
         table["seed"] = [row.seed for row in self.rows]

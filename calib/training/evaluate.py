@@ -54,32 +54,6 @@ class Residuals:
         forward = _forward(model, q, x, readouts)
         return Residuals(q, x, forward, {}, {}, model.about.joint_names, left_out)
 
-    @staticmethod
-    def join(parts: Sequence[Residuals]) -> Residuals:
-        """Residuals of several parts as one."""
-        full = [p for p in parts if len(p.q)]
-        if not full:
-            raise LogError(
-                "no row of the log lies within what was learned from the other rows, measure "
-                "more of them"
-            )
-
-        def joined(name: str) -> dict[str, Array]:
-            return {
-                r: np.concatenate([getattr(p, name)[r] for p in full])
-                for r in getattr(full[0], name)
-            }
-
-        return Residuals(
-            np.concatenate([p.q for p in full]),
-            np.concatenate([p.x for p in full]),
-            joined("forward"),
-            joined("inverse"),
-            joined("distance"),
-            full[0].joint_names,
-            sum(p.left_out for p in parts),
-        )
-
 
 def evaluate_residuals(
     model: Model, q: Array, x: Array, truth: Callable[[Array], Array] | None
@@ -92,6 +66,8 @@ def evaluate_residuals(
     """
     known = Residuals.of(model, q, x, ())
     q, x = known.q, known.x
+    if not len(q):
+        raise LogError("no row of the log lies within what the model has learned: measure others")
     forward, (inverse, distance) = side_by_side(
         lambda: _forward(model, q, x, model.readouts), lambda: _inverse(model, q, x, truth)
     )
@@ -208,11 +184,8 @@ def evaluate(model: Model, samples: Samples | None = None) -> Evaluation:
                 f"{', '.join(about.joint_names)}: give a log of the same arm"
             )
         residuals = evaluate_residuals(model, samples.q, samples.x, None)
-        joined = Residuals.join([residuals])
-        turned = _turned(model, samples)
-        return Evaluation(
-            summarise(joined, turned), len(joined.q), joined.left_out, "measured rows of the log"
-        )
+        errors = summarise(residuals, _turned(model, samples))
+        return Evaluation(errors, len(residuals.q), residuals.left_out, "measured rows of the log")
     simulation = simulation_of(model)
     if simulation is None:
         return Evaluation(

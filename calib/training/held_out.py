@@ -2,13 +2,13 @@
 
 from __future__ import annotations
 
-from dataclasses import replace
-
 import numpy as np
 from numpy.typing import NDArray
 
 from ..common.arrays import Array
 from ..common.choices import MAP_READOUTS
+from ..common.scale import Scale
+from ..maps.association import Association
 from ..maps.model_selection import Selected
 from ..model.model import Model
 from ..samples.samples import Samples
@@ -51,6 +51,7 @@ def held_out_residuals(
     for readout in MAP_READOUTS:
         forward[readout], inverse[readout] = np.empty_like(x), np.empty_like(q)
         distance[readout] = np.empty(len(q))
+    scale = model.motor.scale
     folds = np.array_split(np.arange(len(samples)), 2 * _HALVES * 5)
     for half in range(_HALVES):
         unseen = np.concatenate(folds[half::_HALVES])
@@ -58,8 +59,17 @@ def held_out_residuals(
         if not len(chosen):
             continue
         seen = np.setdiff1d(np.arange(len(samples)), unseen, assume_unique=True)
-        other = _maps_of(model, samples, part, seen, options)
-        _add_maps(model, other, q, x, chosen, forward, inverse, distance)
+        pair = _maps_of(scale, samples, part, seen, options)
+        u = scale.to_unit(q[chosen])
+        here, near = model.predictor.value(u), model.solver.clip(u)
+        answers = pair.inverses(pair.sensory.scale.to_unit(x[chosen]), near, MAP_READOUTS)
+        for readout in MAP_READOUTS:
+            predicted = pair.sensory.scale.from_unit(pair.forward(u, readout))
+            forward[readout][chosen] = predicted - x[chosen]
+            answer = model.solver.clip(answers[readout])
+            inverse[readout][chosen] = scale.difference(answer, u) * scale.span
+            moved = model.predictor.value(answer) - here
+            distance[readout][chosen] = np.linalg.norm(moved, axis=1)
     return Residuals(q, x, forward, inverse, distance, samples.joint_names, 0)
 
 
@@ -81,46 +91,19 @@ def _answered(model: Model, q: Array, error: Array) -> tuple[Array, Array]:
     A target that a held-out prediction misses by `error` is answered by the joints that the
     learned map leads there; the displacement is from where it leads from the true joints.
     """
-    here = model.predictor.value(model.motor.scale.to_unit(q))
-    near = model.motor.scale.from_unit(model.solver.clip(model.motor.scale.to_unit(q)))
-    answer = model.solve(here - error, near)
     scale = model.motor.scale
-    gap = scale.difference(scale.to_unit(answer.q), scale.to_unit(q)) * scale.span
+    u = scale.to_unit(q)
+    here = model.predictor.value(u)
+    answer = model.solve(here - error, scale.from_unit(model.solver.clip(u)))
+    gap = scale.difference(scale.to_unit(answer.q), u) * scale.span
     there = model.predictor.value(scale.to_unit(answer.q))
     return gap, np.linalg.norm(there - here, axis=1)
 
 
 def _maps_of(
-    model: Model, samples: Samples, part: SmoothPart, seen: NDArray[np.intp], options: Options
-) -> Model:
-    """The model with maps and links that have learned from some of the rows."""
-    scale = model.motor.scale
+    scale: Scale, samples: Samples, part: SmoothPart, seen: NDArray[np.intp], options: Options
+) -> Association:
+    """Maps and links that have learned from some of the rows."""
     u, x = with_imagined(scale.to_unit(samples.q[seen]), samples.x[seen], part, options)
     wrong = wrong_around(part, scale, samples, u)
-    motor, sensory = both_maps(scale, u, x, options, Stopwatch(), None, wrong)
-    return replace(model, association=link(motor, sensory, u, x, options))
-
-
-def _add_maps(
-    model: Model,
-    other: Model,
-    q: Array,
-    x: Array,
-    chosen: NDArray[np.intp],
-    forward: dict[str, Array],
-    inverse: dict[str, Array],
-    distance: dict[str, Array],
-) -> None:
-    """Fill in the residuals of the maps' readouts for the rows `chosen`."""
-    scale, sensory = model.motor.scale, other.sensory
-    u = scale.to_unit(q[chosen])
-    here = model.predictor.value(u)
-    near, v = model.solver.clip(u), sensory.scale.to_unit(x[chosen])
-    answers = other.association.inverses(v, near, MAP_READOUTS)
-    for readout in MAP_READOUTS:
-        predicted = sensory.scale.from_unit(other.association.forward(u, readout))
-        forward[readout][chosen] = predicted - x[chosen]
-        answer = model.solver.clip(answers[readout])
-        inverse[readout][chosen] = scale.difference(answer, u) * scale.span
-        moved = model.predictor.value(answer) - here
-        distance[readout][chosen] = np.linalg.norm(moved, axis=1)
+    return link(*both_maps(scale, u, x, options, Stopwatch(), None, wrong), u, x, options)

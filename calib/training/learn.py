@@ -3,7 +3,8 @@
 from __future__ import annotations
 
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
 from dataclasses import asdict, dataclass, field
 from typing import TYPE_CHECKING, Any
 
@@ -72,22 +73,12 @@ class Stopwatch:
 
     seconds: dict[str, float] = field(default_factory=dict)  # time spent in each stage so far [s]
 
-    def __call__(self, stage: str) -> _Timer:
+    @contextmanager
+    def __call__(self, stage: str) -> Iterator[None]:
         """Time a stage: ``with watch("links"): ...``."""
-        return _Timer(self.seconds, stage)
-
-
-@dataclass
-class _Timer:
-    seconds: dict[str, float]
-    stage: str
-
-    def __enter__(self) -> None:
-        self.start = time.perf_counter()
-
-    def __exit__(self, *_: object) -> None:
-        spent = time.perf_counter() - self.start
-        self.seconds[self.stage] = self.seconds.get(self.stage, 0.0) + spent
+        start = time.perf_counter()
+        yield
+        self.seconds[stage] = self.seconds.get(stage, 0.0) + time.perf_counter() - start
 
 
 def associate(

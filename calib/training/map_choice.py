@@ -17,7 +17,7 @@ from .learn import Options, associate
 
 LATTICE, GAS = "vdsom", "gas"
 
-_BLOCKS = 10  # contiguous ones, of which every third is held out
+_BLOCKS, _PARTS = 10, 3  # contiguous blocks, of which every third is held out in turn
 _BETTER = 0.9  # of the lattice's error: what a gas has to reach
 
 
@@ -31,15 +31,18 @@ def with_chosen_map(samples: Samples, options: Options) -> tuple[Options, list[s
     if options.body != "none" or samples.simulation is not None or not plain:
         return options, []
     folds = np.array_split(np.arange(len(samples)), _BLOCKS)
-    held = np.concatenate(folds[1::3])
-    seen = np.setdiff1d(np.arange(len(samples)), held, assume_unique=True)
     scale = Scale.of_range(samples.lower, samples.upper, samples.revolute)
     u = scale.to_unit(samples.q)
-    error = {}
-    for name in (LATTICE, GAS):
-        pair = associate(scale, u[seen], samples.x[seen], replace(options, map=name))
-        missed = pair.linear.value(u[held]) - samples.x[held]
-        error[name] = float(np.linalg.norm(missed, axis=1).mean())
+    error = dict.fromkeys((LATTICE, GAS), 0.0)
+    # each row is held out once: of an uneven log a third of the blocks alone, most of them from
+    # where it dwells, had the gas at 0.86, all of them at 0.95 of the lattice's error
+    for first in range(_PARTS):
+        held = np.concatenate(folds[first::_PARTS])
+        seen = np.setdiff1d(np.arange(len(samples)), held, assume_unique=True)
+        for name in error:
+            pair = associate(scale, u[seen], samples.x[seen], replace(options, map=name))
+            missed = pair.linear.value(u[held]) - samples.x[held]
+            error[name] += float(np.linalg.norm(missed, axis=1).sum())
     share = error[GAS] / max(error[LATTICE], 1e-300)
     if share >= _BETTER:
         return options, []

@@ -54,8 +54,8 @@ def farthest(scale: Scale, points: Array, n: int, taken: Array) -> Index:
     """
     away = np.full(len(points), np.inf)
     if len(taken):
-        wrapped = np.where(scale.periodic, points % 1.0, points)
-        away = np.asarray(search_tree(taken, scale).query(wrapped)[0], dtype=float)
+        tree = search_tree(taken, scale)
+        away = np.asarray(tree.query(scale.wrapped(points))[0], dtype=float)
     chosen = np.empty(n, dtype=np.intp)
     for k in range(n):
         chosen[k] = row = int(away.argmax())

@@ -53,7 +53,7 @@ def adapt(
         check_file(output)
     loaded = calib.load(model)
     path = output or adapted_name(model)
-    check_file(path)
+    check_file(path)  # before the work whose result would be lost
     notes = Notes()
     log = log_for(loaded, data, reading, notes)
     with progress_bar(loaded.about.unit) as progress:

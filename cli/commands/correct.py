@@ -8,7 +8,7 @@ import typer
 
 from .. import parsing
 from ..options import OF_FRAMES, takes
-from ..output import NO, Notes, note, number, show_json, tell
+from ..output import NO, Notes, note, number, tell
 from ..units import JointFormat, units_of
 from ..usage import option
 
@@ -84,24 +84,18 @@ def correct(
     beyond = [] if found is None else rows[found.exceeded].tolist()
     missed = (np.flatnonzero(valid & (columns["reachable"] == 0)) + 1).tolist()
     table = batch.answered(columns)
-    streams = Streams(input_, output, as_json)
-    if not beyond:
-        streams.write(table)
     changes = None if found is None else _changes(found, joints)
-    if as_json:
-        show_json(
-            {
-                "output": None if beyond else output,
-                "rows": n,
-                "invalid": batch.invalid,
-                "out_of_reach": missed,
-                "beyond_limit": beyond,
-                "change": changes,
-                "unit": loaded.about.unit,
-                "units": units_of(loaded.about),
-                **({} if output is not None or beyond else {"answers": joints.in_si(table)}),
-            }
-        )
+    Streams(input_, output, as_json).answer(
+        None if beyond else table,
+        joints,
+        rows=n,
+        invalid=batch.invalid,
+        out_of_reach=missed,
+        beyond_limit=beyond,
+        change=changes,
+        unit=loaded.about.unit,
+        units=units_of(loaded.about),
+    )
     notes.say(batch.notes(names))
     say_rows(batch.invalid, n, "not all values are numbers, no answer")
     say_rows(missed, n, "out of reach for the real arm, no answer")

@@ -6,7 +6,7 @@ import time
 
 from ..measurements import Reading, log_of
 from ..options import takes
-from ..output import Notes, show, show_json
+from ..output import Notes, fields, show, show_json
 from ..summary import error_table, summary
 
 
@@ -30,12 +30,7 @@ def evaluate(
         Notes().say([f"{result.left_out} rows are outside of what was learned and left out"])
     if as_json:
         document = summary(loaded, model, result.errors, seconds)
-        document["evaluated"] = {
-            "source": result.source,
-            "rows": result.rows,
-            "left_out": result.left_out,
-        }
-        show_json(document)
+        show_json({**document, "evaluated": fields(result, "source rows left_out")})
         return
     title = f"{model}: errors on {result.rows} rows ({result.source})"
     show(error_table(loaded, result.errors, title))

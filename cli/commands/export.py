@@ -49,6 +49,7 @@ def export(
     if output is not None:
         header = c_header(loaded, prefix=prefix, single=single)
         Notes().say(header.notes)
+        # names of joints may hold any letter, a C99 compiler need not take them in comments
         contents["output"] = header.text.encode("ascii", "replace")
         size = len(contents["output"])
         document |= {"bytes": size, "table_bytes": header.tables}

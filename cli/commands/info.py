@@ -10,7 +10,7 @@ from calib.common.wording import printable
 from calib.show.facts import facts
 
 from ..options import takes
-from ..output import show, show_facts, show_json
+from ..output import fields, show, show_facts, show_json
 from ..summary import compact_table, summary
 from ..translation import as_typed
 
@@ -25,6 +25,7 @@ def info(model: str, degrees: bool = False, as_json: bool = False) -> None:
 
     loaded = calib.load(model)
     if as_json:
+        # a model knows no seconds: its bytes must not depend on the machine's pace
         show_json({**summary(loaded, model, loaded.about.errors, {}), **_provenance(loaded)})
         return
     show_facts(_facts(loaded, model, degrees))
@@ -47,18 +48,13 @@ def _provenance(model: Model) -> dict[str, Any]:
             )
         },
         "joint_units": dict(zip(about.joint_names, about.units_of_joints, strict=True)),
-        "locked": about.locked,
-        "source": about.source,
-        "simulation": about.simulation,
-        "taught": about.taught,
+        **fields(about, "locked source simulation taught options"),
+        **fields(model, "schema history"),
         "body": None if model.body is None else model.body.to_json(),
         "rows": 0 if model.rows is None else len(model.rows),
-        "options": about.options,
         "notes": [as_typed(text) for text in about.notes],
-        "schema": model.schema,
         "schemas": [s.name for s in model.schemas],
         "backlash": None if model.approach is None else (2.0 * model.approach.play).tolist(),
-        "history": model.history,
     }
 
 

@@ -98,7 +98,11 @@ def _from_camera(
     made = record(source, output, shooting, **options)
     made.write(output)
     counted = {"log": output, "joints": made.joint_names, "samples": len(made)}
-    document = {**counted, **made.about(), "units": _units(made.joint_names, made.unit)}
+    document = {
+        **counted,
+        **made.about(),
+        "units": _units(made.joint_names, made.unit, options["prismatic"]),
+    }
     factor, unit = for_people(made.unit)
     line = f"{len(made)} rows of {', '.join(made.columns())} [rad, {made.unit}], "
     line += f"noise {factor * made.noise:.2g} {unit}"
@@ -107,15 +111,12 @@ def _from_camera(
 
 def _from_bag(bag: str, output: str, as_json: bool, **options: Any) -> None:
     from calib.samples.bags import read_bag
-    from calib.samples.roles import QUATERNION
+    from calib.samples.roles import log_columns
     from calib.samples.tables import write_table
 
     recording = read_bag(bag, **options)
     Notes().say(recording.notes)
-    columns = {name: recording.q[:, k] for k, name in enumerate(recording.joint_names)}
-    columns |= {axis: recording.x[:, k] for k, axis in enumerate("xyz")}
-    turns = recording.quaternion
-    columns |= {} if turns is None else dict(zip(QUATERNION, turns.T, strict=True))
+    columns = log_columns(recording.joint_names, recording.q, recording.x, recording.quaternion)
     write_table(output, {**columns, "time": recording.time})
     counted = {"log": output, "joints": recording.joint_names, "samples": len(recording.q)}
     document = {**counted, "units": _units(recording.joint_names, "m")}
@@ -123,6 +124,6 @@ def _from_bag(bag: str, output: str, as_json: bool, **options: Any) -> None:
     conclude(output, line, (), document if as_json else None)
 
 
-def _units(joints: Sequence[str], unit: str) -> dict[str, object]:
-    """Units of the numbers of a log."""
-    return {"joints": dict.fromkeys(joints, "rad"), "positions": unit, "time": "s"}
+def _units(joints: Sequence[str], unit: str, sliding: Sequence[str] = ()) -> dict[str, object]:
+    units = {name: "m" if name in sliding else "rad" for name in joints}
+    return {"joints": units, "positions": unit, "time": "s"}

@@ -10,7 +10,7 @@ import typer
 from calib.common.wording import for_people
 
 from ..options import takes
-from ..output import NO, note, show_json
+from ..output import NO, note
 from ..parsing import expects, finite_number, reals, require
 from ..units import JointFormat, meaning
 from ..usage import one_document, option
@@ -21,7 +21,6 @@ if TYPE_CHECKING:
 
 @expects("a length greater than zero, or inf")
 def _step(text: str) -> float:
-    """Read a length greater than zero, or `inf`."""
     value = math.inf if text.strip().lower() == "inf" else finite_number(text)
     require(value > 0.0)
     return value
@@ -76,20 +75,16 @@ def path(
     columns["model_error"] = found.model_error
     columns["reachable"] = found.reachable.astype(np.int64)
     columns["jump"] = np.isin(np.arange(len(found.q)), found.jumps).astype(np.int64)
-    streams = Streams(input_, output, as_json)
-    streams.write(columns)
-    if as_json:
-        show_json(
-            {
-                "output": output,
-                "rows": len(found.q),
-                "invalid": invalid,
-                "jumps": (found.jumps + 1).tolist(),
-                "out_of_reach": (np.flatnonzero(~found.reachable) + 1).tolist(),
-                **meaning(loaded.about),
-                **streams.inside("path", joints, columns),
-            }
-        )
+    Streams(input_, output, as_json).answer(
+        columns,
+        joints,
+        "path",
+        rows=len(found.q),
+        invalid=invalid,
+        jumps=(found.jumps + 1).tolist(),
+        out_of_reach=(np.flatnonzero(~found.reachable) + 1).tolist(),
+        **meaning(loaded.about),
+    )
     say_rows(invalid, len(typed), "not all numbers, left out of the path")
     _tell(found, loaded.about.unit)
     if invalid:

@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, Any
 
 from ..measurements import Reading, log_for
 from ..options import takes
-from ..output import Notes, conclude
+from ..output import Notes, conclude, fields
 from ..parsing import (
     Columns,
     at_least_zero,
@@ -127,7 +127,6 @@ def _is_model(source: str) -> bool:
 def _measured(
     known: Arm | Model, data: str, columns: Columns | None, degrees: bool, notes: Notes
 ) -> Samples:
-    """Read the log of what was measured already."""
     import calib
 
     if isinstance(known, calib.Model):  # which remembers columns, unit and degrees of its log
@@ -154,11 +153,7 @@ def _document(found: Plan, output: str, seed: int) -> dict[str, Any]:
         "rows": len(found),
         "joints": found.joint_names,
         "seed": seed,
-        "start": found.start,
         "travel": dict(zip(found.joint_names, found.travel.tolist(), strict=True)),
-        "length": found.length,
-        "random_length": found.random_length,
-        "unit": found.unit,
-        "why": found.why,
         "poses": found.columns(),
+        **fields(found, "start length random_length unit why"),
     }

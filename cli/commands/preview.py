@@ -78,6 +78,7 @@ def _serve(model: Model, page: str, port: int, *, no_open: bool, live: bool) -> 
         if not no_open:
             webbrowser.open(server.url)
         try:
+            # so often it looks whether it shall end; Ctrl-C waits no longer [s]
             server.serve_forever(poll_interval=0.2)
         except KeyboardInterrupt:
             note("ended")

@@ -28,7 +28,6 @@ CHOICES = (*SUBJECTS, "all")
 
 @parsing.expects("JOINT=METRES such as elbow=0.3")
 def _length(text: str) -> JointValue:
-    """Read the length of the link that a joint moves."""
     joint, _, value = text.partition("=")
     length = parsing.finite_number(value)
     parsing.require(bool(joint) and 0.0 < length < _LONGEST)
@@ -124,7 +123,6 @@ _LONG = ("schedules", "adaptation_curves", "ablation")  # for the CSV files only
 
 
 def _keep(result: Result, folder: Path, *, shown: bool) -> None:
-    """Write the tables as CSV and print them."""
     from calib.common.atomic import atomic_write
 
     for table in result.tables:

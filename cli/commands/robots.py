@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from ..options import takes
-from ..output import TextTable, show, show_json
+from ..output import TextTable, fields, show, show_json
 
 
 @takes()
@@ -13,17 +13,7 @@ def robots(as_json: bool = False) -> None:
 
     entries = calib.list_robots()
     if as_json:
-        show_json(
-            [
-                {
-                    "name": entry.name,
-                    "joints": entry.joints,
-                    "dof": entry.dof,
-                    "description": entry.description,
-                }
-                for entry in entries
-            ]
-        )
+        show_json([fields(entry, "name joints dof description") for entry in entries])
         return
     rows = [[entry.name, ", ".join(entry.joints), entry.description] for entry in entries]
     show(TextTable(["robot", "joints, base to tip", "description"], rows, left=3))

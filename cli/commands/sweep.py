@@ -11,14 +11,14 @@ from typing import TYPE_CHECKING, Any
 
 import typer
 
-from calib.common.choices import BACKENDS, MAPS, READOUTS, RULES
+from calib.common.choices import BACKENDS, READOUTS
 
 from .. import parsing
 from ..comparison import count_line, document, failures, sweep_tables
 from ..options import takes
 from ..output import Notes, note, progress_bar, show, show_json, tell
 from ..parsing import several
-from ..samples import Logged, Selection, check_sources, measured_samples
+from ..samples import Grid, Logged, Selection, check_sources, measured_samples
 from ..usage import BadOption, argument, choice, one_document, option
 
 if TYPE_CHECKING:
@@ -39,36 +39,6 @@ _MOST_SEEDS = 1000
     output=option(
         "--output -o FILE",
         "A row for each training, as CSV, or Parquet by its name (- for standard output).",
-    ),
-    size=option("--size N,NxN,..", "Nodes of both maps.", several(parsing.size)),
-    map_=option(
-        "--map A,B,..",
-        f"Kinds of map, of {', '.join(MAPS)}.",
-        several(parsing.kind_of_map(MAPS)),
-    ),
-    rule=option(
-        "--rule A,B", f"Training rules, of {', '.join(RULES)}.", several(parsing.one_of(RULES))
-    ),
-    epochs=option(
-        "--epochs N,N,..",
-        "Passes over the samples; the full lattice alone is trained then.",
-        several(parsing.integer(1)),
-    ),
-    sigma=option(
-        "--sigma START:END,..",
-        "Neighbourhood radii at the start and the end [nodes]; the full lattice alone "
-        "is trained then.",
-        several(parsing.sigma),
-    ),
-    samples=option(
-        "--samples -n N,N,..",
-        "How many samples to babble (default 20000).",
-        several(parsing.integer(1)),
-    ),
-    noise=option(
-        "--noise S,S,..",
-        "Standard deviations of the simulated sensor along each axis [m] (default 0).",
-        several(parsing.at_least_zero("m")),
     ),
     seeds=option(
         "--seeds K",
@@ -96,13 +66,7 @@ def sweep(
     robots: list[str] | None = None,
     data: list[str] | None = None,
     output: str | None = None,
-    size: tuple[Any, ...] | None = None,
-    map_: tuple[Any, ...] | None = None,
-    rule: tuple[Any, ...] | None = None,
-    epochs: tuple[Any, ...] | None = None,
-    sigma: tuple[Any, ...] | None = None,
-    samples: tuple[Any, ...] | None = None,
-    noise: tuple[Any, ...] | None = None,
+    grid: Grid,
     seeds: int = 1,
     jobs: int | None = None,
     backend: str = "loky",
@@ -120,7 +84,8 @@ def sweep(
     from calib.sweeps.sweep import sweep as run
 
     one_document(output, as_json)
-    simulated = {"samples": samples, "noise": noise}
+    tried = {name: list(values) for name, values in vars(grid).items() if values is not None}
+    simulated = {name: tried.get(name) for name in ("samples", "noise")}
     check_sources(robots or (), bool(data), simulated, vars(logged))
     _check_lists(robots or (), data or ())
     if output not in (None, "-"):
@@ -132,20 +97,11 @@ def sweep(
     else:
         robot = robots[0] if robots else None
         for path in _logs(data):
+            # one unit for all: errors of logs in mm and m would stand in one column
             in_unit = replace(logged, unit=unit)
             sources[path] = partial(measured_samples, robot, selection, path, in_unit, 0, notes)
-    typed: dict[str, Sequence[Any] | None] = {
-        "size": size,
-        "map": map_,
-        "rule": rule,
-        "epochs": epochs,
-        "sigma": sigma,
-        "samples": samples,
-        "noise": noise,
-    }
-    grid = {name: list(values) for name, values in typed.items() if values is not None}
     with progress_bar(unit) as progress:
-        found = run(sources, grid, seeds=seeds, jobs=jobs, backend=backend, progress=progress)
+        found = run(sources, tried, seeds=seeds, jobs=jobs, backend=backend, progress=progress)
     notes.say(found.notes)
     for row in found.rows:
         notes.say(row.notes)
@@ -170,7 +126,6 @@ def _arm(robot: str, selection: Selection, notes: Notes) -> Arm:
 
 
 def _check_lists(robots: Sequence[str], data: Sequence[str]) -> None:
-    """Refuse lists of robots and logs that do not go together."""
     if data and len(robots) > 1:
         raise BadOption(
             f"--data with {len(robots)} robots: expected one ROBOT or none; repeat --data for "
@@ -187,6 +142,7 @@ def _logs(typed: Sequence[str]) -> list[str]:
     """Return the logs that are meant, each once; a name with wildcards stands for several."""
     found: dict[str, None] = {}
     for text in typed:
+        # a file may be called log[1].csv: what is there is no pattern
         several_meant = glob.has_magic(text) and not Path(text).exists()
         matches = sorted(glob.glob(text, recursive=True)) if several_meant else [text]  # noqa: PTH207
         if not matches:

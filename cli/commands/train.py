@@ -7,17 +7,23 @@ from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from calib.common.choices import BODIES, MAPS, RULES, VIEWS
 from calib.common.wording import for_people
 from calib.show.facts import size_in_words
 
-from .. import parsing
 from ..options import takes
 from ..output import Notes, progress_bar, show, show_json, tell
 from ..photo import photo_of_log, with_photo
-from ..samples import Babbling, Logged, Selection, babbled_samples, check_sources, measured_samples
+from ..samples import (
+    Babbling,
+    Logged,
+    Selection,
+    Training,
+    babbled_samples,
+    check_sources,
+    measured_samples,
+)
 from ..summary import compact_table, summary
-from ..usage import BadOption, argument, check_file, choice, flag, option
+from ..usage import BadOption, argument, check_file, flag, option
 
 if TYPE_CHECKING:
     from calib import Model, Samples
@@ -31,47 +37,6 @@ if TYPE_CHECKING:
         "--output -o MODEL", "The model's file (default ROBOT.calib, without ROBOT LOG.calib)."
     ),
     force=flag("--force", "Replace a model of another robot or log by that name."),
-    map_=option(
-        f"--map {'|'.join(MAPS)}",
-        "Kind of map (default vdsom; for a log with --body none gas where held-out blocks prefer "
-        "it); vdsom:error and the like name variants of the paper's rule.",
-        parsing.kind_of_map(MAPS),
-    ),
-    size=option(
-        "--size N|NxN|NxNxN",
-        "Nodes of both maps: 70 or 70x70 if not given, for three joints 17x17x17 in the "
-        "motor map; a log chooses its own.",
-        parsing.size,
-    ),
-    motor_size=option(
-        "--motor-size N|NxN", "Nodes of the motor map, where they differ.", parsing.size
-    ),
-    sensory_size=option(
-        "--sensory-size N|NxN", "Nodes of the sensory map, where they differ.", parsing.size
-    ),
-    body=choice(
-        "--body",
-        BODIES,
-        "auto fits a kinematic body under the maps; none learns maps and Hebbian links alone.",
-    ),
-    view=choice(
-        "--view",
-        VIEWS,
-        "What the sensor measures: base is the robot's root frame; auto is rigid for "
-        "lengths, homography for pixels, pinhole for pixels of an arm in space.",
-    ),
-    rule=choice("--rule", RULES, "Training rule."),
-    epochs=option(
-        "--epochs N",
-        "Passes over the samples; the full lattice alone is trained then.",
-        parsing.integer(1),
-    ),
-    sigma=option(
-        "--sigma START:END",
-        "Neighbourhood radius at the start and the end [nodes]; the full lattice alone "
-        "is trained then.",
-        parsing.sigma,
-    ),
     lens=option(
         "--lens lens.json",
         "The calibrated lens of a camera that sees an arm in space (default: fitted).",
@@ -85,15 +50,7 @@ def train(
     output: str | None = None,
     force: bool = False,
     selection: Selection,
-    map_: str | None = None,
-    size: int | tuple[int, ...] | None = None,
-    motor_size: int | tuple[int, ...] | None = None,
-    sensory_size: int | tuple[int, ...] | None = None,
-    body: str = "auto",
-    view: str = "auto",
-    rule: str = "batch",
-    epochs: int | None = None,
-    sigma: tuple[float, float] | None = None,
+    training: Training,
     babbling: Babbling,
     seed: int = 0,
     logged: Logged,
@@ -122,20 +79,7 @@ def train(
     if output is None and not force:
         _check_same_origin(path, log)
     with progress_bar(log.unit) as progress:
-        model = calib.train(
-            log,
-            size=size,
-            motor_size=motor_size,
-            sensory_size=sensory_size,
-            map=map_,
-            rule=rule,
-            epochs=epochs,
-            sigma=sigma,
-            body=body,
-            view=view,
-            seed=seed,
-            progress=progress,
-        )
+        model = calib.train(log, **vars(training), seed=seed, progress=progress)
     notes.say([*model.about.notes, *_unexplained(model, log)])
     if no_rows:
         model = replace(model, rows=None)
@@ -162,6 +106,7 @@ def _report(model: Model, path: str) -> None:
 
 def _unexplained(model: Model, log: Samples) -> list[str]:
     """Tell of rows that are predicted far worse than their log says that they were measured."""
+    # only a log of pictures states how well its rows were measured
     stated, unit = log.source.get("noise"), model.about.unit
     left = next(iter(model.about.errors.values()))["forward"]["distance"]["mean"]
     if not isinstance(stated, float) or log.source.get("unit") != unit or left < 10.0 * stated:

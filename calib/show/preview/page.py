@@ -4,21 +4,14 @@ from __future__ import annotations
 
 import base64
 import json
-import re
 from importlib.util import find_spec
 from pathlib import Path
 
+from ...common.templates import filled
 from ...errors import CalibError
 from ...model.model import Model
 from .lattices import strongest_partners
 from .scene import Scene
-
-_HERE = Path(__file__).parent
-_POLICY = (
-    "default-src 'none'; script-src 'unsafe-inline'; style-src 'unsafe-inline'; "
-    "img-src data: blob:; connect-src 'self'"
-)
-"""What a browser lets the page load: nothing that is not in it, except from its own server."""
 
 
 def html(scene: Scene, model: Model, *, live: bool = False) -> str:
@@ -38,15 +31,10 @@ def html(scene: Scene, model: Model, *, live: bool = False) -> str:
         "commands": [_base64(command) for command in scene.canvas.packed()],
     }
     text = json.dumps(data, separators=(",", ":"), allow_nan=False)
-    parts = {
-        "POLICY": _POLICY,
-        "STYLE": (_HERE / "page.css").read_text(encoding="utf-8"),
-        "VIEWER": viewer_script(),
-        "DATA": text.replace("<", "\\u003c"),
-        "SCRIPT": (_HERE / "page.js").read_text(encoding="utf-8"),
-    }
-    template = (_HERE / "page.html").read_text(encoding="utf-8")
-    return re.sub(r"@([A-Z]+)@", lambda found: parts[found.group(1)], template)
+    # a name that holds a closing tag must not end the script; the page's policy lets a browser
+    # load nothing that is not in it, except from its own server
+    data_text = text.replace("<", "\\u003c")
+    return filled(__package__, "page.html", viewer=viewer_script(), data=data_text)
 
 
 def viewer_script() -> str:

@@ -10,6 +10,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from ...arm.plane import Plane, fit_plane
+from ...arm.rotations import similarity
 from ...body.spatial import SpatialStructure
 from ...body.views import is_camera
 from ...common.arrays import Array
@@ -98,7 +99,9 @@ def place_model(model: Model, body: DrawnArm | None) -> Placement:
     linear, shift, note = np.eye(2), np.zeros(2), ""
     far = np.sqrt(np.mean(np.sum((learned - nominal) ** 2, axis=1)))
     if about.unit != "m" or far > _TRUSTED * reach:
-        linear, shift = mirrored_similarity(learned, nominal)
+        # a camera may see the arm mirrored
+        turn, shift, factor = similarity(learned, nominal, mirrored=True)
+        linear = factor * turn.T
         note = (
             "the sensor's frame is not the robot's: its positions are drawn where a least-squares "
             "fit (turn, mirror, scale, shift) brings them"
@@ -145,21 +148,6 @@ def _scale_of(size: float) -> float:
     """Scale at which an extent [m] is drawn: its own, unless it is very small or very large."""
     # meshcat's grid, near plane and mouse wheel are made for some decimetres to some metres
     return 1.0 if _SIZES[0] <= size <= _SIZES[1] else _DRAWN / size
-
-
-def mirrored_similarity(source: Array, target: Array) -> tuple[Array, Array]:
-    """Similarity, mirrored or not, that brings points (n, 2) closest to others (n, 2).
-
-    Returns linear, shift : (2, 2), (2,), ``source @ linear + shift`` is close to `target` (Umeyama
-        1991)
-    """
-    a, b = source.mean(axis=0), target.mean(axis=0)
-    # no correction of the determinant's sign: a camera may see the arm mirrored
-    u, spread, v = np.linalg.svd((source - a).T @ (target - b))
-    power = float(np.sum((source - a) ** 2))
-    # the scale is tr(S) over the variance of the source (his equation 42)
-    linear = u @ v * (spread.sum() / power if power > 0 else 1.0)
-    return np.asarray(linear), np.asarray(b - a @ linear)
 
 
 def _stated(plane: object) -> Plane:

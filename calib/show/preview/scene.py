@@ -14,7 +14,7 @@ from ...common.rows import thinned
 from ...model.model import Model
 from ...samples.samples import Samples
 from ..arrows import Arrows
-from ..error_scale import ErrorScale, colours, stops
+from ..error_scale import STOPS, ErrorScale, colours
 from ..workspace import extent, motor_errors, outline, sensory_errors, training_rows
 from . import arm as arm_layer
 from .arm import DrawnArm
@@ -206,7 +206,7 @@ class _Drawing:
                 "text": f"95 % bound on the distance to the {bound}",
                 "words": scale.words(),
                 "ticks": scale.ticks(),
-                "stops": list(stops()) if not scale.rounding else list(stops())[:1],
+                "stops": STOPS[:1] if scale.rounding else STOPS,
             },
             "layers": self.canvas.layers,
             "labels": self.labels,

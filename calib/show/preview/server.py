@@ -71,7 +71,6 @@ class PreviewServer(ThreadingHTTPServer):
 
 
 def _is_length(text: str) -> bool:
-    """Whether a Content-Length is one, of a question that is short enough."""
     digits = text.isascii() and text.isdigit() and len(text) < 10
     return digits and int(text) <= _LONGEST
 

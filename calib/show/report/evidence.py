@@ -56,7 +56,7 @@ def gather(model: Model, samples: Samples | None = None) -> Evidence:
         residuals = fresh_residuals(model, simulation)
         source = f"{len(residuals.q):,} fresh exact samples"
     elif len(q):
-        residuals = Residuals.join([evaluate_residuals(model, q, x, None)])
+        residuals = evaluate_residuals(model, q, x, None)
     if samples is not None and residuals is not None:
         left_out, source = (
             residuals.left_out,

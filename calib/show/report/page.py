@@ -5,11 +5,11 @@ from __future__ import annotations
 import html
 from collections.abc import Callable
 from dataclasses import dataclass
-from pathlib import Path
 from typing import Any
 
 import numpy as np
 
+from ...common.templates import filled
 from ...model.model import Model
 from ...samples.samples import Samples
 from ...use.nominal import moves_in_space
@@ -23,7 +23,6 @@ from .tables import adaptation_table, drift_text, errors_in_html, fact_list, is_
 
 _MEAN = {2: 1.2533, 3: 1.5958}  # mean distance over the standard deviation along an axis
 _ROUNDING = "All errors are rounding (below 1 nm): there is nothing to draw."
-_POLICY = "default-src 'none'; style-src 'unsafe-inline'; img-src data:"
 
 
 @dataclass(frozen=True)
@@ -162,16 +161,8 @@ def report(model: Model, samples: Samples | None = None) -> str:
                 f'<figure id="{section.name}">{svg}'
                 f"<figcaption>{html.escape(section.text)}</figcaption></figure>"
             )
-    style = (Path(__file__).parent / "page.css").read_text(encoding="utf-8")
-    return (
-        '<!DOCTYPE html>\n<html lang="en">\n<head>\n<meta charset="utf-8">\n'
-        '<meta name="viewport" content="width=device-width, initial-scale=1">\n'
-        f'<meta http-equiv="Content-Security-Policy" content="{_POLICY}">\n'
-        f"<title>{html.escape(about.robot or 'log')}: calibration report</title>\n"
-        f"<style>{style}</style>\n</head>\n<body>\n<main>\n"
-        + "\n".join(parts)
-        + "\n</main>\n</body>\n</html>\n"
-    )
+    title = f"{html.escape(about.robot or 'log')}: calibration report"
+    return filled(__package__, "page.html", title=title, body="\n".join(parts))
 
 
 def pictures(model: Model, samples: Samples | None = None) -> dict[str, bytes]:
@@ -187,7 +178,6 @@ def _heading(title: str) -> str:
 
 
 def _verdict(evidence: Evidence) -> str:
-    """One sentence that says how well the model does."""
     errors, unit = evidence.errors.get(evidence.model.default_readout), evidence.unit
     if not errors:
         return "No errors are known of this model."

@@ -34,7 +34,7 @@ def has_curves(model: Model) -> bool:
 def residual_vectors(evidence: Evidence) -> Any:
     """Measured minus predicted positions as arrows, seen along each axis of the sensor."""
     residuals = evidence.residuals
-    if residuals is None or not len(residuals.q):
+    if residuals is None:
         return None
     some = thinned(len(residuals.q), _ARROWS)
     x = residuals.x[some]
@@ -137,7 +137,6 @@ def joint_curves(evidence: Evidence) -> Any:
 
 
 def _curved(model: Model) -> list[int]:
-    """Joints whose curve was fitted."""
     body = model.body
     if body is None:
         return []

@@ -4,13 +4,14 @@ from __future__ import annotations
 
 import io
 import re
+from pathlib import Path
 from typing import Any
 
 from ...common.wording import printable
-from ..error_scale import stops
+from ..error_scale import STOPS
 
 INK, FAINT = "#010203", "#020304"
-"""Stand for the page's own colours until a figure is written."""
+"""Stand for the page's own colours until a figure is written; figure.mplstyle has them too."""
 
 HUES = {
     "local": "#1c7ed6",
@@ -22,28 +23,8 @@ HUES = {
 """Colours of the readouts; in figures their marks and dashes differ too."""
 DASHES = {"local": "-", "body": "-.", "linear": (0, (5, 1)), "activity": "--", "winner": ":"}
 
+_SETTINGS = Path(__file__).with_name("figure.mplstyle")
 _PAPER = {INK: "#1d2730", FAINT: "#cfd6dc"}
-_SETTINGS: dict[str, Any] = {
-    "font.family": ["DejaVu Sans"],
-    "font.size": 8.5,
-    "axes.titlesize": 9,
-    "axes.labelsize": 8.5,
-    "text.color": INK,
-    "axes.labelcolor": INK,
-    "axes.edgecolor": FAINT,
-    "axes.titlecolor": INK,
-    "xtick.color": INK,
-    "ytick.color": INK,
-    "legend.frameon": False,
-    "grid.color": FAINT,
-    "grid.linewidth": 0.6,
-    "axes.facecolor": "none",
-    "figure.facecolor": "none",
-    "savefig.facecolor": "none",
-    "svg.fonttype": "none",
-    "svg.hashsalt": "calib",
-    "path.simplify": True,
-}
 
 
 def settings(*, paper: bool = False) -> Any:
@@ -53,7 +34,7 @@ def settings(*, paper: bool = False) -> Any:
     """
     import matplotlib as mpl
 
-    chosen: Any = dict(_SETTINGS)
+    chosen: Any = dict(mpl.rc_params_from_file(_SETTINGS, use_default_template=False))
     if paper:
         chosen |= {k: _PAPER[v] for k, v in chosen.items() if isinstance(v, str) and v in _PAPER}
     return mpl.rc_context(chosen)
@@ -84,7 +65,7 @@ def colour_map(unknown: str = "none") -> Any:
     """Colours of errors, those of the preview, and one for what is not known."""
     from matplotlib.colors import LinearSegmentedColormap
 
-    return LinearSegmentedColormap.from_list("calib", list(stops())).with_extremes(bad=unknown)
+    return LinearSegmentedColormap.from_list("calib", list(STOPS)).with_extremes(bad=unknown)
 
 
 def to_svg(figure: Any, name: str, words: str) -> str:
