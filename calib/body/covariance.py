@@ -12,6 +12,9 @@ from ..common.arrays import Array
 
 NORMAL_95 = 1.6448536269514722  # one-sided quantile of 95 %
 
+RADIUS_95 = 2.448
+"""Radius that holds 95 % of a Gaussian in the plane of standard deviation 1."""
+
 _LAGS = 60  # rows that an autocorrelation is followed over
 
 Packed = NDArray[np.float32]

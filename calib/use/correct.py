@@ -20,7 +20,7 @@ from ..model.model import Model
 from ..samples.joint_values import check_joint_values
 from ..samples.log_ranges import wrap
 from .geometry import frames
-from .nominal import moves_in_space
+from .nominal import moves_in_space, visited_joints
 from .wanted import Wanted, wanted
 
 _USUAL = 3.0  # a correction this many times the 95 % quantile of the model's own is not trusted
@@ -233,10 +233,7 @@ def usual_limit(model: Model, view: str = "auto", cause: str = "sensor") -> Arra
     limit for all joints that turn, another for those that slide.
     """
     nominal = wanted(model, view, cause)
-    nodes = np.flatnonzero(model.visited)
-    if len(nodes) > _NODES:
-        nodes = np.sort(np.random.default_rng(0).choice(nodes, _NODES, replace=False))
-    q = np.clip(model.motor.weights[nodes], model.about.lower, model.about.upper)
+    q = visited_joints(model, _NODES)
     _, answer, found = _solved(model, nominal, q)
     change = np.abs(found - q)[answer.reachable]
     turns = np.array(model.about.revolute)
