@@ -94,7 +94,7 @@ class PlanarStructure(Structure):
     def terms(self, signed: Array, theta: Array, beta: Array) -> tuple[Complex, Complex]:
         """Directions and terms of the chain, each (n, dof) complex."""
         lay = self.layout
-        direction = np.exp(1j * np.cumsum(theta, axis=1))
+        direction = np.exp(1j * np.cumsum(theta, axis=1))  # a slide's own direction is added below
         reach = np.broadcast_to(beta[lay.length], signed.shape)
         if lay.sliding:
             ix = list(lay.sliding)

@@ -217,11 +217,13 @@ def _moved(model: Model, predictor: Predictor) -> Map:
     there = np.asarray(links.T @ after) / safe[:, None]
     # an affine map of the means, so that what a node differs from its partners is mapped too
     known = total > 0
-    design = np.concatenate([before, np.ones((len(before), 1))], axis=1)
-    affine = np.linalg.lstsq(design, after, rcond=None)[0]
-    weights = old.weights
-    moved = np.concatenate([weights, np.ones((len(weights), 1))], axis=1) @ affine
-    mean = np.concatenate([here, np.ones((len(here), 1))], axis=1) @ affine
-    moved[known] += (there - mean)[known]
+    affine = np.linalg.lstsq(_with_one(before), after, rcond=None)[0]
+    moved = _with_one(old.weights) @ affine
+    moved[known] += (there - _with_one(here) @ affine)[known]
     scale = Scale.of_data(np.concatenate([moved, after]))
     return Map(scale.to_unit(moved), old.lattice, scale, old.history)
+
+
+def _with_one(x: Array) -> Array:
+    """Rows (n, m) with a column of ones."""
+    return np.concatenate([x, np.ones((len(x), 1))], axis=1)
