@@ -7,11 +7,18 @@ import pytest
 from scipy.stats import chi2
 
 from calib.body.belief import Body
-from calib.body.bound import autocorrelation_time, radius_95, root_of, spread_of
+from calib.body.covariance import (
+    autocorrelation_time,
+    pack,
+    packed_of,
+    radius_95,
+    root_of,
+    spread_of,
+    unpack,
+)
 from calib.body.fit import maximise
 from calib.body.held_out import leave_blocks_out
 from calib.body.nominal import Nominal
-from calib.body.packing import pack, packed_of, unpack
 from calib.body.planar import PlanarStructure
 from calib.body.structure import Prior
 

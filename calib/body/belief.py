@@ -11,8 +11,7 @@ import numpy as np
 
 from ..common.arrays import Array
 from ..common.frozen import ReadOnly
-from .bound import radius_95, spread_of
-from .packing import Packed, root_in
+from .covariance import Packed, radius_95, root_in, spread_of
 from .structure import Indices, Structure
 
 CHUNK = 2000

@@ -7,7 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from ..common.arrays import Array
-from .bound import autocorrelation_time
+from .covariance import autocorrelation_time
 from .derivative import Derivative
 from .normal import (
     Factor,

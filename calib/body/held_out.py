@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ..common.arrays import Array
-from .bound import radius_95
+from .covariance import radius_95
 from .fit import Fit
 from .normal import Factor, slices
 from .structure import Indices

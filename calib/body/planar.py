@@ -23,7 +23,6 @@ from .curves import curve_slope, curve_value, powers
 from .layout import PlanarLayout, planar_layout
 from .nominal import Nominal
 from .structure import Indices, Structure
-from .views import PLANAR, ViewKind
 from .words import planar_words
 
 Complex = NDArray[np.complex128]
@@ -65,11 +64,6 @@ class PlanarStructure(Structure):
         return {"position": self.unit, "length": length, "tilt": f"1/{length}"}
 
     @property
-    def seen_as(self) -> ViewKind:
-        """The kind of its sensor."""
-        return PLANAR[self.view]
-
-    @property
     def scaled(self) -> bool:
         """Whether the view has a scale of its own, so that lengths are relative."""
         return self.seen_as.scaled
@@ -100,7 +94,7 @@ class PlanarStructure(Structure):
     def terms(self, signed: Array, theta: Array, beta: Array) -> tuple[Complex, Complex]:
         """Directions and terms of the chain, each (n, dof) complex."""
         lay = self.layout
-        direction = np.exp(1j * np.cumsum(theta, axis=1))
+        direction = np.exp(1j * np.cumsum(theta, axis=1))  # a slide's own direction is added below
         reach = np.broadcast_to(beta[lay.length], signed.shape)
         if lay.sliding:
             ix = list(lay.sliding)

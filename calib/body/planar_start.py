@@ -82,6 +82,7 @@ def _linear(
     columns = np.c_[waves if structure.mirror > 0 else waves.conj(), one]
     scale = np.sqrt(np.mean(np.abs(columns) ** 2, axis=0)) + 1e-300
     columns = columns / scale
+    # a joint that hardly moves makes columns alike: a ridge splits what they share
     normal = columns.conj().T @ columns + 1e-9 * len(q) * np.eye(columns.shape[1])
     t = np.linalg.solve(normal, columns.conj().T @ tip)
     miss = tip - columns @ t
@@ -138,6 +139,7 @@ def _affine(structure: PlanarStructure, q: Array, z: Array) -> list[Array]:
     turn = np.linalg.det(first) * structure.mirror
     if not turn > 1e-6 * structure.extent**2:
         return []
+    # polar decomposition of the first block: the view's rotation, and its scale and shear
     rotated = first @ np.diag([1.0, float(structure.mirror)])
     u, _, vt = np.linalg.svd(rotated)
     rotation = u @ vt
@@ -152,6 +154,7 @@ def _affine(structure: PlanarStructure, q: Array, z: Array) -> list[Array]:
     before = 0.0
     for k in range(1, n):
         x = np.linalg.solve(first, blocks[k])
+        # nearest to a rotation times a length, as a complex number
         c = (x[0, 0] + x[1, 1]) / 2 + 1j * (x[1, 0] - x[0, 1]) / 2
         beta[lay.length[k]] = max(abs(c), 0.05)
         beta[lay.offset[k]] = np.angle(c) - before

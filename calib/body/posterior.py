@@ -10,10 +10,10 @@ import numpy as np
 
 from ..common.arrays import Array
 from .belief import Body, Second
+from .covariance import pack, unpack
 from .fit import MANY, Fit, maximise
 from .gate import Passed, Tried, choose_member
 from .held_out import HeldOut, leave_blocks_out
-from .packing import pack, unpack
 from .starts import Start, best_starts
 from .structure import Prior, Structure
 

@@ -16,11 +16,11 @@ from scipy.ndimage import gaussian_filter1d
 
 from ..common.arrays import Array
 from .belief import Body
+from .covariance import pack, unpack
 from .curves import HARMONICS, curve_shape
 from .fit import maximise
 from .held_out import FEW, leave_blocks_out
 from .normal import Factor, information_factor
-from .packing import pack, unpack
 from .priors import frame_groups
 from .spatial import SpatialStructure
 from .spatial_start import frame

@@ -24,7 +24,6 @@ from .layout import SpatialLayout, spatial_layout
 from .spatial_slopes import by_joints, by_parameters
 from .spatial_view import Placed, View, compose, look
 from .structure import Indices, Structure
-from .views import SPATIAL, ViewKind
 from .words import spatial_words
 
 _CHAIN_ARRAYS = ("axes", "points", "tip", "rotation", "coupling", "bias", "masses", "centres")
@@ -89,11 +88,6 @@ class SpatialStructure(Structure):
     few: bool = False  # whether the rows are too few to move joint origins; `starts` finds out
 
     @property
-    def seen_as(self) -> ViewKind:
-        """The kind of its sensor."""
-        return SPATIAL[self.view]
-
-    @property
     def outputs(self) -> int:
         """Number of outputs: 3 positions, 6 of a pose, 2 pixels."""
         return self.seen_as.outputs
@@ -149,6 +143,7 @@ class SpatialStructure(Structure):
     def retract(self, beta: Array, delta: Array) -> Array:
         """`beta` (d,) moved by `delta` (d,): the sum, or a step on a rotation."""
         out = beta + delta
+        # a sensor's step turns about the sensor's axes (on the left), the arm's about their own
         view = self.groups["view.rotation"]
         if delta[view].any():
             out[view] = compose(delta[view], beta[view])
@@ -173,7 +168,7 @@ class SpatialStructure(Structure):
 
     def starts(self, q: Array, z: Array) -> Sequence[tuple[Structure, Array]]:
         """Candidate starts: structures with their parameters (d,)."""
-        from .spatial_start import starts
+        from .spatial_start import starts  # SciPy's linear algebra, which no query needs
 
         return starts(self, q, z)
 
@@ -196,6 +191,7 @@ class SpatialStructure(Structure):
     def pose(self, q: Array, beta: Array) -> tuple[Array, Array]:
         """Position (n, 3) [m] and orientation (n, 3, 3) of the tip in the arm's root frame."""
         motion = move(self.chain, self.joint_values(q, beta), self.deviations(beta))
+        # rows first and contiguous, or every product that follows would copy
         return np.ascontiguousarray(motion.position.T), np.moveaxis(motion.rotation, 2, 0).copy()
 
     def joint_values(self, q: Array, beta: Array) -> Array:

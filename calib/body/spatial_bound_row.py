@@ -19,7 +19,7 @@ import numpy as np
 from ..arm.motion import placements
 from ..common.arrays import Array
 from .belief import SHARED, Body, Second
-from .bound import NORMAL_95
+from .covariance import NORMAL_95
 from .curves import HARMONICS, ORDERS
 from .spatial import SpatialStructure
 from .spatial_row import SpatialRow

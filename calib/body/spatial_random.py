@@ -63,17 +63,9 @@ def unknown_structure(
     )
     names = tuple(joint_names)
     return SpatialStructure(
-        chain,
-        names,
-        names,
-        tuple(revolute),
-        "base",
-        unit=unit,
-        metre=metre,
-        extent=extent,
-        informed=False,
-        simulated=simulated,
-    )
+        chain, names, names, tuple(revolute), "base", unit=unit, metre=metre, extent=extent,
+        informed=False, simulated=simulated,
+    )  # fmt: skip
 
 
 def chains(structure: SpatialStructure, q: Array, z: Array) -> Sequence[tuple[Structure, Array]]:

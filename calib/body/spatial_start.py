@@ -191,6 +191,7 @@ def _from_pose(
     if sane.sum() < 3:
         sane[:] = True
     turn = nearest_rotation(observed[sane].T @ nominal[sane])
+    # Y = A' X' Z of every row, averaged as a matrix and made a rotation again
     left = np.einsum("nij,jk,nkl->nil", np.swapaxes(rotations, 1, 2), turn.T, seen)
     beta[groups["view.rotation"]] = logarithm(turn)
     beta[groups["tool.rotation"]] = logarithm(nearest_rotation(left.sum(axis=0)))
@@ -208,6 +209,7 @@ def _cameras(structure: SpatialStructure, points: Array, z: Array, arm: Array) -
     centred = points - middle
     ridge = 1e-6 * np.trace(centred.T @ centred) * np.eye(3)
     rows = np.linalg.solve(centred.T @ centred + ridge, centred.T @ (z - z.mean(axis=0))).T
+    # the rotation nearest to the affine camera's two rows; its third axis looks ahead
     u, s, vt = np.linalg.svd(rows, full_matrices=False)
     two = u @ vt
     turn = np.vstack([two, np.cross(two[0], two[1])])

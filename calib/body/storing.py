@@ -12,8 +12,8 @@ from numpy.typing import NDArray
 from ..common.arrays import Array
 from ..errors import ModelError
 from .belief import Body, Second
+from .covariance import Packed, packed_of, unpack
 from .given import given, refuse
-from .packing import Packed, packed_of, unpack
 from .planar import PlanarStructure
 from .structure import Indices, Structure
 from .views import PLANAR

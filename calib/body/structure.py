@@ -17,6 +17,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ..common.arrays import Array
+from .views import VIEWS, ViewKind
 
 if TYPE_CHECKING:
     from .derivative import Derivative
@@ -91,6 +92,11 @@ class Structure:
     def dof(self) -> int:
         """Number of joints."""
         return len(self.joint_names)
+
+    @property
+    def seen_as(self) -> ViewKind:
+        """The kind of its sensor."""
+        return VIEWS[self.kind][self.view]
 
     @property
     def outputs(self) -> int:

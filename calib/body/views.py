@@ -62,6 +62,8 @@ SPATIAL = {
 }
 """Sensors of an arm in space; where there are two outputs, a camera sees it."""
 
+VIEWS = {"planar": PLANAR, "spatial": SPATIAL}
+
 
 def is_camera(view: str) -> bool:
     """Whether a view is that of a camera that sees an arm in space."""

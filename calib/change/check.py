@@ -235,6 +235,7 @@ def _reverse(model: Model, predicted: Array, x: Array, noise: float) -> Signal:
         tree = search_tree(sensory.units[nodes], sensory.scale)
         return float(np.mean(np.asarray(tree.query(winners)[0]) ** 2))
 
+    # what noise alone does to the visited nodes, tried eight times
     rng = np.random.default_rng(0)
     usual = [away(predicted + noise * rng.standard_normal(x.shape)) for _ in range(8)]
     chance = 4.0 * float(np.std(usual)) + sensory.spacing**2 / len(x)

@@ -13,7 +13,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from ..body.bound import autocorrelation_time
+from ..body.covariance import autocorrelation_time
 from ..body.normal import Factor
 from ..body.structure import Indices
 from ..common.arrays import Array

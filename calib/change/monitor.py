@@ -146,7 +146,7 @@ class Monitor:
             row[:, -1] *= limit / size
             most = _DOUBTED
         away, winner = self._sensory.nearest(v)
-        fade = self._fade
+        fade = self._fade  # means over a window that forgets, in constant memory
         self._moments *= fade
         self._moments += row.T @ row
         self._trace = fade * self._trace + known[-1]

@@ -13,7 +13,7 @@ from scipy.special import chdtri
 
 from ..arm.rotations import exponential, logarithm, matrix_of
 from ..body.belief import Body
-from ..body.bound import autocorrelation_time
+from ..body.covariance import autocorrelation_time
 from ..body.normal import Factor
 from ..body.poses import knows_orientation
 from ..common.arrays import Array

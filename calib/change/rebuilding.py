@@ -13,6 +13,7 @@ import numpy as np
 
 from ..body.basis import exponents
 from ..body.belief import Body
+from ..body.covariance import RADIUS_95
 from ..body.likeness import kernel
 from ..body.trend import Trend
 from ..common.arrays import Array
@@ -31,7 +32,6 @@ from .comparison import Comparison
 from .own_residual import OwnResidual
 from .reference import carried_offset
 
-_RADIUS_95 = 2.448  # radius that holds 95 % of a 2-D Gaussian of standard deviation 1
 _TAIL = 3.0  # 95 % quantile over median; of Gaussian noise in the plane it is 2.1
 _MOST = 0.5  # of the rows beyond a 95 % bound: it does not hold for their arm
 
@@ -64,10 +64,10 @@ def rebuilt(found: Comparison, body: Body, own: OwnResidual | None, *, anew: boo
     nodes = scale.from_unit(np.clip(fresh.motor.units, 0.0, 1.0))
     bounds = [body.bound(nodes, noise=noise) for noise in (True, False)]
     if own is not None and model.body is not None:  # away from the rows nobody knows it
-        bounds = [np.hypot(bound, _RADIUS_95 * own.deviation(nodes)) for bound in bounds]
+        bounds = [np.hypot(bound, RADIUS_95 * own.deviation(nodes)) for bound in bounds]
     if model.body is None:
         growth = np.zeros(len(nodes)) if own is None else _growth(found, fresh, own, nodes)
-        noise = _RADIUS_95 * float(body.noise[0])
+        noise = RADIUS_95 * float(body.noise[0])
         bounds = [np.hypot(model.bounds, growth), np.hypot(model.model_bounds, growth)]
         bounds[0] = np.maximum(bounds[0], noise)
     winners = fresh.motor.nearest(scale.to_unit(found.q))[1][:, 0]
@@ -83,7 +83,7 @@ def _growth(found: Comparison, fresh: Model, own: OwnResidual, nodes: Array) -> 
     u = np.clip(fresh.motor.units, 0.0, 1.0)
     change = np.linalg.norm(fresh.predictor.value(u) - found.model.predictor.value(u), axis=1)
     near = kernel(nodes, own.q, own.lengths).max(axis=1)
-    return np.asarray(np.hypot(_RADIUS_95 * own.deviation(nodes), (1.0 - near) * change))
+    return np.asarray(np.hypot(RADIUS_95 * own.deviation(nodes), (1.0 - near) * change))
 
 
 def doubts(found: Comparison, fresh: Model, *, real: bool) -> tuple[Model, str] | None:
@@ -217,11 +217,13 @@ def _moved(model: Model, predictor: Predictor) -> Map:
     there = np.asarray(links.T @ after) / safe[:, None]
     # an affine map of the means, so that what a node differs from its partners is mapped too
     known = total > 0
-    design = np.concatenate([before, np.ones((len(before), 1))], axis=1)
-    affine = np.linalg.lstsq(design, after, rcond=None)[0]
-    weights = old.weights
-    moved = np.concatenate([weights, np.ones((len(weights), 1))], axis=1) @ affine
-    mean = np.concatenate([here, np.ones((len(here), 1))], axis=1) @ affine
-    moved[known] += (there - mean)[known]
+    affine = np.linalg.lstsq(_with_one(before), after, rcond=None)[0]
+    moved = _with_one(old.weights) @ affine
+    moved[known] += (there - _with_one(here) @ affine)[known]
     scale = Scale.of_data(np.concatenate([moved, after]))
     return Map(scale.to_unit(moved), old.lattice, scale, old.history)
+
+
+def _with_one(x: Array) -> Array:
+    """Rows (n, m) with a column of ones."""
+    return np.concatenate([x, np.ones((len(x), 1))], axis=1)

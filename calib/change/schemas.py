@@ -243,6 +243,7 @@ def compare(schemas: Sequence[Schema], u: Array, x: Array) -> tuple[str | None, 
         outside = ratio[seen] > OUTSIDE
         square = (schema.radius * ratio[seen]) ** 2
         sigma, k = bound[seen] / schema.radius, x.shape[1]
+        # Student's, so that one wrong detection does not decide
         density = -k * np.log(sigma) - (_FREEDOM + k) / 2 * np.log1p(square / _FREEDOM)
         fits = _may_be_chance(int(outside.sum()), len(outside))
         sizes = float(outside.mean()), float(np.median(distance[seen])), float(density.mean())

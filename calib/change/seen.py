@@ -16,6 +16,7 @@ from numpy.typing import NDArray
 
 from ..body import planar_view
 from ..body.belief import Body
+from ..body.covariance import RADIUS_95
 from ..body.planar import PlanarStructure
 from ..body.structure import Indices, Structure
 from ..common.arrays import Array
@@ -24,7 +25,6 @@ from ..maps.map import search_tree
 if TYPE_CHECKING:
     from ..model.model import Model
 
-_RADIUS_95 = 2.448  # radius that holds 95 % of a 2-D Gaussian of standard deviation 1
 _VIEW = ("view.", "lens")
 _ALIKE = 3.0  # spacings of nodes within which the errors of maps have one sign
 
@@ -78,7 +78,7 @@ def seen_body(model: Model) -> Body:
         centre=(float(centre[0]), float(centre[1])), nominal=None, simulated=False, model=model,
     )  # fmt: skip
     noise = model.baseline.noise if model.baseline is not None else 1e-4 * extent
-    bound = float(np.median(model.bounds[model.visited])) / _RADIUS_95
+    bound = float(np.median(model.bounds[model.visited])) / RADIUS_95
     own = np.sqrt(max(bound**2 - noise**2, (0.3 * bound) ** 2))
     return Body(
         structure, np.zeros(structure.size), np.zeros(0, dtype=np.intp), np.zeros((0, 0)),
@@ -99,7 +99,7 @@ def design_effect(structure: Structure, q: Array, noise: float) -> float:
     if not isinstance(structure, SeenStructure):
         return 1.0
     model = structure.model
-    own = np.nanmean((model.model_error(q) / _RADIUS_95) ** 2)
+    own = np.nanmean((model.model_error(q) / RADIUS_95) ** 2)
     tree = search_tree(model.motor.scale.to_unit(q), model.motor.scale)
     others = 2 * len(tree.query_pairs(_ALIKE * model.motor.spacing)) / len(q)
     return float(1.0 + others * min(own / noise**2, 1.0))

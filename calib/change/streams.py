@@ -155,16 +155,9 @@ class Follower:
                 recalled |= known
         error = np.concatenate(errors)
         error = error[np.isfinite(error)]
-        return Followed(
-            self._seen,
-            self._present.schema if self._learning is None else self._learning.name,
-            self.learning,
-            recalled,
-            changed,
-            self._since,
-            float(error.mean()) if len(error) else math.nan,
-            None if self._learning is None else self._learning.step,
-        )
+        state, mean = self._learning, float(error.mean()) if len(error) else math.nan
+        name, step = (self._present.schema, None) if state is None else (state.name, state.step)
+        return Followed(self._seen, name, self.learning, recalled, changed, self._since, mean, step)
 
     def _look(self, u: Array, x: Array) -> tuple[Array, bool, bool]:
         """Take some samples; their errors, whether a change was noticed, and recalled."""

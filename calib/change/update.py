@@ -13,7 +13,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from ..body.belief import Body, Second
-from ..body.bound import radius_95
+from ..body.covariance import radius_95
 from ..body.likeness import kernel, lengths_of
 from ..body.normal import Factor
 from ..body.structure import Indices
@@ -183,6 +183,7 @@ class _Rows:
         factor = np.linalg.cholesky(alike)
         features = np.linalg.solve(factor, kernel(nodes, log.q, lengths)).T
         own = e.factor * nuisance_sd(old)
+        # what the nodes do not follow of the process counts as noise (FITC, Snelson 2006)
         left = np.maximum(1.0 - (features**2).sum(axis=1), 0.0)
         variance = (e.noise * size) ** 2 / log.weight[:, None] + left[:, None] * own**2
         self.root = 1.0 / np.sqrt(variance * e.temper)  # (n, m)
@@ -210,6 +211,7 @@ class _Rows:
         k = x.shape[2]
         for block in np.array_split(np.arange(len(residual)), _BLOCKS):
             flat = self.full[block].reshape(-1, len(gram))
+            # without the block's rows the information is a difference: no new fit
             less = Factor(gram - flat.T @ flat)
             delta = less.solve(pull - flat.T @ self.y[block].ravel())[:k]
             out[block] = residual[block] - x[block] @ delta

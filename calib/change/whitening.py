@@ -105,6 +105,7 @@ def spectrum(
     n, m, k = x.shape
     root = np.sqrt(weight)
     flat = (x / size[:, None] * root[:, None, None]).reshape(n * m, k)
+    # y = X (b - b0) + own residual + noise: the covariance of the first two, X P X' + K
     known = np.diag(creep[active] ** 2)
     place = np.searchsorted(active, body.active)
     known[np.ix_(place, place)] += body.covariance * body.kappa**2

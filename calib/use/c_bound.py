@@ -14,7 +14,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from ..body.belief import SHARED
-from ..body.bound import NORMAL_95, root_of
+from ..body.covariance import NORMAL_95, root_of
 from ..body.curves import HARMONICS, powers
 from ..body.planar import PlanarStructure
 from ..body.spatial import SpatialStructure

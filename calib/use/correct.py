@@ -6,7 +6,6 @@ Use it on what a controller that trusts its URDF is about to command.
 from __future__ import annotations
 
 from dataclasses import dataclass
-from weakref import WeakKeyDictionary
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -20,7 +19,7 @@ from ..model.model import Model
 from ..samples.joint_values import check_joint_values
 from ..samples.log_ranges import wrap
 from .geometry import frames
-from .nominal import moves_in_space
+from .nominal import moves_in_space, visited_joints
 from .wanted import Wanted, wanted
 
 _USUAL = 3.0  # a correction this many times the 95 % quantile of the model's own is not trusted
@@ -147,7 +146,7 @@ def correct(
     )
     nominal = wanted(model, view, cause)
     usual = limit is None
-    limits = np.array(_usual(model, view, cause)) if usual else _checked(limit, rows.shape[1])
+    limits = usual_limit(model, view, cause) if usual else _checked(limit, rows.shape[1])
     target, answer, found = _solved(model, nominal, rows, limits)
     change = found - rows
     exceeded = answer.reachable & (np.abs(change) > limits).any(axis=1)
@@ -189,10 +188,11 @@ def correct_one(model: Model, q: ArrayLike) -> Array | None:
     single = model.single
     if single is None:
         return None
-    nominal, limits = wanted(model, "auto", "sensor"), _usual(model)
+    nominal = wanted(model, "auto", "sensor")
     target, near = nominal.single, nominal.near_one
     if target is None:
         return None
+    limits = nominal.limits or usual_limit(model).tolist()
 
     def solve(row: list[float]) -> list[float] | None:
         if near is not None:
@@ -214,29 +214,16 @@ def _beyond(found: list[float], asked: list[float], limits: list[float]) -> bool
     return any(abs(new - old) > limit for new, old, limit in parts)
 
 
-_limits: WeakKeyDictionary[Model, dict[str, list[float]]] = WeakKeyDictionary()
-
-
-def _usual(model: Model, view: str = "auto", cause: str = "sensor") -> list[float]:
-    """`usual_limit` of a model, found once."""
-    kept = _limits.setdefault(model, {})
-    key = f"{view} {cause}"
-    if key not in kept:
-        kept[key] = usual_limit(model, view, cause).tolist()
-    return kept[key]
-
-
 def usual_limit(model: Model, view: str = "auto", cause: str = "sensor") -> Array:
     """Return the largest change of each joint that is trusted, (dof,) [rad or m].
 
     Three times the 95 % quantile of what correcting the motor map's own nodes changes; one
-    limit for all joints that turn, another for those that slide.
+    limit for all joints that turn, another for those that slide.  It is found once.
     """
     nominal = wanted(model, view, cause)
-    nodes = np.flatnonzero(model.visited)
-    if len(nodes) > _NODES:
-        nodes = np.sort(np.random.default_rng(0).choice(nodes, _NODES, replace=False))
-    q = np.clip(model.motor.weights[nodes], model.about.lower, model.about.upper)
+    if nominal.limits:
+        return np.array(nominal.limits)
+    q = visited_joints(model, _NODES)
     _, answer, found = _solved(model, nominal, q)
     change = np.abs(found - q)[answer.reachable]
     turns = np.array(model.about.revolute)
@@ -245,6 +232,7 @@ def usual_limit(model: Model, view: str = "auto", cause: str = "sensor") -> Arra
         if kind.any() and len(change):
             usual = float(np.quantile(change[:, kind].max(axis=1), 0.95))
             limits[kind] = max(_LEAST, _USUAL * usual)
+    nominal.limits[:] = limits.tolist()
     return limits
 
 

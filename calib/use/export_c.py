@@ -61,10 +61,7 @@ def c_header(model: Model, *, prefix: str = "calib_", single: bool = False) -> C
             "the model has no body, which a C header needs: train it with body='auto'"
         )
     structure = model.body.structure
-    if (
-        isinstance(structure, (PlanarStructure, SpatialStructure))
-        and structure.seen_as.bend is not cubic
-    ):
+    if structure.seen_as.bend is not cubic:
         raise OptionError(f"the lens of view {structure.view!r} has no C form")
     writer = _Writer(model, model.body, prefix, single)
     with one_blas_thread():  # the same bytes on any number of cores

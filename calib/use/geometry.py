@@ -15,7 +15,7 @@ from ..common.choices import CAUSES, LOG_FRAMES
 from ..errors import OptionError
 from ..model.alignment import Alignment
 from ..model.model import Model
-from .nominal import nominal_arm, nominal_in_view
+from .nominal import nominal_arm, nominal_in_view, visited_joints
 from .planar_geometry import fit_in_plane
 from .spatial_geometry import SpatialGeometry, fit_spatial
 
@@ -129,10 +129,7 @@ def _points(model: Model) -> tuple[Array, Array, float]:
     if model.rows is not None and not model.history:
         some = slice(None, None, -(-len(model.rows) // _ROWS))
         return model.rows.q[some], model.rows.x[some], 0.0
-    nodes = np.flatnonzero(model.visited)
-    if len(nodes) > _POINTS:
-        nodes = np.sort(np.random.default_rng(0).choice(nodes, _POINTS, replace=False))
-    q = np.clip(model.motor.weights[nodes], model.about.lower, model.about.upper)
+    q = visited_joints(model, _POINTS)
     x = model.forward(q)
     known = np.isfinite(x).all(axis=1)
     noise = float(np.nanmedian(model.bounds)) / 2.45  # standard deviation along an axis

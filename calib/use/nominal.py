@@ -19,6 +19,7 @@ from ..arm.rotations import exponential, logarithm
 from ..body.nominal import Nominal, nominal_of
 from ..body.planar import PlanarStructure
 from ..body.planar_row import PlanarRow
+from ..body.priors import planar_neutral
 from ..body.spatial import SpatialStructure
 from ..body.spatial_row import SpatialRow
 from ..common.arrays import Array
@@ -57,23 +58,19 @@ def nominal_in_base(model: Model) -> NominalArm[PlanarStructure]:
     """
     structure, nominal = _planar(model)
     own = replace(structure, view="base", nominal=nominal, signs=nominal.signs)
-    neutral = own.prior(("length", "offset", "gain")).mean
-    return NominalArm(replace(own, mirror=nominal.mirror), neutral)
+    return NominalArm(replace(own, mirror=nominal.mirror), planar_neutral(own))
 
 
 def nominal_in_view(model: Model) -> NominalArm[PlanarStructure]:
-    """The nominal arm of a model with a body.
+    """The nominal arm of a model with a body, behind the sensor that the body knows.
 
     Raises OptionError if the model has no body, or knows no URDF.
     """
     structure, nominal = _planar(model)
-    body = model.body
-    assert body is not None  # noqa: S101
     structure = replace(structure, nominal=nominal, signs=nominal.signs)
-    mean = structure.prior(("length", "offset", "gain")).mean
-    beta, lay = body.beta.copy(), structure.layout
-    for group in (lay.length, lay.offset, lay.gain, lay.elastic, *lay.curve.values()):
-        beta[group] = mean[group]
+    beta, view = planar_neutral(structure), slice(structure.layout.length[0])
+    assert model.body is not None  # noqa: S101
+    beta[view] = model.body.beta[view]  # the sensor's own parameters come first
     return NominalArm(structure, beta)
 
 
@@ -104,6 +101,14 @@ def moves_in_space(model: Model) -> bool:
     return len(model.axes) == 3 or (
         model.body is not None and isinstance(model.body.structure, SpatialStructure)
     )
+
+
+def visited_joints(model: Model, most: int) -> Array:
+    """Joints (n, dof) of motor nodes that rows visited, at most so many, within the ranges."""
+    nodes = np.flatnonzero(model.visited)
+    if len(nodes) > most:
+        nodes = np.sort(np.random.default_rng(0).choice(nodes, most, replace=False))
+    return np.clip(model.motor.weights[nodes], model.about.lower, model.about.upper)
 
 
 def nominal_arm(model: Model) -> PlanarArm | SpatialArm:

@@ -11,7 +11,8 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from ..arm.arm import Arm
-from ..arm.ranges import Range, checked_range
+from ..arm.ranges import Range, checked_range, travel
+from ..arm.urdf import parse_urdf
 from ..common.arrays import Array
 from ..common.scale import Scale
 from ..common.wording import quoted, suggestion
@@ -89,7 +90,7 @@ def space_of(
     Raises OptionError if a joint is unknown, a range is outside of what there is, or the margins
     leave nothing.
     """
-    space, limits = _of_arm(source) if isinstance(source, Arm) else _of_model(source)
+    space, limits = _whole(source)
     lower, upper = space.lower.copy(), space.upper.copy()
     for name, chosen in (ranges or {}).items():
         if name not in space.joint_names:
@@ -113,31 +114,18 @@ def space_of(
     return replace(space, lower=lower, upper=upper)
 
 
-def _of_arm(arm: Arm) -> tuple[Space, tuple[Range, ...]]:
-    scale = Scale.of_range(arm.lower, arm.upper, arm.revolute)
-    space = Space(arm.joint_names, arm.lower, arm.upper, scale, arm.revolute, arm.forward, "m")
-    return space, arm.limits
-
-
-def _of_model(model: Model) -> tuple[Space, tuple[Range, ...]]:
-    about = model.about
-    limits: tuple[Range, ...] = ((-math.inf, math.inf),) * len(about.joint_names)
-    if about.urdf:
-        from ..arm.ranges import travel
-        from ..arm.urdf import parse_urdf
-
-        known = {j.name: travel(j) for j in parse_urdf(about.urdf, about.robot).joints}
-        limits = tuple(known[name] for name in about.joint_names)
-    space = Space(
-        about.joint_names,
-        about.lower,
-        about.upper,
-        model.motor.scale,
-        about.revolute,
-        model.forward,
-        about.unit,
-    )
-    return space, limits
+def _whole(source: Arm | Model) -> tuple[Space, tuple[Range, ...]]:
+    """All of the space, and the joints' mechanical limits as far as they are known."""
+    about = source if isinstance(source, Arm) else source.about
+    box = about.joint_names, about.lower, about.upper
+    if isinstance(source, Arm):
+        scale = Scale.of_range(source.lower, source.upper, source.revolute)
+        return Space(*box, scale, about.revolute, source.forward, "m"), source.limits
+    own, limits = source.about, ((-math.inf, math.inf),) * len(source.about.joint_names)
+    if own.urdf:
+        known = {j.name: travel(j) for j in parse_urdf(own.urdf, own.robot).joints}
+        limits = tuple(known[name] for name in own.joint_names)
+    return Space(*box, source.motor.scale, own.revolute, source.forward, own.unit), limits
 
 
 def _margins(space: Space, margin: float | Sequence[float] | None) -> Array:

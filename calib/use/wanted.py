@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from functools import cache, partial
 from weakref import WeakKeyDictionary
 
@@ -49,6 +49,8 @@ class Wanted:
     # would, since a pixel alone does not say how far away that is, and whether it can
     near: Callable[[Array], tuple[Array, NDArray[np.bool_]]] | None = None
     near_one: Callable[[list[float]], list[float] | None] | None = None
+    # (dof,) [rad or m], what `correct` usually changes at most, once it was asked
+    limits: list[float] = field(default_factory=list)
 
     def target(self, q: Array) -> Array:
         """Where the nominal arm would be, in the sensor's frame, (n, m)."""
