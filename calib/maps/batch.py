@@ -9,8 +9,9 @@ from numpy.typing import NDArray
 
 from ..common.arrays import Array
 from .density import Gain, Visit
-from .epoch import Epoch, nearest, search, topographic_error
+from .epoch import Epoch, nearest, topographic_error
 from .fields import Neighbourhood, kernel
+from .map import search_tree
 from .neighbourhood import moved
 from .schedule import Stage
 from .start import unfold
@@ -55,7 +56,7 @@ def learn(
         back = np.argsort(rows)
         known, wrong = (None if a is None else a[rows[back]] for a in (partners, residual))
         for k, sigma in enumerate(stage.sigma):
-            tree = search(weights)
+            tree = search_tree(weights)
             distance, winner = nearest(tree, some)  # eq. 1
             g = None
             if gain is not None and stage.progress is not None:
