@@ -53,7 +53,7 @@ def learn(
         lattice = stage.lattice
         drawn = _some(u, stage.samples, rng)
         some, rows = u[drawn], order[drawn]
-        back = np.argsort(rows)
+        back = np.argsort(rows)  # a gain sees samples in the log's order, not in that of places
         known, wrong = (None if a is None else a[rows[back]] for a in (partners, residual))
         for k, sigma in enumerate(stage.sigma):
             tree = search_tree(weights)

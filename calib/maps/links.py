@@ -154,6 +154,7 @@ def _without_weak(links: csr_array) -> csr_array:
     from scipy.sparse import csr_array
 
     rows = np.repeat(np.arange(links.shape[0]), np.diff(links.indptr))
+    # of a row without links it gives a number of the next one, which no link asks for
     row_max = np.maximum.reduceat(
         np.append(links.data, 0.0), np.minimum(links.indptr[:-1], links.nnz)
     )
