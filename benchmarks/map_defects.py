@@ -54,7 +54,7 @@ SHAPES = (
     ("ripple, noise of 1 mm", ripple, 1e-3, 5),
     ("bump, 6 deg wide", WIDE, None, 2),
     ("bump of 1 mm, 3 deg wide", LOW, None, 3),
-    # with which nothing was developed
+    # other seeds, places and shapes
     ("ripple", ripple, None, 11),
     ("ripple", ripple, None, 12),
     ("bump", bump, None, 13),

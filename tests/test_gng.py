@@ -5,9 +5,9 @@ import pytest
 
 import calib
 from calib.maps import gng
-from calib.maps.epoch import search
 from calib.maps.gng import Gas, Pace, insert, present
 from calib.maps.graph import Graph
+from calib.maps.map import search_tree
 
 
 def uniform(n, seed=0):
@@ -167,7 +167,7 @@ def test_a_small_gas_is_shown_a_few_samples_per_node_and_is_as_good(monkeypatch)
     monkeypatch.setattr(gng, "_PER_NODE", 10**9)
     many = list(gng.learn(u, 9, None, 2, np.random.default_rng(2)))
     assert {epoch.shown for epoch in many} == {3000}
-    miss = [search(run[-1].weights).query(fresh)[0].mean() for run in (few, many)]
+    miss = [search_tree(run[-1].weights).query(fresh)[0].mean() for run in (few, many)]
     assert miss[0] < 1.1 * miss[1]
 
 

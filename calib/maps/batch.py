@@ -9,8 +9,9 @@ from numpy.typing import NDArray
 
 from ..common.arrays import Array
 from .density import Gain, Visit
-from .epoch import Epoch, nearest, search, topographic_error
+from .epoch import Epoch, nearest, topographic_error
 from .fields import Neighbourhood, kernel
+from .map import search_tree
 from .neighbourhood import moved
 from .schedule import Stage
 from .start import unfold
@@ -52,10 +53,10 @@ def learn(
         lattice = stage.lattice
         drawn = _some(u, stage.samples, rng)
         some, rows = u[drawn], order[drawn]
-        back = np.argsort(rows)
+        back = np.argsort(rows)  # a gain sees samples in the log's order, not in that of places
         known, wrong = (None if a is None else a[rows[back]] for a in (partners, residual))
         for k, sigma in enumerate(stage.sigma):
-            tree = search(weights)
+            tree = search_tree(weights)
             distance, winner = nearest(tree, some)  # eq. 1
             g = None
             if gain is not None and stage.progress is not None:

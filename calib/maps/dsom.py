@@ -13,8 +13,9 @@ from collections.abc import Iterator
 import numpy as np
 
 from ..common.arrays import Array
-from .epoch import Epoch, search, topographic_error
+from .epoch import Epoch, topographic_error
 from .lattice import Lattice
+from .map import search_tree
 
 ELASTICITY = 3.0
 """How far a sample's pull reaches: 1 to 3 in the source."""
@@ -33,7 +34,7 @@ def learn(u: Array, lattice: Lattice, epochs: int, rng: np.random.Generator) -> 
         distances = present(weights, lattice, u[rng.permutation(len(u))])
         error = float(np.mean(distances))
         sigma = _radius(lattice, error, u.shape[1], ELASTICITY)
-        topographic = topographic_error(u, search(weights), lattice)
+        topographic = topographic_error(u, search_tree(weights), lattice)
         yield Epoch(weights, lattice, sigma, error, topographic, len(u))
 
 

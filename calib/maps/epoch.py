@@ -30,13 +30,6 @@ class Epoch:
     shown: int  # samples of this pass
 
 
-def search(weights: Array) -> cKDTree:
-    """A k-d tree of the nodes `weights` (nodes, d)."""
-    from scipy.spatial import cKDTree
-
-    return cKDTree(weights, compact_nodes=False, balanced_tree=False)
-
-
 def nearest(tree: cKDTree, u: Array, k: int | list[int] = 1) -> tuple[Array, NDArray[np.intp]]:
     """Distance and index of the nearest node (or nodes) of each sample (eq. 1)."""
     # for a few samples threads take longer to start than to search

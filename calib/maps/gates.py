@@ -71,6 +71,7 @@ def find_gates(
         along = np.where(used[part, :, None], gap @ directions.T, -np.inf)
         order = np.argsort(-along, axis=1)
         along = np.take_along_axis(along, order, axis=1)
+        # [node, m, direction]: the evidence of a gate that lets the first m + 1 rows through
         kept = np.cumsum(np.take_along_axis(gain[part, :, None], order, axis=1), axis=1)
         kept = np.where(np.isfinite(along[:, 1:]), kept[:, :-1], -np.inf)
         best = kept.reshape(len(nodes), -1).argmax(axis=1)

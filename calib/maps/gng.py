@@ -20,8 +20,9 @@ import numpy as np
 
 from ..common.arrays import Array, Index
 from .density import Gain, Visit
-from .epoch import Epoch, nearest, search, topographic_error
+from .epoch import Epoch, nearest, topographic_error
 from .graph import Graph
+from .map import search_tree
 
 _GROWING = 0.6  # share of the samples during which nodes are inserted
 _BLOCK = 512
@@ -113,7 +114,7 @@ def learn(
             while not enough and len(gas.weights) < aim and len(gas.pairs):
                 insert(gas, pace)
         graph = gas.graph
-        topographic = topographic_error(u, search(gas.weights), graph)
+        topographic = topographic_error(u, search_tree(gas.weights), graph)
         yield Epoch(gas.weights, graph, 0.0, total / len(order), topographic, len(order))
 
 
@@ -124,7 +125,7 @@ def present(
 
     Returns float, sum of the samples' distances to their winners.
     """
-    distance, index = nearest(search(gas.weights), samples, [1, 2])
+    distance, index = nearest(search_tree(gas.weights), samples, [1, 2])
     n, first, second = len(gas.weights), index[:, 0], index[:, 1]
     square = distance[:, 0] ** 2
     if gain is not None:

@@ -55,6 +55,7 @@ class Lattice:
         Diagonal neighbours count: inside a plane lattice a node has 8, on an edge 5,
         in a corner 3.
         """
+        # a block of 3 nodes along each axis, 2 at an end, less the node itself
         counts = np.ones(self.shape)
         for axis, n in enumerate(self.shape):
             along = np.full(n, 3.0)

@@ -196,6 +196,8 @@ def smooth_blend(motor: Map, u: Array, *, slope: bool) -> tuple[Index, Array, Ar
     weight = np.where(even, 1.0 / m, raw / total)
     if not slope:
         return index[:, :-1], weight, np.empty(0)
+    # ratio_k = d_k^2 / d_last^2, in which both distances move with the point; then the quotient
+    # rule for raw_k / total
     gap = motor.scale.difference(u[:, None], motor.units[index])
     tilt = 2.0 * (gap[:, :-1] - ratio[..., None] * gap[:, -1:]) / limit[..., None]
     tilt *= np.where(even, 0.0, -2.0 * (1.0 - ratio))[..., None]

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterable, Iterator
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import partial
 from typing import TYPE_CHECKING
 
@@ -79,7 +79,7 @@ class Wiring:
         beta : forgetting factor
         Returns csr_array of shape (motor nodes, sensory nodes), weak links are left out.
         """
-        return _linked([(a_motor, a_sensory)], beta, mutual=self.mutual)
+        return replace(self, rule=None).linked([(a_motor, a_sensory)], beta)
 
     def parts(
         self, motor: Map, u: Array, sensory: Map, v: Array
@@ -93,9 +93,30 @@ class Wiring:
             both = ((motor, u[rows]), (sensory, v[rows]))
             yield rows, *side_by_side(*(partial(self.activity, *one) for one in both))
 
-    def linked(self, parts: Iterable[tuple[csr_array, csr_array]]) -> csr_array:
+    def linked(self, parts: Iterable[tuple[csr_array, csr_array]], beta: float = 1.0) -> csr_array:
         """Links from the activities of both maps, part after part, see :meth:`link`."""
-        return _linked(parts, 1.0, mutual=self.mutual, rule=self.rule)
+        together: csr_array | None = None
+        square: list[Array | float] = [0.0, 0.0]
+        samples = 0
+        for a_motor, a_sensory in parts:
+            samples += a_motor.shape[0]
+            product = (a_motor.T @ a_sensory).tocsr()
+            together = product if together is None else together + product
+            for k, a in enumerate((a_motor, a_sensory)):
+                square[k] = square[k] + np.asarray(a.multiply(a).sum(axis=0), dtype=float).ravel()
+        assert together is not None  # noqa: S101
+        rows = np.repeat(np.arange(together.shape[0]), np.diff(together.indptr))
+        if self.rule is not None:
+            motor, sensory = np.asarray(square[0])[rows], np.asarray(square[1])[together.indices]
+            from .fields import Pairs, checked_links
+
+            together.data = checked_links(self.rule, Pairs(together.data, motor, sensory, samples))
+            return _without_weak(together)
+        scale = _settled(np.asarray(square[1]), beta)[together.indices]
+        if self.mutual:
+            scale = np.sqrt(scale * _settled(np.asarray(square[0]), beta)[rows])
+        together.data *= scale
+        return _without_weak(together)
 
 
 WIRINGS = {
@@ -121,38 +142,6 @@ def check_wiring(name: str | LinkRule) -> None:
         raise OptionError(f"links {name!r} are unknown, choose one of {', '.join(WIRINGS)}")
 
 
-def _linked(
-    parts: Iterable[tuple[csr_array, csr_array]],
-    beta: float,
-    *,
-    mutual: bool,
-    rule: LinkRule | None = None,
-) -> csr_array:
-    """Links from the activities of the samples, part after part; see :meth:`link`."""
-    together: csr_array | None = None
-    square: list[Array | float] = [0.0, 0.0]
-    samples = 0
-    for a_motor, a_sensory in parts:
-        samples += a_motor.shape[0]
-        product = (a_motor.T @ a_sensory).tocsr()
-        together = product if together is None else together + product
-        for k, a in enumerate((a_motor, a_sensory)):
-            square[k] = square[k] + np.asarray(a.multiply(a).sum(axis=0), dtype=float).ravel()
-    assert together is not None  # noqa: S101
-    rows = np.repeat(np.arange(together.shape[0]), np.diff(together.indptr))
-    if rule is not None:
-        motor, sensory = np.asarray(square[0])[rows], np.asarray(square[1])[together.indices]
-        from .fields import Pairs, checked_links
-
-        together.data = checked_links(rule, Pairs(together.data, motor, sensory, samples))
-        return _without_weak(together)
-    scale = _settled(np.asarray(square[1]), beta)[together.indices]
-    if mutual:
-        scale = np.sqrt(scale * _settled(np.asarray(square[0]), beta)[rows])
-    together.data *= scale
-    return _without_weak(together)
-
-
 def sparse_links(links: Array) -> csr_array:
     """Dense links (motor nodes, sensory nodes) that :func:`oja` has made, without weak ones."""
     from scipy.sparse import csr_array
@@ -165,6 +154,7 @@ def _without_weak(links: csr_array) -> csr_array:
     from scipy.sparse import csr_array
 
     rows = np.repeat(np.arange(links.shape[0]), np.diff(links.indptr))
+    # of a row without links it gives a number of the next one, which no link asks for
     row_max = np.maximum.reduceat(
         np.append(links.data, 0.0), np.minimum(links.indptr[:-1], links.nnz)
     )

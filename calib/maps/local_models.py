@@ -151,6 +151,7 @@ def fit(
             features = monomials(z, lower)
             weighted = np.swapaxes(features * kernel[..., None], 1, 2)
             moments = weighted @ features
+            # rows on a line leave moments singular; the ring below then finds the model shaky
             diagonal = np.einsum("nii->ni", moments)
             diagonal += 1e-9 * diagonal.mean(axis=1, keepdims=True) + 1e-300
             moment = weighted @ residual[index]
@@ -232,8 +233,8 @@ def _fade(ratio: Array) -> Array:
 def heard(share: Array | float, silent: float = SILENT) -> Any:
     """Factor on what speaking nodes say, by their share of the weight beside silent ones.
 
-    Below a fifth the silent nodes decide and nothing is said; from a half on the others speak
-    in full.  The edge of a sharp defect then lies between nodes, and neither side dilutes the
+    Below three tenths the silent nodes decide and nothing is said; from a half on the others
+    speak in full.  The edge of a sharp defect then lies between nodes, and neither side dilutes the
     other.
     """
     t = (share - silent) / (FULL - silent)
@@ -270,5 +271,7 @@ def predict(
     value = np.einsum("nmt,nmto->no", monomials(z, models.degree), c)
     if not slope:
         return value, None
+    # of the polynomials alone: what the weights add is small where neighbours agree, and a
+    # Newton step that is a little off is corrected by the next
     slopes = _monomial_slopes(z, models.degree) / radius[..., None]
     return value, np.einsum("dnmt,nmto->nod", slopes, c)

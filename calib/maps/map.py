@@ -124,11 +124,13 @@ def _few(distances: int) -> bool:
     return distances <= _FEW and "scipy.spatial" not in sys.modules
 
 
-def search_tree(points: Array, scale: Scale) -> cKDTree:
-    """A k-d tree of points in the unit box that knows its periodic coordinates."""
+def search_tree(points: Array, scale: Scale | None = None) -> cKDTree:
+    """A k-d tree of points in the unit box that knows the periodic coordinates of `scale`."""
     from scipy.spatial import cKDTree
 
-    if scale.boxsize is not None:
+    box = None if scale is None else scale.boxsize
+    if scale is not None and box is not None:
         points = scale.wrapped(points)
         points = np.where(scale.periodic & (points >= 1.0), 0.0, points)
-    return cKDTree(points, boxsize=scale.boxsize, compact_nodes=False, balanced_tree=False)
+    # neither compact nor balanced: built in a fraction of the time, as each epoch needs one
+    return cKDTree(points, boxsize=box, compact_nodes=False, balanced_tree=False)

@@ -46,6 +46,7 @@ def misfit(scale: Scale, u: Array, held: Array, extent: float, at: Array) -> Arr
 
     own = around(u[some])
     noise = float(np.median(own))
+    # a mean of o k squares of noise is noise (1 +- sqrt(2 / (o k)))
     chance = _CHANCE * np.sqrt(2.0 / (held.shape[1] * k))
     # repeated rows tell less than their number: the calm half shows how much
     spread = noise - float(np.quantile(own, 0.16))

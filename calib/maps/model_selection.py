@@ -190,7 +190,8 @@ def _compare(motor: Map, u: Array, folds: list[NDArray[np.intp]], candidate: Can
     least = _ROUNDING * extent
     if errors.mean() <= least or not shapes:  # nothing is left to mend
         return _Chosen(None, None, rows, best)
-    wrong = _wrong(motor.scale, u, candidate, extent)
+    around = misfit(motor.scale, u, candidate.held_out, extent, u)
+    wrong = np.zeros(len(u), dtype=bool) if around is None else around > 0.0
     index, weight, gap = local.speaking(motor, u[rows])
     unseen, blocks_used = [candidate.unseen[fold] for fold in use], [folds[fold] for fold in use]
     nodes = np.arange(motor.size)
@@ -209,9 +210,3 @@ def _compare(motor: Map, u: Array, folds: list[NDArray[np.intp]], candidate: Can
         return _Chosen(choice, None, rows, best)
     own = NodeChoice.of(motor, u, candidate.unseen, folds, wrong, shapes, choice)
     return _Chosen(choice, own, rows, own.remaining(rows, best), shapes)
-
-
-def _wrong(scale: Scale, u: Array, candidate: Candidate, extent: float) -> NDArray[np.bool_]:
-    """Rows around which the held-out residuals exceed the common ones, (n,)."""
-    around = misfit(scale, u, candidate.held_out, extent, u)
-    return np.zeros(len(u), dtype=bool) if around is None else around > 0.0

@@ -49,6 +49,7 @@ def spread_by(sums: Array, lattice: Lattice, h: Array) -> Array:
     """
     grid = sums.reshape(*lattice.shape, -1)
     axes = tuple(range(lattice.dim))
+    # so long that the circular convolution of an FFT wraps nothing around
     full = [3 * n - 2 for n in lattice.shape]
     both = np.fft.rfftn(grid, full, axes) * np.fft.rfftn(h, full, axes)[..., None]
     out = np.fft.irfftn(both, full, axes)

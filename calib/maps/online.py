@@ -22,9 +22,10 @@ from numpy.typing import NDArray
 
 from ..common.arrays import Array
 from .density import Gain, Visit
-from .epoch import Epoch, nearest, search, topographic_error
+from .epoch import Epoch, nearest, topographic_error
 from .fields import Neighbourhood, Surroundings, checked_h, lattice_steps
 from .lattice import Lattice
+from .map import search_tree
 from .neighbourhood import REACH, spread
 from .schedule import exponential
 
@@ -96,7 +97,7 @@ def learn(
             lattice,
             float(radius[done - 1]),
             total / len(order),
-            topographic_error(u, search(weights), lattice),
+            topographic_error(u, search_tree(weights), lattice),
             len(order),
         )
 
@@ -110,7 +111,7 @@ def block_length(lattice: Lattice, sigma: float, alpha: float) -> int:
 def winners(weights: Array, u: Array) -> tuple[Array, NDArray[np.intp]]:
     """Distance to and index of the best matching node of each sample (eq. 1)."""
     if len(u) > _FEW:
-        return nearest(search(weights), u)
+        return nearest(search_tree(weights), u)
     scores = u @ weights.T
     scores *= -2.0
     scores += np.einsum("ij,ij->i", weights, weights)

@@ -20,11 +20,11 @@ from ..errors import LogError, OptionError
 from . import online
 from .association import Association
 from .density import Gain, Visit
-from .epoch import Epoch, search, topographic_error
+from .epoch import Epoch, topographic_error
 from .fields import Neighbourhood
 from .lattice import Lattice
 from .links import Wiring, oja, sparse_links
-from .map import Map
+from .map import Map, search_tree
 from .schedule import exponential
 
 CURVE = ("samples", "sigma", "zeta_motor", "zeta_sensory", "error")
@@ -148,7 +148,7 @@ def develop(
                 for a_motor, a_sensory in zip(a, b, strict=True):
                     oja(links, a_motor, a_sensory, ETA)  # eq. 5
             for k in (0, 1):
-                topographic = topographic_error(points[k], search(weights[k]), lattice)
+                topographic = topographic_error(points[k], search_tree(weights[k]), lattice)
                 history[k].append(
                     Epoch(
                         weights[k], lattice, radius[done - 1], zeta[k] / len(q), topographic, len(q)

@@ -7,8 +7,9 @@ from collections.abc import Iterator
 import numpy as np
 
 from ..common.arrays import Array
-from .epoch import Epoch, search, topographic_error
+from .epoch import Epoch, topographic_error
 from .lattice import Lattice
+from .map import search_tree
 from .neighbourhood import moved, spread
 from .schedule import Stage
 
@@ -50,7 +51,7 @@ def unfold(
     best = _best(judges, weights, lattice)
     for weights, sigma, error in trace:
         w = weights[:, best]
-        topographic = topographic_error(u, search(w), lattice)
+        topographic = topographic_error(u, search_tree(w), lattice)
         yield Epoch(w, lattice, sigma, float(error[best]), topographic, len(u))
 
 
