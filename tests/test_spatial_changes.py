@@ -9,8 +9,10 @@ import pytest
 from scipy.spatial.transform import Rotation
 
 import calib
+from calib.model.alignment import Alignment
 from calib.model.space import Space
 from calib.samples.samples import Samples
+from calib.use.geometry import fit_geometry
 
 NOISE = 2e-4
 FRAME = np.array([[0.0, -1.0, 0.0], [1.0, 0.0, 0.0], [0.0, 0.0, 1.0]])
@@ -126,3 +128,28 @@ def test_orientations_that_the_model_never_learned_are_not_compared_in_silence(a
     found = calib.check(model, posed(arm, 14))
     assert not found.drifted
     assert any("orientations are not compared" in note for note in found.notes)
+
+
+def test_a_tracker_before_a_simulated_arm_moves_neither_its_commands_nor_its_drawing(arm, tmp_path):
+    simulated = calib.train(calib.babble(arm, 500), size=4, motor_size=4)
+    log = log_of(arm, 8, n=40, turn=np.eye(3), shift=(0.01, -0.004, 0.006))
+    found = calib.check(simulated, log)
+    assert found.drifted
+    assert found.smallest < 0.005  # 1.0 m where joint origins may creep by a tenth of the reach
+    calib.adapt(simulated, log).model.save(tmp_path / "moved.calib")
+    moved = calib.load(tmp_path / "moved.calib")
+    q = log.q[:10] * 0.5
+    reached = arm.forward(moved.correct(q))
+    assert np.nanmedian(np.linalg.norm(reached - arm.forward(q), axis=1)) < 5e-4  # 11.8 mm before
+    offsets, width = fit_geometry(moved).to_json()["offsets"], np.radians(0.05)
+    assert all(abs(told["value"]) < width for told in offsets.values())
+
+
+def test_a_frame_in_space_knows_its_angle_its_scale_and_its_way_back():
+    turn = Rotation.from_rotvec([0.1, -0.2, 0.05])
+    frame = Alignment(1.2 * turn.as_matrix(), np.array([1.0, 2.0, 3.0]))
+    x = np.arange(6.0).reshape(2, 3)
+    assert frame.angle == pytest.approx(turn.magnitude(), rel=1e-9)
+    assert frame.scale == pytest.approx(1.2, rel=1e-9)
+    again = Alignment.from_json(frame.to_json())
+    assert np.allclose(again.inverse().apply(frame.apply(x)), x, atol=1e-12)

@@ -141,10 +141,11 @@ def _of_sensor(
     return [(moved, cause)]
 
 
-def frame_between(comparison: Comparison, beta: Array) -> Alignment | None:
-    """The sensor's new frame as an affine map of the old one; None in space."""
+def frame_between(comparison: Comparison, beta: Array) -> Alignment:
+    """The sensor's new frame as an affine map of the old one."""
+    places = slice(comparison.belief.structure.blocks[0])
     before, after = _seen_before_and_after(comparison, beta)
-    return Alignment.between(before, after) if before.shape[1] == 2 else None
+    return Alignment.between(before[:, places], after[:, places])
 
 
 def _seen_before_and_after(comparison: Comparison, beta: Array) -> tuple[Array, Array]:

@@ -14,18 +14,18 @@ from ..common.arrays import Array
 class Alignment:
     """An affine map x' = A x + b of positions."""
 
-    matrix: Array  # (2, 2), A
-    shift: Array  # (2,) [unit], b
+    matrix: Array  # (m, m), A, of a plane or of space
+    shift: Array  # (m,) [unit], b
 
     @staticmethod
     def between(old: Array, new: Array) -> Alignment:
-        """The least-squares map from `old` (n, 2) to `new` (n, 2)."""
+        """The least-squares map from `old` (n, m) to `new` (n, m)."""
         middle, target = old.mean(axis=0), new.mean(axis=0)
         matrix = np.linalg.lstsq(old - middle, new - target, rcond=None)[0].T
         return Alignment(matrix, target - matrix @ middle)
 
     def apply(self, x: Array) -> Array:
-        """Map positions (n, 2)."""
+        """Map positions (n, m)."""
         return x @ self.matrix.T + self.shift
 
     def inverse(self) -> Alignment:
@@ -35,8 +35,8 @@ class Alignment:
 
     @property
     def scale(self) -> float:
-        """Factor of lengths, by the area."""
-        return math.sqrt(abs(float(np.linalg.det(self.matrix))))
+        """Factor of lengths, by the area or the volume."""
+        return float(abs(np.linalg.det(self.matrix)) ** (1 / len(self.shift)))
 
     @property
     def mirrored(self) -> bool:
@@ -51,9 +51,13 @@ class Alignment:
 
     @property
     def angle(self) -> float:
-        """Rotation [rad], after a mirror of x where there is one."""
+        """Rotation [rad], after a mirror of x where there is one; in space without its sign."""
         # the nearest rotation of a 2x2 matrix: its antisymmetric part over its trace
-        matrix = self.matrix @ np.diag([-1.0, 1.0]) if self.mirrored else self.matrix
+        matrix = self.matrix.copy()
+        matrix[:, 0] *= -1.0 if self.mirrored else 1.0
+        if len(matrix) == 3:
+            odd = np.linalg.norm(matrix - matrix.T) / math.sqrt(2.0)  # 2 scale sin(angle)
+            return math.atan2(odd, float(np.trace(matrix)) - self.scale)
         return math.atan2(matrix[1, 0] - matrix[0, 1], matrix[0, 0] + matrix[1, 1])
 
     def words(self, unit: str) -> str:
@@ -77,4 +81,4 @@ class Alignment:
     def from_json(cls, rows: list[list[float]]) -> Alignment:
         """Rebuild what `to_json` returned."""
         table = np.array(rows, dtype=float)
-        return cls(table[:, :2], table[:, 2])
+        return cls(table[:, :-1], table[:, -1])

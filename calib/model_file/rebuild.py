@@ -123,7 +123,9 @@ def _history(stated: Any) -> tuple[dict[str, Any], ...]:
     states = tuple(of_type("history", state, dict) for state in of_type("history", stated, list))
     for state in states:
         if state.get("frame") is not None:
-            Alignment.from_json([numbers("frame", row, 3) for row in state["frame"]])
+            Alignment.from_json(
+                [numbers("frame", row, len(state["frame"]) + 1) for row in state["frame"]]
+            )
     return states
 
 
