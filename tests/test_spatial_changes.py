@@ -9,6 +9,7 @@ import pytest
 from scipy.spatial.transform import Rotation
 
 import calib
+from calib.change.members import drift
 from calib.model.alignment import Alignment
 from calib.model.space import Space
 from calib.samples.samples import Samples
@@ -131,18 +132,19 @@ def test_orientations_that_the_model_never_learned_are_not_compared_in_silence(a
 
 
 def test_a_tracker_before_a_simulated_arm_moves_neither_its_commands_nor_its_drawing(arm, tmp_path):
-    simulated = calib.train(calib.babble(arm, 500), size=4, motor_size=4)
-    log = log_of(arm, 8, n=40, turn=np.eye(3), shift=(0.01, -0.004, 0.006))
-    found = calib.check(simulated, log)
-    assert found.drifted
-    assert found.smallest < 0.005  # 1.0 m where joint origins may creep by a tenth of the reach
-    calib.adapt(simulated, log).model.save(tmp_path / "moved.calib")
+    simulated = calib.train(calib.babble(arm, 100), size=3, motor_size=3)
+    origins = simulated.body.structure.groups["placement"]
+    assert drift(simulated.body)[origins].max() < 2e-4  # not a tenth of the reach: that hid 100 mm
+    log = log_of(arm, 8, n=24, turn=np.eye(3), shift=(0.01, -0.004, 0.006))
+    made = calib.adapt(simulated, log)
+    assert [cause.cause for cause in made.changed] == ["sensor"]
+    made.model.save(tmp_path / "moved.calib")
     moved = calib.load(tmp_path / "moved.calib")
-    q = log.q[:10] * 0.5
+    q = log.q[:5] * 0.5
     reached = arm.forward(moved.correct(q))
-    assert np.nanmedian(np.linalg.norm(reached - arm.forward(q), axis=1)) < 5e-4  # 11.8 mm before
-    offsets, width = fit_geometry(moved).to_json()["offsets"], np.radians(0.05)
-    assert all(abs(told["value"]) < width for told in offsets.values())
+    assert np.nanmedian(np.linalg.norm(reached - arm.forward(q), axis=1)) < 1e-3  # 11.8 mm before
+    offsets = fit_geometry(moved).to_json()["offsets"].values()
+    assert max(abs(told["value"]) for told in offsets) < np.radians(0.05)
 
 
 def test_a_frame_in_space_knows_its_angle_its_scale_and_its_way_back():

@@ -21,7 +21,7 @@ from ..body.spatial import SpatialStructure, structure_of
 from ..body.structure import Indices, Prior
 from ..common.arrays import Array
 from ..model.alignment import Alignment
-from .spatial_geometry import SpatialGeometry, fit_prior
+from .spatial_geometry import SpatialGeometry, deviations, fit_prior
 
 #: Prior sd of a joint's offset [rad]: servos are put on to 10 deg.
 OFFSET = np.radians(10.0)
@@ -138,8 +138,7 @@ def fit_in_plane(
         if best is None or fit.evidence > best.evidence + EARNED:
             best = fit
     assert best is not None  # noqa: S101
-    sd = np.zeros(structure.size)
-    sd[best.active] = np.sqrt(np.diag(best.covariance))
+    sd = deviations(best, q)
     nominal = best.beta.copy()
     for group in ("offset", "placement", "tool"):
         nominal[groups[group]] = 0.0
