@@ -11,7 +11,6 @@ import pytest
 
 import calib
 
-
 pytestmark = pytest.mark.usefixtures("one_blas_thread")
 
 
