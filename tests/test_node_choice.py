@@ -121,7 +121,7 @@ def test_each_shape_is_fitted_as_if_alone():
 def test_nodes_far_from_all_rows_say_nothing():
     u, noise = rows(3000)
     kept = u[:, 0] < 0.5
-    motor = grid(14)
+    motor = grid(20)
     share = near_rows(motor, u[kept])
     assert (share[motor.units[:, 0] < 0.5] == 1).all()
     assert (share[motor.units[:, 0] > 0.7] == 0).all()
