@@ -99,3 +99,16 @@ def test_one_row_is_that_of_the_batch(periodic):
         np.testing.assert_allclose([x, y], value[k], rtol=0, atol=1e-12)
         np.testing.assert_allclose([gx, gy], slope[k], rtol=0, atol=1e-10)
     assert not np.allclose(value, local.predict(models, motor, fresh)[0])
+
+
+def test_a_gate_stays_open_where_a_defect_fades():
+    # 10 standard deviations below 0.4, 2 up to 0.5, then noise; rows by their medians calm from 0.4
+    u = np.random.default_rng(0).random((4000, 2))
+    square = np.where(u[:, 0] < 0.4, 200.0, np.where(u[:, 0] < 0.5, 8.0, 2.0))
+    motor = grid(6)
+    gates = find_gates(motor, u, square, u[:, 0] >= 0.4, 2)
+    beside = np.flatnonzero((motor.units[:, 0] > 0.3) & (motor.units[:, 0] < 0.5))
+    for node in beside:
+        at = np.array([[0.45, motor.units[node, 1]], [0.55, motor.units[node, 1]]])
+        said = opening(gates[node], at - motor.units[node])
+        np.testing.assert_allclose(said, [1.0, 0.0], atol=1e-9)

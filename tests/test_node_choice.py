@@ -1,5 +1,7 @@
 """Each node its own complexity: a defect is followed and spoils nothing elsewhere."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
@@ -67,6 +69,15 @@ def test_nodes_in_the_defect_have_models_and_the_others_have_none(defective):
     far = (np.abs(motor.units - 0.45) > 0.3).any(axis=1)
     assert (degree[middle] >= 0).all()
     assert (degree[far] == -1).all()
+
+
+def test_no_node_is_silent_in_the_midst_of_a_defect_however_few_its_rows_are():
+    u, noise = rows(800)
+    u = 0.2 + 0.5 * u  # four rows for each node
+    motor = replace(grid(14), units=0.2 + 0.5 * grid(14).units)
+    degree = chosen(u, defect(u) + noise, motor).predictor.models.degrees(2)
+    middle = (np.abs(motor.units - 0.45) < 0.1).all(axis=1)
+    assert (degree[middle] >= 0).all()
 
 
 def test_the_defect_is_followed_and_nothing_is_said_far_from_it(defective):

@@ -17,6 +17,7 @@ from ..common.wording import for_people
 from ..model.alignment import Alignment
 from ..samples.plausibility import unit_hint
 from .cause import Cause
+from .group_tests import fired
 from .members import CREEP, FRAME, NOTHING
 from .parameter_causes import SIGNIFICANT, of_parameters, single
 from .whitening import scaled
@@ -87,10 +88,10 @@ def _of_frame(comparison: Comparison) -> list[Cause]:
 
 def _of_tests(comparison: Comparison) -> list[Cause]:
     """The most telling group that fired, where no member is clearly better than no change."""
-    structure, fired = comparison.body.structure, comparison.tested.fired
-    if not fired:
+    structure, above = comparison.body.structure, fired(comparison.tested.groups)
+    if not above:
         return []
-    best = fired[0]
+    best = above[0]
     if best.name.startswith("sensor") or best.name == "lens":
         value, half = float(best.estimate[0]), 1.96 * float(best.deviation[0])
         label = structure.label(int(best.indices[0]))

@@ -14,7 +14,7 @@ from ..maps.map import Map, search_tree
 from .cause import Cause
 from .causes import find_causes
 from .comparison import Comparison, compare
-from .group_tests import FALSE_ALARM, GroupTest
+from .group_tests import FALSE_ALARM, GroupTest, fired
 from .orientation import turned_tool
 
 if TYPE_CHECKING:
@@ -100,8 +100,7 @@ class Drift:
     @property
     def fired(self) -> tuple[str, ...]:
         """Names of the groups above their threshold, the most telling first."""
-        fired = [g for g in self.groups if g.score > 1.0]
-        return tuple(g.name for g in sorted(fired, key=lambda g: -g.penalised))
+        return tuple(group.name for group in fired(self.groups))
 
     @property
     def explanations(self) -> tuple[str, ...]:

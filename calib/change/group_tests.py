@@ -7,6 +7,7 @@ changed.
 
 from __future__ import annotations
 
+from collections.abc import Iterable
 from dataclasses import dataclass
 
 import numpy as np
@@ -68,14 +69,14 @@ class Tested:
         return max(g.score for g in self.groups)
 
     @property
-    def fired(self) -> tuple[GroupTest, ...]:
-        """Groups above their threshold, the most telling first."""
-        return tuple(sorted((g for g in self.groups if g.score > 1.0), key=lambda g: -g.penalised))
-
-    @property
     def smallest(self) -> float:
         """Displacement [unit] that any single cause would have shown."""
         return max(g.smallest for g in self.groups if g.smallest > 0.0)
+
+
+def fired(groups: Iterable[GroupTest]) -> tuple[GroupTest, ...]:
+    """Groups above their threshold, the most telling first."""
+    return tuple(sorted((g for g in groups if g.score > 1.0), key=lambda g: -g.penalised))
 
 
 def groups_of(body: Body) -> dict[str, Indices]:

@@ -84,7 +84,7 @@ def comparable(model: Model, log: Samples) -> Comparable:
     if left_out:
         notes.append(f"{left_out} rows outside of what the model has learned are left out")
     u, x, q = u[known], x[known], q[known]
-    _check_swapped(model, q, u, x)
+    _check_swapped(model, q, x)
     notes += _coverage(model, u)
     return Comparable(u, x, tuple(notes))
 
@@ -105,10 +105,10 @@ def _check_degrees(model: Model, q: Array, known: NDArray[np.bool_]) -> None:
             raise LogError(f"the log's joint values look like {other}: {remedy}")
 
 
-def _check_swapped(model: Model, q: Array, u: Array, x: Array) -> None:
+def _check_swapped(model: Model, q: Array, x: Array) -> None:
     """Refuse a log that fits only with its joint columns exchanged."""
     dof = q.shape[1]
-    if dof < 2 or dof > 4:
+    if not 2 <= dof <= 4:  # more joints have too many orders to try
         return
 
     def misfit(columns: Array) -> float:
@@ -121,8 +121,7 @@ def _check_swapped(model: Model, q: Array, u: Array, x: Array) -> None:
         return float(np.median(np.linalg.norm(gap, axis=1)))
 
     mine = misfit(q)
-    own = np.median(model.expected_error(model.motor.scale.from_unit(u)))
-    if mine <= 5.0 * own:
+    if mine <= 5.0 * np.median(model.expected_error(q)):
         return
     names = model.about.joint_names
     for order in itertools.permutations(range(dof)):

@@ -166,8 +166,19 @@ class Association:
 
     @cached_property
     def _strongest_partner(self) -> Index:
-        """Sensory node most strongly linked to each motor node."""
-        return _strongest(cast("Compressed", self.linked), self.motor)
+        """Sensory node most strongly linked to each motor node, (nodes,).
+
+        A motor node without links has that of the nearest one with some.
+        """
+        links = cast("Compressed", self.linked)
+        order = np.lexsort((links.indices, -links.data, links.rows))
+        counts = np.diff(links.indptr)
+        result = np.zeros(len(counts), dtype=np.intp)
+        full, empty = np.flatnonzero(counts > 0), np.flatnonzero(counts == 0)
+        result[full] = links.indices[order[links.indptr[full]]]
+        if len(empty):
+            result[empty] = result[_nearest_of(self.motor, empty, full)]
+        return result
 
     @cached_property
     def partners(self) -> Compressed:
@@ -240,19 +251,6 @@ def _close_nodes(network: Map) -> tuple[Index, Index]:
     apart = one < two
     counts = np.bincount(one[apart], minlength=n)
     return np.append(0, np.cumsum(counts)), two[apart]
-
-
-def _strongest(links: Compressed, own: Map) -> Index:
-    """Column of the largest entry of each row; an empty row takes its nearest neighbour's."""
-    order = np.lexsort((links.indices, -links.data, links.rows))
-    counts = np.diff(links.indptr)
-    result = np.zeros(len(counts), dtype=np.intp)
-    full = np.flatnonzero(counts > 0)
-    result[full] = links.indices[order[links.indptr[full]]]
-    empty = np.flatnonzero(counts == 0)
-    if len(empty):
-        result[empty] = result[_nearest_of(own, empty, full)]
-    return result
 
 
 def _nearest_of(own: Map, which: Index, among: Index) -> Index:

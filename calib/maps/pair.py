@@ -16,7 +16,7 @@ from numpy.typing import NDArray
 from ..common.arrays import Array
 from ..common.parallel import one_blas_thread
 from ..common.scale import Scale
-from ..errors import LogError, OptionError
+from ..errors import OptionError
 from . import online
 from .association import Association
 from .density import Gain, Visit
@@ -58,12 +58,6 @@ class Pair:
         pair = self.association
         u = pair.motor.scale.to_unit(np.atleast_2d(np.asarray(q, dtype=float)))
         return pair.sensory.scale.from_unit(pair.forward(u, readout))
-
-
-def check_pair(q: Array, x: Array) -> None:
-    """Refuse samples that are no pairs."""
-    if q.ndim != 2 or x.ndim != 2 or len(q) != len(x) or len(q) < 2:
-        raise LogError(f"samples of shapes {q.shape} and {x.shape}: expected (n, d) and (n, k)")
 
 
 def develop(

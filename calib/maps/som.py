@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass, field, replace
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 import numpy as np
 
@@ -203,7 +203,8 @@ class SOM:
         from . import pair as pairs
 
         q, x = np.asarray(q, dtype=float), np.asarray(x, dtype=float)
-        pairs.check_pair(q, x)
+        if q.ndim != 2 or x.ndim != 2 or len(q) != len(x) or len(q) < 2:
+            raise LogError(f"samples of shapes {q.shape} and {x.shape}: expected (n, d) and (n, k)")
         wiring = wiring_of(self.links)
         if self.rule == "online" and kind_of(self.map) == "som":
             if wiring.rule is not None:
@@ -222,7 +223,8 @@ class SOM:
                 grown=self.sigma is None,
             )
         scales = (Scale.of_data(q), Scale.of_data(x))
-        seeds = np.random.SeedSequence(self._entropy()).spawn(2)
+        own = self.seed.entropy if isinstance(self.seed, np.random.SeedSequence) else self.seed
+        seeds = np.random.SeedSequence(own).spawn(2)
         u, v = scales[0].to_unit(q), scales[1].to_unit(x)
         motor, sensory = (
             replace(self, seed=seed).fit(rows, scale=scale, partners=partners)
@@ -230,9 +232,6 @@ class SOM:
         )
         association = Association.learn(motor, u, sensory, v, wiring)
         return pairs.Pair(association, np.zeros((0, len(pairs.CURVE))))
-
-    def _entropy(self) -> Any:
-        return self.seed.entropy if isinstance(self.seed, np.random.SeedSequence) else self.seed
 
     def _gain(self) -> Gain | None:
         return gain_of(self.map) if isinstance(self.map, str) else checked_gain(self.map)

@@ -1,0 +1,180 @@
+"""Maps that follow a stream: the online rule, its schedules, and what it stores."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from functools import cache
+
+import numpy as np
+import pytest
+
+import calib
+from calib.change import adapt_online
+from calib.change import follow as online
+from calib.change.follow import BLOCK, OnlineAdapter, follow
+from calib.change.watch import matching_sigma
+from calib.maps.density import Visit, border
+from calib.maps.links import oja
+from calib.maps.map import Map
+from calib.maps.model_selection import blocks
+from calib.maps.online import present
+
+
+@pytest.fixture(autouse=True)
+def _brief(monkeypatch, one_blas_thread):
+    monkeypatch.setattr(adapt_online, "HORIZON", 1500)
+
+
+@cache
+def model():
+    return calib.train(calib.babble(calib.load_arm("two_link"), 2500, seed=0), size=10)
+
+
+def log(*changes, n=60, noise=0.0, seed=1):
+    return calib.babble(
+        calib.load_arm("two_link"), n, seed=seed, noise=noise, changes=list(changes)
+    )
+
+
+def test_the_report_of_the_online_rule_is_of_blocks_that_it_never_saw():
+    samples, told = log("elbow.length=+20%", n=700), []
+    found = calib.adapt(model(), samples, method="online", progress=lambda *part: told.append(part))
+    assert found.improved
+    assert found.correction == "maps and Hebbian links trained online"
+    held = np.concatenate(blocks(700, 10)[4::10])
+    gap = np.linalg.norm(model().forward(samples.q) - samples.x, axis=1)[held]
+    assert found.before["mean"] == pytest.approx(gap.mean(), rel=1e-6)
+    now = np.linalg.norm(found.model.forward(samples.q) - samples.x, axis=1)[held]
+    assert found.after["mean"] == pytest.approx(now.mean(), rel=1e-6)
+    assert found.after["mean"] < 0.05 * found.before["mean"]
+    event = found.model.history[0]
+    assert (event["method"], event["samples"], event["frame"]) == ("online", 700, None)
+    assert f"{700 - len(held)} samples were shown 3 times" in found.notes
+    assert [share for share, _, _ in told] == pytest.approx(
+        [0.9 * 630 / 1500, 0.9 * 1260 / 1500, 0.9]
+    )
+    assert {stage for _, stage, _ in told} == {"online"}
+    assert all(error > 0 for *_, error in told)
+
+
+def test_the_online_rule_leaves_wrong_detections_out_too():
+    samples = log("elbow.length=+20%", n=600)
+    wrong = samples.x.copy()
+    wrong[100:103] += 0.2
+    found = calib.adapt(model(), replace(samples, x=wrong), method="online")
+    assert (found.samples, found.outliers) == (597, 3)
+    assert any(note.startswith("3 rows contradict") for note in found.notes)
+
+
+def test_schedules_are_equations_10_and_12():
+    samples = log("elbow.length=+20%", n=1000)
+    adapter = OnlineAdapter(model(), 800, force=True)
+    steps = [
+        adapter.feed(samples.q[k : k + BLOCK], samples.x[k : k + BLOCK])
+        for k in range(0, 1000, BLOCK)
+    ]
+    assert [s.samples for s in steps] == list(range(BLOCK, 1001, BLOCK))
+    t = np.minimum(np.arange(BLOCK - 1, 1000, BLOCK), 800)
+    np.testing.assert_allclose([s.beta for s in steps], np.exp(1 - t / 800))
+    np.testing.assert_allclose([s.eta for s in steps], 0.13 * np.exp(1 - t / 800))
+    sigma = np.array([s.sigma for s in steps])
+    # a geometric decay to half a node at the horizon
+    start = np.exp(np.log(sigma[0] / 0.5) / (1 - t[0] / 800)) * 0.5
+    np.testing.assert_allclose(sigma, start * (0.5 / start) ** (t / 800))
+    assert start > 0.5
+    assert all(s.adapting for s in steps)
+
+
+def test_distortion_is_the_running_mean_of_equation_9():
+    samples = log(n=300, noise=1e-3)
+    adapter = OnlineAdapter(model())
+    motor, sensory = model().motor, model().sensory
+    mean = None
+    for k in range(0, 300, BLOCK):
+        q, x = samples.q[k : k + BLOCK], samples.x[k : k + BLOCK]
+        step = adapter.feed(q, x)
+        now = np.array(
+            [
+                np.mean(motor.nearest(motor.scale.to_unit(q))[0] ** 2),
+                np.mean(sensory.nearest(sensory.scale.to_unit(x))[0] ** 2),
+                np.linalg.norm(model().forward(q[::5], "activity") - x[::5], axis=1).mean(),
+            ]
+        )
+        mean = now if mean is None else 0.5 * mean + 0.5 * now
+        said = [step.zeta_motor, step.zeta_sensory, step.error]
+        np.testing.assert_allclose(said, mean, rtol=1e-3)
+        assert not step.adapting
+        assert (step.sigma, step.eta, step.beta) == (0.0, 0.0, 0.0)
+    assert adapter.model() is model()
+
+
+def test_a_stream_is_followed_block_by_block():
+    samples = log("elbow.length=+20%", n=250)
+    steps = [step for step, _ in follow(model(), samples.q, samples.x, horizon=500, force=True)]
+    assert [s.samples for s in steps] == [100, 200, 250]
+    adapter = OnlineAdapter(model(), 500, force=True)
+    assert adapter.feed(samples.q, samples.x) == steps[-1]
+
+
+def test_a_short_stream_is_learned_and_its_nodes_are_those_that_were_visited():
+    samples = log("elbow.length=+20%", n=400)
+    adapter = OnlineAdapter(model(), 400, force=True)
+    adapter.feed(samples.q, samples.x)
+    twice = OnlineAdapter(model(), 400, force=True)
+    twice._q, twice._x, twice._since = [samples.q] * 2, [samples.x] * 2, 0
+    fresh = adapter.model()
+    q = log(n=100, seed=6).q
+    truth = samples.simulation.exact(q)
+    assert np.linalg.norm(fresh.forward(q) - truth, axis=1).mean() < 1e-4
+    # rows that are shown again count once
+    np.testing.assert_allclose(twice.model().forward(q), fresh.forward(q), atol=1e-4)
+    assert fresh.visited[fresh.motor.winners(samples.q)].all()
+    assert fresh.links.shape == model().links.shape
+
+
+def test_what_a_short_stream_teaches_depends_on_the_models_seed_alone():
+    samples = log("elbow.length=+20%", n=60)
+    links = []
+    for seed in (3, 3, 4):
+        start = replace(model(), about=replace(model().about, seed=seed))
+        adapter = OnlineAdapter(start, 200, force=True)
+        adapter.feed(samples.q, samples.x)
+        links.append(adapter.model().links.toarray())
+    np.testing.assert_array_equal(links[0], links[1])
+    assert (links[0] != links[2]).any()
+
+
+def test_only_the_latest_samples_are_kept(monkeypatch):
+    monkeypatch.setattr(online, "_KEPT", 250)
+    samples = log("elbow.length=+20%", n=700)
+    adapter = OnlineAdapter(model(), 400, force=True)
+    adapter.feed(samples.q, samples.x)
+    np.testing.assert_allclose(np.concatenate(adapter._q), samples.q[400:], atol=1e-12)
+    np.testing.assert_allclose(np.concatenate(adapter._x), samples.x[400:], atol=1e-12)
+
+
+def test_maps_and_links_follow_by_equations_1_to_3_and_11():
+    samples = log("elbow.length=+20%", n=40)
+    adapter = OnlineAdapter(model(), 500, force=True)
+    step = adapter.feed(samples.q, samples.x)
+    t = np.arange(40)
+    points = {"motor": samples.q, "sensory": samples.x}
+    maps = {}
+    for name in points:
+        network = getattr(model(), name)
+        u = network.scale.to_unit(points[name])
+        start = max(0.5, matching_sigma(network, np.mean(network.nearest(u)[0] ** 2) ** 0.5))
+        distance, winner = network.nearest(u)
+        visit = Visit(t[-1] / 500, winner[:, 0], distance[:, 0], network.units, network.lattice)
+        rate = 0.5 * 0.1 ** (t / 500) * border(visit)
+        weights = network.units.copy()
+        present(weights, network.lattice, u, start * (0.5 / start) ** (t / 500), rate)
+        np.testing.assert_allclose(adapter._weights[name], weights, atol=1e-12)
+        maps[name] = Map(weights, network.lattice, network.scale, network.history)
+        sigma = start * (0.5 / start) ** (t[-1] / 500)
+    assert step.sigma == pytest.approx(sigma)  # the sensory map's
+    wiring, links = model().association.wiring, model().links.toarray()
+    active = [wiring.activity(maps[n], maps[n].scale.to_unit(points[n])).toarray() for n in points]
+    for k in t:
+        oja(links, active[0][k], active[1][k], 0.13 * np.exp(1 - k / 500), np.exp(1 - k / 500))
+    np.testing.assert_allclose(adapter._links.T, links, atol=1e-5)
