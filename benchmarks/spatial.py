@@ -18,6 +18,7 @@ import sys
 import tempfile
 import time
 from collections.abc import Callable, Iterator
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -25,7 +26,6 @@ from threadpoolctl import threadpool_limits
 
 import calib
 from calib.body.fitting import fit_structure
-from calib.body.remount import remount
 from calib.body.spatial import structure_of
 from calib.body.spatial_random import unknown_structure
 from calib.use.geometry import fit_geometry
@@ -130,22 +130,31 @@ def measure_peer(args: argparse.Namespace) -> Iterator[Row]:
 
 
 def measure_mount(args: argparse.Namespace) -> Iterator[Row]:
-    """A body of one series, and a few rows of the other, which was mounted anew."""
-    structure = structure_of(calib.load_arm(UR10))
+    """`calib.adapt` of a model of one series to a few rows of the other, which was mounted anew."""
+    arm = calib.load_arm(UR10)
+    logs = {
+        name: replace(calib.read_log(args.data / f"full_{name}.csv", arm), orientation=None)
+        for name in ("a", "c")
+    }
     for old, new in (("a", "c"), ("c", "a")):
-        q, z = series(args.data, old)
-        every = max(1, len(q) // 3000)
-        body = fit(structure, q[::every], z[::every]).body
-        q, z = series(args.data, new)
+        log, n = logs[new], len(logs[new])
+        model = calib.train(
+            logs[old].take(np.arange(0, len(logs[old]), max(1, len(logs[old]) // 3000)))
+        )
         for rows in (10, 30, 100):
-            errors, bounds = [], []
+            errors, bounds, answered = [], [], []
             for draw in range(args.draws):
-                chosen = np.random.default_rng(draw).choice(len(q), rows, replace=False)
-                rest = np.setdiff1d(np.arange(len(q)), chosen)[::5]
-                moved = remount(body, q[chosen], z[chosen])
-                errors.append(distance(moved, q[rest], z[rest]))
-                bounds.append(moved.bound(q[rest]))
-            yield {"from": old, "to": new, "rows": rows, **summary(errors, bounds)}
+                chosen = np.random.default_rng(draw).choice(n, rows, replace=False)
+                rest = log.take(np.setdiff1d(np.arange(n), chosen)[::5])
+                moved = calib.adapt(model, log.take(chosen)).model
+                bound = moved.expected_error(rest.q)
+                known = np.isfinite(bound)
+                error = np.linalg.norm(moved.forward(rest.q) - rest.x, axis=1)
+                errors.append(error[known])
+                bounds.append(bound[known])
+                answered.append(float(known.mean()))
+            told = {"answered": round(100 * float(np.mean(answered)), 1)}
+            yield {"from": old, "to": new, "rows": rows, **told, **summary(errors, bounds)}
 
 
 def measure_unknown(args: argparse.Namespace) -> Iterator[Row]:

@@ -23,8 +23,8 @@ joints' screws, FIGAROH 1.0.2 six numbers at each joint origin of which it keeps
 told, both without a prior, elasticity or curves; both converged."""
 
 MOUNT = """\
-**After a new mounting** the old posterior is the prior of the arm; sensor and tool are found
-anew."""
+**After a new mounting** `calib adapt` takes the old posterior as the prior of the arm and finds
+the sensor anew."""
 
 UNKNOWN = """\
 **Without a URDF** the chain is found from random starts; three draws, the first of C being the
@@ -109,10 +109,10 @@ def _peers(lines: list[Row]) -> list[str]:
 def _mount(lines: list[Row]) -> list[str]:
     rows = (
         (f"{r['from']} to {r['to']}".upper().replace("TO", "to"), r["rows"], r["mean"], r["p95"],
-         f"{r['covered']} %")
+         f"{r['covered']} %", f"{r['answered']} %")
         for r in lines
     )  # fmt: skip
-    return [MOUNT, "", *_table("series | rows | mean | 95 % | covered", rows)]
+    return [MOUNT, "", *_table("series | rows | mean | 95 % | covered | answered", rows)]
 
 
 def _urdf(lines: list[Row]) -> list[str]:
