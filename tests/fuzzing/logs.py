@@ -262,7 +262,11 @@ def _plain_rows(data: bytes, names: list[str]) -> np.ndarray:
     line = data.split(b"\n", 1)[0]
     separator = max(",;\t", key=lambda mark: line.count(mark.encode()))
     reader = csv.reader(io.StringIO(text, newline=""), delimiter=separator)
-    rows = [row for row in reader if row and (len(row) > 1 or row[0].strip())]
+    usual = csv.field_size_limit(len(text) + 1)  # a cell may be as long as a line
+    try:
+        rows = [row for row in reader if row and (len(row) > 1 or row[0].strip())]
+    finally:
+        csv.field_size_limit(usual)
     header = [name.strip() for name in rows[0]]
     has_z = "z" in header and "z" not in names
     index = [header.index(name) for name in (*names, *(["z"] if has_z else []))]
