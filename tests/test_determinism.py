@@ -12,7 +12,7 @@ import numpy as np
 import pytest
 
 RECIPES = {
-    "two links": {"n": 3000, "size": 20},
+    "two links": {"n": 1500, "size": 12},
     "two links, online rule": {"rule": "online"},
     "two links, dsom": {"map": "dsom"},
     "two links, growing neural gas": {"map": "gng", "n": 300, "size": 5},
