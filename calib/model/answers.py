@@ -124,9 +124,11 @@ def answer(model: Model, u: Array, x: Array, position: Array | None) -> Answer:
     with np.errstate(over="ignore"):  # the distance of a target at 1e308 may be infinite
         gap = position - x
         distance = np.hypot(*gap.T) if x.shape[1] == 2 else np.sqrt((gap**2).sum(axis=1))
-    bound = model.bound_at(u)
+    # steps over a forged model's numbers may overflow; where joints are no numbers, none is within
+    known = np.nan_to_num(u, posinf=0.0, neginf=0.0)
+    bound = model.bound_at(known)
     same = model.model_bounds is model.bounds
-    error = bound if same else model.bound_at(u, "model_bounds")
+    error = bound if same else model.bound_at(known, "model_bounds")
     within = distance <= within_reach(model, bound)
     return Answer(model.motor.scale.from_unit(u), position, distance, bound, error, within)
 
