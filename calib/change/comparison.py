@@ -39,6 +39,8 @@ _SHARED_ERRORS = 2.0  # times a bound of 95 %: five standard deviations, so no c
 
 _CHECK = "check that joints and positions of a row belong together and are of this arm"
 
+_SQUARED = 1e100  # positions beyond overflow where they are squared
+
 _FEW = 0.05  # share of rows that may contradict all others where the rest is as near as told
 
 UNEXPLAINED = 0.1
@@ -291,5 +293,8 @@ def compare(model: Model, log: Samples, cause: str | None = None) -> Comparison:
     rows = comparable(model, log)
     q = model.motor.scale.from_unit(rows.u)
     body = seen_body(model) if model.body is None else model.body
-    offset = model.predictor.value(rows.u) - body.predict(q)
+    predicted = body.predict(q)
+    offset = model.predictor.value(rows.u) - predicted
+    if not (np.abs(predicted) + np.abs(offset) < _SQUARED).all():  # as in a forged file
+        raise ModelError("the model predicts no finite positions for this log: train it again")
     return Comparison(model, rows, q, rows.x, offset, body, cause, log.unit, log.shared)
