@@ -189,6 +189,46 @@ def _alarms(change: str, seeds: range) -> int:
     return sum(_noisy().check(_power_log(change, 1000 + s)).drifted for s in seeds)
 
 
+def places(quick: bool) -> Iterator[Row]:
+    """A shifted sensor, seen from 24 rows of one place: bounds, and the interval of its turn."""
+    arm, shift = calib.load_arm("two_link"), np.array([0.3, -0.2])
+
+    def seen(q: np.ndarray, seed: int, moved: bool) -> calib.Samples:
+        noise = 1e-3 * np.random.default_rng(seed).standard_normal(q.shape)
+        return samples(q, arm.forward(q) + noise + moved * shift, arm.lower, arm.upper, arm=arm)
+
+    def box(n: int, seed: int) -> np.ndarray:
+        return np.random.default_rng(seed).uniform(arm.lower, arm.upper, (n, 2))
+
+    asked = box(500, 99)
+    models = [calib.train(seen(box(n, 0), 0, moved=False)) for n in (40, 400)]
+    for half in (0.006, 0.03, 0.2):
+        shares, held, halves, answered = [], [], [], []
+        for model in models:
+            for seed in range(100, 103 if quick else 112):
+                rng = np.random.default_rng(seed)
+                log = seen(
+                    np.array([0.5, 1.2]) + rng.uniform(-half, half, (24, 2)), seed, moved=True
+                )
+                found = calib.adapt(model, log)
+                miss = distance(found.model.forward(asked), arm.forward(asked) + shift)
+                bound = found.model.model_error(asked)
+                known = np.isfinite(bound)
+                shares.append(float(np.mean(miss[known] <= bound[known])))
+                answered.append(float(known.mean()))
+                low, high = next(c.interval for c in found.changed if c.cause == "sensor")
+                held.append(low < 0.0 < high)
+                halves.append(float(np.degrees(high - low)) / 2)
+        yield {
+            "what": f"shifted sensor, 24 rows within {half:g} rad: coverage",
+            "measured": 100 * float(np.mean(shares)),
+            "unit": "%",
+            "least": 93,
+            "more": f"least {100 * min(shares):.0f}, answered {100 * np.mean(answered):.0f} %; "
+            f"turn +- {np.median(halves):.2g} deg, holds 0 in {sum(held)} of {len(held)}",
+        }
+
+
 def power(quick: bool) -> Iterator[Row]:
     """Alarms in 200 rows at 1 mm, and the smallest change found in 9 of 10 logs."""
     seeds = range(4 if quick else 20)

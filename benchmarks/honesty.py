@@ -5,7 +5,7 @@
 FOLDER holds the laser-tracker logs series_a.csv, series_c.csv, full_a.csv and full_c.csv of a UR10
 (docs/accuracy.md names their source); without it the parts on real rows are left out, aloud.
 PART is one of coverage, gaps, adapt, adapt-space, check, rows, few, urdf (real rows) and paths,
-power, camera, change, noise, exact, worlds, three, time, simulation (own generators, see
+places, power, camera, change, noise, exact, worlds, three, time, simulation (own generators, see
 honest_worlds.py).
 ``--quick`` takes fewer splits and seeds: each part then ends within about a minute.
 """
@@ -40,6 +40,7 @@ REAL: dict[str, Callable[[Path, bool], Iterator[Row]]] = {
 }
 OWN: dict[str, Callable[[bool], Iterator[Row]]] = {
     "paths": honest_simulated.paths,
+    "places": honest_change.places,
     "power": honest_change.power,
     "change": honest_change.changed,
     "camera": honest_simulated.camera,

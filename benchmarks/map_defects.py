@@ -1,6 +1,6 @@
 """Defects of several shapes and places: what each network's local models mend and spoil.
 
-python benchmarks/map_defects.py [--seeds N]
+python benchmarks/map_defects.py [--seeds N] [--fresh FIRST LAST]
 """
 
 from __future__ import annotations
@@ -88,10 +88,16 @@ def main() -> None:
     """Print the table."""
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument("--seeds", type=int, default=3)
-    seeds = range(parser.parse_args().seeds)
-    own = [(n, d, None, seed) for n, d in (("ripple", ripple), ("bump", bump)) for seed in seeds]
+    parser.add_argument("--fresh", type=int, nargs=2, help="seeds, of ripples and bumps alone")
+    options = parser.parse_args()
+    first, last = options.fresh or (0, options.seeds - 1)
+    own = [
+        (name, defect, None, seed)
+        for name, defect in (("ripple", ripple), ("bump", bump))
+        for seed in range(first, last + 1)
+    ]
     with one_blas_thread():
-        for each in (*own, *SHAPES):
+        for each in own if options.fresh else (*own, *SHAPES):
             print(row(*each), flush=True)
 
 

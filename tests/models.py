@@ -60,6 +60,12 @@ def log(n: int, noise: float = 0.0, seed: int = 0) -> calib.Samples:
     return calib.Samples(s.q, s.x, s.joint_names, s.lower, s.upper, s.revolute, arm=arm)
 
 
+def babbled(*changes: str, n: int = 60, noise: float = 0.0, seed: int = 1) -> calib.Samples:
+    """Babbling of `two_link` after changes such as `elbow.length=+20%`."""
+    arm = calib.load_arm("two_link")
+    return calib.babble(arm, n, seed=seed, noise=noise, changes=list(changes))
+
+
 def no_arm(n: int) -> calib.Samples:
     """Return a log of a smooth map that no chain of links explains."""
     rows = log(n)

@@ -4,25 +4,19 @@ from __future__ import annotations
 
 import re
 from dataclasses import replace
-from functools import cache
+from functools import partial
 
 import numpy as np
 import pytest
+from models import babbled as log
+from models import trained
 
 import calib
 
 pytestmark = pytest.mark.usefixtures("one_blas_thread")
 
 
-@cache
-def model():
-    return calib.train(calib.babble(calib.load_arm("two_link"), 2500, seed=0), size=10)
-
-
-def log(*changes, n=60, noise=0.0, seed=1):
-    return calib.babble(
-        calib.load_arm("two_link"), n, seed=seed, noise=noise, changes=list(changes)
-    )
+model = partial(trained, n=2500, size=10)
 
 
 def moved(found, samples):

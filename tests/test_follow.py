@@ -3,10 +3,12 @@
 from __future__ import annotations
 
 from dataclasses import replace
-from functools import cache
+from functools import partial
 
 import numpy as np
 import pytest
+from models import babbled as log
+from models import trained
 
 import calib
 from calib.change import adapt_online
@@ -25,15 +27,7 @@ def _brief(monkeypatch, one_blas_thread):
     monkeypatch.setattr(adapt_online, "HORIZON", 1500)
 
 
-@cache
-def model():
-    return calib.train(calib.babble(calib.load_arm("two_link"), 2500, seed=0), size=10)
-
-
-def log(*changes, n=60, noise=0.0, seed=1):
-    return calib.babble(
-        calib.load_arm("two_link"), n, seed=seed, noise=noise, changes=list(changes)
-    )
+model = partial(trained, n=2500, size=10)
 
 
 def test_the_report_of_the_online_rule_is_of_blocks_that_it_never_saw():

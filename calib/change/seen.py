@@ -101,5 +101,5 @@ def design_effect(structure: Structure, q: Array, noise: float) -> float:
     model = structure.model
     own = np.nanmean((model.model_error(q) / RADIUS_95) ** 2)
     tree = search_tree(model.motor.scale.to_unit(q), model.motor.scale)
-    others = 2 * len(tree.query_pairs(_ALIKE * model.motor.spacing)) / len(q)
+    others = int(tree.count_neighbors(tree, _ALIKE * model.motor.spacing)) / len(q) - 1.0
     return float(1.0 + others * min(own / noise**2, 1.0))
