@@ -111,12 +111,12 @@ class Wiring:
             from .fields import Pairs, checked_links
 
             together.data = checked_links(self.rule, Pairs(together.data, motor, sensory, samples))
-            return _without_weak(together)
+            return without_weak(together)
         scale = _settled(np.asarray(square[1]), beta)[together.indices]
         if self.mutual:
             scale = np.sqrt(scale * _settled(np.asarray(square[0]), beta)[rows])
         together.data *= scale
-        return _without_weak(together)
+        return without_weak(together)
 
 
 WIRINGS = {
@@ -130,29 +130,18 @@ WIRINGS = {
 
 def wiring_of(links: str | LinkRule) -> Wiring:
     """The wiring of a name, or the default's activities with a rule of the user's own."""
-    if isinstance(links, str):
-        check_wiring(links)
-        return WIRINGS[links]
-    return Wiring(rule=links)
+    if not isinstance(links, str):
+        return Wiring(rule=links)
+    if links not in WIRINGS:
+        raise OptionError(f"links {links!r} are unknown, choose one of {', '.join(WIRINGS)}")
+    return WIRINGS[links]
 
 
-def check_wiring(name: str | LinkRule) -> None:
-    """Refuse an unknown wiring."""
-    if isinstance(name, str) and name not in WIRINGS:
-        raise OptionError(f"links {name!r} are unknown, choose one of {', '.join(WIRINGS)}")
-
-
-def sparse_links(links: Array) -> csr_array:
-    """Dense links (motor nodes, sensory nodes) that :func:`oja` has made, without weak ones."""
+def without_weak(links: csr_array | Array) -> csr_array:
+    """Links (motor nodes, sensory nodes), sparse or dense, that count for one of their nodes."""
     from scipy.sparse import csr_array
 
-    return _without_weak(csr_array(links))
-
-
-def _without_weak(links: csr_array) -> csr_array:
-    """Links that count for one of their two nodes."""
-    from scipy.sparse import csr_array
-
+    links = csr_array(links)
     rows = np.repeat(np.arange(links.shape[0]), np.diff(links.indptr))
     # of a row without links it gives a number of the next one, which no link asks for
     row_max = np.maximum.reduceat(

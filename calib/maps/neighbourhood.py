@@ -1,4 +1,4 @@
-"""The neighbourhood of eq. 3 on a whole lattice at once, and how nodes follow it."""
+"""The neighbourhood of eq. 3 around one winner or on a whole lattice, and how nodes follow it."""
 
 from __future__ import annotations
 
@@ -9,6 +9,24 @@ from .lattice import Lattice
 
 REACH = 4.0
 """The neighbourhood is cut beyond so many sigma, where it is below exp(-8)."""
+
+
+def around(
+    lattice: Lattice, winner: int, rate: float, widths: tuple[float, ...]
+) -> tuple[tuple[slice, ...], Array]:
+    """The nodes around a winner, and a rate times h at each of them (eq. 3).
+
+    widths : (dim,) [nodes], sigma along each axis
+    """
+    reach = int(REACH * max(widths)) + 1
+    window, h = [], np.array(rate)
+    places = np.unravel_index(winner, lattice.shape)
+    for n, place, width in zip(lattice.shape, map(int, places), widths, strict=True):
+        part = slice(max(0, place - reach), min(n, place + reach + 1))
+        steps = np.arange(part.start - place, part.stop - place)
+        h = np.multiply.outer(h, np.exp(steps**2 / (-2.0 * width * width)))
+        window.append(part)
+    return tuple(window), h
 
 
 def spread(sums: Array, lattice: Lattice, sigma: float) -> Array:
