@@ -255,4 +255,5 @@ def _close_nodes(network: Map) -> tuple[Index, Index]:
 
 def _nearest_of(own: Map, which: Index, among: Index) -> Index:
     """Node of `among` that is nearest to each node of `which`."""
-    return np.asarray(among[nearest_points(own.units[among], own.scale, own.units[which])[1][:, 0]])
+    found = nearest_points(own.units[among], own.scale, own.units[which])[1]
+    return np.asarray(among[found[:, 0]])

@@ -231,7 +231,7 @@ class _Writer:
             + array(REAL, "calib_radius", [nodes], models.radius, one)
             + array(REAL, "calib_says", [nodes], reach_of(model.motor), one)
             + array(REAL, "calib_local_terms", [nodes, str(flat.shape[1])], flat, one)
-            + integers("calib_talks", nodes, models.degrees(model.motor.units.shape[1]) >= 0)
+            + integers("calib_talks", nodes, [bool(c.any()) for c in models.coefficients])
             + integers("calib_parent", count, parent)
             + integers("calib_along", count, along)
             + integers("calib_power", str(terms.size), terms.ravel())
