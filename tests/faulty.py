@@ -4,18 +4,8 @@ from __future__ import annotations
 
 import os
 
-STEPS = [
-    "open",
-    "fdopen",
-    "write",
-    "write",
-    "fsync",
-    "replace",
-    "open",
-    "fsync",
-    "close",
-    "listdir",
-]
+STEPS = ["open", "fdopen", "write", "write", "fsync", "replace"]
+STEPS += ["open", "fsync", "close", "listdir"]
 """What `atomic_write` asks of the system, in this order."""
 
 

@@ -13,7 +13,7 @@ from ..change.watch import Step
 from ..common.arrays import Array
 from ..training.train import train
 from .setting import NETWORKS, Setting
-from .tables import Result, Table
+from .tables import Cells, Result, Table
 
 if TYPE_CHECKING:
     from ..model.model import Model
@@ -99,8 +99,8 @@ def adaptation(setting: Setting) -> tuple[Result, dict[str, Episode]]:
     changes = {name: f"{setting.joints[1]}.length={by}" for name, by in CHANGES.items()}
     episodes = {name: episode(setting, change) for name, change in changes.items()}
     data: dict[str, Any] = {}
-    summary: list[list[str | float | None]] = []
-    curves: list[list[str | float | None]] = []
+    summary: list[Cells] = []
+    curves: list[Cells] = []
     for name, e in episodes.items():
         noticed = [s.samples for s in e.steps if s.adapting]
         data[name] = {
@@ -111,7 +111,7 @@ def adaptation(setting: Setting) -> tuple[Result, dict[str, Episode]]:
             "samples": e.steps[-1].samples,
         }
         for state in ("trained", "changed", "adapted"):
-            cells: list[str | float | None] = [name, state, e.distortion[state]]
+            cells: Cells = [name, state, e.distortion[state]]
             for readout in (*_READOUTS, "rule"):
                 cells += [1e3 * e.errors[readout][state][k] for k in ("mean", "max")]
             summary.append(cells)
