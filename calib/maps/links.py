@@ -142,19 +142,15 @@ def without_weak(links: csr_array | Array) -> csr_array:
     from scipy.sparse import csr_array
 
     links = csr_array(links)
+    row_max, column_max = (links.max(axis=axis).toarray().ravel() for axis in (1, 0))
     rows = np.repeat(np.arange(links.shape[0]), np.diff(links.indptr))
-    # of a row without links it gives a number of the next one, which no link asks for
-    row_max = np.maximum.reduceat(
-        np.append(links.data, 0.0), np.minimum(links.indptr[:-1], links.nnz)
-    )
-    column_max = np.zeros(links.shape[1])
-    np.maximum.at(column_max, links.indices, links.data)
-    keep = links.data >= _WEAK * np.minimum(row_max[rows], column_max[links.indices])
-    keep &= links.data > _NOTHING * links.data.max(initial=0.0)
-    kept = csr_array((links.data[keep], (rows[keep], links.indices[keep])), shape=links.shape)
-    kept.sort_indices()
-    kept.data = kept.data.astype(np.float32).astype(float)  # as a model file keeps them
-    return kept
+    weak = links.data < _WEAK * np.minimum(row_max[rows], column_max[links.indices])
+    weak |= links.data <= _NOTHING * links.data.max(initial=0.0)
+    links.data[weak] = 0.0
+    links.eliminate_zeros()
+    links.sort_indices()
+    links.data = links.data.astype(np.float32).astype(float)  # as a model file keeps them
+    return links
 
 
 def _settled(square: Array, beta: float) -> Array:
