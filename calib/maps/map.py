@@ -60,21 +60,23 @@ class Map:
         return frozen(self.lattice.edges())
 
     @cached_property
-    def spacing(self) -> float:
-        """Mean distance of joined nodes in the unit box: the unit of every radius."""
+    def _lengths(self) -> Array:
+        """Distance of the two nodes of each edge in the unit box, (m,)."""
         a, b = self.edges.T
         gap = self.scale.difference(self.units[a], self.units[b])
-        return float(np.linalg.norm(gap, axis=1).mean())
+        return np.asarray(np.linalg.norm(gap, axis=1))
+
+    @cached_property
+    def spacing(self) -> float:
+        """Mean distance of joined nodes in the unit box: the unit of every radius."""
+        return float(self._lengths.mean())
 
     @cached_property
     def spacings(self) -> Array:
         """Mean distance of each node to those it is joined to, (nodes,), in the unit box."""
-        a, b = self.edges.T
-        gap = np.linalg.norm(self.scale.difference(self.units[a], self.units[b]), axis=1)
-        n = self.size
-        total = np.bincount(a, gap, n) + np.bincount(b, gap, n)
-        count = np.bincount(a, minlength=n) + np.bincount(b, minlength=n)
-        own = total / np.maximum(count, 1)
+        ends = self.edges.T.ravel()
+        total = np.bincount(ends, np.tile(self._lengths, 2), self.size)
+        own = total / np.maximum(np.bincount(ends, minlength=self.size), 1)
         # a node on top of its neighbours, or joined to none, has the spacing of the map
         return frozen(np.where(own > 1e-6 * self.spacing, own, max(self.spacing, 1e-300)))
 
