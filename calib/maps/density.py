@@ -130,8 +130,8 @@ def _local_distances(visit: Visit) -> Array:
     """Sum over the lattice neighbours i of |w_j - w_i|^2, for each node j."""
     edges = visit.lattice.edges().T
     square = np.sum((visit.weights[edges[0]] - visit.weights[edges[1]]) ** 2, axis=1)
-    total: Array = np.bincount(edges.ravel(), np.tile(square, 2), visit.lattice.size)
-    return total
+    total = np.bincount(edges.ravel(), np.tile(square, 2), visit.lattice.size)
+    return np.asarray(total, dtype=float)
 
 
 def density(visit: Visit, strength: float = 1.0) -> Array:

@@ -63,21 +63,14 @@ def episode(setting: Setting, change: str) -> Episode:
             after, rule = adapter.model(), adapter.model("rule")
     q, old = setting.validation(samples, seed, 40_000)
     _, x = setting.validation(stream, seed, 40_000)
+    # the model and what it is asked for: before the change, after it, and once it has followed
+    states = {"trained": (before, old), "changed": (before, x), "adapted": (after, x)}
     errors = {
-        readout: {
-            "trained": _error(before, q, old, readout),
-            "changed": _error(before, q, x, readout),
-            "adapted": _error(after, q, x, readout),
-        }
+        readout: {state: _error(model, q, at, readout) for state, (model, at) in states.items()}
         for readout in _READOUTS
     }
-    by_rule = _error(rule, q, x, "activity")
-    errors["rule"] = {**errors["activity"], "adapted": by_rule}
-    distortion = {
-        "trained": zeta(before, old),
-        "changed": zeta(before, x),
-        "adapted": zeta(after, x),
-    }
+    errors["rule"] = {**errors["activity"], "adapted": _error(rule, q, x, "activity")}
+    distortion = {state: zeta(model, at) for state, (model, at) in states.items()}
     return Episode(before, after, tuple(steps), q, x, errors, distortion)
 
 
@@ -116,20 +109,9 @@ def adaptation(setting: Setting) -> tuple[Result, dict[str, Episode]]:
                 cells += [1e3 * e.errors[readout][state][k] for k in ("mean", "max")]
             summary.append(cells)
         for s in e.steps:
-            curves.append(
-                [
-                    name,
-                    s.samples,
-                    s.zeta_motor,
-                    s.zeta_sensory,
-                    s.threshold if np.isfinite(s.threshold) else None,
-                    1e3 * s.error,
-                    s.sigma,
-                    s.eta,
-                    s.beta,
-                    float(s.adapting),
-                ]
-            )
+            threshold = s.threshold if np.isfinite(s.threshold) else None
+            told = (s.samples, s.zeta_motor, s.zeta_sensory, threshold, 1e3 * s.error)
+            curves.append([name, *told, s.sigma, s.eta, s.beta, float(s.adapting)])
     header = ["change", "state", "zeta"]
     header += [f"{r} {k} [mm]" for r in (*_READOUTS, _RULE) for k in ("mean", "max")]
     columns = ["change", "samples", "zeta motor", "zeta sensory", "threshold", "error [mm]"]
