@@ -15,13 +15,15 @@ from ..common.scale import TURN
 from ..common.wording import unit_of_joint
 from ..errors import CalibError, LogError
 
-_SLACK = 0.05  # share of a range by which values may leave it
+SLACK = 0.05
+"""Share of a range by which values may leave it: limits are rounded, and arms differ."""
+
 _MOST_TURNS = 4.0  # further from zero a joint value is in degrees, or not reset for long
 
 
 def in_degrees(values: Array, low: float, high: float) -> bool:
     """Whether values (n,) leave a range [rad] but lie within it once taken as degrees."""
-    return beyond(values, low, high) > _SLACK and beyond(np.deg2rad(values), low, high) <= _SLACK
+    return beyond(values, low, high) > SLACK and beyond(np.deg2rad(values), low, high) <= SLACK
 
 
 def beyond(values: Array, low: float, high: float) -> float:

@@ -16,8 +16,8 @@ from ..common.wording import vector
 from ..errors import LogError, OptionError
 from .camera import camera_of
 from .columns import Source, open_source
-from .log_ranges import ChosenRange, JointColumn, Range
-from .measured_rows import HELD_ROWS, MeasuredRows, Reservoir
+from .log_ranges import UNKNOWN, LoggedJoint, Range
+from .measured_rows import HELD_ROWS, Reservoir, measured_rows
 from .places import find_place
 from .plausibility import check_against_robot, check_flat
 from .roles import (
@@ -128,34 +128,29 @@ def read_log(
         )
     if outputs is not None and outputs > len(axes):
         raise LogError(f"{source.label} has x and y alone, expected x, y and z of an arm in space")
-    revolute = _revolute(arm, names, prismatic)
-    chosen = {
-        k: ChosenRange(source.label, name, (ranges or {})[name], revolute[k], degrees)
-        for k, name in enumerate(names)
-        if name in (ranges or {})
-    }
-    turning = [k for k, turns in enumerate(revolute) if turns and degrees]
-    measured = MeasuredRows(source, roles.columns, turning, chosen)
-    values, rows, notes = measured.held(Reservoir(most, extremes=len(names), seed=seed))
+    known = _joints(source.label, arm, names, prismatic, degrees)
+    asked = ranges or {}
+    known = [
+        joint.with_range(asked[joint.name]) if joint.name in asked else joint for joint in known
+    ]
+    measured = measured_rows(
+        source,
+        roles.columns,
+        [k for k, joint in enumerate(known) if joint.revolute and degrees],
+        {k: joint for k, joint in enumerate(known) if joint.chosen},
+        Reservoir(most, extremes=len(names), seed=seed),
+    )
+    values, notes = measured.values, list(measured.notes)
     _check_values(source, values, names, axes)
-    q = np.ascontiguousarray(values[:, : len(names)])
+    revolute = tuple(joint.revolute for joint in known)
+    in_degrees = degrees and any(revolute)
     # values of a few degrees at most are doubted
-    if degrees and any(revolute) and np.abs(q[:, list(revolute)]).max() <= math.radians(TURN):
+    if in_degrees and np.abs(values[:, np.flatnonzero(revolute)]).max() <= math.radians(TURN):
         notes.append("no joint goes beyond 6.3 degrees; if the log is in rad, leave out `degrees`")
-    lower, upper = np.empty(len(names)), np.empty(len(names))
-    for k, joint in enumerate(names):
-        column = JointColumn(
-            label=source.label,
-            joint=joint,
-            values=q[:, k],
-            revolute=revolute[k],
-            limits=(float(arm.lower[k]), float(arm.upper[k])) if arm else None,
-            chosen=chosen[k].limits if k in chosen else None,
-            degrees=degrees,
-            rows=rows,
-        )
-        q[:, k], (lower[k], upper[k]), more = column.settle()
-        notes += more
+    settled = [joint.settle(values[:, k], measured.numbers) for k, joint in enumerate(known)]
+    q = np.stack([column for column, *_ in settled], axis=1)
+    lower, upper = np.array([limits for _, limits, _ in settled]).T
+    notes += [note for *_, more in settled for note in more]
     x = np.ascontiguousarray(values[:, len(names) : len(names) + len(axes)])
     orientation = _orientation(values[:, len(names) + len(axes) :], roles.turns, degrees, source)
     plane = rms = None
@@ -165,7 +160,7 @@ def read_log(
 
         plane, rms = fit_plane(x)
         if arm is not None:
-            check_flat(source.label, x, plane.distances(x), unit, rows)
+            check_flat(source.label, x, plane.distances(x), unit, measured.numbers)
         x = plane.project(x)
         notes.append(
             f"plane fitted to x, y, z: x along {vector(plane.x)}, y along {vector(plane.y)}, "
@@ -189,14 +184,14 @@ def read_log(
         upper=upper,
         revolute=revolute,
         unit=unit,
-        dropped=measured.total - measured.usable,
+        dropped=measured.dropped,
         arm=replace(arm, lower=lower, upper=upper) if arm else None,
         notes=tuple(notes),
         plane=plane,
         out_of_plane_rms=rms,
         orientation=None if plane is not None else orientation,
         columns=columns,
-        degrees=degrees and any(revolute),
+        degrees=in_degrees,
         camera=camera,
         source=about,
     )
@@ -240,17 +235,27 @@ def _orientation(
     return from_angles(np.deg2rad(values) if degrees else values)
 
 
-def _revolute(arm: Arm | None, names: Sequence[str], prismatic: Sequence[str]) -> tuple[bool, ...]:
+def _joints(
+    label: str, arm: Arm | None, names: Sequence[str], prismatic: Sequence[str], degrees: bool
+) -> list[LoggedJoint]:
+    """What is known of the joints, of the arm where there is one."""
     if arm is not None:
-        return tuple(arm.revolute)
-    for name in prismatic:
-        if name not in names:
-            raise OptionError(
-                f"{name!r} is named as sliding but is not a joint; joints: {', '.join(names)}",
-                parameter="prismatic",
-                value=name,
-            )
-    return tuple(name not in prismatic for name in names)
+        limits = list(zip(arm.lower.tolist(), arm.upper.tolist(), strict=True))
+        kinds = arm.revolute
+    else:
+        for name in prismatic:
+            if name not in names:
+                raise OptionError(
+                    f"{name!r} is named as sliding but is not a joint; joints: {', '.join(names)}",
+                    parameter="prismatic",
+                    value=name,
+                )
+        limits = [UNKNOWN] * len(names)
+        kinds = tuple(name not in prismatic for name in names)
+    return [
+        LoggedJoint(label, name, turns, low_high, degrees)
+        for name, turns, low_high in zip(names, kinds, limits, strict=True)
+    ]
 
 
 def _check_values(source: Source, values: Array, names: Sequence[str], axes: Sequence[str]) -> None:

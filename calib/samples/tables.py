@@ -94,7 +94,7 @@ def read_batch(
         tuple(names),
         invalid,
         source.header,
-        read_texts(source, others),
+        read_texts(source, others).to_dict(),
         tuple(name for name in rest if name not in others),
     )
 
