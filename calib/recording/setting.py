@@ -5,6 +5,7 @@ from __future__ import annotations
 import os
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
+from functools import cached_property
 from pathlib import Path
 from typing import Any
 
@@ -82,10 +83,14 @@ class Setup:
                 "calibrate again"
             )
 
-    def marks(self, grey: Picture, tags: Sequence[Tag], boards: BoardFinder | None) -> Marks:
+    @cached_property
+    def _boards(self) -> BoardFinder | None:
+        return BoardFinder(self.board) if self.board is not None else None
+
+    def marks(self, grey: Picture, tags: Sequence[Tag]) -> Marks:
         """Return what a picture shows of the reference."""
-        if boards is not None:
-            return boards.find(grey)
+        if self._boards is not None:
+            return self._boards.find(grey)
         at = self.tags_at.points if self.tags_at is not None else {}
         counts = [t.number for t in tags]
         return {t.number: t.centre for t in tags if t.number in at and counts.count(t.number) == 1}
