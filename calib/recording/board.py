@@ -77,13 +77,11 @@ class Board:
         """Width and height of the print [m]."""
         return self.columns * self.square, self.rows * self.square
 
-    def opencv(self, *, legacy: bool = False) -> Any:
+    def opencv(self) -> Any:
         """Return OpenCV's board; its y runs down."""
-        made = opencv().aruco.CharucoBoard(
+        return opencv().aruco.CharucoBoard(
             (self.columns, self.rows), self.square, self.marker, find_dictionary(self.dictionary)
         )
-        made.setLegacyPattern(legacy)
-        return made
 
     def corners(self) -> Array:
         """Return the inner corners (n, 3) in the board's frame [m], by their number."""
@@ -97,10 +95,7 @@ class BoardFinder:
 
     def __init__(self, board: Board) -> None:
         self.board = board
-        aruco = opencv().aruco
-        # prints of older programs have their first tag elsewhere if the rows are even
-        patterns = (False, True) if board.rows % 2 == 0 else (False,)
-        self._detectors = [aruco.CharucoDetector(board.opencv(legacy=p)) for p in patterns]
+        self._detector = opencv().aruco.CharucoDetector(board.opencv())
 
     def find(self, grey: Picture) -> dict[int, Array]:
         """Return the corners that a picture shows: number to place (2,) [px]."""
@@ -114,15 +109,11 @@ class BoardFinder:
         return refine_corners(grey, best, self.board)
 
     def _detect(self, grey: Picture) -> dict[int, Array]:
-        best: dict[int, Array] = {}
-        for detector in self._detectors:
-            corners, numbers = detector.detectBoard(grey)[:2]
-            if numbers is not None and len(numbers) > len(best):
-                places = np.asarray(corners, float).reshape(-1, 2)
-                best = dict(zip(np.ravel(numbers).tolist(), places, strict=True))
-            if len(best) >= LEAST_CORNERS:
-                break
-        return best
+        corners, numbers = self._detector.detectBoard(grey)[:2]
+        if numbers is None:
+            return {}
+        places = np.asarray(corners, float).reshape(-1, 2)
+        return dict(zip(np.ravel(numbers).tolist(), places, strict=True))
 
 
 def parse_length(text: str, what: str = "length", *, signed: bool = False) -> float:
