@@ -19,8 +19,8 @@ from ..errors import LogError, OptionError
 from ..samples.columns import open_source, read_columns
 from .board import LEAST_CORNERS, Board
 from .lens import Lens
-from .plane import apply_homography, find_pose, homography
-from .reference import PIXELS, FlatReference, PlaneReference, PositionReference, read_reference
+from .plane import find_pose
+from .reference import PIXELS, PlaneReference, PositionReference, fit_flat, read_reference
 
 Marks = Mapping[int, Array]
 Seen = Sequence[tuple[int, Marks]]
@@ -45,10 +45,7 @@ class MarkLayout:
         flat = np.array([self.points[n] for n in numbers])
         pixels = np.array([seen[n] for n in numbers])
         if lens is None:
-            matrix = homography(pixels, flat)
-            miss = apply_homography(matrix, pixels) - flat
-            free = max(miss.size - 8, 1)
-            return FlatReference(matrix, float(np.sqrt((miss**2).sum() / free)))
+            return fit_flat(pixels, flat)
         return PlaneReference(lens, find_pose(lens, np.c_[flat, 0.0 * flat[:, 0]], pixels), height)
 
 
