@@ -17,12 +17,12 @@ from ..samples.recorded import Recorded, told
 from .joint_table import JointTable
 from .pictures import list_pictures, match_rows, read_series
 from .plane import square_pose
-from .reference import PlaneReference
+from .reference import PlaneReference, PositionReference
 from .setting import Setup
 from .sight import LOOKS, sight
 from .tags import Tag
 from .track import astray, check_motion, row_shift, stuck, unrelated
-from .watch import Watched
+from .watch import motion, watch
 
 
 def log_pictures(
@@ -53,13 +53,13 @@ def log_pictures(
     q, pixels = joints.q[[pairs[number][0] for number in seen.numbers]], seen.pixels
     if len(q) > 1:
         check_motion(q, pixels, setting.tag, f"{len(q)} pictures")
-    watched = setting.watch(seen.marks, since)
+    reference, off = watch(setting.layout, seen.marks, setting.lens, setting.tag_height)
     with one_blas_thread():
         notes += _check_order(q, pixels, [names[number] for number in seen.numbers])
         doubts: dict[str, Callable[[NDArray[np.intp]], Mask]] = {
             "at one place while the joints move: a second tag?": lambda k: stuck(q[k], pixels[k]),
-            "the reference is elsewhere in them: camera shaken, refocused?": (
-                lambda k: np.isin(seen.numbers[k], list(watched.off))
+            "the reference is elsewhere in them: camera bumped, shaken, refocused?": (
+                lambda k: np.isin(seen.numbers[k], list(off))
             ),
             "far from where the joints put the tip": lambda k: astray(q[k], pixels[k]),
         }
@@ -67,44 +67,44 @@ def log_pictures(
         for why, find in doubts.items():
             wrong = find(rows)
             reasons[why], rows = int(wrong.sum()), rows[~wrong]
-    numbers = seen.numbers[rows]
     return assemble(
         setting,
-        watched,
+        reference,
         [seen.tags[k] for k in rows],
-        numbers,
         reasons,
         "pictures",
+        since,
         joint_names=joints.names,
         q=q[rows],
         source={"source": "pictures", "size": list(seen.size)},
-        pictures=tuple(names[number] for number in numbers),
+        pictures=tuple(names[number] for number in seen.numbers[rows]),
         notes=notes,
     )
 
 
 def assemble(
     setting: Setup,
-    watched: Watched,
+    reference: PositionReference,
     tags: Sequence[Tag],
-    numbers: Array,
     reasons: Mapping[str, int],
     what: str,
+    since: Mapping[str, Any] | None,
     **more: Any,
 ) -> Recorded:
-    """Put a log together from tags that were seen in the pictures of these numbers (n,).
+    """Put a log together from the tags of some pictures.
 
-    `reasons` say why others have none, and how many, of `what`. `more` are further fields of the
-    log; its source and notes are completed.
+    `reasons` say why others have none, and how many, of `what`. How far the camera moved since an
+    earlier log is told. `more` are further fields of the log; its source and notes are completed.
     """
     pixels = np.array([tag.centre for tag in tags])
-    x, scale, common = watched.positions(pixels, numbers)
+    x, (scale, common) = reference.positions(pixels), reference.noise(pixels)
     unit, quaternion = "px" if setting.layout is None else "m", None
     noise = np.array([tag.noise for tag in tags]) * scale
     if setting.pose:
-        x, quaternion, unit = *_poses(setting, tags, watched.parts[-1]), "m"
+        x, quaternion, unit = *_poses(setting, tags, reference), "m"
     shared = float(np.sqrt(np.mean(common**2)))
-    notes = [*more.pop("notes"), *watched.notes, *told(reasons, what)]
+    moved = [] if since is None else [motion(since, reference)]
+    notes = [*more.pop("notes"), *moved, *told(reasons, what)]
     if steep := sum(tag.upright < 0.5 for tag in tags):
         notes.append(f"the tag is seen at more than 60 deg in {steep} rows: let it face the camera")
     return Recorded(
@@ -113,7 +113,7 @@ def assemble(
         noise=float(np.hypot(np.sqrt(np.mean(noise**2)), shared)),
         common=shared,
         pixels=pixels,
-        source={**more.pop("source"), **setting.about(watched)},
+        source={**more.pop("source"), **setting.about(reference)},
         quaternion=quaternion,
         dropped={why: count for why, count in reasons.items() if count},
         notes=tuple(notes),
@@ -137,7 +137,9 @@ def _check_order(q: Array, pixels: Array, pictures: Sequence[str]) -> list[str]:
     return ["the joints predict the tag no better than those of other pictures: of another run?"]
 
 
-def _poses(setting: Setup, tags: Sequence[Tag], reference: object) -> tuple[Array, Array]:
+def _poses(
+    setting: Setup, tags: Sequence[Tag], reference: PositionReference
+) -> tuple[Array, Array]:
     """Return places (n, 3) [m] and quaternions (n, 4) of tags, in the reference's frame.
 
     Without a reference the frame is the camera's: x right, y down, z ahead.

@@ -23,6 +23,7 @@ from .sight import LOOKS, sight
 from .tags import LEAST_NOISE, Tag
 from .track import check_motion, jumps
 from .video import Video
+from .watch import watch
 
 _REST = 0.01  # a joint that moves slower rests [rad/s or m/s]
 _LEAST = 3  # frames that a rest must have
@@ -117,15 +118,16 @@ def log_video(
             f"frames in motion: the noise allows for a rolling shutter of {1e3 * _SHUTTER:g} ms, "
             "which would shift the tag; rests have no such error"
         )
+    reference, _ = watch(setting.layout, seen.marks, setting.lens, setting.tag_height)
     there = joints_at(when, joint_time, q)
     rows = np.array([np.median(when[g]) for g in groups])
     return assemble(
         setting,
-        setting.watch(seen.marks, since),
+        reference,
         tags,
-        np.array([g[0] for g in groups]),
         reasons,
         "frames",
+        since,
         joint_names=joints.names,
         q=np.array([there[g].mean(axis=0) for g in groups]),
         source={

@@ -3,8 +3,8 @@
 from __future__ import annotations
 
 import os
-from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, field, replace
+from collections.abc import Sequence
+from dataclasses import dataclass, field
 from functools import cached_property
 from pathlib import Path
 from typing import Any
@@ -17,8 +17,9 @@ from .board import Board, BoardFinder
 from .lens import Lens, calibrate_lens, read_lens
 from .opencv import Picture
 from .pictures import list_pictures, read_series
+from .reference import PositionReference
 from .tags import Tag, TagFinder
-from .watch import MarkLayout, Marks, Seen, Watched, board_layout, motion, watch
+from .watch import MarkLayout, Marks, board_layout
 
 
 @dataclass(frozen=True)
@@ -95,17 +96,10 @@ class Setup:
         counts = [t.number for t in tags]
         return {t.number: t.centre for t in tags if t.number in at and counts.count(t.number) == 1}
 
-    def watch(self, seen: Seen, since: Mapping[str, Any] | None = None) -> Watched:
-        """Find the reference over a recording, and say how far it moved since an earlier log."""
-        found = watch(self.layout, seen, self.lens, self.tag_height)
-        if since is None:
-            return found
-        return replace(found, notes=(*found.notes, motion(since, found.parts[0])))
-
-    def about(self, watched: Watched) -> dict[str, Any]:
+    def about(self, reference: PositionReference) -> dict[str, Any]:
         """Return what a log tells of its source, as plain values."""
         told: dict[str, Any] = {"tag": self.tag, "dictionary": self.dictionary}
-        told["reference"] = watched.parts[-1].told()
+        told["reference"] = reference.told()
         if self.lens is not None:
             told["lens"] = self.lens.to_json()
         return told
