@@ -37,27 +37,27 @@ class Board:
     dictionary: str = "5x5_100"  # the tags' dictionary
 
     def __post_init__(self) -> None:
-        if not (2 <= self.columns <= 100 and 2 <= self.rows <= 100):
-            raise OptionError(
-                f"board {self.columns}x{self.rows}: expected 2 to 100 squares each way"
-            )
-        inner = (self.columns - 1) * (self.rows - 1)
-        if inner < LEAST_CORNERS:
-            raise OptionError(
-                f"board {self.columns}x{self.rows} has {inner} inner corners, expected "
-                f"{LEAST_CORNERS} or more: such as 5x4"
-            )
-        if not 0.0 < self.marker < self.square:
-            raise OptionError(
-                f"board: tags of {1e3 * self.marker:g} mm do not fit squares of "
-                f"{1e3 * self.square:g} mm; expected COLSxROWS:SQUARE:MARKER:DICT"
-            )
-        need, known = self.columns * self.rows // 2, find_dictionary(self.dictionary)
-        if need > len(known.bytesList):
-            raise OptionError(
-                f"board {self.columns}x{self.rows} needs {need} tags, {self.dictionary} has "
-                f"{len(known.bytesList)}: take a larger dictionary"
-            )
+        name = f"board {self.columns}x{self.rows}"
+        inner, need = (self.columns - 1) * (self.rows - 1), self.columns * self.rows // 2
+        known = len(find_dictionary(self.dictionary).bytesList)
+        refusals = {
+            f"{name}: expected 2 to 100 squares each way": not (
+                2 <= self.columns <= 100 and 2 <= self.rows <= 100
+            ),
+            f"{name} has {inner} inner corners, expected {LEAST_CORNERS} or more: such as 5x4": (
+                inner < LEAST_CORNERS
+            ),
+            f"board: tags of {1e3 * self.marker:g} mm do not fit squares of "
+            f"{1e3 * self.square:g} mm; expected COLSxROWS:SQUARE:MARKER:DICT": not (
+                0.0 < self.marker < self.square
+            ),
+            f"{name} needs {need} tags, {self.dictionary} has {known}: take a larger dictionary": (
+                need > known
+            ),
+        }
+        for message, wrong in refusals.items():
+            if wrong:
+                raise OptionError(message)
 
     @classmethod
     def parse(cls, text: str) -> Board:

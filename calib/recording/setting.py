@@ -9,8 +9,6 @@ from functools import cached_property
 from pathlib import Path
 from typing import Any
 
-import numpy as np
-
 from ..common.choices import DICTIONARY
 from ..errors import LogError, OptionError
 from .board import Board, BoardFinder
@@ -42,32 +40,30 @@ class Setup:
     finder: TagFinder = field(init=False, repr=False, compare=False)
 
     def __post_init__(self) -> None:
-        if self.board is not None and self.tags_at is not None:
-            raise OptionError("`board` and `tags_at` are both given: expected one of them")
-        if self.board is not None and self.lens is None:
-            raise OptionError(
-                "`board` is given without `lens`: positions in metres may be off by centimetres "
-                "away from the board; take 10 pictures of the board and give their folder as `lens`"
-            )
-        if not np.isfinite(self.tag_height) or abs(self.tag_height) > 10.0:
-            raise OptionError(f"`tag_height={self.tag_height:g}`: expected less than 10 m")
-        if self.tag_height and self.layout is None:
-            raise OptionError(
-                "`tag_height` is given without `board` or `tags_at`, above which it is measured"
-            )
-        if self.pose and (self.lens is None or self.tag_size is None):
-            missing = "lens" if self.lens is None else "tag_size"
-            raise OptionError(f"the tag's pose needs `{missing}`")
         at = self.tags_at.points if self.tags_at is not None else {}
-        if self.tag in at:
-            raise OptionError(f"tag {self.tag} is on the tip and in `tags_at`: expected another id")
-        if self.board is not None and self.board.dictionary.lower() == self.dictionary.lower():
-            used = self.board.columns * self.board.rows // 2
-            if self.tag < used:
-                raise OptionError(
-                    f"tag {self.tag} is printed on the board too, which has 0 to {used - 1} of "
-                    f"{self.dictionary}: take another id"
-                )
+        board, height = self.board, self.tag_height
+        printed = 0  # tags of this dictionary on the board
+        if board is not None and board.dictionary.lower() == self.dictionary.lower():
+            printed = board.columns * board.rows // 2
+        refusals = {
+            "`board` and `tags_at` are both given: expected one of them": board and self.tags_at,
+            "`board` is given without `lens`: positions in metres may be off by centimetres away "
+            "from the board; take 10 pictures of the board and give their folder as `lens`": (
+                board and self.lens is None
+            ),
+            f"`tag_height={height:g}`: expected less than 10 m": not abs(height) <= 10.0,
+            "`tag_height` is given without `board` or `tags_at`, above which it is measured": (
+                height and self.layout is None
+            ),
+            "the tag's pose needs `lens`": self.pose and self.lens is None,
+            "the tag's pose needs `tag_size`": self.pose and self.tag_size is None,
+            f"tag {self.tag} is on the tip and in `tags_at`: expected another id": self.tag in at,
+            f"tag {self.tag} is printed on the board too, which has 0 to {printed - 1} of "
+            f"{self.dictionary}: take another id": self.tag < printed,
+        }
+        for message, wrong in refusals.items():
+            if wrong:
+                raise OptionError(message)
         object.__setattr__(self, "finder", TagFinder(self.dictionary, {self.tag, *at}))
 
     @property

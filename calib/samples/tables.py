@@ -129,12 +129,8 @@ def write_table(
     """
     import polars as pl
 
-    frame = pl.DataFrame(
-        {
-            name: values if isinstance(values, pl.Series) else np.asarray(values)
-            for name, values in columns.items()
-        }
-    )
+    series = {k: v if isinstance(v, pl.Series) else np.asarray(v) for k, v in columns.items()}
+    frame = pl.DataFrame(series)
     if os.fspath(path) == "-":
         text = _comment(about) + _csv(frame)
         if sys.stdout.isatty():  # a column may have a name that a terminal would obey
