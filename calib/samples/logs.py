@@ -128,18 +128,9 @@ def read_log(
         )
     if outputs is not None and outputs > len(axes):
         raise LogError(f"{source.label} has x and y alone, expected x, y and z of an arm in space")
-    known = _joints(source.label, arm, names, prismatic, degrees)
-    asked = ranges or {}
-    known = [
-        joint.with_range(asked[joint.name]) if joint.name in asked else joint for joint in known
-    ]
-    measured = measured_rows(
-        source,
-        roles.columns,
-        [k for k, joint in enumerate(known) if joint.revolute and degrees],
-        {k: joint for k, joint in enumerate(known) if joint.chosen},
-        Reservoir(most, extremes=len(names), seed=seed),
-    )
+    known = _joints(source.label, arm, names, prismatic, degrees, ranges or {})
+    reservoir = Reservoir(most, extremes=len(names), seed=seed)
+    measured = measured_rows(source, roles.columns, known, reservoir)
     values, notes = measured.values, list(measured.notes)
     _check_values(source, values, names, axes)
     revolute = tuple(joint.revolute for joint in known)
@@ -154,8 +145,8 @@ def read_log(
     x = np.ascontiguousarray(values[:, len(names) : len(names) + len(axes)])
     orientation = _orientation(values[:, len(names) + len(axes) :], roles.turns, degrees, source)
     plane = rms = None
-    in_space = len(axes) == 3 and (_in_space(x, arm) if outputs is None else outputs == 3)
-    if len(axes) == 3 and not in_space:
+    wanted = arm.outputs if arm is not None and outputs is None else outputs
+    if len(axes) == 3 and wanted != 3 and (wanted is not None or _flat(x)):
         from ..arm.plane import fit_plane
 
         plane, rms = fit_plane(x)
@@ -216,12 +207,10 @@ def write_log(samples: Samples, path: str | os.PathLike[str]) -> None:
     write_table(path, columns)
 
 
-def _in_space(x: Array, arm: Arm | None) -> bool:
-    """Whether positions (n, 3) are those of an arm in space, not of one in a tilted plane."""
-    if arm is not None:
-        return arm.outputs == 3
+def _flat(x: Array) -> bool:
+    """Whether positions (n, 3) lie in a tilted plane, as those of an arm that is not in space."""
     spread = np.linalg.svd(x - x.mean(axis=0), compute_uv=False)
-    return len(spread) == 3 and bool(spread[2] > _THICK * spread[0])
+    return len(spread) < 3 or bool(spread[2] <= _THICK * spread[0])
 
 
 def _orientation(
@@ -236,26 +225,28 @@ def _orientation(
 
 
 def _joints(
-    label: str, arm: Arm | None, names: Sequence[str], prismatic: Sequence[str], degrees: bool
+    label: str,
+    arm: Arm | None,
+    names: Sequence[str],
+    prismatic: Sequence[str],
+    degrees: bool,
+    ranges: Mapping[str, Range],
 ) -> list[LoggedJoint]:
     """What is known of the joints, of the arm where there is one."""
-    if arm is not None:
-        limits = list(zip(arm.lower.tolist(), arm.upper.tolist(), strict=True))
-        kinds = arm.revolute
-    else:
-        for name in prismatic:
-            if name not in names:
-                raise OptionError(
-                    f"{name!r} is named as sliding but is not a joint; joints: {', '.join(names)}",
-                    parameter="prismatic",
-                    value=name,
-                )
-        limits = [UNKNOWN] * len(names)
-        kinds = tuple(name not in prismatic for name in names)
-    return [
-        LoggedJoint(label, name, turns, low_high, degrees)
-        for name, turns, low_high in zip(names, kinds, limits, strict=True)
-    ]
+    for name in prismatic if arm is None else ():
+        if name not in names:
+            raise OptionError(
+                f"{name!r} is named as sliding but is not a joint; joints: {', '.join(names)}",
+                parameter="prismatic",
+                value=name,
+            )
+    joints = []
+    for k, name in enumerate(names):
+        turns = arm.revolute[k] if arm is not None else name not in prismatic
+        limits = (float(arm.lower[k]), float(arm.upper[k])) if arm is not None else UNKNOWN
+        joint = LoggedJoint(label, name, turns, limits, degrees)
+        joints.append(joint.with_range(ranges[name]) if name in ranges else joint)
+    return joints
 
 
 def _check_values(source: Source, values: Array, names: Sequence[str], axes: Sequence[str]) -> None:

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Collection, Mapping, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -87,18 +87,15 @@ class MeasuredRows:
 
 
 def measured_rows(
-    source: Source,
-    columns: Sequence[str],
-    degrees: Collection[int],
-    chosen: Mapping[int, LoggedJoint],
-    reservoir: Reservoir,
+    source: Source, columns: Sequence[str], joints: Sequence[LoggedJoint], reservoir: Reservoir
 ) -> MeasuredRows:
     """Read the rows of a log that miss no value and lie in the ranges that the user chose.
 
-    columns, degrees : what is read, and which of it is in degrees
-    chosen : by column the joints whose range the user chose
+    columns : what is read, those of the joints first
     Raises LogError if no row is left, or a column has no number in any row.
     """
+    degrees = [k for k, joint in enumerate(joints) if joint.revolute and joint.degrees]
+    chosen = {k: joint for k, joint in enumerate(joints) if joint.chosen}
     total = usable = count = 0
     first = ""
     found = np.zeros(len(columns), dtype=bool)
@@ -113,7 +110,7 @@ def measured_rows(
         numbers = total + 1 + np.flatnonzero(whole)
         total, usable = total + len(values), usable + len(numbers)
         values = values[whole]
-        values[:, list(degrees)] = np.deg2rad(values[:, list(degrees)])
+        values[:, degrees] = np.deg2rad(values[:, degrees])
         inside = np.ones(len(values), dtype=bool)
         for k, joint in chosen.items():
             here = joint.holds(values[:, k])
