@@ -206,7 +206,7 @@ def test_time_offset_undoes_latency(tmp_path):
 def test_topics_are_listed(tmp_path):
     path = write(tmp_path / "a")
     with pytest.raises(
-        LogError, match=r"no topic '/tip'.*/joint_states.*/tracker \(PointStamped\)"
+        LogError, match=r"topic '/tip' is not there.*/joint_states.*/tracker \(PointStamped\)"
     ):
         read_bag(path, tip_topic="/tip")
     with pytest.raises(LogError, match="is a JointState, expected PointStamped"):

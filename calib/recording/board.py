@@ -41,11 +41,9 @@ class Board:
         inner, need = (self.columns - 1) * (self.rows - 1), self.columns * self.rows // 2
         known = len(find_dictionary(self.dictionary).bytesList)
         refusals = {
-            f"{name}: expected 2 to 100 squares each way": not (
-                2 <= self.columns <= 100 and 2 <= self.rows <= 100
-            ),
-            f"{name} has {inner} inner corners, expected {LEAST_CORNERS} or more: such as 5x4": (
-                inner < LEAST_CORNERS
+            f"{name} has {inner} inner corners, expected {LEAST_CORNERS} or more, of at most 100 "
+            "squares each way: such as 5x4": (
+                inner < LEAST_CORNERS or max(self.columns, self.rows) > 100
             ),
             f"board: tags of {1e3 * self.marker:g} mm do not fit squares of "
             f"{1e3 * self.square:g} mm; expected COLSxROWS:SQUARE:MARKER:DICT": not (

@@ -211,17 +211,15 @@ def align_clocks(
     """
     seen = np.isfinite(pixels[:, 0]) & ~jumps(pixels)
     t, x = time[seen], pixels[seen]
-    if len(t) < 20:
-        raise ClockError(f"the tag is in {len(t)} frames only: too few to match the clocks by")
+    pair = ClockPair(t, x, joint_time, q)
+    if len(t) < 20 or not (peaks := pair.peaks()):
+        raise ClockError(
+            f"the recordings are too short to match the clocks: the tag is in {len(t)} frames, "
+            "expected at least 5 s of motion"
+        )
     spread = float(np.sqrt(((x - x.mean(0)) ** 2).sum(1).mean()))
     if spread < 5.0 or np.ptp(q, axis=0).max() < 0.02:
         raise ClockError("the arm never moves, so the clocks cannot be matched; give `time_offset`")
-    pair = ClockPair(t, x, joint_time, q)
-    peaks = pair.peaks()
-    if not len(peaks):
-        raise ClockError(
-            "the recordings are too short to match the clocks: expected at least 5 s of motion"
-        )
     judged = sorted(map(pair.candidate, peaks), key=_by_error)
     apart = [c for k, c in enumerate(judged) if all(_apart(c, d) for d in judged[:k])]
     kinds = tuple(revolute) if revolute is not None else (True,) * q.shape[1]

@@ -27,6 +27,7 @@ from .watch import watch
 
 _REST = 0.01  # a joint that moves slower rests [rad/s or m/s]
 _LEAST = 3  # frames that a rest must have
+_PAUSE = 0.25  # without the tag, that a rest may have [s]
 _LEAST_FRAMES = 10  # a video of fewer frames is none
 _SHUTTER = 0.03  # that a rolling shutter takes from the first row to the last [s]
 _SHAKE = 0.5  # a tag that moves more has not come to rest [px]
@@ -56,13 +57,15 @@ def log_video(
         an arm that never rests, and the like.
     """
     check_limits(max_gap, still)
-    if joints.time is None:
-        raise LogError(f"{joints.label} has no times: a video needs a column 'time' [s]")
     # a stamp that is there twice has no speed: the first row counts
-    joint_time, first = np.unique(joints.time, return_index=True)
+    stamps = np.empty(0) if joints.time is None else joints.time
+    joint_time, first = np.unique(stamps, return_index=True)
+    if len(first) < 2:
+        raise LogError(
+            f"{joints.label} has {len(first)} times: a video needs the joints' motion, with a "
+            "column 'time' [s]"
+        )
     q = joints.q[first]
-    if len(q) < 2:
-        raise LogError(f"{joints.label} has one time only: expected the joints' motion")
     video, times = Video(path), list[float]()
     every = max(1, video.claimed // LOOKS) if 0 < video.claimed < 10**7 else 100
     seen = sight(_frames(video, times), setting, "frames", every, video=True)
@@ -93,19 +96,19 @@ def log_video(
     speed = joint_speed(when, joint_time, q)
     if still is None:
         groups = _rests(when, pixels, usable & (speed < _REST))
-        if not groups:
-            raise LogError(
-                f"the arm never rests for {_LEAST} frames of {video.name}: record it with stops, "
-                "or give `still`, the speed below which frames in motion are taken"
-            )
         reasons["the arm moves"] = int(usable.sum() - sum(map(len, groups)))
-        notes.append(f"{len(groups)} rests of {np.mean([len(g) for g in groups]):.0f} frames")
+        notes += (
+            [f"{len(groups)} rests of {np.mean([*map(len, groups)]):.0f} frames"] if groups else []
+        )
     else:
         slow = usable & (speed < still)
         reasons[f"a joint moves faster than {still:g}"] = int((usable & ~slow).sum())
         groups = [np.array([k]) for k in np.flatnonzero(slow)]
-        if not groups:
-            raise LogError(f"no frame of {video.name} is slower than `still={still:g}`")
+    if not groups:
+        raise LogError(
+            f"the arm never rests for {_LEAST} frames of {video.name}, or moves as slowly as "
+            "`still`, the speed below which frames in motion are taken: record it with stops"
+        )
     tag_of = dict(zip(seen.numbers.tolist(), seen.tags, strict=True))
     tags = [_middle([tag_of[k] for k in group.tolist()]) for group in groups]
     if still is not None:
@@ -166,27 +169,20 @@ def _late(when: Array, pixels: Array, frames: NDArray[np.intp], height: int) -> 
 
 def _rests(when: Array, pixels: Array, still: Mask) -> list[NDArray[np.intp]]:
     """Return the frames of each rest: joints and tag stand still for `_LEAST` frames or more."""
-    groups: list[NDArray[np.intp]] = []
-    run: list[int] = []
-    for k in [*np.flatnonzero(still).tolist(), -1]:
-        apart = not run or k < 0 or when[k] - when[run[-1]] > 0.25
-        if run and (apart or np.linalg.norm(pixels[k] - np.median(pixels[run], axis=0)) > _SHAKE):
-            groups += _trimmed(when, pixels, run)
-            run = []
-        if k >= 0:
-            run.append(k)
-    return groups
-
-
-def _trimmed(when: Array, pixels: Array, run: list[int]) -> list[NDArray[np.intp]]:
-    frames = np.array(run)
-    inner = (when[frames] >= when[run[0]] + SETTLE) & (when[frames] <= when[run[-1]] - SETTLE)
-    frames = frames[inner]
-    if len(frames) < _LEAST:
-        return []
-    # the arm may still swing where its joints stand: only frames near the median count
-    near = np.linalg.norm(pixels[frames] - np.median(pixels[frames], axis=0), axis=1) < _SHAKE
-    return [frames[near]] if near.sum() >= _LEAST else []
+    frames = np.flatnonzero(still)
+    moved = np.linalg.norm(np.diff(pixels[frames], axis=0), axis=1) > _SHAKE
+    rests = []
+    for run in np.split(frames, np.flatnonzero(moved | (np.diff(when[frames]) > _PAUSE)) + 1):
+        settled = run[
+            (when[run] >= when[run[:1]] + SETTLE) & (when[run] <= when[run[-1:]] - SETTLE)
+        ]
+        if len(settled) < _LEAST:
+            continue
+        # the arm may still swing where its joints stand: only frames near the median count
+        away = np.linalg.norm(pixels[settled] - np.median(pixels[settled], axis=0), axis=1)
+        if (away < _SHAKE).sum() >= _LEAST:
+            rests.append(settled[away < _SHAKE])
+    return rests
 
 
 def _middle(tags: Sequence[Tag]) -> Tag:

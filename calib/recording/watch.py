@@ -61,14 +61,14 @@ def read_layout(path: str | os.PathLike[str]) -> MarkLayout:
     """
     source = open_source(path)
     rows = read_columns(source, ["tag", "x", "y"])
-    if not np.isfinite(rows).all() or (rows[:, 0] % 1 != 0).any() or (rows[:, 0] < 0).any():
-        raise LogError(f"{source.label}: expected whole ids under 'tag' and metres under 'x', 'y'")
-    points = {int(row[0]): row[1:] for row in rows}
-    if len(points) < 4 or len(points) < len(rows):
+    numbers = rows[:, 0]
+    whole = np.isfinite(rows).all() and (numbers % 1 == 0).all() and (numbers >= 0).all()
+    if not whole or len(rows) < 4 or len(set(numbers)) < len(rows):
         raise LogError(
-            f"{source.label} has {len(rows)} rows of {len(points)} tags, expected four tags or "
-            "more, each once, around the workspace"
+            f"{source.label} has {len(rows)} rows: expected four tags or more around the "
+            "workspace, each once, with a whole id under 'tag' and metres under 'x' and 'y'"
         )
+    points = {int(row[0]): row[1:] for row in rows}
     if np.abs(rows[:, 1:]).max() > 20.0:
         raise LogError(f"{source.label}: a tag is {np.abs(rows[:, 1:]).max():g} m off; in mm?")
     return MarkLayout("the frame of tags", points, 4)

@@ -14,7 +14,7 @@ from typing import Any
 import numpy as np
 
 from ..common.arrays import Array
-from ..common.wording import listed, suggestion
+from ..common.wording import listed
 from ..errors import LogError
 from .bag_poses import POSITIONS, TF, Poses, stamped_poses, tf_poses
 from .joint_values import MAX_GAP, check_limits, covered, joint_speed, joints_at
@@ -107,15 +107,10 @@ def _topic(
             hint=f"name one as `{parameter}`",
             parameter=parameter,
         )
-    if chosen not in topics:
-        raise LogError(
-            f"the recording has no topic {chosen!r}: {suggestion(chosen, sorted(topics))}; its "
-            f"topics: {shown}"
-        )
     if chosen not in fitting:
+        is_one = f"is a {topics[chosen].rpartition('/')[2]}" if chosen in topics else "is not there"
         raise LogError(
-            f"topic {chosen!r} is a {topics[chosen].rpartition('/')[2]}, expected {kind}; its "
-            f"topics: {shown}"
+            f"topic {chosen!r} {is_one}, expected {kind}; the recording's topics: {shown}"
         )
     return chosen
 

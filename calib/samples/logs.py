@@ -119,15 +119,13 @@ def read_log(
     unit = unit or unit_of(about)
     roles = find_roles(source, arm, joints, columns)
     names, axes = roles.joints, roles.axes
-    if arm is not None and arm.outputs > len(axes) and unit != "px":  # a camera sees two
+    wanted = arm.outputs if arm is not None and outputs is None else outputs
+    if len(axes) < (wanted or 2) and not (outputs is None and unit == "px"):  # a camera sees two
         raise LogError(
-            f"{source.label} has x and y alone; {arm.name} moves in space, so that x, y and z "
-            "have to be measured",
+            f"{source.label} has x and y alone, expected x, y and z of an arm in space",
             hint="for a planar part of the arm name its joints, or give `planar=True`",
             parameter="planar",
         )
-    if outputs is not None and outputs > len(axes):
-        raise LogError(f"{source.label} has x and y alone, expected x, y and z of an arm in space")
     known = _joints(source.label, arm, names, prismatic, degrees, ranges or {})
     reservoir = Reservoir(most, extremes=len(names), seed=seed)
     measured = measured_rows(source, roles.columns, known, reservoir)
@@ -145,7 +143,6 @@ def read_log(
     x = np.ascontiguousarray(values[:, len(names) : len(names) + len(axes)])
     orientation = _orientation(values[:, len(names) + len(axes) :], roles.turns, degrees, source)
     plane = rms = None
-    wanted = arm.outputs if arm is not None and outputs is None else outputs
     if len(axes) == 3 and wanted != 3 and (wanted is not None or _flat(x)):
         from ..arm.plane import fit_plane
 
