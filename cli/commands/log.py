@@ -111,16 +111,13 @@ def _from_camera(
 
 def _from_bag(bag: str, output: str, as_json: bool, **options: Any) -> None:
     from calib.samples.bags import read_bag
-    from calib.samples.roles import log_columns
-    from calib.samples.tables import write_table
 
-    recording = read_bag(bag, **options)
-    Notes().say(recording.notes)
-    columns = log_columns(recording.joint_names, recording.q, recording.x, recording.quaternion)
-    write_table(output, {**columns, "time": recording.time})
-    counted = {"log": output, "joints": recording.joint_names, "samples": len(recording.q)}
-    document = {**counted, "units": _units(recording.joint_names, "m")}
-    line = f"{len(recording.q)} rows of {', '.join(columns)}, time [rad, m, s]"
+    made = read_bag(bag, **options)
+    Notes().say(made.notes)
+    made.write(output)
+    counted = {"log": output, "joints": made.joint_names, "samples": len(made)}
+    document = {**counted, "units": _units(made.joint_names, "m")}
+    line = f"{len(made)} rows of {', '.join(made.columns())} [rad, m, s]"
     conclude(output, line, (), document if as_json else None)
 
 
