@@ -7,9 +7,9 @@ import pytest
 
 from calib.body.fitting import fit_body
 from calib.body.nominal import Nominal
-from calib.body.storing import body_header
 from calib.body.telling import warnings_of
 from calib.errors import LogError, OptionError
+from calib.model_file.bodies import body_header
 
 LENGTHS = np.array([0.3, 0.25, 0.15])
 

@@ -8,7 +8,7 @@ under gravity, and an error curve per joint.
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, fields, replace
+from dataclasses import dataclass, replace
 from functools import cached_property
 from typing import Any
 
@@ -25,8 +25,6 @@ from .spatial_slopes import by_joints, by_parameters
 from .spatial_view import Placed, View, compose, look
 from .structure import Indices, Structure
 from .words import spatial_words
-
-_CHAIN_ARRAYS = ("axes", "points", "tip", "rotation", "coupling", "bias", "masses", "centres")
 
 
 @dataclass(frozen=True, eq=False)
@@ -171,18 +169,6 @@ class SpatialStructure(Structure):
         from .spatial_start import starts  # SciPy's linear algebra, which no query needs
 
         return starts(self, q, z)
-
-    def header(self) -> dict[str, Any]:
-        """JSON-ready description from which `rebuild_structure` makes the structure again."""
-        own = {f.name: getattr(self, f.name) for f in fields(self)}
-        kept = {k: list(v) if isinstance(v, tuple) else v for k, v in own.items()}
-        del kept["chain"], kept["few"]
-        kept["turning"] = kept.pop("revolute")
-        return {"kind": self.kind, "chain_revolute": list(self.chain.revolute), **kept}
-
-    def arrays(self) -> dict[str, Array]:
-        """Arrays of the chain that the header refers to."""
-        return {name: np.asarray(getattr(self.chain, name)) for name in _CHAIN_ARRAYS}
 
     def with_view(self, view: str, **changes: Any) -> SpatialStructure:
         """Return the structure with another view."""
