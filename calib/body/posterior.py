@@ -10,7 +10,7 @@ import numpy as np
 
 from ..common.arrays import Array
 from .belief import Body, Second
-from .covariance import pack, unpack
+from .covariance import as_kept
 from .fit import MANY, Fit, maximise
 from .gate import Passed, Tried, choose_member
 from .held_out import HeldOut, leave_blocks_out
@@ -155,12 +155,11 @@ def _over_all_rows(passed: Passed, q: Array, z: Array, floor: Array) -> Fit:
 def _body(fit: Fit, held: HeldOut, member: str, simulated: bool) -> Body:
     """The belief of a fit."""
     structure = fit.structure
-    packed = pack(fit.covariance)
     return Body(
         structure,
         fit.beta,
         fit.active,
-        unpack(packed, len(fit.active)),
+        as_kept(fit.covariance),
         fit.noise,
         held.kappa(),
         held.tau(fit.noise, structure.blocks),
@@ -171,7 +170,6 @@ def _body(fit: Fit, held: HeldOut, member: str, simulated: bool) -> Body:
         len(fit.residual),
         simulated,
         member,
-        packed=packed,
     )
 
 
@@ -205,5 +203,5 @@ def _second(
     # Few rows of an arm in space tell how large its curves are altogether, if not where.
     few = len(q) < FEW and fit.structure.kind == "spatial"
     share = np.clip(leave_blocks_out(made).ratio(), LEAST_SHARE, 1.0) if few else 1.0
-    packed = pack(float(share) ** 2 * made.covariance)
-    return Second(made.beta, made.active, unpack(packed, len(made.active)), made.noise, packed)
+    root = as_kept(float(share) ** 2 * made.covariance)
+    return Second(made.beta, made.active, root, made.noise)

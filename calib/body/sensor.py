@@ -61,7 +61,8 @@ class SensorPose:
         covariance, told = np.zeros((7, 7)), np.zeros((7, 7))
         covariance[np.ix_(held, held)] = told[np.ix_(held, held)] = body.covariance[place]
         if structure.view != "base":
-            told[np.ix_(held, held)] = without_gauge(structure, body, not structure.camera)[place]
+            root = without_gauge(structure, body, not structure.camera)
+            told[np.ix_(held, held)] = (root @ root.T)[place]
         # position = -R' t / s, and R turned by d on its left moves it by R' (d x t) / s
         slope = -np.hstack([back @ cross_matrix(sensor.shift), back]) / sensor.scale
         slope = np.hstack([slope, -position[:, None]])
@@ -128,7 +129,7 @@ def _direction(vector: Array) -> str:
 
 
 def without_gauge(structure: Any, belief: Body | Second, size: bool) -> Array:
-    """Covariance (k, k) of a belief's parameters without motions of the tip that no reading tells.
+    """Root (k, r) of a belief's covariance without motions of the tip that no reading tells.
 
     Of all parameters that readings cannot tell apart, those nearest to the belief's stand for them:
     a change of datum (Baarda 1981, S-transformation). Without `size` an error of all lengths by
@@ -145,8 +146,7 @@ def without_gauge(structure: Any, belief: Body | Second, size: bool) -> Array:
     ways = np.linalg.lstsq(columns, wanted, rcond=1e-9)[0]
     left = np.linalg.norm(columns @ ways - wanted, axis=0) / np.linalg.norm(wanted, axis=0)
     ways, _ = np.linalg.qr(ways[:, left < _ALIKE])
-    root = belief.root - (belief.root @ ways) @ ways.T
-    return np.asarray(root @ root.T)
+    return np.asarray(belief.root - (belief.root @ ways) @ ways.T)
 
 
 def sensor_of(structure: Any) -> Indices:

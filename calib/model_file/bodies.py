@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 
 from ..arm.spatial_chain import SpatialChain
 from ..body.belief import Body, Second
-from ..body.covariance import packed_of, unpack
+from ..body.covariance import pack, unpack
 from ..body.planar import PlanarStructure
 from ..body.structure import Structure
 from ..body.views import VIEWS
@@ -46,7 +46,7 @@ def body_arrays(body: Body) -> dict[str, NDArray[Any]]:
         if belief is not None:
             out[f"{prefix}beta"] = belief.beta
             out[f"{prefix}active"] = belief.active.astype(np.int32)
-            out[f"{prefix}root"] = packed_of(belief.covariance, belief.packed)
+            out[f"{prefix}root"] = pack(belief.root)
             out[f"{prefix}noise"] = belief.noise
     structure: Any = body.structure
     if structure.kind == "spatial":
@@ -85,20 +85,18 @@ def rebuild_body(header: Any, tensors: Tensors) -> Body:
 
 
 def _belief(structure: Structure, tensors: Tensors) -> dict[str, Any]:
-    """Parameters, which of them are active, their covariance and its root, the noise."""
+    """Parameters, which of them are active, the root of their covariance, the noise."""
     active = tensors.take("active", (-1,), "int32").astype(np.intp)
     k, last = len(active), structure.size - 1
     rising = k == 0 or (active[0] >= 0 and active[-1] <= last and (np.diff(active) > 0).all())
     refuse({f"rising numbers of parameters up to {last}": not rising}, f"{tensors.prefix}active")
-    packed = tensors.take("root", (k * (k + 1) // 2,), "float32").astype(np.float32)
-    covariance = unpack(packed, k)
-    refuse({"the root of a covariance": not (np.diag(covariance) > 0).all()}, "body.root")
+    root = unpack(tensors.take("root", (k * (k + 1) // 2,), "float32"), k)
+    refuse({"the root of a covariance": not root.any(axis=1).all()}, "body.root")
     return {
         "beta": tensors.take("beta", (structure.size,)),
         "active": active,
-        "covariance": covariance,
+        "root": root,
         "noise": tensors.take("noise", (structure.outputs,), least=POSITIVE),
-        "packed": packed,
     }
 
 
