@@ -15,6 +15,7 @@ import numpy as np
 
 from ..arm.rotations import cross_matrix, quaternion_of
 from ..common.arrays import Array
+from ..errors import LogError
 from .belief import Body, Second
 from .structure import Indices
 
@@ -24,6 +25,10 @@ TELLING = 0.8
 SENSOR = ("view.rotation", "view.shift", "view.scale", "lens")
 """Groups of parameters that are the sensor's."""
 
+UNSURE = 0.1
+"""A camera whose distance is less sure than this share of it was shown too little."""
+
+_DRAWN = 400  # poses that tell how far the tip can move along the view
 _ALIKE = 0.05  # a gauge is one where parameters move the tip as it does, but for this share
 _POSES = 60
 
@@ -122,6 +127,41 @@ class SensorPose:
                 "zero by convention"
             )
         return lines
+
+
+def doubtful_depth(body: Body, q: Array, lower: Array, upper: Array) -> list[str]:
+    """Say where pictures hardly tell a camera's distance, and which poses would.
+
+    q : (n, dof), joint values of the pictures
+    lower, upper : (dof,), joint ranges
+    Raises LogError if the arm is behind the camera.
+    """
+    camera, structure = SensorPose.of(body), body.structure
+    if camera is None:
+        return []
+
+    def depths(q: Array) -> Array:
+        ahead: Array = (structure.pose(q, body.beta)[0] - camera.position) @ camera.rotation[:, 2]
+        return ahead
+
+    seen = depths(q)
+    if seen.mean() <= 0:
+        raise LogError(
+            "the fit places the arm behind the camera: check that each row's joints and pixels "
+            "belong together"
+        )
+    if 1.96 * camera.depth_sd <= UNSURE * seen.mean():
+        return []
+    drawn = np.random.default_rng(0).uniform(lower, upper, (_DRAWN, len(lower)))
+    can = depths(drawn)
+    moving = np.abs([np.polyfit(column, can, 1)[0] for column in drawn.T]) * (upper - lower)
+    names = [structure.joint_names[k] for k in np.argsort(-moving)[:2]]
+    return [
+        f"the pixels hardly determine the distance of the camera: {seen.mean():.2f} m, 95 % within "
+        f"{1.96 * camera.depth_sd:.2g} m. The tip moved {np.ptp(seen):.2g} m along the view "
+        f"where {np.ptp(can):.2g} m are possible: add poses nearer to the camera and further "
+        f"from it (turn {' and '.join(names)}), or give a calibrated `lens`"
+    ]
 
 
 def _direction(vector: Array) -> str:
