@@ -109,6 +109,6 @@ def test_a_fisheye_sees_an_arm_in_space(fisheye):
 
 
 def test_an_unknown_kind_is_refused():
-    q, z = seen(np.random.default_rng(0), 20)
+    _, z = seen(np.random.default_rng(0), 20)
     with pytest.raises(OptionError, match="'fisheye', expected one of auto, base"):
-        planar_structure(q, z, ("a", "b"), (True, True), None, "fisheye", None, "px", False)
+        planar_structure(z, ("a", "b"), (True, True), None, "fisheye", "px", False)

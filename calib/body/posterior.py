@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
-from functools import partial
 
 import numpy as np
 
@@ -12,9 +11,9 @@ from ..common.arrays import Array
 from .belief import Body, Second
 from .covariance import as_kept
 from .fit import MANY, Fit, maximise
-from .gate import Passed, Tried, choose_member
+from .gate import SETTLED, Passed, Tried, pass_gate
 from .held_out import HeldOut, leave_blocks_out
-from .starts import Start, best_starts
+from .starts import best_starts
 from .structure import Prior, Structure
 
 LOG_FLOOR, SIMULATED_FLOOR = 1e-4, 1e-7
@@ -28,9 +27,6 @@ LEAST_SHARE = 0.5
 
 FEW = 1000
 """Rows from which on the second fit's spread is no more scaled by its held-out errors."""
-
-SETTLED = 0.2
-"""Share of a posterior sd that the last step of a log's member moves at most."""
 
 STUDENT = 6.0
 """Degrees of freedom of the noise of a log."""
@@ -76,7 +72,7 @@ def fit_structure(
         sub_q, sub_z = q[rows], z[rows]
     passed = max(
         (
-            _through_gate(start, start.structure.members(), chain, sub_q, sub_z, nu, floor)
+            pass_gate(start, chain, sub_q, sub_z, nu, floor)
             for start in best_starts(template, q, z, chain)
         ),
         key=lambda each: each.fit.evidence,
@@ -89,52 +85,6 @@ def fit_structure(
     # Where the other blocks determine nothing, they predict their mean.
     residual = np.where(np.isfinite(held.residual), held.residual, z - z.mean(axis=0))
     return BodyFit(body, residual, whole.weight[:, 0].copy(), passed.tried, tuple(notes))
-
-
-@dataclass(frozen=True, eq=False)
-class Known:
-    """A member that was fitted: a start for richer ones."""
-
-    groups: set[str]
-    evidence: float
-    beta: Array
-
-
-def _through_gate(
-    start: Start,
-    members: tuple[tuple[str, tuple[str, ...]], ...],
-    chain: tuple[str, ...],
-    q: Array,
-    z: Array,
-    nu: float,
-    floor: Array,
-) -> Passed:
-    """The member that passes the gate from this start."""
-    gaussian = not np.isfinite(nu)
-    first = Known(set(), -np.inf, start.beta)
-    known: list[Known] = []
-
-    def fit(free: tuple[str, ...]) -> Fit:
-        within = [each for each in known if each.groups <= set(free)]
-        starts = [max(within, key=lambda each: each.evidence)] if within else [first]
-        if gaussian and len(within) > 1:
-            starts.append(within[0])  # what passed may have bent the arm to mend the sensor
-        run = partial(maximise, start.structure, q, z, nu=nu, floor=floor)
-        prior, steps = start.structure.prior(free), 20 if gaussian else 10
-        tolerance = 1e-3 if gaussian else SETTLED
-        tries = [
-            run(each.beta, prior, tolerance=tolerance, steps=steps)
-            for each in dict.fromkeys(starts)
-        ]
-        made = max(tries, key=lambda each: each.evidence)
-        if set(chain) <= set(free):  # a start for what is richer
-            known.append(Known(set(free), made.evidence, made.beta))
-        return made
-
-    def enough(made: Fit) -> bool:
-        return gaussian and bool((made.noise <= 1.5 * floor).all())
-
-    return choose_member(members, fit, enough)
 
 
 def _over_all_rows(passed: Passed, q: Array, z: Array, floor: Array) -> Fit:
