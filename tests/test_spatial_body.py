@@ -138,8 +138,10 @@ def test_curves_are_found_where_they_are():
     fit = fit_structure(replace(structure, extent=spread(z)), q, z)
     error = np.linalg.norm(fit.body.predict(fresh) - structure.predict(fresh, beta), axis=1)
     assert fit.body.member == "curves"
-    geometry = next(tried for tried in fit.info if tried.name == "elastic")
-    assert error.mean() < 0.5 * geometry.error
+    plain = structure.prior(("offset", "placement")).mean  # the arm as drawn, without curves
+    plain[: structure.groups["curve.0"][0]] = beta[: structure.groups["curve.0"][0]]
+    waves = structure.predict(fresh, plain) - structure.predict(fresh, beta)
+    assert error.mean() < 0.25 * np.linalg.norm(waves, axis=1).mean()
 
 
 def test_a_pose_tells_the_tools_orientation():

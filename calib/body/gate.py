@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+from collections.abc import Mapping
+from dataclasses import dataclass
 
 import numpy as np
 
@@ -20,17 +21,6 @@ SETTLED = 0.2
 
 
 @dataclass(frozen=True)
-class Tried:
-    """One member that the gate tried."""
-
-    name: str
-    error: float  # mean held-out error over ten contiguous blocks [unit]
-    score: float  # mean negative log predictive density, up to a constant
-    parameters: int
-    evidence: float  # log evidence, up to a constant that the members share
-
-
-@dataclass(frozen=True)
 class Passed:
     """The member that passed the gate, with its held-out predictions."""
 
@@ -38,11 +28,11 @@ class Passed:
     free: tuple[str, ...]
     fit: Fit
     held_out: HeldOut
-    tried: tuple[Tried, ...]
+    tried: Mapping[str, float]  # log evidence of each member that was tried, up to a constant
 
     def against(self, name: str) -> float:
         """Nats of evidence against the best tried member with `name`; 0 where there is none."""
-        other = [t.evidence for t in self.tried if name in t.name]
+        other = [evidence for tried, evidence in self.tried.items() if name in tried]
         return (self.fit.evidence - max(other)) / self.fit.autocorrelation if other else 0.0
 
 
@@ -109,7 +99,7 @@ def pass_gate(
         return gaussian and bool((made.noise <= 1.5 * floor).all())
 
     best: Passed | None = None
-    tried: list[Tried] = []
+    tried: dict[str, float] = {}
     names = {frozenset(groups): name for name, groups in members}
     seen: list[set[str]] = []
     for own, groups in members:
@@ -128,13 +118,12 @@ def pass_gate(
             held = leave_blocks_out(made, (BLOCKS,))
         except np.linalg.LinAlgError:
             continue
-        error, score = float(np.mean(held.error)), float(np.mean(held.blockwise(held.score)))
-        tried.append(Tried(name, error, score, len(made.active), made.evidence))
-        candidate = Passed(name, free, made, held, ())
+        tried[name] = made.evidence
+        candidate = Passed(name, free, made, held, tried)
         if best is None or wins(candidate, best):
             best = candidate
         if enough(made):
             break
     if best is None:
         raise np.linalg.LinAlgError("no member of the body could be fitted")
-    return replace(best, tried=tuple(tried))
+    return best

@@ -35,7 +35,6 @@ class HeldOut:
 
     # (n, m), held-out residuals of ten blocks; NaN where the others do not determine the body
     residual: Array
-    error: Array  # (n,), their length in the first block of outputs [unit]
     # (n,), negative log predictive density, up to a constant; NaN for rows without a spread
     score: Array
     edges: Indices  # (b + 1,), limits of the blocks
@@ -124,8 +123,7 @@ def leave_blocks_out(fit: Fit, partitions: tuple[int, ...] = PARTITIONS) -> Held
             if parts == count:
                 score[rows] = _score(length, spread, p)
         ratios[parts] = ratio
-    error = np.linalg.norm(residual[:, :p], axis=1)
-    return HeldOut(residual, error, score, edges, ratios, fit.weight[:, 0] > OUTLIER)
+    return HeldOut(residual, score, edges, ratios, fit.weight[:, 0] > OUTLIER)
 
 
 def _score(error: Array, spread: Array, p: int) -> Array:

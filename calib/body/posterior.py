@@ -11,7 +11,7 @@ from ..common.arrays import Array
 from .belief import Body, Second
 from .covariance import as_kept
 from .fit import MANY, Fit, maximise
-from .gate import SETTLED, Passed, Tried, pass_gate
+from .gate import SETTLED, Passed, pass_gate
 from .held_out import HeldOut, leave_blocks_out
 from .starts import best_starts
 from .structure import Prior, Structure
@@ -38,8 +38,6 @@ class BodyFit:
 
     body: Body
     held_out: Array  # (n, m), residuals of contiguous blocks predicted from the others
-    row_weight: Array  # (n,), weight of each row, 1 or more for a common row, near 0 for an outlier
-    info: tuple[Tried, ...]  # the gate's members with their held-out errors
     notes: tuple[str, ...]  # what the rows cannot tell
     turned: Array | None = None  # (n,), held-out errors of orientation, where they were measured
 
@@ -84,7 +82,7 @@ def fit_structure(
         body = replace(body, second=_second(passed, chain, sub_q, sub_z, floor))
     # Where the other blocks determine nothing, they predict their mean.
     residual = np.where(np.isfinite(held.residual), held.residual, z - z.mean(axis=0))
-    return BodyFit(body, residual, whole.weight[:, 0].copy(), passed.tried, tuple(notes))
+    return BodyFit(body, residual, tuple(notes))
 
 
 def _over_all_rows(passed: Passed, q: Array, z: Array, floor: Array) -> Fit:
