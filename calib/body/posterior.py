@@ -109,7 +109,7 @@ def _body(fit: Fit, held: HeldOut, member: str, simulated: bool) -> Body:
         fit.active,
         as_kept(fit.covariance),
         fit.noise,
-        held.kappa(),
+        max(1.0, held.ratio()),
         held.tau(fit.noise, structure.blocks),
         np.zeros(structure.outputs),
         fit.nu,

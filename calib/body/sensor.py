@@ -114,7 +114,8 @@ class SensorPose:
             f"quaternion ({quaternion})"
         ]
         if what == "camera":
-            lines.append(f"  it looks along {_direction(self.rotation[:, 2])} of the base")
+            ahead = ", ".join(f"{value + 0.0:.3f}" for value in self.rotation[:, 2])
+            lines.append(f"  it looks along ({ahead}) of the base")
         if self.told_sd.max() < TELLING * self.position_sd.max():
             size = "the arm's size, " if what == "camera" else ""
             lines.append(
@@ -162,10 +163,6 @@ def doubtful_depth(body: Body, q: Array, lower: Array, upper: Array) -> list[str
         f"where {np.ptp(can):.2g} m are possible: add poses nearer to the camera and further "
         f"from it (turn {' and '.join(names)}), or give a calibrated `lens`"
     ]
-
-
-def _direction(vector: Array) -> str:
-    return "(" + ", ".join(f"{value + 0.0:.3f}" for value in vector) + ")"
 
 
 def without_gauge(structure: Any, belief: Body | Second, size: bool) -> Array:
