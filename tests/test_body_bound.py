@@ -52,6 +52,14 @@ def test_root_and_packed_root_give_the_covariance_back():
     assert np.allclose(turned @ turned.T / scale, covariance / scale, atol=1e-6)
 
 
+def test_a_root_of_a_flat_covariance_is_packed_too():
+    a = np.random.default_rng(2).normal(size=(12, 5))
+    for root in (a, root_of(a @ a.T)):
+        again = unpack(pack(root), 12)
+        assert np.allclose(root @ root.T, a @ a.T, atol=1e-12)
+        assert np.allclose(again @ again.T, a @ a.T, atol=1e-5)
+
+
 def test_autocorrelation_time_of_white_and_of_moving_averages():
     white = np.random.default_rng(2).normal(size=(4000, 2))
     assert autocorrelation_time(white) == pytest.approx(1.0, abs=0.15)

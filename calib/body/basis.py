@@ -95,7 +95,7 @@ class Basis:
         return [
             _harmonics(u[:, k], self.highest, turns)
             if turns
-            else legvander(2.0 * u[:, k] - 1.0, self.highest).T
+            else np.asarray(legvander(2.0 * u[:, k] - 1.0, self.highest).T, dtype=float)
             for k, turns in enumerate(self.turns)
         ]
 

@@ -59,25 +59,26 @@ def autocorrelation_time(r: Array) -> float:
 
 
 def root_of(covariance: Array) -> Array:
-    """Lower triangular root (k, k) of a positive semidefinite matrix."""
+    """Root (k, k) of a positive semidefinite matrix, a lower triangle where it is definite."""
     deviations = np.sqrt(np.maximum(np.diag(covariance), 0.0))
     safe = np.where(deviations > 0, deviations, 1.0)
     correlation = covariance / safe[:, None] / safe
-    correlation = (correlation + correlation.T) / 2
     try:
-        root = np.linalg.cholesky(correlation)
-    except np.linalg.LinAlgError:  # semidefinite
-        values, vectors = np.linalg.eigh(correlation)
-        root = np.linalg.qr(np.sqrt(np.maximum(values, 0.0))[:, None] * vectors.T, mode="r").T
-        root = root * np.where(np.diag(root) < 0, -1.0, 1.0)
+        root = np.linalg.cholesky((correlation + correlation.T) / 2)
+    except np.linalg.LinAlgError:
+        values, vectors = np.linalg.eigh((correlation + correlation.T) / 2)
+        root = vectors * np.sqrt(np.maximum(values, 0.0))
     return np.asarray(root * deviations[:, None])
 
 
 def pack(root: Array) -> Packed:
-    """Triangle (k (k + 1) / 2,) of a root (k, r), row by row of the upper one."""
-    if root.shape[0] != root.shape[1] or np.triu(root, 1).any():
-        root = root_of(root @ root.T)
-    return root.T[np.triu_indices(len(root))].astype(np.float32)
+    """Upper triangular root (k (k + 1) / 2,), row by row, of the covariance of a root (k, r)."""
+    upper, k = root.T, len(root)
+    if upper.shape != (k, k) or np.tril(upper, -1).any():
+        triangle = np.asarray(np.linalg.qr(upper, mode="r"), dtype=float)
+        upper = np.zeros((k, k))
+        upper[: len(triangle)] = triangle
+    return upper[np.triu_indices(k)].astype(np.float32)
 
 
 def unpack(packed: Packed, size: int) -> Array:

@@ -137,7 +137,8 @@ def doubtful_depth(body: Body, q: Array, lower: Array, upper: Array) -> list[str
     lower, upper : (dof,), joint ranges
     Raises LogError if the arm is behind the camera.
     """
-    camera, structure = SensorPose.of(body), body.structure
+    structure: Any = body.structure
+    camera = SensorPose.of(body)
     if camera is None:
         return []
 

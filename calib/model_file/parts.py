@@ -100,9 +100,9 @@ def build_baseline(told: Any, tensors: Tensors, motor: int, sensory: int) -> Bas
         return None
     found = given_fields(Baseline, told, "baseline", _BASELINE)
     refuse({"variances of 0 or more": min(*found["spread"], found["noise"]) < 0.0}, "baseline")
-    nodes = {"motor": motor, "sensory": sensory}
-    parts = (tensors.take(f"baseline.{n}", (k,), "float32") for n, k in nodes.items())
-    return Baseline(*parts, **found)
+    own = tensors.under("baseline.")
+    found["motor"] = own.take("motor", (motor,), "float32")
+    return Baseline(sensory=own.take("sensory", (sensory,), "float32"), **found)
 
 
 def smooth_header(smooth: Smooth) -> dict[str, Any]:
