@@ -13,7 +13,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from ..body.belief import Body, Second
-from ..body.covariance import radius_95
+from ..body.covariance import radius_95, root_of
 from ..body.likeness import kernel, lengths_of
 from ..body.normal import Factor
 from ..body.structure import Indices
@@ -78,11 +78,10 @@ def updated(
         beta=beta,
         active=active,
         # the bound inflates by kappa what is kept here without it
-        covariance=covariance / old.kappa**2,
+        root=root_of(covariance) / old.kappa,
         noise=noise,
         residual=np.maximum(old.residual, own),
         second=second,
-        packed=None,
     )
     return body, held
 
@@ -224,7 +223,7 @@ def _second(
     """The second belief, after the same log under the best explanation."""
     apart = second.beta - old.beta
     other = replace(
-        old, beta=second.beta, active=second.active, covariance=second.covariance, kappa=1.0,
+        old, beta=second.beta, active=second.active, root=second.root, kappa=1.0,
         second=None,
     )  # fmt: skip
     place = replace(reference, body=other, beta=reference.beta + apart)
@@ -234,9 +233,8 @@ def _second(
         second,
         beta=found.beta,
         active=found.active,
-        covariance=found.covariance,
+        root=root_of(found.covariance),
         noise=np.maximum(noise, second.noise),
-        packed=None,
     )
 
 
