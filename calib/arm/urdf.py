@@ -86,12 +86,6 @@ def parse_urdf(text: str, name: str = "robot") -> Urdf:
                 f"joint {quoted(joint.name)} mimics {quoted(joint.mimic.leader)}, "
                 "which does not exist: it is held where it is"
             )
-    incomplete = sum(_lacks_effort(node) for node in robot.findall("joint"))
-    if incomplete:
-        notes.append(
-            f"the URDF states no effort or velocity for {incomplete} of its joints: "
-            "not needed here, but Pinocchio and ROS refuse it"
-        )
     root = _find_root(links, joints)
     return Urdf(own_name or name, root, tuple(links), joints, tuple(notes))
 
@@ -207,15 +201,6 @@ def _limits(node: ET.Element, where: str) -> tuple[float, float] | None:
         for key in ("lower", "upper")
     )
     return lower, upper
-
-
-def _lacks_effort(node: ET.Element) -> bool:
-    limit = node.find("limit")
-    return (
-        node.get("type") in ("revolute", "prismatic")
-        and limit is not None
-        and not {"effort", "velocity"} <= set(limit.attrib)
-    )
 
 
 def _mimic(node: ET.Element, where: str) -> Mimic | None:
