@@ -103,20 +103,9 @@ class Newton:
 
     def _step(self, u: Array, slope: Array, gap: Array, damping: Array) -> Array:
         """J' (J J' + damping)^-1 gap, with the joints that may move, (dof, n)."""
-        if len(gap) != 2:
-            push = np.einsum("dmn,mn->dn", slope, gap)
-            slope = self._masked(u, slope, push)
-            return damped_solution(slope, gap, damping)
-        push = slope[:, 0] * gap[0] + slope[:, 1] * gap[1]
-        slope = self._masked(u, slope, push)
-        a, b = slope[:, 0], slope[:, 1]
-        aa, bb, ab = _dot(a, a), _dot(b, b), _dot(a, b)
-        extra = damping * (aa + bb)
-        aa, bb = aa + extra, bb + extra
-        det = np.maximum(aa * bb - ab * ab, 1e-300)
-        # the inverse of a 2x2 matrix in place of LAPACK, whose calls cost more than the numbers
-        first, second = (bb * gap[0] - ab * gap[1]) / det, (aa * gap[1] - ab * gap[0]) / det
-        return np.asarray(a * first + b * second)
+        stuck = self._outward(u, np.einsum("dmn,mn->dn", slope, gap))
+        free = np.where(stuck[:, None], 0.0, slope) if stuck.any() else slope
+        return damped_solution(free, gap, damping)
 
     def settle(
         self, u: Array, x: Array, near: Array, longest: float = _LONGEST
@@ -196,11 +185,6 @@ class Newton:
                 inside[k] = u[k] % 1.0
         return inside
 
-    def _masked(self, u: Array, slope: Array, push: Array) -> Array:
-        """Jacobians (dof, m, n) without the joints that would be pushed over a limit."""
-        stuck = self._outward(u, push)
-        return np.where(stuck[:, None], 0.0, slope) if stuck.any() else slope
-
     def _outward(self, u: Array, push: Array, slack: float = 0.0) -> NDArray[np.bool_]:
         """Which joints stand at a limit and are pushed over it, (dof, n)."""
         stuck = (u <= slack) & (push < 0.0) | (u >= 1.0 - slack) & (push > 0.0)
@@ -223,29 +207,19 @@ def damped_solution(slope: Array, gap: Array, damping: Array) -> Array:
 
     The damping (n,) is a share of each Jacobian's sum of squares.
     """
-    power = np.einsum("din,djn->nij", slope, slope)
-    diagonal = np.einsum("nii->ni", power)
-    diagonal += np.maximum(damping * diagonal.sum(axis=1), 1e-300)[:, None]
-    return np.asarray(np.einsum("dmn,nm->dn", slope, solved(power, gap.T)))
-
-
-def solved(power: Array, gap: Array) -> Array:
-    """Solutions (n, m) of positive definite systems (n, m, m); the least squares if singular."""
-    try:
-        return np.asarray(np.linalg.solve(power, gap[..., None])[..., 0])
-    except np.linalg.LinAlgError:
-        return np.asarray(np.einsum("nij,nj->ni", np.linalg.pinv(power, hermitian=True), gap))
+    power = np.einsum("din,djn->ijn", slope, slope)
+    diagonal = np.einsum("iin->in", power)
+    diagonal += np.maximum(damping * diagonal.sum(axis=0), 1e-300)
+    if len(gap) == 2:
+        # the inverse of a 2x2 matrix in place of LAPACK, whose calls cost more than the numbers
+        (aa, ab), (_, bb) = power
+        det = np.maximum(aa * bb - ab * ab, 1e-300)
+        first, second = (bb * gap[0] - ab * gap[1]) / det, (aa * gap[1] - ab * gap[0]) / det
+        return np.asarray(slope[:, 0] * first + slope[:, 1] * second)
+    force = np.linalg.solve(power.transpose(2, 0, 1), gap.T[..., None])[..., 0]
+    return np.asarray(np.einsum("dmn,nm->dn", slope, force))
 
 
 def _length(gap: Array) -> Array:
     """Length of each column of `gap` (m, n)."""
-    if len(gap) == 2:
-        return np.asarray(np.sqrt(gap[0] * gap[0] + gap[1] * gap[1]))
-    return np.asarray(np.sqrt((gap * gap).sum(axis=0)))
-
-
-def _dot(a: Array, b: Array) -> Array:
-    """Sum over the joints of products, (n,)."""
-    if len(a) == 2:
-        return np.asarray(a[0] * b[0] + a[1] * b[1])
-    return np.asarray((a * b).sum(axis=0))
+    return np.asarray(np.sqrt(np.einsum("mn,mn->n", gap, gap)))
