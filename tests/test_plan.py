@@ -158,7 +158,7 @@ def test_many_poses_of_an_arm_never_measured_can_be_planned():
     """Priors of a free frame were so wide that rounding made covariances negative."""
     arm = calib.load_arm("six_axis")
     q = np.random.default_rng(0).uniform(arm.lower, arm.upper, (260, 6))
-    chosen = greedy(tells(arm, q, q[:20]), 240)
+    chosen = greedy(tells(arm, q, q[:0]), 100)
     assert sorted(chosen) == sorted(set(chosen.tolist()))
 
 
