@@ -211,8 +211,8 @@ def test_the_same_seed_gives_the_same_plan(arm):
         (5, {"margin": 2.0}, "no room is left in shoulder"),
         (5, {"ranges": {"elbow": (0.0, 1.0)}}, "outside the joint's limits"),
         (5, {"ranges": {"ellbow": (0.5, 1.0)}}, "did you mean elbow"),
-        (5, {"start": [0.5]}, "expected 2 finite joint values"),
-        (5, {"start": ["a", "b"]}, "expected 2 finite joint values"),
+        (5, {"start": [0.5]}, "start of shape (1,): expected (2,)"),
+        (5, {"start": ["a", "b"]}, "start: expected numbers"),
         (5, {"start": [0.5, 9.0]}, "elbow = 9 is outside of its range"),
     ],
 )

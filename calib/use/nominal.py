@@ -25,6 +25,7 @@ from ..inverse.one_row import to_pose
 from ..inverse.pose import reach_poses
 from ..model.model import Model
 
+
 def nominal_in_plane(model: Model, *, based: bool = False) -> tuple[PlanarStructure, Array]:
     """Structure and parameters (d,) of the nominal arm of a model with a planar body.
 

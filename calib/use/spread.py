@@ -30,7 +30,7 @@ def candidates(space: Space, rng: np.random.Generator) -> Array:
 
     Returns (m, dof), in units of the joints' ranges.
     """
-    dof = space.dof
+    dof = len(space.joint_names)
     inside, faces = rng.random((_INSIDE, dof)), rng.random((_FACES, dof))
     rows = np.arange(_FACES)
     faces[rows, rng.integers(dof, size=_FACES)] = rng.integers(2, size=_FACES)
