@@ -168,13 +168,9 @@ def _read_joint(node: ET.Element, links: set[str], notes: list[str]) -> Joint:
         if stated is None or "xyz" not in stated.attrib:
             notes.append(f"{where} has no <axis>: URDF's default, x, is used")
         axis = _vector(stated, "xyz", where, axis)
-        if math.hypot(*axis) < 1e-6:
-            raise RobotError(f"{where} has the axis 0 0 0: give the direction it moves about")
-        if math.hypot(*axis) > _LONGEST_AXIS:
-            raise RobotError(
-                f"{where} has an axis of length {math.hypot(*axis):g}: give a direction such as "
-                "0 0 1"
-            )
+        if not 1 / _LONGEST_AXIS <= math.hypot(*axis) <= _LONGEST_AXIS:
+            shown = " ".join(f"{part:g}" for part in axis)
+            raise RobotError(f"{where} has the axis {shown}: give a direction such as 0 0 1")
     limits = _limits(node, where) if kind in ("revolute", "prismatic") else None
     return Joint(name, kind, parent, child, xyz, rpy, axis, limits, _mimic(node, where))
 

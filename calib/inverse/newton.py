@@ -55,30 +55,28 @@ class Newton:
         gap = x - value
         distance = _length(gap)
         met, rounding = tolerance * self.extent, max(tolerance, 1e-12) * self.extent
-        rows = np.flatnonzero(distance > met)
-        best_u, best_distance = u, distance.copy()
-        if len(rows) < len(distance):
-            u, x, gap, distance, slope = (part[..., rows] for part in (u, x, gap, distance, slope))
-        else:
-            u = u.copy()
+        rows, going = np.arange(len(distance)), distance > met
+        found, left = u.copy(), distance.copy()
         # nearly Gauss-Newton at first: a start is within a node's spacing of its answer
         damping = np.full(len(rows), 1e-9)
         for _ in range(_STEPS):
+            if not going.all():
+                rows, damping = rows[going], damping[going]
+                u, x, gap, distance, slope = (
+                    part[..., going] for part in (u, x, gap, distance, slope)
+                )
             if not len(rows):
                 break
             trial = self._clip(u + self._step(u, slope, gap, damping))
             value, trial_slope = self._evaluate(trial)
             trial_gap = x - value
             now = _length(trial_gap)
-            if now.max() <= met:
-                u, distance = trial, now
-                break
             moved = np.abs(trial - u).max(axis=0)
             better = now < distance
             stalled = (distance - now < 1e-9 * distance) & (better | (distance < rounding))
-            if better.all():
+            if better.all():  # most steps are: nothing has to be chosen row by row
                 u, gap, distance, slope = trial, trial_gap, now, trial_slope
-                damping *= 1 / 30
+                damping = damping / 30
             else:
                 u = np.where(better, trial, u)
                 gap = np.where(better, trial_gap, gap)
@@ -86,20 +84,9 @@ class Newton:
                 slope = np.where(better, trial_slope, slope)
                 damping = np.where(better, damping / 30, np.maximum(damping * 30, 1e-6))
             damping = np.maximum(damping, 1e-12)
-            done = stalled | (distance < met) | (moved < 1e-15) | (damping > 1e3)
-            if done.all():
-                break
-            if done.any():
-                best_u[:, rows[done]], best_distance[rows[done]] = u[:, done], distance[done]
-                keep = np.flatnonzero(~done)
-                rows, damping = rows[keep], damping[keep]
-                u, x, gap, distance, slope = (
-                    part[..., keep] for part in (u, x, gap, distance, slope)
-                )
-        if len(rows) == len(best_distance):
-            return u.T, distance
-        best_u[:, rows], best_distance[rows] = u, distance
-        return best_u.T, best_distance
+            found[:, rows], left[rows] = u, distance
+            going = ~(stalled | (distance < met) | (moved < 1e-15) | (damping > 1e3))
+        return found.T, left
 
     def _step(self, u: Array, slope: Array, gap: Array, damping: Array) -> Array:
         """J' (J J' + damping)^-1 gap, with the joints that may move, (dof, n)."""
@@ -199,7 +186,8 @@ class Newton:
     def _evaluate(self, u: Array) -> tuple[Array, Array]:
         """Position (m, n) and Jacobian (dof, m, n) at the points `u` (dof, n)."""
         value, slope = self.predictor.value_and_slope(u.T)
-        return value.T, slope.transpose(2, 1, 0)
+        # rows next to each other in memory: einsum is ten times slower on a transposed view
+        return value.T, np.ascontiguousarray(slope.transpose(2, 1, 0))
 
 
 def damped_solution(slope: Array, gap: Array, damping: Array) -> Array:

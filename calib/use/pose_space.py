@@ -50,7 +50,7 @@ class Space:
         """
         if q is None:
             return np.asarray(np.clip(0.0, self.lower, self.upper))
-        values = number_rows(np.ravel(q), self.joint_names, "start", OptionError)[0][0]
+        values: Array = number_rows(np.ravel(q), self.joint_names, "start", OptionError)[0][0]
         low, high = self.scale.lower, self.scale.lower + self.scale.span
         for k in np.flatnonzero(~((values >= low - 1e-9) & (values <= high + 1e-9))):
             raise OptionError(
