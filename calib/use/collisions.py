@@ -60,7 +60,7 @@ def hits_itself(
     often = met[:_TRIED].mean(axis=0) >= _ALWAYS
     built = {pair for pair, always in zip(moved, often, strict=True) if always}
     compared = [k for k, pair in enumerate(moved) if pair not in built]
-    return met[:, compared].any(axis=1) if compared else None
+    return np.asarray(met[:, compared].any(axis=1)) if compared else None
 
 
 def hides_its_tip(

@@ -7,7 +7,6 @@ from __future__ import annotations
 
 import re
 import warnings
-from dataclasses import dataclass, field
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -54,10 +53,11 @@ def corrected_urdf(geometry: SpatialGeometry) -> str:
             hint="check the joints, the tip and the unit of the log; a log in the robot's root "
             "frame needs `view='base'`, one in a sensor's frame must not have it",
         )
-    arm, moved, tip = geometry.arm, geometry.origins(), geometry.tip()
+    arm, (tip_shift, tip_turn) = geometry.arm, geometry.tip()
     joints = parse_urdf(arm.urdf).path(arm.tip)
     last = joints[-1]
-    if last.name in moved and (tip.turn.any() or (tip.shift.any() and last.kind != "prismatic")):
+    turns = tip_turn.any() or (tip_shift.any() and last.kind != "prismatic")
+    if last.name in geometry.places and turns:
         raise RobotError(
             f"the tip {arm.tip!r} is the origin of joint {last.name!r}: it has no link of its "
             "own that could be corrected",
@@ -67,17 +67,17 @@ def corrected_urdf(geometry: SpatialGeometry) -> str:
         )
     rotation, changes = np.eye(3), dict[str, dict[str, Array]]()
     for joint in joints:
-        own = moved.get(joint.name, Moved())
+        shift, turn, value = geometry.moved(joint.name)
         origin, lock = _origin(joint), _motion(joint, arm.locked.get(joint.name, 0.0))
         new = origin.copy()  # moved about itself, by what is known in the root's axes
-        new[:3, :3] = exponential(rotation.T @ own.turn) @ origin[:3, :3]
-        new[:3, 3] += rotation.T @ (own.shift + tip.shift * (joint is last))
-        new = new @ _motion(joint, own.value)
-        if joint is last and tip.turn.any():
-            turn = np.eye(4)
-            turn[:3, :3] = exponential(tip.turn)
+        new[:3, :3] = exponential(rotation.T @ turn) @ origin[:3, :3]
+        new[:3, 3] += rotation.T @ (shift + tip_shift * (joint is last))
+        new = new @ _motion(joint, value)
+        if joint is last and tip_turn.any():
+            own = np.eye(4)
+            own[:3, :3] = exponential(tip_turn)
             # the tip's own turn comes behind the joint's locked motion, which stays in the URDF
-            new = new @ lock @ turn @ np.linalg.inv(lock)
+            new = new @ lock @ own @ np.linalg.inv(lock)
         changes[joint.name] = _changed(joint, new)
         rotation = rotation @ origin[:3, :3] @ lock[:3, :3]
     return edited(arm.urdf, {name: change for name, change in changes.items() if change})
@@ -183,13 +183,3 @@ def check_output(path: str, nominal: str) -> None:
             parameter="output",
             value=path,
         )
-
-
-@dataclass(frozen=True, eq=False)
-class Moved:
-    """How far an origin is from where the URDF has it, seen with all joints at zero."""
-
-    shift: Array = field(default_factory=lambda: np.zeros(3))  # (3,) [m], in the root link's axes
-    # (3,) [rad], rotation vector in the same axes
-    turn: Array = field(default_factory=lambda: np.zeros(3))
-    value: float = 0.0  # [rad or m], what the joint's own motion is at zero: its offset
