@@ -196,8 +196,9 @@ def _trim(members: list[Joint], normal: Array, tip: str, posture: Posture) -> Ca
     """Leave out joints that hardly move the tip, and more than `MOST_JOINTS`."""
     members = list(members)
     while len(members) >= 2:
-        points = np.array([posture.points[joint.name] for joint in members])
-        levers = _lever_lengths(points, posture.links[tip], normal)
+        stops = [*(posture.points[joint.name] for joint in members), posture.links[tip]]
+        vectors = np.diff(np.array(stops), axis=0)
+        levers = np.linalg.norm(vectors - np.outer(vectors @ normal, normal), axis=1)
         for k, joint in enumerate(members):
             if not joint.revolute:
                 lower, upper = (0.0, 1.0) if limits_fault(joint) else full_range(joint)
@@ -210,10 +211,3 @@ def _trim(members: list[Joint], normal: Array, tip: str, posture: Posture) -> Ca
             return Candidate(tuple(members), tip, float(4 * np.pi * sum(a * b for a, b in pairs)))
         del members[weakest]
     return None
-
-
-def _lever_lengths(points: Array, tip: Array, normal: Array) -> Array:
-    """Distances (n,) [m] across a normal from each of n points to the next, the last to a tip."""
-    vectors = np.diff(np.vstack([points, tip]), axis=0)
-    flat = vectors - np.outer(vectors @ normal, normal)
-    return np.asarray(np.linalg.norm(flat, axis=1))

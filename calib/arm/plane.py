@@ -166,23 +166,13 @@ def common_normal(active: Sequence[Joint], posture: Posture) -> Array:
     return np.mean(aligned, axis=0) if aligned else normal
 
 
-def frames_moved(joint: Joint, urdf: Urdf, posture: Posture) -> list[str]:
-    """Links beyond a joint whose origins it moves."""
-    axis, point = posture.axes[joint.name], posture.points[joint.name]
-    return [
-        link
-        for link in urdf.links
-        if joint in urdf.path(link)
-        and not (
-            joint.revolute
-            and float(np.linalg.norm(np.cross(axis, posture.links[link] - point))) < MIN_LEVER
-        )
-    ]
-
-
 def check_tip(last: Joint, tip: str, urdf: Urdf, posture: Posture) -> None:
     """Refuse a tip on the axis of the last turning joint: that joint would not move it."""
-    moved = frames_moved(last, urdf, posture)
+    axis, point = posture.axes[last.name], posture.points[last.name]
+    beyond = [link for link in urdf.links if last in urdf.path(link)]
+    levers = [np.linalg.norm(np.cross(axis, posture.links[link] - point)) for link in beyond]
+    pairs = zip(beyond, levers, strict=True)
+    moved = [link for link, lever in pairs if not last.revolute or lever >= MIN_LEVER]
     if tip not in moved:
         remedy = (
             f"choose a tip off the axis from {listed(moved)}"
