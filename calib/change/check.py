@@ -166,7 +166,7 @@ def _drift(found: Comparison, log: Samples, tolerance: float | None) -> Drift:
     drifted: bool | None = score > 1.0
     if not drifted and tolerance is not None and tested.smallest > tolerance:
         drifted = None
-    notes = [*found.rows.notes, *found.outlier_notes(), *unsettled, *untold]
+    notes = [*found.notes, *unsettled, *untold]
     far = found.beyond[0]
     if far > 1.0 and tested.score <= 1.0 and not found.reference.new and found.explained:
         told = (

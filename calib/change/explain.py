@@ -70,17 +70,16 @@ class Explanation:
 
 
 def explain(
-    reference: Reference, log: Log, robust: Array, cause: str | None = None, calm: bool = False
+    reference: Reference, log: Log, cause: str | None = None, calm: bool = False
 ) -> tuple[Explanation, ...]:
     """All members with their evidence, best first.
 
     reference : the old belief in the frame of the log
     log : its rows; `z` less what maps add to the body
-    robust : (d,), parameters of a robust fit of the richest member, where that one starts
     cause : {"sensor", "joints"}, what is known about the change
     calm : whether nothing changed: only the sizes of the log's own residual are then compared
     """
-    search = _Search(reference, log.some(EXPLAINED_ROWS), robust, cause)
+    search = _Search(reference, log.some(EXPLAINED_ROWS), cause)
     return tuple(sorted(search.run(calm), key=lambda e: -e.evidence))
 
 
@@ -96,9 +95,9 @@ class _Point:
 class _Search:
     """The members of one log; what they share is computed once."""
 
-    def __init__(self, reference: Reference, log: Log, robust: Array, cause: str | None) -> None:
+    def __init__(self, reference: Reference, log: Log, cause: str | None) -> None:
         body = reference.body
-        self.reference, self.log, self.robust, self.cause = reference, log, robust, cause
+        self.reference, self.log, self.cause = reference, log, cause
         self.structure = reference.structure
         members = members_of(body.structure, cause)
         self.richest = members[-1]
@@ -190,7 +189,7 @@ class _Search:
         sd, free, origin = self._free(member)
         point = self.points.get(member)
         if point is None:
-            start = self.robust if member == self.richest else origin
+            start = self.log.robust if member == self.richest else origin
             point = self._linearised(np.where(sd > 0, start, origin), free, sd)
         beta, residual = point.beta, point.residual
         y, j = space.turn(residual), space.turn_columns(point.x)

@@ -110,18 +110,17 @@ def groups_of(body: Body) -> dict[str, Indices]:
     return {k: np.asarray(ix, dtype=np.intp) for k, ix in found.items() if len(ix)}
 
 
-def group_tests(body: Body, reference: Reference, log: Log, probes: Array) -> Tested:
+def group_tests(reference: Reference, log: Log, probes: Array) -> Tested:
     """Test every group.
 
-    body : the belief as the model knows it
-    reference : where it is linearised; its own structure where that is not the log's
+    reference : the belief as the model knows it, in the frame of the log where that is new
     log : rows; `z` less what maps add to the body
     probes : (p, dof), joints all over the learned range
     """
     from scipy.special import chdtri, chndtrinc, fdtri
 
     log = log.some(TESTED_ROWS)
-    structure = reference.structure
+    body, structure = reference.body, reference.structure
     groups = groups_of(body)
     every = np.unique(np.concatenate(list(groups.values())))
     predicted, x = structure.linearise(log.q, reference.beta, every)

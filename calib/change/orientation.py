@@ -70,7 +70,7 @@ def turned_tool(found: Comparison, log: Samples) -> tuple[float, tuple[Cause, ..
         return score, (), []
     half = 1.96 * float(np.sqrt(tool @ covariance @ tool)) / size
     words = f"the tool is turned by {np.degrees(size):.3g} deg (its orientation, not its position)"
-    cause = Cause("tool", "tool.rotation", size, (size - half, size + half), "rad", words)
+    cause = Cause.measured("tool", "tool.rotation", words, size, half, "rad")
     return score, (cause,), []
 
 

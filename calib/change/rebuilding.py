@@ -96,11 +96,11 @@ def doubts(found: Comparison, fresh: Model, *, real: bool) -> tuple[Model, str] 
     real : whether the rows were measured, not simulated
     """
     model = found.model
-    q, x = found.q[found.kept], found.x[found.kept]
-    missed = np.linalg.norm(x - model.predictor.value(model.motor.scale.to_unit(q)), axis=1)
-    bound = model.expected_error(q)
+    missed = found.missed[found.log.kept]
+    bound = model.expected_error(found.q[found.log.kept])
     # Noise alone is no error of the model: then rows miss evenly, and nothing explains them better.
-    noise = not found.changed and float(np.quantile(missed, 0.95)) < _TAIL * np.median(missed)
+    tail = float(np.quantile(missed, 0.95))
+    noise = not found.changed and tail < _TAIL * float(np.median(missed))
     # The bound of an exact simulation says nothing of a real arm.
     noise &= not (real and found.body.simulated)
     beyond = not noise and np.mean(missed > bound) > _MOST
@@ -108,7 +108,7 @@ def doubts(found: Comparison, fresh: Model, *, real: bool) -> tuple[Model, str] 
         return None
     u = np.clip(model.motor.units, 0.0, 1.0)
     apart = np.linalg.norm(fresh.predictor.value(u) - model.predictor.value(u), axis=1)
-    apart = np.maximum(apart + fresh.model_bounds, np.quantile(missed, 0.95))
+    apart = np.maximum(apart + fresh.model_bounds, tail)
     wider = replace(
         model,
         bounds=np.maximum(model.bounds, apart),

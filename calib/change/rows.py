@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -41,27 +41,28 @@ class Log:
     # (n, dof), (n, m), joints [rad or m] and outputs, without what maps add to the body [unit]
     q: Array
     z: Array
-    weight: Array  # (n,)
+    weight: Array  # (n,), Student weights about a fit of the richest member
+    kept: NDArray[np.bool_]  # (n,), rows that do not contradict all others
+    robust: Array  # (d,), parameters of that fit
     # [unit], standard deviation that all rows share, such as that of a board that was found again
     shared: float = 0.0
 
     def some(self, most: int) -> Log:
         """At most so many rows, evenly spread."""
         rows = thinned(len(self.q), most)
-        return Log(self.q[rows], self.z[rows], self.weight[rows], self.shared)
+        weight, kept = self.weight[rows], self.kept[rows]
+        return replace(self, q=self.q[rows], z=self.z[rows], weight=weight, kept=kept)
 
 
 def weighted(
-    reference: Reference, q: Array, z: Array, cause: str | None = None
-) -> tuple[Log, Array, NDArray[np.bool_]]:
+    reference: Reference, q: Array, z: Array, cause: str | None = None, shared: float = 0.0
+) -> Log:
     """A log with robust weights.
 
     reference : the old belief in the frame of the log
     q, z : (n, dof), (n, m), all rows
     cause : {"sensor", "joints"}, what is known about the change
-    Returns log : with Student weights about a fit of the richest member
-    Returns beta : (d,), the parameters of that fit
-    Returns kept : (n,), rows that do not contradict all others
+    shared : [unit], standard deviation that all rows share
     """
     body, structure = reference.body, reference.structure
     richest = members_of(structure, cause)[-1]
@@ -90,7 +91,7 @@ def weighted(
     r = structure.residual(z, structure.predict(q, beta)) / size
     weight, noise = _student(r)
     kept = np.sqrt((r**2).sum(axis=1)) <= OUTLIER * np.sqrt(r.shape[1]) * noise
-    return Log(q, z, weight), beta, kept
+    return Log(q, z, weight, kept, beta, shared)
 
 
 def _student(r: Array) -> tuple[Array, float]:

@@ -7,8 +7,6 @@ come some rows after their joints where nothing else explains a log.
 from __future__ import annotations
 
 import itertools
-from dataclasses import dataclass
-from typing import TYPE_CHECKING
 
 import numpy as np
 from numpy.typing import NDArray
@@ -17,12 +15,10 @@ from ..common.arrays import Array
 from ..common.robust import robust_solve
 from ..common.rows import thinned
 from ..errors import LogError
+from ..model.model import Model
 from ..samples.joint_values import beyond
+from ..samples.samples import Samples
 from .reference import Reference, rigid_misfit
-
-if TYPE_CHECKING:
-    from ..model.model import Model
-    from ..samples.samples import Samples
 
 LEAST_ROWS = 10
 """Fewest different rows that a judgement or a correction can rest on."""
@@ -38,19 +34,11 @@ _MOST_ROWS = 0.8  # of the rows, which have to come nearer; the others may be wr
 _SMOOTH = 0.3  # steps of the joints over their spread, above which rows are no path
 
 
-@dataclass(frozen=True, eq=False)
-class Comparable:
-    """The rows of a log that a model can be compared with."""
+def comparable(model: Model, log: Samples) -> tuple[Array, Array, tuple[str, ...]]:
+    """Find the rows that a model can be compared with.
 
-    # (n, dof), (n, 2), joints in the unit box and positions, repeated rows once
-    u: Array
-    x: Array
-    notes: tuple[str, ...]  # what the user should be told
-
-
-def comparable(model: Model, log: Samples) -> Comparable:
-    """Find the rows that can be compared.
-
+    Returns u, x : (n, dof), (n, m), joints in the unit box and positions, repeated rows once
+    Returns notes : what the user should be told
     Raises LogError if the log is of another arm, too short, or looks as if its columns were
     exchanged or in degrees.
     """
@@ -86,7 +74,7 @@ def comparable(model: Model, log: Samples) -> Comparable:
     u, x, q = u[known], x[known], q[known]
     _check_swapped(model, q, x)
     notes += _coverage(model, u)
-    return Comparable(u, x, tuple(notes))
+    return u, x, tuple(notes)
 
 
 def _check_degrees(model: Model, q: Array, known: NDArray[np.bool_]) -> None:

@@ -14,11 +14,17 @@ import numpy as np
 
 from ..body.belief import Body, Second
 from ..body.covariance import radius_95
+from ..body.fitting import fit_body
 from ..body.likeness import kernel, lengths_of
+from ..body.nominal import nominal_of
 from ..body.normal import Factor
+from ..body.posterior import BodyFit
 from ..body.structure import Indices
 from ..common.arrays import Array
 from ..common.rows import thinned
+from ..common.scale import METRES
+from ..errors import CalibError
+from .comparison import Comparison
 from .explain import Explanation
 from .members import ANYWHERE, anywhere, drift
 from .reference import Reference
@@ -31,6 +37,7 @@ _ENOUGH = 30  # rows that tell a quantile
 _OUTLIER = 2.5  # 95 % radii from which a row is an outlier
 _STEPS = 3
 _CLEAN = 0.01  # of the residual that a log is allowed: half of its rows are nearer than that
+_BETTER = 0.95  # share of the update's held-out error that a fit from a drawing has to reach
 
 
 @dataclass(frozen=True)
@@ -250,3 +257,33 @@ def settled(before: Array, after: Array) -> tuple[float, float]:
     error = float(np.std(gain, ddof=1)) / np.sqrt(len(gain))
     ratio = float(after.mean() / max(float(before.mean()), 1e-300))
     return ratio, float(np.mean(gain)) / max(error, 1e-300)
+
+
+def fit_from_drawing(found: Comparison, after: float) -> BodyFit | None:
+    """The body of the rows with a simulated model's geometry as prior, where it serves better.
+
+    A model that was trained in simulation knows the arm as it was drawn.  Its update moves the
+    parameters that the log asks for; a fit with the drawing as prior also learns how far arms of
+    this kind are from their drawings.
+
+    found : the log beside the model
+    after : [unit], mean held-out error of the update, which the fit has to beat
+    Returns BodyFit or None, none for a model of a log, an arm in space, rows of a line or a corner,
+    or a fit that is no better.
+    """
+    body, reference, about = found.model.body, found.reference, found.model.about
+    if body is None or not body.simulated or body.structure.outputs != 2:
+        return None
+    if about.unit not in METRES or reference.turned or reference.locked or not found.spans:
+        return None
+    kept, known = found.log.kept, (about.lower, about.upper, about.revolute)
+    try:
+        fit = fit_body(
+            found.q[kept], found.x[kept], joint_names=about.joint_names, revolute=about.revolute,
+            nominal=nominal_of(body.predict, *known), unit=about.unit, lower=about.lower,
+            upper=about.upper,
+        )  # fmt: skip
+    except CalibError:  # joints out of the plane, or rows that place no arm
+        return None
+    error = float(np.linalg.norm(fit.held_out, axis=1).mean())
+    return fit if error < _BETTER * after else None
