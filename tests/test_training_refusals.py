@@ -17,7 +17,7 @@ from calib.errors import LogError, OptionError
         ({"size": 7.5}, "expected whole numbers"),
         ({"size": (7, 7.5)}, "expected whole numbers"),
         ({"size": "70"}, "expected whole numbers"),
-        ({"size": (5, 5, 5)}, "3 axes for 2 joints"),
+        ({"size": (5, 5, 5)}, "5x5x5: expected at most 2 numbers, one per joint"),
         ({"motor_size": (5, 5, 5)}, "at most 2 numbers, one per joint"),
         ({"sensory_size": (5, 5, 5)}, "positions have 2 coordinates"),
         ({"seed": -1}, "seed -1: expected a whole number"),

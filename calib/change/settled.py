@@ -22,7 +22,7 @@ from ..maps.map import Map
 from ..maps.model_selection import Candidate, blocks, of_body, of_trends, select
 from ..maps.predictor import Predictor
 from ..model.measured import Rows
-from ..training.log_bounds import node_bounds
+from ..training.held_out import node_bounds
 
 if TYPE_CHECKING:
     from scipy.sparse import csr_array
@@ -68,8 +68,7 @@ def settled_model(
         visited=np.bincount(motor.nearest(u)[1][:, 0], minlength=motor.size) > 0,
         rows=Rows.of(motor.scale.from_unit(u), x) if model.rows is not None else None,
     )
-    has_models = fitted.predictor.models.degree >= 0
-    reading, position = node_bounds(made, u, fitted.rows, fitted.errors, has_models=has_models)
+    reading, position = node_bounds(made, u, fitted.rows, fitted.errors)
     true = model.about.bound_of == "true position"
     return replace(made, bounds=position if true else reading, model_bounds=position)
 

@@ -7,23 +7,25 @@ varying density may need to know where it is wrong.
 from __future__ import annotations
 
 import math
+from contextlib import suppress
 from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
 
 from ..body.fitting import fit_body
-from ..body.nominal import Nominal, nominal_of
+from ..body.nominal import nominal_of
 from ..body.posterior import BodyFit
 from ..common.arrays import Array
 from ..common.scale import Scale
 from ..errors import OptionError
 from ..maps.misfit import misfit
 from ..maps.model_selection import Candidate, of_body, of_trends
-from ..maps.predictor import BodyInBox, Both, Predictor
 from ..samples.samples import Samples
 from .in_space import fit_in_space, sees_from_anywhere
 from .learn import Options
+
+Rows = slice | NDArray[np.intp]
 
 LEARNED_ROWS = 50_000
 """Rows of a log that the smooth part and the local models rest on."""
@@ -51,7 +53,7 @@ class SmoothPart:
 
 
 def find_smooth_part(
-    samples: Samples, scale: Scale, *, body: str, view: str, seed: int
+    samples: Samples, scale: Scale, *, body: str = "auto", view: str = "auto", seed: int
 ) -> SmoothPart:
     """Fit the body of the samples, and trends where the body does not explain them.
 
@@ -120,75 +122,54 @@ def _fills_box(u: Array) -> bool:
 
 
 def _planar(samples: Samples, q: Array, x: Array, view: str, seed: int) -> BodyFit:
-    """Fit the body of a planar arm to rows (n, dof) and (n, 2)."""
+    """Fit the body of a planar arm to rows (n, dof) and (n, 2), a log's with its URDF as prior."""
     simulated = samples.simulation is not None
-    nominal = None if simulated else nominal_geometry(samples)
+    arm, known = samples.arm, (samples.lower, samples.upper, samples.revolute)
+    nominal = None
+    if arm is not None and not simulated:
+        # a joint out of the plane has no prior: the rows have to tell
+        with suppress(OptionError):
+            nominal = nominal_of(arm.forward, *known)
     if view == "base" and nominal is None:
         raise OptionError(
             "view 'base' needs a measured log and the planar robot that it is of: give both, or "
             "another view"
         )
     return fit_body(
-        q,
-        x,
-        joint_names=samples.joint_names,
-        revolute=samples.revolute,
-        nominal=nominal,
-        view=view,
-        unit=samples.unit,
-        simulated=simulated,
-        lower=samples.lower,
-        upper=samples.upper,
-        seed=seed,
-    )
+        q, x, joint_names=samples.joint_names, revolute=samples.revolute, nominal=nominal,
+        view=view, unit=samples.unit, simulated=simulated, lower=samples.lower,
+        upper=samples.upper, seed=seed,
+    )  # fmt: skip
 
 
 def wrong_around(part: SmoothPart, scale: Scale, samples: Samples, u: Array) -> Array | None:
-    """How wrong the preferred smooth part is around points `u` (k, dof), None within noise.
-
-    Returns (k,).
-    """
+    """How wrong (k,) the preferred smooth part is around points `u` (k, dof), None within noise."""
     if not part.candidates:
         return None
-    candidate = part.candidates[0]
-    x = samples.x[part.rows]
-    extent = float(np.linalg.norm(np.ptp(x, axis=0)))
-    return misfit(scale, scale.to_unit(samples.q[part.rows]), candidate.held_out, extent, u)
+    rows, held_out = part.rows, part.candidates[0].held_out
+    extent = float(np.linalg.norm(np.ptp(samples.x[rows], axis=0)))
+    return misfit(scale, scale.to_unit(samples.q[rows]), held_out, extent, u)
 
 
-def with_imagined(u: Array, x: Array, part: SmoothPart, options: Options) -> tuple[Array, Array]:
-    """Rows and imagined samples (k, dof), (k, m) that the maps learn from, joints in the unit box.
+def to_learn(
+    samples: Samples, scale: Scale, part: SmoothPart, options: Options, rows: Rows = slice(None)
+) -> tuple[Array, Array, Array | None]:
+    """What the maps learn from: some rows of the samples, and what the body of `part` imagines.
 
-    The body of `part` imagines them, five for each motor node.
+    Returns u, x : (k, dof), (k, m), joints in the unit box and positions; five imagined ones for
+        each motor node
+    Returns wrong : (k,), how wrong the smooth part is there, None within noise
     """
-    if not options.taught or part.fit is None:
-        return u, x
-    every = -(-len(u) // LEARNED_ROWS)
-    rng = np.random.default_rng(options.stream("imagined"))
-    drawn = rng.random((_IMAGINED * math.prod(options.motor_size), u.shape[1]))
-    seen = part.candidates[0].smooth.value(drawn)
-    return np.concatenate([u[::every], drawn]), np.concatenate([x[::every], seen])
-
-
-def nominal_geometry(samples: Samples) -> Nominal | None:
-    """The URDF's geometry as a prior, None without an arm whose joints are all in the plane."""
-    arm = samples.arm
-    if arm is None:
-        return None
-    try:
-        return nominal_of(arm.forward, samples.lower, samples.upper, samples.revolute)
-    except OptionError:  # a joint out of the plane: the rows have to tell
-        return None
+    u, x = scale.to_unit(samples.q[rows]), samples.x[rows]
+    if options.taught and part.fit is not None:
+        every = -(-len(u) // LEARNED_ROWS)
+        rng = np.random.default_rng(options.stream("imagined"))
+        drawn = rng.random((_IMAGINED * math.prod(options.motor_size), u.shape[1]))
+        seen = part.candidates[0].smooth.value(drawn)
+        u, x = np.concatenate([u[::every], drawn]), np.concatenate([x[::every], seen])
+    return u, x, wrong_around(part, scale, samples, u)
 
 
 def _held_out_error(candidate: Candidate) -> float:
     """Mean distance of held-out rows to their predictions."""
     return float(np.linalg.norm(candidate.held_out, axis=1).mean())
-
-
-def uses_body(predictor: Predictor) -> bool:
-    """Whether a body stands under a predictor's local models."""
-    smooth = predictor.smooth
-    return isinstance(smooth, BodyInBox) or (
-        isinstance(smooth, Both) and isinstance(smooth.first, BodyInBox)
-    )
