@@ -16,7 +16,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from ..common.arrays import Array
-from ..errors import LogError, OptionError
+from ..errors import OptionError
 from ..maps.association import Association
 from ..model.schemas import Schema, check_name
 
@@ -115,25 +115,16 @@ def keep(model: Model, other: Model, name: str, *, most: int | None = None) -> M
     >>> recognise(both, log.take(slice(30))).words
     "schema 'tool on' fits"
     """
-    if other.about.joint_names != model.about.joint_names:
+    mine, its = model.about, other.about
+    alike = mine.joint_names == its.joint_names and mine.unit == its.unit
+    for a, b in ((model.motor, other.motor), (model.sensory, other.sensory)):
+        alike = alike and a.lattice.shape == b.lattice.shape and np.array_equal(a.edges, b.edges)
+    first, second = ([m.motor.scale.lower, m.motor.scale.span] for m in (model, other))
+    if not alike or not np.allclose(first, second):
         raise OptionError(
-            f"schema {name!r} is of an arm with the joints {', '.join(other.about.joint_names)}, "
-            f"the model's are {', '.join(model.about.joint_names)}: keep states of one arm"
+            f"schema {name!r} has other joints, joint ranges, units or maps than the model: adapt "
+            "the model, or train both alike"
         )
-    if not np.allclose(other.motor.scale.lower, model.motor.scale.lower) or not np.allclose(
-        other.motor.scale.span, model.motor.scale.span
-    ):
-        raise OptionError(f"schema {name!r} was learned over other joint ranges than the model")
-    if other.about.unit != model.about.unit:
-        raise OptionError(
-            f"schema {name!r} has positions in {other.about.unit}, the model in {model.about.unit}"
-        )
-    for mine, its in ((model.motor, other.motor), (model.sensory, other.sensory)):
-        if mine.lattice.shape != its.lattice.shape or not np.array_equal(mine.edges, its.edges):
-            raise OptionError(
-                f"schema {name!r} has maps of another size or kind than the model: adapt the "
-                "model, or train both alike"
-            )
     check_name(name)
     if name == model.schema:
         raise OptionError(f"schema {name!r} is the model's present one: give another name")
@@ -219,12 +210,8 @@ def recognise(model: Model, log: Samples) -> Recognition:
     log : Samples
         Rows of the same arm.
     """
-    if log.joint_names != model.about.joint_names:
-        raise LogError(
-            f"the log's joints are {', '.join(log.joint_names)}, the model's are "
-            f"{', '.join(model.about.joint_names)}: give a log of the same arm"
-        )
-    name, fits = compare(schemas_of(model), model.motor.scale.to_unit(log.q), log.x)
+    u = model.motor.scale.to_unit(model.about.joints_of(log))
+    name, fits = compare(schemas_of(model), u, log.x)
     return Recognition(name, name == model.schema, len(log), fits)
 
 

@@ -28,7 +28,7 @@ from ..model.model import Model
 from ..samples.samples import Samples
 from ..samples.simulation import Simulation
 from .approach import corrected, play_of, play_words, simulated_approach, widened
-from .evaluate import Residuals, fresh_residuals, summarise
+from .evaluate import fresh_residuals, summarise
 from .held_out import held_out_residuals, node_bounds, tested_rows, turned_of
 from .learn import UNFOLD, Options, Progress, both_maps, link
 from .map_choice import LATTICE, with_chosen_map
@@ -278,8 +278,10 @@ def _simulated_bounds(
     rng = np.random.default_rng(options.stream("bounds"))
 
     def measured(q: Array) -> tuple[Array, Array, Array]:
-        held = Residuals.of(model, q, simulation.true(q, rng), (readout,))
-        return scale.to_unit(held.q), held.x, held.errors[readout]
+        u, x = scale.to_unit(q), simulation.true(q, rng)
+        inside = model.trust.covers(u)
+        miss = np.linalg.norm(model.forward(q[inside], readout) - x[inside], axis=1)
+        return u[inside], x[inside], miss
 
     q = simulation.draw(_BOUND_SAMPLES, rng)
     u, x, miss = measured(q)
