@@ -4,22 +4,20 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass, field
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 
 from ..common.arrays import Array
 from ..common.parallel import one_blas_thread
 from ..maps.map import Map, search_tree
+from ..model.model import Model
+from ..samples.samples import Samples
 from .cause import Cause
 from .causes import find_causes
 from .comparison import Comparison, compare
 from .group_tests import FALSE_ALARM, GroupTest, fired
 from .orientation import turned_tool
-
-if TYPE_CHECKING:
-    from ..model.model import Model
-    from ..samples.samples import Samples
 
 _SIGMAS = 4.0  # of the maps' distortions, skewed as they are
 _MOST = 1000  # rows that distortions are measured on

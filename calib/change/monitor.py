@@ -10,15 +10,14 @@ import numpy as np
 
 from ..common.arrays import Array
 from ..errors import ModelError, QueryError
+from ..maps.map import Map
 from ..maps.node_cells import NodeCells
+from ..model.model import Model
 from .group_tests import groups_of
 from .seen import seen_body
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
-
-    from ..maps.map import Map
-    from ..model.model import Model
 
 WINDOW = 200.0
 """Samples that the monitor remembers: older ones fade by a factor of e."""

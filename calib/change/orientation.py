@@ -6,7 +6,7 @@ Positions of a tool that is bent about its own tip stay as they were; only orien
 from __future__ import annotations
 
 from dataclasses import replace
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 from scipy.special import chdtri
@@ -18,13 +18,11 @@ from ..body.normal import Factor
 from ..body.poses import knows_orientation
 from ..common.arrays import Array
 from ..common.rows import thinned
+from ..samples.samples import Samples
 from .cause import Cause
+from .comparison import Comparison
 from .group_tests import FALSE_ALARM
 from .rows import UPDATED_ROWS
-
-if TYPE_CHECKING:
-    from ..samples.samples import Samples
-    from .comparison import Comparison
 
 _STEPS, _NU = 8, 6.0
 

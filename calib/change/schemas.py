@@ -11,18 +11,15 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
-from typing import TYPE_CHECKING
 
 import numpy as np
 
 from ..common.arrays import Array
 from ..errors import OptionError
 from ..maps.association import Association
+from ..model.model import Model
 from ..model.schemas import Schema, check_name
-
-if TYPE_CHECKING:
-    from ..model.model import Model
-    from ..samples.samples import Samples
+from ..samples.samples import Samples
 
 MOST = 4
 """Schemas that a follower keeps, the present one among them."""

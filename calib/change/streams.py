@@ -10,7 +10,6 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass, replace
-from typing import TYPE_CHECKING
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -18,14 +17,12 @@ from numpy.typing import ArrayLike, NDArray
 from ..common.arrays import Array
 from ..common.parallel import one_blas_thread
 from ..errors import OptionError
+from ..model.model import Model
 from ..model.schemas import Schema
 from .follow import HORIZON, check_followable
 from .learning import SETTLED, Learning
 from .schemas import MOST, OUTSIDE, compare, in_state
 from .watch import Step
-
-if TYPE_CHECKING:
-    from ..model.model import Model
 
 _WINDOW = 20  # latest samples that tell whether the present schema still fits
 _AGAINST = 13  # of them that contradict it: at a share of 10 % once in 10^8 windows

@@ -8,15 +8,12 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass
-from typing import TYPE_CHECKING
 
 import numpy as np
 
 from ..common.arrays import Array
 from ..maps.map import Map, search_tree
-
-if TYPE_CHECKING:
-    from ..model.model import Model
+from ..model.model import Model
 
 WINDOW = 200.0
 """Samples that a running mean remembers."""

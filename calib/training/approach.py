@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from dataclasses import replace
-from typing import TYPE_CHECKING
 
 import numpy as np
 
@@ -11,13 +10,11 @@ from ..body.approach import Approach, learn_play
 from ..common.arrays import Array
 from ..common.scale import Scale
 from ..maps.node_bounds import learn_bounds
+from ..model.model import Model
 from ..samples.joint_values import directions
 from ..samples.samples import Samples
+from ..samples.simulation import Simulation
 from .smooth import SmoothPart
-
-if TYPE_CHECKING:
-    from ..model.model import Model
-    from ..samples.simulation import Simulation
 
 _ROWS = 5_000  # rows that play is learned from
 _TREND = 7  # degree of what a joint's value tells of its direction

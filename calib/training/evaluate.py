@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 
@@ -13,11 +13,9 @@ from ..common.arrays import Array
 from ..common.parallel import side_by_side
 from ..errors import LogError
 from ..model.answers import unit_joints
-
-if TYPE_CHECKING:
-    from ..model.model import Model
-    from ..samples.samples import Samples
-    from ..samples.simulation import Simulation
+from ..model.model import Model
+from ..samples.samples import Samples
+from ..samples.simulation import Simulation
 
 _SAMPLES = 10_000
 _STREAM = 4  # the same as in training: the tables agree

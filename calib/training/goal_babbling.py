@@ -10,10 +10,10 @@ from __future__ import annotations
 
 from collections.abc import Iterable, Mapping
 from dataclasses import replace
-from typing import TYPE_CHECKING
 
 import numpy as np
 
+from ..arm.arm import Arm
 from ..common.arrays import Array
 from ..common.parallel import one_blas_thread
 from ..common.scale import Scale
@@ -25,9 +25,6 @@ from ..maps.som import SOM
 from ..samples.babbling import babble
 from ..samples.changes import Change
 from ..samples.samples import Samples
-
-if TYPE_CHECKING:
-    from ..arm.arm import Arm
 
 ROUNDS = 8
 """Times that the maps are learned anew and targets are picked."""
