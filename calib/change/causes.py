@@ -180,10 +180,11 @@ def _of_sensor(
     if not new and not clear[both].any():
         return []
     before, after = _seen_before_and_after(found, best.beta)
-    half = 1.96 * float(np.linalg.norm(best.deviation[turn]))
     if before.shape[1] == 3:
+        half = 1.96 * float(np.linalg.norm(best.deviation[turn]))
         value, motion = _rigid_motion(before, after, found.unit_seen)
     else:
+        half = 1.96 * float(best.deviation[turn[0]])
         value = (float(change[turn[0]]) + math.pi) % (2 * math.pi) - math.pi
         motion = Alignment.between(before, after).words(found.unit_seen)
     words = f"the sensor's frame moved: {motion}"
