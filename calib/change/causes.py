@@ -22,7 +22,6 @@ from .comparison import Comparison
 from .explain import Explanation
 from .group_tests import fired
 from .members import CREEP, FRAME, NOTHING, parts_of
-from .whitening import scaled
 
 _SIGNIFICANT = 2.6  # standard deviations from which a parameter is said to have changed
 _NOISIER = 1.5  # noise over the usual one from which it is worth a word
@@ -62,7 +61,7 @@ def find_causes(found: Comparison, drifted: bool) -> tuple[tuple[Cause, ...], tu
             causes.append(Cause("unknown", "", words))
     noise, usual = found.tested.noise, found.tested.usual
     if drifted and found.changed:  # a large change is not linear: what the best one leaves
-        noise = min(noise, found.explanations[0].noise * float(scaled(found.belief).size[0]))
+        noise = min(noise, found.explanations[0].noise * float(found.reference.sizes[0]))
     if noise >= _NOISIER * usual:
         factor, unit = for_people(found.unit_seen)
         words = f"the scatter is {factor * noise:.3g} {unit} per axis, {noise / usual:.2g} times "

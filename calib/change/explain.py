@@ -20,7 +20,7 @@ from ..common.arrays import Array
 from .members import ANYWHERE, CREEP, NOTHING, Member, anywhere, drift, freedom, members_of
 from .reference import Reference
 from .rows import EXPLAINED_ROWS, Log
-from .whitening import Spectrum, scaled, spectrum
+from .whitening import Spectrum, spectrum
 
 MARGIN = 5.0
 """Nats by which a change must be better than none.  A body that was only simulated has never seen
@@ -58,7 +58,7 @@ class Explanation:
     sd: Array  # (d,), standard deviations by which they were free to change
     evidence: float  # logarithm of the tempered evidence [nats]
     fit: float  # the same without what its freedom costs, which no narrower member exceeds [nats]
-    noise: float  # noise of the log, in the sizes of `whitening.scaled`
+    noise: float  # noise of the log, in `Reference.sizes`
     temper: float  # rows that count for one
     residual: Array  # (n, m) [unit], measured less predicted outputs of the rows that were compared
     margin: float  # [nats], by which it must be better than no change
@@ -103,7 +103,6 @@ class _Search:
         self.richest = members[-1]
         self.members = [m for m in members if m.framed or not reference.new]
         self.simulated = body.simulated
-        self.floor = scaled(body).floor
         self.temper = max(body.kappa, 1.0) ** 2
         self.points: dict[Member, _Point] = {}
         self.best = -np.inf
@@ -114,10 +113,7 @@ class _Search:
         leader: tuple[Explanation, Factor] | None = None
         reference, log = self.reference, self.log
         for own in OWN:
-            space = spectrum(
-                reference.body, reference.beta, log.q, log.weight, drift(reference.body, own[1]),
-                own[0], reference.forgotten, log.shared,
-            )  # fmt: skip
+            space = spectrum(reference, log, drift(reference.body, own[1]), own[0])
             if own == OWN[0]:
                 first, _ = self._fit(NOTHING if calm else self.richest, space, own)
                 rest = space.rest(space.turn(first.residual), first.noise)
@@ -193,7 +189,7 @@ class _Search:
             point = self._linearised(np.where(sd > 0, start, origin), free, sd)
         beta, residual = point.beta, point.residual
         y, j = space.turn(residual), space.turn_columns(point.x)
-        noise = space.noise(y, self.floor)
+        noise = space.noise(y)
         tried = own != OWN[0] and member != self.richest
         for _ in range(_STEPS if len(free) else 0):
             precision = 1.0 / ((space.values + noise**2) * self.temper)
@@ -224,7 +220,7 @@ class _Search:
             else:
                 break
             beta, residual, y = moved, residual_new, y_new
-            noise = space.noise(y, self.floor)
+            noise = space.noise(y)
             if before - after < _NOTHING_LEFT:
                 break
             point = self._linearised(beta, free, sd)

@@ -11,7 +11,6 @@ from ..common.arrays import Array
 from ..common.rows import thinned
 from .members import drift, freedom, members_of
 from .reference import Reference
-from .whitening import scaled
 
 _STUDENT = 6.0
 _STEPS = 12
@@ -70,7 +69,7 @@ def weighted(
     free = np.flatnonzero(sd > 0)
     beta = reference.beta.copy()
     moved = np.zeros(len(free))
-    size = scaled(body).size
+    size = reference.sizes
     rows = thinned(len(q), ROBUST_ROWS)
     noise = 1.0
     for _ in range(_STEPS):
