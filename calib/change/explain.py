@@ -79,8 +79,8 @@ def explain(
     cause : {"sensor", "joints"}, what is known about the change
     calm : whether nothing changed: only the sizes of the log's own residual are then compared
     """
-    search = _Search(reference, log.some(EXPLAINED_ROWS), cause)
-    return tuple(sorted(search.run(calm), key=lambda e: -e.evidence))
+    search = _Search(reference, log.some(EXPLAINED_ROWS), cause, calm)
+    return tuple(sorted(search.run(), key=lambda e: -e.evidence))
 
 
 @dataclass(frozen=True)
@@ -95,34 +95,28 @@ class _Point:
 class _Search:
     """The members of one log; what they share is computed once."""
 
-    def __init__(self, reference: Reference, log: Log, cause: str | None) -> None:
-        body = reference.body
+    def __init__(self, reference: Reference, log: Log, cause: str | None, calm: bool) -> None:
         self.reference, self.log, self.cause = reference, log, cause
         self.structure = reference.structure
-        members = members_of(body.structure, cause)
+        members = (NOTHING,) if calm else members_of(reference.structure, cause)
         self.richest = members[-1]
-        self.members = [m for m in members if m.framed or not reference.new]
-        self.simulated = body.simulated
-        self.temper = max(body.kappa, 1.0) ** 2
+        self.members = [m for m in members if m.framed or calm or not reference.new]
+        self.temper = max(reference.body.kappa, 1.0) ** 2
         self.points: dict[Member, _Point] = {}
         self.best = -np.inf
 
-    def run(self, calm: bool) -> list[Explanation]:
+    def run(self) -> list[Explanation]:
         """Each size of the log's own residual with all members that can still matter."""
         found: list[Explanation] = []
         leader: tuple[Explanation, Factor] | None = None
-        reference, log = self.reference, self.log
+        reference = self.reference
         for own in OWN:
-            space = spectrum(reference, log, drift(reference.body, own[1]), own[0])
+            space = spectrum(reference, self.log, drift(reference.body, own[1]), own[0])
             if own == OWN[0]:
-                first, _ = self._fit(NOTHING if calm else self.richest, space, own)
+                first, _ = self._fit(self.richest, space, own)
                 rest = space.rest(space.turn(first.residual), first.noise)
                 self.temper = max(self.temper, autocorrelation_time(rest))
-                if not calm:
-                    self._start(space, first.noise)
-            if calm:
-                found.append(self._fit(NOTHING, space, own)[0])
-                continue
+                self._start(space, first.noise)
             # The richest member first: none that frees less fits better, whatever its prior.
             rich = self._fit(self.richest, space, own)
             hopeless = rich[0].fit < self.best - _HOPELESS
@@ -232,7 +226,8 @@ class _Search:
         likelihood = -0.5 * float(np.log(total).sum() + (y**2 / total).sum()) / self.temper
         fit = likelihood - 0.5 * float(away @ away)
         evidence = fit - 0.5 * factor.log_determinant()
-        free_of_charge = member == NOTHING and (own in OWN[:_USUAL] or self.simulated)
+        simulated = self.reference.body.simulated
+        free_of_charge = member == NOTHING and (own in OWN[:_USUAL] or simulated)
         made = Explanation(
             member, *own, origin, beta, np.zeros(len(beta)), sd, evidence, fit, noise, self.temper,
             residual, 0.0 if free_of_charge else MARGIN,
