@@ -166,10 +166,17 @@ def recall(model: Model, name: str) -> Model:
 
 def in_state(model: Model, schema: Schema) -> Model:
     """The model in the state of a schema, with the schemas that it keeps."""
+    motor, sensory = schema.predictor.motor, schema.sensory
+    u = np.random.default_rng(model.about.seed).random((_IMAGINED, len(motor.scale.span)))
+    u = u[schema.visited[motor.nearest(u)[1][:, 0]]]
+    if not len(u):  # hardly anything was visited
+        u = np.clip(motor.units[schema.visited], 0.0, 1.0)
+    v = sensory.scale.to_unit(schema.predictor.value(u))
     return replace(
         model,
         about=replace(model.about, bound_of=schema.bound_of, samples=schema.samples),
-        association=_linked(model, schema),
+        # links at rest for what the schema says
+        association=Association.learn(motor, u, sensory, v, model.association.wiring),
         predictor=schema.predictor,
         body=schema.body,
         bounds=schema.bounds,
@@ -178,19 +185,6 @@ def in_state(model: Model, schema: Schema) -> Model:
         baseline=schema.baseline,
         schema=schema.name,
     )
-
-
-def _linked(model: Model, schema: Schema) -> Association:
-    """Maps of a schema and the links between them, at rest for what it says."""
-    motor, sensory = schema.predictor.motor, schema.sensory
-    rng = np.random.default_rng(model.about.seed)
-    u = rng.random((_IMAGINED, len(motor.scale.span)))
-    u = u[schema.visited[motor.nearest(u)[1][:, 0]]]
-    if not len(u):  # hardly anything was visited
-        u = np.clip(motor.units[schema.visited], 0.0, 1.0)
-    wiring = model.association.wiring
-    v = sensory.scale.to_unit(schema.predictor.value(u))
-    return Association.learn(motor, u, sensory, v, wiring)
 
 
 def recognise(model: Model, log: Samples) -> Recognition:
@@ -217,6 +211,8 @@ def compare(schemas: Sequence[Schema], u: Array, x: Array) -> tuple[str | None, 
 
     u, x : (n, dof), (n, 2), joints in the unit box and measured positions
     """
+    from scipy.special import bdtrc
+
     found = []
     for schema in schemas:
         ratio, distance, bound = schema.contradictions(u, x)
@@ -229,16 +225,9 @@ def compare(schemas: Sequence[Schema], u: Array, x: Array) -> tuple[str | None, 
         sigma, k = bound[seen] / schema.radius, x.shape[1]
         # Student's, so that one wrong detection does not decide
         density = -k * np.log(sigma) - (_FREEDOM + k) / 2 * np.log1p(square / _FREEDOM)
-        fits = _may_be_chance(int(outside.sum()), len(outside))
+        count = int(outside.sum())
+        fits = not count or float(bdtrc(count - 1, len(outside), _CHANCE)) >= _UNLIKELY
         sizes = float(outside.mean()), float(np.median(distance[seen])), float(density.mean())
         found.append(Fit(schema.name, fits, *sizes))
     found.sort(key=lambda f: -f.likelihood)
-    best = next((f for f in found if f.fits), None)
-    return None if best is None else best.name, tuple(found)
-
-
-def _may_be_chance(outside: int, n: int) -> bool:
-    """Whether so many of `n` rows may contradict the schema that is right."""
-    from scipy.special import bdtrc
-
-    return outside == 0 or float(bdtrc(outside - 1, n, _CHANCE)) >= _UNLIKELY
+    return next((f.name for f in found if f.fits), None), tuple(found)

@@ -61,12 +61,7 @@ def solve(model: Model, x: Array, near: Array, readout: str) -> Answer:
     """Answer the targets `x` (n, 2) with the solutions closest to `near` (n, dof, unit box)."""
     check_readout(readout)
     u = unit_joints(model, x, near, (readout,))[readout]
-    if readout == "local":
-        return answer(model, u, x, None)
-    if readout == "body":
-        return answer(model, u, x, model.smooth().value(u))
-    seen = model.association.forward(u, readout)
-    return answer(model, u, x, model.sensory.scale.from_unit(seen))
+    return answer(model, u, x, model.predicted(u, readout))
 
 
 def unit_joints(model: Model, x: Array, near: Array, readouts: Sequence[str]) -> dict[str, Array]:
@@ -100,7 +95,7 @@ def joints(model: Model, x: Array, near: Array, *, nearest: bool) -> Array:
 def solve_all(model: Model, x: Array) -> list[Answer]:
     """Every distinct solution of each target, see :meth:`calib.Model.solve_all`."""
     target, u, _ = model.solver.solve_all(in_sight(model, x))
-    every = answer(model, u, x[target], None)
+    every = answer(model, u, x[target])
     edges = np.searchsorted(target, np.arange(len(x) + 1)).tolist()
     return [every.take(slice(a, b)) for a, b in itertools.pairwise(edges)]
 
@@ -117,7 +112,7 @@ def in_sight(model: Model, x: Array) -> Array:
     return np.where(far, x / np.where(far, furthest, 1.0) * limit, x) if far.any() else x
 
 
-def answer(model: Model, u: Array, x: Array, position: Array | None) -> Answer:
+def answer(model: Model, u: Array, x: Array, position: Array | None = None) -> Answer:
     """Describe joints `u` (n, dof) of the unit box that answer the targets `x` (n, 2)."""
     if position is None:
         position = model.predictor.value(u)

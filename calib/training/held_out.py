@@ -5,6 +5,7 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
+from ..body.covariance import RADIUS_95
 from ..common.arrays import Array
 from ..common.choices import MAP_READOUTS
 from ..maps.model_selection import Selected
@@ -17,7 +18,6 @@ from .smooth import SmoothPart, to_learn
 
 _TESTED = 5_000  # rows that errors are measured on; more would tell no more
 _HALVES = 2  # the maps' readouts are tested on blocks that the other half did not show
-_RADIUS_95 = 2.448  # radius that holds 95 % of a 2-D Gaussian of standard deviation 1
 
 
 def held_out_residuals(
@@ -112,7 +112,7 @@ def node_bounds(
     if model.predictor.models.degree >= 0:
         # where held-out rows are further off than the body says, as in a local defect
         learned = learn_bounds(motor, u[rows], errors)
-        noise = _RADIUS_95 * float(np.sqrt(np.mean(model.body.noise[:2] ** 2)))
+        noise = RADIUS_95 * float(np.sqrt(np.mean(model.body.noise[:2] ** 2)))
         own = np.sqrt(np.maximum(learned**2 - noise**2, 0.0))
         position = np.where(learned > reading, np.maximum(position, own), position)
         reading = np.maximum(reading, learned)
