@@ -114,7 +114,8 @@ def _few_shot(found: Comparison, log: Samples, report: Progress) -> Adaptation:
     if bent and not improved:  # the tool alone
         body, own, after = found.belief, None, before
     if log.orientation is not None and not untold and (improved or bent):
-        body = with_orientations(body, log.q, log.orientation, bool(bent))
+        q = model.about.joints_of(log)
+        body = with_orientations(body, q, log.orientation, bool(bent))
     notes = (*_notes(found, body, causes, unsettled, improved), *untold)
     improved = improved or bool(bent)
     known = "no single change explains the log" if found.unexpected else "nothing changed"

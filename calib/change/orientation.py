@@ -41,7 +41,8 @@ def turned_tool(found: Comparison, log: Samples) -> tuple[float, tuple[Cause, ..
     changed = found.changed and found.explained
     structure: Any = found.reference.structure if changed else found.body.structure
     beta = found.explanations[0].beta if changed else found.body.beta
-    predicted = exponential(structure.with_view("pose").predict(log.q, beta)[:, 3:])
+    q = found.model.about.joints_of(log)
+    predicted = exponential(structure.with_view("pose").predict(q, beta)[:, 3:])
     back = np.swapaxes(predicted, 1, 2)
     turns = logarithm(back @ matrix_of(log.orientation))
     # seen = exp(x) predicted exp(y): a sensor turned by x, which only a change frees, a tool by y
