@@ -49,11 +49,6 @@ class GroupTest:
         """Statistic over threshold."""
         return self.statistic / self.threshold
 
-    @property
-    def penalised(self) -> float:
-        """What ranks groups of different sizes."""
-        return self.statistic - 3.0 * self.freedom
-
 
 @dataclass(frozen=True)
 class Tested:
@@ -76,7 +71,9 @@ class Tested:
 
 def fired(groups: Iterable[GroupTest]) -> tuple[GroupTest, ...]:
     """Groups above their threshold, the most telling first."""
-    return tuple(sorted((g for g in groups if g.score > 1.0), key=lambda g: -g.penalised))
+    above = (g for g in groups if g.score > 1.0)
+    # a larger group explains more by chance alone
+    return tuple(sorted(above, key=lambda g: 3.0 * g.freedom - g.statistic))
 
 
 def groups_of(body: Body) -> dict[str, Indices]:

@@ -3,8 +3,9 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Callable, Sequence
 from operator import mul
-from typing import TYPE_CHECKING, Any, NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 
@@ -15,9 +16,6 @@ from ..maps.node_cells import NodeCells
 from ..model.model import Model
 from .group_tests import groups_of
 from .seen import seen_body
-
-if TYPE_CHECKING:
-    from collections.abc import Sequence
 
 WINDOW = 200.0
 """Samples that the monitor remembers: older ones fade by a factor of e."""
@@ -86,7 +84,7 @@ class Monitor:
         self._lower, self._span = scale.lower.tolist(), scale.span.tolist()
         self._turning = np.flatnonzero(scale.periodic).tolist()
         self._origin, self._size = sensory.scale.lower.tolist(), sensory.scale.span.tolist()
-        self._motor, self._sensory = _Search(motor), _Search(sensory)
+        self._next_joints, self._next_position = _search(motor), _search(sensory)
         self._expected = baseline.sensory
         self._reach = 3.0 * motor.spacing
         self._visited = model.visited
@@ -121,7 +119,7 @@ class Monitor:
             u[k] %= 1.0
         if not math.isfinite(sum(u) + sum(v)):
             return self._state
-        distance, node = self._motor.nearest(u)
+        distance, node = self._next_joints(u)
         if distance > self._reach or not self._visited[node]:
             return self._state
         known = self._nodes[node].tolist()
@@ -144,7 +142,7 @@ class Monitor:
         if size > limit:
             row[:, -1] *= limit / size
             most = _DOUBTED
-        away, winner = self._sensory.nearest(v)
+        away, winner = self._next_position(v)
         fade = self._fade  # means over a window that forgets, in constant memory
         self._moments *= fade
         self._moments += row.T @ row
@@ -187,19 +185,21 @@ class Monitor:
         )
 
 
-class _Search:
-    """The nearest node of a map: by cells where they know, by the search tree elsewhere."""
+def _search(network: Map) -> Callable[[Sequence[float]], tuple[float, int]]:
+    """What tells the distance and the number of the node next to a point (d,) of the unit box.
 
-    def __init__(self, network: Map) -> None:
-        self._cells, self._tree = NodeCells.of(network, 0), network.tree
+    By cells where they know, by the search tree elsewhere.
+    """
+    cells, tree = NodeCells.of(network, 0), network.tree
 
-    def nearest(self, v: Sequence[float]) -> tuple[float, int]:
-        """Distance and number of the node that is nearest to a point (d,) of the unit box."""
-        found = None if self._cells is None else self._cells.nearest(v)
-        if found is not None:
-            return found
-        distance, node = self._tree.query(v)
-        return float(distance), int(node)
+    def nearest(v: Sequence[float]) -> tuple[float, int]:
+        found = None if cells is None else cells.nearest(v)
+        if found is None:
+            distance, node = tree.query(v)
+            found = float(distance), int(node)
+        return found
+
+    return nearest
 
 
 def _unit(values: Any, lower: list[float], span: list[float], what: str) -> list[float]:

@@ -91,9 +91,11 @@ def next_joints(scale: Scale, q: Array, x: Array, n: int, rng: np.random.Generat
     """Joints (n, dof) of the unit box to measure next, after `q` (m, dof) and `x` (m, k)."""
     u = scale.to_unit(q)
     dof = u.shape[1]
-    side = int(np.clip((len(u) / _PER_NODE) ** (1 / 2), 4, _LARGEST))
-    size = (side, side)
-    pair = _maps(scale, u, x, size, rng)
+    side, seen = int(np.clip((len(u) / _PER_NODE) ** (1 / 2), 4, _LARGEST)), Scale.of_data(x)
+    seeds = np.random.SeedSequence(int(rng.integers(2**31))).spawn(2)
+    nodes = SOM((side, side), "som", seed=seeds[0]).fit(scale.from_unit(u), scale=scale)
+    places = SOM((side, side), "som", seed=seeds[1]).fit(x, scale=seen)
+    pair = Association.learn(nodes, u, places, seen.to_unit(x), WIRINGS["reciprocal"])
     error = _own_error(pair, scale, u, x, rng)
     by_error = round(_GOALS * n)
     # targets beside the positions where errors are largest, more often the larger they are
@@ -108,16 +110,6 @@ def next_joints(scale: Scale, q: Array, x: Array, n: int, rng: np.random.Generat
     everywhere = rng.random((n - by_error, dof))
     found = np.concatenate([goals, everywhere])[rng.permutation(n)]
     return np.where(scale.periodic, found % 1.0, np.clip(found, 0.0, 1.0))
-
-
-def _maps(
-    scale: Scale, u: Array, x: Array, size: tuple[int, ...], rng: np.random.Generator
-) -> Association:
-    seen = Scale.of_data(x)
-    seeds = np.random.SeedSequence(int(rng.integers(2**31))).spawn(2)
-    motor = SOM(size, "som", seed=seeds[0]).fit(scale.from_unit(u), scale=scale)
-    sensory = SOM(size, "som", seed=seeds[1]).fit(x, scale=seen)
-    return Association.learn(motor, u, sensory, seen.to_unit(x), WIRINGS["reciprocal"])
 
 
 def _own_error(

@@ -86,21 +86,18 @@ def find_smooth_part(
         trends = of_trends(scale, turning, u, x)
         return SmoothPart((under, *trends, *of_trends(scale, turning, u, x, under)), fit, rows)
     if error <= _NO_ARM * extent:
-        if view == "auto" and error > _EXACT_LOG * extent and _fills_box(u):
-            # no chain, but smooth, such as a lens of high order: a trend around the body or alone
-            around = of_trends(scale, turning, u, x, under)
-            alone = of_trends(scale, turning, u, x)
-            best = min((*around, *alone), key=_held_out_error)
-            if _held_out_error(best) < _MUCH_BETTER * error:
-                return SmoothPart((best,), fit if any(best is c for c in around) else None, rows)
-            rivals = (replace(trend, rival=_MUCH_BETTER) for trend in alone)
-            return SmoothPart((under, *rivals), fit, rows)
-        return SmoothPart((under,), fit, rows)
-    better = tuple(
-        trend
-        for trend in of_trends(scale, turning, u, x)
-        if _held_out_error(trend) < _FAR_BETTER * error
-    )
+        if view != "auto" or error <= _EXACT_LOG * extent or not _fills_box(u):
+            return SmoothPart((under,), fit, rows)
+        # no chain, but smooth, such as a lens of high order: a trend around the body or alone
+        around = of_trends(scale, turning, u, x, under)
+        alone = of_trends(scale, turning, u, x)
+        best = min((*around, *alone), key=_held_out_error)
+        if _held_out_error(best) < _MUCH_BETTER * error:
+            return SmoothPart((best,), fit if any(best is c for c in around) else None, rows)
+        rivals = (replace(trend, rival=_MUCH_BETTER) for trend in alone)
+        return SmoothPart((under, *rivals), fit, rows)
+    trends = of_trends(scale, turning, u, x)
+    better = tuple(trend for trend in trends if _held_out_error(trend) < _FAR_BETTER * error)
     kind = "planar arm" if x.shape[1] == 2 and samples.arm is None else "arm"
     space = ", and whether the arm moves in space (then give its URDF)" if kind != "arm" else ""
     unlike = (
