@@ -14,7 +14,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from ..arm.rotations import exponential, logarithm, matrix_of, quaternion_of
+from ..arm.rotations import exponential, logarithm, quaternion_of
 from ..body.belief import Body
 from ..body.spatial_view import look
 from ..body.views import is_camera
@@ -143,17 +143,19 @@ class Space:
     def reach_pose(
         self,
         position: ArrayLike,
-        quaternion: ArrayLike,
+        rotation: Array,
         near: Sequence[float] | None = None,
         branches: Array | None = None,
     ) -> Reached:
         """Joint values for a pose in the base frame: every branch, that nearest to `near` first.
 
+        position, rotation : (3,) [m], (3, 3)
+
         Where none reaches it, the one that comes nearest; an arm of more than six joints has
         infinitely many, of which the nearest to `near` stands first.  `branches` (b, dof) are
         those of the pose where they are known.
         """
-        p, r = np.asarray(position, dtype=float), matrix_of(np.asarray(quaternion, dtype=float))
+        p, r = np.asarray(position, dtype=float), rotation
         anchor = self.joints.middle if near is None else np.asarray(near, dtype=float)
         found = branches
         if found is None:
