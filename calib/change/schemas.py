@@ -29,10 +29,12 @@ OUTSIDE = 1.5
 
 For normal errors one in 800; it leaves room for bounds that are too narrow by half."""
 
+IMAGINED = 20_000
+"""Samples that a model imagines to learn its links from."""
+
 _CHANCE = 0.05  # share of samples that may contradict the schema that is right
 _UNLIKELY = 1e-3  # a schema fits unless so many contradictions are that improbable
 _FREEDOM = 6.0  # of the Student distribution that compares schemas
-_IMAGINED = 20_000  # samples from which links are learned
 
 
 @dataclass(frozen=True)
@@ -167,7 +169,7 @@ def recall(model: Model, name: str) -> Model:
 def in_state(model: Model, schema: Schema) -> Model:
     """The model in the state of a schema, with the schemas that it keeps."""
     motor, sensory = schema.predictor.motor, schema.sensory
-    u = np.random.default_rng(model.about.seed).random((_IMAGINED, len(motor.scale.span)))
+    u = np.random.default_rng(model.about.seed).random((IMAGINED, len(motor.scale.span)))
     u = u[schema.visited[motor.nearest(u)[1][:, 0]]]
     if not len(u):  # hardly anything was visited
         u = np.clip(motor.units[schema.visited], 0.0, 1.0)

@@ -25,16 +25,16 @@ from ..maps.predictor import Predictor
 from ..model.measured import Rows
 from ..model.model import Model
 from ..training.held_out import node_bounds
+from ..training.smooth import NO_ARM
+from .schemas import IMAGINED
 
 if TYPE_CHECKING:
     from scipy.sparse import csr_array
 
 
 _ROWS = 3000  # rows that a body is refitted to: more would tell it hardly more
-_NO_ARM = 0.02  # share of the extent: a body that is further off is compared with trends
 _NOISE_FLOOR = 1.5  # so is that of a simulation beyond so many times the usual noise
 _FEW_ROWS = 1000  # fewer have no links of their own
-_IMAGINED = 20_000  # samples from which links are learned
 
 
 def settled_model(
@@ -120,7 +120,7 @@ def _with_body(model: Model, motor: Map, u: Array, x: Array) -> _Refit | None:
         return None
     candidates: list[Candidate] = [of_body(fit, scale, u, x)]
     extent = float(np.linalg.norm(np.ptp(x, axis=0)))
-    usual = _NO_ARM * extent
+    usual = NO_ARM * extent
     if simulated:  # an exact lens or gear is smooth: a trend follows it
         noise = model.baseline.noise if model.baseline is not None else 0.0
         usual = _NOISE_FLOOR * noise + 1e-6 * extent
@@ -128,7 +128,7 @@ def _with_body(model: Model, motor: Map, u: Array, x: Array) -> _Refit | None:
         candidates += of_trends(scale, about.revolute, u, x, candidates[0])
     selected = select(motor, u, candidates)
     if len(seen[0]) < _FEW_ROWS:  # too few for links of their own
-        drawn = np.random.default_rng(about.seed).random((_IMAGINED, u.shape[1]))
+        drawn = np.random.default_rng(about.seed).random((IMAGINED, u.shape[1]))
         seen = drawn, selected.predictor.value(drawn)
     kept = np.arange(0, len(u) * every, every)[selected.rows]
     return _Refit(selected.predictor, fit.body, kept, selected.errors, *seen)

@@ -27,13 +27,15 @@ from .learn import Options
 
 Rows = slice | NDArray[np.intp]
 
+NO_ARM = 0.02
+"""Share of the extent: a body that is further off is compared with trends."""
+
 LEARNED_ROWS = 50_000
 """Rows of a log that the smooth part and the local models rest on."""
 
 _RAYLEIGH = {2: 1.2533, 3: 1.5958}  # mean length of a Gaussian vector of standard deviation 1
 _NOISE_FLOOR = 1.2  # a held-out error within this factor of the noise leaves nothing to mend
 _EXACT = 3e-8  # share of the extent that is nothing to mend in a simulation without noise
-_NO_ARM = 0.02  # share of the extent: a body that is further off is compared with trends
 _EXACT_LOG = 1e-6  # share of the extent below which a log leaves nothing to mend
 _MUCH_BETTER = 0.2  # of a body's error: what a trend around it has to reach
 _ROWS_PER_CELL, _FILLED = 10, 0.5  # rows that fill so much of the joints' box are no path
@@ -85,7 +87,7 @@ def find_smooth_part(
         # an exact lens or gear is smooth: a trend of what the body leaves over follows it
         trends = of_trends(scale, turning, u, x)
         return SmoothPart((under, *trends, *of_trends(scale, turning, u, x, under)), fit, rows)
-    if error <= _NO_ARM * extent:
+    if error <= NO_ARM * extent:
         if view != "auto" or error <= _EXACT_LOG * extent or not _fills_box(u):
             return SmoothPart((under,), fit, rows)
         # no chain, but smooth, such as a lens of high order: a trend around the body or alone
