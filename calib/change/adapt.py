@@ -29,7 +29,7 @@ from .orientation import turned_tool, with_orientations
 from .own_residual import OwnResidual, own_residual
 from .rebuilding import doubts, elsewhere, rebuilt
 from .rows import UPDATED_ROWS
-from .update import fit_from_drawing, settled, updated
+from .update import fit_from_drawing, gain_of, updated
 
 _CLEAR = 0.95  # of the held-out error that a change may leave at most
 _REFINED = 0.85  # the same where nothing changed and rows are only added
@@ -175,7 +175,7 @@ def _improves(
     after: Array,
 ) -> bool:
     """Whether the update is worth taking."""
-    ratio, sure = settled(before, after)
+    ratio, sure = gain_of(before, after)
     if changed:
         return ratio < _CLEAR
     if ratio > _REFINED or sure < _SURE:

@@ -27,9 +27,7 @@ from .rows import Log, weighted
 from .sanity import comparable, lag_of
 from .seen import seen_body
 
-PROBES = 120
-"""Joints all over the learned range at which predictions are compared."""
-
+_PROBES = 120  # joints all over the learned range at which predictions are compared
 UNEXPLAINED = 0.1
 """Share of the positions' spread: a log that is further off from every member is explained by
 none."""
@@ -130,7 +128,7 @@ class Comparison:
     def probes(self) -> Array:
         """Joints (p, dof) all over the learned range."""
         about = self.model.about
-        u = np.random.default_rng(0).random((PROBES, len(about.joint_names)))
+        u = np.random.default_rng(0).random((_PROBES, len(about.joint_names)))
         return np.asarray(about.lower + u * (about.upper - about.lower))
 
     @cached_property

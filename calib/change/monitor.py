@@ -17,12 +17,8 @@ from ..model.model import Model
 from .group_tests import groups_of
 from .seen import seen_body
 
-WINDOW = 200.0
-"""Samples that the monitor remembers: older ones fade by a factor of e."""
-
-FALSE_ALARM = 1e-6
-"""Share of the samples of an undisturbed stream that raise an alarm, nominally."""
-
+_WINDOW = 200.0  # samples that the monitor remembers: older ones fade by a factor of e
+_FALSE_ALARM = 1e-6  # share of the samples of a calm stream that raise an alarm, nominally
 _COLLINEAR = 1e-3  # directions that are so much weaker than the strongest are left out
 _DIRECTIONS = 8  # strongest displacements that are watched: a few microseconds each
 _GRAIN = 1e-6  # share of the extent below which nothing counts as drift
@@ -71,7 +67,7 @@ class Monitor:
     False
     """
 
-    def __init__(self, model: Model, window: float = WINDOW) -> None:
+    def __init__(self, model: Model, window: float = _WINDOW) -> None:
         from scipy.linalg.lapack import dposv
         from scipy.special import chdtri
 
@@ -104,7 +100,7 @@ class Monitor:
         self._spread = baseline.spread[1]
         self._noise = max(baseline.noise, self._floor)
         self._leak = float((sensory.scale.span**-2.0).sum() / baseline.sensory.mean())
-        self._quantile = float(chdtri(p, FALSE_ALARM))
+        self._quantile = float(chdtri(p, _FALSE_ALARM))
         self._samples = 0
         self._state = State(0, False, 0.0, 0.0, 0.0, 0.0, ())
 

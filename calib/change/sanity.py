@@ -19,15 +19,11 @@ from ..model.model import Model
 from ..samples.samples import Samples
 from .reference import Reference, rigid_misfit
 
-LEAST_ROWS = 10
-"""Fewest different rows that a judgement or a correction can rest on."""
-
+_LEAST_ROWS = 10  # fewest different rows that a judgement or a correction can rest on
 _SWAPPED = 0.2  # residual by which exchanged columns must fit better
 _CORNER = 0.5  # share of a joint's range below which it is said how little was covered
 
-MOST = 30
-"""Rows by which positions are moved against the joints, either way."""
-
+_MOST_LAG = 30  # rows by which positions are moved against the joints, either way
 _BETTER = 0.5
 _MOST_ROWS = 0.8  # of the rows, which have to come nearer; the others may be wrong detections
 _SMOOTH = 0.3  # steps of the joints over their spread, above which rows are no path
@@ -47,20 +43,20 @@ def comparable(model: Model, log: Samples) -> tuple[Array, Array, tuple[str, ...
     notes = []
     if len(first) < len(table):
         notes.append(f"{len(table) - len(first)} repeated rows count once")
-    if len(first) < LEAST_ROWS:
+    if len(first) < _LEAST_ROWS:
         raise LogError(
-            f"the log has {len(first)} different rows, expected at least {LEAST_ROWS}: measure "
+            f"the log has {len(first)} different rows, expected at least {_LEAST_ROWS}: measure "
             "more poses, spread over the joints' ranges"
         )
     q, x = log_q[first], log.x[first]
     u = model.motor.scale.to_unit(q)
     known = np.isfinite(model.expected_error(q))
     _check_degrees(model, q, known)
-    if np.count_nonzero(known) < LEAST_ROWS:
+    if np.count_nonzero(known) < _LEAST_ROWS:
         why = model.outside(q[~known][0])
         raise LogError(
             f"{np.count_nonzero(known)} of the log's {len(first)} different rows lie within "
-            f"what the model has learned, expected at least {LEAST_ROWS}: {why}"
+            f"what the model has learned, expected at least {_LEAST_ROWS}: {why}"
         )
     left_out = int(np.count_nonzero(~known))
     if left_out:
@@ -125,7 +121,7 @@ def lag_of(reference: Reference, q: Array, z: Array) -> int:
     q, z : (n, dof), (n, m), rows in the order in which they were measured
     """
     n = len(q)
-    most = min(MOST, n // 4)
+    most = min(_MOST_LAG, n // 4)
     if float(np.median(np.abs(np.diff(q, axis=0)))) > _SMOOTH * float(np.median(np.ptp(q, axis=0))):
         return 0
     places = reference.structure.blocks[0]

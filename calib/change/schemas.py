@@ -21,7 +21,7 @@ from ..model.model import Model
 from ..model.schemas import Schema, check_name
 from ..samples.samples import Samples
 
-MOST = 4
+MOST_SCHEMAS = 4
 """Schemas that a follower keeps, the present one among them."""
 
 OUTSIDE = 1.5
@@ -204,11 +204,11 @@ def recognise(model: Model, log: Samples) -> Recognition:
         Rows of the same arm.
     """
     u = model.motor.scale.to_unit(model.about.joints_of(log))
-    name, fits = compare(schemas_of(model), u, log.x)
+    name, fits = fits_of(schemas_of(model), u, log.x)
     return Recognition(name, name == model.schema, len(log), fits)
 
 
-def compare(schemas: Sequence[Schema], u: Array, x: Array) -> tuple[str | None, tuple[Fit, ...]]:
+def fits_of(schemas: Sequence[Schema], u: Array, x: Array) -> tuple[str | None, tuple[Fit, ...]]:
     """The schema that fits best, None where each is contradicted, and how each fits.
 
     u, x : (n, dof), (n, 2), joints in the unit box and measured positions

@@ -22,7 +22,7 @@ from ..model.model import Model
 from ..model.schemas import Schema
 from .follow import HORIZON, check_followable
 from .learning import SETTLED, Learning
-from .schemas import MOST, OUTSIDE, compare, in_state
+from .schemas import MOST_SCHEMAS, OUTSIDE, fits_of, in_state
 from .watch import Step
 
 _WINDOW = 20  # latest samples that tell whether the present schema still fits
@@ -101,7 +101,7 @@ class Follower:
     ('schema 2', False, ['schema 1'])
     """
 
-    def __init__(self, model: Model, *, most: int = MOST, horizon: int = HORIZON) -> None:
+    def __init__(self, model: Model, *, most: int = MOST_SCHEMAS, horizon: int = HORIZON) -> None:
         if most < 1:
             raise OptionError(f"most {most}: expected one or more schemas")
         if horizon < SETTLED:
@@ -190,7 +190,7 @@ class Follower:
         u, x = self._u[-_WINDOW:], self._x[-_WINDOW:]
         if len(u) < _RECALL:
             return False
-        name, fits = compare([self._state, *self._kept], u, x)
+        name, fits = fits_of([self._state, *self._kept], u, x)
         told = {fit.name: fit.likelihood * len(u) for fit in fits}
         own = self._state.name
         return name not in (None, own) and told[str(name)] > told[own] + _NATS
@@ -199,7 +199,7 @@ class Follower:
         """Make the kept schema that fits the samples the present one, if one does."""
         if not self._kept or len(u) < _RECALL:
             return False
-        name, _ = compare(self._kept, u[-_WINDOW:], x[-_WINDOW:])
+        name, _ = fits_of(self._kept, u[-_WINDOW:], x[-_WINDOW:])
         if name is None:
             return False
         schema = next(s for s in self._kept if s.name == name)

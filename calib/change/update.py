@@ -247,7 +247,7 @@ def _second(second: Second, reference: Reference, e: Explanation, log: Log, nois
     )
 
 
-def settled(before: Array, after: Array) -> tuple[float, float]:
+def gain_of(before: Array, after: Array) -> tuple[float, float]:
     """How much held-out rows gained: mean ratio of errors, and gain over its standard error.
 
     before, after : (n,) [unit], distances of the same rows from the old prediction, and from the

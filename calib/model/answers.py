@@ -17,9 +17,7 @@ from ..maps.association import check_readout
 if TYPE_CHECKING:
     from .model import Model
 
-REACHED = 1e-9
-"""Share of the workspace's extent that always counts as reached."""
-
+_REACHED = 1e-9  # share of the workspace's extent that always counts as reached
 _SURE = 1e-2  # of the extent: a larger expected error does not make a target reachable
 _IN_SIGHT = 1e6  # extents of the workspace
 _LONGEST = 0.1  # of the joints' range: no step of a servo is longer
@@ -84,7 +82,7 @@ def joints(model: Model, x: Array, near: Array, *, nearest: bool) -> Array:
     x = in_sight(model, x)
     u, distance = model.solver.solve(x, near)
     q = model.motor.scale.from_unit(u)
-    far = np.flatnonzero(distance > REACHED * model.solver.extent)
+    far = np.flatnonzero(distance > _REACHED * model.solver.extent)
     if len(far) and not nearest:
         # only the expected error can still call these reachable
         beyond = distance[far] > within_reach(model, model.bound_at(u[far]))
@@ -131,7 +129,7 @@ def answer(model: Model, u: Array, x: Array, position: Array | None = None) -> A
 def within_reach(model: Model, bound: Array) -> Array:
     """Distance (n,) to a target at which it counts as reached [unit]."""
     extent = model.solver.extent
-    return np.maximum(np.minimum(bound, _SURE * extent), REACHED * extent)
+    return np.maximum(np.minimum(bound, _SURE * extent), _REACHED * extent)
 
 
 def forward_bounds(

@@ -22,7 +22,7 @@ from ..maps.map import HISTORY, Map
 from ..maps.predictor import Predictor
 from ..model.about import About
 from ..model.alignment import Alignment
-from ..model.measured import MOST, Photo, Rows
+from ..model.measured import MOST_ROWS, Photo, Rows
 from .parts import WHOLE, Tensors, build_baseline, build_models, build_smooth
 from .schemas import schema_name, unpack
 
@@ -106,7 +106,7 @@ def _rows(tensors: Tensors, dof: int, width: int) -> Rows | None:
     if "rows.q" not in tensors:
         return None
     q = tensors.take("rows.q", (-1, dof))
-    if len(q) > MOST:
+    if len(q) > MOST_ROWS:
         raise ValueError("there are too many rows")
     return Rows(q, tensors.take("rows.x", (len(q), width)))
 

@@ -36,9 +36,7 @@ from .screening import screen
 from .sizes import Size, lattice_sizes
 from .smooth import find_smooth_part, to_learn
 
-LEAST_ROWS = 10
-"""Fewest rows that anything can be learned and checked from."""
-
+_LEAST_ROWS = 10  # fewest rows that anything can be learned and checked from
 _BOUND_SAMPLES = 12_000
 _ROUNDING = 4e-15  # share of the extent: what an answer in double precision is sure of at best
 _TESTED = 20_000  # rows of a log that errors are measured on; more would tell no more
@@ -120,10 +118,10 @@ def train(
         raise LogError(f"samples {samples!r:.40}: expected what `calib.read_log` returns")
     if isinstance(seed, bool) or not isinstance(seed, (int, np.integer)) or seed < 0:
         raise OptionError(f"seed {seed!r}: expected a whole number, 0 or more")
-    if len(samples) < LEAST_ROWS:
+    if len(samples) < _LEAST_ROWS:
         raise LogError(
             f"{len(samples)} sample{'s are' if len(samples) != 1 else ' is'} too few to learn from:"
-            f" give at least {LEAST_ROWS}"
+            f" give at least {_LEAST_ROWS}"
         )
     check_wiring(links)
     if body not in BODIES:
