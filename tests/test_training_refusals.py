@@ -19,7 +19,7 @@ from calib.errors import LogError, OptionError
         ({"size": "70"}, "expected whole numbers"),
         ({"size": (5, 5, 5)}, "5x5x5: expected at most 2 numbers, one per joint"),
         ({"motor_size": (5, 5, 5)}, "at most 2 numbers, one per joint"),
-        ({"sensory_size": (5, 5, 5)}, "positions have 2 coordinates"),
+        ({"sensory_size": (5, 5, 5)}, "5x5x5: expected at most 2 numbers, one per coordinate"),
         ({"seed": -1}, "seed -1: expected a whole number"),
         ({"seed": 1.5}, "seed 1.5"),
         ({"seed": True}, "seed True"),

@@ -14,9 +14,7 @@ from .reference import Reference
 
 _STUDENT = 6.0
 _STEPS = 12
-ROBUST_ROWS = 400
-"""Rows of the robust fit that finds outliers: linear in them, and enough for every parameter."""
-
+_ROBUST_ROWS = 400  # of the robust fit that finds outliers: enough for every parameter
 EXPLAINED_ROWS = 200
 """Rows that members are compared on: the cube of outputs times rows for each size of residual."""
 
@@ -29,8 +27,7 @@ RESIDUAL_ROWS = 400
 UPDATED_ROWS = 600
 """Rows that an update takes: linear in them."""
 
-OUTLIER = 5.0
-"""Noises from which a row contradicts all others."""
+_OUTLIER = 5.0  # noises from which a row contradicts all others
 
 
 @dataclass(frozen=True)
@@ -70,7 +67,7 @@ def weighted(
     beta = reference.beta.copy()
     moved = np.zeros(len(free))
     size = reference.sizes
-    rows = thinned(len(q), ROBUST_ROWS)
+    rows = thinned(len(q), _ROBUST_ROWS)
     noise = 1.0
     for _ in range(_STEPS):
         predicted, x = structure.linearise(q[rows], beta, free)
@@ -89,7 +86,7 @@ def weighted(
             break
     r = structure.residual(z, structure.predict(q, beta)) / size
     weight, noise = _student(r)
-    kept = np.sqrt((r**2).sum(axis=1)) <= OUTLIER * np.sqrt(r.shape[1]) * noise
+    kept = np.sqrt((r**2).sum(axis=1)) <= _OUTLIER * np.sqrt(r.shape[1]) * noise
     return Log(q, z, weight, kept, beta, shared)
 
 

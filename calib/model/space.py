@@ -30,8 +30,7 @@ from .base import drawn, in_base
 if TYPE_CHECKING:
     from .model import Model
 
-#: A turn of the tool beside a motion of the joints, for `keep`.
-KEEP = 10.0
+_KEEP = 10.0  # a turn of the tool beside a motion of the joints
 #: A pose or a position counts as reached within this share of the arm's length.
 REACHED = 1e-6
 _STARTS = 64
@@ -220,7 +219,7 @@ class Space:
         n = len(starts)
         return position_near(
             self.evaluate, np.tile(p, (n, 1)), starts, self.joints, self.length,
-            keep=KEEP if keep else 0.0,
+            keep=_KEEP if keep else 0.0,
         )  # fmt: skip
 
     def _slide_home(self, q: Array, p: Array, anchor: Array, keep: bool) -> tuple[Array, Array]:

@@ -26,9 +26,7 @@ from ..samples.babbling import babble
 from ..samples.changes import Change
 from ..samples.samples import Samples
 
-ROUNDS = 8
-"""Times that the maps are learned anew and targets are picked."""
-
+_ROUNDS = 8  # times that the maps are learned anew and targets are picked
 _FIRST = 0.3  # share of the samples that is babbled at random, to have a map at all
 _GOALS = 0.6  # share of each further round that goes where errors are; the rest at random
 _PER_NODE = 6  # samples for each node of the maps on the way
@@ -76,7 +74,7 @@ def goal_babble(
     scale = Scale.of_range(begun.lower, begun.upper, begun.revolute)
     q = begun.q
     x = begun.x
-    edges = np.linspace(first, n, ROUNDS + 1).astype(int)
+    edges = np.linspace(first, n, _ROUNDS + 1).astype(int)
     with one_blas_thread():
         for size in np.diff(edges):
             u = next_joints(scale, q, x, int(size), goals)

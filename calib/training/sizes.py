@@ -13,9 +13,7 @@ from ..samples.samples import Samples
 
 Size = int | Sequence[int] | None
 
-SIDE = 70
-"""Nodes along each axis of a plane lattice, as in the paper's best table."""
-
+_SIDE = 70  # nodes along each axis of a plane lattice, as in the paper's best table
 _ROWS_PER_NODE = 5
 _LEAST_SIDE = {True: 20, False: 4}  # the links have to propose starts for every branch
 
@@ -41,15 +39,15 @@ def lattice_sizes(
     )  # fmt: skip
     if given is None and motor is None and sensory is None and samples.simulation is None:
         rows, least = len(samples), _LEAST_SIDE[imagined]
-        side = min(SIDE, max(least, round(math.sqrt(rows / _ROWS_PER_NODE))))
+        side = min(_SIDE, max(least, round(math.sqrt(rows / _ROWS_PER_NODE))))
         notes.append(f"lattices of {side}x{side} nodes for {rows:,} rows, `size` chooses others")
         given = (side, side)
-    given = given or (SIDE, SIDE)
+    given = given or (_SIDE, _SIDE)
     if motor is None:  # as many nodes in a lattice of the joints' dimension
         cubic = len(given) == 2 and samples.dof in (1, 3)
         motor = _of_dimension(samples.dof, given) if cubic else given
     if sensory is None:  # as many nodes in a lattice of the space
-        plane = given if len(given) == 2 else (SIDE, SIDE)
+        plane = given if len(given) == 2 else (_SIDE, _SIDE)
         sensory = _of_dimension(3, plane) if samples.x.shape[1] == 3 else plane
     axes = {"motor": (motor, samples.dof, "joint"),
             "sensory": (sensory, samples.x.shape[1], "coordinate")}  # fmt: skip

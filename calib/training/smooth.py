@@ -30,9 +30,7 @@ Rows = slice | NDArray[np.intp]
 NO_ARM = 0.02
 """Share of the extent: a body that is further off is compared with trends."""
 
-LEARNED_ROWS = 50_000
-"""Rows of a log that the smooth part and the local models rest on."""
-
+_LEARNED_ROWS = 50_000  # rows of a log that the smooth part and the local models rest on
 _RAYLEIGH = {2: 1.2533, 3: 1.5958}  # mean length of a Gaussian vector of standard deviation 1
 _NOISE_FLOOR = 1.2  # a held-out error within this factor of the noise leaves nothing to mend
 _EXACT = 3e-8  # share of the extent that is nothing to mend in a simulation without noise
@@ -65,7 +63,7 @@ def find_smooth_part(
     view : what the sensor measures, see :func:`calib.body.fitting.fit_body`
     seed : chooses rows where there are many
     """
-    every = -(-len(samples) // LEARNED_ROWS)
+    every = -(-len(samples) // _LEARNED_ROWS)
     rows = np.arange(0, len(samples), every)
     q, x = samples.q[rows], samples.x[rows]
     u = scale.to_unit(q)
@@ -161,7 +159,7 @@ def to_learn(
     """
     u, x = scale.to_unit(samples.q[rows]), samples.x[rows]
     if options.taught and part.fit is not None:
-        every = -(-len(u) // LEARNED_ROWS)
+        every = -(-len(u) // _LEARNED_ROWS)
         rng = np.random.default_rng(options.stream("imagined"))
         drawn = rng.random((_IMAGINED * math.prod(options.motor_size), u.shape[1]))
         seen = part.candidates[0].smooth.value(drawn)
