@@ -83,13 +83,14 @@ def answer_inverse(
     in_base = asked.frame == "base" or asked.height is not None
     target = _target(space, asked, typed)
     if turn is not None:
+        rotation = matrix_of(turn[None])
         if not in_base:
-            turn = quaternion_of(space.to_base(target[None], matrix_of(turn[None]))[1])[0]
-        found = space.reach_pose(target, turn, near)
+            rotation = space.to_base(target[None], rotation)[1]
+        found = space.reach_pose(target, rotation[0], near)
     else:
         found = space.reach_position(target, near, keep=asked.keep)
     frame = "base" if in_base else "sensor"
-    told = described(space, [first_of(found, len(found.q) if every else 1)], frame)
+    told = described(space, [found if every else first_of(found)], frame)
     names = ("position", "quaternion", "distance", "turned", "expected_error", "model_error")
     bounds = up_to_scale(space, told.q) if in_base else {}
     solutions = answers(joints, told.q, **{name: getattr(told, name) for name in names}, **bounds)

@@ -144,7 +144,7 @@ class _Writer:
         """By how much (nodes,) the header differs from the model at the nodes [unit]."""
         model = self.model
         u = np.clip(model.motor.units, 0.0, 1.0)
-        held = model.smooth().value(u)
+        held = model.predicted(u, "body")
         if self._local:
             held = held + predict(model.predictor.models, model.motor, u)[0]
         return np.asarray(np.linalg.norm(model.predictor.value(u) - held, axis=1))
