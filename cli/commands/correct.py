@@ -6,6 +6,8 @@ from typing import TYPE_CHECKING, Any
 
 import typer
 
+from calib.common.wording import for_people
+
 from .. import parsing
 from ..options import OF_FRAMES, takes
 from ..output import NO, Notes, note, number, tell
@@ -51,7 +53,7 @@ def correct(
     from calib.samples.tables import read_batch
     from calib.use.correct import correct as correction
 
-    from ..batch import Streams, numbered, say_rows
+    from ..answers import numbered, say_rows, write_answers
 
     loaded = calib.load(model)
     joints = JointFormat(loaded.about, degrees)
@@ -85,8 +87,10 @@ def correct(
     missed = (np.flatnonzero(valid & (columns["reachable"] == 0)) + 1).tolist()
     table = batch.answered(columns)
     changes = None if found is None else _changes(found, joints)
-    Streams(input_, output, as_json).answer(
+    write_answers(
         None if beyond else table,
+        output,
+        as_json,
         joints,
         rows=n,
         invalid=batch.invalid,
@@ -102,7 +106,7 @@ def correct(
     if found is not None and changes and found.reachable.any():
         parts = []
         for k, (name, change) in enumerate(changes.items()):
-            factor, unit = joints.of_change(k)
+            factor, unit = for_people(loaded.about.units_of_joints[k])
             mean, most = (number(factor * change[key]) for key in ("mean", "max"))
             parts.append(f"{name} {mean} (largest {most}) {unit}")
         say = note if as_json or output in (None, "-") else tell
@@ -113,8 +117,8 @@ def correct(
         row, worst = map(int, np.unravel_index(int(np.argmax(share)), share.shape))
         note(
             f"{numbered(beyond)} of {n}: a joint would change by more than the limit (row "
-            f"{rows[row]}: {joints.size(worst, found.change[row, worst])}, limit "
-            f"{joints.size(worst, found.limit[worst])}); "
+            f"{rows[row]}: {joints.change(worst, found.change[row, worst])}, limit "
+            f"{joints.change(worst, found.limit[worst])}); "
             "nothing was written; if the change is right, give a larger --limit"
         )
     if batch.invalid and not beyond:

@@ -15,7 +15,7 @@ from ..parsing import (
     reals,
 )
 from ..samples import Selection
-from ..units import JointFormat, ranges_in_si
+from ..units import JointFormat, in_si
 from ..usage import argument, one_document, option, refuse
 
 if TYPE_CHECKING:
@@ -78,7 +78,7 @@ def plan(
         seed=seed,
         margin=None if margin is None else [margin / factor for factor in typed],
         # an arm was loaded with them, which it may need where it states no limits
-        ranges=ranges_in_si(selection.ranges or (), turning, degrees) if _is_model(robot) else None,
+        ranges=in_si("--range", selection.ranges, turning, degrees) if _is_model(robot) else None,
         start=joints_typed.one_each("--from", start),
         measured=None if data is None else _measured(known, data, columns, degrees, notes),
     )
@@ -140,7 +140,7 @@ def _measured(
 
 def _travel(found: Plan, joints: JointFormat) -> str:
     """Say how far the joints travel, and how far they would in a random order."""
-    parts = [joints.size(k, way) for k, way in enumerate(found.travel.tolist())]
+    parts = [joints.change(k, way) for k, way in enumerate(found.travel.tolist())]
     text = "joints travel " + ", ".join(parts)
     if found.random_length > 0:
         text += f": {100 * found.length / found.random_length:.0f} % of the way of a random order"
