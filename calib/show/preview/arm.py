@@ -67,9 +67,9 @@ def _draw_shape(
             notes.append(f"not drawn: {error}")
             return False
         vertices = mesh.vertices * shape.scale.astype(np.float32)
-        canvas.mesh(path, vertices, mesh.faces, shape.colour, shape.opacity)
+        canvas.add(path, "mesh", shape.colour, vertices, mesh.faces, opacity=shape.opacity)
     else:
-        canvas.solid(path, shape.kind, shape.size, shape.colour, shape.opacity)
+        canvas.add(path, shape.kind, shape.colour, size=shape.size, opacity=shape.opacity)
     canvas.place(path, shape.origin @ _UPRIGHT if shape.kind == "cylinder" else shape.origin)
     return True
 
@@ -78,7 +78,7 @@ def _draw_skeleton(canvas: Canvas, body: DrawnArm, poses: Mapping[str, Array], s
     """Bones from each link on the way to the tip to the next, and balls between them."""
     way = body.way
     for link, following in zip(way, [*way[1:], None], strict=True):
-        canvas.solid(f"{LAYER}/{link}/joint", "sphere", [0.02 * size], _JOINT)
+        canvas.add(f"{LAYER}/{link}/joint", "sphere", _JOINT, size=[0.02 * size])
         if following is None:
             continue
         # in the frame of the link that carries it, so that it moves along
@@ -87,7 +87,7 @@ def _draw_skeleton(canvas: Canvas, body: DrawnArm, poses: Mapping[str, Array], s
         length = float(np.linalg.norm(end))
         if length < 1e-3 * size:
             continue
-        canvas.solid(f"{LAYER}/{link}/bone", "cylinder", [0.012 * size, length], _BONE)
+        canvas.add(f"{LAYER}/{link}/bone", "cylinder", _BONE, size=[0.012 * size, length])
         canvas.place(f"{LAYER}/{link}/bone", _along(end))
 
 
