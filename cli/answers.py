@@ -8,6 +8,7 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from typing import TYPE_CHECKING, Any
 
+import numpy as np
 from numpy.typing import NDArray
 
 from calib.common.wording import for_people
@@ -114,6 +115,16 @@ def write_batch(
     say_rows(invalid, n, "not all values are numbers, no answer")
     say_rows(refused, n, why)
     return 1 if invalid else NO if refused else 0
+
+
+def spread(valid: NDArray[np.bool_], columns: Mapping[str, Any]) -> dict[str, NDArray[Any]]:
+    """Columns (n,) with values where rows are `valid` (n,); the others are NaN, or not reached."""
+    found = {name: np.full(len(valid), np.nan) for name in columns}
+    if "reachable" in found:
+        found["reachable"] = np.zeros(len(valid), dtype=np.int64)
+    for name, column in columns.items():
+        found[name][valid] = column
+    return found
 
 
 def numbered(numbers: Sequence[int]) -> str:

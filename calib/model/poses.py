@@ -105,8 +105,10 @@ def _units(quaternions: Array) -> Array:
 def described(space: Space, found: list[Reached], frame: str) -> PoseAnswers:
     """Answers of the arm, one list for each target, in a frame and with their bounds."""
     target = np.repeat(np.arange(len(found)), [len(each.q) for each in found])
+    q = np.empty((0, len(space.model.about.joint_names)))
+    none = Reached(q, *space.evaluate(q)[:2], np.empty(0), np.empty(0), False)
     q, position, rotation, away, turned = (
-        np.concatenate([getattr(each, name) for each in found])
+        np.concatenate([getattr(each, name) for each in (none, *found)])
         for name in ("q", "position", "rotation", "away", "turned")
     )
     reachable = np.array([each.reachable for each in found], dtype=bool)[target]

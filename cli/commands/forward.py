@@ -101,16 +101,14 @@ def _batch(
     from calib.samples.joint_values import check_joint_values
     from calib.samples.tables import read_batch
 
-    from ..answers import write_batch
+    from ..answers import spread, write_batch
 
     batch, about = read_batch(source, joints.names), model.about
     q = batch.values / np.array(joints.typed)
     ranges = (about.joint_names, about.lower, about.upper, about.revolute)
     check_joint_values(q, *ranges, degrees=joints.degrees, error=QueryError)
     valid = np.isfinite(q).all(axis=1)
-    # rows that are no numbers are asked at the ranges' lower ends: one call answers all
-    told = _told_at(model, np.where(valid[:, None], q, about.lower), readout, frame)
-    columns = {name: np.where(valid, column, np.nan) for name, column in told.items()}
+    columns = spread(valid, _told_at(model, q[valid], readout, frame))
     outside = (np.flatnonzero(valid & np.isnan(columns["x"])) + 1).tolist()
     why = "outside of what was learned"
     return write_batch(model, joints, batch, columns, outside, why, streams, frame)

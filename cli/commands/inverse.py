@@ -220,7 +220,7 @@ def _batch(
     from calib.samples.roles import QUATERNION
     from calib.samples.tables import read_batch
 
-    from ..answers import BOUNDS, write_batch
+    from ..answers import spread, write_batch
 
     base, beside = frame == "base", [f"near_{name}" for name in joints.names]
     axes = "xyz" if base else model.axes
@@ -239,27 +239,17 @@ def _batch(
         anchor = np.stack([given[name] for name in beside], axis=1) / joints.typed
     if posed:
         turn = np.stack([given[name] for name in QUATERNION], axis=1)
-    asked = _Asked(model, x, turn, anchor, frame, readout, posed or base)
-    found = asked.answer(every) if len(x) else {}
+    found = _Asked(model, x, turn, anchor, frame, readout, posed or base).answer(every)
     # with every branch a target has several answers
-    rows = np.flatnonzero(valid)[found.get("target", slice(None))]
-    names = ["distance", *(["turned"] if posed else []), *BOUNDS]
-    answered: dict[str, Array] = {}
-    missed: list[int] = []
-    if found:
-        reachable = found["reachable"]
-        q = np.where(reachable[:, None], found["q"] * joints.typed, np.nan)
-        answered = dict(zip(joints.names, q.T, strict=True))
-        known = ("target", "q", "position", "quaternion", "turned")
-        answered |= {n: v for n, v in found.items() if n in names or n not in known}
-        missed = (rows[~reachable] + 1).tolist()
+    rows = np.flatnonzero(valid)[found.pop("target", slice(None))]
+    reachable, q = found["reachable"], found.pop("q")
+    q = np.where(reachable[:, None], q * joints.typed, np.nan)
+    for name in ("position", "quaternion", *([] if posed else ["turned"])):
+        found.pop(name, None)
     # rows without numbers stand where they stood, between the answers of the others
     index = np.sort(np.concatenate([rows, np.flatnonzero(~valid)]))
-    numbers: dict[str, Any] = {"row": index + 1} if every else {}
-    for name in (*joints.names, *names, "reachable", *answered):
-        numbers[name] = np.full(len(index), np.nan)
-    numbers["reachable"] = np.zeros(len(index), dtype=np.int64)
-    for name, column in answered.items():
-        numbers[name][valid[index]] = column
-    told = batch.take(index) if every else batch
-    return write_batch(model, joints, told, numbers, missed, "out of reach", streams, frame, n)
+    answers = spread(valid[index], {**dict(zip(joints.names, q.T, strict=True)), **found})
+    if every:
+        answers, batch = {"row": index + 1, **answers}, batch.take(index)
+    missed = (rows[~reachable] + 1).tolist()
+    return write_batch(model, joints, batch, answers, missed, "out of reach", streams, frame, n)
