@@ -164,6 +164,14 @@ def test_an_origin_that_is_missing_is_added_where_it_belongs():
     assert 'xyz="1.0 0.0 0.5"' in again
 
 
+def test_a_second_reader_finds_what_was_written(monkeypatch):
+    adapted = model().adapt(log("elbow.length=+4%", n=100, noise=0.0))
+    geometry = fit_geometry(adapted, cause="joints")
+    monkeypatch.setattr("calib.use.urdf.edited", lambda text, _: text)  # loses the change
+    with pytest.raises(RobotError, match="yourdfpy reads another origin"):
+        corrected_urdf(geometry)
+
+
 def test_what_geometry_does_not_explain_is_not_written(tmp_path, run):
     """A log of another arm gave an elbow offset of 6,844 degrees and 277 mm rms, exit 0."""
     rng = np.random.default_rng(0)

@@ -7,6 +7,7 @@ from __future__ import annotations
 
 import re
 import warnings
+from io import BytesIO
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -25,6 +26,8 @@ MOST_UNEXPLAINED = 0.01
 """Share of the arm's reach that a geometry may leave unexplained."""
 
 _TINY = 1e-12  # [m or rad]; a smaller change is rounding
+
+_SAME = 1e-9  # of an origin's numbers: what rounding of roll, pitch and yaw leaves
 
 # tags of well-formed XML; what a comment, an instruction or a quoted attribute holds is none
 _TAGS = re.compile(
@@ -66,6 +69,7 @@ def corrected_urdf(geometry: SpatialGeometry) -> str:
             value=arm.tip,
         )
     rotation, changes = np.eye(3), dict[str, dict[str, Array]]()
+    wanted: dict[str, Array] = {}
     for joint in joints:
         shift, turn, value = geometry.moved(joint.name)
         origin, lock = _origin(joint), _motion(joint, arm.locked.get(joint.name, 0.0))
@@ -78,9 +82,28 @@ def corrected_urdf(geometry: SpatialGeometry) -> str:
             own[:3, :3] = exponential(tip_turn)
             # the tip's own turn comes behind the joint's locked motion, which stays in the URDF
             new = new @ lock @ own @ np.linalg.inv(lock)
-        changes[joint.name] = _changed(joint, new)
+        changes[joint.name], wanted[joint.name] = _changed(joint, new), new
         rotation = rotation @ origin[:3, :3] @ lock[:3, :3]
-    return edited(arm.urdf, {name: change for name, change in changes.items() if change})
+    text = edited(arm.urdf, {name: change for name, change in changes.items() if change})
+    _read_back(text, wanted)
+    return text
+
+
+def _read_back(text: str, origins: dict[str, Array]) -> None:
+    """Let a second reader, yourdfpy, find the joints' origins (4, 4) in what is to be written."""
+    import yourdfpy
+
+    try:
+        read = yourdfpy.URDF.load(BytesIO(text.encode()), build_scene_graph=False).joint_map
+    except (AttributeError, KeyError, TypeError, ValueError):
+        return  # it knows fewer shapes than URDFs hold, and says so by whatever its parser raises
+    for name, origin in origins.items():
+        found = np.eye(4) if read[name].origin is None else read[name].origin
+        if np.abs(found - origin).max() > _SAME * max(1.0, np.abs(origin).max()):
+            raise RobotError(
+                f"joint {name!r}: yourdfpy reads another origin than was written, nothing is kept",
+                hint="check the URDF for two joints or origins of this name",
+            )
 
 
 def edited(text: str, origins: dict[str, dict[str, Array]]) -> str:
