@@ -54,4 +54,4 @@ def neighbours(weights: Array, k: int = _JOINED) -> Graph:
     k = min(k, n - 1)
     near = nearest(search_tree(weights), weights, k + 1)[1][:, 1:]
     pairs = np.stack([np.repeat(np.arange(n), k), near.ravel()], axis=1)
-    return Graph(n, np.unique(np.sort(pairs, axis=1), axis=0))
+    return Graph.of(n, pairs)
