@@ -46,10 +46,6 @@ class Wiring:
     # :data:`calib.maps.fields.LinkRule`; a model file keeps the links, not the rule.
     rule: LinkRule | None = None
 
-    def to_json(self) -> dict[str, bool | float]:
-        """Plain data for a model file."""
-        return {"local": self.local, "mutual": self.mutual, "bandwidth": self.bandwidth}
-
     def activity(self, network: Map, u: Array) -> csr_array:
         """Activity a_j of the nodes nearest to each row of `u` (n, d), in the unit box (eq. 6).
 

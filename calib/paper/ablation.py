@@ -26,7 +26,7 @@ from ..maps.local_models import NO_MODELS
 from ..maps.model_selection import select
 from ..maps.node_bounds import blend_nodes, learn_bounds
 from ..maps.predictor import Predictor
-from ..training.learn import Options, Stopwatch, both_maps, link
+from ..training.learn import Options, associate, both_maps, link
 from ..training.smooth import SmoothPart, find_smooth_part, wrong_around
 from .ablation_cases import Case, measured, simulated
 from .setting import Setting
@@ -122,7 +122,7 @@ class Ground:
         """Fit the body of a case."""
         samples = case.samples
         scale = Scale.of_range(samples.lower, samples.upper, samples.revolute)
-        part = find_smooth_part(samples, scale, body="auto", view="auto", seed=seed)
+        part = find_smooth_part(samples, scale, seed=seed)
         wrong = wrong_around(part, scale, samples, scale.to_unit(samples.q))
         return Ground(scale, part, wrong)
 
@@ -137,15 +137,14 @@ def train_on(case: Case, ground: Ground, network: str, side: int, seed: int) -> 
     options = Options((side,) * 2, (side,) * 2, network, "batch", None, None, seed, False)
     u = scale.to_unit(samples.q)
     started = time.perf_counter()
-    motor, sensory = both_maps(scale, u, samples.x, options, Stopwatch(), None, wrong)
+    motor, sensory = both_maps(scale, u, samples.x, options, wrong)
     seconds = time.perf_counter() - started
     pair = link(motor, sensory, u, samples.x, options)
     selected = select(motor, u[part.rows], part.candidates)
     smooth = part.candidates[0].smooth
     alone = pair
     if wrong is not None and network == "vdsom":  # without a body nothing tells where it is wrong
-        maps = both_maps(scale, u, samples.x, options, Stopwatch(), None, None)
-        alone = link(*maps, u, samples.x, options)
+        alone = associate(scale, u, samples.x, options)
     predictors = {
         "local": selected.predictor,
         "body": Predictor(motor, smooth, NO_MODELS),

@@ -12,7 +12,7 @@ from .. import parsing
 from ..options import takes
 from ..output import TextTable, explained, note, number, progress_bar, show, show_json
 from ..parsing import JointRange, JointValue
-from ..units import kinds_of_joints, ranges_in_si
+from ..units import in_si, kinds_of_joints
 from ..usage import argument, choice, flag, option
 
 if TYPE_CHECKING:
@@ -71,7 +71,7 @@ def reproduce(
                 bar(share, stage, float("nan"))
 
         arm = robot or ROBOT
-        typed = ranges_in_si(ranges or (), kinds_of_joints(arm), degrees) if ranges else None
+        typed = in_si("--range", ranges, kinds_of_joints(arm), degrees) if ranges else None
         setting = Setting.of(
             seed, quick=quick, report=report, robot=arm, ranges=typed, lengths=dict(lengths or ())
         )
