@@ -72,7 +72,7 @@ def test_border_does_not_depend_on_the_weights():
 
 
 def test_error_is_the_squared_distance_over_its_mean():
-    g = error(visit(1.0, winners=[0, 1, 2], distances=[1.0, 2.0, 3.0]), strength=1.0)
+    g = error(visit(1.0, winners=[0, 1, 2], distances=[1.0, 2.0, 3.0]))
     np.testing.assert_allclose(g, np.array([1.0, 4.0, 9.0]) / (14 / 3), atol=1e-5)
 
 

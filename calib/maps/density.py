@@ -81,17 +81,17 @@ def border(visit: Visit, strength: float = _STRENGTH) -> Array:
     return gain
 
 
-def error(visit: Visit, strength: float = 1.0) -> Array:
+def error(visit: Visit) -> Array:
     """Gain of samples that the map represents badly.
 
-    g = (d^2 / mean d^2)^(p t/T), d the distance to the winner: density follows the
+    g = (d^2 / mean d^2)^(t/T), d the distance to the winner: density follows the
     error, which is what the abstract promises.
     """
     square = visit.distances**2
     mean = float(square.mean())
     if mean == 0.0:
         return np.ones(len(square))
-    return np.asarray((square / mean + 1e-6) ** (strength * visit.progress))
+    return np.asarray((square / mean + 1e-6) ** visit.progress)
 
 
 def _local_distances(visit: Visit) -> Array:
@@ -102,15 +102,15 @@ def _local_distances(visit: Visit) -> Array:
     return np.asarray(total, dtype=float)
 
 
-def density(visit: Visit, strength: float = 1.0) -> Array:
+def density(visit: Visit) -> Array:
     """Gain of dense nodes: equation 7 with O the local neighbourhood, ramp of equation 8.
 
-    rho = exp(-sum |w_bmu - w_i|^2 / its mean), g = (rho / mean rho)^(p (t/T)^4).  Dense
+    rho = exp(-sum |w_bmu - w_i|^2 / its mean), g = (rho / mean rho)^((t/T)^4).  Dense
     attracts denser: the feedback is positive and tears the map when it is strong.
     """
     total = _local_distances(visit)
     rho = np.exp(-total / max(float(total.mean()), 1e-300))
-    gain: Array = (rho / rho.mean()) ** (strength * visit.progress**4)
+    gain: Array = (rho / rho.mean()) ** (visit.progress**4)
     return gain[visit.winners]
 
 
