@@ -24,7 +24,7 @@ EXAMPLES = {
     "columns": 60,
     "names": 60,
 }
-AT_LENGTH = {"streams": 1, "process": 1}
+AT_LENGTH = {"streams": 1}
 
 
 @pytest.fixture(scope="module")

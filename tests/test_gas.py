@@ -3,7 +3,7 @@
 import numpy as np
 
 import calib
-from calib.maps.gas import joined
+from calib.maps.graph import Graph
 
 
 def uniform(n, d, seed=0):
@@ -21,7 +21,7 @@ def test_in_six_dimensions_it_is_closer_to_samples_than_rows_and_a_lattice():
 
 
 def test_nodes_that_are_the_two_nearest_of_a_sample_are_joined_once():
-    graph = joined(np.array([[3, 1], [1, 3], [0, 2]]), 4)
+    graph = Graph.of(4, np.array([[3, 1], [1, 3], [0, 2]]))
     assert graph.pairs.tolist() == [[0, 2], [1, 3]]
 
 

@@ -295,3 +295,15 @@ def test_cells_find_the_nodes_that_a_search_finds(side, periodic, seed):
     u = rng.random((40, 2))
     found = [cells.blend(row, values.tolist()) for row in u.tolist()]
     np.testing.assert_allclose(found, blend_nodes(motor, values, u), rtol=1e-9)
+
+
+def test_nodes_that_are_all_equally_far_share_the_say():
+    lattice = Lattice((4, 4, 4))  # eight nodes around the middle, of which six speak
+    box = Scale(np.zeros(3), np.ones(3), np.zeros(3, dtype=bool))
+    motor = Map((lattice.positions() + 0.5) / 4, lattice, box, np.zeros((0, 4)))
+    cells = NodeCells.of(motor)
+    nodes, weights = cells.near([0.5, 0.5, 0.5])
+    assert len(set(nodes)) == len(nodes) == 6
+    assert weights == [1 / 6] * 6
+    values = np.where(np.abs(motor.units - 0.5).max(axis=1) < 0.2, 3.0, np.nan).tolist()
+    assert cells.blend([0.5, 0.5, 0.5], values) == pytest.approx(3.0)

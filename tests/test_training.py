@@ -273,7 +273,7 @@ def test_training_leaves_global_random_numbers_alone():
 
 
 @pytest.mark.parametrize("rule", ["batch", "online"])
-@pytest.mark.parametrize("name", ["som", "vdsom", "vdsom:error", "vdsom:density", "vdsom:lattice"])
+@pytest.mark.parametrize("name", ["som", "vdsom", "vdsom:error", "vdsom:density", "vdsom:rho"])
 def test_every_network_and_rule_trains_maps_that_read_out_well(name, rule):
     model = trained("two_link", 1200, 10, map=name, rule=rule)
     assert model.about.options["map"] == name

@@ -41,12 +41,7 @@ class Scale(ReadOnly):
     def to_unit(self, x: Array) -> Array:
         """Coordinates (n, d) in the unit box; periodic ones are wrapped into [0, 1)."""
         with np.errstate(over="ignore"):  # infinitely far outside is outside
-            u = (x - self.lower) / self.span
-        if self.periodic.any():
-            u[:, self.periodic] %= 1.0
-            # of -1e-20 the remainder rounds to 1, which a periodic k-d tree refuses
-            u[u == 1.0] = np.where(self.periodic, 0.0, 1.0)[np.nonzero(u == 1.0)[1]]
-        return u
+            return self.wrapped((x - self.lower) / self.span)
 
     def from_unit(self, u: Array) -> Array:
         """Coordinates (n, d) of points of the unit box."""
@@ -61,10 +56,10 @@ class Scale(ReadOnly):
         return delta
 
     def wrapped(self, u: Array) -> Array:
-        """Points (n, d) with their periodic coordinates within one turn, as a search tree asks."""
-        return np.where(self.periodic, u % 1.0, u)
-
-    @property
-    def boxsize(self) -> Array | None:
-        """What ``scipy.spatial.cKDTree`` wants to know of the periodic coordinates."""
-        return self.periodic.astype(float) if self.periodic.any() else None
+        """Points (n, d) with their periodic coordinates within one turn, [0, 1)."""
+        if not self.periodic.any():
+            return u
+        with np.errstate(invalid="ignore"):  # of what is infinitely far
+            turned = u % 1.0
+        # of -1e-20 the remainder rounds to 1, which a periodic k-d tree refuses
+        return np.where(self.periodic, np.where(turned == 1.0, 0.0, turned), u)

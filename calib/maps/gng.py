@@ -58,8 +58,7 @@ class Gas:
     @property
     def graph(self) -> Graph:
         """The edges as they are now, in ascending order."""
-        order = np.lexsort((self.pairs[:, 1], self.pairs[:, 0]))
-        return Graph(len(self.weights), self.pairs[order])
+        return Graph.of(len(self.weights), self.pairs)
 
     def neighbours(self, node: int) -> Index:
         """Nodes that are joined to `node`."""

@@ -23,6 +23,11 @@ class Graph:
     # (m, 2), the edges, each once, the smaller node first, in ascending order
     pairs: NDArray[np.intp]
 
+    @staticmethod
+    def of(size: int, pairs: NDArray[np.intp]) -> Graph:
+        """The graph of pairs (m, 2) in any order, which may repeat."""
+        return Graph(size, np.unique(np.sort(pairs, axis=1), axis=0))
+
     @property
     def shape(self) -> tuple[int, ...]:
         """Number of nodes, as the shape of a lattice of no particular form."""

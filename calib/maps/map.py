@@ -137,9 +137,8 @@ def search_tree(points: Array, scale: Scale | None = None) -> cKDTree:
     """A k-d tree of points in the unit box that knows the periodic coordinates of `scale`."""
     from scipy.spatial import cKDTree
 
-    box = None if scale is None else scale.boxsize
-    if scale is not None and box is not None:
-        points = scale.wrapped(points)
-        points = np.where(scale.periodic & (points >= 1.0), 0.0, points)
+    box = None
+    if scale is not None and scale.periodic.any():
+        points, box = scale.wrapped(points), scale.periodic.astype(float)
     # neither compact nor balanced: built in a fraction of the time, as each epoch needs one
     return cKDTree(points, boxsize=box, compact_nodes=False, balanced_tree=False)

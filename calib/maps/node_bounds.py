@@ -17,7 +17,7 @@ _ENOUGH = 40  # rows that tell a group's factor
 _BORDER = 1.5  # nodes within so many spacings of a limit form a group of their own
 
 
-def learn_bounds(motor: Map, u: Array, errors: Array, doubt: Array | None = None) -> Array:
+def learn_bounds(motor: Map, u: Array, errors: Array) -> Array:
     """Learn a 95 % bound on the error for each motor node.
 
     Locally scaled, split conformal prediction (Lei et al. 2018): the mean held-out error
@@ -28,20 +28,16 @@ def learn_bounds(motor: Map, u: Array, errors: Array, doubt: Array | None = None
     motor : the nodes
     u : (n, dof), samples that training never saw, in the unit box
     errors : (n,) [unit], their errors
-    doubt : (nodes,), what a teacher says of its own uncertainty at the nodes, in place of the mean
-        error around them
     Returns (nodes,) [unit].
     """
     floor = max(1e-9 * float(errors.max(initial=0.0)), 1e-15)
-    if doubt is None:
-        k = max(1, min(_AROUND, len(u) // 2))
-        index = nearest_points(u, motor.scale, np.clip(motor.units, 0.0, 1.0), k)[1]
-        doubt = errors[index].mean(axis=1)
+    k = max(1, min(_AROUND, len(u) // 2))
+    near = nearest_points(u, motor.scale, np.clip(motor.units, 0.0, 1.0), k)[1]
     border, edge = near_border(motor, u), near_border(motor, motor.units)
     groups = [(edge == near, border == near) for near in (False, True)]
     if min(np.count_nonzero(rows) for _, rows in groups) < _ENOUGH:
         groups = [(np.ones_like(edge), np.ones_like(border))]  # too few to tell them apart
-    bound = np.maximum(doubt, floor)
+    bound: Array = np.maximum(errors[near].mean(axis=1), floor)
     index, weight = blend(motor, u, blend_size(u.shape[1]))
     # both groups' nodes speak for samples between them: again, until both fit
     for _ in range(_PASSES):

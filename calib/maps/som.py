@@ -259,7 +259,7 @@ class SOM:
         if kind in untrained.KINDS:
             return untrained.place(kind, u, lattice, rng), n
         if kind == "gas":
-            return gas.learn(u, lattice.size, gain, passes, rng), n * passes
+            return gas.learn(u, lattice.size, passes, rng), n * passes
         if kind == "gng":
             shown = gng.samples_shown(n, lattice.size)
             return gng.learn(u, lattice.size, gain, passes, rng, self.error), shown * passes

@@ -48,10 +48,8 @@ def place(kind: str, u: Array, lattice: Lattice, rng: np.random.Generator) -> It
     yield Epoch.of(u, weights, joined, 0.0, error)
 
 
-def neighbours(weights: Array, k: int = _JOINED) -> Graph:
-    """The graph that joins each node (nodes, d) to its `k` nearest."""
-    n = len(weights)
-    k = min(k, n - 1)
+def neighbours(weights: Array) -> Graph:
+    """The graph that joins each node (nodes, d) to its 4 nearest."""
+    n, k = len(weights), min(_JOINED, len(weights) - 1)
     near = nearest(search_tree(weights), weights, k + 1)[1][:, 1:]
-    pairs = np.stack([np.repeat(np.arange(n), k), near.ravel()], axis=1)
-    return Graph(n, np.unique(np.sort(pairs, axis=1), axis=0))
+    return Graph.of(n, np.stack([np.repeat(np.arange(n), k), near.ravel()], axis=1))

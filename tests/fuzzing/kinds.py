@@ -3,19 +3,14 @@
 from __future__ import annotations
 
 from abc import ABC, abstractmethod
+from importlib import import_module
 from pathlib import Path
 from random import Random
 from typing import Any
 
 
 class Kind(ABC):
-    """One kind of input; it may keep what all of its inputs share in `folder`.
-
-    Parameters
-    ----------
-    folder : Path
-        An empty folder that files are written to.
-    """
+    """One kind of input; what all of its inputs share is kept in `folder`, which is empty."""
 
     def __init__(self, folder: Path) -> None:
         self.folder = folder
@@ -26,26 +21,10 @@ class Kind(ABC):
 
     @abstractmethod
     def judge(self, case: Any) -> str:
-        """Give it to calib and return what became of it in a few words.
-
-        Raises
-        ------
-        AssertionError
-            If calib did what it must not.
-        """
+        """Give it to calib; what became of it, in a few words, AssertionError if it must not."""
 
     def close(self) -> None:  # noqa: B027 - most kinds share nothing
         """Let go of what is shared."""
-
-
-def make_kind(name: str, folder: Path) -> Kind:
-    """Return the kind of that name; see `KINDS`."""
-    from importlib import import_module
-
-    module, cls = KINDS[name]
-    found = getattr(import_module(f"{__package__}.{module}"), cls)(folder)
-    assert isinstance(found, Kind)
-    return found
 
 
 KINDS = {
@@ -54,9 +33,15 @@ KINDS = {
     "log": ("logs", "Logs"),
     "model": ("models", "Models"),
     "cli": ("commands", "Commands"),
-    "process": ("commands", "Processes"),
     "units": ("honest", "Units"),
     "columns": ("honest", "NamedColumns"),
     "names": ("honest", "HostileNames"),
     "streams": ("streams", "Streams"),
 }
+
+
+def make_kind(name: str, folder: Path) -> Kind:
+    """Return the kind of that name; see `KINDS`."""
+    module, cls = KINDS[name]
+    found: Kind = getattr(import_module(f"{__package__}.{module}"), cls)(folder)
+    return found

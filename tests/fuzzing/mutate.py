@@ -45,13 +45,6 @@ def _flip(rng: Random, data: bytes) -> bytes:
     return bytes(changed)
 
 
-def _replaced(rng: Random, data: bytes) -> bytes:
-    changed = bytearray(data)
-    for _ in range(rng.randint(1, 8) if data else 0):
-        changed[rng.randrange(len(changed))] = rng.randrange(256)
-    return bytes(changed)
-
-
 def _span(rng: Random, data: bytes) -> tuple[int, int]:
     start = rng.randint(0, len(data))
     longest = len(data) if rng.random() < 0.2 else 64
@@ -70,14 +63,6 @@ def _twice(rng: Random, data: bytes) -> bytes:
 
 def _cut(rng: Random, data: bytes) -> bytes:
     return data[: rng.randint(0, len(data))]
-
-
-def _swapped(rng: Random, data: bytes) -> bytes:
-    a, b = sorted(_span(rng, data))
-    c, d = sorted(_span(rng, data))
-    if c < b:
-        return data
-    return data[:a] + data[c:d] + data[b:c] + data[a:b] + data[d:]
 
 
 def _inserted(rng: Random, data: bytes) -> bytes:
@@ -115,5 +100,5 @@ def _rewrapped(rng: Random, data: bytes) -> bytes:
     return data + rng.choice((b" ", b"x", b"\0", b"\n")) * rng.choice((1, 1000, 300_000))
 
 
-_DAMAGES = (_flip, _flip, _replaced, _without, _twice, _cut, _swapped, _inserted, _inserted,
+_DAMAGES = (_flip, _flip, _without, _twice, _cut, _inserted, _inserted,
             _renumbered, _renumbered, _renumbered, _recoded, _rewrapped)  # fmt: skip
