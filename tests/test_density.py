@@ -15,9 +15,12 @@ from calib.maps.density import (
     error,
     gain_of,
     kind_of,
+    lattice,
+    mixed,
     rationed,
     residual,
     rho,
+    transformation,
 )
 from calib.maps.graph import Graph
 from calib.maps.lattice import Lattice
@@ -72,7 +75,7 @@ def test_border_does_not_depend_on_the_weights():
 
 
 def test_error_is_the_squared_distance_over_its_mean():
-    g = error(visit(1.0, winners=[0, 1, 2], distances=[1.0, 2.0, 3.0]))
+    g = error(visit(1.0, winners=[0, 1, 2], distances=[1.0, 2.0, 3.0]), strength=1.0)
     np.testing.assert_allclose(g, np.array([1.0, 4.0, 9.0]) / (14 / 3), atol=1e-5)
 
 
@@ -102,6 +105,15 @@ def test_density_favours_the_border_of_an_even_map():
     assert g[0, 0] > g[0, 1] > g[1, 1]
 
 
+def test_lattice_is_equation_7_over_all_nodes_and_favours_the_border():
+    w = np.random.default_rng(1).random((9, 2))
+    total = ((w[:, None] - w[None]) ** 2).sum(axis=(1, 2))
+    rho = np.exp(-total / total.mean())
+    np.testing.assert_allclose(lattice(visit(1.0, w), strength=1.0), rho.mean() / rho)
+    g = lattice(visit(1.0)).reshape(3, 3)
+    assert g[0, 0] > g[0, 1] > g[1, 1]
+
+
 def test_a_gain_follows_the_winner_of_each_sample():
     per_node = border(visit(1.0))
     assert (border(visit(1.0, winners=[8, 4, 4])) == per_node[[8, 4, 4]]).all()
@@ -125,6 +137,55 @@ def test_names_find_their_gain_and_the_plain_som_has_none():
 def test_the_gain_at_the_border_is_full_for_the_last_third():
     assert (border(visit(2 / 3)) == border(visit(1.0))).all()
     assert border(visit(0.6)).max() < border(visit(1.0)).max()
+
+
+def test_mixed_is_border_times_error():
+    v = visit(0.8, distances=np.linspace(0.1, 0.9, 9))
+    np.testing.assert_allclose(mixed(v, 0.5), border(v) * error(v, 0.5))
+
+
+def test_transformation_is_the_variance_of_the_partners_around_a_node():
+    # a line of three nodes; node 0 and 1 share {0, 2}, node 1 and 2 share {2, 8}
+    v = Visit(
+        1.0,
+        np.array([0, 1, 2]),
+        np.zeros(3),
+        np.zeros((3, 1)),
+        Lattice((3,)),
+        np.array([[0.0], [2.0], [8.0]]),
+    )
+    variance = np.array([np.var([0, 2]), np.var([0, 2, 8]), np.var([2, 8])])
+    np.testing.assert_allclose(transformation(v), variance / variance.mean(), atol=1e-5)
+
+
+@pytest.mark.parametrize("spot", [0.0, 0.5, 3.0])
+def test_transformation_is_1_where_the_partners_are_all_the_same(spot):
+    v = Visit(
+        1.0,
+        np.array([0, 1, 2, 3]),
+        np.zeros(4),
+        np.zeros((4, 1)),
+        Lattice((4,)),
+        np.full((4, 2), spot),
+    )
+    assert (transformation(v) == 1.0).all()
+
+
+def test_transformation_does_not_depend_on_the_unit_of_the_partners():
+    # with a unit of 2.4 the mean variance is 1
+    y = np.array([[0.0], [1.0], [0.0], [0.0]])
+    gains = []
+    for unit in (0.1, 1.0, 2.4, 100.0):
+        v = Visit(1.0, np.arange(4), np.zeros(4), np.zeros((4, 1)), Lattice((4,)), unit * y)
+        gains.append(transformation(v))
+    variance = np.array([np.var([0, 1]), np.var([0, 1, 0]), np.var([1, 0, 0]), 0.0])
+    for gain in gains:
+        np.testing.assert_allclose(gain, variance / variance.mean(), atol=1e-5)
+
+
+def test_transformation_without_the_other_space_says_what_it_needs():
+    with pytest.raises(OptionError, match="batch rule"):
+        transformation(Visit(1.0, np.zeros(1, int), np.zeros(1), np.zeros((4, 1)), Lattice((4,))))
 
 
 def test_at_the_border_of_a_graph_are_nodes_with_few_edges():
