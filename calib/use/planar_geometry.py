@@ -21,7 +21,7 @@ from ..body.spatial import SpatialStructure, structure_of
 from ..body.structure import Indices, Prior
 from ..common.arrays import Array
 from ..model.alignment import Alignment
-from .spatial_geometry import SpatialGeometry, deviations, fit_prior
+from .spatial_geometry import SpatialGeometry, deviations, fit_prior, rms
 
 #: Prior sd of a joint's offset [rad]: servos are put on to 10 deg.
 OFFSET = np.radians(10.0)
@@ -67,12 +67,6 @@ class Geometry(SpatialGeometry):
 
     arm: PlanarArm
 
-    @property
-    def offsets(self) -> tuple[Array, Array]:
-        """Where the nominal arm stands when joints read zero (dof,) [rad or m], and intervals."""
-        index = self.structure.groups["offset"]
-        return self.beta[index], 1.96 * self.sd[index]
-
     @cached_property
     def ends(self) -> tuple[Array, Array]:
         """Displacement of each joint and of the tip (dof + 1, 2) [m], and intervals."""
@@ -93,22 +87,14 @@ class Geometry(SpatialGeometry):
     def to_json(self) -> dict[str, Any]:
         """Plain data; intervals are half widths of 95 %."""
         (base, *moved), (width, *widths) = (part.tolist() for part in self.ends)
-        told = {
-            key: {
-                name: {"value": value, "interval": half}
-                for name, value, half in zip(self.arm.joint_names, *parts, strict=True)
-            }
-            for key, parts in (
-                ("offsets", [part.tolist() for part in self.offsets]),
-                ("moved", [moved, widths]),
-            )
-        }
+        ends = zip(self.arm.joint_names, moved, widths, strict=True)
         frame = {"matrix": self.frame.matrix.tolist(), "shift": self.frame.shift.tolist()}
         return {
-            **told,
+            "offsets": self.offsets(),
+            "moved": {name: {"value": end, "interval": half} for name, end, half in ends},
             "base": {"value": base, "interval": width},
             "frame": frame,
-            **self.sizes_to_json(),
+            **self.sizes(),
         }
 
 
@@ -120,8 +106,7 @@ def fit_in_plane(
     `error` [unit] is the least noise along an axis that positions are credited with: an adapted
     model answers without noise, yet with the error of its rows.
     """
-    spread = float(np.sqrt(((x - x.mean(axis=0)) ** 2).sum(axis=1).mean()))
-    structure, scaled = in_plane(arm, unit, spread), free and unit != "m"
+    structure, scaled = in_plane(arm, unit, rms(x - x.mean(axis=0))), free and unit != "m"
     groups, beta = structure.groups, structure.neutral()
     points, seen = arm.chain.positions(q), np.c_[x, np.zeros(len(x))]
     turn, shift, scale = arm.plane.basis, -arm.plane.basis @ arm.plane.origin, 1.0
@@ -142,9 +127,8 @@ def fit_in_plane(
     nominal = best.beta.copy()
     for group in ("offset", "placement", "tool"):
         nominal[groups[group]] = 0.0
-    residuals = best.residual, x - structure.predict(q, nominal)
     scale = structure.sensor(best.beta).scale
-    left, before = (float(np.sqrt((r**2).sum(axis=1).mean())) / scale for r in residuals)
+    left, before = rms(best.residual) / scale, rms(x - structure.predict(q, nominal)) / scale
     reach = float(np.linalg.norm(points - points.mean(axis=0), axis=1).max())
     return Geometry(arm, structure, best.beta, sd, free, True, left, before, reach)
 
