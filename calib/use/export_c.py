@@ -136,7 +136,7 @@ class _Writer:
         """By how much (nodes,) the header differs from the model at the nodes [unit]."""
         model = self.model
         u = np.clip(model.motor.units, 0.0, 1.0)
-        held = model.smooth().value(u)
+        held = model.predicted(u, "body")
         if self._local:
             held = held + predict(model.predictor.models, model.motor, u)[0]
         return np.asarray(np.linalg.norm(model.predictor.value(u) - held, axis=1))
@@ -228,7 +228,7 @@ class _Writer:
             + array(REAL, "calib_radius", [nodes], models.radius, one)
             + array(REAL, "calib_says", [nodes], reach_of(model.motor), one)
             + array(REAL, "calib_local_terms", [nodes, str(flat.shape[1])], flat, one)
-            + integers("calib_talks", nodes, models.degrees(model.motor.units.shape[1]) >= 0)
+            + integers("calib_talks", nodes, [bool(c.any()) for c in models.coefficients])
             + integers("calib_parent", count, parent)
             + integers("calib_along", count, along)
             + integers("calib_power", str(terms.size), terms.ravel())
