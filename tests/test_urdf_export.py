@@ -12,7 +12,7 @@ import calib
 from calib.arm.loading import arm_from_urdf
 from calib.errors import OptionError, RobotError
 from calib.use.geometry import fit_geometry
-from calib.use.planar_geometry import Geometry, fit_in_plane, in_plane
+from calib.use.planar_geometry import PlanarGeometry, fit_in_plane, in_plane
 from calib.use.urdf import corrected_urdf, edited
 
 
@@ -132,7 +132,7 @@ def test_a_diff_shows_the_changed_attributes_alone():
     beta, zero = structure.neutral(), np.zeros(structure.size)
     beta[structure.groups["offset"][1]] = 0.02
     beta[structure.layout.shifts[1]] = 0.003, 0.0, 0.0
-    geometry = Geometry(nominal, structure, beta, zero, False, True, 0.0, 0.0, 0.5)
+    geometry = PlanarGeometry(nominal, structure, beta, zero, False, True, 0.0, 0.0, 0.5)
     new = corrected_urdf(geometry)
     before, after = text.splitlines(), new.splitlines()
     assert len(before) == len(after)

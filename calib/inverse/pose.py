@@ -95,7 +95,8 @@ def reach_poses(
 
     def advance(q: Array, slope: Array, gap: Array, damping: Array) -> Array:
         step = damped_solution(slope, gap, damping)
-        return q + step * np.minimum(1.0, 1.0 / np.maximum(np.abs(step).max(axis=0), 1e-300))
+        longest = np.maximum(np.abs(step).max(axis=0), 1e-300)
+        return np.asarray(q + step * np.minimum(1.0, 1.0 / longest))
 
     met = 1e-3 * TOLERANCE * length
     found, left = damped_steps(misfit, advance, q.T.copy(), met, met)

@@ -59,7 +59,7 @@ def in_plane(arm: PlanarArm, unit: str = "m", extent: float = 1.0) -> InPlane:
 
 
 @dataclass(frozen=True, eq=False)
-class Geometry(SpatialGeometry):
+class PlanarGeometry(SpatialGeometry):
     """A fitted geometry of a planar arm, its displacements in the plane at the zero posture.
 
     Intervals are half widths of 95 %; what the data cannot tell apart is within them.
@@ -100,7 +100,7 @@ class Geometry(SpatialGeometry):
 
 def fit_in_plane(
     arm: PlanarArm, q: Array, x: Array, unit: str, *, free: bool, move_base: bool, error: float
-) -> Geometry:
+) -> PlanarGeometry:
     """Fit offsets, places and, with a `free` frame, the sensor's place to positions `x` (n, 2).
 
     `error` [unit] is the least noise along an axis that positions are credited with: an adapted
@@ -130,7 +130,7 @@ def fit_in_plane(
     scale = structure.sensor(best.beta).scale
     left, before = rms(best.residual) / scale, rms(x - structure.predict(q, nominal)) / scale
     reach = float(np.linalg.norm(points - points.mean(axis=0), axis=1).max())
-    return Geometry(arm, structure, best.beta, sd, free, True, left, before, reach)
+    return PlanarGeometry(arm, structure, best.beta, sd, free, True, left, before, reach)
 
 
 def _prior(
