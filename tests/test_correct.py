@@ -216,7 +216,8 @@ def test_a_free_frame_hides_the_first_joints_offset_until_the_cause_is_said():
     np.testing.assert_allclose(correct(offset, Q).change[:, 0], -0.02, atol=2e-4)
     for model_, cause in ((turned, "joints"), (offset, "joints"), (turned, "sensor")):
         geometry = fit_geometry(model_, cause=cause)
-        assert geometry.offsets[0][0] == pytest.approx(0.02 * (cause == "joints"), abs=5e-4)
+        first = next(iter(geometry.offsets().values()))
+        assert first["value"] == pytest.approx(0.02 * (cause == "joints"), abs=5e-4)
         # what the prior holds to 1 mm is no more open than a few of them
         assert geometry.ends[1].max() < 0.05
 

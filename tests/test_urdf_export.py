@@ -12,7 +12,7 @@ import calib
 from calib.arm.loading import arm_from_urdf
 from calib.errors import OptionError, RobotError
 from calib.use.geometry import fit_geometry
-from calib.use.planar_geometry import Geometry, fit_in_plane, in_plane
+from calib.use.planar_geometry import PlanarGeometry, fit_in_plane, in_plane
 from calib.use.urdf import corrected_urdf, edited
 
 
@@ -41,7 +41,8 @@ def test_kinematics_of_the_changed_arm(tmp_path, changes):
 def test_offsets_and_lengths_come_out_apart():
     adapted = model().adapt(log("elbow.length=+4%", "elbow.offset=0.02", n=100, noise=0.0))
     geometry = fit_geometry(adapted)
-    assert geometry.offsets[0] == pytest.approx([0.0, 0.02], abs=1e-4)
+    offsets = [each["value"] for each in geometry.offsets().values()]
+    assert offsets == pytest.approx([0.0, 0.02], abs=1e-4)
     assert geometry.ends[0][2] == pytest.approx([0.01, 0.0], abs=1e-4)
     assert geometry.ends[0][0] == pytest.approx([0.0, 0.0], abs=1e-4)
     assert geometry.residual < 1e-5
@@ -49,7 +50,7 @@ def test_offsets_and_lengths_come_out_apart():
 
 def test_nothing_to_change(tmp_path):
     geometry = fit_geometry(model())
-    assert np.abs(geometry.offsets[0]).max() < 1e-6
+    assert all(abs(each["value"]) < 1e-6 for each in geometry.offsets().values())
     corrected = exported(tmp_path, model())
     assert corrected.joint_names == arm().joint_names
     assert np.allclose(corrected.lower, arm().lower)
@@ -59,7 +60,7 @@ def test_a_sensor_that_moved_is_not_put_into_the_urdf():
     geometry = fit_geometry(
         model().adapt(log("sensor.rotate=0.1", "sensor.shift=0.1,0", n=100, noise=0.0))
     )
-    assert np.abs(geometry.offsets[0]).max() < 1e-5
+    assert all(abs(each["value"]) < 1e-5 for each in geometry.offsets().values())
 
 
 def test_intervals_hold_the_truth():
@@ -131,7 +132,7 @@ def test_a_diff_shows_the_changed_attributes_alone():
     beta, zero = structure.neutral(), np.zeros(structure.size)
     beta[structure.groups["offset"][1]] = 0.02
     beta[structure.layout.shifts[1]] = 0.003, 0.0, 0.0
-    geometry = Geometry(nominal, structure, beta, zero, False, True, 0.0, 0.0, 0.5)
+    geometry = PlanarGeometry(nominal, structure, beta, zero, False, True, 0.0, 0.0, 0.5)
     new = corrected_urdf(geometry)
     before, after = text.splitlines(), new.splitlines()
     assert len(before) == len(after)

@@ -1,1 +1,1 @@
-"""Arms: planar chains of joints, from a URDF to vectorised kinematics."""
+"""Arms: from a URDF to a serial chain, planar or spatial, and its vectorised kinematics."""

@@ -2,13 +2,14 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import dataclass
 from functools import cached_property
 
 import numpy as np
 from numpy.typing import NDArray
 
-from ..common.arrays import Array
+from ..common.arrays import Array, Index
 from ..common.scale import Scale
 from ..maps.predictor import Predictor
 
@@ -49,44 +50,18 @@ class Newton:
         return np.concatenate([p[0] for p in parts]), np.concatenate([p[1] for p in parts])
 
     def _refine(self, start: Array, target: Array, tolerance: float) -> tuple[Array, Array]:
-        # coordinates come first here, so that every operation runs along the rows
-        u, x = self._clip(start.T.copy()), target.T
-        value, slope = self._evaluate(u)
-        gap = x - value
-        distance = _length(gap)
+        x = target.T
+
+        def misfit(u: Array, rows: Index) -> tuple[Array, Array]:
+            value, slope = self._evaluate(u)
+            return x[:, rows] - value, slope
+
+        def advance(u: Array, slope: Array, gap: Array, damping: Array) -> Array:
+            return self._clip(u + self._step(u, slope, gap, damping))
+
         met, rounding = tolerance * self.extent, max(tolerance, 1e-12) * self.extent
-        rows, going = np.arange(len(distance)), distance > met
-        found, left = u.copy(), distance.copy()
-        # nearly Gauss-Newton at first: a start is within a node's spacing of its answer
-        damping = np.full(len(rows), 1e-9)
-        for _ in range(_STEPS):
-            if not going.all():
-                rows, damping = rows[going], damping[going]
-                u, x, gap, distance, slope = (
-                    part[..., going] for part in (u, x, gap, distance, slope)
-                )
-            if not len(rows):
-                break
-            trial = self._clip(u + self._step(u, slope, gap, damping))
-            value, trial_slope = self._evaluate(trial)
-            trial_gap = x - value
-            now = _length(trial_gap)
-            moved = np.abs(trial - u).max(axis=0)
-            better = now < distance
-            stalled = (distance - now < 1e-9 * distance) & (better | (distance < rounding))
-            if better.all():  # most steps are: nothing has to be chosen row by row
-                u, gap, distance, slope = trial, trial_gap, now, trial_slope
-                damping = damping / 30
-            else:
-                u = np.where(better, trial, u)
-                gap = np.where(better, trial_gap, gap)
-                distance = np.where(better, now, distance)
-                slope = np.where(better, trial_slope, slope)
-                damping = np.where(better, damping / 30, np.maximum(damping * 30, 1e-6))
-            damping = np.maximum(damping, 1e-12)
-            found[:, rows], left[rows] = u, distance
-            going = ~(stalled | (distance < met) | (moved < 1e-15) | (damping > 1e3))
-        return found.T, left
+        u, distance = damped_steps(misfit, advance, self._clip(start.T.copy()), met, rounding)
+        return u.T, distance
 
     def _step(self, u: Array, slope: Array, gap: Array, damping: Array) -> Array:
         """J' (J J' + damping)^-1 gap, with the joints that may move, (dof, n)."""
@@ -188,6 +163,56 @@ class Newton:
         value, slope = self.predictor.value_and_slope(u.T)
         # rows next to each other in memory: einsum is ten times slower on a transposed view
         return value.T, np.ascontiguousarray(slope.transpose(2, 1, 0))
+
+
+def damped_steps(
+    misfit: Callable[[Array, Index], tuple[Array, Array]],
+    advance: Callable[[Array, Array, Array, Array], Array],
+    u: Array,
+    met: float,
+    rounding: float,
+) -> tuple[Array, Array]:
+    """Joints (dof, n) that bring a misfit close to zero from starts `u`, and its lengths (n,).
+
+    Steps of Levenberg and Marquardt, each row on its own.
+
+    misfit : what is left (m, k) at joints (dof, k) of some rows (k,), and the Jacobian (dof, m, k)
+    advance : joints after a step, from joints, Jacobian, what is left and damping (k,)
+    met, rounding : lengths that are short enough, and below which no progress is the end
+    """
+    # coordinates come first here, so that every operation runs along the rows
+    rows = np.arange(u.shape[1])
+    gap, slope = misfit(u, rows)
+    distance = _length(gap)
+    going = distance > met
+    found, left = u.copy(), distance.copy()
+    # nearly Gauss-Newton at first: a start is within a node's spacing of its answer
+    damping = np.full(len(rows), 1e-9)
+    for _ in range(_STEPS):
+        if not going.all():
+            rows, damping = rows[going], damping[going]
+            u, gap, distance, slope = (part[..., going] for part in (u, gap, distance, slope))
+        if not len(rows):
+            break
+        trial = advance(u, slope, gap, damping)
+        new_gap, new_slope = misfit(trial, rows)
+        now = _length(new_gap)
+        moved = np.abs(trial - u).max(axis=0)
+        better = now < distance
+        stalled = (distance - now < 1e-9 * distance) & (better | (distance < rounding))
+        if better.all():  # most steps are: nothing has to be chosen row by row
+            u, gap, distance, slope = trial, new_gap, now, new_slope
+            damping = damping / 30
+        else:
+            u = np.where(better, trial, u)
+            gap = np.where(better, new_gap, gap)
+            distance = np.where(better, now, distance)
+            slope = np.where(better, new_slope, slope)
+            damping = np.where(better, damping / 30, np.maximum(damping * 30, 1e-6))
+        damping = np.maximum(damping, 1e-12)
+        found[:, rows], left[rows] = u, distance
+        going = ~(stalled | (distance < met) | (moved < 1e-15) | (damping > 1e3))
+    return found, left
 
 
 def damped_solution(slope: Array, gap: Array, damping: Array) -> Array:

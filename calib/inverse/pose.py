@@ -15,12 +15,12 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ..arm.rotations import logarithm
-from ..common.arrays import Array
+from ..common.arrays import Array, Index
+from .newton import damped_solution, damped_steps
 
 #: Position (n, 3) [m], orientation (n, 3, 3) and geometric Jacobian (n, 6, dof) at joints (n, dof).
 Evaluate = Callable[[Array], tuple[Array, Array, Array]]
 
-STEPS = 40
 #: Random starts of a round, and rounds in a row that must find nothing new.
 ROUND, QUIET = 96, 2
 ROUNDS = 12  # at most
@@ -87,36 +87,20 @@ def reach_poses(
     """
     scale = np.r_[np.ones(3), np.full(3, length)][:, None]
 
-    def misfit(q: Array) -> tuple[Array, Array, Array]:
-        p, r, jacobian = evaluate(q)
+    def misfit(q: Array, rows: Index) -> tuple[Array, Array]:
+        p, r, jacobian = evaluate(q.T)
         turn = logarithm(rotation[rows] @ np.swapaxes(r, 1, 2))
-        e = np.concatenate([position[rows] - p, length * turn], axis=1)
-        return e, jacobian * scale, np.linalg.norm(e, axis=1)
+        gap = np.concatenate([position[rows] - p, length * turn], axis=1)
+        return gap.T, np.ascontiguousarray((jacobian * scale).transpose(2, 1, 0))
 
-    rows = np.arange(len(q))
-    out, distance = q.copy(), np.full(len(q), np.inf)
-    damping = np.full(len(q), 1e-5)
-    e, jacobian, size = misfit(q)
-    for _ in range(STEPS):
-        transposed = np.swapaxes(jacobian, 1, 2)
-        square = jacobian @ transposed
-        power = np.einsum("nii->n", square)
-        square[:, range(6), range(6)] += (damping * power)[:, None] + 1e-300
-        step = (transposed @ np.linalg.solve(square, e[:, :, None]))[:, :, 0]
-        step *= np.minimum(1.0, 1.0 / np.maximum(np.abs(step).max(axis=1), 1e-300))[:, None]
-        trial = q + step
-        e_new, jacobian_new, size_new = misfit(trial)
-        better = size_new < size
-        new = trial, e_new, jacobian_new, size_new
-        q, e, jacobian, size = taken(better, new, (q, e, jacobian, size))
-        damping = np.where(better, np.maximum(damping / 10, 1e-15), np.minimum(damping * 10, 1e3))
-        out[rows], distance[rows] = q, size
-        going = (size > 1e-3 * TOLERANCE * length) & (damping < 1e3)
-        if not going.any():
-            break
-        rows, q, e, size, damping = rows[going], q[going], e[going], size[going], damping[going]
-        jacobian = jacobian[going]
-    return out, distance
+    def advance(q: Array, slope: Array, gap: Array, damping: Array) -> Array:
+        step = damped_solution(slope, gap, damping)
+        longest = np.maximum(np.abs(step).max(axis=0), 1e-300)
+        return np.asarray(q + step * np.minimum(1.0, 1.0 / longest))
+
+    met = 1e-3 * TOLERANCE * length
+    found, left = damped_steps(misfit, advance, q.T.copy(), met, met)
+    return found.T, left
 
 
 def taken(better: NDArray[np.bool_], new: Sequence[Array], old: Sequence[Array]) -> list[Array]:

@@ -1,4 +1,4 @@
-"""Following: joints that stay on one branch while their target moves."""
+"""Tracking: joints that stay on one branch while their target moves."""
 
 from __future__ import annotations
 

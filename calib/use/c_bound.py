@@ -36,7 +36,6 @@ def words(body: Body) -> dict[str, object]:
     own: dict[str, object] = {}
     if isinstance(structure, SpatialStructure):
         own["bends"] = int(len(structure.groups["elastic"]) > 0)
-        own["seen"] = "  calib_in_pixels(p, geometry, own);\n" if structure.camera else ""
     how = ": within about a tenth of what Python has, which keeps more of it"
     return own | {
         "how": how if _rank(body) else "",

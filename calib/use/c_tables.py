@@ -2,7 +2,8 @@
 
 The source itself is in the folder `c`: C99 that is also valid C++, without allocation and without
 any library but ``math.h``.  Its names start with ``calib_``; `filled` puts another prefix, and
-numbers or other parts for words such as ``@unit@``.
+numbers for words such as ``@unit@``; what stands between ``#if @word@`` and ``#endif`` is kept
+where the word is true.
 """
 
 from __future__ import annotations
@@ -24,18 +25,21 @@ from ..common.arrays import Array
 
 REAL, DOF = "calib_real", "CALIB_DOF"
 
+_CHOICE = re.compile(r"^#if @(\w+)@\n((?:(?!#if @|#endif\n).*\n)*)#endif\n", re.MULTILINE)
 _FUNCTIONS = re.compile(r"\b(cos|sin|sqrt|floor|fabs)\(")
 _POSES, _POSE_CALM = 2, 1e-6  # steps towards a pose, and their damping
 
 
 def source(*names: str) -> str:
-    """Parts of the C source, one after another."""
+    """Files of the C source, one after another."""
     folder = files(__package__) / "c"
     return "".join((folder / f"{name}.h").read_text(encoding="ascii") for name in names)
 
 
 def filled(text: str, words: Mapping[str, object], prefix: str, single: bool) -> str:
     """C source with its words filled in, names that start with `prefix`, and its precision."""
+    while "#if @" in text:  # the innermost first
+        text = _CHOICE.sub(lambda found: found[2] * bool(words[found[1]]), text)
     text = re.sub(r"@(\w+)@", lambda found: str(words[found.group(1)]), text)
     text = _FUNCTIONS.sub(r"\1f(", text) if single else text
     return text.replace("calib_", prefix).replace("CALIB_", prefix.upper())
@@ -134,7 +138,7 @@ def spatial(
     gravity = np.asarray(structure.gravity) / structure.torque
     rows = "CALIB_CHAIN"
     tables = (
-        f"\nenum {{ CALIB_CHAIN = {chain.joints} }};\n"
+        "\n"
         + integers("calib_bends", rows, chain.revolute)
         + array(REAL, "calib_axis", [rows, "3"], chain.axes, single)
         + array(REAL, "calib_stride", [rows, "3"], placements(chain).strides, single)
@@ -147,13 +151,13 @@ def spatial(
         + array(REAL, "calib_aim", ["9"], sensor.rotation, single)
         + array(REAL, "calib_shift", ["3"], sensor.shift, single)
         + array(REAL, "calib_lens", ["4"], sensor.lens, single)
-        + source("arm")
         + spatial_arm("calib_body", structure, beta, single)
     )
     words = {
         "law": structure.seen_as.source,
         "nearest": number(NEAREST, single),
-        "view": source("seen_by_camera" if structure.camera else "seen_by_tracker"),
+        "chain": chain.joints,
+        "camera": structure.camera,
         "poses": _POSES,
         "pose_calm": number(_POSE_CALM, single),
         "lever": number(chain.reach, single),

@@ -16,9 +16,9 @@ from numpy.typing import NDArray
 from ..arm.arm import Arm
 from ..common.arrays import Array
 from ..model.model import Model
-from ..model.space import Space as Chain
+from ..model.space import Space
 from .nominal import moves_in_space
-from .pose_space import Space
+from .pose_space import PoseSpace
 
 _TRIED, _ALWAYS = 100, 0.9  # postures in which links meet that are built so, and their share
 
@@ -97,7 +97,7 @@ def hides_its_tip(
     return hidden
 
 
-def visible(source: Arm | Model, space: Space, points: Array) -> tuple[Array, list[str]]:
+def visible(source: Arm | Model, space: PoseSpace, points: Array) -> tuple[Array, list[str]]:
     """The candidates whose tip a model's camera or tracker sees, and what was left out.
 
     A laser tracker stands at its frame's origin. An origin within the arm's reach is that of
@@ -109,7 +109,7 @@ def visible(source: Arm | Model, space: Space, points: Array) -> tuple[Array, li
     sensor = SensorPose.of(body)
     if isinstance(source, Arm) or body is None or sensor is None or body.structure.view == "base":
         return points, []
-    q, chain, about = space.scale.from_unit(points), Chain.of(source), source.about
+    q, chain, about = space.scale.from_unit(points), Space.of(source), source.about
     if not chain.camera and np.linalg.norm(sensor.position) <= chain.length:
         return points, []
     tips = chain.evaluate(q)[0]
@@ -130,7 +130,7 @@ def visible(source: Arm | Model, space: Space, points: Array) -> tuple[Array, li
     ]
 
 
-def apart(source: Arm | Model, space: Space, points: Array) -> tuple[Array, str]:
+def apart(source: Arm | Model, space: PoseSpace, points: Array) -> tuple[Array, str]:
     """The candidates in which an arm in space does not hit itself, and what was looked at."""
     about = source if isinstance(source, Arm) else source.about
     wide = source.outputs == 3 if isinstance(source, Arm) else moves_in_space(source)

@@ -12,7 +12,7 @@ from ..body.belief import Body
 from ..body.curves import HARMONICS
 from ..body.planar import PlanarStructure
 from ..body.spatial import SpatialStructure
-from ..body.views import cubic, is_camera
+from ..body.views import cubic
 from ..common.arrays import Array
 from ..common.parallel import one_blas_thread
 from ..common.wording import one_line
@@ -88,35 +88,27 @@ class _Writer:
     def text(self) -> tuple[str, int]:
         """The whole header, and the bytes of its tables."""
         structure, beta = self.body.structure, self.body.beta
-        words, nominal, pose = self._words(), "", list[str]()
+        words, nominal = self._words(), ""
         if isinstance(structure, PlanarStructure):
             tables, own_words = c_tables.planar(structure, beta, self.single)
             nominal = self._nominal_in_plane(structure)
-            kind, body = "planar", ["planar"]
         else:
             assert isinstance(structure, SpatialStructure)  # noqa: S101
             tables, own_words = c_tables.spatial(structure, beta, self.single)
             if structure.informed:
                 there = nominal_in_space(structure, beta)
                 nominal = c_tables.spatial_arm("calib_nominal", structure, there, self.single)
-            kind, pose = "spatial", ["pose"]
-            body = ["spatial_chain", *["pinhole"] * structure.camera, "spatial_seen"]
             keeps = bool(nominal) and structure.dof >= 6
             words["limit"] = self._n(usual_limit(self.model).max() if keeps else 0.0)
-        words |= own_words
+        words |= {**own_words, "corrected": bool(nominal)}
         if self._posterior:
             about, noisy = self.model.about, self.model.about.bound_of == "sensor reading"
             q = np.random.default_rng(0).uniform(about.lower, about.upper, (400, structure.dof))
-            seen = ["pixel_derivatives"] * is_camera(structure.view)
-            body += [*seen, f"{kind}_derivatives", "posterior"]
             words |= c_bound.words(self.body)
             tables += c_bound.tables(structure, self.body, q, noise=noisy, single=self.single)
         tables += c_tables.curves(structure, beta, self.single)
         tables = self._ranges() + tables + self._nodes() + nominal
-        nodes, local = ["nodes"] * self._asks_nodes, ["local"] * self._local
-        correct = (f"{kind}_wanted", "correct") if nominal else ()
-        parts = ("range", *nodes, "curves", *body, *local, "queries", *pose, *correct)
-        whole = source("head") + tables + source(*parts) + "\n#endif /* @guard@ */\n"
+        whole = source("head") + tables + source("common", structure.kind, "answers")
         return filled(whole, words, self.prefix, self.single), _bytes(tables)
 
     @property
@@ -164,7 +156,12 @@ class _Writer:
             "unit": _comment(model.about.unit),
             "bound_of": _comment(model.about.bound_of),
             "how": "",
-            "bounded": source("posterior_bound" if self._posterior else "blended_bound"),
+            "posterior": self._posterior,
+            "bound": "calib_posterior(inside)"
+            if self._posterior
+            else "calib_blended(calib_bound, inside)",
+            "nodes_asked": self._asks_nodes,
+            "spatial": self.body.structure.kind == "spatial",
             "guard": "CALIB_MODEL_H",
             "real": "float" if self.single else "double",
             "dof": dof,
@@ -173,12 +170,12 @@ class _Writer:
             "near": min(blend_size(dof), model.motor.size - 1),
             "harmonics": HARMONICS,
             "trusted": "" if self._trusted else blended,
-            "local": "  calib_local(q, x, J);\n" if self._local else "",
+            "local": self._local,
             "fades": int(models.fades),
             "votes": int(models.votes > 0.0),
             "silent": self._n(models.votes),
             "full": self._n(FULL),
-            "gated": "" if models.gates is None else source("gated"),
+            "gated": models.gates is not None,
             "terms": models.coefficients.shape[1] if self._local else 1,
             "slack": self._n(-1e-6 if self.single else -1e-9),
             "calm": self._n(_CALM),

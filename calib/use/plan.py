@@ -17,7 +17,7 @@ from ..common.checks import whole
 from ..common.frozen import ReadOnly
 from ..errors import OptionError
 from .collisions import apart, visible
-from .pose_space import Space, space_of
+from .pose_space import PoseSpace, space_of
 from .spread import candidates, farthest, length, shortest_tour, tells
 
 if TYPE_CHECKING:
@@ -198,7 +198,7 @@ def plan(
     )
 
 
-def _choice(source: Arm | Model, space: Space) -> tuple[partial[Index], str, str]:
+def _choice(source: Arm | Model, space: PoseSpace) -> tuple[partial[Index], str, str]:
     """How poses are chosen, and what is said of it: by information where a belief is known."""
     if isinstance(source, SpatialArm):  # never measured: the prior says what is not known
         choose = partial(_most_telling, space, lambda q, n, t: greedy(tells(source, q, t), n))
@@ -210,7 +210,7 @@ def _choice(source: Arm | Model, space: Space) -> tuple[partial[Index], str, str
     return partial(farthest, space.scale), "as far from each other as possible", "and from"
 
 
-def _most_telling(space: Space, tell: Choose, points: Array, n: int, taken: Array) -> Index:
+def _most_telling(space: PoseSpace, tell: Choose, points: Array, n: int, taken: Array) -> Index:
     """Points (k, dof) in units of the joints' ranges that inform a belief most."""
     few = np.arange(len(points))
     if len(few) > _CHOICE:  # corners come first
@@ -222,7 +222,7 @@ def _most_telling(space: Space, tell: Choose, points: Array, n: int, taken: Arra
     return few[tell(joints, n, space.scale.from_unit(taken))]
 
 
-def _taken(space: Space, measured: Samples | None) -> Array:
+def _taken(space: PoseSpace, measured: Samples | None) -> Array:
     """Joints (k, dof) of measured rows in units of the joints' ranges."""
     if measured is None:
         return np.zeros((0, len(space.joint_names)))

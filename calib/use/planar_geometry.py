@@ -21,7 +21,7 @@ from ..body.spatial import SpatialStructure, structure_of
 from ..body.structure import Indices, Prior
 from ..common.arrays import Array
 from ..model.alignment import Alignment
-from .spatial_geometry import SpatialGeometry, deviations, fit_prior
+from .spatial_geometry import SpatialGeometry, deviations, fit_prior, rms
 
 #: Prior sd of a joint's offset [rad]: servos are put on to 10 deg.
 OFFSET = np.radians(10.0)
@@ -59,19 +59,13 @@ def in_plane(arm: PlanarArm, unit: str = "m", extent: float = 1.0) -> InPlane:
 
 
 @dataclass(frozen=True, eq=False)
-class Geometry(SpatialGeometry):
+class PlanarGeometry(SpatialGeometry):
     """A fitted geometry of a planar arm, its displacements in the plane at the zero posture.
 
     Intervals are half widths of 95 %; what the data cannot tell apart is within them.
     """
 
     arm: PlanarArm
-
-    @property
-    def offsets(self) -> tuple[Array, Array]:
-        """Where the nominal arm stands when joints read zero (dof,) [rad or m], and intervals."""
-        index = self.structure.groups["offset"]
-        return self.beta[index], 1.96 * self.sd[index]
 
     @cached_property
     def ends(self) -> tuple[Array, Array]:
@@ -93,35 +87,26 @@ class Geometry(SpatialGeometry):
     def to_json(self) -> dict[str, Any]:
         """Plain data; intervals are half widths of 95 %."""
         (base, *moved), (width, *widths) = (part.tolist() for part in self.ends)
-        told = {
-            key: {
-                name: {"value": value, "interval": half}
-                for name, value, half in zip(self.arm.joint_names, *parts, strict=True)
-            }
-            for key, parts in (
-                ("offsets", [part.tolist() for part in self.offsets]),
-                ("moved", [moved, widths]),
-            )
-        }
+        ends = zip(self.arm.joint_names, moved, widths, strict=True)
         frame = {"matrix": self.frame.matrix.tolist(), "shift": self.frame.shift.tolist()}
         return {
-            **told,
+            "offsets": self.offsets(),
+            "moved": {name: {"value": end, "interval": half} for name, end, half in ends},
             "base": {"value": base, "interval": width},
             "frame": frame,
-            **self.sizes_to_json(),
+            **self.sizes(),
         }
 
 
 def fit_in_plane(
     arm: PlanarArm, q: Array, x: Array, unit: str, *, free: bool, move_base: bool, error: float
-) -> Geometry:
+) -> PlanarGeometry:
     """Fit offsets, places and, with a `free` frame, the sensor's place to positions `x` (n, 2).
 
     `error` [unit] is the least noise along an axis that positions are credited with: an adapted
     model answers without noise, yet with the error of its rows.
     """
-    spread = float(np.sqrt(((x - x.mean(axis=0)) ** 2).sum(axis=1).mean()))
-    structure, scaled = in_plane(arm, unit, spread), free and unit != "m"
+    structure, scaled = in_plane(arm, unit, rms(x - x.mean(axis=0))), free and unit != "m"
     groups, beta = structure.groups, structure.neutral()
     points, seen = arm.chain.positions(q), np.c_[x, np.zeros(len(x))]
     turn, shift, scale = arm.plane.basis, -arm.plane.basis @ arm.plane.origin, 1.0
@@ -142,11 +127,10 @@ def fit_in_plane(
     nominal = best.beta.copy()
     for group in ("offset", "placement", "tool"):
         nominal[groups[group]] = 0.0
-    residuals = best.residual, x - structure.predict(q, nominal)
     scale = structure.sensor(best.beta).scale
-    left, before = (float(np.sqrt((r**2).sum(axis=1).mean())) / scale for r in residuals)
+    left, before = rms(best.residual) / scale, rms(x - structure.predict(q, nominal)) / scale
     reach = float(np.linalg.norm(points - points.mean(axis=0), axis=1).max())
-    return Geometry(arm, structure, best.beta, sd, free, True, left, before, reach)
+    return PlanarGeometry(arm, structure, best.beta, sd, free, True, left, before, reach)
 
 
 def _prior(

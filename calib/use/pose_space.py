@@ -27,7 +27,7 @@ SHARE = 0.02
 
 
 @dataclass(frozen=True, eq=False)
-class Space:
+class PoseSpace:
     """A box of joint values."""
 
     joint_names: tuple[str, ...]  # joints from base to tip
@@ -64,7 +64,7 @@ def space_of(
     source: Arm | Model,
     margin: float | Sequence[float] | None = None,
     ranges: Mapping[str, Range] | None = None,
-) -> Space:
+) -> PoseSpace:
     """Return the space of an arm, or of what a model has learned.
 
     margin : [rad or m], distance from the joints' mechanical limits, for all or for each joint.
@@ -105,4 +105,4 @@ def space_of(
                 f"margin {kept[k]:g}: no room is left in {names[k]}'s range {low[k]:.6g} to "
                 f"{high[k]:.6g}; expected a smaller one"
             )
-    return Space(names, lower, upper, scale)
+    return PoseSpace(names, lower, upper, scale)

@@ -82,27 +82,28 @@ class SpatialGeometry:
     def to_json(self) -> dict[str, Any]:
         """Plain data; intervals are half widths of 95 %."""
         groups, layout = self.structure.groups, self.structure.layout
-
-        def told(index: Any) -> dict[str, Any]:
-            return {
-                "value": self.beta[index].tolist(),
-                "interval": (1.96 * self.sd[index]).tolist(),
-            }
-
-        joints = zip(self.arm.joint_names, groups["offset"], strict=True)
         places = zip(self.places, layout.shifts, layout.turns, strict=True)
         return {
-            "offsets": {name: told(k) for name, k in joints},
-            "places": {n: {"shift": told(s), "turn": told(t)} for n, s, t in places},
+            "offsets": self.offsets(),
+            "places": {n: {"shift": self.told(s), "turn": self.told(t)} for n, s, t in places},
             "tip": {
-                "shift": told(groups["tool"]),
-                "turn": told(groups["tool.rotation"]),
+                "shift": self.told(groups["tool"]),
+                "turn": self.told(groups["tool.rotation"]),
                 "written": self.move_tip,
             },
-            **self.sizes_to_json(),
+            **self.sizes(),
         }
 
-    def sizes_to_json(self) -> dict[str, Any]:
+    def told(self, index: Any) -> dict[str, Any]:
+        """Some parameters and the half widths of their 95 % intervals."""
+        return {"value": self.beta[index].tolist(), "interval": (1.96 * self.sd[index]).tolist()}
+
+    def offsets(self) -> dict[str, Any]:
+        """Where the nominal arm stands when joints read zero [rad or m], as `told`."""
+        joints = zip(self.arm.joint_names, self.structure.groups["offset"], strict=True)
+        return {name: self.told(k) for name, k in joints}
+
+    def sizes(self) -> dict[str, Any]:
         """What any geometry tells of its fit."""
         return {
             "frame_fitted": self.free,
@@ -110,6 +111,11 @@ class SpatialGeometry:
             "before": self.before,
             "reach": self.reach,
         }
+
+
+def rms(rows: Array) -> float:
+    """Root mean square length of rows (n, m)."""
+    return float(np.sqrt((rows**2).sum(axis=1).mean()))
 
 
 def fit_spatial(
@@ -152,10 +158,7 @@ def fit_spatial(
     metre = 1.0 if structure.camera else structure.metre
     reach = float(np.linalg.norm(x - x.mean(axis=0), axis=1).max())
     misfit = structure.residual(x, structure.predict(q, nominal))
-    left, before = (
-        float(np.sqrt((residual**2).sum(axis=1).mean())) for residual in (fitted.residual, misfit)
-    )
-    sizes = (left / metre, before / metre, reach / metre)
+    sizes = (rms(fitted.residual) / metre, rms(misfit) / metre, reach / metre)
     return SpatialGeometry(arm, structure, fitted.beta, sd, free, move_tip, *sizes)
 
 
@@ -167,9 +170,10 @@ def _structure(
     if isinstance(own, SpatialStructure) and own.informed:
         view = own.view if free else "base"
         return replace(own, view="rigid" if view == "pose" else view)
-    size = float(np.sqrt(((x - x.mean(axis=0)) ** 2).sum(axis=1).mean()))
     view = "base" if not free else "rigid" if unit in METRES else "similarity"
-    return structure_of(arm, view, unit=unit, metre=METRES.get(unit, 1.0), extent=size)
+    return structure_of(
+        arm, view, unit=unit, metre=METRES.get(unit, 1.0), extent=rms(x - x.mean(axis=0))
+    )
 
 
 def _known(body: Body | None, structure: SpatialStructure) -> Array | None:

@@ -15,7 +15,7 @@ from ..body.spatial import structure_of
 from ..common.arrays import Array, Index
 from ..common.scale import Scale
 from ..maps.map import search_tree
-from .pose_space import Space
+from .pose_space import PoseSpace
 
 _INSIDE = 4000  # candidates within the box
 _FACES = 3000  # candidates with one joint at an end of its range
@@ -25,7 +25,7 @@ _WIDEST = 10.0  # [m or rad] of a prior: a wider one leaves no digits for what 2
 _CHUNK = 200  # poses that are linearised at a time
 
 
-def candidates(space: Space, rng: np.random.Generator) -> Array:
+def candidates(space: PoseSpace, rng: np.random.Generator) -> Array:
     """Draw poses to choose from: within the box, on its faces, at its corners.
 
     Returns (m, dof), in units of the joints' ranges.

@@ -1,4 +1,4 @@
-"""Exporting: a copy of the URDF whose joint origins describe the arm as it really is.
+"""Corrected URDF: a copy of the text whose joint origins describe the arm as it really is.
 
 Only attributes that change are rewritten; comments, other elements and the layout stay.
 """

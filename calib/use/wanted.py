@@ -29,7 +29,7 @@ from .nominal import (
     nominal_in_plane,
     nominal_in_space,
 )
-from .planar_geometry import Geometry
+from .planar_geometry import PlanarGeometry
 
 
 @dataclass(frozen=True, eq=False)
@@ -82,7 +82,7 @@ def _found(model: Model, view: str, cause: str) -> Wanted:
     if moves_in_space(model):
         return _in_space(model, view, cause, free)
     geometry = fit_geometry(model, view=view, cause=cause) if free else None
-    own = (geometry.frame,) if isinstance(geometry, Geometry) else ()
+    own = (geometry.frame,) if isinstance(geometry, PlanarGeometry) else ()
     return Wanted(nominal_arm(model).forward, (*own, *moved), free)
 
 

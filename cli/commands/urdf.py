@@ -14,7 +14,6 @@ from ..units import units_of
 from ..usage import flag, option
 
 if TYPE_CHECKING:
-    from calib.use.planar_geometry import Geometry
     from calib.use.spatial_geometry import SpatialGeometry
 
 
@@ -81,7 +80,7 @@ def urdf(
         tell(f"{output}: residual {rms}, with the nominal URDF {before}")
 
 
-def _table(geometry: Geometry | SpatialGeometry) -> TextTable:
+def _table(geometry: SpatialGeometry) -> TextTable:
     """Return what differs from the URDF, a line for each number; `geometry` is as its JSON."""
     import numpy as np
 

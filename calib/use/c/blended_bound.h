@@ -1,1 +1,0 @@
-  *bound = calib_blended(calib_bound, q);

@@ -1,5 +1,0 @@
-  {
-    calib_real inside[CALIB_DOF];
-    calib_wrapped(q, inside);
-    *bound = calib_posterior(inside);
-  }

@@ -1,1 +1,0 @@
-  for (i = 0; i < CALIB_OUT; ++i) x[i] = at[i];
