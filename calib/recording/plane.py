@@ -87,8 +87,8 @@ def find_pose(lens: Lens, points: Array, pixels: Array) -> Pose:
     now = lens.distort(flat)
     slope = [(lens.moved(d).distort(flat) - now).ravel() / d.max() for d in steps]
     bent = np.stack(slope, axis=1)
-    follow_tag = np.vstack([-np.linalg.lstsq(slopes, bent, rcond=None)[0], np.eye(9)])
-    covariance = follow_tag @ lens.covariance @ follow_tag.T
+    jacobian = np.vstack([-np.linalg.lstsq(slopes, bent, rcond=None)[0], np.eye(9)])
+    covariance = jacobian @ lens.covariance @ jacobian.T
     covariance[:6, :6] += spread
     return Pose(exponential(fit.x[:3]) @ start, fit.x[3:].copy(), covariance, rms)
 
