@@ -18,9 +18,8 @@ from calib.errors import OptionError
 from calib.recording.board import Board, BoardFinder, parse_length
 from calib.recording.edges import crossing
 from calib.recording.lens import Lens, calibrate_lens, read_lens
-from calib.recording.plane import find_pose, square_pose
 from calib.recording.printing import print_board, print_tag, tag_cells
-from calib.recording.reference import PlaneReference
+from calib.recording.reference import PlaneReference, find_pose, square_pose
 from calib.recording.tags import TagFinder, dictionary_names, find_dictionary
 
 SMALL = Camera(size=(640, 480), focal=600.0)

@@ -18,11 +18,11 @@ from .clocks import Clocks, align_clocks
 from .from_pictures import assemble
 from .joint_table import JointTable
 from .opencv import Picture
+from .pictures import Video
 from .setting import Setup
 from .sight import LOOKS, sight
 from .tags import LEAST_NOISE, Tag
 from .track import check_motion, jumps
-from .video import Video
 from .watch import watch
 
 _REST = 0.01  # a joint that moves slower rests [rad/s or m/s]

@@ -19,8 +19,14 @@ from ..errors import LogError, OptionError
 from ..samples.columns import open_source, read_columns
 from .board import LEAST_CORNERS, Board
 from .lens import Lens
-from .plane import find_pose
-from .reference import PIXELS, PlaneReference, PositionReference, fit_flat, read_reference
+from .reference import (
+    PIXELS,
+    PlaneReference,
+    PositionReference,
+    find_pose,
+    fit_flat,
+    read_reference,
+)
 
 Marks = Mapping[int, Array]
 Seen = Sequence[tuple[int, Marks]]

@@ -153,7 +153,7 @@ def read_about(table: str | os.PathLike[str] | Source) -> dict[str, Any]:
     """Return what `write_table` wrote about all rows of a table; empty if nothing."""
     source = open_source(table)
     try:
-        about = json.loads(source.file.about())
+        about = json.loads(source.about())
     except ValueError:
         return {}
     return about if isinstance(about, dict) else {}
