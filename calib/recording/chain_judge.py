@@ -39,7 +39,7 @@ def fit_timing(
     q = joints(time)
     names = tuple(f"q{k}" for k in range(q.shape[1]))
     try:
-        template = planar_structure(q, x, names, revolute, None, "homography", None, "px", False)
+        template = planar_structure(x, names, revolute, None, "homography", "px", False)
         chain = dict(template.members())["chain"]
         start = best_starts(template, q, x, chain)[0]
         structure, beta = start.structure, start.beta

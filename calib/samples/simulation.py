@@ -76,7 +76,7 @@ class Simulation:
                 length *= self.arm.link_lengths[change.joint]
             arm = arm.with_link_length(change.joint, length)
         for change in self._of("tip", "offset"):
-            arm = arm.with_tip_offset(*change.values)  # type: ignore[attr-defined]
+            arm = arm.with_tip_offset(*change.values)
         return arm
 
     def draw(self, n: int, rng: Generator) -> Array:
