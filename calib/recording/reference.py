@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike
 
-from ..arm.rotations import exponential
+from ..arm.rotations import exponential, logarithm
 from ..common.arrays import Array
 from ..errors import LogError
 from .lens import Lens
@@ -85,16 +85,13 @@ def find_pose(lens: Lens, points: Array, pixels: Array) -> Pose:
     slopes = np.asarray(fit.jac)
     spread = np.linalg.pinv(slopes.T @ slopes) * max(variance, _LEAST_NOISE**2)
     # where the lens is not as it was taken to be, the pose follows it
-    camera = points @ (exponential(fit.x[:3]) @ start).T + fit.x[3:]
-    flat = camera[:, :2] / camera[:, 2:]
-    steps = np.diag(np.maximum(1e-6 * np.abs(lens.parameters), 1e-7))
-    now = lens.distort(flat)
-    slope = [(lens.moved(d).distort(flat) - now).ravel() / d.max() for d in steps]
-    bent = np.stack(slope, axis=1)
+    rotation, shift = exponential(fit.x[:3]) @ start, fit.x[3:].copy()
+    seen = cv2.projectPoints(points, logarithm(rotation), shift, lens.matrix, lens.distortion)
+    bent = seen[1][:, 6:15]
     jacobian = np.vstack([-np.linalg.lstsq(slopes, bent, rcond=None)[0], np.eye(9)])
     covariance = jacobian @ lens.covariance @ jacobian.T
     covariance[:6, :6] += spread
-    return Pose(exponential(fit.x[:3]) @ start, fit.x[3:].copy(), covariance, rms)
+    return Pose(rotation, shift, covariance, rms)
 
 
 def square_pose(lens: Lens, corners: Array, size: float) -> Pose:
