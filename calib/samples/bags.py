@@ -8,7 +8,6 @@ from __future__ import annotations
 
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
-from dataclasses import dataclass
 from operator import attrgetter
 from pathlib import Path
 from typing import Any
@@ -33,15 +32,6 @@ TF = "tf2_msgs/msg/TFMessage"
 #: Turns [rad] and lengths [m] below which a transform is the same.
 _SAME = 1e-9
 _INSTALL = "reading bags needs rosbags: pip install 'calib-arm[ros]'"
-
-
-@dataclass(frozen=True, eq=False)
-class Poses:
-    """What was published of the tip: times (n,) [s], positions (n, 3) [m], quaternions (n, 4)."""
-
-    time: Array
-    x: Array
-    quaternion: Array | None
 
 
 def read_bag(
@@ -77,7 +67,7 @@ def read_bag(
 
 def _poses(
     reader: Any, topics: Mapping[str, str], chosen: str | None, frames: Sequence[str] | None
-) -> Poses:
+) -> Array:
     """The tip's poses: of tf where frames are named, or where nothing else is published."""
     tf = sorted(topic for topic, kind in topics.items() if kind == TF)
     others = [topic for topic, kind in topics.items() if kind in POSITIONS]
@@ -171,7 +161,7 @@ def _aligned(
     names: tuple[str, ...],
     times: Array,
     values: Array,
-    poses: Poses,
+    poses: Array,
     time_offset: float,
     max_gap: float,
     still: float | None,
@@ -182,8 +172,9 @@ def _aligned(
     values = values[good][first]
     if len(times) < 2:
         raise LogError("the recording has fewer than two joint states: nothing to interpolate")
-    order = np.argsort(poses.time, kind="stable")
-    stamps, x = poses.time[order] + time_offset, poses.x[order]
+    poses = poses[np.argsort(poses[:, 0], kind="stable")]
+    stamps, x = poses[:, 0] + time_offset, poses[:, 1:4]
+    turns = _turning(poses[:, 4:])
     doubts = covered(stamps, times, max_gap) | {"not finite": ~np.isfinite(x).all(axis=1)}
     if still is not None:
         fast = joint_speed(stamps, times, values) > still
@@ -203,39 +194,45 @@ def _aligned(
         names,
         joints_at(stamps, times, values),
         x[usable],
-        quaternion=None if poses.quaternion is None else poses.quaternion[order][usable],
+        quaternion=None if turns is None else turns[usable],
         time=stamps - stamps[0],
         dropped=dropped,
         notes=tuple(notes),
     )
 
 
-def stamped_poses(messages: Iterable[tuple[float, Any]], kind: str, topic: str) -> Poses:
-    """Read stamped points, poses or transforms; orientations that never turn are left out."""
+def stamped_poses(messages: Iterable[tuple[float, Any]], kind: str, topic: str) -> Array:
+    """Rows of stamped points, poses or transforms; see `_row`."""
     where, turn = POSITIONS[kind]
-    rows = [(time, attrgetter(where)(m), turn and attrgetter(turn)(m)) for time, m in messages]
+    rows = [
+        _row(t, attrgetter(where)(m), attrgetter(turn)(m) if turn else None) for t, m in messages
+    ]
     if not rows:
         raise LogError(f"topic {topic!r} has no messages")
-    times = np.array([time for time, *_ in rows])
-    places = np.array([(p.x, p.y, p.z) for _, p, _ in rows], dtype=float)
-    return Poses(times, places, _turning([(q.x, q.y, q.z, q.w) for *_, q in rows if q]))
+    return np.array(rows)
 
 
-def tf_poses(messages: Iterable[tuple[float, Any]], frames: Sequence[str] | None) -> Poses:
+def _row(time: float, place: Any, turn: Any) -> tuple[float, ...]:
+    """Time [s], position [m] and quaternion, 0 where there is none."""
+    quaternion = (turn.x, turn.y, turn.z, turn.w) if turn is not None else (0.0, 0.0, 0.0, 0.0)
+    return time, place.x, place.y, place.z, *quaternion
+
+
+def tf_poses(messages: Iterable[tuple[float, Any]], frames: Sequence[str] | None) -> Array:
     """Read the one moving transform of a tf tree between two frames, still ones around it.
 
     frames : the sensor's frame and what it sees; found if only one transform moves
     """
     parents: dict[str, str] = {}
-    moves: dict[str, list[tuple[float, ...]]] = {}  # by child: time, translation, quaternion
+    moves: dict[str, list[tuple[float, ...]]] = {}  # rows by child
     for received, message in messages:
         for each in message.transforms:
             child, stamp = each.child_frame_id, each.header.stamp
             seconds = stamp.sec + 1e-9 * stamp.nanosec
             if parents.setdefault(child, each.header.frame_id) == each.header.frame_id:
-                x, q = each.transform.translation, each.transform.rotation
                 time = seconds if seconds > 0 else received
-                moves.setdefault(child, []).append((time, x.x, x.y, x.z, q.x, q.y, q.z, q.w))
+                row = _row(time, each.transform.translation, each.transform.rotation)
+                moves.setdefault(child, []).append(row)
     edges = {child: np.array(rows) for child, rows in moves.items()}
     moving = [child for child, rows in edges.items() if _moves(rows[:, 1:])]
     shown = listed(f"{parents[child]},{child}" for child in sorted(moving)) or "none"
@@ -267,7 +264,7 @@ def tf_poses(messages: Iterable[tuple[float, Any]], frames: Sequence[str] | None
         matrices = matrix_of(rows[:, 4:])
         place = (matrices @ place[:, :, None])[:, :, 0] + rows[:, 1:4]
         turn = matrices @ turn
-    return Poses(edges[measured[0]][:, 0], place, _turning(quaternion_of(turn)))
+    return np.hstack([edges[measured[0]][:, :1], place, quaternion_of(turn)])
 
 
 def _moves(rows: Array) -> bool:
@@ -278,9 +275,7 @@ def _moves(rows: Array) -> bool:
     return bool(np.abs(same - rows[0]).max() >= _SAME)
 
 
-def _turning(quaternions: Any) -> Array | None:
+def _turning(rows: Array) -> Array | None:
     """Quaternions (n, 4), None where there are none or a driver left them unset."""
-    rows = np.asarray(quaternions, dtype=float).reshape(-1, 4)
-    if not len(rows) or np.abs(np.abs(rows @ rows[0]) - 1).max() < _SAME or not rows.any():
-        return None
-    return rows
+    unset = not rows.any() or np.abs(np.abs(rows @ rows[0]) - 1).max() < _SAME
+    return None if unset else rows
