@@ -70,7 +70,7 @@ class Reservoir:
         """
         keys, values, numbers = (np.concatenate(part) for part in zip(*self._parts, strict=True))
         watched = values[:, : self.extremes]
-        drawn = np.argsort(keys)[: self.most]
+        drawn = np.argpartition(keys, min(self.most, len(keys) - 1))[: self.most]
         kept = np.unique(np.concatenate([drawn, watched.argmin(axis=0), watched.argmax(axis=0)]))
         self._parts = [(keys[kept], values[kept], numbers[kept])]
 
