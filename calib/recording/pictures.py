@@ -6,6 +6,7 @@ import io
 import os
 import re
 import warnings
+from collections import Counter
 from collections.abc import Iterator, Sequence
 from glob import glob
 from pathlib import Path
@@ -129,7 +130,7 @@ def match_rows(
     by_name = {path.stem: path for path in reversed(pictures)}
     by_name |= {path.name: path for path in pictures}
     pairs = [(row, by_name[n]) for row, n in enumerate(table.pictures) if n in by_name]
-    twice = {path.name for k, (_, path) in enumerate(pairs) if path in [p for _, p in pairs[:k]]}
+    twice = [path.name for path, rows in Counter(path for _, path in pairs).items() if rows > 1]
     if twice:
         raise LogError(
             f"{table.label} names picture {min(twice)!r} in more than one row: expected one row "
