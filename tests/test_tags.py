@@ -85,16 +85,6 @@ def test_all_ids_of_a_picture_are_told():
     assert sorted(t.number for t in TagFinder().find(picture)) == [3, 7, 12]
 
 
-def test_a_window_gives_what_the_whole_picture_gives():
-    desk = Desk(SMALL)
-    picture = desk.picture([0.4, 0.5, 0.2], np.random.default_rng(2))
-    finder = TagFinder(wanted=[7])
-    whole = finder.find(picture)[0]
-    low = np.floor(whole.centre - 60).astype(int)
-    part = finder.find(picture, (low[0], low[1], low[0] + 121, low[1] + 119))[0]
-    assert np.allclose(part.centre, whole.centre, atol=0.02)
-
-
 def test_a_twin_is_told_and_a_blurred_tag_is_not_measured():
     rng = np.random.default_rng(3)
     desk = Desk(SMALL, still=(tag(7, 0.05, (0.4, 0.2, 0, 1)),))

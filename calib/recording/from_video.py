@@ -68,7 +68,7 @@ def log_video(
     q = joints.q[first]
     video, times = Video(path), list[float]()
     every = max(1, video.claimed // LOOKS) if 0 < video.claimed < 10**7 else 100
-    seen = sight(_frames(video, times), setting, "frames", every, video=True)
+    seen = sight(_frames(video, times), setting, "frames", every, looks=every)
     notes, time = list[str](), np.array(times)
     if video.claimed > 1.05 * len(time) + 2:
         notes.append(
