@@ -20,8 +20,7 @@ from rendering import Camera, Desk, board, board_shots, tag
 
 from calib.recording.board import Board, BoardFinder
 from calib.recording.lens import calibrate_lens
-from calib.recording.plane import find_pose
-from calib.recording.reference import PlaneReference
+from calib.recording.reference import PlaneReference, find_pose
 from calib.recording.tags import TagFinder
 
 BOARD = Board.parse("7x5:24mm:18mm:5x5_100")

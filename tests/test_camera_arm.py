@@ -153,12 +153,12 @@ def marks(count=10, place=lambda k: DESK.camera):
 
 
 @pytest.mark.parametrize("scale", [lambda k: 1.0 + 0.004 * (k % 3), lambda k: 1.0 + 0.01 * (k > 4)])
-def test_a_camera_that_refocuses_is_no_camera_that_was_bumped(scale):
+def test_a_camera_that_refocuses_or_is_bumped_is_refused(scale):
     refocused = marks(place=lambda k: replace(DESK.camera, focal=DESK.camera.focal * scale(k)))
-    with pytest.raises(CalibError, match=r"1.0\d+ times as large .*autofocus"):
+    with pytest.raises(CalibError, match=r"of another size, .*autofocus"):
         watch(board_layout(BOARD), refocused, LENS)
     bumped = marks(place=lambda k: BUMPED if k > 5 else DESK.camera)
-    with pytest.raises(CalibError, match=r"elsewhere in 4 of 10 pictures: was the camera bumped"):
+    with pytest.raises(CalibError, match="in 4 of 10 pictures: was the camera bumped"):
         watch(board_layout(BOARD), bumped, LENS)
 
 

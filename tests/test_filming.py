@@ -84,7 +84,7 @@ def test_opencv_and_its_decoders_are_silent(film, copy, tmp_path):
         path.write_bytes(path.read_bytes()[:-2000])
     code = (
         "import sys\nfrom calib.errors import CalibError\n"
-        "from calib.recording.video import Video\n"
+        "from calib.recording.pictures import Video\n"
         "from calib.recording.pictures import list_pictures, read_picture\n"
         "for path in sys.argv[2:]:\n"
         "    try:\n        sum(1 for _ in Video(path).frames())\n"

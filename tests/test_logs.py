@@ -20,7 +20,7 @@ from calib.samples.columns import open_source, read_columns
 from calib.samples.locked import locked_from_log
 from calib.samples.logs import read_log, write_log
 from calib.samples.samples import Samples
-from calib.samples.tables import read_table, write_table
+from calib.samples.tables import read_batch, write_table
 
 
 @pytest.fixture(scope="module")
@@ -250,13 +250,14 @@ def test_columns_may_name_locked_joints_too(tmp_path):
 
 def test_a_batch_keeps_its_order_and_names_its_bad_rows(file):
     path = file("x,y,t\n1,2,a\noops,2,b\n3,inf,c\n,4,d\n5,6,e,f\n7,8,g\n")
-    values, invalid = read_table(path, ["y", "x"])
-    assert invalid == (2, 3, 4, 5)
+    batch = read_batch(path, ["y", "x"])
+    values = batch.values
+    assert batch.invalid == (2, 3, 4, 5)
     assert values[[0, 5]].tolist() == [[2, 1], [8, 7]]
     assert np.isnan(values[1:5]).all()
     with pytest.raises(LogError, match="no column 'z'"):
-        read_table(path, ["x", "z"])
-    assert read_table(file("x,y\n"), ["x", "y"])[0].shape == (0, 2)
+        read_batch(path, ["x", "z"])
+    assert read_batch(file("x,y\n"), ["x", "y"]).values.shape == (0, 2)
 
 
 def test_answers_are_written_in_full_and_no_answer_is_nan(tmp_path, capsys):

@@ -21,8 +21,7 @@ from calib.model.measured import Photo
 from calib.model_file.storage import from_bytes, to_bytes
 from calib.recording.lens import Lens
 from calib.recording.photo import WIDEST, take_photo
-from calib.recording.plane import Pose
-from calib.recording.reference import FlatReference, PlaneReference
+from calib.recording.reference import FlatReference, PlaneReference, Pose
 from calib.samples.tables import write_table
 from calib.show.arrows import Arrows, magnification
 from calib.show.preview.scene import draw

@@ -18,9 +18,9 @@ from calib.errors import OptionError
 from calib.recording.board import Board, BoardFinder, parse_length
 from calib.recording.edges import crossing
 from calib.recording.lens import Lens, calibrate_lens, read_lens
-from calib.recording.plane import find_pose, square_pose
 from calib.recording.printing import print_board, print_tag, tag_cells
-from calib.recording.reference import PlaneReference
+from calib.recording.reference import PlaneReference, find_pose, square_pose
+from calib.recording.setting import load_lens
 from calib.recording.tags import TagFinder, dictionary_names, find_dictionary
 
 SMALL = Camera(size=(640, 480), focal=600.0)
@@ -83,16 +83,6 @@ def test_all_ids_of_a_picture_are_told():
     desk = Desk(SMALL, still=(tag(3, 0.03, (0.0, 0.25, 0, 0.3)), tag(12, 0.05, (0.4, 0.2, 0, 1))))
     picture = desk.picture([0.5, 0.6, -0.9], np.random.default_rng(1))
     assert sorted(t.number for t in TagFinder().find(picture)) == [3, 7, 12]
-
-
-def test_a_window_gives_what_the_whole_picture_gives():
-    desk = Desk(SMALL)
-    picture = desk.picture([0.4, 0.5, 0.2], np.random.default_rng(2))
-    finder = TagFinder(wanted=[7])
-    whole = finder.find(picture)[0]
-    low = np.floor(whole.centre - 60).astype(int)
-    part = finder.find(picture, (low[0], low[1], low[0] + 121, low[1] + 119))[0]
-    assert np.allclose(part.centre, whole.centre, atol=0.02)
 
 
 def test_a_twin_is_told_and_a_blurred_tag_is_not_measured():
@@ -213,6 +203,22 @@ def test_a_lens_is_calibrated_from_pictures_of_a_board():
     again = lens.undistort(seen)
     # what a pose cannot make good: the rays' angles between each other
     assert np.abs((again - again.mean(0)) - (grid.reshape(-1, 2) - grid.mean((0, 1)))).max() < 6e-3
+
+
+def test_a_folder_of_pictures_becomes_a_lens_that_is_kept(tmp_path):
+    desk = Desk(Camera(size=(640, 360), focal=550.0))
+    sticker = board(7, 5, 0.024, 0.018, (0, 0, 0, 0))
+    pictures, _ = board_shots(desk, sticker, 5, np.random.default_rng(8))
+    for number, picture in enumerate(pictures):
+        cv2.imwrite(str(tmp_path / f"{number}.png"), picture)
+    (tmp_path / "cut.png").write_bytes((tmp_path / "0.png").read_bytes()[:2000])
+    lens, notes = load_lens(tmp_path, BOARD, tmp_path / "lens.json")
+    assert abs(lens.focal[0] / desk.camera.focal - 1) < 0.01
+    assert notes[0] == "lens: cut.png is cut off; it was left out"
+    assert notes[1].startswith("lens of 5 of 6 pictures")
+    again, none = load_lens(tmp_path / "lens.json", None)
+    assert none == ()
+    assert (again.parameters == lens.parameters).all()
 
 
 def test_a_ray_is_cut_with_the_plane_of_the_tag():

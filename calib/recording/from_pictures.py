@@ -16,8 +16,7 @@ from ..errors import LogError
 from ..samples.recorded import Recorded, told
 from .joint_table import JointTable
 from .pictures import list_pictures, match_rows, read_series
-from .plane import square_pose
-from .reference import PlaneReference, PositionReference
+from .reference import PlaneReference, PositionReference, square_pose
 from .setting import Setup
 from .sight import LOOKS, sight
 from .tags import Tag

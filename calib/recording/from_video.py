@@ -18,11 +18,11 @@ from .clocks import Clocks, align_clocks
 from .from_pictures import assemble
 from .joint_table import JointTable
 from .opencv import Picture
+from .pictures import Video
 from .setting import Setup
 from .sight import LOOKS, sight
 from .tags import LEAST_NOISE, Tag
 from .track import check_motion, jumps
-from .video import Video
 from .watch import watch
 
 _REST = 0.01  # a joint that moves slower rests [rad/s or m/s]
@@ -68,7 +68,7 @@ def log_video(
     q = joints.q[first]
     video, times = Video(path), list[float]()
     every = max(1, video.claimed // LOOKS) if 0 < video.claimed < 10**7 else 100
-    seen = sight(_frames(video, times), setting, "frames", every, video=True)
+    seen = sight(_frames(video, times), setting, "frames", every, looks=every)
     notes, time = list[str](), np.array(times)
     if video.claimed > 1.05 * len(time) + 2:
         notes.append(

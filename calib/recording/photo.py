@@ -16,7 +16,7 @@ from ..common.choices import PICTURES
 from ..errors import LogError
 from ..model.measured import Photo
 from .opencv import Picture, opencv
-from .pictures import read_picture
+from .pictures import Video, read_picture
 from .reference import PIXELS, PositionReference, read_reference
 from .setting import Setup
 from .tags import Tag, TagFinder
@@ -71,8 +71,6 @@ def take_photo(
 
 def read_photo(path: Path) -> Picture:
     """Return a picture, or the first frame of a video, as red, green, blue."""
-    from .video import Video
-
     try:
         there = path.is_file()
     except (OSError, ValueError):  # too long, or no name of a file

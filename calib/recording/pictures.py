@@ -1,4 +1,4 @@
-"""Pictures in a folder: which, in what order, and whether they are whole."""
+"""Pictures of a folder and frames of a video: which, in what order, and whether they are whole."""
 
 from __future__ import annotations
 
@@ -6,9 +6,11 @@ import io
 import os
 import re
 import warnings
+from collections import Counter
 from collections.abc import Iterator, Sequence
 from glob import glob
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 
@@ -16,7 +18,7 @@ from ..common.choices import PICTURES
 from ..common.wording import listed
 from ..errors import LogError
 from .joint_table import JointTable
-from .opencv import Picture
+from .opencv import Picture, opencv
 
 
 class UnreadableError(LogError):
@@ -128,7 +130,7 @@ def match_rows(
     by_name = {path.stem: path for path in reversed(pictures)}
     by_name |= {path.name: path for path in pictures}
     pairs = [(row, by_name[n]) for row, n in enumerate(table.pictures) if n in by_name]
-    twice = {path.name for k, (_, path) in enumerate(pairs) if path in [p for _, p in pairs[:k]]}
+    twice = [path.name for path, rows in Counter(path for _, path in pairs).items() if rows > 1]
     if twice:
         raise LogError(
             f"{table.label} names picture {min(twice)!r} in more than one row: expected one row "
@@ -145,3 +147,40 @@ def match_rows(
     if more := len(pictures) - len(pairs):
         notes.append(f"{more} pictures left out: no row of joints names them")
     return pairs, notes
+
+
+class Video:
+    """A video that OpenCV can read; LogError if it is none."""
+
+    def __init__(self, path: str | os.PathLike[str]) -> None:
+        cv2 = opencv()
+        self.name = Path(path).name
+        try:
+            with Path(path).open("rb") as file:
+                start = file.read(512)
+        except FileNotFoundError:
+            raise LogError(f"there is no file {os.fspath(path)!r}") from None
+        except OSError as error:
+            raise LogError(f"cannot read {os.fspath(path)!r}: {error.strerror}") from None
+        # FFmpeg draws a text file as a video of its letters
+        text = bool(start) and all(32 <= byte < 127 or byte in b"\r\n\t" for byte in start)
+        self._capture: Any = None if text else cv2.VideoCapture(os.fspath(path), cv2.CAP_FFMPEG)
+        if self._capture is None or not self._capture.isOpened():
+            raise LogError(
+                f"{self.name} is no video that OpenCV can read: expected mp4, mov, avi, mkv or webm"
+            )
+        self.claimed = int(self._capture.get(cv2.CAP_PROP_FRAME_COUNT))
+
+    def frames(self) -> Iterator[tuple[float, Picture]]:
+        """Yield times [s] and grey frames."""
+        cv2, capture = opencv(), self._capture
+        rate = float(capture.get(cv2.CAP_PROP_FPS))
+        last = -np.inf
+        while (read := capture.read())[0] and read[1] is not None:
+            frame = read[1]
+            stamp = float(capture.get(cv2.CAP_PROP_POS_MSEC)) / 1e3
+            if not stamp > last:  # a file without times: its rate must do
+                stamp = max(last, 0.0) + 1.0 / rate if rate > 0 and last > -np.inf else 0.0
+            last = stamp
+            yield stamp, frame if frame.ndim == 2 else cv2.cvtColor(frame, cv2.COLOR_BGR2GRAY)
+        capture.release()

@@ -22,8 +22,6 @@ from .watch import Marks
 LOOKS = 12
 """Looks at the reference over a video, and pictures that are kept, about."""
 
-_WHOLE = 30  # frames between searches of the whole picture: a window misses a second tag
-
 
 @dataclass(frozen=True, eq=False)
 class Sightings:
@@ -46,15 +44,13 @@ def sight(
     setting: Setup,
     what: str,
     every: int,
-    *,
-    video: bool = False,
+    looks: int = 1,
 ) -> Sightings:
     """Find the tag of a setting, and the reference, in pictures with their numbers and names.
 
     what : str; what messages call the pictures
     every : int; one of so many is kept, to tell which tags are there should this one not be
-    video : bool; whether the tag is tracked, within a window where it was just seen, and the
-        reference looked for in one of `every` frames
+    looks : int; the reference is looked for in one of so many
     Raises LogError if the tag is there twice, or nowhere.
     """
     found: dict[int, Tag] = {}
@@ -62,38 +58,26 @@ def sight(
     sample: list[Picture] = []
     twice: list[str] = []
     reasons: Counter[str] = Counter()
-    before: Tag | None = None
-    speed, size, count = np.zeros(2), (0, 0), 0
+    size, count = (0, 0), 0
     for number, name, grey in frames:
         if not count:
             size = (grey.shape[1], grey.shape[0])
             setting.check_size(name, size)
         count += 1
-        sampled = number % every == 0
-        look = setting.layout is not None and (sampled or not video)
-        window = None
-        if video and before is not None and number % _WHOLE and (setting.board or not look):
-            window = _window(before, speed, grey.shape)
-        tags = setting.finder.find(grey, window)
-        if window is not None and not any(tag.number == setting.tag for tag in tags):
-            tags = setting.finder.find(grey)
-        if look:
+        tags = setting.finder.find(grey)
+        if setting.layout is not None and number % looks == 0:
             marks.append((number, setting.marks(grey, tags)))
-        if sampled and len(sample) < LOOKS:
+        if number % every == 0 and len(sample) < LOOKS:
             sample.append(grey)
         tips = [tag for tag in tags if tag.number == setting.tag]
-        now = tips[0] if len(tips) == 1 else None
-        # without a tag in both frames nothing is known of its speed
-        speed = now.centre - before.centre if now is not None and before is not None else 0 * speed
-        before = now
         if len(tips) > 1:
             twice.append(name)
-        elif now is None:
+        elif not tips:
             reasons[f"tag {setting.tag} not seen"] += 1
-        elif not now.sharp:
+        elif not tips[0].sharp:
             reasons["blurred"] += 1
         else:
-            found[number] = now
+            found[number] = tips[0]
     if twice:
         raise LogError(
             f"tag {setting.tag} is there twice in {len(twice)} of {count} {what} "
@@ -119,13 +103,3 @@ def _instead(setting: Setup, sample: list[Picture]) -> str:
         )
     shown = listed([f"{number} ({times} times)" for number, times in seen.most_common()], 6)
     return f"{len(sample)} of them show {shown} of {setting.dictionary}"
-
-
-def _window(tag: Tag, speed: Array, shape: tuple[int, ...]) -> tuple[int, int, int, int] | None:
-    """Return where the tag may be in the next frame [px]; None if that is most of it."""
-    half = 1.3 * tag.side + 2.0 * np.abs(speed) + 24.0
-    low = np.maximum(np.floor(tag.centre + speed - half), 0).astype(int)
-    high = np.minimum(np.ceil(tag.centre + speed + half), shape[1::-1]).astype(int)
-    if (high - low < 16).any() or np.prod((high - low) / shape[1::-1]) > 0.6:
-        return None
-    return int(low[0]), int(low[1]), int(high[0]), int(high[1])

@@ -105,33 +105,29 @@ class TagFinder:
             settings.perspectiveRemoveIgnoredMarginPerCell = margin
             self._detectors.append(cv2.aruco.ArucoDetector(known, settings))
 
-    def find(self, grey: Picture, window: tuple[int, int, int, int] | None = None) -> list[Tag]:
-        """Find the tags of a picture, or of its part x0, y0, x1, y1 [px]."""
-        shift = np.zeros(2)
-        if window is not None:
-            x0, y0, x1, y1 = window
-            grey, shift = np.ascontiguousarray(grey[y0:y1, x0:x1]), np.array([x0, y0], float)
+    def find(self, grey: Picture) -> list[Tag]:
+        """Find the tags of a picture."""
         tags: list[Tag] = []
         for detector in self._detectors:
             squares, places, _ = detector.detectMarkers(grey)
             for square, k in zip(squares, () if places is None else np.ravel(places), strict=True):
                 corners = np.asarray(square, float).reshape(4, 2)
-                tag = self._measured(grey, self.numbers[k], corners, shift)
+                tag = self._measured(grey, self.numbers[k], corners)
                 if not any(tag.same(other) for other in tags):
                     tags.append(tag)
             if tags and (len(self.numbers) > 20 or {t.number for t in tags} >= {*self.numbers}):
                 break
         return tags
 
-    def _measured(self, grey: Picture, number: int, corners: Array, shift: Array) -> Tag:
+    def _measured(self, grey: Picture, number: int, corners: Array) -> Tag:
         refined, rough = refine_square(grey, corners, self._cells)
         side = _sides(corners).max()
         moved = np.linalg.norm(refined - corners, axis=1).max()
         if rough > _ROUGH or moved > 0.1 * side + 2.0:
-            return Tag(number, corners + shift, crossing(corners) + shift, 0.5, sharp=False)
+            return Tag(number, corners, crossing(corners), 0.5, sharp=False)
         # neighbours on a side err alike, as of four independent points: rendered with noise, blur
         # and JPEG the centre misses by 0.3 to 0.6 of the roughness along each axis
-        tag = Tag(number, refined + shift, crossing(refined) + shift, max(LEAST_NOISE, rough / 2.0))
+        tag = Tag(number, refined, crossing(refined), max(LEAST_NOISE, rough / 2.0))
         # short sides cross at a sharp angle: rendered at 60 to 80 deg the miss is 4 to 13 times as
         # large (benchmarks/camera_real.py)
         return replace(tag, noise=tag.noise * max(1.0, 0.9 / tag.upright) ** 1.5)

@@ -13,21 +13,26 @@ from typing import Any
 
 import numpy as np
 
-from ..arm.rotations import logarithm
+from ..arm.rotations import logarithm, similarity
 from ..common.arrays import Array
 from ..errors import LogError, OptionError
 from ..samples.columns import open_source, read_columns
 from .board import LEAST_CORNERS, Board
 from .lens import Lens
-from .plane import find_pose
-from .reference import PIXELS, PlaneReference, PositionReference, fit_flat, read_reference
+from .reference import (
+    PIXELS,
+    PlaneReference,
+    PositionReference,
+    find_pose,
+    fit_flat,
+    read_reference,
+)
 
 Marks = Mapping[int, Array]
 Seen = Sequence[tuple[int, Marks]]
 
 _MOVED = 0.7  # [px]; marks further off than this are elsewhere
-_STRETCH = 1.5e-3  # growth of the marks about the picture's middle that a new focus is told by
-_RADIAL = (0.05, 0.1)  # share of the motion and [px] that such growth leaves at most
+_STRETCH = 1.5e-3  # growth of the marks that a new focus is told by
 _CLEAR = 3.0  # standard deviations that a motion between recordings must have
 
 
@@ -98,48 +103,16 @@ def watch(
             f"{layout.what} is too small, hidden or not there: at most {most} found in a "
             f"picture, {layout.least} expected"
         )
-    _check_focus(layout, [*looked.values()], lens)
     middle = _middle([*looked.values()])
-    off = frozenset(n for n, marks in looked.items() if _shift(middle, marks) > _MOVED)
+    off = frozenset(number for number, marks in looked.items() if _elsewhere(middle, marks))
     if len(off) > 0.3 * len(looked):
         raise LogError(
-            f"{layout.what} is elsewhere in {len(off)} of {len(looked)} pictures: was the camera "
-            "bumped, is it loose, or does it refocus? fix it and switch its autofocus off, or make "
-            "a log of each part"
+            f"{layout.what} is elsewhere, or of another size, in {len(off)} of {len(looked)} "
+            "pictures: was the camera bumped, is it loose, or does it refocus? fix it and switch "
+            "its autofocus off, or make a log of each part"
         )
     kept = _middle([marks for number, marks in looked.items() if number not in off])
     return layout.reference(kept, lens, height), off
-
-
-def _check_focus(layout: MarkLayout, looked: Sequence[Marks], lens: Lens | None) -> None:
-    """Refuse pictures between which the focal length changes: marks grow about the middle.
-
-    A camera that was bumped moves them otherwise.  Its pose would take most of a new focal length,
-    and be off by a millimetre away from the board.
-    """
-    if lens is None:
-        return
-    flat = [dict(zip(m, lens.undistort(list(m.values())), strict=True)) for m in looked]
-    growth = []
-    for now in flat:
-        both = [k for k in now if k in flat[0]]
-        # fewer marks have a growth of their own that is all noise
-        if len(both) < 3:
-            continue
-        a, b = (np.array([each[k] for k in both]) for each in (flat[0], now))
-        factor = float((a * b).sum() / (a * a).sum())
-        left, moved = (
-            float(np.sqrt(np.square((b - f * a) * lens.focal).sum(1).mean())) for f in (factor, 1.0)
-        )
-        radial = left < _RADIAL[0] * moved + _RADIAL[1]
-        growth.append(factor if radial and moved > _MOVED else 1.0)
-    # one picture alone may be blurred: two others than the first have to show it
-    if np.ptp(growth) > _STRETCH and np.sum(np.abs(np.subtract(growth, growth[0])) > _STRETCH) > 1:
-        raise LogError(
-            f"{layout.what} appears {min(growth):.4f} to {max(growth):.4f} times as large about "
-            "the middle of the picture: does the camera refocus? switch its autofocus off, or make "
-            "a log of each part"
-        )
 
 
 def motion(about: Mapping[str, Any], now: PositionReference) -> str:
@@ -168,9 +141,15 @@ def _middle(group: Sequence[Marks]) -> dict[int, Array]:
     return {n: np.median([m[n] for m in group if n in m], axis=0) for n in numbers}
 
 
-def _shift(one: Marks, other: Marks) -> float:
-    """Return how far the marks that both show moved, the median of them [px]."""
+def _elsewhere(one: Marks, other: Marks) -> bool:
+    """Whether the marks that both show moved, by the median of them, or grew.
+
+    A new focus moves marks near the picture's middle by little, and makes all of them grow. Its
+    pose would take most of that, and be off by a millimetre away from the board.
+    """
     both = [n for n in one if n in other]
     if len(both) < 3:
-        return 0.0
-    return float(np.median([np.linalg.norm(one[n] - other[n]) for n in both]))
+        return False
+    a, b = (np.array([marks[n] for n in both]) for marks in (one, other))
+    moved, growth = np.linalg.norm(b - a, axis=1), similarity(a, b)[2] - 1.0
+    return bool(np.median(moved) > _MOVED or (abs(growth) > _STRETCH and moved.max() > _MOVED))

@@ -6,21 +6,31 @@ are interpolated to the times of the positions.
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
+from operator import attrgetter
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
+from ..arm.rotations import matrix_of, quaternion_of
 from ..common.arrays import Array
 from ..common.wording import listed
 from ..errors import LogError
-from .bag_poses import POSITIONS, TF, Poses, stamped_poses, tf_poses
 from .joint_values import MAX_GAP, check_limits, covered, joint_speed, joints_at
 from .recorded import Recorded, told
 
 JOINT_STATE = "sensor_msgs/msg/JointState"
+#: Types of messages with a position, where it stands, and where the orientation does.
+POSITIONS = {
+    "geometry_msgs/msg/PointStamped": ("point", None),
+    "geometry_msgs/msg/PoseStamped": ("pose.position", "pose.orientation"),
+    "geometry_msgs/msg/TransformStamped": ("transform.translation", "transform.rotation"),
+}
+TF = "tf2_msgs/msg/TFMessage"
+#: Turns [rad] and lengths [m] below which a transform is the same.
+_SAME = 1e-9
 _INSTALL = "reading bags needs rosbags: pip install 'calib-arm[ros]'"
 
 
@@ -57,7 +67,7 @@ def read_bag(
 
 def _poses(
     reader: Any, topics: Mapping[str, str], chosen: str | None, frames: Sequence[str] | None
-) -> Poses:
+) -> Array:
     """The tip's poses: of tf where frames are named, or where nothing else is published."""
     tf = sorted(topic for topic, kind in topics.items() if kind == TF)
     others = [topic for topic, kind in topics.items() if kind in POSITIONS]
@@ -151,7 +161,7 @@ def _aligned(
     names: tuple[str, ...],
     times: Array,
     values: Array,
-    poses: Poses,
+    poses: Array,
     time_offset: float,
     max_gap: float,
     still: float | None,
@@ -162,8 +172,9 @@ def _aligned(
     values = values[good][first]
     if len(times) < 2:
         raise LogError("the recording has fewer than two joint states: nothing to interpolate")
-    order = np.argsort(poses.time, kind="stable")
-    stamps, x = poses.time[order] + time_offset, poses.x[order]
+    poses = poses[np.argsort(poses[:, 0], kind="stable")]
+    stamps, x = poses[:, 0] + time_offset, poses[:, 1:4]
+    turns = _turning(poses[:, 4:])
     doubts = covered(stamps, times, max_gap) | {"not finite": ~np.isfinite(x).all(axis=1)}
     if still is not None:
         fast = joint_speed(stamps, times, values) > still
@@ -183,8 +194,88 @@ def _aligned(
         names,
         joints_at(stamps, times, values),
         x[usable],
-        quaternion=None if poses.quaternion is None else poses.quaternion[order][usable],
+        quaternion=None if turns is None else turns[usable],
         time=stamps - stamps[0],
         dropped=dropped,
         notes=tuple(notes),
     )
+
+
+def stamped_poses(messages: Iterable[tuple[float, Any]], kind: str, topic: str) -> Array:
+    """Rows of stamped points, poses or transforms; see `_row`."""
+    where, turn = POSITIONS[kind]
+    rows = [
+        _row(t, attrgetter(where)(m), attrgetter(turn)(m) if turn else None) for t, m in messages
+    ]
+    if not rows:
+        raise LogError(f"topic {topic!r} has no messages")
+    return np.array(rows)
+
+
+def _row(time: float, place: Any, turn: Any) -> tuple[float, ...]:
+    """Time [s], position [m] and quaternion, 0 where there is none."""
+    quaternion = (turn.x, turn.y, turn.z, turn.w) if turn is not None else (0.0, 0.0, 0.0, 0.0)
+    return time, place.x, place.y, place.z, *quaternion
+
+
+def tf_poses(messages: Iterable[tuple[float, Any]], frames: Sequence[str] | None) -> Array:
+    """Read the one moving transform of a tf tree between two frames, still ones around it.
+
+    frames : the sensor's frame and what it sees; found if only one transform moves
+    """
+    parents: dict[str, str] = {}
+    moves: dict[str, list[tuple[float, ...]]] = {}  # rows by child
+    for received, message in messages:
+        for each in message.transforms:
+            child, stamp = each.child_frame_id, each.header.stamp
+            seconds = stamp.sec + 1e-9 * stamp.nanosec
+            if parents.setdefault(child, each.header.frame_id) == each.header.frame_id:
+                time = seconds if seconds > 0 else received
+                row = _row(time, each.transform.translation, each.transform.rotation)
+                moves.setdefault(child, []).append(row)
+    edges = {child: np.array(rows) for child, rows in moves.items()}
+    moving = [child for child, rows in edges.items() if _moves(rows[:, 1:])]
+    shown = listed(f"{parents[child]},{child}" for child in sorted(moving)) or "none"
+    if frames is None:
+        if len(moving) != 1:
+            raise LogError(
+                f"{len(moving)} transforms of tf move: {shown}",
+                hint="name the sensor's frame and the tip's as `frames`",
+                parameter="frames",
+            )
+        frames = parents[moving[0]], moving[0]
+    parent, child = frames
+    path: list[str] = []
+    at = child
+    while at != parent:
+        if at not in edges or at in path:
+            raise LogError(f"tf has no way from {parent!r} to {child!r}; moving: {shown}")
+        path.append(at)
+        at = parents[at]
+    measured = [frame for frame in path if frame in moving]
+    if len(measured) != 1:
+        raise LogError(
+            f"{len(measured)} transforms move between {parent!r} and {child!r}, expected the one "
+            f"that was measured; moving: {shown}"
+        )
+    place, turn = np.zeros((1, 3)), np.eye(3)[None]
+    for frame in path:  # from the child up: x_parent = R x + t
+        rows = edges[frame][: None if frame in measured else 1]
+        matrices = matrix_of(rows[:, 4:])
+        place = (matrices @ place[:, :, None])[:, :, 0] + rows[:, 1:4]
+        turn = matrices @ turn
+    return np.hstack([edges[measured[0]][:, :1], place, quaternion_of(turn)])
+
+
+def _moves(rows: Array) -> bool:
+    """Whether transforms (n, 7), translations and quaternions, differ from each other."""
+    # q and -q are one orientation
+    sign = np.where(rows[:, 3:] @ rows[0, 3:] < 0, -1.0, 1.0)[:, None]
+    same = np.hstack([rows[:, :3], sign * rows[:, 3:]])
+    return bool(np.abs(same - rows[0]).max() >= _SAME)
+
+
+def _turning(rows: Array) -> Array | None:
+    """Quaternions (n, 4), None where there are none or a driver left them unset."""
+    unset = not rows.any() or np.abs(np.abs(rows @ rows[0]) - 1).max() < _SAME
+    return None if unset else rows

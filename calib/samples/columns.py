@@ -8,7 +8,7 @@ import stat
 import sys
 import tempfile
 from collections.abc import Callable, Iterator, Sequence
-from dataclasses import dataclass
+from dataclasses import replace
 from difflib import get_close_matches
 from pathlib import Path
 from typing import TYPE_CHECKING
@@ -30,25 +30,11 @@ PARQUET = (".parquet", ".pq")
 _ENDLESS = tuple(map(Path, ("/dev/zero", "/dev/random", "/dev/urandom", "/dev/full")))
 
 
-Format = CsvFile | ParquetFile
-"""A file of one format, of which the header is read."""
+Source = CsvFile | ParquetFile
+"""A table that is ready to be read, as often as wanted: a file of one format, with its header."""
 
-_FORMATS: dict[bytes, Callable[[str, Path], Format]] = {b"PAR1": open_parquet}
+_FORMATS: dict[bytes, Callable[[str, Path], Source]] = {b"PAR1": open_parquet}
 """Formats by the first four bytes of their files; all others are taken for CSV."""
-
-
-@dataclass(frozen=True)
-class Source:
-    """A table that is ready to be read, as often as wanted."""
-
-    label: str  # what messages call it
-    file: Format  # reads it; of standard input a temporary copy
-    keep: object = None  # whatever has to live as long as the file is needed
-
-    @property
-    def header(self) -> tuple[str, ...]:
-        """Names of the columns."""
-        return self.file.header
 
 
 def open_source(path: str | os.PathLike[str] | Source) -> Source:
@@ -78,7 +64,7 @@ def open_source(path: str | os.PathLike[str] | Source) -> Source:
         raise LogError(f"cannot read {label!r}: {error}") from None
     if opener is None and file.suffix.lower() in PARQUET:
         raise LogError(f"{label} is not a Parquet file; rename it to .csv if it is CSV")
-    return Source(label, (opener or open_csv)(label, file), keep)
+    return replace((opener or open_csv)(label, file), keep=keep)
 
 
 def read_batches(source: Source, names: Sequence[str], *, lenient: bool = False) -> Iterator[Array]:
@@ -93,7 +79,7 @@ def read_batches(source: Source, names: Sequence[str], *, lenient: bool = False)
     columns = NumberColumns(source.label, places, lenient)
     lengths: dict[str, int] = {}
     first = 1
-    for frame in source.file.frames(list(dict.fromkeys(p.column for p in places)), lenient):
+    for frame in source.frames(list(dict.fromkeys(p.column for p in places)), lenient):
         yield columns.read(frame, first, lengths)
         first += frame.height
 
@@ -108,7 +94,7 @@ def read_texts(source: Source, names: Sequence[str]) -> pl.DataFrame:
     """Read some columns as they are: text from CSV, whatever type from Parquet."""
     import polars as pl
 
-    frames = list(source.file.frames(names)) if names else []
+    frames = list(source.frames(names)) if names else []
     return pl.concat(frames) if frames else pl.DataFrame(schema=dict.fromkeys(names, pl.String))
 
 

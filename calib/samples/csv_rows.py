@@ -40,6 +40,7 @@ class CsvFile:
     separator: str  # between the fields of a row
     skip: int  # lines up to the end of the header, the `comments` above it included
     comments: tuple[str, ...]
+    keep: object = None  # whatever has to live as long as the file is needed
 
     def frames(self, names: Sequence[str], lenient: bool | None = None) -> Iterator[pl.DataFrame]:
         """Yield columns of some rows at a time, as text; blank lines are no rows.

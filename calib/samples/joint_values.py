@@ -33,15 +33,11 @@ def in_degrees(values: Array, low: float, high: float) -> bool:
 
 def beyond(values: Array, low: float, high: float) -> float:
     """Return by how much values (n,) leave a range, as a share of its width."""
-    if not len(values):
-        return 0.0
     return max(low - float(values.min()), float(values.max()) - high, 0.0) / (high - low)
 
 
 def many_turns(values: Array) -> bool:
     """Whether angles (n,) [rad] go further round than a joint does: degrees, most likely."""
-    if not len(values):
-        return False
     low, high = float(values.min()), float(values.max())
     return high - low > 2.02 * TURN or max(abs(low), abs(high)) > _MOST_TURNS * TURN
 

@@ -128,15 +128,14 @@ def read_log(
         )
     known = _joints(source.label, arm, names, prismatic, degrees, ranges or {})
     reservoir = Reservoir(most, extremes=len(names), seed=seed)
-    measured = measured_rows(source, roles.columns, known, reservoir)
-    values, notes = measured.values, list(measured.notes)
+    values, rows, dropped, notes = measured_rows(source, roles.columns, known, reservoir)
     _check_values(source, values, names, axes)
     revolute = tuple(joint.revolute for joint in known)
     in_degrees = degrees and any(revolute)
     # values of a few degrees at most are doubted
     if in_degrees and np.abs(values[:, np.flatnonzero(revolute)]).max() <= math.radians(TURN):
         notes.append("no joint goes beyond 6.3 degrees; if the log is in rad, leave out `degrees`")
-    settled = [joint.settle(values[:, k], measured.numbers) for k, joint in enumerate(known)]
+    settled = [joint.settle(values[:, k], rows) for k, joint in enumerate(known)]
     q = np.stack([column for column, *_ in settled], axis=1)
     lower, upper = np.array([limits for _, limits, _ in settled]).T
     notes += [note for *_, more in settled for note in more]
@@ -148,7 +147,7 @@ def read_log(
 
         plane, rms = fit_plane(x)
         if arm is not None:
-            check_flat(source.label, x, plane.distances(x), unit, measured.numbers)
+            check_flat(source.label, x, plane.distances(x), unit, rows)
         x = plane.project(x)
         notes.append(
             f"plane fitted to x, y, z: x along {vector(plane.x)}, y along {vector(plane.y)}, "
@@ -172,7 +171,7 @@ def read_log(
         upper=upper,
         revolute=revolute,
         unit=unit,
-        dropped=measured.dropped,
+        dropped=dropped,
         arm=replace(arm, lower=lower, upper=upper) if arm else None,
         notes=tuple(notes),
         plane=plane,

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
@@ -71,27 +70,21 @@ class Reservoir:
         """
         keys, values, numbers = (np.concatenate(part) for part in zip(*self._parts, strict=True))
         watched = values[:, : self.extremes]
-        drawn = np.argsort(keys)[: self.most]
+        drawn = np.argpartition(keys, min(self.most, len(keys) - 1))[: self.most]
         kept = np.unique(np.concatenate([drawn, watched.argmin(axis=0), watched.argmax(axis=0)]))
         self._parts = [(keys[kept], values[kept], numbers[kept])]
 
 
-@dataclass(frozen=True, eq=False)
-class MeasuredRows:
-    """The usable rows of a log, as far as they are held."""
-
-    values: Array  # (n, columns), angles in rad
-    numbers: Numbers  # (n,) of the rows in the file, counted from 1
-    dropped: int  # rows of the file that miss a value
-    notes: tuple[str, ...]  # what was left out, and why
-
-
 def measured_rows(
     source: Source, columns: Sequence[str], joints: Sequence[LoggedJoint], reservoir: Reservoir
-) -> MeasuredRows:
+) -> tuple[Array, Numbers, int, list[str]]:
     """Read the rows of a log that miss no value and lie in the ranges that the user chose.
 
     columns : what is read, those of the joints first
+    Returns values, numbers : (n, columns), (n,); the rows that the reservoir holds, angles in rad,
+        and their numbers in the file
+    Returns dropped : how many rows of the file miss a value
+    Returns notes : what was left out, and why
     Raises LogError if no row is left, or a column has no number in any row.
     """
     degrees = [k for k, joint in enumerate(joints) if joint.revolute and joint.degrees]
@@ -141,4 +134,4 @@ def measured_rows(
     if len(numbers) < count:
         drawn = f"{len(numbers):,} of them, drawn evenly, are held"
         notes.append(f"{count:,} rows: {drawn}; other counts of values are of these")
-    return MeasuredRows(held, numbers, total - usable, tuple(notes))
+    return held, numbers, total - usable, notes

@@ -32,6 +32,7 @@ class ParquetFile:
     label: str
     path: Path
     header: tuple[str, ...]
+    keep: object = None  # whatever has to live as long as the file is needed
 
     def frames(self, names: Sequence[str], lenient: bool | None = None) -> Iterator[pl.DataFrame]:
         """Yield columns of some rows at a time, of whatever type.

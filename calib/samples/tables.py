@@ -77,7 +77,7 @@ def _columns(names: Sequence[str]) -> str:
 def read_batch(
     path: str | os.PathLike[str], names: Sequence[str], more: Sequence[Sequence[str]] = ()
 ) -> Batch:
-    """Read a batch of queries and all that stands beside them; see `read_table`.
+    """Read a batch of queries and all that stands beside them; bad rows do not stop it.
 
     Of the groups of names in `more` those count that the table has as a whole.
     """
@@ -85,33 +85,20 @@ def read_batch(
     for group in more:
         if all(name in source.header for name in group):
             names = (*names, *group)
-    values, invalid = read_table(source, names)
+    values = read_columns(source, names, lenient=True)
+    invalid = ~np.isfinite(values).all(axis=1)
+    values[invalid] = np.nan
     taken = {place.column for name in names if (place := find_place(source.header, name))}
     rest = [name for name in dict.fromkeys(source.header) if name not in taken]
     others = [name for name in rest if name and source.header.count(name) == 1]
     return Batch(
         values,
         tuple(names),
-        invalid,
+        tuple((np.flatnonzero(invalid) + 1).tolist()),
         source.header,
         read_texts(source, others).to_dict(),
         tuple(name for name in rest if name not in others),
     )
-
-
-def read_table(
-    path: str | os.PathLike[str] | Source, names: Sequence[str]
-) -> tuple[Array, tuple[int, ...]]:
-    """Read a batch of queries from CSV or Parquet; rows that are no numbers do not stop it.
-
-    Returns values : (n, len(names)) array, rows in the file's order; rows with a value that is
-        missing, not finite or no number are NaN throughout
-    Returns invalid : numbers of those rows; 1 is the first below the header
-    """
-    values = read_columns(open_source(path), names, lenient=True)
-    invalid = np.logical_not(np.isfinite(values).all(axis=1))
-    values[invalid] = np.nan
-    return values, tuple((np.flatnonzero(invalid) + 1).tolist())
 
 
 def write_table(
@@ -153,7 +140,7 @@ def read_about(table: str | os.PathLike[str] | Source) -> dict[str, Any]:
     """Return what `write_table` wrote about all rows of a table; empty if nothing."""
     source = open_source(table)
     try:
-        about = json.loads(source.file.about())
+        about = json.loads(source.about())
     except ValueError:
         return {}
     return about if isinstance(about, dict) else {}

@@ -57,16 +57,16 @@ def path(
     import numpy as np
 
     import calib
-    from calib.samples.tables import read_table
+    from calib.samples.tables import read_batch
 
     from ..answers import say_rows, write_answers
 
     loaded = calib.load(model)
     joints = JointFormat(loaded.about, degrees)
     first = joints.one_each("--from", start)
-    typed, invalid = read_table(input_, loaded.axes)
-    valid = np.flatnonzero(np.isfinite(typed).all(axis=1))
-    found = loaded.path(typed[valid], first, step)
+    batch = read_batch(input_, loaded.axes)
+    valid = np.flatnonzero(np.isfinite(batch.values).all(axis=1))
+    found = loaded.path(batch.values[valid], first, step)
     number = valid[found.waypoint] + 1
     columns: dict[str, Any] = {"waypoint": number}
     columns |= {axis: found.target[:, k] for k, axis in enumerate(loaded.axes)}
@@ -82,14 +82,14 @@ def path(
         joints,
         "path",
         rows=len(found.q),
-        invalid=invalid,
+        invalid=batch.invalid,
         jumps=(found.jumps + 1).tolist(),
         out_of_reach=(np.flatnonzero(~found.reachable) + 1).tolist(),
         **meaning(loaded.about),
     )
-    say_rows(invalid, len(typed), "not all numbers, left out of the path")
+    say_rows(batch.invalid, len(batch.values), "not all numbers, left out of the path")
     _tell(found, loaded.about.unit)
-    if invalid:
+    if batch.invalid:
         raise typer.Exit(1)
     if len(found.jumps) or not found.reachable.all():
         raise typer.Exit(NO)

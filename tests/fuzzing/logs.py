@@ -15,7 +15,7 @@ import numpy as np
 import calib
 from calib.common.checks import LARGEST
 from calib.errors import CalibError
-from calib.samples.tables import read_table
+from calib.samples.tables import read_batch
 
 from .guard import guarded, one_line
 from .kinds import Kind
@@ -90,7 +90,8 @@ class Logs(Kind):
             outcome = "read"
         with guarded(self.folder):
             try:
-                values, invalid = read_table(path, ("x", "y"))
+                batch = read_batch(path, ("x", "y"))
+                values, invalid = batch.values, batch.invalid
             except CalibError as error:
                 one_line(str(error))
                 return outcome
