@@ -64,7 +64,7 @@ class Map:
         """Distance of the two nodes of each edge in the unit box, (m,)."""
         a, b = self.edges.T
         gap = self.scale.difference(self.units[a], self.units[b])
-        return np.asarray(np.linalg.norm(gap, axis=1))
+        return frozen(np.linalg.norm(gap, axis=1))
 
     @cached_property
     def spacing(self) -> float:
