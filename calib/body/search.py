@@ -50,7 +50,7 @@ class Search:
         prior: Prior,
         nu: float,
         floor: Array,
-        noise: Array | None,
+        noise: Array | None = None,
     ) -> None:
         self.structure, self.q, self.z = structure, q, z
         self.active = prior.active
@@ -219,7 +219,7 @@ class Search:
         least = before + 1e-9 * abs(before)
         gaussian = not np.isfinite(self.nu)
         for share in 0.4 ** np.arange(10.0 if gaussian else 2.0):
-            beta, r, value = self._after(share * delta)
+            beta, r, value = self.after(share * delta)
             if value <= least:
                 self.beta, self.r = beta, r
                 return float(share)
@@ -231,7 +231,7 @@ class Search:
         pull, best = moment - self.pull(self.distance(self.beta)), None
         for damping in DAMPINGS:
             precision[np.diag_indices(len(self.sd))] = (1 + damping) * diagonal
-            beta, r, value = self._after(Factor(precision).solve(pull))
+            beta, r, value = self.after(Factor(precision).solve(pull))
             if value > least and best is not None:
                 break
             if value <= least:
@@ -240,7 +240,7 @@ class Search:
             self.beta, self.r = best
         return 0.1 if before - least > GAINED else 0.0
 
-    def _after(self, delta: Array) -> tuple[Array, Array, float]:
+    def after(self, delta: Array) -> tuple[Array, Array, float]:
         """Parameters (d,), residuals and objective after a step (k,) of the active ones."""
         full = np.zeros(len(self.beta))
         full[self.active] = delta
