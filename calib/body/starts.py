@@ -14,21 +14,21 @@ from .structure import Prior, Structure
 ROWS = 400
 """Rows that the runs use at most."""
 
-KEPT = 8
+_KEPT = 8
 """Runs that are carried on after the first six steps."""
 
-NU = 6.0
+_NU = 6.0
 
 SETTLED = 1e-3
 """Share of a parameter's own sd below which a step ends a run."""
 
-RIVAL = 2.0
+_RIVAL = 2.0
 """A rival's residuals are at most this many times the best start's."""
 
 APART = 0.05
 """Two starts are different arms where they differ by this share of the extents."""
 
-ASKED = 100
+_ASKED = 100
 """Places where two starts are compared."""
 
 
@@ -63,15 +63,15 @@ def best_starts(
         return (Start(found[0][0], found[0][1], 0.0, 0.0),)
     runs = [_refined(each, q, z, beta, free, 6) for each, beta in found]
     runs.sort(key=lambda run: run.cost)
-    runs = [_refined(run.structure, q, z, run.beta, free, 40) for run in runs[:KEPT]]
+    runs = [_refined(run.structure, q, z, run.beta, free, 40) for run in runs[:_KEPT]]
     best = runs[0]
     for run in runs:
         if run.cost < best.cost - 1e-9 * abs(best.cost):
             best = run
-    ask = box[0] + np.random.default_rng(0).random((ASKED, q.shape[1])) * box[1]
+    ask = box[0] + np.random.default_rng(0).random((_ASKED, q.shape[1])) * box[1]
     there = best.structure.predict(ask, best.beta)
     for run in sorted(runs, key=lambda run: run.cost):
-        if run.noise > RIVAL * best.noise or not np.isfinite(run.cost):
+        if run.noise > _RIVAL * best.noise or not np.isfinite(run.cost):
             break
         apart = best.structure.residual(there, run.structure.predict(ask, run.beta))
         if float(np.abs(apart / best.structure.extents).max()) > max(APART, 20 * best.noise):
@@ -87,7 +87,7 @@ def _spread(r: Array, extents: Array, blocks: tuple[int, ...]) -> Array:
         e2 = (r[:, part] ** 2).sum(axis=1)
         s2 = float(np.median(e2)) / p + least
         for _ in range(12):
-            s2 = float(((NU + p) / (NU + e2 / s2) * e2).mean()) / p + least
+            s2 = float(((_NU + p) / (_NU + e2 / s2) * e2).mean()) / p + least
         sigma[part] = np.sqrt(s2)
     return sigma
 
@@ -110,7 +110,7 @@ def settle(
     Returns cost : negative log posterior with Student noise, of which the scale was fitted
     Returns noise : share of the extents that the residuals have
     """
-    search = Search(structure, q, z, beta, prior, NU, np.zeros(structure.outputs))
+    search = Search(structure, q, z, beta, prior, _NU, np.zeros(structure.outputs))
     search.edges = np.array([0, len(z)])  # nothing is held out
     damping = 1e-3
     with np.errstate(all="ignore"):
