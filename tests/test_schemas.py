@@ -138,7 +138,7 @@ def test_states_of_another_arm_or_another_size_are_refused():
     three = calib.train(calib.babble(calib.load_arm("three_link"), 500), size=5)
     with pytest.raises(OptionError, match="joints"):
         keep(kept, three, "other")
-    with pytest.raises(OptionError, match="another size"):
+    with pytest.raises(OptionError, match="ranges, units or maps"):
         keep(kept, calib.train(calib.babble(arm(), 500), size=8), "small")
     with pytest.raises(OptionError, match="present"):
         keep(kept, model(NOISE), "schema 1")

@@ -24,6 +24,7 @@ if TYPE_CHECKING:
     from .model import Model
 
 _BESIDE = 0.1  # rad: joints no further from `near` than this are on its branch
+_PARTS = ("q", "position", "rotation", "away", "turned")  # of `Reached`, a row for each answer
 _CLEAR = 0.3  # share of the least singular value that joints may move by beside `near`
 
 
@@ -51,6 +52,7 @@ def solve_poses(
     *,
     frame: str = "sensor",
     every: bool = False,
+    keep: bool = False,
 ) -> PoseAnswers:
     """Joint values for positions and, if given, orientations.
 
@@ -61,17 +63,27 @@ def solve_poses(
         the middle of the ranges where not given
     frame : {"sensor", "base"}
     every : whether all branches of a pose are wanted, the nearest first
+    keep : of a position, whether the orientation at `near` is kept as far as the joints allow
     Raises QueryError if the model knows no arm in space, a value is no number, or a quaternion is
     none.
     """
     space = Space.of(model)
+    if frame != "base" and space.camera:
+        raise QueryError("pixels are no positions in space: ask with frame='base'")
     names = model.about.joint_names
     p, _ = checked_rows(position, ("x", "y", "z"), "positions")
     n = len(p)
     r = None  # free
     if quaternion is not None:
         turns, _ = checked_rows(quaternion, QUATERNION, "quaternions")
-        r = matrix_of(_units(turns))
+        length = np.linalg.norm(turns, axis=1)
+        if (np.abs(length - 1.0) > ROUNDING).any():  # files round to a few digits
+            row = int(np.argmax(np.abs(length - 1.0)))
+            raise QueryError(
+                f"the quaternion of row {row + 1} has length {length[row]:.4g}: expected length "
+                "1, in the order qx, qy, qz, qw"
+            )
+        r = matrix_of(turns / length[:, None])
         if len(r) != n:
             raise QueryError(f"{len(r)} quaternions for {n} positions: expected as many")
     anchor, _ = checked_rows(space.joints.middle if near is None else near, names, "near")
@@ -79,33 +91,20 @@ def solve_poses(
         raise QueryError(f"near has {len(anchor)} rows for {n} poses: give one or {n}")
     anchor = np.broadcast_to(anchor, (n, len(names)))
     if frame != "base":
-        if space.camera:
-            raise QueryError("pixels are no positions in space: ask with frame='base'")
         same = np.tile(np.eye(3), (n, 1, 1)) if r is None else r
         p, turned = space.to_base(p, same)
         r = None if r is None else turned
-    found = _found(space, p, r, anchor, every)
+    found = _found(space, p, r, anchor, every, keep)
     return described(space, found, frame)
-
-
-def _units(quaternions: Array) -> Array:
-    """Quaternions (n, 4) of length 1; files round to a few digits."""
-    length = np.linalg.norm(quaternions, axis=1)
-    if (np.abs(length - 1.0) > ROUNDING).any():
-        row = int(np.argmax(np.abs(length - 1.0)))
-        raise QueryError(
-            f"the quaternion of row {row + 1} has length {length[row]:.4g}: expected length 1, in "
-            "the order qx, qy, qz, qw"
-        )
-    return np.asarray(quaternions / length[:, None])
 
 
 def described(space: Space, found: list[Reached], frame: str) -> PoseAnswers:
     """Answers of the arm, one list for each target, in a frame and with their bounds."""
     target = np.repeat(np.arange(len(found)), [len(each.q) for each in found])
+    q = np.empty((0, len(space.model.about.joint_names)))
+    none = Reached(q, *space.evaluate(q)[:2], np.empty(0), np.empty(0), False)
     q, position, rotation, away, turned = (
-        np.concatenate([getattr(each, name) for each in found])
-        for name in ("q", "position", "rotation", "away", "turned")
+        np.concatenate([getattr(each, name) for each in (none, *found)]) for name in _PARTS
     )
     reachable = np.array([each.reachable for each in found], dtype=bool)[target]
     scale = 1.0
@@ -119,14 +118,16 @@ def described(space: Space, found: list[Reached], frame: str) -> PoseAnswers:
     return PoseAnswers(target, q, position, turns, scale * away, turned, bound, error, reachable)
 
 
-def _found(space: Space, p: Array, r: Array | None, anchor: Array, every: bool) -> list[Reached]:
+def _found(
+    space: Space, p: Array, r: Array | None, anchor: Array, every: bool, keep: bool
+) -> list[Reached]:
     """Answers (targets) in the base frame; the rows that are met beside `anchor` all at once."""
     n, length = len(p), space.length
-    if r is None:
+    if (every and r is not None) or keep or not n:
+        q, beside = anchor, np.zeros(n, dtype=bool)
+    elif r is None:
         q, left = position_near(space.evaluate, p, anchor, space.joints, length)
         beside = left <= REACHED * length
-    elif every or not n:
-        q, beside = anchor, np.zeros(n, dtype=bool)
     else:
         q, left = reach_poses(space.evaluate, anchor, p, r, length)
         q, inside = space.joints.within(q)
@@ -152,15 +153,13 @@ def _found(space: Space, p: Array, r: Array | None, anchor: Array, every: bool) 
             own = slice(i, i + 1)
             out.append(Reached(q[own], position[own], rotation[own], away[own], np.zeros(1), True))
         elif r is None:
-            out.append(space.reach_position(p[i], anchor[i].tolist()))
+            out.append(space.reach_position(p[i], anchor[i].tolist(), keep=keep))
         else:
-            turn = quaternion_of(r[i : i + 1])[0]
-            each = space.reach_pose(p[i], turn, anchor[i].tolist(), branches[i])
+            each = space.reach_pose(p[i], r[i], anchor[i].tolist(), branches[i])
             out.append(each if every and each.reachable else first_of(each))
     return out
 
 
-def first_of(found: Reached, count: int = 1) -> Reached:
-    """The preferred answers alone."""
-    names = ("q", "position", "rotation", "away", "turned")
-    return replace(found, **{name: getattr(found, name)[:count] for name in names})
+def first_of(found: Reached) -> Reached:
+    """The preferred answer alone."""
+    return replace(found, **{name: getattr(found, name)[:1] for name in _PARTS})

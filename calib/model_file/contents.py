@@ -24,7 +24,7 @@ from ..maps.map import HISTORY, Map
 from ..maps.predictor import Predictor
 from ..model.about import About
 from ..model.alignment import Alignment
-from ..model.measured import MOST, Photo, Rows
+from ..model.measured import MOST_ROWS, Photo, Rows
 from ..model.schemas import FIRST
 from . import schemas
 from .checked import POSITIVE, WHOLE, Tensors, given, given_key, plain, refuse
@@ -172,7 +172,7 @@ def _rows(tensors: Tensors, dof: int, width: int) -> Rows | None:
     if "rows.q" not in tensors:
         return None
     q = tensors.take("rows.q", (-1, dof))
-    refuse({f"at most {MOST} rows": len(q) > MOST}, "rows")
+    refuse({f"at most {MOST_ROWS} rows": len(q) > MOST_ROWS}, "rows")
     return Rows(q, tensors.take("rows.x", (len(q), width)))
 
 

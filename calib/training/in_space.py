@@ -21,7 +21,7 @@ from ..common.scale import METRES
 from ..errors import OptionError
 from ..samples.samples import Samples
 
-VIEWS = ("auto", "base", "rigid", "similarity")
+_VIEWS = ("auto", "base", "rigid", "similarity")
 
 
 def sees_from_anywhere(samples: Samples, view: str) -> bool:
@@ -66,9 +66,9 @@ def fit_in_space(samples: Samples, rows: NDArray[np.intp], view: str, seed: int)
         refuse_pixels(fit, q, x)
         doubts = doubtful_depth(fit.body, q, samples.lower, samples.upper)
         return replace(fit, notes=(*fit.notes, *doubts))
-    if view not in VIEWS:
+    if view not in _VIEWS:
         raise OptionError(
-            f"view {view!r} is for planar arms; for x, y, z expected one of {', '.join(VIEWS)}",
+            f"view {view!r} is for planar arms; for x, y, z expected one of {', '.join(_VIEWS)}",
             parameter="view",
             value=view,
         )
