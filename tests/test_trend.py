@@ -269,3 +269,9 @@ def test_too_few_rows_for_many_functions_still_get_a_trend():
     chosen = choose_trends(scale_of((1.0, 1.0), (False, False)), (False, False), u, x, blocks(10))
     assert chosen[0].trend.basis.degree == 1
     np.testing.assert_allclose(chosen[0].trend.value(u), x, atol=1e-6)
+
+
+def test_many_points_are_answered_as_few_are():
+    trend, u = random_trend(Basis((0.0, 2.0), 2)), points(40_000)
+    few = np.concatenate([trend.value(part) for part in np.array_split(u, 40)])
+    np.testing.assert_allclose(trend.value(u), few, rtol=1e-12)
