@@ -202,7 +202,7 @@ def test_shuffled_orientations_and_pixels_are_refused_in_one_line():
     arm, structure, beta = truth("pose")
     q, rng = rows(arm, 60, 1), np.random.default_rng(2)
     poses = structure.predict(q, beta)
-    turns = quaternion_of(exponential(poses[:, 3:]))
+    turns, structure = quaternion_of(exponential(poses[:, 3:])), structure.with_view("rigid")
     refuse_turns(structure, q, poses[:, :3], turns)
     with pytest.raises(LogError, match="do not turn as the joints do"):
         refuse_turns(structure, q, poses[:, :3], rng.permutation(turns))
