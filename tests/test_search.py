@@ -25,12 +25,6 @@ class Bent(Structure):
         along = (q * (1.0, -1.0))[:, :, None]
         return self.predict(q, beta), Derivative.of(along + rise * np.array([1.0, -1.0]))
 
-    def residual(self, z, predicted):
-        return z - predicted
-
-    def retract(self, beta, delta):
-        return beta + delta
-
 
 def test_a_step_that_an_open_direction_spoils_is_damped():
     rng = np.random.default_rng(0)

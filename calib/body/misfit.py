@@ -10,7 +10,7 @@ import numpy as np
 from ..arm.rotations import logarithm, matrix_of, nearest_rotation
 from ..common.arrays import Array
 from ..errors import LogError
-from .spatial_start import frame
+from .spatial_start import CLEAR, frame
 
 if TYPE_CHECKING:
     from .belief import Body
@@ -20,8 +20,6 @@ if TYPE_CHECKING:
 PIXELS = 0.05
 #: A median turn [rad] beyond which orientations are not those of the joints.
 TURNS = 0.3
-#: Another reading of the rows explains them where its misfit is below this share of theirs.
-CLEAR = 0.3
 
 
 def refuse_pixels(body: Body, q: Array, pixels: Array) -> None:

@@ -110,13 +110,10 @@ class Search:
 
     def data(self) -> tuple[Array, Array]:
         """Information (k, k) and moment (k,) of the rows at the present noise."""
-        return self._summed("gram"), self._summed("moment")
+        return self.summed("gram"), self.summed("moment")
 
-    def by_block(self) -> tuple[Array, Array]:
-        """The same of each block of rows: (b, k, k) and (b, k)."""
-        return self._summed("grams"), self._summed("moments")
-
-    def _summed(self, name: str) -> Array:
+    def summed(self, name: str) -> Array:
+        """One of the rows' `Sums` at the present noise, over the blocks of outputs."""
         parts = zip(self.sums, slices(self.blocks), strict=True)
         return np.asarray(sum(getattr(s, name) / self.noise[p.start] ** 2 for s, p in parts))
 

@@ -33,7 +33,7 @@ _FEW = 45
 _OTHER = 0.3
 #: A median distance beyond this share of the rows' spread is no calibration error.
 _MISFIT = 0.1
-#: Another frame explains positions where its misfit is below this share of a rigid one's.
+#: Another reading of the rows explains them where its misfit is below this share of theirs.
 CLEAR = 0.3
 #: Tools, as shares of the reach, from which tool and frame are fitted by turns, and how often.
 _TOOL, _TURNS = 0.1, 8

@@ -61,9 +61,13 @@ def best_starts(
     found = structure.starts(q, z)
     if len(found) == 1:  # nothing to choose from: the gate goes on from here
         return (Start(found[0][0], found[0][1], 0.0, 0.0),)
-    runs = [_refined(each, q, z, beta, free, 6) for each, beta in found]
+
+    def refined(each: Structure, beta: Array, steps: int) -> Start:
+        return Start(each, *settle(each, q, z, beta, each.prior(free), steps))
+
+    runs = [refined(each, beta, 6) for each, beta in found]
     runs.sort(key=lambda run: run.cost)
-    runs = [_refined(run.structure, q, z, run.beta, free, 40) for run in runs[:_KEPT]]
+    runs = [refined(run.structure, run.beta, 40) for run in runs[:_KEPT]]
     best = runs[0]
     for run in runs:
         if run.cost < best.cost - 1e-9 * abs(best.cost):
@@ -90,13 +94,6 @@ def _spread(r: Array, extents: Array, blocks: tuple[int, ...]) -> Array:
             s2 = float(((_NU + p) / (_NU + e2 / s2) * e2).mean()) / p + least
         sigma[part] = np.sqrt(s2)
     return sigma
-
-
-def _refined(
-    structure: Structure, q: Array, z: Array, beta: Array, free: tuple[str, ...], steps: int
-) -> Start:
-    """The end of a short run from `beta`."""
-    return Start(structure, *settle(structure, q, z, beta, structure.prior(free), steps))
 
 
 def settle(
