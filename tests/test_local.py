@@ -191,7 +191,7 @@ def test_a_predictor_adds_trend_and_correction_and_their_slopes():
     fresh = points(50, seed=1)
     said, tilt = Predictor(motor, trend, models).value_and_slope(fresh)
     np.testing.assert_allclose(said, trend.value(fresh) + value(fresh), atol=1e-6)
-    np.testing.assert_allclose(tilt, trend.slope(fresh) + slope(fresh), atol=1e-4)
+    np.testing.assert_allclose(tilt, trend.value_and_slope(fresh)[1] + slope(fresh), atol=1e-4)
     alone = Predictor(motor, trend, local.NO_MODELS)
     assert (alone.value(fresh) == trend.value(fresh)).all()
 

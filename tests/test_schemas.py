@@ -12,6 +12,8 @@ from drifting import arm, error, log, model
 import calib
 from calib.change.schemas import keep, recall, recognise, schemas_of
 from calib.errors import LogError, ModelError, OptionError
+from calib.maps.local_models import LocalModels
+from calib.model_file.storage import from_bytes, to_bytes
 
 TOOL = "tip.offset=0.05,0"
 OTHER = "tip.offset=0.03,0.02"
@@ -72,6 +74,26 @@ def test_a_file_keeps_schemas_and_says_so_the_same_way(tmp_path):
     assert (told[1] >= told[0] * (1 - 1e-5)).all()
     loaded.save(tmp_path / "again.calib")
     assert (tmp_path / "m.calib").read_bytes() == (tmp_path / "again.calib").read_bytes()
+
+
+def test_a_file_keeps_schemas_of_maps_alone_and_of_local_models():
+    first, second = (
+        calib.train(log(*changes, n=500, seed=2, noise=NOISE), size=8, body="none")
+        for changes in ((), (TOOL,))
+    )
+    models = LocalModels(
+        1, 9, np.full(64, 0.1), np.random.default_rng(0).normal(0, 1e-3, (64, 3, 2)),
+        gates=np.ones((64, 3)),
+    )  # fmt: skip
+    second = replace(second, predictor=replace(second.predictor, models=models))
+    kept = keep(first, second, "tool on")
+    data = to_bytes(kept)
+    loaded = from_bytes(data)
+    u = np.random.default_rng(1).random((50, 2))
+    before, after = (m.schemas[0].predictor.value(u) for m in (kept, loaded))
+    assert np.ptp(before, axis=0).min() > 0.1
+    np.testing.assert_allclose(after, before, atol=1e-5)
+    assert to_bytes(loaded) == data
 
 
 def test_a_model_without_schemas_has_the_bytes_that_it_had(tmp_path):

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
+from calib.body.derivative import Derivative
 from calib.body.normal import Factor, with_prior
 from calib.body.search import Search
 from calib.body.structure import Prior, Structure
@@ -19,16 +20,10 @@ class Bent(Structure):
         own = self.curve * (beta[0] - beta[1] + self.middle) ** 2
         return beta.sum() * q * (1.0, -1.0) + own
 
-    def linearise(self, q, beta, active=None):
+    def derivative(self, q, beta, active):
         rise = 2 * self.curve * (beta[0] - beta[1] + self.middle)
         along = (q * (1.0, -1.0))[:, :, None]
-        return self.predict(q, beta), along + rise * np.array([1.0, -1.0])
-
-    def residual(self, z, predicted):
-        return z - predicted
-
-    def retract(self, beta, delta):
-        return beta + delta
+        return self.predict(q, beta), Derivative.of(along + rise * np.array([1.0, -1.0]))
 
 
 def test_a_step_that_an_open_direction_spoils_is_damped():

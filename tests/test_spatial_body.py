@@ -7,10 +7,12 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from models import in_pixels
 
 from calib.arm.loading import load_arm
-from calib.arm.rotations import exponential, logarithm
+from calib.arm.rotations import exponential, logarithm, quaternion_of
 from calib.body.fitting import fit_structure
+from calib.body.misfit import refuse_pixels, refuse_turns
 from calib.body.sensor import SensorPose
 from calib.body.spatial import structure_of
 from calib.body.spatial_random import unknown_structure
@@ -194,6 +196,21 @@ def test_rows_that_no_arm_explains_are_refused_in_one_line():
         with pytest.raises(LogError, match=words) as caught:
             structure.starts(*bad)
         assert "\n" not in str(caught.value)
+
+
+def test_shuffled_orientations_and_pixels_are_refused_in_one_line():
+    arm, structure, beta = truth("pose")
+    q, rng = rows(arm, 60, 1), np.random.default_rng(2)
+    poses = structure.predict(q, beta)
+    turns, structure = quaternion_of(exponential(poses[:, 3:])), structure.with_view("rigid")
+    refuse_turns(structure, q, poses[:, :3], turns)
+    with pytest.raises(LogError, match="do not turn as the joints do"):
+        refuse_turns(structure, q, poses[:, :3], rng.permutation(turns))
+    body = in_pixels().body
+    pixels = body.predict(q)
+    refuse_pixels(body, q, pixels)
+    with pytest.raises(LogError, match="no camera explains the pixels"):
+        refuse_pixels(body, q, rng.permutation(pixels))
 
 
 def test_ten_rows_place_the_sensor_and_leave_the_arm_as_drawn():

@@ -14,7 +14,7 @@ from ..common.frozen import ReadOnly, frozen
 from .covariance import radius_95, spread_of
 from .structure import Indices, Structure
 
-CHUNK = 2000
+_CHUNK = 2000
 """Rows that a bound is evaluated for at a time."""
 
 SHARED = 1.25
@@ -100,7 +100,7 @@ class Body(Gaussian):
         noise : whether the sensor's noise is part of the distance
         """
         q = np.asarray(q, dtype=float)
-        parts = [self._bound(q[i : i + CHUNK], noise) for i in range(0, len(q), CHUNK)]
+        parts = [self._bound(q[i : i + _CHUNK], noise) for i in range(0, len(q), _CHUNK)]
         return np.concatenate(parts) if parts else np.zeros(0)
 
     def spread(self, q: Array) -> Array:

@@ -16,14 +16,14 @@ from ..common.arrays import Array
 
 HARMONICS = 48
 WIDTH = 20.0
-FLOOR = 0.003
+_FLOOR = 0.003
 
 ORDERS = np.arange(1, HARMONICS + 1)
 
-KNOTS = 2048
+_KNOTS = 2048
 """Intervals of a turn in a table; a curve of 1 mrad differs from its table by less than 1e-13."""
 
-PER_RADIAN = KNOTS / (2 * math.pi)
+_PER_RADIAN = _KNOTS / (2 * math.pi)
 
 Row = tuple[float, float, float, float, float, float]
 
@@ -34,7 +34,7 @@ def curve_shape(*more: float) -> Array:
     `more` are the widths [waves a turn] of further Gaussians beside that of `WIDTH`.
     """
     widths = np.array([WIDTH, *more])[:, None]
-    shape = np.exp(-((ORDERS / widths) ** 2) / 2).sum(axis=0) + FLOOR
+    shape = np.exp(-((ORDERS / widths) ** 2) / 2).sum(axis=0) + _FLOOR
     return np.tile(shape / shape.mean(), 2)
 
 
@@ -79,8 +79,8 @@ def curve_table(coefficients: Array) -> list[Row] | None:
     """
     if not coefficients.any():
         return None
-    x = np.linspace(0.0, 2 * np.pi, KNOTS + 1)
-    h = 2 * np.pi / KNOTS
+    x = np.linspace(0.0, 2 * np.pi, _KNOTS + 1)
+    h = 2 * np.pi / _KNOTS
     f = curve_value(x, coefficients)
     d = curve_slope(x, coefficients) * h
     c = -curve_value(x, coefficients * np.tile(ORDERS, 2) ** 2) * h**2 / 2
@@ -94,18 +94,18 @@ def curve_table(coefficients: Array) -> list[Row] | None:
 
 def in_table(table: list[Row], value: float) -> float:
     """The curve [rad] at one joint value."""
-    u = value * PER_RADIAN
+    u = value * _PER_RADIAN
     k = math.floor(u)
     u -= k
-    c0, c1, c2, c3, c4, c5 = table[k % KNOTS]
+    c0, c1, c2, c3, c4, c5 = table[k % _KNOTS]
     return c0 + u * (c1 + u * (c2 + u * (c3 + u * (c4 + u * c5))))
 
 
 def in_table_with_slope(table: list[Row], value: float) -> tuple[float, float]:
     """The curve [rad] and its derivative at one joint value."""
-    u = value * PER_RADIAN
+    u = value * _PER_RADIAN
     k = math.floor(u)
     u -= k
-    c0, c1, c2, c3, c4, c5 = table[k % KNOTS]
+    c0, c1, c2, c3, c4, c5 = table[k % _KNOTS]
     slope = c1 + u * (2.0 * c2 + u * (3.0 * c3 + u * (4.0 * c4 + 5.0 * u * c5)))
-    return c0 + u * (c1 + u * (c2 + u * (c3 + u * (c4 + u * c5)))), PER_RADIAN * slope
+    return c0 + u * (c1 + u * (c2 + u * (c3 + u * (c4 + u * c5)))), _PER_RADIAN * slope

@@ -127,7 +127,7 @@ def maximise(
 def _finished(search: Search, fresh: bool) -> Fit:
     """Posterior at the parameters found; `fresh` as in `Search.linearise`."""
     search.linearise(fresh)
-    grams, moments = search.by_block()
+    grams, moments = search.summed("grams"), search.summed("moments")
     precision = with_prior(grams.sum(axis=0), search.sd, search.known)
     factor = Factor(precision)
     if not fresh and search.stale(factor):

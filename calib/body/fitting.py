@@ -18,7 +18,7 @@ from .views import PLANAR
 
 __all__ = ["BodyFit", "fit_body", "fit_structure", "planar_structure"]
 
-MISFIT = 0.02
+_MISFIT = 0.02
 """Share of the extent beyond which a nominal geometry is doubted."""
 
 
@@ -57,7 +57,7 @@ def fit_body(
     if nominal is None or view == "base":
         return fitted
     error = _typical(fitted.held_out)
-    if error < MISFIT * template.extent:
+    if error < _MISFIT * template.extent:
         return fitted
     free = fit_structure(replace(template, nominal=None), q, z, seed=seed)
     if not _typical(free.held_out) < error / 2:

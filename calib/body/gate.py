@@ -13,7 +13,7 @@ from .held_out import HeldOut, leave_blocks_out
 from .search import BLOCKS
 from .starts import Start
 
-NATS = 3.0
+_NATS = 3.0
 """Gain of evidence that decides where the held-out score agrees."""
 
 SETTLED = 0.2
@@ -56,7 +56,7 @@ def wins(richer: Passed, simpler: Passed) -> bool:
     if gain.mean() <= 0 or evidence <= 0:
         return False
     error = gain.std(ddof=1) / np.sqrt(len(gain)) if len(gain) > 1 else np.inf
-    return bool(gain.mean() > error or evidence > NATS)
+    return bool(gain.mean() > error or evidence > _NATS)
 
 
 def pass_gate(

@@ -14,18 +14,18 @@ from .fit import Fit
 from .normal import Factor, slices
 from .structure import Indices
 
-WORK = 5e5
+_WORK = 5e5
 """Rows times parameters beyond which only some rows, evenly spaced, get a predicted spread."""
 
-PARTITIONS = (2, 5, 10)
+_PARTITIONS = (2, 5, 10)
 
 FEW = 20
 """Rows that a 95 % quantile needs at least."""
 
-OUTLIER = 0.1
+_OUTLIER = 0.1
 """A row of less Student weight than this, beyond eight noise sd, is an outlier."""
 
-UNKNOWN_KAPPA = 1.5
+_UNKNOWN_KAPPA = 1.5
 """Inflation where there are too few rows to tell."""
 
 
@@ -52,7 +52,7 @@ class HeldOut:
         """The largest 95 % quantile of error over radius among the partitions.
 
         Or, if that is more, the mean of the single blocks' quantiles and one standard deviation
-        beyond it, since the place that is asked next may be one of the worse. `UNKNOWN_KAPPA`
+        beyond it, since the place that is asked next may be one of the worse. `_UNKNOWN_KAPPA`
         where there are too few rows.
         """
         found = []
@@ -68,7 +68,7 @@ class HeldOut:
         ]
         if len(single) > 1:
             found.append(float(np.mean(single) + np.std(single)))
-        return max(found) if found else UNKNOWN_KAPPA
+        return max(found) if found else _UNKNOWN_KAPPA
 
     def tau(self, noise: Array, blocks: tuple[int, ...]) -> Array:
         """Residual sd (m,) of the body itself: held-out errors beyond the noise."""
@@ -84,13 +84,13 @@ class HeldOut:
         return out
 
 
-def leave_blocks_out(fit: Fit, partitions: tuple[int, ...] = PARTITIONS) -> HeldOut:
+def leave_blocks_out(fit: Fit, partitions: tuple[int, ...] = _PARTITIONS) -> HeldOut:
     """Held-out predictions of a fit, linearised, with its noise and scales kept."""
     (n, m), k = fit.residual.shape, fit.derivative.size
     edges = fit.edges
     count = len(edges) - 1
     gram_all = fit.grams.sum(axis=0)
-    every = max(1, round(n * k / WORK))
+    every = max(1, round(n * k / _WORK))
     p = fit.structure.blocks[0]
     residual = np.full((n, m), np.nan)
     score = np.full(n, np.nan)
@@ -120,4 +120,4 @@ def leave_blocks_out(fit: Fit, partitions: tuple[int, ...] = PARTITIONS) -> Held
                 v = np.einsum("nii->n", spread) / p  # of a Student with four degrees of freedom
                 score[rows] = 0.5 * (p * np.log(v) + (4 + p) * np.log1p(length**2 / (4 * v)))
         ratios[parts] = ratio
-    return HeldOut(residual, score, edges, ratios, fit.weight[:, 0] > OUTLIER)
+    return HeldOut(residual, score, edges, ratios, fit.weight[:, 0] > _OUTLIER)

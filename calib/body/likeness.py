@@ -11,7 +11,7 @@ from ..common.arrays import Array
 if TYPE_CHECKING:
     from .belief import Body
 
-SMOOTH = 0.5
+_SMOOTH = 0.5
 """Length [rad] over which the residual of a log is alike (Matern 5/2)."""
 
 
@@ -27,5 +27,5 @@ def lengths_of(body: Body, q: Array) -> Array:
     """Correlation lengths (dof,) [rad or m] of a log's own residual."""
     turning = np.asarray(body.structure.revolute)
     span = np.maximum(np.ptp(q, axis=0), 1e-9)
-    smooth = SMOOTH * np.sqrt(body.structure.dof / 2)
+    smooth = _SMOOTH * np.sqrt(body.structure.dof / 2)
     return np.asarray(np.where(turning, smooth, 0.3 * span))

@@ -10,28 +10,26 @@ import numpy as np
 from ..arm.rotations import logarithm, matrix_of, nearest_rotation
 from ..common.arrays import Array
 from ..errors import LogError
-from .spatial_start import frame
+from .spatial_start import CLEAR, frame
 
 if TYPE_CHECKING:
-    from .posterior import BodyFit
+    from .belief import Body
     from .spatial import SpatialStructure
 
 #: A median residual beyond this share of the pixels' extent is no calibration error.
 PIXELS = 0.05
 #: A median turn [rad] beyond which orientations are not those of the joints.
 TURNS = 0.3
-#: Another reading of the rows explains them where its misfit is below this share of theirs.
-CLEAR = 0.3
 
 
-def refuse_pixels(fit: BodyFit, q: Array, pixels: Array) -> None:
+def refuse_pixels(body: Body, q: Array, pixels: Array) -> None:
     """Refuse pixels (n, 2) that the arm does not explain, and say whether mirrored ones would.
 
     Raises LogError.
     """
-    structure: Any = fit.body.structure
+    structure: Any = body.structure
     extent = float(np.linalg.norm(pixels - pixels.mean(axis=0), axis=1).mean())
-    left = _median(pixels - fit.body.predict(q))
+    left = _median(pixels - body.predict(q))
     if left < PIXELS * extent:
         return
     mirrored = pixels * (-1, 1) + (2 * structure.lens[1], 0)

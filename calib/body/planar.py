@@ -19,6 +19,7 @@ from numpy.typing import NDArray
 from ..common.arrays import Array
 from . import planar_start, planar_view, priors
 from .curves import curve_slope, curve_value, powers
+from .derivative import Derivative
 from .layout import PlanarLayout, planar_layout
 from .nominal import Nominal
 from .structure import Indices, Structure
@@ -129,12 +130,9 @@ class PlanarStructure(Structure):
         """Positions (n, 2) [unit] at joint values (n, dof)."""
         return self.seen(self.chain(q, beta), beta)
 
-    def linearise(
-        self, q: Array, beta: Array, active: Indices | None = None
-    ) -> tuple[Array, Array]:
+    def derivative(self, q: Array, beta: Array, active: Indices) -> tuple[Array, Derivative]:
         """Positions (n, 2) and derivatives (n, 2, k) by the parameters `active`."""
         lay = self.layout
-        active = np.arange(lay.size) if active is None else active
         place = np.full(lay.size, -1)
         place[active] = np.arange(len(active))
         signed, sums, direction, terms, turned = self.moved(q, beta)
@@ -166,7 +164,7 @@ class PlanarStructure(Structure):
             if (place[ix] >= 0).any():
                 waves = powers(q[:, i])
                 put(ix, turned[:, i, None] * np.concatenate([waves.real, waves.imag], axis=1))
-        return z, out
+        return z, Derivative.of(out)
 
     def predict_and_slope(self, q: Array, beta: Array) -> tuple[Array, Array]:
         """Positions (n, 2) and their derivative (n, 2, dof) by the joint values."""

@@ -17,10 +17,10 @@ from .structure import Structure
 if TYPE_CHECKING:
     from .planar import PlanarStructure
 
-MOST = 16
+_MOST = 16
 """Combinations of signs and mirrors that are refined."""
 
-ELBOWS = np.linspace(-np.pi, np.pi, 9)[:-1]
+_ELBOWS = np.linspace(-np.pi, np.pi, 9)[:-1]
 
 
 def starts(structure: PlanarStructure, q: Array, z: Array) -> list[tuple[Structure, Array]]:
@@ -37,12 +37,12 @@ def starts(structure: PlanarStructure, q: Array, z: Array) -> list[tuple[Structu
             found += [_linear(each, q, tip) for each in _sided(structure, every=True)]
     found.sort(key=lambda item: item[0])
     out: list[tuple[Structure, Array]] = []
-    for _, each, beta in found[:MOST]:
+    for _, each, beta in found[:_MOST]:
         out.append((each, beta))
         if structure.nominal is None and structure.seen_as.tilted:
             out += [(each, b) for b in _affine(each, q, z)]
         if structure.nominal is None and structure.scaled and structure.dof == 2:
-            for offset in ELBOWS:  # equal links
+            for offset in _ELBOWS:  # equal links
                 beta = planar_neutral(each)
                 beta[each.layout.offset[1]] = offset
                 out.append((each, _placed(each, beta, q, tip)))

@@ -16,19 +16,19 @@ from .held_out import HeldOut, leave_blocks_out
 from .starts import best_starts
 from .structure import Prior, Structure
 
-LOG_FLOOR, SIMULATED_FLOOR = 1e-4, 1e-7
+_LOG_FLOOR, _SIMULATED_FLOOR = 1e-4, 1e-7
 """Least noise, as a share of the extents."""
 
-NO_CURVES = 8.0
+_NO_CURVES = 8.0
 """Nats against joint curves from which the bound needs no second fit with large ones."""
 
-LEAST_SHARE = 0.5
+_LEAST_SHARE = 0.5
 """Of the second fit's spread: so much stays, however small the held-out errors are."""
 
-FEW = 1000
+_FEW = 1000
 """Rows from which on the second fit's spread is no more scaled by its held-out errors."""
 
-STUDENT = 6.0
+_STUDENT = 6.0
 """Degrees of freedom of the noise of a log."""
 
 
@@ -60,8 +60,8 @@ def fit_structure(
     notes : passed on
     """
     simulated = template.simulated if simulated is None else simulated
-    floor = (SIMULATED_FLOOR if simulated else LOG_FLOOR) * template.extents
-    nu = np.inf if simulated else STUDENT
+    floor = (_SIMULATED_FLOOR if simulated else _LOG_FLOOR) * template.extents
+    nu = np.inf if simulated else _STUDENT
     members = template.members()
     chain = next((free for name, free in members if name == "chain"), members[0][1])
     sub_q, sub_z, few = q, z, len(q) <= template.gate_rows
@@ -129,7 +129,7 @@ def _second(
     None where the member has the chain and the rows speak against curves.
     """
     fit = passed.fit
-    bends = "curve" in passed.free or passed.against("curves") < NO_CURVES
+    bends = "curve" in passed.free or passed.against("curves") < _NO_CURVES
     if not bends and set(chain) <= set(passed.free):
         return None
     free = tuple(dict.fromkeys((*passed.free, *chain, *(("curve",) if bends else ()))))
@@ -149,7 +149,7 @@ def _second(
         nu=fit.nu, floor=floor, noise=fit.noise, steps=4, begun=fit,
     )  # fmt: skip
     # Few rows of an arm in space tell how large its curves are altogether, if not where.
-    few = len(q) < FEW and fit.structure.kind == "spatial"
-    share = np.clip(leave_blocks_out(made).ratio(), LEAST_SHARE, 1.0) if few else 1.0
+    few = len(q) < _FEW and fit.structure.kind == "spatial"
+    share = np.clip(leave_blocks_out(made).ratio(), _LEAST_SHARE, 1.0) if few else 1.0
     root = as_kept(float(share) ** 2 * made.covariance)
     return Second(made.beta, made.active, root, made.noise)

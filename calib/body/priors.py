@@ -25,24 +25,24 @@ Ladder = tuple[tuple[str, tuple[str, ...]], ...]
 FREE = 1e3
 """A prior sd of a thousand extents or radians: flat."""
 
-OFFSET_SCALES = (1.0, 5.0, 20.0, 100.0)
+_OFFSET_SCALES = (1.0, 5.0, 20.0, 100.0)
 """Offsets move by 0.1 deg where an arm was calibrated, by up to 10 deg where servos were put on."""
 
 SCALES = (1.0, 5.0, 20.0)
 
-LONG = 3.0
+_LONG = 3.0
 """Waves a turn up to which a planar arm's curve may be larger: eccentric wheels, loads."""
 
 SHIFT, TURN = 1e-3, np.radians(0.1)
 """Joint origins are where a drawing says to 1 mm and 0.1 deg, or some times that."""
 
-ELASTIC = 1e-3
+_ELASTIC = 1e-3
 """Joints bend by this much [rad] under the largest torque that gravity could put on the arm."""
 
-CURVE = 4e-4
+_CURVE = 4e-4
 """Harmonic drives and industrial arms have 0.15 to 0.4 mrad; evidence finds those of others."""
 
-TAG = 2e-3
+_TAG = 2e-3
 """A camera's tag is held where the drawing says to so many metres."""
 
 
@@ -133,7 +133,7 @@ def planar_prior(structure: PlanarStructure, free: Sequence[str]) -> Prior:
         if "length" in free:
             found.chosen("length", lay.length, SHIFT * structure.slide, SCALES)
         if "offset" in free:
-            found.chosen("offset", lay.offset[first:], TURN, OFFSET_SCALES)
+            found.chosen("offset", lay.offset[first:], TURN, _OFFSET_SCALES)
         if "gain" in free:
             found.chosen("gain", lay.gain, 1e-3, SCALES)
     else:
@@ -151,7 +151,7 @@ def planar_prior(structure: PlanarStructure, free: Sequence[str]) -> Prior:
     if "elastic" in free:
         found.moving("elastic", lay.elastic, 1e-4 if nominal is not None else 2e-4, 4.0)
     # a weak hyperprior (10) left 30 rows 1 % worse
-    found.curves(lay.groups, free, curve_shape(LONG), CURVE, 40.0)
+    found.curves(lay.groups, free, curve_shape(_LONG), _CURVE, 40.0)
     return found.whole()
 
 
@@ -222,7 +222,7 @@ def spatial_prior(structure: SpatialStructure, free: Sequence[str]) -> Prior:
         if group in flat and not (group == "tool" and camera and informed):
             sd[groups[group]] = flat[group]
     if "tool" in free and camera and informed:
-        found.chosen("tool", groups["tool"], TAG, SCALES)
+        found.chosen("tool", groups["tool"], _TAG, SCALES)
     # in a free frame the first turning joint's offset and a turn of the frame about its axis are
     # one, and the first origin's place is the frame's own
     first = 0 if structure.view == "base" else 1
@@ -230,7 +230,7 @@ def spatial_prior(structure: SpatialStructure, free: Sequence[str]) -> Prior:
         # before the placements: turned and shifted origins would explain an offset too, by freeing
         # sixfold what they are; of a camera's arm they took 2 deg where 0.2 deg was true
         turns, offset = np.asarray(structure.revolute)[first:], groups["offset"][first:]
-        found.chosen("offset", offset[turns], TURN, OFFSET_SCALES)
+        found.chosen("offset", offset[turns], TURN, _OFFSET_SCALES)
         found.chosen("offset.slide", offset[~turns], SHIFT, SCALES)
     if "placement" in free and informed:
         found.chosen("placement.shift", layout.shifts[first:].ravel(), SHIFT, SCALES)
@@ -241,6 +241,6 @@ def spatial_prior(structure: SpatialStructure, free: Sequence[str]) -> Prior:
     if "gain" in free:
         found.chosen("gain", groups["gain"], 1e-3, SCALES)
     if "elastic" in free:
-        found.moving("elastic", groups["elastic"], ELASTIC, 1.0)
-    found.curves(groups, free, curve_shape(), CURVE, 5.0)
+        found.moving("elastic", groups["elastic"], _ELASTIC, 1.0)
+    found.curves(groups, free, curve_shape(), _CURVE, 5.0)
     return found.whole()

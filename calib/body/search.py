@@ -22,19 +22,19 @@ from .structure import Hyper, Prior, Structure
 BLOCKS = 10
 """Contiguous blocks of rows whose information is kept apart."""
 
-INNER = 2
+_INNER = 2
 """Steps of EM for each linearisation; with 8 the same scales were found, in more time."""
 
-PROBES, ALIKE = 30, 1.1
+_PROBES, _ALIKE = 30, 1.1
 """Rows whose predicted variances are compared, and by how much they may differ."""
 
 SETTLED = 3e-3
 """A change of the noise and of every scale by less than this share ends them earlier."""
 
-DAMPINGS = 10.0 ** np.arange(-6, 3)
+_DAMPINGS = 10.0 ** np.arange(-6, 3)
 """Damping of a step that fails, as a share of the diagonal of the information."""
 
-GAINED = 0.05
+_GAINED = 0.05
 """Nats that a damped step gains at least, or the search is at its end."""
 
 
@@ -50,7 +50,7 @@ class Search:
         prior: Prior,
         nu: float,
         floor: Array,
-        noise: Array | None,
+        noise: Array | None = None,
     ) -> None:
         self.structure, self.q, self.z = structure, q, z
         self.active = prior.active
@@ -99,31 +99,28 @@ class Search:
         reaches far, and only derivatives of its own place say that nothing moves there: with those
         of an earlier step such a bound was a thousand times too wide.
         """
-        rows = thinned(len(self.q), PROBES)
+        rows = thinned(len(self.q), _PROBES)
         now = self.structure.derivative(self.q[rows], self.beta, self.active)[1]
         spreads = [
             (factor.whiten(x.dense().reshape(-1, x.size).T) ** 2).sum(axis=0).reshape(len(rows), -1)
             for x in (now, self.x.rows(rows))
         ]
         new, old = (spread.sum(axis=1) for spread in spreads)
-        return bool((new > ALIKE * old).any())
+        return bool((new > _ALIKE * old).any())
 
     def data(self) -> tuple[Array, Array]:
         """Information (k, k) and moment (k,) of the rows at the present noise."""
-        return self._summed("gram"), self._summed("moment")
+        return self.summed("gram"), self.summed("moment")
 
-    def by_block(self) -> tuple[Array, Array]:
-        """The same of each block of rows: (b, k, k) and (b, k)."""
-        return self._summed("grams"), self._summed("moments")
-
-    def _summed(self, name: str) -> Array:
+    def summed(self, name: str) -> Array:
+        """One of the rows' `Sums` at the present noise, over the blocks of outputs."""
         parts = zip(self.sums, slices(self.blocks), strict=True)
         return np.asarray(sum(getattr(s, name) / self.noise[p.start] ** 2 for s, p in parts))
 
     def step(self, learn: bool) -> tuple[Array, Array]:
         """Gauss-Newton step (k,) and posterior variances (k,); EM of noise and scales."""
         start = self.distance(self.beta)
-        for _ in range(INNER):
+        for _ in range(_INNER):
             gram, moment = self.data()
             factor = Factor(with_prior(gram, self.sd, self.known))
             delta = factor.solve(moment - self.pull(start))
@@ -219,7 +216,7 @@ class Search:
         least = before + 1e-9 * abs(before)
         gaussian = not np.isfinite(self.nu)
         for share in 0.4 ** np.arange(10.0 if gaussian else 2.0):
-            beta, r, value = self._after(share * delta)
+            beta, r, value = self.after(share * delta)
             if value <= least:
                 self.beta, self.r = beta, r
                 return float(share)
@@ -229,18 +226,18 @@ class Search:
         precision = with_prior(gram, self.sd, self.known)
         diagonal = np.diag(precision).copy()
         pull, best = moment - self.pull(self.distance(self.beta)), None
-        for damping in DAMPINGS:
+        for damping in _DAMPINGS:
             precision[np.diag_indices(len(self.sd))] = (1 + damping) * diagonal
-            beta, r, value = self._after(Factor(precision).solve(pull))
+            beta, r, value = self.after(Factor(precision).solve(pull))
             if value > least and best is not None:
                 break
             if value <= least:
                 least, best = value, (beta, r)
         if best is not None:
             self.beta, self.r = best
-        return 0.1 if before - least > GAINED else 0.0
+        return 0.1 if before - least > _GAINED else 0.0
 
-    def _after(self, delta: Array) -> tuple[Array, Array, float]:
+    def after(self, delta: Array) -> tuple[Array, Array, float]:
         """Parameters (d,), residuals and objective after a step (k,) of the active ones."""
         full = np.zeros(len(self.beta))
         full[self.active] = delta

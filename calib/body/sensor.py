@@ -19,13 +19,13 @@ from ..errors import LogError
 from .belief import Body, Second
 from .structure import Indices
 
-TELLING = 0.8
+_TELLING = 0.8
 """Share of a position's spread below which it is told what is left without the gauge."""
 
 SENSOR = ("view.rotation", "view.shift", "view.scale", "lens")
 """Groups of parameters that are the sensor's."""
 
-UNSURE = 0.1
+_UNSURE = 0.1
 """A camera whose distance is less sure than this share of it was shown too little."""
 
 _DRAWN = 400  # poses that tell how far the tip can move along the view
@@ -116,7 +116,7 @@ class SensorPose:
         if what == "camera":
             ahead = ", ".join(f"{value + 0.0:.3f}" for value in self.rotation[:, 2])
             lines.append(f"  it looks along ({ahead}) of the base")
-        if self.told_sd.max() < TELLING * self.position_sd.max():
+        if self.told_sd.max() < _TELLING * self.position_sd.max():
             size = "the arm's size, " if what == "camera" else ""
             lines.append(
                 f"  but for {size}a turn about and a shift along the first joint's axis, which no "
@@ -152,7 +152,7 @@ def doubtful_depth(body: Body, q: Array, lower: Array, upper: Array) -> list[str
             "the fit places the arm behind the camera: check that each row's joints and pixels "
             "belong together"
         )
-    if 1.96 * camera.depth_sd <= UNSURE * seen.mean():
+    if 1.96 * camera.depth_sd <= _UNSURE * seen.mean():
         return []
     drawn = np.random.default_rng(0).uniform(lower, upper, (_DRAWN, len(lower)))
     can = depths(drawn)

@@ -23,7 +23,7 @@ from .curves import curve_value
 from .layout import SpatialLayout, spatial_layout
 from .spatial_slopes import by_joints, by_parameters
 from .spatial_view import Placed, View, compose, look
-from .structure import Indices, Structure
+from .structure import Structure
 from .words import spatial_words
 
 
@@ -118,13 +118,6 @@ class SpatialStructure(Structure):
     def predict(self, q: Array, beta: Array) -> Array:
         """Outputs (n, m) at joint values (n, dof); a rotation is a rotation vector."""
         return self.seen(q, beta)[1].values
-
-    def linearise(
-        self, q: Array, beta: Array, active: Indices | None = None
-    ) -> tuple[Array, Array]:
-        """Outputs (n, m) and their derivative (n, m, k) by the parameters `active` (or all)."""
-        values, x = self.derivative(q, beta, np.arange(self.size) if active is None else active)
-        return values, x.dense()
 
     derivative, predict_and_slope = by_parameters, by_joints
 

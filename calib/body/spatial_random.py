@@ -22,11 +22,11 @@ from .structure import Structure
 if TYPE_CHECKING:
     from .spatial import SpatialStructure
 
-STARTS = 24
+_STARTS = 24
 #: Damped steps of every start, and of the few that are best by then.
-FIRST, LAST, KEPT = 40, 80, 4
+FIRST, _LAST, _KEPT = 40, 80, 4
 #: So many starts that end alike, to this cost, need no others.
-AGREE, SAME = 4, 0.5
+_AGREE, _SAME = 4, 0.5
 #: Rows that they are fitted to.
 ROWS = 150
 
@@ -75,17 +75,17 @@ def chains(structure: SpatialStructure, q: Array, z: Array) -> Sequence[tuple[St
     rng = np.random.default_rng(0)
     free = structure.prior(("placement", "tool"))
     tried: list[tuple[float, SpatialStructure]] = []
-    for _ in range(STARTS):
+    for _ in range(_STARTS):
         drawn = _drawn(structure, z, rng)
         beta, cost, _ = settle(drawn, q, z, drawn.neutral(), free, FIRST)
         tried.append((cost, absorbed(drawn, beta)))
         best = min(other for other, _ in tried)
-        if sum(other < best + SAME for other, _ in tried) >= AGREE:
+        if sum(other < best + _SAME for other, _ in tried) >= _AGREE:
             break
     tried.sort(key=lambda pair: pair[0])
     found: list[tuple[float, SpatialStructure]] = []
-    for _, each in tried[:KEPT]:
-        beta, cost, _ = settle(each, q, z, each.neutral(), free, LAST)
+    for _, each in tried[:_KEPT]:
+        beta, cost, _ = settle(each, q, z, each.neutral(), free, _LAST)
         found.append((cost, absorbed(each, beta)))
     found.sort(key=lambda pair: pair[0])
     return [(each, each.neutral()) for _, each in found[:2]]

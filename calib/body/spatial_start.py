@@ -19,29 +19,29 @@ if TYPE_CHECKING:
     from .spatial import SpatialStructure
 
 #: Rows that a start is fitted to.
-ROWS = 400
+_ROWS = 400
 #: Rows that are enough to tell the best of its guesses.
-GUESSED = 60
+_GUESSED = 60
 #: Damped steps of a start, and of its guesses where there are more rows than that.
-STEPS, FIRST = 40, 10
+_STEPS, _FIRST = 40, 10
 #: Fewest rows that tell a chain of which only the joints are known.
-LEAST = 10
+_LEAST = 10
 #: Fewer numbers than this do not tell good joint origins from bad ones: of 10 draws of 10 rows of a
 #: real UR10, two that moved them ended worse than frames alone, by 1.1 and 1.8; of 15 rows none.
-FEW = 45
+_FEW = 45
 #: A median distance beyond this share says that it is not this arm.
-OTHER = 0.3
+_OTHER = 0.3
 #: A median distance beyond this share of the rows' spread is no calibration error.
-MISFIT = 0.1
-#: Another frame explains positions where its misfit is below this share of a rigid one's.
+_MISFIT = 0.1
+#: Another reading of the rows explains them where its misfit is below this share of theirs.
 CLEAR = 0.3
 #: Tools, as shares of the reach, from which tool and frame are fitted by turns, and how often.
-TOOL, TURNS = 0.1, 8
+_TOOL, _TURNS = 0.1, 8
 
 
 def starts(structure: SpatialStructure, q: Array, z: Array) -> Sequence[tuple[Structure, Array]]:
     """Candidate starts of a fit: structures with their parameters (d,), the best one first."""
-    least = structure.seen_as.least if structure.informed else LEAST
+    least = structure.seen_as.least if structure.informed else _LEAST
     if len(q) < least:
         raise LogError(
             f"{len(q)} rows cannot place a spatial arm in its sensor's frame: expected {least} or "
@@ -49,13 +49,13 @@ def starts(structure: SpatialStructure, q: Array, z: Array) -> Sequence[tuple[St
         )
     if float(np.ptp(z, axis=0).max()) <= 1e-9 * max(float(np.abs(z).max()), 1e-12):
         raise LogError("the positions are the same in every row: the sensor saw no motion")
-    rows = thinned(len(q), ROWS)
+    rows = thinned(len(q), _ROWS)
     q, z = q[rows], z[rows]
     if not structure.informed:
         from .spatial_random import chains
 
         return chains(structure, q, z)
-    few = not structure.camera and z.size < FEW
+    few = not structure.camera and z.size < _FEW
     return [(replace(structure, few=few), frame(structure, q, z))]
 
 
@@ -70,15 +70,15 @@ def frame(structure: SpatialStructure, q: Array, z: Array, arm: Array | None = N
 
     groups = [group for group in frame_groups(structure) if group != "lens"]
     sd = structure.prior(groups).sd
-    every = max(1, len(q) // GUESSED)
-    steps = STEPS if every == 1 else FIRST
+    every = max(1, len(q) // _GUESSED)
+    steps = _STEPS if every == 1 else _FIRST
     guesses = [
         settle(structure, q[::every], z[::every], beta, Prior(beta, sd), steps)
         for beta in _guesses(structure, q, z, arm)
     ]
     beta = min(guesses, key=lambda found: found[1])[0]
     if every > 1:
-        beta = settle(structure, q, z, beta, Prior(beta, sd), STEPS)[0]
+        beta = settle(structure, q, z, beta, Prior(beta, sd), _STEPS)[0]
     if not (structure.camera or structure.seen_as.scaled):
         _refuse_misfit(structure, q, z, beta)
     if (
@@ -97,7 +97,7 @@ def _refuse_misfit(structure: SpatialStructure, q: Array, z: Array, beta: Array)
     left = float(np.median(np.linalg.norm(misfit, axis=1)))
     size = max(float(np.linalg.norm(z[:, :3] - np.median(z[:, :3], axis=0), axis=1).max()), 1e-300)
     tool = float(np.linalg.norm(beta[structure.groups["tool"]]))
-    if left < MISFIT * size and tool < 2 * structure.chain.reach:
+    if left < _MISFIT * size and tool < 2 * structure.chain.reach:
         return
     points = structure.metre * structure.pose(q, structure.neutral())[0]
 
@@ -121,7 +121,7 @@ def _refuse_misfit(structure: SpatialStructure, q: Array, z: Array, beta: Array)
             "the positions are those of a mirrored arm: one of the axes x, y, z has the wrong "
             "sign, or two are swapped; change one of them (columns of the log)"
         )
-    if left > OTHER * size:
+    if left > _OTHER * size:
         raise LogError(
             f"the robot does not explain the positions: in the best frame half of the rows are "
             f"more than {left:.3g} off, of {size:.3g} that they spread; check the order of "
@@ -141,7 +141,7 @@ def _guesses(structure: SpatialStructure, q: Array, z: Array, arm: Array) -> lis
         return _cameras(structure, points, z, beta)
     if structure.outputs == 6:
         return [_from_pose(structure, points, rotations, z, beta)]
-    reach = TOOL * structure.chain.reach
+    reach = _TOOL * structure.chain.reach
     tools = np.vstack([np.zeros(3), reach * np.eye(3), -reach * np.eye(3)])
     found = [_placed(structure, points, rotations, z, tool) for tool in tools]
     _, tool, turn, shift, factor = min(found, key=lambda each: each[0])
@@ -156,7 +156,7 @@ def _placed(
     structure: SpatialStructure, points: Array, rotations: Array, z: Array, tool: Array
 ) -> tuple[float, Array, Array, Array, float]:
     """Median distance, tool, turn, shift and scale that fit rows, by turns, from a tool."""
-    for _ in range(TURNS):
+    for _ in range(_TURNS):
         seen = points + rotations @ tool
         turn, shift, factor = similarity(seen, z)
         if not structure.seen_as.scaled:

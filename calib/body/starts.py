@@ -7,28 +7,28 @@ from dataclasses import dataclass
 import numpy as np
 
 from ..common.arrays import Array
-from .derivative import Derivative
-from .normal import Factor, negative_log_likelihood, slices, student_weights, sums_of
+from .normal import Factor, slices, with_prior
+from .search import Search
 from .structure import Prior, Structure
 
 ROWS = 400
 """Rows that the runs use at most."""
 
-KEPT = 8
+_KEPT = 8
 """Runs that are carried on after the first six steps."""
 
-NU = 6.0
+_NU = 6.0
 
 SETTLED = 1e-3
 """Share of a parameter's own sd below which a step ends a run."""
 
-RIVAL = 2.0
+_RIVAL = 2.0
 """A rival's residuals are at most this many times the best start's."""
 
 APART = 0.05
 """Two starts are different arms where they differ by this share of the extents."""
 
-ASKED = 100
+_ASKED = 100
 """Places where two starts are compared."""
 
 
@@ -61,17 +61,21 @@ def best_starts(
     found = structure.starts(q, z)
     if len(found) == 1:  # nothing to choose from: the gate goes on from here
         return (Start(found[0][0], found[0][1], 0.0, 0.0),)
-    runs = [_refined(each, q, z, beta, free, 6) for each, beta in found]
+
+    def refined(each: Structure, beta: Array, steps: int) -> Start:
+        return Start(each, *settle(each, q, z, beta, each.prior(free), steps))
+
+    runs = [refined(each, beta, 6) for each, beta in found]
     runs.sort(key=lambda run: run.cost)
-    runs = [_refined(run.structure, q, z, run.beta, free, 40) for run in runs[:KEPT]]
+    runs = [refined(run.structure, run.beta, 40) for run in runs[:_KEPT]]
     best = runs[0]
     for run in runs:
         if run.cost < best.cost - 1e-9 * abs(best.cost):
             best = run
-    ask = box[0] + np.random.default_rng(0).random((ASKED, q.shape[1])) * box[1]
+    ask = box[0] + np.random.default_rng(0).random((_ASKED, q.shape[1])) * box[1]
     there = best.structure.predict(ask, best.beta)
     for run in sorted(runs, key=lambda run: run.cost):
-        if run.noise > RIVAL * best.noise or not np.isfinite(run.cost):
+        if run.noise > _RIVAL * best.noise or not np.isfinite(run.cost):
             break
         apart = best.structure.residual(there, run.structure.predict(ask, run.beta))
         if float(np.abs(apart / best.structure.extents).max()) > max(APART, 20 * best.noise):
@@ -87,18 +91,9 @@ def _spread(r: Array, extents: Array, blocks: tuple[int, ...]) -> Array:
         e2 = (r[:, part] ** 2).sum(axis=1)
         s2 = float(np.median(e2)) / p + least
         for _ in range(12):
-            s2 = float(((NU + p) / (NU + e2 / s2) * e2).mean()) / p + least
+            s2 = float(((_NU + p) / (_NU + e2 / s2) * e2).mean()) / p + least
         sigma[part] = np.sqrt(s2)
     return sigma
-
-
-def _refined(
-    structure: Structure, q: Array, z: Array, beta: Array, free: tuple[str, ...], steps: int
-) -> Start:
-    """The end of a short run from `beta`."""
-    prior = structure.prior(free)
-    beta = np.where(prior.sd > 0, beta, prior.mean)
-    return Start(structure, *settle(structure, q, z, beta, prior, steps))
 
 
 def settle(
@@ -112,52 +107,33 @@ def settle(
     Returns cost : negative log posterior with Student noise, of which the scale was fitted
     Returns noise : share of the extents that the residuals have
     """
-    active, blocks, extents = prior.active, structure.blocks, structure.extents
-    sd, mean = prior.sd[active], prior.mean[active]
+    search = Search(structure, q, z, beta, prior, _NU, np.zeros(structure.outputs))
+    search.edges = np.array([0, len(z)])  # nothing is held out
     damping = 1e-3
-
-    def posterior(r: Array, b: Array, sigma: Array) -> float:
-        away = (b[active] - mean) / sd
-        return negative_log_likelihood(r, sigma, NU, blocks) + 0.5 * float(away @ away)
-
     with np.errstate(all="ignore"):
         for _ in range(steps):
-            predicted, x = structure.linearise(q, beta, active)
-            r = structure.residual(z, predicted)
-            if not (np.isfinite(r).all() and np.isfinite(x).all()):
-                return beta, np.inf, np.inf
-            sigma = _spread(r, extents, blocks)
-            w = student_weights(r, sigma, NU, blocks)
-            parts = sums_of(
-                Derivative.of(x / sigma[:, None]), r / sigma, w, blocks, np.array([0, len(r)])
-            )
-            gram = np.sum([s.gram for s in parts], axis=0)
-            pull = np.sum([s.moment for s in parts], axis=0) - (beta[active] - mean) / sd**2
-            gram[np.diag_indices(len(sd))] += sd**-2.0
-            before = posterior(r, beta, sigma)
+            search.noise = _spread(search.r, structure.extents, search.blocks)
+            search.linearise(fresh=True)
+            gram, moment = search.data()
+            precision = with_prior(gram, search.sd, None)
+            pull = moment - search.pull(search.distance(search.beta))
+            diagonal = np.diag(precision).copy()
+            before = search.objective(search.beta, search.r)
             for _ in range(8):
-                damped = gram.copy()
-                damped[np.diag_indices(len(sd))] *= 1 + damping
+                precision[np.diag_indices(len(pull))] = (1 + damping) * diagonal
                 try:
-                    delta = Factor(damped).solve(pull)
+                    delta = Factor(precision).solve(pull)
+                    beta, r, value = search.after(delta)
                 except np.linalg.LinAlgError:
-                    damping = min(damping * 8, 1e8)
-                    continue
-                full = np.zeros(len(beta))
-                full[active] = delta
-                moved = structure.retract(beta, full)
-                after = structure.residual(z, structure.predict(q, moved))
-                if np.isfinite(after).all() and posterior(after, moved, sigma) < before:
+                    value = np.inf
+                if value < before:
                     break
                 damping = min(damping * 8, 1e8)
             else:
                 break
-            damping = max(damping / 10, 1e-12)
-            beta = moved
-            if float((np.abs(delta) * np.sqrt(np.diag(gram))).max()) < SETTLED:
+            search.beta, search.r, damping = beta, r, max(damping / 10, 1e-12)
+            if float((np.abs(delta) * np.sqrt(diagonal)).max()) < SETTLED:
                 break
-        r = structure.residual(z, structure.predict(q, beta))
-        if not np.isfinite(r).all():
-            return beta, np.inf, np.inf
-        sigma = _spread(r, extents, blocks)
-    return beta, posterior(r, beta, sigma), float((sigma / extents).max())
+        search.noise = _spread(search.r, structure.extents, search.blocks)
+        cost = search.objective(search.beta, search.r)
+    return search.beta, cost, float((search.noise / structure.extents).max())

@@ -146,14 +146,12 @@ class Structure:
         self, q: Array, beta: Array, active: Indices | None = None
     ) -> tuple[Array, Array]:
         """Outputs (n, m) and their derivative (n, m, k) by the parameters `active` (or all)."""
-        raise NotImplementedError
+        values, x = self.derivative(q, beta, np.arange(self.size) if active is None else active)
+        return values, x.dense()
 
     def derivative(self, q: Array, beta: Array, active: Indices) -> tuple[Array, Derivative]:
         """The same with the derivative's structure, where it has one."""
-        from .derivative import Derivative
-
-        values, x = self.linearise(q, beta, active)
-        return values, Derivative.of(x)
+        raise NotImplementedError
 
     def predict_and_slope(self, q: Array, beta: Array) -> tuple[Array, Array]:
         """Outputs (n, m) and their derivative (n, m, dof) by the joint values."""

@@ -9,18 +9,18 @@ import numpy as np
 
 from ..common.arrays import Array
 
-DEGREE = np.pi / 180
+_DEGREE = np.pi / 180
 
-STILL = 1e-6
+_STILL = 1e-6
 """A joint that moves less than this [rad or m] is constant."""
 
-SHARE = 1e-3
+_SHARE = 1e-3
 """Joint directions with less than this share of the largest spread never moved."""
 
-CELLS = 24
+_CELLS = 24
 """Cells along each joint's span that tell a path from an area."""
 
-AREA_ROWS = 300
+_AREA_ROWS = 300
 """From this many rows on an area fills more cells than a path."""
 
 
@@ -44,11 +44,11 @@ def warnings_of(
     notes: list[str] = []
     moving: list[int] = []
     for i, name in enumerate(joint_names):
-        if span[i] < STILL:
+        if span[i] < _STILL:
             notes.append(f"{name} never moves: the rows cannot tell its length, offset or sign")
             continue
         moving.append(i)
-        if revolute[i] and span[i] < DEGREE:
+        if revolute[i] and span[i] < _DEGREE:
             notes.append(f"{name} moves by {np.degrees(span[i]):.2g} deg only")
         elif lower is not None and upper is not None and span[i] < 0.1 * (upper[i] - lower[i]):
             share = 100 * span[i] / (upper[i] - lower[i])
@@ -77,19 +77,19 @@ def _alike(q: Array, names: Sequence[str], moving: list[int]) -> list[str]:
         return notes
     scaled = (q[:, kept] - q[:, kept].mean(axis=0)) / np.ptp(q[:, kept], axis=0)
     values = np.linalg.svd(scaled, compute_uv=False)
-    rank = int((values > SHARE * values[0]).sum())
+    rank = int((values > _SHARE * values[0]).sum())
     if rank < len(kept):
         listed = ", ".join(names[i] for i in kept)
         notes.append(
             f"{listed} move together along {rank} of {len(kept)} directions: "
             "the rows cannot tell them apart"
         )
-    elif len(q) >= AREA_ROWS and _is_path(scaled):
+    elif len(q) >= _AREA_ROWS and _is_path(scaled):
         notes.append("the joints move along a path, not over an area: beside it the bound is wide")
     return notes
 
 
 def _is_path(scaled: Array) -> bool:
     """Whether any two joints together visit no more cells than a few curves would."""
-    cells = np.minimum(((scaled - scaled.min(axis=0)) * CELLS).astype(int), CELLS - 1).T
-    return all(len(np.unique(a * CELLS + b)) < 7 * CELLS for a, b in combinations(cells, 2))
+    cells = np.minimum(((scaled - scaled.min(axis=0)) * _CELLS).astype(int), _CELLS - 1).T
+    return all(len(np.unique(a * _CELLS + b)) < 7 * _CELLS for a, b in combinations(cells, 2))

@@ -44,10 +44,6 @@ class Trend:
         o = self.outputs
         return both[:o].T, both[o:].reshape(u.shape[1], o, -1).transpose(2, 1, 0)
 
-    def slope(self, u: Array) -> Array:
-        """Its derivative by each unit coordinate, (n, outputs, d)."""
-        return self.value_and_slope(u)[1]
-
     def _features(self, u: Array) -> Array:
         """Products of plain functions of the coordinates, (terms, n), in the basis' order."""
         first, *others = self.basis.plain(u)

@@ -17,6 +17,7 @@ from numpy.typing import NDArray
 from ..body import planar_view
 from ..body.belief import Body
 from ..body.covariance import RADIUS_95
+from ..body.derivative import Derivative
 from ..body.planar import PlanarStructure
 from ..body.structure import Indices, Structure
 from ..common.arrays import Array
@@ -44,15 +45,12 @@ class SeenStructure(PlanarStructure):
         value = self.model.predictor.value(self.model.motor.scale.to_unit(q))
         return np.asarray(value[:, 0] + 1j * value[:, 1])
 
-    def linearise(
-        self, q: Array, beta: Array, active: Indices | None = None
-    ) -> tuple[Array, Array]:
+    def derivative(self, q: Array, beta: Array, active: Indices) -> tuple[Array, Derivative]:
         """Positions (n, 2) and derivatives (n, 2, k) by the view's parameters."""
-        active = np.arange(self.size) if active is None else active
         place = np.full(self.size, -1)
         place[active] = np.arange(len(active))
         z, _, out = planar_view.columns(self, self.chain(q, beta), beta, place, len(active))
-        return z, out
+        return z, Derivative.of(out)
 
     def predict_and_slope(self, q: Array, beta: Array) -> tuple[Array, Array]:
         """Positions (n, 2) and their derivative (n, 2, dof) by the joint values."""

@@ -28,13 +28,13 @@ from .parts import (
 if TYPE_CHECKING:
     from ..model.model import Model
 
-PREFIX = "schema."
+_PREFIX = "schema."
 """Tensors of schema k are named "schema.k.NAME"."""
 
 BYTES = 2_000_000
 """All kept schemas take no more; those that were kept longest are left out of the file."""
 
-SMOOTH = "smooth."
+_SMOOTH = "smooth."
 """Those of its smooth part, body or trend, "schema.k.smooth.NAME"."""
 
 _MOST = 100
@@ -48,7 +48,7 @@ def pack(schemas: Sequence[Schema]) -> tuple[list[dict[str, Any]], dict[str, NDA
     described: list[dict[str, Any]] = []
     tensors: dict[str, NDArray[Any]] = {}
     for k, schema in enumerate(schemas[:_MOST]):
-        own = {f"{PREFIX}{k}.{name}": array for name, array in _tensors(schema).items()}
+        own = {f"{_PREFIX}{k}.{name}": array for name, array in _tensors(schema).items()}
         if sum(array.nbytes for array in (*tensors.values(), *own.values())) > BYTES:
             break
         tensors |= own
@@ -68,7 +68,7 @@ def _tensors(schema: Schema) -> dict[str, NDArray[Any]]:
     arrays = {
         "motor": predictor.motor.units.astype(np.float32),
         "sensory": schema.sensory.units.astype(np.float32),
-        **{SMOOTH + name: array for name, array in smooth_tensors(predictor.smooth).items()},
+        **{_SMOOTH + name: array for name, array in smooth_tensors(predictor.smooth).items()},
         "bounds": _rounded_up(schema.bounds),
         "model_bounds": _rounded_up(schema.model_bounds),
         "visited": np.packbits(schema.visited),  # an eighth of a byte a node
@@ -99,7 +99,7 @@ def unpack(model: Model, described: Any, tensors: Tensors) -> tuple[Schema, ...]
     states = of_type("schemas", described, list)
     refuse({f"at most {_MOST} schemas": len(states) > _MOST}, "schemas")
     found = [
-        _schema(model, state, tensors.under(f"{PREFIX}{k}.")) for k, state in enumerate(states)
+        _schema(model, state, tensors.under(f"{_PREFIX}{k}.")) for k, state in enumerate(states)
     ]
     names = [model.schema, *(s.name for s in found)]
     refuse({"schemas of different names": len(set(names)) < len(names)}, "schemas")
@@ -124,7 +124,7 @@ def _schema(model: Model, state: Any, tensors: Tensors) -> Schema:
         slopes = take("linear.slopes", nodes, dof, width)
         return LinearModels(motor, take("linear.values", nodes, width), slopes)
 
-    smooth, _ = build_smooth(state, tensors.under(SMOOTH), motor.scale, width, linear)
+    smooth, _ = build_smooth(state, tensors.under(_SMOOTH), motor.scale, width, linear)
     models = build_models(
         state["local"], tensors, ("radius", "local", "gates"), (nodes, dof, width),
         kind="float32", fades=True,

@@ -63,7 +63,7 @@ def fit_in_space(samples: Samples, rows: NDArray[np.intp], view: str, seed: int)
             arm, kind, unit="px", extent=extent, lens=camera.lens, lens_sd=camera.lens_sd
         )
         fit = fit_structure(template, q, x, seed=seed, notes=notes)
-        refuse_pixels(fit, q, x)
+        refuse_pixels(fit.body, q, x)
         doubts = doubtful_depth(fit.body, q, samples.lower, samples.upper)
         return replace(fit, notes=(*fit.notes, *doubts))
     if view not in _VIEWS:
