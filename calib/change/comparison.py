@@ -25,7 +25,7 @@ from .members import as_built
 from .reference import Reference, carried_offset, kept_reference, reference_of
 from .rows import Log, weighted
 from .sanity import comparable, lag_of
-from .seen import seen_body
+from .seen import body_of
 
 _PROBES = 120  # joints all over the learned range at which predictions are compared
 UNEXPLAINED = 0.1
@@ -294,7 +294,7 @@ def compare(model: Model, log: Samples, cause: str | None = None) -> Comparison:
         )
     u, x, notes = comparable(model, log)
     q = model.motor.scale.from_unit(u)
-    body = seen_body(model) if model.body is None else model.body
+    body = body_of(model)
     predicted = model.predictor.value(u)
     if not (np.abs([predicted, body.predict(q)]) < _SQUARED).all():  # as in a forged file
         raise ModelError("the model predicts no finite positions for this log: train it again")
