@@ -15,6 +15,7 @@ from ..body.spatial import structure_of
 from ..body.spatial_random import unknown_structure
 from ..body.telling import warnings_of
 from ..body.views import is_camera
+from ..common.choices import VIEWS
 from ..common.scale import METRES
 from ..errors import OptionError
 from ..samples.samples import Samples
@@ -22,27 +23,23 @@ from ..samples.samples import Samples
 _VIEWS = ("auto", "base", "rigid", "similarity")
 
 
-def sees_from_anywhere(samples: Samples, view: str) -> bool:
-    """Whether samples are pixels of an arm in space, seen by a pinhole camera.
+def in_space(samples: Samples, view: str) -> bool:
+    """Whether samples are of an arm in space, seen as positions or by a pinhole camera.
 
-    Raises OptionError if `view` asks for that and the samples are others, or the other way round.
+    Raises OptionError if `view` is not one of such samples.
     """
-    fits = samples.camera is not None and isinstance(samples.arm, SpatialArm)
-    if is_camera(view) and not fits:
+    pixels = samples.camera is not None and isinstance(samples.arm, SpatialArm)
+    positions = not pixels and samples.x.shape[1] == 3
+    kinds = _VIEWS if positions else [v for v in VIEWS if v == "auto" or is_camera(v) == pixels]
+    if view not in kinds and not (is_camera(view) and pixels):
+        seen = "positions in space" if positions else "positions or pixels in a plane"
         raise OptionError(
-            f"view {view!r} needs a log of pixels u, v and the robot that they are of, which moves "
-            "in space",
-            hint="for planar arms give `view='homography'`",
+            f"view {view!r} is not one of {'pixels of an arm in space' if pixels else seen}",
+            hint=f"give one of {', '.join(kinds)}",
             parameter="view",
             value=view,
         )
-    if fits and not (view == "auto" or is_camera(view)):
-        raise OptionError(
-            f"view {view!r} is not that of pixels of an arm in space: expected pinhole",
-            parameter="view",
-            value=view,
-        )
-    return fits
+    return pixels or positions
 
 
 def fit_in_space(samples: Samples, rows: NDArray[np.intp], view: str, seed: int) -> BodyFit:
@@ -65,12 +62,6 @@ def fit_in_space(samples: Samples, rows: NDArray[np.intp], view: str, seed: int)
         fit = fit_structure(template, q, x, seed=seed, notes=notes)
         doubts = told_by(fit, q, x, samples.lower, samples.upper)
         return replace(fit, notes=(*fit.notes, *doubts))
-    if view not in _VIEWS:
-        raise OptionError(
-            f"view {view!r} is for planar arms; for x, y, z expected one of {', '.join(_VIEWS)}",
-            parameter="view",
-            value=view,
-        )
     metre = METRES.get(samples.unit, 1.0)
     simulated = samples.simulation is not None
     if isinstance(arm, SpatialArm) and not simulated:

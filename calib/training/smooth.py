@@ -22,7 +22,7 @@ from ..errors import OptionError
 from ..maps.misfit import misfit
 from ..maps.model_selection import Candidate, of_body, of_trends
 from ..samples.samples import Samples
-from .in_space import fit_in_space, sees_from_anywhere
+from .in_space import fit_in_space, in_space
 from .learn import Options
 
 Rows = slice | NDArray[np.intp]
@@ -73,7 +73,7 @@ def find_smooth_part(
     simulation = samples.simulation
     fit = (
         fit_in_space(samples, rows, view, seed)
-        if sees_from_anywhere(samples, view) or x.shape[1] == 3
+        if in_space(samples, view)
         else _planar(samples, q, x, view, seed)
     )
     under = of_body(fit, scale, u, x)
