@@ -19,41 +19,47 @@ DIRECTIONS = ("forward", "inverse")
 
 def failures(found: Sweep) -> list[str]:
     """Return a line for each error of a source, however many of its trainings it ended."""
-    ended: dict[tuple[str, str], list[Trial]] = {}
+    from calib.sweeps.trials import written
+
+    ended: dict[tuple[str, str], list[str]] = {}
     for row in found.failed:
-        ended.setdefault((row.source, row.error), []).append(row)
-    return [f"error: {source}, {_which(rows)}: {error}" for (source, error), rows in ended.items()]
+        options = [f"{name} {written(value)}" for name, value in row.options.items()]
+        which = ", ".join([*options, f"seed {row.seed}"])
+        ended.setdefault((row.source, row.error), []).append(which)
+    return [
+        f"error: {source}, {rows[0] if len(rows) == 1 else f'{len(rows)} trainings'}: {error}"
+        for (source, error), rows in ended.items()
+    ]
 
 
 def sweep_tables(found: Sweep, readouts: Sequence[str]) -> list[TextTable]:
     """Return a table for each readout, with a row for each combination that was trained."""
     from calib.sweeps.trials import written
 
-    parts = [done for part in found.combinations() if (done := _trained(part))]
+    parts = [told for part in found.combinations() if (told := combination(part))["errors"]]
     if not parts:
         return []
-    varied = _varied(found)
+    # options of which more than one value was tried
+    names = dict.fromkeys(name for row in found.rows for name in row.options)
+    varied = [n for n in names if len({repr(row.options.get(n)) for row in found.rows}) > 1]
     seeds = len({row.seed for row in found.rows})
-    keys = ("mean", "spread", "max") if seeds > 1 else ("mean", "max")
-    units = list(dict.fromkeys(part[0].unit for part in parts))
+    keys = {"mean": "", "spread": "sd", "max": "max"} if seeds > 1 else {"mean": "", "max": "max"}
     header = ["source", *varied]
-    header += [{"mean": way, "spread": "sd"}.get(key, key) for way in DIRECTIONS for key in keys]
-    lines = []
+    header += [shown or way for way in DIRECTIONS for shown in keys.values()]
+    unit = ", ".join(dict.fromkeys(for_people(part["unit"])[1] for part in parts))
+    tables = []
     for readout in readouts:
         rows = []
         for part in parts:
-            factor, _ = for_people(part[0].unit)
-            cells = [part[0].source, *(written(part[0].options.get(name)) for name in varied)]
-            for way in DIRECTIONS:
-                result = together(part, readout, way)
-                cells += [number(result[key] * factor) for key in keys]
-            rows.append([*cells, fixed(_mean([row.seconds for row in part]), 2)])
-        unit = ", ".join(for_people(unit)[1] for unit in units)
+            factor, _ = for_people(part["unit"])
+            ways = [part["errors"][readout][way] for way in DIRECTIONS]
+            cells = [part["source"], *(written(part["options"].get(name)) for name in varied)]
+            cells += [number(errors[key] * factor) for errors in ways for key in keys]
+            rows.append([*cells, fixed(part["seconds"], 2)])
         title = f"{readout} readout: mean and largest error of the tip [{unit}]"
-        if seeds > 1:
-            title += f", mean of {seeds} seeds and its standard deviation"
-        lines.append(TextTable([*header, "seconds"], rows, title, left=1 + len(varied)))
-    return [*lines[:-1], *map(explained, lines[-1:])]  # the terms once, below the last
+        title += f", mean of {seeds} seeds and its standard deviation" if seeds > 1 else ""
+        tables.append(TextTable([*header, "seconds"], rows, title, left=1 + len(varied)))
+    return [*tables[:-1], explained(tables[-1])]  # the terms once, below the last
 
 
 def count_line(found: Sweep, output: str | None) -> str:
@@ -76,7 +82,7 @@ def document(found: Sweep, output: str | None) -> dict[str, Any]:
         "trainings": len(found),
         "failed": len(found.failed),
         "units": {"errors": "unit of the row", "seconds": "s"},
-        "combinations": [_combination(part) for part in found.combinations()],
+        "combinations": [combination(part) for part in found.combinations()],
         "rows": [
             fields(row, "source options seed seconds")
             # what a training that failed does not have, and the error of one that did not
@@ -86,26 +92,12 @@ def document(found: Sweep, output: str | None) -> dict[str, Any]:
     }
 
 
-def together(part: Sequence[Trial], readout: str, direction: str) -> dict[str, float]:
-    """Return what trainings gave that differ in their seed alone, errors of the tip [unit].
-
-    "mean" of the mean errors, their standard deviation "spread" (NaN for one seed), and the
-    largest error "max" of all.
-    """
+def combination(part: Sequence[Trial]) -> dict[str, Any]:
+    """Return what trainings gave that differ in their seed alone, those that failed left out."""
     # not NumPy's: what one command alone needs must not slow the others' start
-    from statistics import stdev
+    from statistics import fmean
 
-    means = [row.distance(readout, direction, "mean") for row in part]
-    known = len(means) > 1 and all(map(math.isfinite, means))  # a training may lack a readout
-    return {
-        "mean": _mean(means),
-        "spread": stdev(means) if known else math.nan,
-        "max": max(row.distance(readout, direction, "max") for row in part),
-    }
-
-
-def _combination(part: Sequence[Trial]) -> dict[str, Any]:
-    done = _trained(part)
+    done = [row for row in part if not row.error]
     errors = {r: {way: together(done, r, way) for way in DIRECTIONS} for r in READOUTS if done}
     return {
         "source": part[0].source,
@@ -113,29 +105,23 @@ def _combination(part: Sequence[Trial]) -> dict[str, Any]:
         "seeds": [row.seed for row in part],
         "failed": len(part) - len(done),
         "unit": done[0].unit if done else None,
-        "seconds": _mean([row.seconds for row in done]) if done else None,
+        "seconds": fmean(row.seconds for row in done) if done else None,
         "errors": errors or None,
     }
 
 
-def _mean(values: Sequence[float]) -> float:
-    return math.fsum(values) / len(values)
+def together(part: Sequence[Trial], readout: str, direction: str) -> dict[str, float]:
+    """Return what some seeds gave for a readout, errors of the tip [unit].
 
+    "mean" of the mean errors, their standard deviation "spread" (NaN for one seed), and the
+    largest error "max" of all.
+    """
+    from statistics import fmean, stdev
 
-def _trained(part: Sequence[Trial]) -> list[Trial]:
-    return [row for row in part if not row.error]
-
-
-def _varied(found: Sweep) -> list[str]:
-    """Return the options of which more than one value was tried."""
-    names = dict.fromkeys(name for row in found.rows for name in row.options)
-    return [n for n in names if len({repr(row.options.get(n)) for row in found.rows}) > 1]
-
-
-def _which(rows: Sequence[Trial]) -> str:
-    from calib.sweeps.trials import written
-
-    if len(rows) > 1:
-        return f"{len(rows)} trainings"
-    options = [f"{name} {written(value)}" for name, value in rows[0].options.items()]
-    return ", ".join([*options, f"seed {rows[0].seed}"])
+    means = [row.distance(readout, direction, "mean") for row in part]
+    known = len(means) > 1 and all(map(math.isfinite, means))  # a training may lack a readout
+    return {
+        "mean": fmean(means),
+        "spread": stdev(means) if known else math.nan,
+        "max": max(row.distance(readout, direction, "max") for row in part),
+    }

@@ -139,9 +139,10 @@ def plain(value: Any) -> Any:
     """Return a value as JSON can hold it: no arrays, no NaN, no infinity."""
     if isinstance(value, Mapping):
         return {str(key): plain(item) for key, item in value.items()}
-    # a scalar of NumPy too, whose NaN json would write as no JSON
-    if hasattr(value, "tolist"):  # NumPy, which need not be imported for this
-        return plain(value.tolist())
+    # arrays and scalars of NumPy, columns of Polars, which need not be imported for this
+    for name in ("tolist", "to_list"):
+        if hasattr(value, name):
+            return plain(getattr(value, name)())
     if isinstance(value, (list, tuple)):
         return [plain(item) for item in value]
     if isinstance(value, float) and not math.isfinite(value):

@@ -60,15 +60,14 @@ def finite_number(text: str) -> float:
 
 def integer(least: int, most: int = 2**63 - 1) -> Reader[int]:
     """Return a reader of whole numbers within bounds."""
+    limits = f"{least} or more" + (f", at most {most}" if most < 2**63 - 1 else "")
 
-    @expects("a whole number")
+    @expects(f"a whole number, {limits}")
     def read(text: str) -> int:
         # int() also takes 1_0 and the digits of other scripts
         require(text.isascii() and "_" not in text)
         value = int(text)
-        if not least <= value <= most:
-            limits = f"{least} or more" if value < least else f"at most {most}"
-            raise ReadingError(text, f"a whole number, {limits}")
+        require(least <= value <= most)
         return value
 
     return read

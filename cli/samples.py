@@ -12,7 +12,7 @@ from . import parsing
 from .options import GRID
 from .output import Notes
 from .parsing import Columns, JointRange, JointValue, Names
-from .units import changes_in_si, kinds_of_joints, locks_in_si, ranges_in_si
+from .units import in_si, kinds_of_joints
 from .usage import BadOption, choice, option, refuse
 
 if TYPE_CHECKING:
@@ -51,8 +51,8 @@ class Selection:
             robot,
             list(self.joints) if self.joints else None,
             self.tip,
-            lock={**(held or {}), **locks_in_si(self.lock or (), turns, self.degrees)},
-            ranges=ranges_in_si(self.ranges or (), turns, self.degrees),
+            lock={**(held or {}), **in_si("--lock", self.lock, turns, self.degrees)},
+            ranges=in_si("--range", self.ranges, turns, self.degrees),
             planar=self.planar,
             columns=columns,
         )
@@ -155,14 +155,21 @@ def babbled_samples(
 ) -> Samples:
     """Babble in simulation, and say what was assumed."""
     import calib
+    from calib.errors import OptionError
+    from calib.samples.changes import parse_changes
 
     arm = selection.load(robot)
     notes.say(arm.notes)
+    turning = [name for name, turns in zip(arm.joint_names, arm.revolute, strict=True) if turns]
+    try:
+        changes = parse_changes(babbling.change or (), degrees=turning * selection.degrees)
+    except OptionError as error:
+        raise BadOption(f"--{error}") from None
     shared: dict[str, Any] = {
         "n": SAMPLES if babbling.samples is None else babbling.samples,
         "seed": seed,
         "noise": babbling.noise or 0.0,
-        "changes": changes_in_si(babbling.change or (), arm, selection.degrees),
+        "changes": changes,
     }
     if strategy == "goal":
         from calib.training.goal_babbling import goal_babble
@@ -207,7 +214,7 @@ def measured_samples(
         columns=logged.columns,
         degrees=selection.degrees,
         unit=logged.unit,
-        ranges=ranges_in_si(selection.ranges or (), turns, selection.degrees),
+        ranges=in_si("--range", selection.ranges, turns, selection.degrees),
         prismatic=logged.prismatic or (),
         seed=seed,
         lens=glass,

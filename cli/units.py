@@ -1,23 +1,21 @@
-"""Units: what people read and type, answers among it, and the SI units beneath."""
+"""Units: how joint values are typed and printed, and the SI units beneath."""
 
 from __future__ import annotations
 
 import math
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from typing import TYPE_CHECKING, Any
 
 from calib.common.wording import for_people, unit_of_joint
 from calib.show.facts import learned_range
 
-from .output import TextTable, fixed, show
-from .parsing import JointRange, JointValue
+from .output import fixed
 from .usage import BadOption, bad_option
 
 if TYPE_CHECKING:
     from calib.arm.arm import Arm
     from calib.model.about import About
     from calib.model.model import Model
-    from calib.samples.changes import Change
 
 
 def units_of(about: About, frame: str = "sensor") -> dict[str, Any]:
@@ -47,14 +45,13 @@ class JointFormat:
     """
 
     def __init__(self, about: About | Arm, degrees: bool) -> None:
-        self.names = about.joint_names
+        self.names, self.degrees = about.joint_names, degrees
         self._about = about
-        self.degrees = degrees
-
-    @property
-    def typed(self) -> list[float]:
+        units = [unit_of_joint(turns, degrees) for turns in about.revolute]
+        self.typed = [factor for factor, _ in units]
         """Factors from SI units to what is typed, and written to tables of answers."""
-        return [unit_of_joint(turns, self.degrees)[0] for turns in self._about.revolute]
+        self._units = [unit for _, unit in units]
+        self._printed = [for_people(unit) if unit == "m" else (by, unit) for by, unit in units]
 
     def in_si(self, columns: Mapping[str, Any]) -> dict[str, Any]:
         """Columns of a table of answers in SI units, as a JSON document holds them."""
@@ -66,30 +63,15 @@ class JointFormat:
 
     @property
     def header(self) -> list[str]:
-        """Names of the joints with their units."""
-        return [f"{name} [{self._printed(k)[1]}]" for k, name in enumerate(self.names)]
+        """Names of the joints with the units that they are printed in."""
+        return [f"{n} [{unit}]" for n, (_, unit) in zip(self.names, self._printed, strict=True)]
 
-    def cell(self, k: int, value: float) -> str:
-        """Return a value of joint `k` [rad or m] as a cell of a table."""
-        factor, unit = self._printed(k)
-        return fixed(value * factor, 6 if unit == "rad" else 4)
-
-    def learned_range(self, k: int) -> str:
-        """Return the learned range of joint `k` in words."""
-        return learned_range(self._about, k, degrees=self.degrees)
-
-    def value(self, k: int, value: float) -> str:
-        """Return a value of joint `k` [rad or m] in words."""
-        factor, unit = unit_of_joint(self._about.revolute[k], self.degrees)
-        return f"{self.names[k]} = {value * factor:.6g} {unit}"
-
-    def hint(self, k: int, value: float) -> str:
-        """Return what to do if a value of joint `k` [rad] outside of its range fits in degrees."""
-        low, high = self._about.lower[k], self._about.upper[k]
-        # below one turn a value may as well be a slip in rad: nothing is suggested
-        fits = low <= math.radians(value) <= high and abs(value) > 2.0 * math.pi
-        far = self._about.revolute[k] and not self.degrees and fits
-        return "; as degrees it fits: give --degrees" if far else ""
+    def cells(self, q: Sequence[float]) -> list[str]:
+        """Return joint values (dof,) [rad or m] as cells of a table."""
+        return [
+            fixed(value * factor, 6 if unit == "rad" else 4)
+            for value, (factor, unit) in zip(q, self._printed, strict=True)
+        ]
 
     def one_each(self, option: str, typed: Sequence[float] | None) -> list[float] | None:
         """Return a value of each joint [rad or m] of what was typed for an option, if it was.
@@ -104,85 +86,46 @@ class JointFormat:
             raise bad_option(option, shown, expected)
         return [value / factor for value, factor in zip(typed, self.typed, strict=True)]
 
-    def of_change(self, k: int) -> tuple[float, str]:
-        """Return the factor and the unit in which a change of joint `k` is printed."""
-        return for_people(self._about.units_of_joints[k])
+    def beyond(self, model: Model, q: Sequence[float]) -> str | None:
+        """Say which joint of q (dof,) [rad or m] is outside of its learned range, None if none."""
+        from calib.model.trust import ROUNDED
 
-    def size(self, k: int, value: float) -> str:
+        about, turns_round = model.about, model.motor.scale.periodic
+        for k, (value, low, high) in enumerate(zip(q, about.lower, about.upper, strict=True)):
+            if turns_round[k] or max(low - value, value - high) <= ROUNDED * (high - low):
+                continue
+            # below one turn a value may as well be a slip in rad: nothing is suggested
+            fits = low <= math.radians(value) <= high and abs(value) > 2.0 * math.pi
+            hint = about.revolute[k] and not self.degrees and fits
+            return (
+                f"{self.names[k]} = {value * self.typed[k]:.6g} {self._units[k]} is outside of the "
+                f"learned range {learned_range(about, k, degrees=self.degrees)}"
+                f"{'; as degrees it fits: give --degrees' if hint else ''}"
+            )
+        return None
+
+    def change(self, k: int, value: float) -> str:
         """Return a change of joint `k` [rad or m] in words, in deg or mm."""
-        factor, unit = self.of_change(k)
+        factor, unit = for_people(self._about.units_of_joints[k])
         return f"{self.names[k]} {abs(value) * factor:.4g} {unit}"
 
-    def _printed(self, k: int) -> tuple[float, str]:
-        if self._about.revolute[k]:
-            return for_people("rad") if self.degrees else (1.0, "rad")
-        return for_people("m")
 
+def in_si(
+    option: str, typed: Sequence[tuple[Any, ...]] | None, turns: Mapping[str, bool], degrees: bool
+) -> dict[str, Any]:
+    """Return what was typed for joints, a value or a range each, in SI units by joint.
 
-_Answer = dict[str, Any]
-"""Joints [rad or m] by name, "position" and further quantities, in SI or the sensor's unit."""
-
-
-def answers(joints: JointFormat, q: Any, **quantities: Any) -> list[_Answer]:
-    """Return a document for each answer, of joints (n, dof) and quantities of n rows each."""
-    rows = zip(q, *quantities.values(), strict=True)
-    return [
-        {
-            "joints": dict(zip(joints.names, of, strict=True)),
-            **dict(zip(quantities, row, strict=True)),
-        }
-        for of, *row in rows
-    ]
-
-
-def show_answers(
-    joints: JointFormat,
-    found: Sequence[_Answer],
-    unit: str,
-    axes: Sequence[str],
-    quantities: Sequence[str],
-    title: str = "",
-) -> None:
-    """Print answers, one line each; an angle is in deg, all else in the unit of the positions."""
-    # bounds and distances have the unit of the positions, but for the angle of a pose
-    factor, printed = for_people(unit)
-    header = [*joints.header, *(f"{axis} [{printed}]" for axis in axes)]
-    units = [for_people("rad") if name == "turned" else (factor, printed) for name in quantities]
-    header += [
-        f"{name.replace('_', ' ')} [{shown}]"
-        for name, (_, shown) in zip(quantities, units, strict=True)
-    ]
-    rows = []
-    for answer in found:
-        row = [joints.cell(k, value) for k, value in enumerate(answer["joints"].values())]
-        row += [fixed(value * factor, 4) for value in answer["position"]]
-        row += [
-            fixed(float(answer[name]) * by, 4)
-            for name, (by, _) in zip(quantities, units, strict=True)
-        ]
-        rows.append(row)
-    show(TextTable(header, rows, title, left=0))
-
-
-def why_outside(joints: JointFormat, model: Model, q: Sequence[float]) -> str | None:
-    """Name the joint that is furthest beyond its learned range, in the units typed."""
-    from calib.model.trust import ROUNDED
-
-    about = model.about
-    # as shares of the ranges, since rad and m do not compare
-    excess = [
-        0.0 if turns_round else max(low - value, value - high) / (high - low)
-        for value, low, high, turns_round in zip(
-            q, about.lower, about.upper, model.motor.scale.periodic, strict=True
-        )
-    ]
-    k = max(range(len(q)), key=lambda i: excess[i])
-    if excess[k] <= ROUNDED:
-        return None
-    return (
-        f"{joints.value(k, q[k])} is outside of the learned range {joints.learned_range(k)}"
-        f"{joints.hint(k, q[k])}"
-    )
+    typed : joints and their numbers; each joint once
+    turns : which joints turn. Joints that it does not know are told by whoever knows the arm.
+    """
+    found: dict[str, Any] = {}
+    for joint, *values in typed or ():
+        if joint in found:
+            raise BadOption(f"{option} {joint!r} is given twice: expected each joint once")
+        factor = math.radians(1.0) if degrees and turns.get(joint, True) else 1.0
+        scaled = tuple(value * factor for value in values)
+        found[joint] = scaled if len(scaled) > 1 else scaled[0]
+    return found
 
 
 def kinds_of_joints(robot: str) -> dict[str, bool]:
@@ -194,47 +137,3 @@ def kinds_of_joints(robot: str) -> dict[str, bool]:
     path = resolve_robot(robot)
     urdf = parse_urdf(read_urdf(path), path.stem)
     return {joint.name: joint.revolute for joint in urdf.joints if joint.movable}
-
-
-def ranges_in_si(
-    ranges: Sequence[JointRange], turns: Mapping[str, bool], degrees: bool
-) -> dict[str, tuple[float, float]]:
-    """Return ranges as typed in SI units, by joint; `turns` tells which joints turn.
-
-    Joints that it does not know are told by whoever knows the arm.
-    """
-    _check_once("--range", [joint for joint, *_ in ranges], "range")
-    factors = {joint: _in_si(joint, turns, degrees) for joint, *_ in ranges}
-    return {joint: (low * factors[joint], high * factors[joint]) for joint, low, high in ranges}
-
-
-def locks_in_si(
-    locks: Sequence[JointValue], turns: Mapping[str, bool], degrees: bool
-) -> dict[str, float]:
-    """Return locked joints and their values in SI units; see `ranges_in_si`."""
-    _check_once("--lock", [joint for joint, _ in locks], "value")
-    return {joint: value * _in_si(joint, turns, degrees) for joint, value in locks}
-
-
-def _in_si(joint: str, turns: Mapping[str, bool], degrees: bool) -> float:
-    return math.radians(1.0) if degrees and turns.get(joint, True) else 1.0
-
-
-def _check_once(option: str, joints: Sequence[str], what: str) -> None:
-    for joint in joints:
-        if joints.count(joint) > 1:
-            raise BadOption(
-                f"{option} {joint!r} is given twice: expected one {what} for each joint"
-            )
-
-
-def changes_in_si(texts: Iterable[str], arm: Arm, degrees: bool) -> tuple[Change, ...]:
-    """Read changes of an arm as typed; what is no change is wrong usage."""
-    from calib.errors import OptionError
-    from calib.samples.changes import parse_changes
-
-    turning = [name for name, turns in zip(arm.joint_names, arm.revolute, strict=True) if turns]
-    try:
-        return parse_changes(texts, degrees=turning if degrees else ())
-    except OptionError as error:
-        raise BadOption(f"--{error}") from None

@@ -9,7 +9,7 @@ import typer
 
 from calib.errors import OptionError
 
-from .parsing import Reader, ReadingError, one_of
+from .parsing import Reader, ReadingError, finite_number, one_of
 
 T = TypeVar("T")
 
@@ -57,6 +57,38 @@ def bad_option(option: str, text: str, expected: str) -> BadOption:
     """Return the error for a value that an option cannot have."""
     shown = text if len(text) <= 60 else text[:57] + "..."
     return BadOption(f"{option} {shown!r}: expected {expected}", option, text)
+
+
+def typed_numbers(values: Sequence[str] | None) -> list[float]:
+    """Parse arguments; among them are options that do not exist."""
+    result = []
+    for text in values or ():
+        try:
+            result.append(finite_number(text))
+        except ValueError:
+            if text.startswith("-") and not text[1:2].isdigit():
+                raise BadOption(f"no such option or number: {text!r}") from None
+            raise bad_option("value", text, "a finite number") from None
+    return result
+
+
+def check_count(typed: Sequence[float], names: Sequence[str], what: str) -> None:
+    """Refuse more or fewer numbers than there are names."""
+    if len(typed) != len(names):
+        raise BadOption(
+            f"{len(typed)} {what}s: expected {len(names)}, one each for {', '.join(names)}"
+        )
+
+
+def check_streams(
+    typed: Sequence[float], input_: str | None, output: str | None, as_json: bool
+) -> None:
+    """Refuse both one query and a table of them, and a table of answers without one."""
+    if input_ is not None and typed:
+        raise BadOption(f"--input {input_!r} and {len(typed)} values: expected one of them")
+    if output is not None and input_ is None:
+        raise BadOption(f"--output {output!r} is for many queries: expected --input FILE too")
+    one_document(output, as_json)
 
 
 def refuse(typed: Mapping[str, object], why: str) -> None:

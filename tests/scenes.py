@@ -2,18 +2,35 @@
 
 from __future__ import annotations
 
+import base64
 import math
 
 import numpy as np
-import umsgpack
 
 
-def packed(scene) -> list[dict]:
-    return [umsgpack.unpackb(command) for command in scene.canvas.packed()]
+def objects(scene) -> dict[str, dict]:
+    """What is drawn, by path, with the points and colours of each as arrays."""
+    found = {}
+    for drawn in scene.canvas.to_json()["objects"]:
+        each = dict(drawn)
+        for name, kind in (("points", "<f4"), ("tints", "u1"), ("index", "<u4")):
+            if name in each:
+                each[name] = np.frombuffer(base64.b64decode(each[name]), kind)
+        for name in {"points", "tints"} & set(each):
+            each[name] = each[name].reshape(-1, 3)
+        found[each["path"]] = each
+    return found
+
+
+def tracks(scene) -> dict[str, np.ndarray]:
+    """Transforms (frames, 4, 4) of the animation, by path."""
+    texts = scene.canvas.to_json()["tracks"]
+    found = {p: np.frombuffer(base64.b64decode(text), "<f4") for p, text in texts.items()}
+    return {path: values.reshape(-1, 4, 4).swapaxes(1, 2) for path, values in found.items()}
 
 
 def paths(scene) -> set[str]:
-    return {c["path"] for c in packed(scene) if c["type"] == "set_object"}
+    return set(objects(scene))
 
 
 def project(camera, points, width, height, panel=0):

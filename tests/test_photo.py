@@ -163,10 +163,10 @@ def test_report_and_preview_draw_over_it(made):
     assert over_photo(gather(made[1])) is None
     assert SECTIONS[0].draw is over_photo
     scene = draw(model)
-    names = [layer["name"] for layer in scene.page["layers"]]
+    names = [layer["name"] for layer in scene.canvas.layers]
     assert names[0] == "Photo"
     assert "Residuals" in names
-    assert "Photo" not in [layer["name"] for layer in draw(made[1]).page["layers"]]
+    assert "Photo" not in [layer["name"] for layer in draw(made[1]).canvas.layers]
     # the picture's first row is up, seen from where the camera of the page is
     frame = scene.placement.frame
     low, high = scene.placement.lift([[0.0, 700.0], [0.0, 0.0]])

@@ -19,7 +19,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 from models import trained
-from scenes import packed, paths
+from scenes import paths, tracks
 
 import calib
 from calib.show.preview.lattices import strongest_partners
@@ -40,7 +40,8 @@ def data_of(page: str) -> dict:
 @pytest.mark.parametrize("robot", ROBOTS)
 def test_layers_have_plain_names(robot: str):
     scene = draw(trained(robot, n=400, size=8))
-    layers = {path.split("/")[0] for path in paths(scene)}
+    layers = {layer["name"] for layer in scene.canvas.layers}
+    assert {path.split("/")[0] for path in paths(scene)} == layers - {"Hebbian links"}
     assert layers == {
         "Arm",
         "Sensory map",
@@ -51,7 +52,7 @@ def test_layers_have_plain_names(robot: str):
         "Target path",
         "Reached path",
     }
-    assert scene.page["layers"][0]["name"] == "Arm"
+    assert scene.canvas.layers[0]["name"] == "Arm"
 
 
 def test_three_joints_give_a_lattice_in_space():
@@ -64,11 +65,10 @@ def test_three_joints_give_a_lattice_in_space():
 def test_the_arm_moves_with_its_joints():
     model = trained("two_link", n=400, size=8)
     scene = draw(model)
-    found = next(c for c in packed(scene) if c["type"] == "set_animation")
-    clips = {c["path"]: c["clip"]["tracks"][0]["keys"] for c in found["animations"]}
-    tip = np.array([key["value"] for key in clips["Arm/tip"]])
+    moved = tracks(scene)
+    tip = moved["Arm/tip"][:, :3, 3]
     np.testing.assert_allclose(tip[:, :2], model.forward(scene.motion.q), atol=1e-6)
-    assert len(clips["Target path/target"]) == len(tip)
+    assert len(moved["Target path/target"]) == len(tip)
 
 
 def test_sensory_errors_are_means_of_their_partners():

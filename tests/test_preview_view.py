@@ -13,7 +13,6 @@ import calib
 from calib.arm.rotations import similarity
 from calib.show.error_scale import STOPS, UNKNOWN, ErrorScale, colours, length_in_words, rgb
 from calib.show.preview.arm import DrawnArm
-from calib.show.preview.canvas import quaternions
 from calib.show.preview.motion import drive
 from calib.show.preview.placement import Viewpoint, place_model
 from calib.show.preview.scene import draw
@@ -114,26 +113,6 @@ def test_the_path_is_followed_without_jumps(robot: str):
     arm = calib.load_arm(robot)
     np.testing.assert_allclose(motion.reached, arm.forward(motion.q), atol=1e-12)
     assert motion.deviation.max() < 1e-3
-
-
-def test_deviations_are_enlarged_only_where_they_are_no_rounding():
-    motion = drive(trained("two_link", n=400, size=8))
-    size = 0.5
-    for deviation, factor in ((1e-12, 1), (1e-6, 5000), (1e-4, 50), (0.1, 1)):
-        moved = replace(motion, reached=motion.target + np.array([deviation, 0.0]))
-        shown, found = moved.magnified(size)
-        assert found == factor
-        off = np.linalg.norm(shown - motion.target, axis=1)
-        np.testing.assert_allclose(off, deviation * factor, rtol=1e-3)
-
-
-def test_quaternions_stay_on_one_side():
-    angles = np.linspace(0, 4 * np.pi, 100)
-    turns = np.tile(np.eye(3), (100, 1, 1))
-    turns[:, 0, 0] = turns[:, 1, 1] = np.cos(angles)
-    turns[:, 1, 0], turns[:, 0, 1] = np.sin(angles), -np.sin(angles)
-    q = quaternions(turns)
-    assert np.sum(q[1:] * q[:-1], axis=1).min() > 0.9
 
 
 def test_lengths_in_words():

@@ -4,8 +4,8 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
-import umsgpack
 from models import in_pixels, in_space, trained
+from scenes import objects
 
 from calib.arm.loading import arm_from_urdf
 from calib.body.curves import curve_value
@@ -29,11 +29,6 @@ def evidence():
     return gather(in_space())
 
 
-def objects(scene):
-    commands = [umsgpack.unpackb(command) for command in scene.canvas.packed()]
-    return {c["path"]: c for c in commands if c["type"] == "set_object"}
-
-
 def test_positions_are_drawn_where_the_tool_is_in_the_robots_frame(scene):
     model = in_space()
     arm = arm_from_urdf(model.about.urdf)
@@ -46,13 +41,12 @@ def test_positions_are_drawn_where_the_tool_is_in_the_robots_frame(scene):
 
 
 def test_layers_of_an_arm_in_space(scene):
-    names = [layer["name"] for layer in scene.page["layers"]]
+    names = [layer["name"] for layer in scene.canvas.layers]
     assert "Workspace border" not in names
     assert [n for n in names if n in ("Error cloud", "Slices")] == ["Error cloud", "Slices"]
     found = objects(scene)
     assert {"Error cloud/points", "Slices/points", "Sensory map/nodes"} <= set(found)
-    slices = found["Slices/points"]["object"]["geometries"][0]["data"]["attributes"]
-    points = np.frombuffer(slices["position"]["array"].data, np.float32).reshape(-1, 3)
+    points = found["Slices/points"]["points"]
     level = np.abs(points[:, 2] - np.median(points[len(points) // 2 :, 2])) < 1e-6
     upright = (points - points[0]) @ scene.placement.frame[2]
     assert level.sum() > 200
@@ -69,11 +63,11 @@ def test_a_target_is_dragged_in_the_plane_that_the_viewer_faces(scene):
 
 
 def test_every_section_of_a_report_is_drawn(evidence):
-    drawn = {s.name: s.draw(evidence) for s in SECTIONS if s.when(evidence.model)}
-    assert {"forward", "inverse", "vectors", "joints", "curves", "lattices"} <= set(drawn)
-    assert [name for name, figure in drawn.items() if figure is None] in ([], ["photo"])
+    drawn = {s.name: s.draw(evidence) for s in SECTIONS}
+    assert [name for name, figure in drawn.items() if figure is None] == ["photo"]
     assert "enlarged" in drawn["vectors"].axes[1].get_title()
-    assert not any(s.when(trained()) for s in SECTIONS if s.name in ("vectors", "joints"))
+    flat = gather(trained())
+    assert not any(s.draw(flat) for s in SECTIONS if s.name in ("vectors", "joints", "curves"))
 
 
 def test_a_joint_curve_is_the_bodys_within_its_interval(evidence):
@@ -110,6 +104,7 @@ def test_a_picture_stands_where_its_camera_sees_it():
     )
     assert 1.5 < depth < 2.5
     assert placement.frame[1] @ turn[:, 1] == pytest.approx(-1.0)
-    names = {s.name for s in SECTIONS if s.when(model)}
-    assert "joints" in names
-    assert "vectors" not in names
+    seen = gather(model)
+    drawn = {s.name: s.draw(seen) for s in SECTIONS if s.name in ("joints", "vectors")}
+    assert drawn["joints"] is not None
+    assert drawn["vectors"] is None

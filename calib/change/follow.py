@@ -19,7 +19,7 @@ from ..errors import OptionError
 from ..maps import dsom
 from ..maps.density import Visit, gain_of, kind_of
 from ..maps.lattice import Lattice
-from ..maps.links import oja, sparse_links
+from ..maps.links import oja, without_weak
 from ..maps.map import Map
 from ..maps.online import present
 from ..model.model import Model
@@ -160,7 +160,7 @@ class OnlineAdapter:
             return self._model
         found = None
         if links == "rule":
-            found = sparse_links((self._links * np.exp(-self._idle)[:, None]).T)
+            found = without_weak((self._links * np.exp(-self._idle)[:, None]).T)
         maps = self._map("motor"), self._map("sensory")
         return settled_model(
             self._model, *maps, np.concatenate(self._q), np.concatenate(self._x), found

@@ -14,6 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ..body.belief import Body
+from ..body.covariance import root_of
 from ..body.priors import SHIFT, TURN
 from ..body.spatial import SpatialStructure
 from ..body.structure import Indices, Structure
@@ -274,4 +275,4 @@ def as_built(body: Body) -> Body:
     active = np.union1d(np.flatnonzero(sd), body.active)
     covariance = np.diag(sd[active] ** 2)
     covariance[np.ix_(*2 * (np.searchsorted(active, body.active),))] += body.covariance
-    return replace(body, active=active, covariance=covariance, second=None, packed=None)
+    return replace(body, active=active, root=root_of(covariance), second=None)

@@ -13,7 +13,7 @@ from scipy.special import chdtri
 
 from ..arm.rotations import exponential, logarithm, matrix_of
 from ..body.belief import Body
-from ..body.covariance import autocorrelation_time
+from ..body.covariance import autocorrelation_time, root_of
 from ..body.normal import Factor
 from ..body.poses import knows_orientation
 from ..common.arrays import Array
@@ -106,4 +106,4 @@ def with_orientations(body: Body, q: Array, quaternions: Array, bent: bool) -> B
         delta[body.active] = factor.solve(np.einsum("nij,ni,n->j", x, left, each) - known @ moved)
         beta, moved = structure.retract(beta, delta), moved + delta[body.active]
     # the bound inflates by kappa what is kept here without it
-    return replace(body, beta=beta, covariance=factor.inverse() / body.kappa**2, packed=None)
+    return replace(body, beta=beta, root=root_of(factor.inverse()) / body.kappa)

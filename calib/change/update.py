@@ -13,7 +13,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from ..body.belief import Body, Second
-from ..body.covariance import radius_95
+from ..body.covariance import radius_95, root_of
 from ..body.fitting import fit_body
 from ..body.likeness import kernel, lengths_of
 from ..body.nominal import nominal_of
@@ -84,11 +84,10 @@ def updated(
         beta=beta,
         active=active,
         # the bound inflates by kappa what is kept here without it
-        covariance=covariance / old.kappa**2,
+        root=root_of(covariance) / old.kappa,
         noise=noise,
         residual=np.maximum(old.residual, own),
         second=second,
-        packed=None,
     )
     return body, held
 
@@ -220,7 +219,7 @@ def _second(second: Second, reference: Reference, e: Explanation, log: Log, nois
     old = reference.body
     apart = second.beta - old.beta
     other = replace(
-        old, beta=second.beta, active=second.active, covariance=second.covariance, kappa=1.0,
+        old, beta=second.beta, active=second.active, root=second.root, kappa=1.0,
         second=None,
     )  # fmt: skip
     place = replace(reference, body=other, beta=reference.beta + apart)
@@ -230,9 +229,8 @@ def _second(second: Second, reference: Reference, e: Explanation, log: Log, nois
         second,
         beta=found.beta,
         active=found.active,
-        covariance=found.covariance,
+        root=root_of(found.covariance),
         noise=np.maximum(noise, second.noise),
-        packed=None,
     )
 
 

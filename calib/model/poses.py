@@ -52,6 +52,7 @@ def solve_poses(
     *,
     frame: str = "sensor",
     every: bool = False,
+    keep: bool = False,
 ) -> PoseAnswers:
     """Joint values for positions and, if given, orientations.
 
@@ -62,10 +63,13 @@ def solve_poses(
         the middle of the ranges where not given
     frame : {"sensor", "base"}
     every : whether all branches of a pose are wanted, the nearest first
+    keep : of a position, whether the orientation at `near` is kept as far as the joints allow
     Raises QueryError if the model knows no arm in space, a value is no number, or a quaternion is
     none.
     """
     space = Space.of(model)
+    if frame != "base" and space.camera:
+        raise QueryError("pixels are no positions in space: ask with frame='base'")
     names = model.about.joint_names
     p, _ = checked_rows(position, ("x", "y", "z"), "positions")
     n = len(p)
@@ -87,20 +91,20 @@ def solve_poses(
         raise QueryError(f"near has {len(anchor)} rows for {n} poses: give one or {n}")
     anchor = np.broadcast_to(anchor, (n, len(names)))
     if frame != "base":
-        if space.camera:
-            raise QueryError("pixels are no positions in space: ask with frame='base'")
         same = np.tile(np.eye(3), (n, 1, 1)) if r is None else r
         p, turned = space.to_base(p, same)
         r = None if r is None else turned
-    found = _found(space, p, r, anchor, every)
+    found = _found(space, p, r, anchor, every, keep)
     return described(space, found, frame)
 
 
 def described(space: Space, found: list[Reached], frame: str) -> PoseAnswers:
     """Answers of the arm, one list for each target, in a frame and with their bounds."""
     target = np.repeat(np.arange(len(found)), [len(each.q) for each in found])
+    q = np.empty((0, len(space.model.about.joint_names)))
+    none = Reached(q, *space.evaluate(q)[:2], np.empty(0), np.empty(0), False)
     q, position, rotation, away, turned = (
-        np.concatenate([getattr(each, name) for each in found]) for name in _PARTS
+        np.concatenate([getattr(each, name) for each in (none, *found)]) for name in _PARTS
     )
     reachable = np.array([each.reachable for each in found], dtype=bool)[target]
     scale = 1.0
@@ -114,14 +118,16 @@ def described(space: Space, found: list[Reached], frame: str) -> PoseAnswers:
     return PoseAnswers(target, q, position, turns, scale * away, turned, bound, error, reachable)
 
 
-def _found(space: Space, p: Array, r: Array | None, anchor: Array, every: bool) -> list[Reached]:
+def _found(
+    space: Space, p: Array, r: Array | None, anchor: Array, every: bool, keep: bool
+) -> list[Reached]:
     """Answers (targets) in the base frame; the rows that are met beside `anchor` all at once."""
     n, length = len(p), space.length
-    if r is None:
+    if (every and r is not None) or keep or not n:
+        q, beside = anchor, np.zeros(n, dtype=bool)
+    elif r is None:
         q, left = position_near(space.evaluate, p, anchor, space.joints, length)
         beside = left <= REACHED * length
-    elif every or not n:
-        q, beside = anchor, np.zeros(n, dtype=bool)
     else:
         q, left = reach_poses(space.evaluate, anchor, p, r, length)
         q, inside = space.joints.within(q)
@@ -147,7 +153,7 @@ def _found(space: Space, p: Array, r: Array | None, anchor: Array, every: bool) 
             own = slice(i, i + 1)
             out.append(Reached(q[own], position[own], rotation[own], away[own], np.zeros(1), True))
         elif r is None:
-            out.append(space.reach_position(p[i], anchor[i].tolist()))
+            out.append(space.reach_position(p[i], anchor[i].tolist(), keep=keep))
         else:
             each = space.reach_pose(p[i], r[i], anchor[i].tolist(), branches[i])
             out.append(each if every and each.reachable else first_of(each))

@@ -9,8 +9,10 @@ from numpy.typing import NDArray
 
 from ..arm.arm import SpatialArm
 from ..arm.rotations import logarithm, matrix_of
-from ..body.poses import positions_of, refuse_misfit
+from ..body.misfit import refuse_pixels, refuse_turns
+from ..body.poses import positions_of
 from ..body.posterior import BodyFit, fit_structure
+from ..body.sensor import doubtful_depth
 from ..body.spatial import structure_of
 from ..body.spatial_random import unknown_structure
 from ..body.telling import warnings_of
@@ -53,14 +55,13 @@ def fit_in_space(samples: Samples, rows: NDArray[np.intp], view: str, seed: int)
     notes = warnings_of(q, samples.joint_names, samples.revolute, x, samples.lower, samples.upper)
     arm, camera = samples.arm, samples.camera
     if camera is not None and isinstance(arm, SpatialArm) and x.shape[1] == 2:
-        from ..body.camera import told_by
-
         kind = "pinhole" if view == "auto" else view
         template = structure_of(
             arm, kind, unit="px", extent=extent, lens=camera.lens, lens_sd=camera.lens_sd
         )
         fit = fit_structure(template, q, x, seed=seed, notes=notes)
-        doubts = told_by(fit, q, x, samples.lower, samples.upper)
+        refuse_pixels(fit, q, x)
+        doubts = doubtful_depth(fit.body, q, samples.lower, samples.upper)
         return replace(fit, notes=(*fit.notes, *doubts))
     metre = METRES.get(samples.unit, 1.0)
     simulated = samples.simulation is not None
@@ -69,7 +70,7 @@ def fit_in_space(samples: Samples, rows: NDArray[np.intp], view: str, seed: int)
         template = structure_of(arm, kind, unit=samples.unit, metre=metre, extent=extent)
         if samples.orientation is not None and kind == "rigid":
             turns = samples.orientation[rows]
-            refuse_misfit(template, q, x, turns)
+            refuse_turns(template, q, x, turns)
             poses = np.hstack([x, logarithm(matrix_of(turns))])
             found = fit_structure(template.with_view("pose"), q, poses, seed=seed, notes=notes)
             return positions_of(found)

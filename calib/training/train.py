@@ -16,7 +16,7 @@ from ..common.scale import Scale
 from ..errors import LogError, OptionError
 from ..maps.density import Gain
 from ..maps.fields import LinkRule
-from ..maps.links import check_wiring
+from ..maps.links import wiring_of
 from ..maps.local_models import NO_MODELS
 from ..maps.model_selection import select
 from ..maps.node_bounds import learn_bounds, near_border
@@ -124,7 +124,7 @@ def train(
             f"{len(samples)} sample{'s are' if len(samples) != 1 else ' is'} too few to learn from:"
             f" give at least {_LEAST_ROWS}"
         )
-    check_wiring(links)
+    wiring_of(links)
     if body not in BODIES:
         raise OptionError(f"body {body!r}: expected one of {', '.join(BODIES)}")
     if view not in VIEWS:

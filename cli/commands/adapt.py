@@ -11,7 +11,7 @@ from calib.common.wording import for_people
 
 from ..measurements import Reading, log_for
 from ..options import NEW_LOG, takes
-from ..output import NO, Notes, TextTable, note, number, progress_bar, show, show_json, tell
+from ..output import NO, Notes, TextTable, fields, note, number, progress_bar, show, show_json, tell
 from ..photo import photo_of_log
 from ..translation import as_typed
 from ..units import units_of
@@ -69,17 +69,10 @@ def adapt(
         show_json(
             {
                 "model": path if found.improved else None,
-                "improved": found.improved,
-                "samples": found.samples,
-                "outliers": found.outliers,
+                **fields(found, "improved samples outliers correction kept coverage everywhere"),
+                **fields(found, "before after"),
                 "method": method,
-                "correction": found.correction,
                 "changed": [change.to_json() for change in found.changed],
-                "kept": list(found.kept),
-                "coverage": found.coverage,
-                "everywhere": found.everywhere,
-                "before": found.before,
-                "after": found.after,
                 "notes": [as_typed(text) for text in found.notes],
                 "unit": found.model.about.unit,
                 "units": units_of(found.model.about),

@@ -6,9 +6,11 @@ from typing import TYPE_CHECKING, Any
 
 import typer
 
+from calib.common.wording import for_people
+
 from .. import parsing
 from ..options import OF_FRAMES, takes
-from ..output import NO, Notes, note, number, tell
+from ..output import NO, Notes, fields, note, number, tell
 from ..units import JointFormat, units_of
 from ..usage import option
 
@@ -51,42 +53,33 @@ def correct(
     from calib.samples.tables import read_batch
     from calib.use.correct import correct as correction
 
-    from ..batch import Streams, numbered, say_rows
+    from ..answers import numbered, say_rows, spread, write_answers
 
     loaded = calib.load(model)
     joints = JointFormat(loaded.about, degrees)
     batch = read_batch(input_, joints.names)
-    n = len(batch.values)
-    valid = np.isfinite(batch.values).all(axis=1)
-    factors = np.array(joints.typed)
-    names = (*joints.names, *loaded.axes, "distance", "expected_error", "reachable")
-    columns: dict[str, Any] = {name: np.full(n, np.nan) for name in names}
-    columns["reachable"] = np.zeros(n, dtype=np.int64)
-    found = None
-    notes = Notes()
-    if valid.any():
-        found = correction(
-            loaded,
-            batch.values[valid] / factors,
-            limit=None if limit is None else limit / factors,
-            view=view,
-            cause=cause,
-        )
-        notes.say(found.notes)
-        parts = [*(found.q * factors).T, *found.target.T, found.distance, found.expected_error]
-        for name, part in zip(names, parts, strict=False):
-            columns[name][valid] = part
-        columns["reachable"][valid] = found.reachable
-        if found.angle is not None:
-            columns["angle"] = np.full(n, np.nan)
-            columns["angle"][valid] = found.angle
+    n, factors = len(batch.values), np.array(joints.typed)
+    valid: Any = np.isfinite(batch.values).all(axis=1)
     rows = np.flatnonzero(valid) + 1
-    beyond = [] if found is None else rows[found.exceeded].tolist()
-    missed = (np.flatnonzero(valid & (columns["reachable"] == 0)) + 1).tolist()
-    table = batch.answered(columns)
-    changes = None if found is None else _changes(found, joints)
-    Streams(input_, output, as_json).answer(
-        None if beyond else table,
+    found = correction(
+        loaded,
+        batch.values[valid] / factors,
+        limit=None if limit is None else limit / factors,
+        view=view,
+        cause=cause,
+    )
+    notes = Notes()
+    notes.say(found.notes)
+    columns = dict(zip(joints.names, (found.q * factors).T, strict=True))
+    columns |= dict(zip(loaded.axes, found.target.T, strict=True))
+    columns |= fields(found, "distance expected_error reachable")
+    columns |= {} if found.angle is None else {"angle": found.angle}
+    beyond, missed = rows[found.exceeded].tolist(), rows[~found.reachable].tolist()
+    changes = _changes(found, joints)
+    write_answers(
+        None if beyond else batch.answered(spread(valid, columns)),
+        output,
+        as_json,
         joints,
         rows=n,
         invalid=batch.invalid,
@@ -96,25 +89,25 @@ def correct(
         unit=loaded.about.unit,
         units=units_of(loaded.about),
     )
-    notes.say(batch.notes(names))
+    notes.say(batch.notes(list(columns)))
     say_rows(batch.invalid, n, "not all values are numbers, no answer")
     say_rows(missed, n, "out of reach for the real arm, no answer")
-    if found is not None and changes and found.reachable.any():
+    if changes is not None:
         parts = []
-        for k, (name, change) in enumerate(changes.items()):
-            factor, unit = joints.of_change(k)
+        for (name, change), kind in zip(changes.items(), loaded.about.units_of_joints, strict=True):
+            factor, unit = for_people(kind)
             mean, most = (number(factor * change[key]) for key in ("mean", "max"))
             parts.append(f"{name} {mean} (largest {most}) {unit}")
         say = note if as_json or output in (None, "-") else tell
         say(f"mean change: {', '.join(parts)}")
-    if beyond and found is not None:
+    if beyond:
         # the row and the joint whose change is largest, measured by its limit
         share = np.nan_to_num(np.abs(found.change) / found.limit)
         row, worst = map(int, np.unravel_index(int(np.argmax(share)), share.shape))
         note(
             f"{numbered(beyond)} of {n}: a joint would change by more than the limit (row "
-            f"{rows[row]}: {joints.size(worst, found.change[row, worst])}, limit "
-            f"{joints.size(worst, found.limit[worst])}); "
+            f"{rows[row]}: {joints.change(worst, found.change[row, worst])}, limit "
+            f"{joints.change(worst, found.limit[worst])}); "
             "nothing was written; if the change is right, give a larger --limit"
         )
     if batch.invalid and not beyond:
@@ -123,12 +116,15 @@ def correct(
         raise typer.Exit(NO)
 
 
-def _changes(found: Corrected, joints: JointFormat) -> dict[str, Any]:
+def _changes(found: Corrected, joints: JointFormat) -> dict[str, Any] | None:
     """Mean, largest and accepted change of each joint, None where no row was answered."""
     import numpy as np
 
     size = np.abs(found.change[found.reachable])
-    mean, most = (size.mean(axis=0), size.max(axis=0)) if len(size) else (np.nan, np.nan)
-    rows = np.stack(np.broadcast_arrays(mean, most, found.limit), axis=-1).tolist()
-    keys = ("mean", "max", "limit")
-    return {n: dict(zip(keys, row, strict=True)) for n, row in zip(joints.names, rows, strict=True)}
+    if not len(size):
+        return None
+    told = zip(size.mean(axis=0), size.max(axis=0), found.limit, strict=True)
+    return {
+        name: dict(zip(("mean", "max", "limit"), row, strict=True))
+        for name, row in zip(joints.names, told, strict=True)
+    }

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
 from typing import Any
 
 from calib.common.wording import for_people
@@ -73,57 +72,34 @@ def log(
 
     Exit code 3 if no clock offset, or more than one, fits a video to its joints.
     """
-    offset = 0.0 if time_offset == "auto" else float(time_offset)
-    bags = {"joints_topic": joints_topic, "tip_topic": tip_topic, "frames": frames}
+    bags: dict[str, Any] = {"joints_topic": joints_topic, "tip_topic": tip_topic, "frames": frames}
     shared: dict[str, Any] = {"joints": joints, "max_gap": max_gap, "still": still}
+    notes = Notes()
     if shooting.given() or is_picture(bag):
+        from calib.common.atomic import check_writable
+
         refuse(bags, "is for bags, not for pictures and videos")
         if rests and still is not None:
             raise BadOption("--rests and --still are given: expected one of them")
+        if output != "-":
+            check_writable(output)
         shared |= {"degrees": degrees, "prismatic": prismatic or (), "time_offset": time_offset}
-        _from_camera(bag, output, shooting, as_json, **shared, notes=Notes())
+        made = record(bag, output, shooting, **shared, notes=notes)
+        factor, shown = for_people(made.unit)
+        kinds = f"[rad, {made.unit}], noise {factor * made.noise:.2g} {shown}"
     else:
+        from calib.samples.bags import read_bag
+
         if frames is not None and len(frames) != 2:
             raise BadOption("--frames names two frames: expected SENSOR,TIP")
-        _from_bag(bag, output, as_json, **bags, **shared, time_offset=offset)
-
-
-def _from_camera(
-    source: str, output: str, shooting: Shooting, as_json: bool, **options: Any
-) -> None:
-    from calib.common.atomic import check_writable
-
-    if output != "-":
-        check_writable(output)
-    made = record(source, output, shooting, **options)
+        offset = 0.0 if time_offset == "auto" else float(time_offset)
+        made = read_bag(bag, **bags, **shared, time_offset=offset)
+        notes.say(made.notes)
+        kinds = "[rad, m, s]"
     made.write(output)
-    counted = {"log": output, "joints": made.joint_names, "samples": len(made)}
-    document = {
-        **counted,
-        **made.about(),
-        "units": _units(made.joint_names, made.unit, options["prismatic"]),
-    }
-    factor, unit = for_people(made.unit)
-    line = f"{len(made)} rows of {', '.join(made.columns())} [rad, {made.unit}], "
-    line += f"noise {factor * made.noise:.2g} {unit}"
+    names = made.joint_names
+    units = {name: "m" if name in (prismatic or ()) else "rad" for name in names}
+    document = {"log": output, "joints": names, "samples": len(made), **made.about()}
+    document["units"] = {"joints": units, "positions": made.unit, "time": "s"}
+    line = f"{len(made)} rows of {', '.join(made.columns())} {kinds}"
     conclude(output, line, (), document if as_json else None)
-
-
-def _from_bag(bag: str, output: str, as_json: bool, **options: Any) -> None:
-    from calib.samples.bags import read_bag
-    from calib.samples.roles import log_columns
-    from calib.samples.tables import write_table
-
-    recording = read_bag(bag, **options)
-    Notes().say(recording.notes)
-    columns = log_columns(recording.joint_names, recording.q, recording.x, recording.quaternion)
-    write_table(output, {**columns, "time": recording.time})
-    counted = {"log": output, "joints": recording.joint_names, "samples": len(recording.q)}
-    document = {**counted, "units": _units(recording.joint_names, "m")}
-    line = f"{len(recording.q)} rows of {', '.join(columns)}, time [rad, m, s]"
-    conclude(output, line, (), document if as_json else None)
-
-
-def _units(joints: Sequence[str], unit: str, sliding: Sequence[str] = ()) -> dict[str, object]:
-    units = {name: "m" if name in sliding else "rad" for name in joints}
-    return {"joints": units, "positions": unit, "time": "s"}

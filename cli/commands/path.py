@@ -59,7 +59,7 @@ def path(
     import calib
     from calib.samples.tables import read_table
 
-    from ..batch import Streams, say_rows
+    from ..answers import say_rows, write_answers
 
     loaded = calib.load(model)
     joints = JointFormat(loaded.about, degrees)
@@ -75,8 +75,10 @@ def path(
     columns["model_error"] = found.model_error
     columns["reachable"] = found.reachable.astype(np.int64)
     columns["jump"] = np.isin(np.arange(len(found.q)), found.jumps).astype(np.int64)
-    Streams(input_, output, as_json).answer(
+    write_answers(
         columns,
+        output,
+        as_json,
         joints,
         "path",
         rows=len(found.q),

@@ -8,18 +8,13 @@ from typing import TYPE_CHECKING, Any
 from ..measurements import Reading, log_for
 from ..options import takes
 from ..output import Notes, conclude, fields
-from ..parsing import (
-    Columns,
-    at_least_zero,
-    integer,
-    reals,
-)
+from ..parsing import Columns, at_least_zero, integer, reals
 from ..samples import Selection
-from ..units import JointFormat, ranges_in_si
+from ..units import JointFormat, in_si
 from ..usage import argument, one_document, option, refuse
 
 if TYPE_CHECKING:
-    from calib import Model, Plan, Samples
+    from calib import Model, Samples
     from calib.arm.arm import Arm
 
 
@@ -78,7 +73,7 @@ def plan(
         seed=seed,
         margin=None if margin is None else [margin / factor for factor in typed],
         # an arm was loaded with them, which it may need where it states no limits
-        ranges=ranges_in_si(selection.ranges or (), turning, degrees) if _is_model(robot) else None,
+        ranges=in_si("--range", selection.ranges, turning, degrees) if _is_model(robot) else None,
         start=joints_typed.one_each("--from", start),
         measured=None if data is None else _measured(known, data, columns, degrees, notes),
     )
@@ -87,14 +82,27 @@ def plan(
     table |= {name: found.q[:, k] * typed[k] for k, name in enumerate(names)}
     write_table(output, table)
     units = {"joints": dict(zip(names, facts.units_of_joints, strict=True))}
-    document = {**_document(found, output, seed), "units": {**units, "positions": found.unit}}
+    document = {
+        "output": output,
+        "rows": len(found),
+        "joints": found.joint_names,
+        "seed": seed,
+        "travel": dict(zip(names, found.travel.tolist(), strict=True)),
+        "poses": found.columns(),
+        **fields(found, "start length random_length unit why"),
+        "units": {**units, "positions": found.unit},
+    }
     # angles first, then slides, then positions, each unit once
     units_typed = [u for u in ("rad", "m") if u in facts.units_of_joints]
     shown = ["deg" if degrees and unit == "rad" else unit for unit in units_typed]
     shown = list(dict.fromkeys([*shown, found.unit]))
     line = f"{len(found)} rows of {', '.join(table)} [{', '.join(shown)}]"
-    more = [*found.why, _travel(found, joints_typed)]
-    conclude(output, line, more, document if as_json else None)
+    ways = [joints_typed.change(k, way) for k, way in enumerate(found.travel.tolist())]
+    travel = f"joints travel {', '.join(ways)}"
+    if found.random_length > 0:
+        share = 100 * found.length / found.random_length
+        travel += f": {share:.0f} % of the way of a random order"
+    conclude(output, line, [*found.why, travel], document if as_json else None)
 
 
 def _load(source: str, selection: Selection) -> Arm | Model:
@@ -136,24 +144,3 @@ def _measured(
     log = calib.read_log(data, joints=names, columns=columns, degrees=degrees, prismatic=sliding)
     notes.say(log.notes)
     return log
-
-
-def _travel(found: Plan, joints: JointFormat) -> str:
-    """Say how far the joints travel, and how far they would in a random order."""
-    parts = [joints.size(k, way) for k, way in enumerate(found.travel.tolist())]
-    text = "joints travel " + ", ".join(parts)
-    if found.random_length > 0:
-        text += f": {100 * found.length / found.random_length:.0f} % of the way of a random order"
-    return text
-
-
-def _document(found: Plan, output: str, seed: int) -> dict[str, Any]:
-    return {
-        "output": output,
-        "rows": len(found),
-        "joints": found.joint_names,
-        "seed": seed,
-        "travel": dict(zip(found.joint_names, found.travel.tolist(), strict=True)),
-        "poses": found.columns(),
-        **fields(found, "start length random_length unit why"),
-    }

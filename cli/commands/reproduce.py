@@ -12,7 +12,7 @@ from .. import parsing
 from ..options import takes
 from ..output import TextTable, explained, note, number, progress_bar, show, show_json
 from ..parsing import JointRange, JointValue
-from ..units import kinds_of_joints, ranges_in_si
+from ..units import in_si, kinds_of_joints
 from ..usage import argument, choice, flag, option
 
 if TYPE_CHECKING:
@@ -71,12 +71,11 @@ def reproduce(
                 bar(share, stage, float("nan"))
 
         arm = robot or ROBOT
-        typed = ranges_in_si(ranges or (), kinds_of_joints(arm), degrees) if ranges else None
+        typed = in_si("--range", ranges, kinds_of_joints(arm), degrees) if ranges else None
         setting = Setting.of(
             seed, quick=quick, report=report, robot=arm, ranges=typed, lengths=dict(lengths or ())
         )
-        logs = None if data is None else Path(data)
-        setting = replace(setting, data=logs, parts=folder / "ablation_parts.jsonl")
+        setting = replace(setting, data=None if data is None else Path(data))
         drawn = tuple(dict.fromkeys(formats or ("png",)))
         # the figures bring the adaptation along
         names = [name for name in SUBJECTS if name != "adaptation"] if what == "all" else [what]

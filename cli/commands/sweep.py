@@ -91,15 +91,15 @@ def sweep(
     if output not in (None, "-"):
         check_writable(str(output))
     notes, unit = Notes(), logged.unit or "m"
-    sources: dict[str, Callable[[], Arm | Samples]] = {}
-    if data is None:
-        sources = {name: partial(_arm, name, selection, notes) for name in robots or ()}
-    else:
+    sources: dict[str, Callable[[], Arm | Samples]] = {
+        name: partial(_arm, name, selection, notes) for name in robots or ()
+    }
+    if data is not None:
         robot = robots[0] if robots else None
-        for path in _logs(data):
-            # one unit for all: errors of logs in mm and m would stand in one column
-            in_unit = replace(logged, unit=unit)
-            sources[path] = partial(measured_samples, robot, selection, path, in_unit, 0, notes)
+        # one unit for all: errors of logs in mm and m would stand in one column
+        shared: dict[str, Any] = {"logged": replace(logged, unit=unit), "seed": 0, "notes": notes}
+        read = partial(measured_samples, robot, selection, **shared)
+        sources = {path: partial(read, path) for path in _logs(data)}
     with progress_bar(unit) as progress:
         found = run(sources, tried, seeds=seeds, jobs=jobs, backend=backend, progress=progress)
     notes.say(found.notes)

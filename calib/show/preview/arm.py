@@ -3,10 +3,12 @@
 from __future__ import annotations
 
 import xml.etree.ElementTree as ET
-from collections.abc import Iterator, Mapping
-from dataclasses import dataclass, field
+from collections.abc import Mapping
+from contextlib import suppress
+from dataclasses import dataclass
 from functools import cached_property
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -36,49 +38,41 @@ def draw_arm(
     size : [m], the workspace's extent, which tells how thick bones are
     meshes : the folder that mesh files may be taken from
     """
-    shapes = visuals(body.text)
-    notes: list[str] = []
+    notes: dict[str, None] = {}
     drawn = set()
-    if any(shape.kind == "mesh" for shape in shapes) and meshes is None:
-        notes.append("the robot's shape is in mesh files: give their folder as `meshes`")
-    for number, shape in enumerate(shapes):
+    for number, shape in enumerate(visuals(body.text)):
         if shape.link not in poses:
             continue
-        if _draw_shape(canvas, f"{LAYER}/{shape.link}/shape {number + 1}", shape, meshes, notes):
-            drawn.add(shape.link)
+        path = f"{LAYER}/{shape.link}/shape {number + 1}"
+        style: dict[str, Any] = {"size": shape.size, "opacity": shape.opacity}
+        points = faces = None
+        if shape.kind == "mesh":
+            if meshes is None:
+                notes["the robot's shape is in mesh files: give their folder as `meshes`"] = None
+                continue
+            try:
+                mesh = read_mesh(resolve_mesh(shape.mesh, meshes))
+            except (CalibError, OSError) as error:
+                notes[f"not drawn: {error}"] = None
+                continue
+            points, faces = mesh.vertices * shape.scale.astype(np.float32), mesh.faces
+        canvas.add(path, shape.kind, shape.colour, points, faces, **style)
+        canvas.place(path, shape.origin @ _UPRIGHT if shape.kind == "cylinder" else shape.origin)
+        drawn.add(shape.link)
     moving = [link for link in body.way if link in poses]
     if not drawn & set(moving[1:]):
         _draw_skeleton(canvas, body, poses, size)
     for link, transforms in poses.items():
         if link in drawn or link in moving:
             canvas.place(f"{LAYER}/{link}", transforms[0])
-    return tuple(dict.fromkeys(notes))
-
-
-def _draw_shape(
-    canvas: Canvas, path: str, shape: Visual, meshes: Path | None, notes: list[str]
-) -> bool:
-    if shape.kind == "mesh":
-        if meshes is None:
-            return False
-        try:
-            mesh = read_mesh(resolve_mesh(shape.mesh, meshes))
-        except (CalibError, OSError) as error:
-            notes.append(f"not drawn: {error}")
-            return False
-        vertices = mesh.vertices * shape.scale.astype(np.float32)
-        canvas.mesh(path, vertices, mesh.faces, shape.colour, shape.opacity)
-    else:
-        canvas.solid(path, shape.kind, shape.size, shape.colour, shape.opacity)
-    canvas.place(path, shape.origin @ _UPRIGHT if shape.kind == "cylinder" else shape.origin)
-    return True
+    return tuple(notes)
 
 
 def _draw_skeleton(canvas: Canvas, body: DrawnArm, poses: Mapping[str, Array], size: float) -> None:
     """Bones from each link on the way to the tip to the next, and balls between them."""
     way = body.way
     for link, following in zip(way, [*way[1:], None], strict=True):
-        canvas.solid(f"{LAYER}/{link}/joint", "sphere", [0.02 * size], _JOINT)
+        canvas.add(f"{LAYER}/{link}/joint", "sphere", _JOINT, size=[0.02 * size])
         if following is None:
             continue
         # in the frame of the link that carries it, so that it moves along
@@ -87,7 +81,7 @@ def _draw_skeleton(canvas: Canvas, body: DrawnArm, poses: Mapping[str, Array], s
         length = float(np.linalg.norm(end))
         if length < 1e-3 * size:
             continue
-        canvas.solid(f"{LAYER}/{link}/bone", "cylinder", [0.012 * size, length], _BONE)
+        canvas.add(f"{LAYER}/{link}/bone", "cylinder", _BONE, size=[0.012 * size, length])
         canvas.place(f"{LAYER}/{link}/bone", _along(end))
 
 
@@ -144,7 +138,13 @@ class DrawnArm:
 
 
 GREY = "#8a929b"
-_SIZES = {"box": 3, "cylinder": 2, "capsule": 2, "sphere": 1, "mesh": 0}
+_SIZES = {
+    "box": ("size",),
+    "cylinder": ("radius", "length"),
+    "capsule": ("radius", "length"),
+    "sphere": ("radius",),
+    "mesh": (),
+}
 
 
 @dataclass(frozen=True, eq=False)
@@ -157,63 +157,45 @@ class Visual:
     size: tuple[float, ...]
     origin: Array  # (4, 4), where it is in the link's frame
     colour: str  # as ``#rrggbb``
-    opacity: float = 1.0  # 1 for solid
-    mesh: str = ""  # file name as the URDF has it
-    scale: Array = field(default_factory=lambda: np.ones(3))  # (3,), of a mesh
+    opacity: float  # 1 for solid
+    mesh: str  # file name as the URDF has it
+    scale: Array  # (3,), of a mesh
 
 
 def visuals(text: str) -> list[Visual]:
     """Read the shapes of a URDF that has been checked; what cannot be read is left out."""
     robot = ET.fromstring(text)  # noqa: S314 - parse_urdf has refused DTDs before
-    palette = {
-        node.get("name", ""): colour
-        for node in robot.iter("material")
-        if (colour := _colour(node)) is not None
-    }
+    named = {node.get("name", ""): _colour(node) for node in robot.iter("material") if len(node)}
     found: list[Visual] = []
     for link in robot.findall("link"):
         for node in link.findall("visual"):
-            found += _shapes(link.get("name", ""), node, palette)
+            material = node.find("material")
+            colour = None
+            if material is not None:
+                colour = _colour(material) or named.get(material.get("name", ""))
+            for shape in node.findall("geometry/*"):
+                with suppress(ValueError, KeyError):
+                    name, about = link.get("name", ""), _shape(shape, node.find("origin"))
+                    mesh = shape.get("filename", ""), _numbers(shape.get("scale", "1 1 1"), 3)
+                    found.append(Visual(name, *about, *(colour or (GREY, 1.0)), *mesh))
     return found
 
 
-def _shapes(link: str, node: ET.Element, palette: dict[str, tuple[str, float]]) -> Iterator[Visual]:
-    material = node.find("material")
-    colour = (GREY, 1.0)
-    if material is not None:
-        colour = _colour(material) or palette.get(material.get("name", ""), colour)
-    geometry = node.find("geometry")
-    for shape in geometry if geometry is not None else ():
-        try:
-            origin = _origin(node.find("origin"))
-            size, scale = _size(shape), _numbers(shape.get("scale", "1 1 1"), 3)
-        except (ValueError, KeyError):
-            continue
-        kind = "cylinder" if shape.tag == "capsule" else shape.tag
-        yield Visual(link, kind, size, origin, *colour, shape.get("filename", ""), scale)
-
-
-def _size(shape: ET.Element) -> tuple[float, ...]:
-    count = _SIZES[shape.tag]
-    if shape.tag == "box":
-        size = _numbers(shape.get("size", ""), 3)
-    else:
-        keys = ("radius", "length")[:count]
-        size = _numbers(" ".join(shape.get(key, "?") for key in keys), count)
+def _shape(shape: ET.Element, origin: ET.Element | None) -> tuple[str, tuple[float, ...], Array]:
+    """Kind, size and place of a shape; a ValueError or KeyError where it has none."""
+    keys = _SIZES[shape.tag]
+    text = " ".join(shape.get(key, "?") for key in keys)
+    size = _numbers(text, 3 if shape.tag == "box" else len(keys))
     if (size <= 0).any():
         raise ValueError("a shape without extent")
-    return tuple(size.tolist())
+    place = np.eye(4)
+    if origin is not None:
+        from scipy.spatial.transform import Rotation
 
-
-def _origin(node: ET.Element | None) -> Array:
-    if node is None:
-        return np.eye(4)
-    from scipy.spatial.transform import Rotation
-
-    origin = np.eye(4)  # roll, pitch and yaw turn about fixed axes
-    turn = Rotation.from_euler("xyz", _numbers(node.get("rpy", "0 0 0"), 3))
-    origin[:3, :3], origin[:3, 3] = turn.as_matrix(), _numbers(node.get("xyz", "0 0 0"), 3)
-    return origin
+        # roll, pitch and yaw turn about fixed axes
+        turn = Rotation.from_euler("xyz", _numbers(origin.get("rpy", "0 0 0"), 3))
+        place[:3, :3], place[:3, 3] = turn.as_matrix(), _numbers(origin.get("xyz", "0 0 0"), 3)
+    return "cylinder" if shape.tag == "capsule" else shape.tag, tuple(size.tolist()), place
 
 
 def _numbers(text: str, count: int) -> Array:
@@ -225,11 +207,8 @@ def _numbers(text: str, count: int) -> Array:
 
 def _colour(material: ET.Element) -> tuple[str, float] | None:
     node = material.find("color")
-    if node is None:
-        return None
-    try:
-        red, green, blue, alpha = np.clip(_numbers(node.get("rgba", ""), 4), 0.0, 1.0)
-    except ValueError:
-        return None
-    parts = (round(255 * float(c)) for c in (red, green, blue))
-    return "#" + "".join(f"{part:02x}" for part in parts), float(alpha)
+    with suppress(ValueError):
+        if node is not None:
+            *rgb, alpha = np.clip(_numbers(node.get("rgba", ""), 4), 0.0, 1.0).tolist()
+            return "#" + "".join(f"{round(255 * part):02x}" for part in rgb), alpha
+    return None

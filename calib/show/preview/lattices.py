@@ -11,10 +11,9 @@ from numpy.typing import NDArray
 
 from ...common.arrays import Array
 from ...model.model import Model
-from ..error_scale import ErrorScale, colours, rgb
+from ..error_scale import ErrorScale, colours
 from ..workspace import drawn_edges, extent, motor_errors, sensory_errors
 from .canvas import Canvas
-from .motion import Loop
 from .placement import Placement
 
 LINK, FRAME = "#2f9e44", "#8b97a3"
@@ -55,8 +54,8 @@ def panel_beside(frame: Array, points: Array, size: float, dof: int) -> Panel:
 
 def draw_maps(
     canvas: Canvas, model: Model, placement: Placement, panel: Panel, scale: ErrorScale, size: float
-) -> tuple[Array, Array]:
-    """Draw both maps, coloured by their errors; return their nodes in the scene.
+) -> None:
+    """Draw both maps, coloured by their errors.
 
     The sensory map is where the tip is, the motor map in its panel; `size` is that of the scene.
     """
@@ -82,32 +81,14 @@ def draw_maps(
             edges = edges[(middle[edges[:, 0]] & middle[edges[:, 1]]).any(axis=1)]
             sheets = ", edges of the middle sheets"
         canvas.layer(name, "scale", f"{shape} nodes {text}{sheets}")
-        canvas.lines(f"{name}/lattice", points, edges, tint)
+        canvas.add(f"{name}/lattice", "lines", tint, points, edges)
         ends = points[edges]
         spacing = float(np.median(np.linalg.norm(ends[:, 0] - ends[:, 1], axis=1)))
         width = 0.12 if len(model.axes) == 3 else 0.5 if part.units.shape[1] == 2 else 0.25
-        canvas.points(f"{name}/nodes", points, tint, width * max(spacing, 0.003 * size))
+        width *= max(spacing, 0.003 * size)
+        canvas.add(f"{name}/nodes", "points", tint, points, size=width)
     corners, pairs = panel.outline
-    canvas.lines("Motor map/range", corners, pairs, FRAME)
-    return sensory, motor
-
-
-def draw_links(
-    canvas: Canvas, model: Model, motion: Loop, nodes: tuple[Array, Array], size: float
-) -> int:
-    """Draw the links of one sensory node on the motion's path; return the node."""
-    partners, strength = strongest_partners(model)
-    node = telling_node(model, np.unique(model.sensory.winners(motion.target)))
-    name = canvas.layer("Hebbian links", LINK, "of one node; click the sensory map for another")
-    mine = partners[node][partners[node] >= 0]
-    if len(mine):
-        ends = np.concatenate([nodes[0][[node]], nodes[1][mine]])
-        pairs = [(0, k + 1) for k in range(len(mine))]
-        fade = 0.25 + 0.75 * strength[node][: len(mine)] / 255
-        tint = np.outer(np.concatenate([[1.0], fade]), rgb(LINK)).astype(np.uint8)
-        canvas.lines(f"{name}/lines", ends, pairs, tint)
-        canvas.points(f"{name}/nodes", ends, LINK, 0.022 * size)
-    return node
+    canvas.add("Motor map/range", "lines", FRAME, corners, pairs)
 
 
 def strongest_partners(model: Model) -> tuple[NDArray[np.int64], NDArray[np.uint8]]:

@@ -8,17 +8,13 @@ import numpy as np
 
 from ...common.arrays import Array
 from ...model.model import Model
-from ..arrows import round_factor
-from ..error_scale import ROUNDED_AWAY, length_in_words
-from ..workspace import extent
+from ..error_scale import length_in_words
 from .canvas import Canvas
 from .placement import Placement
 
 TARGET, REACHED = "#1c7ed6", "#e8590c"
 _FRAMES = 180
-FPS = 30.0
 _WIDTHS = (0.36, 0.25, 0.15, 0.08)  # swing of the joints about their middle, of their range
-_VISIBLE = 1 / 60  # of the extent: deviations are drawn at least so large
 
 
 @dataclass(frozen=True, eq=False)
@@ -31,23 +27,11 @@ class Loop:
     target: Array
     reached: Array
     true: bool  # whether `reached` is the simulated arm
-    rounding: float  # [unit], deviations below this are rounding
 
     @property
     def deviation(self) -> Array:
         """Distance (n,) from target to reached position [unit]."""
         return np.asarray(np.linalg.norm(self.reached - self.target, axis=1))
-
-    def magnified(self, size: float) -> tuple[Array, int]:
-        """Reached positions with deviations enlarged until they can be seen, and how much.
-
-        `size` is the workspace's extent. What is rounding is not enlarged.
-        """
-        most = float(self.deviation.max())
-        if most < self.rounding:
-            return self.reached, 1
-        factor = round_factor(_VISIBLE * size / most)
-        return self.target + factor * (self.reached - self.target), factor
 
 
 def drive(model: Model) -> Loop:
@@ -84,8 +68,7 @@ def drive(model: Model) -> Loop:
     answer = model.solve(target, q)
     simulation = simulation_of(model)
     reached = answer.position if simulation is None else simulation.exact(answer.q)
-    least = ROUNDED_AWAY if model.about.unit == "m" else ROUNDED_AWAY * extent(model)
-    return Loop(answer.q, target, reached, simulation is not None, least)
+    return Loop(answer.q, target, reached, simulation is not None)
 
 
 def draw_motion(
@@ -95,21 +78,19 @@ def draw_motion(
 
     Returns transforms (frames, 4, 4) of the balls by path.
     """
-    shown, factor = motion.magnified(extent(model))
     along = np.stack([np.arange(len(motion.q) - 1), np.arange(1, len(motion.q))], axis=1)
     words = length_in_words(float(motion.deviation.mean()), model.about.unit)
     where = "the simulated arm" if motion.true else "the learned map"
     text = f"by {where}: {words} off on average"
-    text += f", drawn {factor:,} times as far" if factor > 1 else ""
     for name, points, colour, about in (
         ("Target path", motion.target, TARGET, "asked for"),
-        ("Reached path", shown, REACHED, text),
+        ("Reached path", motion.reached, REACHED, text),
     ):
         canvas.layer(name, colour, about)
-        canvas.lines(f"{name}/line", placement.lift(points) + front, along, colour)
+        canvas.add(f"{name}/line", "lines", colour, placement.lift(points) + front, along)
     # the two may coincide: the target is a glass ball around the tip
-    canvas.marker("Target path/target", 0.022 * size, TARGET, 0.45, order=1)
-    canvas.marker("Reached path/tip", 0.012 * size, REACHED, order=2)
+    canvas.add("Target path/target", "marker", TARGET, size=0.022 * size, opacity=0.45, order=1)
+    canvas.add("Reached path/tip", "marker", REACHED, size=0.012 * size, order=2)
     tracks = {}
     balls = {"Target path/target": motion.target, "Reached path/tip": motion.reached}
     for name, points in balls.items():

@@ -22,10 +22,89 @@
   const media = (query) => window.matchMedia(`(${query})`);
   const still = media("prefers-reduced-motion: reduce").matches;
 
+  // ------------------------------------------------------------------ what is drawn
   // bytes of a base64 text
   const bytes = (text) => Uint8Array.from(atob(text), (c) => c.charCodeAt(0));
-  for (const command of data.commands) viewer.handle_command_bytearray(bytes(command));
-  data.commands = null;
+  const floats = (text) => new Float32Array(bytes(text).buffer);
+  // three.js forgets the field of view in the size of a dot
+  const dotted = 1 / Math.tan((data.camera.fov * Math.PI) / 360);
+  const KINDS = {
+    lines: [THREE.LineSegments, THREE.LineBasicMaterial],
+    points: [THREE.Points, THREE.PointsMaterial],
+    image: [THREE.Mesh, THREE.MeshBasicMaterial],
+    marker: [THREE.Mesh, THREE.MeshBasicMaterial],
+  };
+  const SOLIDS = {
+    box: (size) => new THREE.BoxGeometry(...size),
+    sphere: (size) => new THREE.SphereGeometry(size[0], 24, 16),
+    cylinder: (size) => new THREE.CylinderGeometry(size[0], size[0], size[1], 28),
+    marker: (radius) => new THREE.SphereGeometry(radius, 24, 16),
+  };
+
+  function shape(drawn) {
+    if (drawn.kind in SOLIDS) return SOLIDS[drawn.kind](drawn.size);
+    const geometry = new THREE.BufferGeometry();
+    const set = (name, array, width, normalized) =>
+      geometry.setAttribute(name, new THREE.BufferAttribute(array, width, normalized));
+    set("position", floats(drawn.points), 3);
+    if (drawn.tints) set("color", bytes(drawn.tints), 3, true);
+    if (drawn.image) set("uv", new Float32Array([0, 0, 1, 0, 1, 1, 0, 1]), 2);
+    if (drawn.index) {
+      const whole = new Uint32Array(bytes(drawn.index).buffer);
+      geometry.setIndex(new THREE.BufferAttribute(whole, 1));
+    }
+    if (drawn.kind === "mesh") geometry.computeVertexNormals();
+    return geometry;
+  }
+
+  function draw(drawn) {
+    const [Kind, Material] = KINDS[drawn.kind] || [THREE.Mesh, THREE.MeshPhongMaterial];
+    const { opacity, kind } = drawn;
+    const look = { color: drawn.colour || "#ffffff", vertexColors: Boolean(drawn.tints) };
+    if (kind === "points") look.size = drawn.size * dotted;
+    // both sides: nobody guarantees how a URDF's triangles are wound
+    else Object.assign(look, { side: THREE.DoubleSide, opacity, transparent: opacity < 1 });
+    // what is seen through must not hide what is drawn after it
+    if (opacity < 1) look.depthWrite = false;
+    if (kind === "marker") Object.assign(look, { transparent: true, depthTest: false, depthWrite: false });
+    if (kind === "image") {
+      look.map = new THREE.TextureLoader().load(drawn.image, () => viewer.set_dirty());
+    }
+    const object = new Kind(shape(drawn), new Material(look));
+    object.renderOrder = kind === "image" ? -1 : drawn.order || 0;
+    object.castShadow = object.receiveShadow = true;
+    viewer.set_object(drawn.path.split("/"), object);
+  }
+
+  function track(path, text) {
+    const [matrix, place, turn, size] =
+      [new THREE.Matrix4(), new THREE.Vector3(), new THREE.Quaternion(), new THREE.Vector3()];
+    const values = floats(text);
+    const [places, turns] = [[], []];
+    for (let time = 0; time < values.length / 16; time += 1) {
+      matrix.fromArray(values, 16 * time).decompose(place, turn, size);
+      places.push({ time, value: place.toArray() });
+      turns.push({ time, value: turn.toArray() });
+    }
+    const tracks = [
+      { name: ".position", type: "vector3", keys: places },
+      { name: ".quaternion", type: "quaternion", keys: turns },
+    ];
+    return { path: path.split("/"), clip: { fps: 30, name: "default", tracks } };
+  }
+
+  data.objects.forEach(draw);
+  data.objects = null;
+  for (const [path, matrix] of Object.entries(data.places)) {
+    viewer.set_transform(path.split("/"), matrix);
+  }
+  for (const { name, shown } of data.layers) {
+    if (!shown) viewer.set_property([name], "visible", false);
+  }
+  // meshcat's grid lies in z = 0 and cuts a tilted plane's maps
+  viewer.set_property(["Grid"], "visible", false);
+  const tracks = Object.entries(data.tracks).map(([path, text]) => track(path, text));
+  viewer.set_animation(tracks, { play: true, repetitions: 3 });
 
   // the page's own ground shows through, light or dark: one full picture less to paint
   viewer.set_property(["Background"], "visible", false);
@@ -145,7 +224,7 @@
   // ------------------------------------------------------------------ links of a node
   const nodes = (name) => viewer.scene_tree.find([name, "nodes", "<object>"]).object;
   const packed = bytes(data.links.partners).buffer;
-  const partners = data.links.short ? new Uint16Array(packed) : new Int32Array(packed);
+  const partners = data.links.short ? new Uint16Array(packed) : new Uint32Array(packed);
   const strength = bytes(data.links.strength);
   const each = data.links.each;
 
@@ -159,26 +238,28 @@
     dots.push(...start);
     for (let k = 0; k < each; k += 1) {
       const partner = partners[node * each + k];
-      if (partner >= to.count || partner < 0) continue;
+      if (partner >= to.count) continue; // none
       const end = point(to, partner);
       const fade = 0.25 + (0.75 * strength[node * each + k]) / 255;
       lines.push(...start, ...end);
       tints.push(r, g, b, r * fade, g * fade, b * fade);
       dots.push(...end);
     }
-    const shape = (positions, colours) => {
+    const buffer = (positions, colours) => {
       const geometry = new THREE.BufferGeometry();
       geometry.setAttribute("position", new THREE.Float32BufferAttribute(positions, 3));
       if (colours) geometry.setAttribute("color", new THREE.Float32BufferAttribute(colours, 3));
       return geometry;
     };
     viewer.set_object(["Hebbian links", "lines"],
-      new THREE.LineSegments(shape(lines, tints), new THREE.LineBasicMaterial({ vertexColors: 2 })));
+      new THREE.LineSegments(buffer(lines, tints), new THREE.LineBasicMaterial({ vertexColors: true })));
     viewer.set_object(["Hebbian links", "nodes"],
-      new THREE.Points(shape(dots), new THREE.PointsMaterial({ color: data.link, size: data.dot })));
+      new THREE.Points(buffer(dots), new THREE.PointsMaterial({ color: data.link, size: data.dot * dotted })));
     data.node = node;
     viewer.set_dirty();
   }
+
+  link(data.node);
 
   function nearest(x, y, reach) {
     const object = nodes("Sensory map");

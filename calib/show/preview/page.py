@@ -2,14 +2,16 @@
 
 from __future__ import annotations
 
-import base64
 import json
 from importlib.util import find_spec
 from pathlib import Path
 
+import numpy as np
+
 from ...common.templates import filled
 from ...errors import CalibError
 from ...model.model import Model
+from .canvas import packed
 from .lattices import strongest_partners
 from .scene import Scene
 
@@ -17,18 +19,19 @@ from .scene import Scene
 def html(scene: Scene, model: Model, *, live: bool = False) -> str:
     """Return the page of a model's scene; `live` where a server answers inverse queries."""
     partners, strength = strongest_partners(model)
-    short = model.motor.size < 1 << 16  # 65535 stands for none
+    # -1, which stands for none, is the largest number here
+    short = np.uint16 if model.motor.size < 1 << 16 else np.uint32
     data = {
         **scene.page,
         "notes": list(scene.notes),
         "live": live,
         "links": {
             "each": partners.shape[1],
-            "short": short,
-            "partners": _base64(partners.astype("<u2" if short else "<i4").tobytes()),
-            "strength": _base64(strength.tobytes()),
+            "short": short is np.uint16,
+            "partners": packed(partners.astype(short), short),
+            "strength": packed(strength, np.uint8),
         },
-        "commands": [_base64(command) for command in scene.canvas.packed()],
+        **scene.canvas.to_json(),
     }
     text = json.dumps(data, separators=(",", ":"), allow_nan=False)
     # a name that holds a closing tag must not end the script; the page's policy lets a browser
@@ -49,7 +52,3 @@ def viewer_script() -> str:
         raise CalibError(
             f"meshcat's viewer is missing ({path.name}): pip install --force-reinstall meshcat"
         ) from error
-
-
-def _base64(data: bytes) -> str:
-    return base64.b64encode(data).decode("ascii")

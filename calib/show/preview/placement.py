@@ -67,25 +67,35 @@ class Placement:
 def place_model(model: Model, body: DrawnArm | None) -> Placement:
     """Find where a model's positions are in space.
 
-    Positions of a sensor that agrees with the robot's own geometry are drawn where they
-    say. Those of a camera that is turned, mirrored or counts pixels are brought to the
-    robot by the similarity that fits best, with a note.
+    A sensor whose pose the model's body knows is drawn where it stands, a camera's picture as far
+    from it as the tip is.  Other positions are drawn where they say, if they agree with the robot's
+    own geometry; else the similarity that fits best brings them to the robot, with a note.
     """
-    about, size = model.about, extent(model)
-    if len(model.axes) == 3:
-        return _in_space(model, body)
-    if model.body is not None and body is not None and is_camera(model.body.structure.view):
-        return _picture(model, body)
-    up = -1.0 if downwards(about.unit) else 1.0
-    if body is None:
-        scale = _scale_of(size)
-        plane = _stated(about.plane)
+    about, size, own = model.about, extent(model), model.body
+    up, structure = -1.0 if downwards(about.unit) else 1.0, getattr(own, "structure", None)
+    if own is not None and body is not None and isinstance(structure, SpatialStructure):
+        sensor = structure.sensor(own.beta) if structure.informed else None
+        # x = scale R p + shift, seen from the root link
+        turn = np.eye(3) if sensor is None else sensor.rotation
+        place = np.zeros(3) if sensor is None else -sensor.shift @ turn / sensor.scale
+        if sensor is not None and is_camera(structure.view):
+            f, u, v, _ = sensor.lens
+            depth = float(np.mean((body.tips(_nodes(model)) - place) @ turn[2]))
+            axes = depth / f * turn[:2]
+            corner = place + depth * turn[2] - u * axes[0] - v * axes[1]
+            note = "the picture is drawn as far from the camera as the tip is on average"
+            return Placement(corner, axes, 1.0, note, -1.0)
+        unit = 1.0 if sensor is None else sensor.scale
+        scale = _scale_of(size / unit)
+        note = "the sensor's frame is not the robot's: positions are drawn in the robot's"
+        note = note if sensor is not None and structure.view != "base" else ""
+        return Placement(scale * place, scale * turn / unit, scale, note)
+    if body is None or len(model.axes) == 3:
+        scale, plane = _scale_of(size), _stated(about.plane)
         # as the camera sees it
-        axes = scale * np.stack([plane.x, up * plane.y])
-        return Placement(scale * plane.origin, axes, scale, up=up)
-    nodes = model.motor.scale.from_unit(np.clip(model.motor.units[model.visited], 0.0, 1.0))
-    # visited nodes: the others stand where nothing was measured
-    nodes = nodes[thinned(len(nodes), 300)]
+        axes = np.eye(3) if len(model.axes) == 3 else np.stack([plane.x, up * plane.y])
+        return Placement(scale * plane.origin, scale * axes, scale, up=up)
+    nodes = _nodes(model)
     learned = model.forward(nodes)
     known = np.isfinite(learned).all(axis=1)
     tips, learned = body.tips(nodes[known]), learned[known]
@@ -110,38 +120,10 @@ def place_model(model: Model, body: DrawnArm | None) -> Placement:
     return Placement(scale * plane.lift(shift), scale * linear @ basis, scale, note, up)
 
 
-def _in_space(model: Model, body: DrawnArm | None) -> Placement:
-    """The sensor's frame as the model's body knows it; without one it is the scene's."""
-    size, own = extent(model), model.body
-    if body is None or own is None or not getattr(own.structure, "informed", False):
-        scale = _scale_of(size)
-        return Placement(np.zeros(3), scale * np.eye(3), scale if body is not None else 1.0)
-    structure = own.structure
-    assert isinstance(structure, SpatialStructure)  # noqa: S101
-    sensor = structure.sensor(own.beta)
-    # x = scale R p + shift, seen from the root link
-    axes = sensor.rotation / sensor.scale
-    note = ""
-    if structure.view != "base":
-        note = "the sensor's frame is not the robot's: positions are drawn in the robot's"
-    scale = _scale_of(size / sensor.scale)
-    return Placement(-scale * sensor.shift @ axes, scale * axes, scale, note)
-
-
-def _picture(model: Model, body: DrawnArm) -> Placement:
-    """A camera's picture where it would show the arm at its true size: as far as the tip is."""
-    own = model.body
-    assert own is not None  # noqa: S101
-    assert isinstance(own.structure, SpatialStructure)  # noqa: S101
-    sensor = own.structure.sensor(own.beta)
-    turn, place = sensor.rotation.T, -sensor.rotation.T @ sensor.shift
-    f, u, v, _ = own.beta[own.structure.groups["lens"]]
+def _nodes(model: Model) -> Array:
+    """Joints (n, dof) [rad or m] of visited nodes: the others stand where nothing was measured."""
     nodes = model.motor.scale.from_unit(np.clip(model.motor.units[model.visited], 0.0, 1.0))
-    nodes = nodes[thinned(len(nodes), 300)]
-    depth = float(np.mean((body.tips(nodes) - place) @ turn[:, 2]))
-    axes = depth / f * turn[:, :2].T
-    note = "the picture is drawn as far from the camera as the tip is on average"
-    return Placement(place + depth * turn[:, 2] - u * axes[0] - v * axes[1], axes, 1.0, note, -1.0)
+    return np.asarray(nodes[thinned(len(nodes), 300)])
 
 
 def _scale_of(size: float) -> float:

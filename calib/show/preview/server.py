@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import re
 import secrets
 import sys
 from collections.abc import Callable
@@ -70,11 +71,6 @@ class PreviewServer(ThreadingHTTPServer):
             print(f"preview: {one_line(' '.join(text.split()))}", file=sys.stderr)
 
 
-def _is_length(text: str) -> bool:
-    digits = text.isascii() and text.isdigit() and len(text) < 10
-    return digits and int(text) <= _LONGEST
-
-
 class _Handler(BaseHTTPRequestHandler):
     server: PreviewServer
     timeout = 5.0  # a connection that says nothing for so long is closed [s]
@@ -93,7 +89,8 @@ class _Handler(BaseHTTPRequestHandler):
         answer = self.server.answer
         known = self.path == f"/{self.server.secret}/ask" and answer is not None
         length = self.headers.get("Content-Length", "")
-        if not known or answer is None or not _is_length(length):
+        small = re.fullmatch(r"[0-9]{1,5}", length) and int(length) <= _LONGEST
+        if not known or answer is None or not small:
             self._send(404, "text/plain", b"not here")
             return
         try:
@@ -146,6 +143,7 @@ class Live:
         with "words", "joints" in the motor map's unit box, and transforms of "links".
         """
         placement, model = self._placement, self._model
+        about, unit = model.about, model.about.unit
         point = np.asarray(question["at"], dtype=float)
         if point.shape != (3,) or not np.isfinite(point).all():
             raise QueryError(f"a point of {point.size} numbers: expected three finite ones")
@@ -153,15 +151,18 @@ class Live:
         x = (point - placement.origin) @ np.linalg.pinv(placement.axes)
         found = model.solve_all(x[None])[0]
         reachable = bool(found.reachable.any())
-        unit = model.about.unit
         branches = []
-        for k in range(min(len(found.q), _MOST)):
-            bound = length_in_words(float(found.expected_error[k]), unit)
-            poses = {} if self._body is None else self._body.poses(found.q[k])
+        for q, error in zip(found.q[:_MOST], found.expected_error, strict=False):
+            shown = [
+                f"{name} {np.degrees(v):.2f}°" if turns else f"{name} {1e3 * v:.2f} mm"
+                for name, turns, v in zip(about.joint_names, about.revolute, q, strict=True)
+            ]
+            poses = {} if self._body is None else self._body.poses(q)
+            bound = length_in_words(float(error), unit)
             branches.append(
                 {
-                    "words": f"{self._words(found.q[k])}\nexpected error {bound}",
-                    "joints": model.motor.scale.to_unit(found.q[k : k + 1])[0].tolist(),
+                    "words": f"{', '.join(shown)}\nexpected error {bound}",
+                    "joints": model.motor.scale.to_unit(q[None])[0].tolist(),
                     "links": {name: t[0].T.ravel().tolist() for name, t in poses.items()},
                 }
             )
@@ -169,17 +170,6 @@ class Live:
         if not reachable:
             off = length_in_words(float(found.distance[0]), unit)
             words = f"out of reach, the nearest point is {off} away"
-        return {
-            "reachable": reachable,
-            "words": words,
-            "target": placement.lift(x[None])[0].tolist(),
-            "branches": branches,
-        }
-
-    def _words(self, q: Any) -> str:
-        about = self._model.about
-        parts = []
-        for name, turns, value in zip(about.joint_names, about.revolute, q, strict=True):
-            text = f"{np.degrees(value):.2f}°" if turns else f"{1e3 * value:.2f} mm"
-            parts.append(f"{name} {text}")
-        return ", ".join(parts)
+        target = placement.lift(x[None])[0].tolist()
+        told = {"reachable": reachable, "words": words, "target": target}
+        return {**told, "branches": branches}

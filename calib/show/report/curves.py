@@ -14,8 +14,6 @@ from .maps import WIDE
 from .style import DASHES, HUES, INK, new_figure
 from .tables import figure_unit
 
-_GROUPS = 10
-
 
 def least(evidence: Evidence) -> float:
     """Errors below this are rounding [unit]."""
@@ -95,38 +93,20 @@ def training(evidence: Evidence) -> Any:
 
 
 def calibration(evidence: Evidence) -> Any:
-    """Whether errors keep to what is expected of them."""
+    """Whether errors keep to what is expected of them: the shares within parts of their bounds."""
     pairs = bound_pairs(evidence)
     if pairs is None:
         return None
     bound, error = pairs
-    factor, unit = figure_unit(evidence.unit)
-    figure = new_figure(WIDE, 3.0)
-    left, right = figure.subplots(1, 2)
-    # equal counts, not equal widths: each quantile rests on as many samples
-    groups = np.array_split(np.argsort(bound, kind="stable"), min(_GROUPS, len(bound)))
-    stated = np.array([np.median(bound[g]) for g in groups]) * factor
-    seen = np.array([np.quantile(error[g], COVERAGE) for g in groups]) * factor
-    left.plot(stated, seen, "o", color=HUES["local"], label="a tenth of the samples each")
-    ends = np.array([min(stated.min(), seen.min()), max(stated.max(), seen.max())])
-    left.plot(ends, ends, "-", color=_ink(), linewidth=0.8, label="as promised")
-    left.set(
-        xscale="log",
-        yscale="log",
-        xlabel=f"expected error [{unit}]",
-        ylabel=f"95 % of the errors are below [{unit}]",
-        title="bound and measured error",
-    )
-    for axis in (left.xaxis, left.yaxis):
-        _label_steps(axis)
-    left.legend(fontsize=7.5)
+    figure = new_figure(WIDE, 2.8)
+    ax = figure.subplots()
     ratio = np.sort(error / bound)
     share = 100 * np.arange(1, len(ratio) + 1) / len(ratio)
     keep = np.unique(np.linspace(0, len(ratio) - 1, 400).astype(int))
-    right.plot(ratio[keep], share[keep], color=HUES["local"], linewidth=1.6)
-    right.axvline(1.0, color=_ink(), linewidth=0.8)
-    right.axhline(100 * COVERAGE, color=_ink(), linewidth=0.8, linestyle=":")
-    right.set(
+    ax.plot(ratio[keep], share[keep], color=HUES["local"], linewidth=1.6)
+    ax.axvline(1.0, color=_ink(), linewidth=0.8)
+    ax.axhline(100 * COVERAGE, color=_ink(), linewidth=0.8, linestyle=":")
+    ax.set(
         xlim=(0.0, max(2.0, float(np.quantile(ratio, 0.995)))),
         ylim=(0, 101),
         xlabel="error over expected error",

@@ -10,14 +10,12 @@ import numpy as np
 from ...common.arrays import Array
 from ...maps.map import Map
 from ...model.about import About
-from ...model.measured import Photo
 from ..arrows import Arrows
 from ..error_scale import UNKNOWN, ErrorScale
 from ..workspace import (
     cell_means,
     downwards,
     drawn_edges,
-    extent,
     motor_errors,
     outline,
     sensory_errors,
@@ -29,6 +27,8 @@ from .tables import figure_unit
 _BINS = 36
 _PAPERS = "activity"  # the readout of the paper, beside the default
 WIDE = 7.4  # inches, the page's column
+BORDER, ARROW = "#12b886", "#e8590c"
+_FAR = 5.0  # times the median edge
 PROJECTIONS = {2: ((0, 1),), 3: ((0, 1), (0, 2), (1, 2))}
 """Pairs of coordinates in which positions in a plane, and in space, are seen."""
 
@@ -61,11 +61,17 @@ def heat_maps(evidence: Evidence, direction: str) -> Any:
             name_axes(ax, evidence, view)
         if flat:
             row[0].set_title(f"{readout}: workspace")
-            factors, names = zip(*(joint_axis(model.about, k) for k in (0, 1)), strict=True)
-            heat(row[1], residuals.q[:, :2] * np.array(factors), errors, scale)
-            row[1].set(xlabel=names[0], ylabel=names[1], title=f"{readout}: joint space")
+            heat(row[1], residuals.q[:, :2] * name_joints(row[1], model.about), errors, scale)
+            row[1].set_title(f"{readout}: joint space")
         colour_bar(figure, image, row, scale)
     return figure
+
+
+def name_joints(ax: Any, about: About) -> Array:
+    """Name the axes of the first two joints; return the factors (2,) for what they show."""
+    factors, names = zip(*(joint_axis(about, k) for k in (0, 1)), strict=True)
+    ax.set(xlabel=names[0], ylabel=names[1])
+    return np.array(factors)
 
 
 def name_axes(ax: Any, evidence: Evidence, view: tuple[int, int] = (0, 1)) -> None:
@@ -86,17 +92,13 @@ def lattices(evidence: Evidence) -> Any:
     axes = figure.subplots(1, 2)
     errors = [motor_errors(model), sensory_errors(model)]
     scale = ErrorScale.of(np.concatenate(errors), evidence.unit, evidence.extent)
-    factors, names = zip(*(joint_axis(model.about, k) for k in (0, 1)), strict=True)
-    factor, _ = figure_unit(evidence.unit)
-    for ax, part, by, values, what in (
-        (axes[0], model.motor, np.array(factors), errors[0], "motor"),
-        (axes[1], model.sensory, factor, errors[1], "sensory"),
-    ):
+    factors: list[Any] = [name_joints(axes[0], model.about), figure_unit(evidence.unit)[0]]
+    parts = {"motor": model.motor, "sensory": model.sensory}
+    for ax, by, values, (what, part) in zip(axes, factors, errors, parts.items(), strict=True):
         points, edges = part.weights[:, :2] * by, drawn_edges(part)
         lines = _lattice(ax, points, edges, values, scale, linewidths=0.7)
         ax.autoscale()
         ax.set_title(f"{what} map, {'x'.join(map(str, part.lattice.shape))} nodes")
-    axes[0].set(xlabel=names[0], ylabel=names[1])
     name_axes(axes[1], evidence)
     colour_bar(figure, lines, axes, scale, "expected error")
     return figure
@@ -112,10 +114,10 @@ def _lattice(
         list(points[edges]),
         array=np.ma.masked_invalid(scale.share(errors)[edges].mean(axis=1)),
         cmap=colour_map(unknown=UNKNOWN),
-        norm=_norm(),
         rasterized=True,  # ten thousand lines as vectors would make the page ten times as large
         **style,
     )
+    lines.set_clim(0.0, 1.0)
     ax.add_collection(lines)
     return lines
 
@@ -123,15 +125,12 @@ def _lattice(
 def node_maps(evidence: Evidence) -> Any:
     """U-matrix and hits of both maps, as the users of such maps expect them."""
     model = evidence.model
-    parts = [("motor map", model.motor, evidence.u), ("sensory map", model.sensory, evidence.v)]
     figure = new_figure(WIDE, 5.6)
-    grid = figure.subplots(2, 2)
-    for column, (name, part, samples) in enumerate(parts):
-        for ax, values, what, how in (
-            (grid[0, column], u_matrix(part), "U-matrix", "mean"),
-            (grid[1, column], hits(part, samples), "hits", "sum"),
-        ):
-            _nodes(figure, ax, part, values, how, f"{name}: {what}")
+    grid = figure.subplots(2, 2).T
+    parts = {"motor": (model.motor, evidence.u), "sensory": (model.sensory, evidence.v)}
+    for axes, (name, (part, samples)) in zip(grid, parts.items(), strict=True):
+        _nodes(figure, axes[0], part, u_matrix(part), f"{name} map: U-matrix", "distance [ranges]")
+        _nodes(figure, axes[1], part, hits(part, samples), f"{name} map: hits", "samples")
     return figure
 
 
@@ -151,6 +150,33 @@ def hits(part: Map, u: Array) -> Array:
     return np.bincount(part.nearest(u)[1][:, 0], minlength=part.size).astype(float)
 
 
+def _nodes(figure: Any, ax: Any, part: Map, values: Array, title: str, unit: str) -> None:
+    """Draw a value for each node; of a lattice of three axes the mean or the sum over the third."""
+    ax.set_title(title)
+    if np.isnan(values).all():
+        ax.text(0.5, 0.5, "not measured", ha="center", transform=ax.transAxes)
+        ax.set(xticks=[], yticks=[])
+        return
+    shape = part.lattice.shape
+    if len(shape) == 1:  # a graph: its nodes have no place but where they stand
+        image = ax.scatter(*part.units[:, :2].T, c=values, s=4, cmap="cividis", rasterized=True)
+        ax.set(xlabel="first coordinate [range]", ylabel="second")
+    else:
+        grid = values.reshape(*shape[:2], -1)
+        # hits of nodes behind each other add up, distances do not
+        how = "sum" if unit == "samples" else "mean"
+        most = float(np.quantile(values, 0.995)) if len(shape) == 2 else None
+        shown = getattr(grid, how)(axis=-1).T
+        style: dict[str, Any] = {"cmap": "cividis", "interpolation": "nearest", "aspect": "auto"}
+        image = ax.imshow(shown, origin="lower", vmax=most, **style)
+        ax.set(xlabel="first lattice axis [nodes]", ylabel="second [nodes]")
+        if len(shape) == 3:
+            ax.set_title(f"{title} ({how} over the third axis)")
+    bar = figure.colorbar(image, ax=ax, shrink=0.9, pad=0.01, aspect=24)
+    bar.set_label(unit)
+    bar.outline.set_visible(False)
+
+
 def colour_bar(
     figure: Any, image: Any, axes: Any, scale: ErrorScale, label: str = "mean error"
 ) -> None:
@@ -166,12 +192,6 @@ def colour_bar(
     bar.outline.set_visible(False)
 
 
-def _norm() -> Any:
-    from matplotlib.colors import Normalize
-
-    return Normalize(0.0, 1.0)
-
-
 def heat(ax: Any, points: Array, errors: Array, scale: ErrorScale) -> Any:
     """Mean error in the cells of a grid over points (n, 2)."""
     low, high = points.min(axis=0), points.max(axis=0)
@@ -184,49 +204,15 @@ def heat(ax: Any, points: Array, errors: Array, scale: ErrorScale) -> Any:
         extent=(low[0], low[0] + span[0], low[1], low[1] + span[1]),
         aspect="auto",
         cmap=colour_map(),
-        norm=_norm(),
+        vmin=0.0,
+        vmax=1.0,
         interpolation="nearest",
     )
-
-
-def _nodes(figure: Any, ax: Any, part: Map, values: Array, how: str, title: str) -> None:
-    shape = part.lattice.shape
-    if np.isnan(values).all():
-        ax.text(0.5, 0.5, "not measured", ha="center", transform=ax.transAxes)
-        ax.set(xticks=[], yticks=[], title=title)
-        return
-    if len(shape) == 1:  # a graph: its nodes have no place but where they stand
-        image = ax.scatter(*part.units[:, :2].T, c=values, s=4, cmap="cividis", rasterized=True)
-        ax.set(xlabel="first coordinate [range]", ylabel="second", title=title)
-    else:
-        grid = values.reshape(shape)
-        # hits of nodes behind each other add up, distances do not
-        while grid.ndim > 2:
-            grid = grid.mean(axis=-1) if how == "mean" else grid.sum(axis=-1)
-        image = ax.imshow(
-            grid.T,
-            origin="lower",
-            cmap="cividis",
-            interpolation="nearest",
-            aspect="auto",
-            vmax=float(np.quantile(values, 0.995)) if len(shape) == 2 else None,
-        )
-        more = f" ({how} over the third axis)" if len(shape) == 3 else ""
-        ax.set(xlabel="first lattice axis [nodes]", ylabel="second [nodes]", title=title + more)
-    bar = figure.colorbar(image, ax=ax, shrink=0.9, pad=0.01, aspect=24)
-    bar.set_label("distance [ranges]" if how == "mean" else "samples")
-    bar.outline.set_visible(False)
-
-
-BORDER, ARROW = "#12b886", "#e8590c"
-_FAR = 5.0  # times the median edge
-_DOT: dict[str, Any] = {"ms": 3.0, "mfc": "#ffffff", "mec": "#1d2730", "mew": 0.6}
 
 
 def over_photo(evidence: Evidence) -> Any:
     """Draw the sensory map over the model's photo; None where it has none."""
     from matplotlib.collections import LineCollection
-    from matplotlib.lines import Line2D
 
     model, photo = evidence.model, evidence.model.photo
     if photo is None or len(model.axes) != 2:
@@ -241,44 +227,27 @@ def over_photo(evidence: Evidence) -> Any:
     ax.imshow([[1.0]], extent=photo.box, cmap="gray", vmin=0, vmax=1, alpha=0.18, aspect="equal")
     for spine in ax.spines.values():
         spine.set_visible(False)
-    errors = sensory_errors(model)
-    scale = ErrorScale.of(errors, model.about.unit, extent(model))
+    errors, nodes = sensory_errors(model), model.sensory.weights
+    scale = ErrorScale.of(errors, evidence.unit, evidence.extent)
     edges = drawn_edges(model.sensory)
-    long = np.linalg.norm(np.diff(model.sensory.weights[edges], axis=1)[:, 0], axis=1)
+    long = np.linalg.norm(np.diff(nodes[edges], axis=1)[:, 0], axis=1)
     # an edge that is far longer than others leads across what the arm does not reach
     edges = edges[np.isfinite(errors[edges]).all(axis=1) & (long < _FAR * np.median(long))]
-    nodes = model.sensory.weights
     lines = _lattice(ax, nodes, edges, errors, scale, linewidths=0.8, alpha=0.85)
     ax.set(xlim=(left, right), ylim=(low, high), xticks=[], yticks=[])
     around = LineCollection(list(outline(model)), colors=BORDER, linewidths=2.2, capstyle="round")
+    around.set_label("what the learned range reaches")
     ax.add_collection(around, autolim=False)
-    words = {"what the learned range reaches": Line2D([], [], color=BORDER, lw=2.2)}
-    if label := _arrows(ax, evidence, photo):
-        words[label] = Line2D([], [], color=ARROW, lw=1.4, marker="o", **_DOT)
-    figure.legend(words.values(), words, loc="outside lower left", ncols=1)
+    found = evidence.residuals
+    arrows = None if found is None else Arrows.of(model, found.q, found.x, right - left)
+    if arrows is not None:
+        style = {"width": 0.0028, "headwidth": 4.5, "headlength": 5.0, "zorder": 4}
+        ends = (arrows.ends - arrows.seen).T
+        ax.quiver(
+            *arrows.seen.T, *ends, color=ARROW, angles="xy", scale_units="xy", scale=1.0, **style
+        )
+        dots = {"mfc": "#ffffff", "mec": "#1d2730", "mew": 0.6, "color": ARROW}
+        ax.plot(*arrows.seen.T, "o", ms=3.0, label=arrows.words, zorder=5, **dots)
+    figure.legend(loc="outside lower left", ncols=1)
     colour_bar(figure, lines, [ax], scale, "expected error")
     return figure
-
-
-def _arrows(ax: Any, evidence: Evidence, photo: Photo) -> str:
-    """Draw where tips were seen, and arrows to where the model has them; say what they mean."""
-    found = evidence.residuals
-    if found is None:
-        return ""
-    arrows = Arrows.of(evidence.model, found.q, found.x, photo.box[1] - photo.box[0])
-    if arrows is None:
-        return ""
-    ax.quiver(
-        *arrows.seen.T,
-        *(arrows.ends - arrows.seen).T,
-        color=ARROW,
-        angles="xy",
-        scale_units="xy",
-        scale=1.0,
-        width=0.0028,
-        headwidth=4.5,
-        headlength=5.0,
-        zorder=4,
-    )
-    ax.plot(*arrows.seen.T, "o", zorder=5, **_DOT)
-    return arrows.words

@@ -4,15 +4,13 @@ from __future__ import annotations
 
 import html
 from collections.abc import Callable
-from dataclasses import dataclass
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 
 from ...common.templates import filled
 from ...model.model import Model
 from ...samples.samples import Samples
-from ...use.nominal import moves_in_space
 from ..error_scale import length_in_words
 from ..facts import facts
 from . import curves, maps, space
@@ -22,18 +20,15 @@ from .style import settings, to_png, to_svg
 from .tables import adaptation_table, drift_text, errors_in_html, fact_list, is_papers_arm
 
 _MEAN = {2: 1.2533, 3: 1.5958}  # mean distance over the standard deviation along an axis
-_ROUNDING = "All errors are rounding (below 1 nm): there is nothing to draw."
 
 
-@dataclass(frozen=True)
-class Section:
+class Section(NamedTuple):
     """A figure of the report."""
 
     name: str  # for its file and its place in the page
     title: str  # what it shows
     text: str  # how to read it
-    draw: Callable[[Evidence], Any]  # draws it; None where there is nothing to draw it from
-    when: Callable[[Model], bool] = lambda _: True  # whether it is of a model at all
+    draw: Callable[[Evidence], Any]  # draws it; None where there is nothing to draw
 
 
 SECTIONS = (
@@ -42,7 +37,6 @@ SECTIONS = (
         "The map over a photo",
         "The sensory map as the camera sees the arm, and where the tip was seen and is predicted.",
         over_photo,
-        lambda model: model.photo is not None,
     ),
     Section(
         "forward",
@@ -63,7 +57,6 @@ SECTIONS = (
         "Measured minus predicted positions, enlarged. Arrows that "
         "point alike in one region are an error that is not noise.",
         space.residual_vectors,
-        space.in_space,
     ),
     Section(
         "joints",
@@ -71,7 +64,6 @@ SECTIONS = (
         "Distance between predicted and measured position over the value of each joint: the mean "
         "and the 95 % quantile of each part of its range.",
         space.by_joint,
-        moves_in_space,
     ),
     Section(
         "curves",
@@ -79,7 +71,6 @@ SECTIONS = (
         "What a joint turns beyond its reading, with the 95 % interval, over the measured part of "
         "its range. Gears and encoders repeat such errors every turn.",
         space.joint_curves,
-        space.has_curves,
     ),
     Section(
         "histogram",
@@ -90,8 +81,8 @@ SECTIONS = (
     Section(
         "calibration",
         "How well does the expected error hold?",
-        "Measured 95 % quantile of the error over the predicted 95 % bound. On the line the "
-        "bound is exact; below it the bound is larger than needed.",
+        "Share of the test samples whose error is within a part of its 95 % bound. Where the lines "
+        "cross the bound is exact; a curve above it has bounds that are larger than needed.",
         curves.calibration,
     ),
     Section(
@@ -128,11 +119,11 @@ def report(model: Model, samples: Samples | None = None) -> str:
     about = model.about
     parts = [
         f"<h1>{html.escape(about.robot or 'An arm, learned from a log')}</h1>",
-        '<p class="soft">What was learned, from which data, and how accurate it is.</p>',
+        _soft("What was learned, from which data, and how accurate it is."),
         f'<p class="lead">{_verdict(evidence)}</p>',
         _heading("What was learned from what"),
         fact_list({**facts(model), "links": f"{model.links.nnz:,}"}),
-        *(f'<p class="soft">Note: {html.escape(note)}</p>' for note in about.notes),
+        *(_soft(f"Note: {note}") for note in about.notes),
         _heading("Errors"),
         _error_text(evidence),
         errors_in_html(evidence),
@@ -140,27 +131,17 @@ def report(model: Model, samples: Samples | None = None) -> str:
     if model.history:
         parts += [
             _heading("Before and after"),
-            '<p class="soft">Earlier states of this model and what made it change.</p>',
+            _soft("Earlier states of this model and what made it change."),
             adaptation_table(model.history, about.unit),
         ]
     if samples is not None:
         parts += [_heading("Does the log still fit?"), drift_text(model.check(samples))]
     with settings():
-        for section in SECTIONS:
-            if not section.when(model):
-                continue
-            figure = section.draw(evidence)
-            if figure is None and evidence.residuals is None:
-                continue  # a section that could only say what it lacks
-            parts.append(_heading(section.title))
-            if figure is None:
-                parts.append(f'<p class="soft">{_ROUNDING}</p>')
-                continue
-            svg = to_svg(figure, section.name, section.title)
-            parts.append(
-                f'<figure id="{section.name}">{svg}'
-                f"<figcaption>{html.escape(section.text)}</figcaption></figure>"
-            )
+        for name, heading, text, draw in SECTIONS:
+            if (figure := draw(evidence)) is not None:
+                svg = to_svg(figure, name, heading)
+                caption = f"<figcaption>{html.escape(text)}</figcaption>"
+                parts += [_heading(heading), f'<figure id="{name}">{svg}{caption}</figure>']
     title = f"{html.escape(about.robot or 'log')}: calibration report"
     return filled(__package__, "page.html", title=title, body="\n".join(parts))
 
@@ -169,12 +150,16 @@ def pictures(model: Model, samples: Samples | None = None) -> dict[str, bytes]:
     """Return the figures of a report as PNG, by name."""
     evidence = gather(model, samples)
     with settings(paper=True):
-        drawn = {s.name: s.draw(evidence) for s in SECTIONS if s.when(model)}
+        drawn = {section.name: section.draw(evidence) for section in SECTIONS}
         return {name: to_png(figure) for name, figure in drawn.items() if figure is not None}
 
 
 def _heading(title: str) -> str:
     return f"<h2>{html.escape(title)}</h2>"
+
+
+def _soft(text: str) -> str:
+    return f'<p class="soft">{html.escape(text)}</p>'
 
 
 def _verdict(evidence: Evidence) -> str:
@@ -226,4 +211,4 @@ def _error_text(evidence: Evidence) -> str:
             " Without noise the body of an ideal arm is found exactly: judge by noisy or measured "
             "data."
         )
-    return f'<p class="soft">{html.escape(text)}</p>'
+    return _soft(text)

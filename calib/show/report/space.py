@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Collection
 from typing import Any
 
 import numpy as np
@@ -9,6 +10,7 @@ import numpy as np
 from ...body.curves import powers
 from ...common.rows import thinned
 from ...model.model import Model
+from ...use.nominal import moves_in_space
 from ..error_scale import length_in_words
 from .evidence import Evidence
 from .maps import PROJECTIONS, WIDE, joint_axis, name_axes
@@ -21,20 +23,10 @@ _GROUPS = 24  # parts of a joint's range
 _FEWEST = 5  # rows that say something of a part
 
 
-def in_space(model: Model) -> bool:
-    """Whether the arm's positions have three coordinates."""
-    return len(model.axes) == 3
-
-
-def has_curves(model: Model) -> bool:
-    """Whether the body has error curves of its joints."""
-    return bool(_curved(model))
-
-
 def residual_vectors(evidence: Evidence) -> Any:
     """Measured minus predicted positions as arrows, seen along each axis of the sensor."""
     residuals = evidence.residuals
-    if residuals is None:
+    if residuals is None or len(evidence.model.axes) < 3:
         return None
     some = thinned(len(residuals.q), _ARROWS)
     x = residuals.x[some]
@@ -67,89 +59,80 @@ def residual_vectors(evidence: Evidence) -> Any:
 
 
 def by_joint(evidence: Evidence) -> Any:
-    """Mean and 95 % of the forward error over the value of each joint."""
-    residuals, about = evidence.residuals, evidence.model.about
-    if residuals is None or not len(residuals.q):
+    """Mean and 95 % of the forward error over the value of each joint, of arms in space."""
+    residuals, model = evidence.residuals, evidence.model
+    if residuals is None or not len(residuals.q) or not moves_in_space(model):
         return None
-    errors = residuals.errors[evidence.model.default_readout]
+    errors = residuals.errors[model.default_readout]
     factor, unit = figure_unit(evidence.unit)
-    figure, axes = _each_joint(len(about.joint_names))
-    for k, ax in enumerate(axes):
-        by, label = joint_axis(about, k)
+    figure, axes = _each_joint(model, range(residuals.q.shape[1]), f"error [{unit}]")
+    for k, by, ax in axes:
         q = residuals.q[:, k] * by
         edges = np.linspace(q.min(), q.max() + 1e-12, _GROUPS + 1)
         group = np.digitize(q, edges[1:-1])
-        parts = [errors[group == g] for g in range(_GROUPS)]
-        known = np.array([len(part) >= _FEWEST for part in parts])
-        middle = ((edges[1:] + edges[:-1]) / 2)[known]
+        parts = [errors[group == g] * factor for g in range(_GROUPS)]
+        middle = (edges[1:] + edges[:-1]) / 2
+        known = [(m, part) for m, part in zip(middle, parts, strict=True) if len(part) >= _FEWEST]
         for what, style, of in (
             ("mean", "o-", np.mean),
             ("95 %", "v:", lambda part: np.quantile(part, 0.95)),
         ):
-            values = [factor * float(of(p)) for p, use in zip(parts, known, strict=True) if use]
-            ax.plot(middle, values, style, color=HUES["local"], markersize=2.5, label=what)
-        ax.set(xlabel=label)
-        ax.grid(visible=True, axis="y")
-        if k % 3 == 0:
-            ax.set_ylabel(f"error [{unit}]")
-    axes[0].set_ylim(bottom=0.0)
-    axes[0].legend(fontsize=7.5)
+            rows = [(m, float(of(part))) for m, part in known]
+            ax.plot(
+                *zip(*rows, strict=True), style, color=HUES["local"], markersize=2.5, label=what
+            )
+    axes[0][2].set_ylim(bottom=0.0)
+    axes[0][2].legend(fontsize=7.5)
     return figure
 
 
 def joint_curves(evidence: Evidence) -> Any:
-    """Error curve of each joint with its 95 % interval, over the learned range."""
-    model = evidence.model
-    curved, body = _curved(model), model.body
-    if body is None or not curved:
+    """Error curve of each joint with its 95 % interval, over the measured range."""
+    model, body = evidence.model, evidence.model.body
+    if body is None:
+        return None
+    groups = body.structure.groups
+    curves = {k: groups.get(f"curve.{k}", ()) for k in range(body.structure.dof)}
+    curves = {k: ix for k, ix in curves.items() if len(ix) and np.isin(ix, body.active).all()}
+    if not curves:
         return None
     root = body.root
-    figure, axes = _each_joint(len(curved))
-    rows = None if model.rows is None else model.rows.q
-    for ax, k in zip(axes, curved, strict=False):
-        by, label = joint_axis(model.about, k)
-        low, high = float(model.about.lower[k]), float(model.about.upper[k])
-        if rows is not None:
-            low, high = float(rows[:, k].min()), float(rows[:, k].max())
+    figure, axes = _each_joint(model, curves, "curve [mrad]")
+    for k, by, ax in axes:
+        low, high = model.about.lower[k], model.about.upper[k]
+        if model.rows is not None:
+            low, high = model.rows.q[:, k].min(), model.rows.q[:, k].max()
         q = np.linspace(low, high, 600)
         # real and imaginary parts of exp(i k q): the body's cosines and sines in one call
         waves = powers(q)
         waves = np.concatenate([waves.real, waves.imag], axis=1)
-        index = body.structure.groups[f"curve.{k}"]
-        value = 1e3 * (waves @ body.beta[index])
-        place = np.searchsorted(body.active, index)
+        value = 1e3 * (waves @ body.beta[curves[k]])
+        place = np.searchsorted(body.active, curves[k])
         # beta ~ N(m, R R'): a curve w beta has the standard deviation |w R|
         half = 1.96e3 * np.linalg.norm(waves @ root[place], axis=1)
         ax.fill_between(
-            q * by,
-            value - half,
-            value + half,
-            color=HUES["local"],
-            alpha=0.25,
-            linewidth=0,
+            q * by, value - half, value + half, color=HUES["local"], alpha=0.25, linewidth=0
         )
         ax.plot(q * by, value, color=HUES["local"], linewidth=1.0)
-        ax.set(xlabel=label)
-        ax.grid(visible=True, axis="y")
-        if k % 3 == 0:
-            ax.set_ylabel("curve [mrad]")
     return figure
 
 
-def _curved(model: Model) -> list[int]:
-    body = model.body
-    if body is None:
-        return []
-    groups = body.structure.groups
-    curves = [(k, groups.get(f"curve.{k}", ())) for k in range(body.structure.dof)]
-    return [k for k, ix in curves if len(ix) and bool(np.isin(ix, body.active).all())]
+def _each_joint(model: Model, joints: Collection[int], label: str) -> tuple[Any, Any]:
+    """A figure, and of some joints their numbers, factors for their unit and axes, three in a row.
 
-
-def _each_joint(n: int) -> tuple[Any, Any]:
-    """Axes of as many joints, three in a row."""
-    rows = -(-n // 3)
+    label : of the vertical axes
+    """
+    rows = -(-len(joints) // 3)
     figure = new_figure(WIDE, 0.4 + 1.7 * rows)
-    grid = np.ravel(figure.subplots(rows, 3, squeeze=False, sharey=True))
-    for ax in grid[n:]:
+    grid = figure.subplots(rows, 3, squeeze=False, sharey=True)
+    found = []
+    for k, ax in zip(joints, grid.flat, strict=False):
+        by, name = joint_axis(model.about, k)
+        ax.set(xlabel=name)
+        ax.grid(visible=True, axis="y")
+        found.append((k, by, ax))
+    for ax in grid.flat[len(joints) :]:
         ax.set_visible(False)
-    return figure, grid[:n]
+    for row in grid:
+        row[0].set_ylabel(label)
+    return figure, found
