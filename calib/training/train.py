@@ -32,9 +32,8 @@ from .approach import play_of, play_words, simulated_approach, widened
 from .evaluate import fresh_residuals, summarise
 from .held_out import held_out_residuals, node_bounds, tested_rows, turned_of
 from .learn import UNFOLD, Options, Progress, both_maps, link
-from .map_choice import LATTICE, with_chosen_map
+from .map_choice import LATTICE, Size, lattice_sizes, with_chosen_map
 from .screening import screen
-from .sizes import Size, lattice_sizes
 from .smooth import find_smooth_part, to_learn
 
 _LEAST_ROWS = 10  # fewest rows that anything can be learned and checked from
