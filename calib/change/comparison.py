@@ -48,7 +48,7 @@ class Comparison:
     u: Array
     q: Array
     x: Array
-    said: tuple[str, ...]  # what the user should be told of the rows
+    row_notes: tuple[str, ...]  # what the user should be told of the rows
     predicted: Array  # (n, m) [unit], positions that the model predicts
     body: Body  # the belief of the model; without a body, that of its sensor's view alone
     cause: str | None  # {"sensor", "joints"} or None, what the user knows about the change
@@ -262,11 +262,11 @@ class Comparison:
     def notes(self) -> list[str]:
         """What the user should be told of the rows, those that contradict all others included."""
         if not self.outliers:
-            return list(self.said)
+            return list(self.row_notes)
         rows = "1 row contradicts" if self.outliers == 1 else f"{self.outliers} rows contradict"
         many = self.outliers > _FEW * len(self.q)
         late = f"; {self._late}" if many and self.explained and self._late else ""
-        return [*self.said, f"{rows} all others: left out{late}"]
+        return [*self.row_notes, f"{rows} all others: left out{late}"]
 
     @cached_property
     def _late(self) -> str:

@@ -149,7 +149,7 @@ def parts_of(structure: Structure, group: str) -> list[tuple[str, Indices]]:
 def freedom(body: Body, member: Member, cause: str | None = None) -> Array:
     """Standard deviation (d,) by which the freed parameters may have changed."""
     sd = _deviations(body, member.groups, "freed", _CURVE)
-    sd *= np.where(_of(body.structure, FRAME), 1.0, member.share)
+    sd *= np.where(_mask(body.structure, FRAME), 1.0, member.share)
     _keep_gauge(body, sd, cause)
     return sd
 
@@ -159,7 +159,7 @@ def anywhere(structure: Structure, forgotten: Indices) -> Indices:
 
     A narrow one about that fit would count the rows twice; `ANYWHERE` times its sd is none.
     """
-    return np.intersect1d(np.flatnonzero(_of(structure, FRAME)), forgotten)
+    return np.intersect1d(np.flatnonzero(_mask(structure, FRAME)), forgotten)
 
 
 def drift(body: Body, waves: float = CREEP) -> Array:
@@ -169,20 +169,20 @@ def drift(body: Body, waves: float = CREEP) -> Array:
     belief leaves out.
     """
     structure = body.structure
-    sd = _deviations(body, _of_arm(structure), "creep", waves)
+    sd = _deviations(body, _arm_groups(structure), "creep", waves)
     _keep_gauge(body, sd, None)
     known = np.isin(np.arange(len(sd)), body.active)
     if waves > CREEP:
-        known |= _of(structure, ("curve",))
+        known |= _mask(structure, ("curve",))
     return np.where(known, sd, 0.0)
 
 
-def _of_arm(structure: Structure) -> list[str]:
+def _arm_groups(structure: Structure) -> list[str]:
     """Groups of the arm's own parameters."""
     return [g for g in structure.groups if not (g.startswith("view.") or g == "lens")]
 
 
-def _of(structure: Structure, groups: Iterable[str]) -> NDArray[np.bool_]:
+def _mask(structure: Structure, groups: Iterable[str]) -> NDArray[np.bool_]:
     """Which parameters (d,) are of some groups."""
     parts = [ix for group in groups for _, ix in parts_of(structure, group)]
     return np.isin(np.arange(structure.size), np.concatenate([np.zeros(0, int), *parts]))
@@ -259,7 +259,7 @@ def as_built(body: Body) -> Body:
     metre = float(getattr(structure, "metre", 1.0))
     if structure.view not in ("rigid", "base", "pose"):
         metre = float(np.abs(_lengths(body)).mean()) / 0.3
-    sd = _deviations(body, _of_arm(structure), "built", _CURVE, metre)
+    sd = _deviations(body, _arm_groups(structure), "built", _CURVE, metre)
     _keep_gauge(body, sd, None)
     if isinstance(structure, SpatialStructure):  # the first origin's place is the frame's own
         sd[np.concatenate([structure.layout.shifts[0], structure.layout.turns[0]])] = 0.0
