@@ -19,8 +19,7 @@ from calib.common.parallel import one_blas_thread
 from calib.common.scale import Scale
 from calib.paper.ablation_cases import Case, measured, simulated
 from calib.training.learn import Options, associate
-from calib.training.map_choice import with_chosen_map
-from calib.training.sizes import lattice_sizes
+from calib.training.map_choice import lattice_sizes, with_chosen_map
 
 JOINTS = ("shoulder_lift_joint", "elbow_joint")
 UNEVEN = tuple((n, seed) for n in (3000, 20_000) for seed in range(5))

@@ -157,6 +157,15 @@ def test_a_log_of_other_joints_is_refused_with_both_names():
         trained("two_link").evaluate(other)
 
 
+def test_a_log_whose_columns_stand_in_another_order_is_the_same_log():
+    s, model = log(50), trained("two_link")
+    turned = calib.Samples(
+        s.q[:, ::-1], s.x, s.joint_names[::-1], s.lower[::-1], s.upper[::-1], s.revolute[::-1]
+    )
+    assert model.evaluate(turned).errors == model.evaluate(s).errors
+    assert model.check(turned).score == model.check(s).score
+
+
 def test_a_log_wholly_outside_is_refused():
     arm = calib.load_arm("two_link")
     narrow = calib.train(calib.babble(arm, 500, ranges={"elbow": (1.0, 1.5)}), size=8)

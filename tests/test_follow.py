@@ -11,7 +11,7 @@ from models import babbled as log
 from models import trained
 
 import calib
-from calib.change import adapt_online
+from calib.change import adaptation
 from calib.change import follow as online
 from calib.change.follow import BLOCK, OnlineAdapter, follow
 from calib.change.watch import matching_sigma
@@ -24,7 +24,7 @@ from calib.maps.online import present
 
 @pytest.fixture(autouse=True)
 def _brief(monkeypatch, one_blas_thread):
-    monkeypatch.setattr(adapt_online, "HORIZON", 1500)
+    monkeypatch.setattr(adaptation, "HORIZON", 1500)
 
 
 model = partial(trained, n=2500, size=10)

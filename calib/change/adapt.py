@@ -18,8 +18,7 @@ from ..model.model import Model
 from ..samples.samples import Samples
 from ..training.evaluate import figures
 from ..training.learn import Progress
-from .adapt_online import adapt_online
-from .adaptation import Adaptation, finished
+from .adaptation import Adaptation, adapt_online, finished
 from .cause import KEPT, Cause
 from .causes import find_causes, frame_between
 from .comparison import UNEXPLAINED, Comparison, compare

@@ -25,7 +25,7 @@ from .members import as_built
 from .reference import Reference, carried_offset, kept_reference, reference_of
 from .rows import Log, weighted
 from .sanity import comparable, lag_of
-from .seen import seen_body
+from .seen import body_of
 
 _PROBES = 120  # joints all over the learned range at which predictions are compared
 UNEXPLAINED = 0.1
@@ -48,7 +48,7 @@ class Comparison:
     u: Array
     q: Array
     x: Array
-    said: tuple[str, ...]  # what the user should be told of the rows
+    row_notes: tuple[str, ...]  # what the user should be told of the rows
     predicted: Array  # (n, m) [unit], positions that the model predicts
     body: Body  # the belief of the model; without a body, that of its sensor's view alone
     cause: str | None  # {"sensor", "joints"} or None, what the user knows about the change
@@ -262,11 +262,11 @@ class Comparison:
     def notes(self) -> list[str]:
         """What the user should be told of the rows, those that contradict all others included."""
         if not self.outliers:
-            return list(self.said)
+            return list(self.row_notes)
         rows = "1 row contradicts" if self.outliers == 1 else f"{self.outliers} rows contradict"
         many = self.outliers > _FEW * len(self.q)
         late = f"; {self._late}" if many and self.explained and self._late else ""
-        return [*self.said, f"{rows} all others: left out{late}"]
+        return [*self.row_notes, f"{rows} all others: left out{late}"]
 
     @cached_property
     def _late(self) -> str:
@@ -294,7 +294,7 @@ def compare(model: Model, log: Samples, cause: str | None = None) -> Comparison:
         )
     u, x, notes = comparable(model, log)
     q = model.motor.scale.from_unit(u)
-    body = seen_body(model) if model.body is None else model.body
+    body = body_of(model)
     predicted = model.predictor.value(u)
     if not (np.abs([predicted, body.predict(q)]) < _SQUARED).all():  # as in a forged file
         raise ModelError("the model predicts no finite positions for this log: train it again")

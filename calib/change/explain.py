@@ -19,8 +19,7 @@ from ..body.structure import Indices
 from ..common.arrays import Array
 from .members import ANYWHERE, CREEP, NOTHING, Member, anywhere, drift, freedom, members_of
 from .reference import Reference
-from .rows import EXPLAINED_ROWS, Log
-from .whitening import Spectrum, spectrum
+from .rows import EXPLAINED_ROWS, Log, Spectrum, spectrum
 
 MARGIN = 5.0
 """Nats by which a change must be better than none.  A body that was only simulated has never seen

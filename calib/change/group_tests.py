@@ -17,9 +17,8 @@ from ..body.structure import Indices
 from ..common.arrays import Array
 from .members import FRAME, TESTED, drift
 from .reference import Reference
-from .rows import TESTED_ROWS, Log
+from .rows import TESTED_ROWS, Log, spectrum
 from .seen import design_effect
-from .whitening import spectrum
 
 FALSE_ALARM = 1e-3
 """Share of undisturbed logs for which any group fires."""

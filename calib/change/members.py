@@ -65,9 +65,15 @@ CREEP = 0.01
 class Member:
     """A hypothesis of what changed."""
 
-    name: str  # ``"nothing"``, ``"frame"``, ``"frame, length"``
     groups: tuple[str, ...]  # groups that are freed; ``"curve"`` stands for those of all joints
     share: float = 1.0  # by how much of the usual size the arm's own groups are freed
+
+    @property
+    def name(self) -> str:
+        """Such as "nothing", "frame", "frame, length"."""
+        own = [g.removeprefix("view.") for g in self.groups if g not in FRAME]
+        named = [*["frame"] * self.framed, *own, *["small"] * (self.share != 1.0)]
+        return ", ".join(named) or "nothing"
 
     @property
     def framed(self) -> bool:
@@ -75,7 +81,7 @@ class Member:
         return "view.shift" in self.groups
 
 
-NOTHING = Member("nothing", ())
+NOTHING = Member(())
 
 TESTED = ("offset", "length", "gain", "placement", "tool")
 """Groups that are tested joint by joint."""
@@ -123,24 +129,14 @@ def members_of(structure: Structure, cause: str | None = None) -> tuple[Member, 
         sets += [(*FRAME, *more) for more in _JOINTS + _BOTH]
     found: dict[tuple[str, ...], Member] = {(): NOTHING}
     for groups in sets:
-        known = tuple(g for g in groups if len(_indices(structure, g)))
+        known = tuple(g for g in groups if any(len(ix) for _, ix in parts_of(structure, g)))
         if known and known not in found:
-            found[known] = Member(_named(known), known)
+            found[known] = Member(known)
     # Most arms give way little, a few by degrees: with the wide prior alone, what rows of a line
     # leave open went centimetres away.
-    small = [
-        replace(m, name=f"{m.name}, small", share=_SMALL)
-        for m in found.values()
-        if "elastic" in m.groups
-    ]
+    small = [replace(m, share=_SMALL) for m in found.values() if "elastic" in m.groups]
     richest = list(found.values())[-1]
     return (*(m for m in found.values() if m is not richest), *small, richest)
-
-
-def _named(groups: tuple[str, ...]) -> str:
-    words = {"view.scale": "scale", "view.shear": "shear", "view.tilt": "tilt"}
-    named = (words.get(g, g) for g in groups if g not in FRAME)
-    return ", ".join([*["frame"] * ("view.shift" in groups), *named])
 
 
 def parts_of(structure: Structure, group: str) -> list[tuple[str, Indices]]:
@@ -150,15 +146,10 @@ def parts_of(structure: Structure, group: str) -> list[tuple[str, Indices]]:
     return [(name, structure.groups[name]) for name in own]
 
 
-def _indices(structure: Structure, group: str) -> Indices:
-    parts = [ix for _, ix in parts_of(structure, group)]
-    return np.concatenate(parts) if parts else np.zeros(0, dtype=int)
-
-
 def freedom(body: Body, member: Member, cause: str | None = None) -> Array:
     """Standard deviation (d,) by which the freed parameters may have changed."""
     sd = _deviations(body, member.groups, "freed", _CURVE)
-    sd *= np.where(_of(body.structure, FRAME), 1.0, member.share)
+    sd *= np.where(_mask(body.structure, FRAME), 1.0, member.share)
     _keep_gauge(body, sd, cause)
     return sd
 
@@ -168,7 +159,7 @@ def anywhere(structure: Structure, forgotten: Indices) -> Indices:
 
     A narrow one about that fit would count the rows twice; `ANYWHERE` times its sd is none.
     """
-    return np.intersect1d(np.flatnonzero(_of(structure, FRAME)), forgotten)
+    return np.intersect1d(np.flatnonzero(_mask(structure, FRAME)), forgotten)
 
 
 def drift(body: Body, waves: float = CREEP) -> Array:
@@ -178,20 +169,20 @@ def drift(body: Body, waves: float = CREEP) -> Array:
     belief leaves out.
     """
     structure = body.structure
-    sd = _deviations(body, _of_arm(structure), "creep", waves)
+    sd = _deviations(body, _arm_groups(structure), "creep", waves)
     _keep_gauge(body, sd, None)
     known = np.isin(np.arange(len(sd)), body.active)
     if waves > CREEP:
-        known |= _of(structure, ("curve",))
+        known |= _mask(structure, ("curve",))
     return np.where(known, sd, 0.0)
 
 
-def _of_arm(structure: Structure) -> list[str]:
+def _arm_groups(structure: Structure) -> list[str]:
     """Groups of the arm's own parameters."""
     return [g for g in structure.groups if not (g.startswith("view.") or g == "lens")]
 
 
-def _of(structure: Structure, groups: Iterable[str]) -> NDArray[np.bool_]:
+def _mask(structure: Structure, groups: Iterable[str]) -> NDArray[np.bool_]:
     """Which parameters (d,) are of some groups."""
     parts = [ix for group in groups for _, ix in parts_of(structure, group)]
     return np.isin(np.arange(structure.size), np.concatenate([np.zeros(0, int), *parts]))
@@ -219,10 +210,10 @@ def _deviations(
                 sd[ix] *= float(structure.extents[0])
             elif group == "view.tilt":
                 # a forged file may hold links of no length, and a chain no such group
-                total = float(np.abs(body.beta[_indices(structure, "length")]).sum())
+                total = float(np.abs(_lengths(body)).sum())
                 sd[ix] /= total or float(structure.extents[0])
             elif group == "length":
-                sd[ix] *= metre or _mean_length(body)
+                sd[ix] *= metre or float(np.abs(_lengths(body)).mean())
     return sd
 
 
@@ -239,14 +230,16 @@ def _usual(structure: Structure, group: str, ix: Indices) -> Array:
     return np.asarray(sd)
 
 
-def _mean_length(body: Body) -> float:
-    return float(np.abs(body.beta[_indices(body.structure, "length")]).mean())
+def _lengths(body: Body) -> Array:
+    """Lengths (k,) of the links, none of a chain without such a group [unit]."""
+    return body.beta[body.structure.groups.get("length", np.zeros(0, dtype=int))]
 
 
 def _keep_gauge(body: Body, sd: Array, cause: str | None) -> None:
     """Hold what a free frame already says: the first joint's offset, the first length."""
     active = np.isin(np.arange(len(sd)), body.active)
-    offset, length = (_indices(body.structure, group) for group in ("offset", "length"))
+    none = np.zeros(0, dtype=np.intp)
+    offset, length = (body.structure.groups.get(g, none) for g in ("offset", "length"))
     # with the frame held, the first joint's offset is what a turn about its axis is
     if len(offset) and not active[offset[0]] and cause != "joints":
         sd[offset[0]] = 0.0
@@ -265,8 +258,8 @@ def as_built(body: Body) -> Body:
     structure = body.structure
     metre = float(getattr(structure, "metre", 1.0))
     if structure.view not in ("rigid", "base", "pose"):
-        metre = _mean_length(body) / 0.3
-    sd = _deviations(body, _of_arm(structure), "built", _CURVE, metre)
+        metre = float(np.abs(_lengths(body)).mean()) / 0.3
+    sd = _deviations(body, _arm_groups(structure), "built", _CURVE, metre)
     _keep_gauge(body, sd, None)
     if isinstance(structure, SpatialStructure):  # the first origin's place is the frame's own
         sd[np.concatenate([structure.layout.shifts[0], structure.layout.turns[0]])] = 0.0

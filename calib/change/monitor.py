@@ -15,7 +15,7 @@ from ..maps.map import Map
 from ..maps.node_cells import NodeCells
 from ..model.model import Model
 from .group_tests import groups_of
-from .seen import seen_body
+from .seen import body_of
 
 _WINDOW = 200.0  # samples that the monitor remembers: older ones fade by a factor of e
 _FALSE_ALARM = 1e-6  # share of the samples of a calm stream that raise an alarm, nominally
@@ -208,7 +208,7 @@ def _unit(values: Any, lower: list[float], span: list[float], what: str) -> list
 
 def _directions(model: Model) -> Array:
     """Displacements at each motor node by what may change, orthonormal, (nodes, 2, p)."""
-    body = seen_body(model) if model.body is None else model.body
+    body = body_of(model)
     every = np.unique(np.concatenate(list(groups_of(body).values())))
     q = model.motor.scale.from_unit(np.clip(model.motor.units, 0.0, 1.0))
     _, x = body.structure.linearise(q, body.beta, every)

@@ -61,8 +61,10 @@ class SeenStructure(PlanarStructure):
         return z, np.asarray(view @ (tilt / scale.span))
 
 
-def seen_body(model: Model) -> Body:
-    """The belief over the view of a model that has no body: it is as it was."""
+def body_of(model: Model) -> Body:
+    """The belief of a model; of one without a body that over its view, which is as it was."""
+    if model.body is not None:
+        return model.body
     about = model.about
     q = model.motor.weights[model.visited]
     x = model.predictor.value(model.motor.scale.to_unit(q))

@@ -160,10 +160,8 @@ class Follower:
         self._seen += len(u)
         self._since += len(u) if self._since else 0
         recent = slice(-2 * _WINDOW, None)
-        self._u, self._x = (
-            np.concatenate([self._u, u])[recent],
-            np.concatenate([self._x, x])[recent],
-        )
+        self._u = np.concatenate([self._u, u])[recent]
+        self._x = np.concatenate([self._x, x])[recent]
         self._against = np.concatenate([self._against, against])[recent]
         if self._learning is not None:
             self._learn(u, x)

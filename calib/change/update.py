@@ -155,74 +155,63 @@ def _posterior(reference: Reference, e: Explanation, log: Log) -> Posterior:
     fixed = np.diag(prior) <= 0.0
     active, prior = active[~fixed], prior[np.ix_(~fixed, ~fixed)]
     information = Factor(prior).inverse()
-    beta, moved = e.beta.copy(), (e.beta - e.origin)[active]
+    beta, moved, k = e.beta.copy(), (e.beta - e.origin)[active], len(active)
     for share in (1.0, _CLEAN, _CLEAN**2):
-        rows = _Rows(reference, replace(e, factor=share * e.factor, noise=share * e.noise), log)
+        allowed = replace(e, factor=share * e.factor, noise=share * e.noise)
+        root, own = _own_columns(reference, allowed, log)
+        prior_own = np.arange(k, k + own.shape[2])
         for step in range(_STEPS + 1):
             predicted, x = structure.linearise(log.q, beta, active)
             residual = structure.residual(log.z, predicted)
-            gram, pull = rows.sums(x, residual)
-            pull[: len(active)] -= information @ moved
-            gram[: len(active), : len(active)] += information
+            full, y = np.concatenate([x * root[:, :, None], own], axis=2), residual * root
+            flat = full.reshape(-1, full.shape[2])
+            gram, pull = flat.T @ flat, flat.T @ y.ravel()
+            gram[prior_own, prior_own] += 1.0  # standard normal
+            pull[:k] -= information @ moved
+            gram[:k, :k] += information
             if step == _STEPS:
                 break
-            delta = Factor(gram).solve(pull)[: len(active)]
-            full = np.zeros(len(beta))
-            full[active] = delta
-            beta, moved = structure.retract(beta, full), moved + delta
+            delta = Factor(gram).solve(pull)[:k]
+            step_taken = np.zeros(len(beta))
+            step_taken[active] = delta
+            beta, moved = structure.retract(beta, step_taken), moved + delta
         if share == 1.0:
-            found = Factor(gram).inverse()[: len(active), : len(active)]
-        held = rows.held_out(gram, x, residual, pull)
+            found = Factor(gram).inverse()[:k, :k]
+        held = np.empty_like(residual)
+        for block in np.array_split(np.arange(len(residual)), _BLOCKS):
+            flat = full[block].reshape(-1, len(gram))
+            # without the block's rows the information is a difference: no new fit
+            less = Factor(gram - flat.T @ flat)
+            delta = less.solve(pull - flat.T @ y[block].ravel())[:k]
+            held[block] = residual[block] - x[block] @ delta
         # rows that are far more exact than was allowed for: the prior must not hold them back
         if np.median(np.abs(held / (e.factor * reference.own_sd))) > share * _CLEAN:
             break
     return Posterior(beta, active, found, held)
 
 
-class _Rows:
-    """Whitened rows: derivatives by the parameters beside those by the log's own residual."""
+def _own_columns(reference: Reference, e: Explanation, log: Log) -> tuple[Array, Array]:
+    """What whitens rows, (n, m), and derivatives (n, m, k) by the log's own residual, whitened.
 
-    def __init__(self, reference: Reference, e: Explanation, log: Log) -> None:
-        nodes = log.q[thinned(len(log.q), _NODES)]
-        lengths = lengths_of(reference.body, log.q)
-        alike = kernel(nodes, nodes, lengths)
-        alike[np.diag_indices(len(nodes))] += 1e-6
-        factor = np.linalg.cholesky(alike)
-        features = np.linalg.solve(factor, kernel(nodes, log.q, lengths)).T
-        own = e.factor * reference.own_sd
-        # what the nodes do not follow of the process counts as noise (FITC, Snelson 2006)
-        left = np.maximum(1.0 - (features**2).sum(axis=1), 0.0)
-        variance = (e.noise * reference.sizes) ** 2 / log.weight[:, None] + left[:, None] * own**2
-        self.root = 1.0 / np.sqrt(variance * e.temper)  # (n, m)
-        self.features, self.own, self.temper = features, own, e.temper
-
-    def sums(self, x: Array, residual: Array) -> tuple[Array, Array]:
-        """Information and moment of parameters and of the log's own residual."""
-        n, m, k = x.shape
-        nodes = self.features.shape[1]
-        self.full, self.y = np.zeros((n, m, k + m * nodes)), residual * self.root
-        self.full[:, :, :k] = x * self.root[:, :, None]
-        for j in range(m):  # the residual of each output has nodes of its own
-            part = slice(k + j * nodes, k + (j + 1) * nodes)
-            size = self.own[j] * np.sqrt(self.temper)
-            self.full[:, j, part] = self.features * (size * self.root[:, j, None])
-        flat = self.full.reshape(-1, k + m * nodes)
-        gram = flat.T @ flat
-        own = np.arange(k, len(gram))
-        gram[own, own] += 1.0  # their prior: standard normal
-        return gram, flat.T @ self.y.ravel()
-
-    def held_out(self, gram: Array, x: Array, residual: Array, pull: Array) -> Array:
-        """Residuals (n, m) of contiguous blocks, predicted by the parameters from the others."""
-        out = np.empty_like(residual)
-        k = x.shape[2]
-        for block in np.array_split(np.arange(len(residual)), _BLOCKS):
-            flat = self.full[block].reshape(-1, len(gram))
-            # without the block's rows the information is a difference: no new fit
-            less = Factor(gram - flat.T @ flat)
-            delta = less.solve(pull - flat.T @ self.y[block].ravel())[:k]
-            out[block] = residual[block] - x[block] @ delta
-        return out
+    The residual has nodes of its own for each output, with a standard normal prior.
+    """
+    nodes = log.q[thinned(len(log.q), _NODES)]
+    lengths = lengths_of(reference.body, log.q)
+    alike = kernel(nodes, nodes, lengths)
+    alike[np.diag_indices(len(nodes))] += 1e-6
+    factor = np.linalg.cholesky(alike)
+    features = np.linalg.solve(factor, kernel(nodes, log.q, lengths)).T
+    own = e.factor * reference.own_sd
+    # what the nodes do not follow of the process counts as noise (FITC, Snelson 2006)
+    left = np.maximum(1.0 - (features**2).sum(axis=1), 0.0)
+    variance = (e.noise * reference.sizes) ** 2 / log.weight[:, None] + left[:, None] * own**2
+    root = 1.0 / np.sqrt(variance * e.temper)
+    (n, m), count = root.shape, len(nodes)
+    columns = np.zeros((n, m, m * count))
+    for j in range(m):
+        size = own[j] * np.sqrt(e.temper)
+        columns[:, j, j * count : (j + 1) * count] = features * (size * root[:, j, None])
+    return root, columns
 
 
 def _second(second: Second, reference: Reference, e: Explanation, log: Log, noise: Array) -> Second:

@@ -49,12 +49,6 @@ def play_of(samples: Samples, scale: Scale, part: SmoothPart) -> Array | None:
     return learn_play(residual[sound], (slope / scale.span)[sound], surprise[sound])
 
 
-def corrected(samples: Samples, play: Array) -> Samples:
-    """The samples with joints where they truly stood, as far as their order tells."""
-    q = samples.q - play * directions(samples.q)
-    return replace(samples, q=q)
-
-
 def simulated_approach(
     model: Model, simulation: Simulation, play: Array, rng: np.random.Generator, n: int
 ) -> Approach:

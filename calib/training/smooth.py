@@ -13,16 +13,25 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
+from ..arm.arm import SpatialArm
+from ..arm.rotations import logarithm, matrix_of
 from ..body.fitting import fit_body
+from ..body.misfit import refuse_pixels, refuse_turns
 from ..body.nominal import nominal_of
-from ..body.posterior import BodyFit
+from ..body.poses import positions_of
+from ..body.posterior import BodyFit, fit_structure
+from ..body.sensor import doubtful_depth
+from ..body.spatial import structure_of
+from ..body.spatial_random import unknown_structure
+from ..body.telling import warnings_of
+from ..body.views import is_camera
 from ..common.arrays import Array
-from ..common.scale import Scale
+from ..common.choices import VIEWS
+from ..common.scale import METRES, Scale
 from ..errors import OptionError
 from ..maps.misfit import misfit
 from ..maps.model_selection import Candidate, of_body, of_trends
 from ..samples.samples import Samples
-from .in_space import fit_in_space, sees_from_anywhere
 from .learn import Options
 
 Rows = slice | NDArray[np.intp]
@@ -30,6 +39,7 @@ Rows = slice | NDArray[np.intp]
 NO_ARM = 0.02
 """Share of the extent: a body that is further off is compared with trends."""
 
+_VIEWS = ("auto", "base", "rigid", "similarity")  # of positions in space
 _LEARNED_ROWS = 50_000  # rows of a log that the smooth part and the local models rest on
 _RAYLEIGH = {2: 1.2533, 3: 1.5958}  # mean length of a Gaussian vector of standard deviation 1
 _NOISE_FLOOR = 1.2  # a held-out error within this factor of the noise leaves nothing to mend
@@ -73,7 +83,7 @@ def find_smooth_part(
     simulation = samples.simulation
     fit = (
         fit_in_space(samples, rows, view, seed)
-        if sees_from_anywhere(samples, view) or x.shape[1] == 3
+        if in_space(samples, view)
         else _planar(samples, q, x, view, seed)
     )
     under = of_body(fit, scale, u, x)
@@ -170,3 +180,63 @@ def to_learn(
 def _held_out_error(candidate: Candidate) -> float:
     """Mean distance of held-out rows to their predictions."""
     return float(np.linalg.norm(candidate.held_out, axis=1).mean())
+
+
+def in_space(samples: Samples, view: str) -> bool:
+    """Whether samples are of an arm in space, seen as positions or by a pinhole camera.
+
+    Raises OptionError if `view` is not one of such samples.
+    """
+    pixels = samples.camera is not None and isinstance(samples.arm, SpatialArm)
+    positions = not pixels and samples.x.shape[1] == 3
+    kinds = _VIEWS if positions else [v for v in VIEWS if v == "auto" or is_camera(v) == pixels]
+    if view not in kinds and not (is_camera(view) and pixels):
+        seen = "positions in space" if positions else "positions or pixels in a plane"
+        raise OptionError(
+            f"view {view!r} is not one of {'pixels of an arm in space' if pixels else seen}",
+            hint=f"give one of {', '.join(kinds)}",
+            parameter="view",
+            value=view,
+        )
+    return pixels or positions
+
+
+def fit_in_space(samples: Samples, rows: NDArray[np.intp], view: str, seed: int) -> BodyFit:
+    """Fit the body of an arm in space to some rows of samples.
+
+    A log's URDF is the prior of its geometry; without one, and in simulation, a chain of
+    which only the joints are known is found from the rows.
+    """
+    q, x = samples.q[rows], samples.x[rows]
+    extent = float(np.sqrt(((x - x.mean(axis=0)) ** 2).sum(axis=1).mean()))  # of the noise's floor
+    notes = warnings_of(q, samples.joint_names, samples.revolute, x, samples.lower, samples.upper)
+    arm, camera = samples.arm, samples.camera
+    if camera is not None and isinstance(arm, SpatialArm) and x.shape[1] == 2:
+        kind = "pinhole" if view == "auto" else view
+        template = structure_of(
+            arm, kind, unit="px", extent=extent, lens=camera.lens, lens_sd=camera.lens_sd
+        )
+        fit = fit_structure(template, q, x, seed=seed, notes=notes)
+        refuse_pixels(fit.body, q, x)
+        doubts = doubtful_depth(fit.body, q, samples.lower, samples.upper)
+        return replace(fit, notes=(*fit.notes, *doubts))
+    metre = METRES.get(samples.unit, 1.0)
+    simulated = samples.simulation is not None
+    if isinstance(arm, SpatialArm) and not simulated:
+        kind = {"auto": "rigid" if samples.unit in METRES else "similarity"}.get(view, view)
+        template = structure_of(arm, kind, unit=samples.unit, metre=metre, extent=extent)
+        if samples.orientation is not None and kind == "rigid":
+            turns = samples.orientation[rows]
+            refuse_turns(template, q, x, turns)
+            poses = np.hstack([x, logarithm(matrix_of(turns))])
+            found = fit_structure(template.with_view("pose"), q, poses, seed=seed, notes=notes)
+            return positions_of(found)
+        if samples.orientation is not None:
+            notes = (*notes, f"orientations are not used with the view {kind!r}")
+    else:
+        if samples.orientation is not None:
+            notes = (*notes, "orientations are used together with the robot's URDF: give `robot`")
+        template = unknown_structure(
+            samples.joint_names, samples.revolute, extent, samples.unit, metre
+        )
+    return fit_structure(template, q, x, simulated=simulated, seed=seed, notes=notes)

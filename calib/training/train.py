@@ -25,15 +25,15 @@ from ..model.about import About
 from ..model.baseline import learn_baseline
 from ..model.measured import Rows
 from ..model.model import Model
+from ..samples.joint_values import directions
 from ..samples.samples import Samples
 from ..samples.simulation import Simulation
-from .approach import corrected, play_of, play_words, simulated_approach, widened
+from .approach import play_of, play_words, simulated_approach, widened
 from .evaluate import fresh_residuals, summarise
 from .held_out import held_out_residuals, node_bounds, tested_rows, turned_of
 from .learn import UNFOLD, Options, Progress, both_maps, link
-from .map_choice import LATTICE, with_chosen_map
+from .map_choice import LATTICE, Size, lattice_sizes, with_chosen_map
 from .screening import screen
-from .sizes import Size, lattice_sizes
 from .smooth import find_smooth_part, to_learn
 
 _LEAST_ROWS = 10  # fewest rows that anything can be learned and checked from
@@ -158,7 +158,7 @@ def _learned(samples: Samples, options: Options, notes: list[str], progress: Pro
     part = find_smooth_part(samples, scale, body=body, view=view, seed=seed)
     play = play_of(samples, scale, part)
     if play is not None:  # where the joints stood, rather than what they read
-        samples = corrected(samples, play)
+        samples = replace(samples, q=samples.q - play * directions(samples.q))
         part = find_smooth_part(samples, scale, body=body, view=view, seed=seed)
         notes.append(play_words(samples, play))
     notes += [*(part.fit.notes if part.fit is not None else ()), *part.notes]
