@@ -142,7 +142,11 @@ def describe_error(error: Exception) -> ErrorReport:
 
 
 def _text_and_code(error: Exception) -> tuple[str, int]:
-    if isinstance(error, typer.Abort) or _was_interrupted(error):
+    # Ctrl-C may be behind an error, as when it comes while Python makes a class
+    behind: BaseException | None = error
+    while behind is not None and not isinstance(behind, KeyboardInterrupt):
+        behind = behind.__cause__
+    if isinstance(error, typer.Abort) or behind is not None or received() is not None:
         return "interrupted", received() or INTERRUPTED
     if hasattr(error, "format_message"):  # an error of usage, told by Typer
         context = getattr(error, "ctx", None)
@@ -159,15 +163,6 @@ def _text_and_code(error: Exception) -> tuple[str, int]:
         return f"{error}; install calib-arm again, with all that it requires", 1
     kind = type(error).__name__
     return f"internal error, {kind}: {error}; {_TRACEBACK}=1 shows where, please report it", 1
-
-
-def _was_interrupted(error: BaseException | None) -> bool:
-    """Whether Ctrl-C is behind an error, as when it comes while Python makes a class."""
-    if received() is not None:
-        return True
-    while error is not None and not isinstance(error, KeyboardInterrupt):
-        error = error.__cause__
-    return error is not None
 
 
 def _reader_left() -> int:
