@@ -196,9 +196,8 @@ def heat(ax: Any, points: Array, errors: Array, scale: ErrorScale) -> Any:
     low, high = points.min(axis=0), points.max(axis=0)
     # a joint that never moved has a range of no width
     span = np.where(high > low, high - low, 1.0)
-    cells: dict[str, Any] = {"bins": _BINS, "range": np.stack([low, low + span], axis=1)[::-1]}
-    count = np.histogram2d(*points.T[::-1], **cells)[0]
-    total = np.histogram2d(*points.T[::-1], weights=errors, **cells)[0]
+    (x, y), ends = points.T, np.stack([low, low + span], axis=1)[::-1]
+    count, total = (np.histogram2d(y, x, _BINS, ends, weights=w)[0] for w in (None, errors))
     mean = np.where(count > 0, total / np.maximum(count, 1), np.nan)
     return ax.imshow(
         np.ma.masked_invalid(scale.share(mean)),
