@@ -19,7 +19,7 @@ from typer.core import TyperGroup
 from calib.common.wording import one_line
 from calib.errors import CalibError
 
-from .on_demand import COMMANDS, load_command, plainly_read
+from .on_demand import COMMANDS, load_command
 from .output import NO, note, show_json, silence, tell
 from .process import received
 from .translation import as_typed, option_of
@@ -71,10 +71,6 @@ class CalibGroup(TyperGroup):
         if standalone_mode:
             sys.exit(code)
         return code
-
-    def get_params(self, ctx: Any) -> list[Any]:
-        """Return the options before a command."""
-        return plainly_read(super().get_params(ctx))
 
     def get_command(self, ctx: Any, cmd_name: str) -> Any:  # noqa: ARG002
         """Import a command when it is asked for."""
