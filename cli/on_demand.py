@@ -64,4 +64,4 @@ class _Plain:
 
 
 # Typer has no public way; of 0.26, which reads plainly itself, it is no name
-typer.core.build_runtime_param = _Plain  # type: ignore[attr-defined]
+typer.core.build_runtime_param = _Plain  # type: ignore[attr-defined, assignment]
