@@ -20,7 +20,8 @@ from rendering import Camera, Desk, board, board_shots, tag
 
 from calib.recording.board import Board, BoardFinder
 from calib.recording.lens import calibrate_lens
-from calib.recording.plane import cut_plane, find_pose
+from calib.recording.plane import find_pose
+from calib.recording.reference import PlaneReference
 from calib.recording.tags import TagFinder
 
 BOARD = Board.parse("7x5:24mm:18mm:5x5_100")
@@ -74,7 +75,7 @@ def metres(height: float, place: tuple[float, ...], count: int, seed: int) -> No
     numbers = sorted(set().union(*corners))
     middle = np.array([np.median([c[n] for c in corners if n in c], axis=0) for n in numbers])
     pose = find_pose(lens, BOARD.corners()[numbers], middle)
-    x = cut_plane(lens, pose, np.array(seen), height)
+    x = PlaneReference(lens, pose, height).positions(np.array(seen))
     turn, at = lying.frame
     world = np.c_[tips, np.full(len(tips), height)]
     truth = ((world - at) @ turn)[:, :2] + np.array(BOARD.size) / 2

@@ -26,11 +26,11 @@ from rendering import Camera, Desk, board, write_video
 
 from calib.errors import CalibError
 from calib.recording.from_pictures import log_pictures
-from calib.recording.from_video import VideoRows, log_video
+from calib.recording.from_video import log_video
 from calib.recording.joint_table import JointTable
 from calib.recording.lens import Lens
-from calib.recording.recorded import Recorded
 from calib.recording.setting import Setup
+from calib.samples.recorded import Recorded
 
 Change = Callable[[np.ndarray, int, np.random.Generator], np.ndarray]
 
@@ -222,14 +222,14 @@ def shutter(_count: int) -> None:
             frames.append(picture)
         with tempfile.TemporaryDirectory() as folder:
             write_video(f"{folder}/run.mp4", frames, rate)
-            for what, rows in (
-                ("rests", VideoRows()),
-                ("in motion up to 0.5 rad/s", VideoRows(still=0.5)),
-                ("in motion up to 3 rad/s", VideoRows(still=3.0)),
+            for what, still in (
+                ("rests", None),
+                ("in motion up to 0.5 rad/s", 0.5),
+                ("in motion up to 3 rad/s", 3.0),
             ):
 
-                def made(rows: VideoRows = rows, folder: str = folder) -> Recorded:
-                    return log_video(f"{folder}/run.mp4", table, PIXELS, rows)
+                def made(still: float | None = still, folder: str = folder) -> Recorded:
+                    return log_video(f"{folder}/run.mp4", table, PIXELS, still=still)
 
                 told(f"{name} shutter, {what}", DESK, made)
 

@@ -15,8 +15,8 @@ from .parsing import expects, finite_number, integer
 from .usage import BadOption, flag, option
 
 if TYPE_CHECKING:
-    from calib.recording.recorded import Recorded
     from calib.recording.setting import Setup
+    from calib.samples.recorded import Recorded
 
 
 PRINTED = {
@@ -134,7 +134,7 @@ def record(
 ) -> Recorded:
     """Make a log of pictures or a video, and draw what was seen if that is wanted."""
     from calib.recording.from_pictures import log_pictures
-    from calib.recording.from_video import VideoRows, log_video
+    from calib.recording.from_video import log_video
     from calib.recording.joint_table import read_joints
     from calib.recording.photo import read_photo, write_seen
     from calib.samples.tables import read_about
@@ -150,8 +150,16 @@ def record(
     if Path(source).is_file() and Path(source).suffix.lower() not in PICTURES:
         turns = tuple(name not in prismatic for name in table.names)
         offset = None if time_offset == "auto" else float(time_offset)
-        rows = VideoRows(offset, still, max_gap)
-        made = log_video(source, table, setting, rows, revolute=turns, since=earlier)
+        made = log_video(
+            source,
+            table,
+            setting,
+            time_offset=offset,
+            still=still,
+            max_gap=max_gap,
+            revolute=turns,
+            since=earlier,
+        )
     else:
         if still is not None or time_offset != "auto":
             raise BadOption("--still and --time-offset are for videos and bags, not for pictures")

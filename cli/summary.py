@@ -63,7 +63,7 @@ def view_of(model: Model) -> dict[str, Any]:
 
     kind = "pose" if knows_orientation(body) else body.structure.view
     view: dict[str, Any] = {"kind": kind}
-    if (mirror := body.structure.header().get("mirror")) is not None:
+    if (mirror := getattr(body.structure, "mirror", None)) is not None:
         view["mirror"] = mirror < 0
     for parameter in body.parameters():
         # the arm's own parameters stand in `calib info`; here only what the sensor is

@@ -54,5 +54,5 @@ def exact_body():
 
 def compared(belief, q, z, cause=None):
     reference = reference_of(belief, q, z)
-    log, robust, kept = weighted(reference, q, z, cause)
-    return reference, log, explain(reference, log, robust, cause), kept
+    log = weighted(reference, q, z, cause)
+    return reference, log, explain(reference, log, cause), log.kept

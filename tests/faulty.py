@@ -4,7 +4,8 @@ from __future__ import annotations
 
 import os
 
-STEPS = "open dup fdopen write write fsync replace close open fsync close listdir".split()  # noqa: SIM905
+STEPS = ["open", "fdopen", "write", "write", "fsync", "replace"]
+STEPS += ["open", "fsync", "close", "listdir"]
 """What `atomic_write` asks of the system, in this order."""
 
 

@@ -10,6 +10,7 @@ from planar import chain_urdf
 
 import calib
 from calib.arm.loading import arm_from_urdf
+from calib.body.covariance import root_of
 from calib.body.spatial import structure_of
 from calib.common.scale import TURN
 from calib.maps.predictor import BodyInBox
@@ -175,7 +176,7 @@ def in_plane():
     shared = rng.normal(0, 1e-4, (structure.size, 5))  # what couples curves with all
     body = replace(
         drawn.body, structure=structure, beta=beta, active=np.arange(structure.size),
-        covariance=covariance + shared @ shared.T, second=None, packed=None,
+        root=root_of(covariance + shared @ shared.T), second=None,
     )  # fmt: skip
     smooth = BodyInBox(body, drawn.motor.scale)
     bounds = np.zeros(drawn.motor.size)

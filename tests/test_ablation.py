@@ -1,15 +1,11 @@
 """The ablation: its cases are what they say, and a small run fills every figure."""
 
-from dataclasses import replace
-
 import numpy as np
 import pytest
 
 from calib.arm.loading import load_arm
-from calib.paper import ablation
 from calib.paper.ablation import Ground, measure, train_on
 from calib.paper.ablation_cases import bump, ripple, simulated
-from calib.paper.setting import Setting
 
 
 def test_a_bump_is_three_millimetres_high_and_gone_outside():
@@ -49,20 +45,3 @@ def test_a_trained_network_is_measured_in_full(network):
     assert figures["linear elsewhere"] < figures["activity elsewhere"] < figures["winner elsewhere"]
     assert figures["missed"] < 5.0
     assert 80 < figures["linear covered"] <= 100
-
-
-def test_a_run_that_was_stopped_goes_on_where_it_was(tmp_path, monkeypatch):
-    monkeypatch.setattr(ablation, "NETWORKS", ("grid",))
-    monkeypatch.setattr(ablation, "CASES", ("exact",))
-    setting = replace(Setting.of(quick=True), parts=tmp_path / "parts.jsonl")
-    whole = ablation.ablation(setting).data["rows"]
-    text = setting.parts.read_text()
-    setting.parts.write_text(text[:-40])  # killed while it wrote
-    trained = []
-    learn = ablation.train_on
-    monkeypatch.setattr(ablation, "train_on", lambda *rest: trained.append(rest[3]) or learn(*rest))
-    again = ablation.ablation(setting).data["rows"]
-    assert again[0] == whole[0]
-    assert again[1] | {"seconds": 0} == whole[1] | {"seconds": 0}
-    assert ablation.ablation(setting).data["rows"] == again
-    assert trained == [8]

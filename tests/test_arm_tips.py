@@ -6,7 +6,7 @@ import pytest
 from calib_cli.translation import as_typed
 from chains import NO_TIP, branching, chain_urdf, turning
 
-from calib.arm.candidates import Candidate, choose, find_tip
+from calib.arm.candidates import RIVAL, Candidate, alternatives, choose, find_tip
 from calib.arm.loading import arm_from_urdf, load_arm
 from calib.arm.urdf import parse_urdf
 from calib.errors import RobotError
@@ -55,18 +55,18 @@ def test_a_name_that_only_holds_a_usual_one_is_none(name):
 def test_the_next_three_arms_are_named_beside_the_one_that_is_chosen(others):
     joints = parse_urdf(chain_urdf(*[turning()] * (others + 1))).joints
     small = [Candidate((joints[k],), "tip", 0.4 - 0.01 * k) for k in range(1, others + 1)]
-    best, note = choose([Candidate((joints[0],), "tip", 1.0), *small])
+    best = Candidate((joints[0],), "tip", 1.0)
+    assert choose([best, *small], RIVAL, "planar arms") == (best, None)
     assert as_typed(str(best)) == "--joints j1 --tip tip"
     named = "; ".join(f"--joints j{k + 2} --tip tip" for k in range(min(others, 3)))
     more = "; ..." if others > 3 else ""
-    shown = f"chosen by reach: --joints j1 --tip tip (others: {named}{more})"
-    assert as_typed(str(note)) == shown
+    assert as_typed(alternatives(small, 3)) == named + more
 
 
 def test_the_only_arm_is_chosen_without_a_word():
     joints = parse_urdf(chain_urdf(turning())).joints
     only = Candidate(joints[:1], "tip", 1.0)
-    assert choose([only]) == (only, None)
+    assert choose([only], RIVAL, "planar arms") == (only, None)
 
 
 def test_a_tip_on_the_axis_is_told_with_those_that_are_off_it():
@@ -78,11 +78,10 @@ def test_a_tip_on_the_axis_is_told_with_those_that_are_off_it():
         arm_from_urdf(text, ["j1", "j2"], "end")
 
 
-def test_without_a_tip_the_reason_speaks_of_none():
-    with pytest.raises(RobotError, match=r"^no planar arm: joint 'j2' is the last"):
-        arm_from_urdf(NO_TIP)
-    with pytest.raises(RobotError, match=r"^no planar arm that moves 'tip': joint 'j2'"):
-        arm_from_urdf(NO_TIP, tip="tip")
+def test_the_same_is_told_where_no_joints_were_named():
+    for tip in (None, "tip"):
+        with pytest.raises(RobotError, match=r"^joint 'j2' does not move the tip 'tip'"):
+            arm_from_urdf(NO_TIP, tip=tip)
 
 
 def test_only_the_first_six_of_like_arms_are_listed():

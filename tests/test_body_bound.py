@@ -10,7 +10,6 @@ from calib.body.belief import Body
 from calib.body.covariance import (
     autocorrelation_time,
     pack,
-    packed_of,
     radius_95,
     root_of,
     spread_of,
@@ -43,11 +42,22 @@ def test_root_and_packed_root_give_the_covariance_back():
     root = root_of(covariance)
     scale = np.sqrt(np.outer(np.diag(covariance), np.diag(covariance)))
     assert np.allclose(root @ root.T / scale, covariance / scale, atol=1e-12)
-    packed = pack(covariance)
-    again = unpack(packed, 12)
+    packed = pack(root)
+    kept = unpack(packed, 12)
+    again = kept @ kept.T
     assert np.allclose(again / scale, covariance / scale, atol=1e-6)
-    assert packed_of(again, packed) is packed
+    assert np.array_equal(pack(kept), packed)
     assert np.linalg.eigvalsh(again / scale).min() > 0
+    turned = unpack(pack(root @ np.linalg.qr(a[:12])[0]), 12)
+    assert np.allclose(turned @ turned.T / scale, covariance / scale, atol=1e-6)
+
+
+def test_a_root_of_a_flat_covariance_is_packed_too():
+    a = np.random.default_rng(2).normal(size=(12, 5))
+    for root in (a, root_of(a @ a.T)):
+        again = unpack(pack(root), 12)
+        assert np.allclose(root @ root.T, a @ a.T, atol=1e-12)
+        assert np.allclose(again @ again.T, a @ a.T, atol=1e-5)
 
 
 def test_autocorrelation_time_of_white_and_of_moving_averages():
@@ -107,9 +117,8 @@ def test_leave_block_out_equals_the_refit():
 def body_of(kappa=1.0, residual=0.0):
     s, prior, _, q, z = known(30, 4)
     f = fitted(s, prior, q, z)
-    return q, Body(
-        s, f.beta, f.active, f.covariance, f.noise, kappa, f.noise, np.full(2, residual), f.nu, 1.0
-    )
+    root, own = root_of(f.covariance), np.full(2, residual)
+    return q, Body(s, f.beta, f.active, root, f.noise, kappa, f.noise, own, f.nu, 1.0)
 
 
 def test_the_bound_grows_with_noise_kappa_and_residual():

@@ -12,8 +12,9 @@ from calib.body.belief import Body
 from calib.body.fitting import fit_body
 from calib.body.nominal import Nominal
 from calib.body.planar_row import PlanarRow
-from calib.body.storing import body_arrays, body_header, rebuild_body
 from calib.errors import ModelError
+from calib.model_file.bodies import body_arrays, body_header, rebuild_body
+from calib.model_file.checked import Tensors
 
 
 def a_log(n=60):
@@ -41,7 +42,7 @@ def stored(body: Body):
 
 def test_round_trip_keeps_every_bit(body):
     header, arrays = stored(body)
-    again = rebuild_body(header, arrays)
+    again = rebuild_body(header, Tensors(arrays))
     q = a_log()[0]
     assert np.array_equal(again.predict(q), body.predict(q))
     assert np.array_equal(again.bound(q), body.bound(q))
@@ -95,7 +96,7 @@ def test_impossible_headers_are_refused(body, key, value):
     else:
         header[place] = value
     with pytest.raises(ModelError):
-        rebuild_body(header, arrays)
+        rebuild_body(header, Tensors(arrays))
 
 
 @pytest.mark.parametrize("key", ["structure", "kappa", "nu", "rows", "second", "scales"])
@@ -103,7 +104,7 @@ def test_missing_keys_are_refused(body, key):
     header, arrays = stored(body)
     del header[key]
     with pytest.raises(ModelError, match="missing"):
-        rebuild_body(header, arrays)
+        rebuild_body(header, Tensors(arrays))
 
 
 def spoiled(name, value):
@@ -133,9 +134,9 @@ def test_impossible_arrays_are_refused(body, name):
     header, arrays = stored(body)
     for bad in spoiled(name, arrays[name]).values():
         with pytest.raises(ModelError):
-            rebuild_body(header, {**arrays, name: bad})
+            rebuild_body(header, Tensors({**arrays, name: bad}))
     with pytest.raises(ModelError, match="missing"):
-        rebuild_body(header, {k: v for k, v in arrays.items() if k != name})
+        rebuild_body(header, Tensors({k: v for k, v in arrays.items() if k != name}))
 
 
 def test_scalar_queries_equal_the_batch(body):

@@ -41,7 +41,7 @@ def test_the_bound_holds_where_no_row_was(model, most, times):
 
 def test_rows_along_a_line_are_left_to_the_update(model):
     from calib.change.comparison import compare
-    from calib.change.drawing import fit_from_drawing
+    from calib.change.update import fit_from_drawing
 
     along = np.linspace(0.2, 0.8, 40)[:, None] * [1.0, 0.7]
     assert fit_from_drawing(compare(model, rows_of(along)), np.inf) is None
@@ -51,7 +51,7 @@ def test_rows_along_a_line_are_left_to_the_update(model):
 
 def test_a_model_of_a_log_has_no_drawing(model):
     from calib.change.comparison import compare
-    from calib.change.drawing import fit_from_drawing
+    from calib.change.update import fit_from_drawing
 
     log = rows_of(np.random.default_rng(1).random((60, 2)))
     own = calib.train(log, size=6)

@@ -8,7 +8,7 @@ from models import draw, log, measured, papers, trained, turning, two_link
 
 import calib
 from calib.common.scale import TURN
-from calib.errors import LogError, OptionError
+from calib.errors import LogError
 from calib.training.evaluate import Residuals, evaluate_residuals, summarise
 
 
@@ -153,7 +153,7 @@ def test_errors_are_plain_json():
 def test_a_log_of_other_joints_is_refused_with_both_names():
     s = log(50)
     other = calib.Samples(s.q, s.x, ("hip", "knee"), s.lower, s.upper, s.revolute)
-    with pytest.raises(OptionError, match="log's joints are hip, knee, the model's are shoulder"):
+    with pytest.raises(LogError, match="log's joints are hip, knee, the model's are shoulder"):
         trained("two_link").evaluate(other)
 
 

@@ -17,7 +17,7 @@ import calib
 from calib.arm.rotations import logarithm
 from calib.errors import OptionError
 from calib.use.export_c import c_header
-from calib.use.nominal import nominal_in_space, nominal_in_view
+from calib.use.nominal import nominal_in_plane, nominal_in_space
 
 COMPILER = shutil.which("cc") or shutil.which("gcc")
 needs_compiler = pytest.mark.skipif(COMPILER is None, reason="no C compiler on this machine")
@@ -175,7 +175,8 @@ def test_a_corrected_command_brings_the_tip_to_the_nominal_place(single, tmp_pat
     known = ~np.isnan(fixed[:, 0])
     assert known.sum() > 1000
     assert np.isnan(fixed[np.isnan(m.forward(q)[:, 0])]).all()
-    wanted = nominal_in_view(m).predict(q[known])
+    structure, beta = nominal_in_plane(m)
+    wanted = structure.predict(q[known], beta)
     gap = np.linalg.norm(m.body.predict(fixed[known]) - wanted, axis=1)
     assert gap.max() < (1e-3 if single else 1e-8) * m.reach
     # 0.02 rad of offset, 2 mrad of waves: the compensation is of that size

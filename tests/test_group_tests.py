@@ -15,8 +15,7 @@ pytestmark = pytest.mark.usefixtures("one_blas_thread")
 
 def checked(z, q):
     reference = kept_reference(body())
-    log, _, _ = weighted(reference, q, z)
-    return group_tests(body(), reference, log, joints(80, 8))
+    return group_tests(reference, weighted(reference, q, z), joints(80, 8))
 
 
 def test_statistics_of_an_unchanged_arm_are_those_of_chance():

@@ -7,8 +7,9 @@ from calib.common.choices import MAP_READOUTS
 from calib.common.scale import TURN, Scale
 from calib.maps.association import Association
 from calib.maps.lattice import Lattice
-from calib.maps.linear_models import LinearModels, MeanPositions, regress, smooth_blend
+from calib.maps.linear_models import LinearModels, MeanPositions, regress
 from calib.maps.links import WIRINGS
+from calib.maps.local_models import blend
 from calib.maps.map import Map
 from calib.maps.som import SOM
 
@@ -88,7 +89,7 @@ def test_a_function_is_followed_by_its_values_and_differences():
 def test_weights_add_up_to_one_and_are_continuous():
     motor = grid(7)
     path = np.linspace([0.1, 0.2], [0.9, 0.7], 20_001)
-    index, weight, _ = smooth_blend(motor, path, slope=False)
+    index, weight = blend(motor, path, 8)
     np.testing.assert_allclose(weight.sum(axis=1), 1.0)
     dense = np.zeros((len(path), motor.size))
     np.put_along_axis(dense, index, weight, axis=1)

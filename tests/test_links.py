@@ -7,7 +7,7 @@ from scipy.sparse import csr_array
 from calib.common.scale import TURN, Scale
 from calib.errors import OptionError
 from calib.maps.lattice import Lattice
-from calib.maps.links import BANDWIDTH, NEAREST, WIRINGS, Wiring, check_wiring, oja
+from calib.maps.links import BANDWIDTH, NEAREST, WIRINGS, Wiring, oja, wiring_of
 from calib.maps.map import Map
 
 UNIT_BOX = Scale(np.zeros(2), np.ones(2), np.zeros(2, dtype=bool))
@@ -121,7 +121,7 @@ def test_mutual_links_are_the_same_in_both_directions(pair):
 def test_wirings_are_known_by_name():
     assert [(w.local, w.mutual) for w in WIRINGS.values()] == [(0, 0), (1, 0), (0, 1), (1, 1)]
     with pytest.raises(OptionError, match="choose one of oja, local, mutual, reciprocal"):
-        check_wiring("hebb")
+        wiring_of("hebb")
 
 
 def test_ojas_rule_comes_to_rest_at_those_links(pair):

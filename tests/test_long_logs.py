@@ -108,7 +108,7 @@ def test_a_reservoir_holds_few_rows_and_the_same_for_any_batches(lengths, most, 
     for length in lengths:
         reservoir.add(values[first : first + length], np.arange(first, first + length))
         first += length
-        assert reservoir.held <= 2 * most
+        assert reservoir.held <= 2 * most + 4  # the extreme rows of both columns besides
     whole.add(values, np.arange(total))
     kept, numbers = reservoir.rows()
     assert (numbers == whole.rows()[1]).all()

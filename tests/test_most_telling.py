@@ -57,7 +57,7 @@ def test_measured_poses_are_not_measured_again(body):
     residual = np.full(2, 20.0) * body.noise  # what the body leaves over is all there is
     from dataclasses import replace
 
-    sure = replace(body, covariance=1e-12 * body.covariance, tau=residual)
+    sure = replace(body, root=1e-6 * body.root, tau=residual)
     first = most_telling(sure, CHOICE, 10, NONE)
     again = most_telling(sure, CHOICE, 10, CHOICE[first])
     assert not set(first.tolist()) & set(again.tolist())

@@ -98,7 +98,8 @@ def _size(one, folder):
 
 def test_a_schema_that_makes_no_sense_is_refused():
     import calib.model_file.schemas as stored
-    from calib.model_file.parts import Tensors
+    from calib.errors import CalibError
+    from calib.model_file.checked import Tensors
 
     kept = both()
     described, tensors = stored.pack(kept.schemas)
@@ -111,15 +112,15 @@ def test_a_schema_that_makes_no_sense_is_refused():
         "smooth": [dict(described[0], smooth={"body": None, "trend": None})],
     }
     for states in wrong.values():
-        with pytest.raises(ValueError, match=r"schema|body"):
+        with pytest.raises(CalibError, match=r"schema|body"):
             stored.unpack(kept, states, Tensors(tensors))
     nan = dict(tensors)
     nan["schema.0.bounds"] = np.full_like(tensors["schema.0.bounds"], np.nan)
-    with pytest.raises(ValueError, match="not finite"):
+    with pytest.raises(CalibError, match="not finite"):
         stored.unpack(kept, described, Tensors(nan))
     short = dict(tensors)
     short["schema.0.sensory"] = tensors["schema.0.sensory"][:-1]
-    with pytest.raises(ValueError, match="expected"):
+    with pytest.raises(CalibError, match="expected"):
         stored.unpack(kept, described, Tensors(short))
 
 
@@ -137,7 +138,7 @@ def test_states_of_another_arm_or_another_size_are_refused():
     three = calib.train(calib.babble(calib.load_arm("three_link"), 500), size=5)
     with pytest.raises(OptionError, match="joints"):
         keep(kept, three, "other")
-    with pytest.raises(OptionError, match="another size"):
+    with pytest.raises(OptionError, match="ranges, units or maps"):
         keep(kept, calib.train(calib.babble(arm(), 500), size=8), "small")
     with pytest.raises(OptionError, match="present"):
         keep(kept, model(NOISE), "schema 1")

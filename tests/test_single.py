@@ -161,8 +161,7 @@ def test_a_bound_of_one_row_is_that_of_the_body(robot):
         beta = structure.neutral() + rng.normal(0, 1e-3, structure.size)
         active = np.flatnonzero(rng.random(structure.size) < share)
         active = np.setdiff1d(active, structure.groups["lens"])
-        root = rng.normal(0, 1e-4, (len(active), 60))
-        return beta, active, root @ root.T
+        return beta, active, rng.normal(0, 1e-4, (len(active), 60))
 
     none, noise = np.zeros(3), np.full(3, 2e-3)
     other = Second(*belief(1.0), noise)

@@ -81,7 +81,7 @@ def test_a_gauge_is_what_no_reading_tells():
     left = without_gauge(structure, body, size=True)
     q = np.random.default_rng(1).uniform(-1.0, 1.0, (50, 3))
     x = structure.linearise(q, body.beta, active)[1].reshape(-1, len(active))
-    spreads = [((x @ each) * x).sum(axis=1) for each in (body.covariance, left)]
+    spreads = [((x @ root) ** 2).sum(axis=1) for root in (body.root, left)]
     np.testing.assert_allclose(*spreads, rtol=1e-4)  # of readings: nothing is lost
     tracker = SensorPose.of(body)
     assert tracker.told_sd.max() < 0.1 * tracker.position_sd.max()

@@ -12,7 +12,7 @@ from drifting import arm, log
 import calib
 from calib.change.follow import BLOCK, OnlineAdapter
 from calib.change.streams import Follower
-from calib.errors import OptionError
+from calib.errors import OptionError, QueryError
 from calib.maps.graph import Graph
 
 TOOL, SHORT = ("tip.offset=0.05,0",), ("elbow.length=-20%",)
@@ -184,9 +184,9 @@ def test_what_cannot_be():
         Follower(model(), most=0)
     with pytest.raises(OptionError, match="horizon"):
         Follower(model(), horizon=5)
-    with pytest.raises(OptionError, match=r"\(n, 2\)"):
+    with pytest.raises(QueryError, match=r"\(n, 2\)"):
         Follower(model()).update([[0.1, 0.2]], [[0.1, 0.2, 0.3]])
-    with pytest.raises(OptionError, match="finite"):
+    with pytest.raises(QueryError, match="finite"):
         Follower(model()).update([0.1, 0.2], [np.nan, 0.2])
 
 

@@ -18,8 +18,9 @@ from calib.errors import OptionError
 from calib.recording.board import Board, BoardFinder, parse_length
 from calib.recording.edges import crossing
 from calib.recording.lens import Lens, calibrate_lens, read_lens
-from calib.recording.plane import cut_plane, find_pose, square_pose
+from calib.recording.plane import find_pose, square_pose
 from calib.recording.printing import print_board, print_tag, tag_cells
+from calib.recording.reference import PlaneReference
 from calib.recording.tags import TagFinder, dictionary_names, find_dictionary
 
 SMALL = Camera(size=(640, 480), focal=600.0)
@@ -222,10 +223,11 @@ def test_a_ray_is_cut_with_the_plane_of_the_tag():
     pose = find_pose(lens, BOARD.corners(), camera.project(BOARD.corners()))
     assert pose.rms < 1e-6
     assert np.allclose(pose.camera, camera.position, atol=1e-6)
-    assert np.allclose(cut_plane(lens, pose, camera.project(world)), world[:, :2], atol=1e-8)
+    flat, raised = PlaneReference(lens, pose), PlaneReference(lens, pose, 0.025)
+    assert np.allclose(flat.positions(camera.project(world)), world[:, :2], atol=1e-8)
     high = world + np.array([0.0, 0.0, 0.025])
-    assert np.allclose(cut_plane(lens, pose, camera.project(high), 0.025), high[:, :2], atol=1e-8)
-    wrong = cut_plane(lens, pose, camera.project(high))  # the height not given
+    assert np.allclose(raised.positions(camera.project(high)), high[:, :2], atol=1e-8)
+    wrong = flat.positions(camera.project(high))  # the height not given
     assert np.linalg.norm(wrong - high[:, :2], axis=1).max() > 0.01
 
 

@@ -65,7 +65,6 @@ def test_numbers_reach_pinocchio_unchanged(xyz):
     ("old", "new", "word"),
     [
         (' name="two"', "", "no name: file_name is used"),
-        (' effort="1" velocity="1"', "", "no effort or velocity for 2 of its joints"),
         ('<origin xyz="0.2 0 0"/>', '<mimic joint="no"/>', "'no', which does not exist"),
     ],
 )
@@ -83,7 +82,7 @@ def test_an_axis_without_direction_is_x_too_and_said_aloud():
 
 
 def test_an_axis_too_long_to_be_a_direction_is_refused():
-    with pytest.raises(RobotError, match=r"'j1' has an axis of length 1e\+308"):
+    with pytest.raises(RobotError, match=r"'j1' has the axis 0 0 -1e\+308"):
         parse_urdf(TWO.replace("0 0 1", "0 0 -1e308", 1))
 
 
@@ -150,5 +149,5 @@ def test_names_that_mean_something_to_pinocchio_are_only_names(what, name):
 
 def test_a_robot_of_one_joint_is_refused_in_one_line():
     one = TWO.replace('<joint name="j2" type="revolute">', '<joint name="j2" type="fixed">')
-    with pytest.raises(RobotError, match=r"at least two movable joints.*found j1"):
+    with pytest.raises(RobotError, match=r"needs two movable joints.*movable joints: j1"):
         arm_from_urdf(one)

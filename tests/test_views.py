@@ -11,10 +11,11 @@ from calib import load_arm
 from calib.body.fitting import fit_body, planar_structure
 from calib.body.planar_row import PlanarRow
 from calib.body.spatial import structure_of
-from calib.body.storing import rebuild_structure
 from calib.body.views import PLANAR, SPATIAL, cubic
 from calib.errors import OptionError
 from calib.inverse.pixel import undistorted
+from calib.model_file.bodies import rebuild_structure, structure_header
+from calib.model_file.checked import Tensors
 
 LENS = ("view.rotation", "view.scale", "view.shift", "view.tilt", "lens")
 
@@ -83,7 +84,7 @@ def test_a_planar_fisheye_is_fitted_stored_and_compiled(fisheye):
     assert body.beta[body.structure.groups["lens"][0]] > 10 * body.deviations[8] > 0
     structure, beta = body.structure, body.beta
     assert_slopes(structure, q[:5], beta)
-    assert rebuild_structure(structure.header(), {}) == structure
+    assert rebuild_structure(structure_header(structure), Tensors({})) == structure
     expected, slope = structure.predict_and_slope(q[:5], beta)
     predict, evaluate = PlanarRow.of(structure, beta)
     for k, row in enumerate(q[:5].tolist()):
@@ -108,6 +109,6 @@ def test_a_fisheye_sees_an_arm_in_space(fisheye):
 
 
 def test_an_unknown_kind_is_refused():
-    q, z = seen(np.random.default_rng(0), 20)
+    _, z = seen(np.random.default_rng(0), 20)
     with pytest.raises(OptionError, match="'fisheye', expected one of auto, base"):
-        planar_structure(q, z, ("a", "b"), (True, True), None, "fisheye", None, "px", False)
+        planar_structure(z, ("a", "b"), (True, True), None, "fisheye", "px", False)

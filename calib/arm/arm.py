@@ -134,6 +134,23 @@ class Arm:
         chain = replace(chain, points=points, centres=centres, tip=chain.tip + shift)
         return replace(self, chain=chain)
 
+    def with_tip_offset(self: _A, dx: float, dy: float, dz: float = 0.0) -> _A:
+        """Return the arm with its tip moved by dx, dy, dz [m].
+
+        In space along the axes of the tip's own frame; of a planar arm along its last link, to the
+        left of it, and off the plane.
+        """
+        offset = np.array([dx, dy, dz], dtype=float)
+        if not np.isfinite(offset).all():
+            raise OptionError(f"tip offset {dx}, {dy}, {dz}: expected finite numbers [m]")
+        tip = self.chain.tip + offset @ self._tip_axes
+        return replace(self, chain=replace(self.chain, tip=tip))
+
+    @property
+    def _tip_axes(self) -> Array:
+        """Directions (3, 3) of a tip's offset, at zero, in the root link's frame."""
+        return np.asarray(self.chain.rotation.T)
+
     @property
     def dof(self) -> int:
         """Number of active joints."""
@@ -218,25 +235,20 @@ class PlanarArm(Arm):
     def jacobian(self, q: ArrayLike) -> Array:
         """Derivatives of the position by the joint values, (n, 2, dof) or (2, dof)."""
         axes = np.stack([self.plane.x, self.plane.y])
-        return self._by_rows(q, lambda rows: axes @ self.chain.velocities(rows))
+        return self._by_rows(q, lambda rows: axes @ self.chain.jacobian(rows)[:, :3])
 
     def _links(self) -> Array:
         """Vectors within the plane, at zero (dof, 3) [m]."""
         links, normal = super()._links(), self.plane.normal
         return links - np.outer(links @ normal, normal)
 
-    def with_tip_offset(self, dx: float, dy: float) -> PlanarArm:
-        """Return the arm with its tip moved along (dx) and to the left of (dy) its last link.
-
-        Where that link has no length in the plane, the plane's own axes at zero are used.
-        """
-        if not np.isfinite([dx, dy]).all():
-            raise OptionError(f"tip offset {dx}, {dy}: expected two finite numbers [m]")
+    @property
+    def _tip_axes(self) -> Array:
+        """Along the last link, or the plane's x axis where it has no length; left of it; normal."""
         along = self._links()[-1]
         length = float(np.linalg.norm(along))
         along = along / length if length >= MIN_LENGTH else self.plane.x
-        left = np.cross(self.plane.normal, along)
-        return replace(self, chain=replace(self.chain, tip=self.chain.tip + dx * along + dy * left))
+        return np.stack([along, np.cross(self.plane.normal, along), self.plane.normal])
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)
@@ -248,11 +260,3 @@ class SpatialArm(Arm):
     """
 
     outputs = 3
-
-    def with_tip_offset(self, dx: float, dy: float, dz: float = 0.0) -> SpatialArm:
-        """Return the arm with its tip moved by dx, dy, dz [m] along the axes of its own frame."""
-        offset = np.array([dx, dy, dz], dtype=float)
-        if not np.isfinite(offset).all():
-            raise OptionError(f"tip offset {dx}, {dy}, {dz}: expected three finite numbers [m]")
-        tip = self.chain.tip + self.chain.rotation @ offset
-        return replace(self, chain=replace(self.chain, tip=tip))

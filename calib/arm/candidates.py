@@ -13,9 +13,9 @@ from itertools import combinations
 import numpy as np
 
 from ..common.arrays import Array
-from ..common.wording import listed, quoted
+from ..common.wording import listed
 from ..errors import RobotError
-from .plane import MIN_LEVER, PARALLEL, common_normal, fits, frames_moved
+from .plane import MIN_LEVER, PARALLEL, check_tip, common_normal, fits
 from .posture import Posture
 from .ranges import full_range, limits_fault, ranges_wanted
 from .tree import Joint, Urdf
@@ -114,23 +114,26 @@ def find_candidates(
     return largest(found)
 
 
-def rivals(candidates: Sequence[Candidate], share: float = RIVAL) -> list[Candidate]:
+def rivals(candidates: Sequence[Candidate], share: float) -> list[Candidate]:
     """Return the candidates, largest first, of at least a share of the largest one's size."""
     return [found for found in candidates if found.size >= share * candidates[0].size]
 
 
-def choose(candidates: Sequence[Candidate]) -> tuple[Candidate, str | None]:
-    """Return the one candidate that makes sense, and what to say about it.
+def choose(
+    candidates: Sequence[Candidate], share: float, what: str, *, strict: bool = True
+) -> tuple[Candidate, str | None]:
+    """Return the largest candidate, and what to say where others have that share of its size.
 
-    Raises RobotError if there are several of like reach, with the options that name each.
+    `strict` refuses those with the options that name each, by a RobotError; else the first serves.
     """
-    best = candidates[0]
-    if len(equals := rivals(candidates)) > 1:
-        shown = alternatives(equals, 6)
-        raise RobotError(f"the robot has {len(equals)} planar arms, choose one: {shown}")
-    if len(candidates) == 1:
+    best, equals = candidates[0], rivals(candidates, share)
+    if len(equals) == 1:
         return best, None
-    return best, f"chosen by reach: {best} (others: {alternatives(candidates[1:], 3)})"
+    if strict:
+        shown = alternatives(equals, 6)
+        raise RobotError(f"the robot has {len(equals)} {what}, choose one: {shown}")
+    others = alternatives(equals[1:], 3)
+    return best, f"chosen, as the first of {len(equals)} {what}: {best} (others: {others})"
 
 
 def nothing_found(
@@ -144,50 +147,30 @@ def nothing_found(
     to_tip = f" that moves {tip!r}" if tip else ""
     joints = urdf.path(tip) if tip else urdf.joints
     moving = [joint for joint in joints if joint.movable and not joint.mimic]
-    names = listed(joint.name for joint in moving)
-    if len(moving) < 2:
-        return RobotError(f"a planar arm needs at least two movable joints{to_tip}, found {names}")
-    free = [joint for joint in moving if joint.name not in locked]
-    chains = [[joint for joint in urdf.path(end.child) if joint in free] for end in free]
-    if not chains or max(map(len, chains)) < 2:
-        left = f" when {listed(locked)} is locked" if locked else ""
-        return RobotError(
-            f"no planar arm{to_tip}: it needs two joints in one chain, and none of the movable "
-            f"joints moves another{left}: {names}"
-        )
-    freed = find_candidates(urdf, posture, tip, locked)
-    if freed:
+    if freed := find_candidates(urdf, posture, tip, locked):
         stuck = [joint for joint in freed[0].joints if joint.name in fixed]
         faults = "; ".join(f"{joint.name}: {limits_fault(joint)}" for joint in stuck)
-        ranges = ranges_wanted(stuck)
         return RobotError(
             f"no planar arm{to_tip} without joints that have no room to move; {faults}",
-            hint=f"give {ranges}",
+            hint=f"give {ranges_wanted(stuck)}",
             parameter="ranges",
         )
-    turning = [joint for joint in max(chains, key=len) if joint.revolute]
-    if len(turning) == 2:  # the one pair there is: say what is wrong with it
-        try:
+    free = [joint for joint in moving if joint.name not in locked]
+    chains = [[joint for joint in urdf.path(end.child) if joint in free] for end in free]
+    turning = [joint for joint in max(chains, key=len, default=[]) if joint.revolute]
+    try:
+        if len(turning) == 2:  # the one pair there is: say what is wrong with it
             common_normal(turning, posture)
-        except RobotError as error:
-            return error
-    for chain in chains:
-        for members, _ in _planar_sets(chain, posture):
-            moved = frames_moved(members[-1], urdf, posture)
-            if len(members) > 1 and (not moved or (tip and tip not in moved)):
-                remedy = (
-                    f"choose the tip from {listed(moved)}"
-                    if moved
-                    else "add a tip link on a fixed joint to the URDF"
-                )
-                what = quoted(tip) if tip else "every frame that it moves"
-                return RobotError(
-                    f"no planar arm{to_tip}: joint {quoted(members[-1].name)} is the last of its "
-                    f"plane and {what} lies on its axis; {remedy}"
-                )
+        for members, _ in (found for chain in chains for found in _planar_sets(chain, posture)):
+            if len(members) > 1:
+                last = members[-1]
+                check_tip(last, tip or find_tip(urdf, last.child), urdf, posture)
+    except RobotError as error:
+        return error
+    held = f", of which {listed(locked)} is locked" if locked else ""
     return RobotError(
-        f"no planar arm of two or more joints{to_tip} was found: name the joints, and as tip a "
-        f"frame off the last one's axis; movable joints: {names}"
+        f"no planar arm{to_tip}: it needs two movable joints in one chain and, as tip, a frame "
+        f"off the last one's axis; movable joints: {listed(joint.name for joint in moving)}{held}"
     )
 
 
@@ -213,8 +196,9 @@ def _trim(members: list[Joint], normal: Array, tip: str, posture: Posture) -> Ca
     """Leave out joints that hardly move the tip, and more than `MOST_JOINTS`."""
     members = list(members)
     while len(members) >= 2:
-        points = np.array([posture.points[joint.name] for joint in members])
-        levers = _lever_lengths(points, posture.links[tip], normal)
+        stops = [*(posture.points[joint.name] for joint in members), posture.links[tip]]
+        vectors = np.diff(np.array(stops), axis=0)
+        levers = np.linalg.norm(vectors - np.outer(vectors @ normal, normal), axis=1)
         for k, joint in enumerate(members):
             if not joint.revolute:
                 lower, upper = (0.0, 1.0) if limits_fault(joint) else full_range(joint)
@@ -227,10 +211,3 @@ def _trim(members: list[Joint], normal: Array, tip: str, posture: Posture) -> Ca
             return Candidate(tuple(members), tip, float(4 * np.pi * sum(a * b for a, b in pairs)))
         del members[weakest]
     return None
-
-
-def _lever_lengths(points: Array, tip: Array, normal: Array) -> Array:
-    """Distances (n,) [m] across a normal from each of n points to the next, the last to a tip."""
-    vectors = np.diff(np.vstack([points, tip]), axis=0)
-    flat = vectors - np.outer(vectors @ normal, normal)
-    return np.asarray(np.linalg.norm(flat, axis=1))

@@ -16,6 +16,7 @@ import numpy as np
 from ..common.wording import listed, quoted
 from ..errors import RobotError
 from .candidates import (
+    RIVAL,
     Candidate,
     alternatives,
     choose,
@@ -71,12 +72,13 @@ def find_arm(urdf: Urdf, posture: Posture, choice: Choice) -> tuple[Found, list[
     first = chains[0]
     if is_planar(urdf, posture, first.joints, first.tip) or in_line(first.joints, posture):
         return _planar(urdf, posture, choice, fixed, excluded)
-    chosen, note = choose_chain(chains, strict=choice.columns is not None)
+    # a log was measured on one of them only; in simulation the first serves
+    chosen, note = choose(chains, 1 - EQUAL, "arms of one reach", strict=choice.columns is not None)
     notes = [note] if note else []
     unlogged = [joint.name for joint in urdf.path(chosen.tip) if joint.name in idle]
     if unlogged:
         notes.append(f"locked because the log has no columns for them: {listed(unlogged)}")
-    planar = rivals(find_candidates(urdf, posture, choice.tip, excluded))
+    planar = rivals(find_candidates(urdf, posture, choice.tip, excluded), RIVAL)
     if len(planar) == 1:
         notes.append(f"the arm moves in space; `planar=True` takes its planar part: {planar[0]}")
     return (list(chosen.joints), chosen.tip, False), notes
@@ -104,8 +106,10 @@ def _planar(
     candidates = find_candidates(urdf, posture, choice.tip, excluded)
     if not candidates:
         raise nothing_found(urdf, posture, choice.tip, choice.lock, fixed)
-    chosen, note = choose(candidates)
-    return (list(chosen.joints), chosen.tip, True), [note] if note else []
+    chosen, _ = choose(candidates, RIVAL, "planar arms")
+    shown = alternatives(candidates[1:], 3)
+    notes = [f"chosen by reach: {chosen} (others: {shown})"] if shown else []
+    return (list(chosen.joints), chosen.tip, True), notes
 
 
 #: More joints than this are no arm that a log could cover: those nearest to the root are held.
@@ -141,24 +145,6 @@ def find_chains(
         for chain in chains
         if not any(other[: len(chain.names)] == chain.names != other for other in longer)
     ]
-
-
-def choose_chain(chains: Sequence[Candidate], *, strict: bool) -> tuple[Candidate, str | None]:
-    """Return the chain that reaches furthest, and what to say about it.
-
-    Where several reach alike, `strict` refuses them with the options that name each: a log was
-    measured on one of them only. In simulation the first serves, and the others are told.
-    """
-    best = chains[0]
-    equals = rivals(chains, 1 - EQUAL)
-    if len(equals) == 1:
-        return best, None
-    if strict:
-        shown = alternatives(equals, 6)
-        raise RobotError(f"the robot has {len(equals)} arms of one reach, choose one: {shown}")
-    others = alternatives(equals[1:], 3)
-    first = f"chosen, as the first of {len(equals)} arms of one reach"
-    return best, f"{first}: {best} (others: {others})"
 
 
 def no_chain(

@@ -8,8 +8,6 @@ from collections.abc import Mapping, Sequence
 import numpy as np
 
 from ..common.arrays import Array
-from ..common.wording import quoted
-from ..errors import RobotError
 from .posture import Posture
 from .spatial_chain import SpatialChain
 from .tree import Joint, Urdf
@@ -21,8 +19,7 @@ Following = Mapping[str, tuple[str, float, float]]
 def followers(urdf: Urdf, path: Sequence[Joint], active: Sequence[Joint]) -> Following:
     """Mimic joints on the way to the tip that follow an active joint, directly or through others.
 
-    Returns the active joint, the multiplier and the offset of
-    each.
+    Returns the active joint, the multiplier and the offset of each.
     """
     names = {joint.name for joint in active}
     found: dict[str, tuple[str, float, float]] = {}
@@ -39,17 +36,6 @@ def followers(urdf: Urdf, path: Sequence[Joint], active: Sequence[Joint]) -> Fol
         if joint.name not in names and joint.movable and other.name in names:
             found[joint.name] = (other.name, scale, offset)
     return found
-
-
-def refuse_followers(path: Sequence[Joint], active: Sequence[Joint]) -> None:
-    """Refuse mimic joints of active ones on the way to a planar arm's tip."""
-    for joint in path:
-        if joint.mimic and any(joint.mimic.leader == other.name for other in active):
-            raise RobotError(
-                f"joint {quoted(joint.name)} mimics the active {quoted(joint.mimic.leader)} on "
-                "the way to the tip: coupled joints are not supported in a planar arm; choose "
-                "others"
-            )
 
 
 def folded(

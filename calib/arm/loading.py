@@ -18,7 +18,7 @@ from ..errors import OptionError, RobotError
 from .arm import PlanarArm, SpatialArm
 from .candidates import find_tip
 from .finding import MOST_JOINTS, Choice, find_arm, in_line, is_planar
-from .folding import carried, folded, followers, refuse_followers
+from .folding import carried, folded, followers
 from .plane import check_tip, common_normal, plane_of
 from .posture import Kinematics, Posture
 from .ranges import Range, check_limits, full_range, neutral, travel, unit_of
@@ -117,9 +117,13 @@ def arm_from_urdf(
     choice = Choice(joints, tip, lock, ranges, planar, columns)
     active, tip, flat = _select(urdf, kinematics.posture(values), choice, notes)
     path = urdf.path(tip)
-    if flat:
-        refuse_followers(path, active)
-    following = {} if flat else followers(urdf, path, active)
+    following = followers(urdf, path, active)
+    if flat and following:
+        name, (leader, _, _) = next(iter(following.items()))
+        raise RobotError(
+            f"joint {quoted(name)} mimics the active {quoted(leader)} on the way to the tip: "
+            "coupled joints are not supported in a planar arm; choose others"
+        )
     moving = [joint for joint in path if joint in active or joint.name in following]
     posture = kinematics.posture({**values, **{joint.name: 0.0 for joint in moving}})
     held = {j.name: values[j.name] for j in path if j.movable and j not in moving}

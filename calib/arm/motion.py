@@ -78,10 +78,10 @@ class Motion:
             return self.axes[i], np.zeros_like(self.axes[i])
         return cross(self.axes[i], self.position - self.origins[i]), self.axes[i]
 
-    def turn(self, i: int, axis: int) -> tuple[Array, Array]:
-        """The same as the origin of joint i turns about an axis of its own frame."""
-        about = self.turned[i][:, axis]
-        return cross(about, self.position - self.origins[i]), about
+    def turns(self) -> tuple[Array, Array]:
+        """The same (m, 3, 3, n) as the origins turn about the axes, second, of their own frames."""
+        about = np.swapaxes(np.stack(self.turned), 1, 2)
+        return np.cross(about, (self.position - self.origins)[:, None], axis=2), about
 
 
 def move(chain: SpatialChain, values: Array, moved: Deviations | None = None) -> Motion:

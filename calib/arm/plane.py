@@ -16,6 +16,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from ..common.arrays import Array
+from ..common.frozen import own_floats
 from ..common.wording import listed, quoted, vector
 from ..errors import LogError, RobotError
 from .posture import Posture
@@ -39,15 +40,13 @@ class Plane:
 
     def __post_init__(self) -> None:
         """Check the shapes and the axes, and freeze the arrays."""
-        for name in ("origin", "x", "y"):
-            vector = np.array(getattr(self, name), dtype=float)
-            if vector.shape != (3,) or not np.isfinite(vector).all():
-                raise RobotError(f"plane {name}: expected three finite numbers, got {vector}")
-            vector.setflags(write=False)
-            object.__setattr__(self, name, vector)
-        gram = np.array([self.x @ self.x - 1.0, self.y @ self.y - 1.0, self.x @ self.y])
-        if np.abs(gram).max() > 1e-6:
-            raise RobotError(f"plane axes x {self.x} and y {self.y} are not orthonormal")
+        own_floats(self, "origin", "x", "y")
+        known = all(v.shape == (3,) and np.isfinite(v).all() for v in vars(self).values())
+        if not known or np.abs(self.basis[:2] @ self.basis[:2].T - np.eye(2)).max() > 1e-6:
+            raise RobotError(
+                f"a plane of origin {self.origin} and axes {self.x}, {self.y}: expected three "
+                "finite numbers each, and orthonormal axes"
+            )
 
     @property
     def normal(self) -> Array:
@@ -167,23 +166,13 @@ def common_normal(active: Sequence[Joint], posture: Posture) -> Array:
     return np.mean(aligned, axis=0) if aligned else normal
 
 
-def frames_moved(joint: Joint, urdf: Urdf, posture: Posture) -> list[str]:
-    """Links beyond a joint whose origins it moves."""
-    axis, point = posture.axes[joint.name], posture.points[joint.name]
-    return [
-        link
-        for link in urdf.links
-        if joint in urdf.path(link)
-        and not (
-            joint.revolute
-            and float(np.linalg.norm(np.cross(axis, posture.links[link] - point))) < MIN_LEVER
-        )
-    ]
-
-
 def check_tip(last: Joint, tip: str, urdf: Urdf, posture: Posture) -> None:
     """Refuse a tip on the axis of the last turning joint: that joint would not move it."""
-    moved = frames_moved(last, urdf, posture)
+    axis, point = posture.axes[last.name], posture.points[last.name]
+    beyond = [link for link in urdf.links if last in urdf.path(link)]
+    levers = [np.linalg.norm(np.cross(axis, posture.links[link] - point)) for link in beyond]
+    pairs = zip(beyond, levers, strict=True)
+    moved = [link for link, lever in pairs if not last.revolute or lever >= MIN_LEVER]
     if tip not in moved:
         remedy = (
             f"choose a tip off the axis from {listed(moved)}"

@@ -10,7 +10,7 @@ import numpy as np
 
 from ..common.arrays import Array
 from ..errors import RobotError
-from .tree import Urdf
+from .tree import Joint, Urdf
 
 
 @dataclass(frozen=True, eq=False)
@@ -48,41 +48,33 @@ class Kinematics:
             placed = there * pin.SE3(pin.rpy.rpyToMatrix(*joint.rpy), np.array(joint.xyz))
             if joint.movable:
                 motion = "Revolute" if joint.revolute else "Prismatic"
-                axis = np.array(joint.axis) / np.linalg.norm(joint.axis)
-                kind = getattr(pin, f"JointModel{motion}Unaligned")(axis)
+                kind = getattr(pin, f"JointModel{motion}Unaligned")(_direction(joint))
                 carrier = self._model.addJoint(carrier, kind, placed, str(len(self._joints)))
                 self._joints[joint.name], placed = carrier, pin.SE3.Identity()
             self._links[joint.child] = carrier, placed
 
     def posture(self, values: Mapping[str, float]) -> Posture:
         """Return the posture at joint values [rad or m]; joints not named are at zero."""
-        data = self._placed(values)
-        jacobian = np.reshape(data.J, (6, self._model.nv))  # of one joint it would be a vector
-        axes: dict[str, Array] = {}
-        points: dict[str, Array] = {}
-        for joint in filter(lambda joint: joint.movable, self._urdf.joints):
-            number = self._joints[joint.name]
-            rows = slice(3, 6) if joint.revolute else slice(0, 3)
-            # columns of the world Jacobian are the joints' axes, whatever a URDF says of its frames
-            axes[joint.name] = jacobian[rows, number - 1].copy()
-            points[joint.name] = np.array(data.oMi[number].translation)
         frames = self.transforms(values)
+        # a movable joint's frame is that of its child, in which its axis is at rest
+        movable = [(joint, frames[joint.child]) for joint in self._urdf.joints if joint.movable]
         return Posture(
-            axes,
-            points,
-            {link: frame[:3, 3].copy() for link, frame in frames.items()},
-            {link: frame[:3, :3].copy() for link, frame in frames.items()},
+            {joint.name: frame[:3, :3] @ _direction(joint) for joint, frame in movable},
+            {joint.name: frame[:3, 3] for joint, frame in movable},
+            {link: frame[:3, 3] for link, frame in frames.items()},
+            {link: frame[:3, :3] for link, frame in frames.items()},
         )
 
     def transforms(self, values: Mapping[str, float]) -> dict[str, Array]:
         """Transforms (4, 4) of every link in the root's frame at joint values [rad or m]."""
-        data = self._placed(values)
-        placed = ((link, *self._links[link]) for link in self._urdf.links)
-        return {link: (data.oMi[k] * there).homogeneous for link, k, there in placed}
-
-    def _placed(self, values: Mapping[str, float]) -> Any:
         data, q = self._model.createData(), np.zeros(self._model.nq)
         for name, value in values.items():
             q[self._joints[name] - 1] = value  # each joint has one value
-        self._pin.computeJointJacobians(self._model, data, q)
-        return data
+        self._pin.forwardKinematics(self._model, data, q)
+        return {link: (data.oMi[k] * there).homogeneous for link, (k, there) in self._links.items()}
+
+
+def _direction(joint: Joint) -> Array:
+    """Unit axis (3,) of a joint in its own frame."""
+    axis = np.array(joint.axis)
+    return np.asarray(axis / np.linalg.norm(axis))

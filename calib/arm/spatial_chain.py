@@ -109,26 +109,6 @@ class SpatialChain:
         twists = [np.concatenate(motion.joint(i, turns)) for i, turns in enumerate(self.revolute)]
         return np.asarray(np.stack(twists, axis=-1).transpose(1, 0, 2) @ self.coupling)
 
-    def velocities(self, q: Array) -> Array:
-        """Its first three rows alone, (n, 3, dof): as `positions`, without turned matrices."""
-        values = self.values(q)
-        moved = np.zeros((3, self.joints + 1, len(q)))  # by each joint; last the tip itself
-        tip = moved[:, -1]
-        tip += self.tip[:, None]
-        for i in reversed(range(self.joints)):
-            axis, point = self.axes[i][:, None], self.points[i][:, None]
-            if self.revolute[i]:
-                tip -= point
-                across = cross(axis[..., None], moved[:, i + 1 :])
-                moved[:, i + 1 :] += np.sin(values[i]) * across
-                moved[:, i + 1 :] += (1.0 - np.cos(values[i])) * cross(axis[..., None], across)
-                moved[:, i] = cross(axis, tip)
-                tip += point
-            else:
-                moved[:, i] = axis
-                tip += axis * values[i]
-        return np.asarray(np.moveaxis(moved[:, :-1], 2, 0) @ self.coupling)
-
     def skeleton(self, q: Array) -> Array:
         """Joint origins and the tip, to draw the arm: (n, dof) -> (n, m + 1, 3) [m]."""
         motion = self.motion(q)

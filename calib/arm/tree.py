@@ -90,10 +90,5 @@ class Urdf:
 
     @cached_property
     def _carrying(self) -> set[str]:
-        carrying: set[str] = set()
-        for joint in self.joints:
-            link = joint.parent
-            while joint.movable and link not in carrying:
-                carrying.add(link)
-                link = self._above[link].parent if link in self._above else link
-        return carrying
+        ends = (joint.child for joint in self.joints if joint.movable)
+        return {joint.parent for end in ends for joint in self.path(end)}

@@ -86,12 +86,6 @@ def parse_urdf(text: str, name: str = "robot") -> Urdf:
                 f"joint {quoted(joint.name)} mimics {quoted(joint.mimic.leader)}, "
                 "which does not exist: it is held where it is"
             )
-    incomplete = sum(_lacks_effort(node) for node in robot.findall("joint"))
-    if incomplete:
-        notes.append(
-            f"the URDF states no effort or velocity for {incomplete} of its joints: "
-            "not needed here, but Pinocchio and ROS refuse it"
-        )
     root = _find_root(links, joints)
     return Urdf(own_name or name, root, tuple(links), joints, tuple(notes))
 
@@ -174,13 +168,9 @@ def _read_joint(node: ET.Element, links: set[str], notes: list[str]) -> Joint:
         if stated is None or "xyz" not in stated.attrib:
             notes.append(f"{where} has no <axis>: URDF's default, x, is used")
         axis = _vector(stated, "xyz", where, axis)
-        if math.hypot(*axis) < 1e-6:
-            raise RobotError(f"{where} has the axis 0 0 0: give the direction it moves about")
-        if math.hypot(*axis) > _LONGEST_AXIS:
-            raise RobotError(
-                f"{where} has an axis of length {math.hypot(*axis):g}: give a direction such as "
-                "0 0 1"
-            )
+        if not 1 / _LONGEST_AXIS <= math.hypot(*axis) <= _LONGEST_AXIS:
+            shown = " ".join(f"{part:g}" for part in axis)
+            raise RobotError(f"{where} has the axis {shown}: give a direction such as 0 0 1")
     limits = _limits(node, where) if kind in ("revolute", "prismatic") else None
     return Joint(name, kind, parent, child, xyz, rpy, axis, limits, _mimic(node, where))
 
@@ -207,15 +197,6 @@ def _limits(node: ET.Element, where: str) -> tuple[float, float] | None:
         for key in ("lower", "upper")
     )
     return lower, upper
-
-
-def _lacks_effort(node: ET.Element) -> bool:
-    limit = node.find("limit")
-    return (
-        node.get("type") in ("revolute", "prismatic")
-        and limit is not None
-        and not {"effort", "velocity"} <= set(limit.attrib)
-    )
 
 
 def _mimic(node: ET.Element, where: str) -> Mimic | None:

@@ -8,11 +8,14 @@ from dataclasses import dataclass
 from functools import cached_property
 
 import numpy as np
+from numpy.polynomial.legendre import legder, legvander
 from numpy.typing import NDArray
 
 from ..common.arrays import Array
 
 Exponents = NDArray[np.int_]
+
+_GRID = 400  # places over which harmonics are made orthogonal
 
 
 def exponents(dim: int, degree: int) -> Exponents:
@@ -89,18 +92,12 @@ class Basis:
 
     def plain(self, u: Array) -> list[Array]:
         """One-dimensional functions of each coordinate as they are, (functions, n) each."""
-        if all(self.turns):
-            return list(_harmonics(u.T, self.highest, self._rates))
         return [
             _harmonics(u[:, k], self.highest, turns)
             if turns
-            else _polynomials(u[:, k], self.highest)
+            else np.asarray(legvander(2.0 * u[:, k] - 1.0, self.highest).T, dtype=float)
             for k, turns in enumerate(self.turns)
         ]
-
-    @cached_property
-    def _rates(self) -> Array:
-        return np.array(self.turns)[:, None]
 
     @cached_property
     def derivatives(self) -> list[Array]:
@@ -110,69 +107,46 @@ class Basis:
         """
         result = []
         for turns in self.turns:
-            matrix = np.zeros((2 * self.highest + 1,) * 2)
+            matrix = np.zeros(((2 if turns else 1) * self.highest + 1,) * 2)
             if turns:
                 for k in range(1, self.highest + 1):
                     matrix[2 * k, 2 * k - 1] = -turns * k  # cos' = -sin
                     matrix[2 * k - 1, 2 * k] = turns * k
             else:
-                matrix = np.zeros((self.highest + 1,) * 2)
-                for n in range(self.highest):  # P'_n+1 = P'_n-1 + (2 n + 1) P_n
-                    matrix[:, n + 1] = matrix[:, n - 1] if n else 0.0
-                    matrix[n, n + 1] += 2.0 * (2 * n + 1)
+                slopes = legder(np.eye(self.highest + 1), scl=2.0)  # of 2 u - 1
+                matrix[: len(slopes)] = slopes
             result.append(matrix)
         return result
 
     @cached_property
     def orthogonal(self) -> list[Array]:
         """Combinations of the plain functions that are orthogonal over each range."""
-        grid = (np.arange(400) + 0.5) / 400
-        result = []
-        for turns in self.turns:
-            if not turns:
-                result.append(np.eye(self.highest + 1))
-                continue
-            raw = _harmonics(grid, self.highest, turns).T / np.sqrt(len(grid))
-            triangle = np.linalg.qr(raw, mode="r")
-            triangle *= np.sign(np.diag(triangle))[:, None]
-            result.append(np.asarray(np.linalg.inv(triangle)))
+        result = [np.eye(self.highest + 1)] * len(self.turns)
+        for k, turns in enumerate(self.turns):
+            if turns:
+                triangle = _triangle(self.highest, turns) / np.sqrt(_GRID)
+                triangle *= np.sign(np.diag(triangle))[:, None]
+                result[k] = np.asarray(np.linalg.inv(triangle))
         return result
 
 
 def largest_harmonic(turns: float) -> int:
     """Highest harmonic that is told apart from the lower ones over an angle `turns` [rad]."""
     for degree in range(1, 12):
-        raw = _harmonics((np.arange(400) + 0.5) / 400, degree, turns).T
-        if np.abs(np.diag(np.linalg.qr(raw, mode="r"))).min() < 1e-5:
+        if np.abs(np.diag(_triangle(degree, turns))).min() < 1e-5:
             return degree - 1
     return 11
 
 
-def _harmonics(u: Array, degree: int, turns: float | Array) -> Array:
-    """1, cos, sin, cos 2, sin 2 ... of the angle turns * (u - 1/2).
+def _triangle(degree: int, turns: float) -> Array:
+    """Triangular factor of harmonics at places all over the range."""
+    places = (np.arange(_GRID) + 0.5) / _GRID
+    return np.asarray(np.linalg.qr(_harmonics(places, degree, turns).T, mode="r"))
 
-    Of the shape (2 degree + 1, n) for `u` (n,), and (d, 2 degree + 1, n) for `u` (d, n).
-    """
-    value = np.empty((*u.shape[:-1], 2 * degree + 1, u.shape[-1]))
-    value[..., 0, :] = 1.0
-    if not degree:
-        return value
-    angle = turns * (u - 0.5)
-    cos, sin = value[..., 1, :], value[..., 2, :]
-    np.cos(angle, out=cos)
-    np.sin(angle, out=sin)
-    for k in range(3, 2 * degree + 1, 2):  # of the sum of two angles
-        value[..., k, :] = value[..., k - 2, :] * cos - value[..., k - 1, :] * sin
-        value[..., k + 1, :] = value[..., k - 1, :] * cos + value[..., k - 2, :] * sin
+
+def _harmonics(u: Array, degree: int, turns: float) -> Array:
+    """1, cos, sin, cos 2, sin 2 ... of the angle turns * (u - 1/2), (2 degree + 1, n)."""
+    waves = np.cumprod(np.tile(np.exp(1j * turns * (u - 0.5)), (degree, 1)), axis=0)
+    value = np.ones((2 * degree + 1, len(u)))
+    value[1::2], value[2::2] = waves.real, waves.imag
     return value
-
-
-def _polynomials(u: Array, degree: int) -> Array:
-    """Legendre polynomials of 2 u - 1, (degree + 1, n)."""
-    z = 2.0 * u - 1.0
-    p = np.ones((degree + 1, len(u)))
-    if degree:
-        p[1] = z
-    for n in range(1, degree):  # Bonnet's recursion
-        p[n + 1] = ((2 * n + 1) * z * p[n] - n * p[n - 1]) / (n + 1)
-    return p

@@ -10,8 +10,8 @@ from typing import Any
 import numpy as np
 
 from ..common.arrays import Array
-from ..common.frozen import ReadOnly
-from .covariance import Packed, radius_95, root_in, spread_of
+from ..common.frozen import ReadOnly, frozen
+from .covariance import radius_95, spread_of
 from .structure import Indices, Structure
 
 CHUNK = 2000
@@ -40,31 +40,36 @@ class Parameter:
     unit: str
 
 
+class Gaussian(ReadOnly):
+    """A Gaussian belief over some parameters."""
+
+    root: Array
+
+    @cached_property
+    def covariance(self) -> Array:
+        """Covariance (k, k) of the active parameters."""
+        return frozen(self.root @ self.root.T)
+
+
 @dataclass(frozen=True)
-class Second(ReadOnly):
+class Second(Gaussian):
     """A second fit with a wider hyperprior of the curves; the bound takes the worse of both."""
 
     beta: Array  # (d,)
     active: Indices  # (l,), its parameters: those of the first fit and the curves
-    covariance: Array  # (l, l)
+    root: Array  # (l, r), of their covariance
     noise: Array  # (m,)
-    # (l (l + 1) / 2,) float32 array, optional, the covariance's root as a model file keeps it
-    packed: Packed | None = field(default=None, repr=False, compare=False)
-
-    @cached_property
-    def root(self) -> Array:
-        """A root of the covariance."""
-        return root_in(self.covariance, self.packed)
 
 
 @dataclass(frozen=True)
-class Body(ReadOnly):
+class Body(Gaussian):
     """A Gaussian belief over the parameters of an arm and its sensor."""
 
     structure: Structure
     beta: Array  # (d,), parameters at the maximum of the posterior
     active: Indices  # (k,), the parameters that were fitted
-    covariance: Array  # (k, k), posterior covariance of the active parameters
+    # (k, r), root of their posterior covariance, which is root root'; a triangle after a fit
+    root: Array
     noise: Array  # (m,), noise sd of each output [unit; rad for rotations]
     kappa: float  # inflation of the bound by leave-block-out errors, at least 1
     # (m,), residual sd of the body itself, from leave-block-out errors beyond the noise [unit]
@@ -79,13 +84,6 @@ class Body(ReadOnly):
     simulated: bool = False  # whether the rows were exact samples of a simulation
     member: str = ""  # name of the gate's member
     second: Second | None = None
-    # (k (k + 1) / 2,) float32 array, optional, the covariance's root as a model file keeps it
-    packed: Packed | None = field(default=None, repr=False, compare=False)
-
-    @cached_property
-    def root(self) -> Array:
-        """A root (k, k) of the covariance."""
-        return root_in(self.covariance, self.packed)
 
     def predict(self, q: Array) -> Array:
         """Outputs (n, m) at joint values (n, dof) [rad or m]."""

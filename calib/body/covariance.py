@@ -1,6 +1,6 @@
 """Covariances: their roots, packed for a file, the spread of predictions, and radii that hold 95 %.
 
-A packed covariance is a triangle of single precision: half the size, and positive by construction.
+A packed root is a triangle of single precision: half the size, and its square is positive.
 """
 
 from __future__ import annotations
@@ -40,13 +40,6 @@ def spread_of(derivative: Array, root: Array) -> Array:
     return np.asarray(y @ np.swapaxes(y, 1, 2))
 
 
-def root_of(covariance: Array) -> Array:
-    """A root (k, k) of a positive semidefinite matrix, without a jitter."""
-    scale = np.sqrt(np.maximum(np.diag(covariance), 1e-300))
-    values, vectors = np.linalg.eigh(covariance / scale[:, None] / scale)
-    return np.asarray(vectors * np.sqrt(np.maximum(values, 0.0)) * scale[:, None])
-
-
 def autocorrelation_time(r: Array) -> float:
     """Integrated autocorrelation time [rows] of residuals (n, m) in the order of the log."""
     n = len(r)
@@ -65,47 +58,36 @@ def autocorrelation_time(r: Array) -> float:
     return total
 
 
-def pack(covariance: Array) -> Packed:
-    """Upper triangular root (k (k + 1) / 2,) of a covariance, row by row."""
+def root_of(covariance: Array) -> Array:
+    """Root (k, k) of a positive semidefinite matrix, a lower triangle where it is definite."""
     deviations = np.sqrt(np.maximum(np.diag(covariance), 0.0))
     safe = np.where(deviations > 0, deviations, 1.0)
     correlation = covariance / safe[:, None] / safe
     try:
-        upper = np.linalg.cholesky((correlation + correlation.T) / 2).T
-    except np.linalg.LinAlgError:  # semidefinite
+        root = np.linalg.cholesky((correlation + correlation.T) / 2)
+    except np.linalg.LinAlgError:
         values, vectors = np.linalg.eigh((correlation + correlation.T) / 2)
-        root = np.sqrt(np.maximum(values, 0.0))[:, None] * vectors.T
-        upper = np.asarray(np.linalg.qr(root, mode="r"), dtype=float)
-        upper *= np.where(np.diag(upper) < 0, -1.0, 1.0)[:, None]
-    upper = upper * deviations
-    return upper[np.triu_indices(len(upper))].astype(np.float32)
+        root = vectors * np.sqrt(np.maximum(values, 0.0))
+    return np.asarray(root * deviations[:, None])
+
+
+def pack(root: Array) -> Packed:
+    """Upper triangular root (k (k + 1) / 2,), row by row, of the covariance of a root (k, r)."""
+    upper, k = root.T, len(root)
+    if upper.shape != (k, k) or np.tril(upper, -1).any():
+        triangle = np.asarray(np.linalg.qr(upper, mode="r"), dtype=float)
+        upper = np.zeros((k, k))
+        upper[: len(triangle)] = triangle
+    return upper[np.triu_indices(k)].astype(np.float32)
 
 
 def unpack(packed: Packed, size: int) -> Array:
-    """The covariance (size, size) of a packed root."""
-    upper = _triangle(packed, size)
-    return np.asarray(upper.T @ upper)
-
-
-def root_in(covariance: Array, packed: Packed | None) -> Array:
-    """A root (k, k) of a covariance: the packed triangle where that is its own."""
-    if packed is not None and _is_of(packed, covariance):
-        return _triangle(packed, len(covariance)).T  # a fifth of the eigenvectors' time, half zero
-    return root_of(covariance)
-
-
-def packed_of(covariance: Array, packed: Packed | None) -> Packed:
-    """The packed root of a covariance: the one at hand where it is the covariance's own."""
-    return packed if packed is not None and _is_of(packed, covariance) else pack(covariance)
-
-
-def _triangle(packed: Packed, size: int) -> Array:
+    """The lower triangular root (size, size) that was packed."""
     upper = np.zeros((size, size))
     upper[np.triu_indices(size)] = packed
-    return upper
+    return upper.T
 
 
-def _is_of(packed: Packed, covariance: Array) -> bool:
-    size = len(covariance)
-    fits = len(packed) == size * (size + 1) // 2
-    return fits and np.array_equal(unpack(packed, size), covariance)
+def as_kept(covariance: Array) -> Array:
+    """A root (k, k) of a covariance in single precision, as a model file keeps it."""
+    return unpack(pack(root_of(covariance)), len(covariance))

@@ -9,7 +9,7 @@ import numpy as np
 
 from ..common.arrays import Array
 from ..common.scale import METRES
-from ..errors import LogError, OptionError
+from ..errors import OptionError
 from .nominal import Nominal
 from .planar import PlanarStructure
 from .posterior import BodyFit, fit_structure
@@ -30,7 +30,6 @@ def fit_body(
     revolute: Sequence[bool],
     nominal: Nominal | None = None,
     view: str = "auto",
-    lens: bool | None = None,
     unit: str = "m",
     simulated: bool = False,
     lower: Array | None = None,
@@ -45,16 +44,14 @@ def fit_body(
     nominal : geometry of a URDF as prior; with logs only
     view : {"auto", "base", "rigid", "similarity", "affine", "homography"}, ``auto`` is rigid for
         lengths, homography otherwise
-    lens : whether the gate may fit a lens; by default where the view is a camera's
     unit : unit of positions
     simulated : whether the rows are samples of a simulation: Gaussian weights, a lower noise floor
     lower, upper : (dof,), joint ranges, for what the rows cannot tell
     seed : chooses the rows of the gate where there are more than 3,000
-    Raises LogError if a value is not finite or the shapes do not fit.
     Raises OptionError if the view is unknown or needs a nominal geometry.
     """
     q, z = np.asarray(q, dtype=float), np.asarray(z, dtype=float)
-    template = planar_structure(q, z, joint_names, revolute, nominal, view, lens, unit, simulated)
+    template = planar_structure(z, joint_names, revolute, nominal, view, unit, simulated)
     notes = warnings_of(q, template.joint_names, template.revolute, z, lower, upper)
     fitted = fit_structure(template, q, z, seed=seed, notes=notes)
     if nominal is None or view == "base":
@@ -75,33 +72,20 @@ def _typical(residual: Array) -> float:
 
 
 def planar_structure(
-    q: Array,
     z: Array,
     joint_names: Sequence[str],
     revolute: Sequence[bool],
     nominal: Nominal | None,
     view: str,
-    lens: bool | None,
     unit: str,
     simulated: bool,
 ) -> PlanarStructure:
     """The structure that the rows and options ask for, signs and mirror still open."""
     names, turns = tuple(joint_names), tuple(bool(r) for r in revolute)
-    if q.ndim != 2 or z.shape != (len(q), 2) or len(q) < 1:
-        raise LogError(f"rows of shapes {q.shape} and {z.shape}, expected (n, dof) and (n, 2)")
-    if not (len(names) == len(turns) == q.shape[1]):
-        raise LogError(
-            f"{q.shape[1]} columns of joints, {len(names)} names, {len(turns)} kinds; expected "
-            "one name and one kind for each column"
-        )
-    if not (np.isfinite(q).all() and np.isfinite(z).all()):
-        raise LogError("a joint value or a position is not finite; leave such rows out")
     if view not in ("auto", *PLANAR):
         raise OptionError(f"view {view!r}, expected one of auto, {', '.join(PLANAR)}")
     if view == "base" and nominal is None:
         raise OptionError("view 'base' needs the nominal geometry of a robot; give nominal")
-    if nominal is not None and len(nominal.lengths) != len(names):
-        raise OptionError(f"nominal has {len(nominal.lengths)} joints, the log {len(names)}")
     if view == "auto":
         view = "rigid" if unit in METRES else "homography"
     centre = z.mean(axis=0)
@@ -113,7 +97,7 @@ def planar_structure(
         view,
         unit,
         METRES.get(unit, 1.0),
-        PLANAR[view].lens if lens is None else lens,
+        PLANAR[view].lens,
         nominal.signs if nominal else (1,) * len(names),
         1,
         extent,

@@ -2,28 +2,22 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Mapping
 from dataclasses import dataclass
 
 import numpy as np
 
-from .fit import Fit
+from ..common.arrays import Array
+from .fit import Fit, maximise
 from .held_out import HeldOut, leave_blocks_out
 from .search import BLOCKS
+from .starts import Start
 
 NATS = 3.0
 """Gain of evidence that decides where the held-out score agrees."""
 
-
-@dataclass(frozen=True)
-class Tried:
-    """One member that the gate tried."""
-
-    name: str
-    error: float  # mean held-out error over ten contiguous blocks [unit]
-    score: float  # mean negative log predictive density, up to a constant
-    parameters: int
-    evidence: float  # log evidence, up to a constant that the members share
+SETTLED = 0.2
+"""Share of a posterior sd that the last step of a log's member moves at most."""
 
 
 @dataclass(frozen=True)
@@ -34,11 +28,11 @@ class Passed:
     free: tuple[str, ...]
     fit: Fit
     held_out: HeldOut
-    tried: tuple[Tried, ...]
+    tried: Mapping[str, float]  # log evidence of each member that was tried, up to a constant
 
     def against(self, name: str) -> float:
         """Nats of evidence against the best tried member with `name`; 0 where there is none."""
-        other = [t.evidence for t in self.tried if name in t.name]
+        other = [evidence for tried, evidence in self.tried.items() if name in tried]
         return (self.fit.evidence - max(other)) / self.fit.autocorrelation if other else 0.0
 
 
@@ -65,18 +59,47 @@ def wins(richer: Passed, simpler: Passed) -> bool:
     return bool(gain.mean() > error or evidence > NATS)
 
 
-def choose_member(
-    members: tuple[tuple[str, tuple[str, ...]], ...],
-    fit: Callable[[tuple[str, ...]], Fit],
-    enough: Callable[[Fit], bool],
+def pass_gate(
+    start: Start, chain: tuple[str, ...], q: Array, z: Array, nu: float, floor: Array
 ) -> Passed:
     """Fit members from simple to rich, each with what has passed; a richer one must win.
 
-    fit : fits the member with these groups
-    enough : whether a fit is as good as the numbers allow, so that nothing richer is tried
+    start : the structure, whose members they are, and parameters to begin with
+    chain : groups of the simplest member that is a start for richer ones
+    q, z : (n, dof), (n, m)
+    nu : degrees of freedom of the Student noise; infinite for Gaussian
+    floor : (m,), least noise; nothing richer is tried where samples of a simulation reach it
     """
+    structure, gaussian = start.structure, not np.isfinite(nu)
+    members = structure.members()
+    known: list[tuple[set[str], Fit]] = []
+
+    def fit(free: tuple[str, ...]) -> Fit:
+        within = [made for groups, made in known if groups <= set(free)]
+        starts = [start.beta]
+        if within:
+            starts = [max(within, key=lambda made: made.evidence).beta]
+            if gaussian and within[0].beta is not starts[0]:
+                starts.append(within[0].beta)  # what passed may have bent the arm for the sensor
+        made = max(
+            (
+                maximise(
+                    structure, q, z, beta, structure.prior(free), nu=nu, floor=floor,
+                    tolerance=1e-3 if gaussian else SETTLED, steps=20 if gaussian else 10,
+                )
+                for beta in starts
+            ),
+            key=lambda made: made.evidence,
+        )  # fmt: skip
+        if set(chain) <= set(free):
+            known.append((set(free), made))
+        return made
+
+    def enough(made: Fit) -> bool:
+        return gaussian and bool((made.noise <= 1.5 * floor).all())
+
     best: Passed | None = None
-    tried: list[Tried] = []
+    tried: dict[str, float] = {}
     names = {frozenset(groups): name for name, groups in members}
     seen: list[set[str]] = []
     for own, groups in members:
@@ -95,20 +118,12 @@ def choose_member(
             held = leave_blocks_out(made, (BLOCKS,))
         except np.linalg.LinAlgError:
             continue
-        tried.append(
-            Tried(
-                name,
-                float(np.mean(held.error)),
-                float(np.mean(held.blockwise(held.score))),
-                len(made.active),
-                made.evidence,
-            )
-        )
-        candidate = Passed(name, free, made, held, ())
+        tried[name] = made.evidence
+        candidate = Passed(name, free, made, held, tried)
         if best is None or wins(candidate, best):
             best = candidate
         if enough(made):
             break
     if best is None:
         raise np.linalg.LinAlgError("no member of the body could be fitted")
-    return Passed(best.name, best.free, best.fit, best.held_out, tuple(tried))
+    return best

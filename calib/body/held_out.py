@@ -35,7 +35,6 @@ class HeldOut:
 
     # (n, m), held-out residuals of ten blocks; NaN where the others do not determine the body
     residual: Array
-    error: Array  # (n,), their length in the first block of outputs [unit]
     # (n,), negative log predictive density, up to a constant; NaN for rows without a spread
     score: Array
     edges: Indices  # (b + 1,), limits of the blocks
@@ -70,10 +69,6 @@ class HeldOut:
         if len(single) > 1:
             found.append(float(np.mean(single) + np.std(single)))
         return max(found) if found else UNKNOWN_KAPPA
-
-    def kappa(self) -> float:
-        """Inflation of the bound: the `ratio`, at least 1."""
-        return max(1.0, self.ratio())
 
     def tau(self, noise: Array, blocks: tuple[int, ...]) -> Array:
         """Residual sd (m,) of the body itself: held-out errors beyond the noise."""
@@ -122,13 +117,7 @@ def leave_blocks_out(fit: Fit, partitions: tuple[int, ...] = PARTITIONS) -> Held
             spread = np.einsum("kni,knj->nij", y, y) + np.diag(fit.noise[:p] ** 2)
             ratio[rows] = length / radius_95(spread)
             if parts == count:
-                score[rows] = _score(length, spread, p)
+                v = np.einsum("nii->n", spread) / p  # of a Student with four degrees of freedom
+                score[rows] = 0.5 * (p * np.log(v) + (4 + p) * np.log1p(length**2 / (4 * v)))
         ratios[parts] = ratio
-    error = np.linalg.norm(residual[:, :p], axis=1)
-    return HeldOut(residual, error, score, edges, ratios, fit.weight[:, 0] > OUTLIER)
-
-
-def _score(error: Array, spread: Array, p: int) -> Array:
-    """Negative log density (n,) of a Student with four degrees of freedom."""
-    v = np.einsum("nii->n", spread) / p
-    return np.asarray(0.5 * p * np.log(v) + 0.5 * (4 + p) * np.log1p(error**2 / (4 * v)))
+    return HeldOut(residual, score, edges, ratios, fit.weight[:, 0] > OUTLIER)

@@ -11,8 +11,7 @@ Equations of ``docs/body.md``; angles accumulate along the chain::
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import asdict, dataclass
-from typing import Any
+from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
@@ -192,7 +191,3 @@ class PlanarStructure(Structure):
 
     prior, members = priors.planar_prior, priors.planar_members
     starts, words = planar_start.starts, planar_words
-
-    def header(self) -> dict[str, Any]:
-        """JSON-ready description."""
-        return {"kind": self.kind, **asdict(self)}

@@ -42,7 +42,10 @@ def starts(structure: PlanarStructure, q: Array, z: Array) -> list[tuple[Structu
         if structure.nominal is None and structure.seen_as.tilted:
             out += [(each, b) for b in _affine(each, q, z)]
         if structure.nominal is None and structure.scaled and structure.dof == 2:
-            out += [(each, b) for b in _elbows(each, q, tip)]
+            for offset in ELBOWS:  # equal links
+                beta = planar_neutral(each)
+                beta[each.layout.offset[1]] = offset
+                out.append((each, _placed(each, beta, q, tip)))
     return out
 
 
@@ -112,16 +115,6 @@ def _placed(structure: PlanarStructure, beta: Array, q: Array, tip: Array) -> Ar
     out[1] = np.log(max(abs(t), 1e-12)) if structure.scaled else 0.0
     shift = np.mean(tip - np.exp(out[1] + 1j * out[0]) * p)
     out[4:6] = shift.real, shift.imag
-    return out
-
-
-def _elbows(structure: PlanarStructure, q: Array, tip: Array) -> list[Array]:
-    """Starts with equal links and several elbow offsets."""
-    out = []
-    for offset in ELBOWS:
-        beta = planar_neutral(structure)
-        beta[structure.layout.offset[1]] = offset
-        out.append(_placed(structure, beta, q, tip))
     return out
 
 

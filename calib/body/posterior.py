@@ -4,17 +4,16 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
-from functools import partial
 
 import numpy as np
 
 from ..common.arrays import Array
 from .belief import Body, Second
-from .covariance import pack, unpack
+from .covariance import as_kept
 from .fit import MANY, Fit, maximise
-from .gate import Passed, Tried, choose_member
+from .gate import SETTLED, Passed, pass_gate
 from .held_out import HeldOut, leave_blocks_out
-from .starts import Start, best_starts
+from .starts import best_starts
 from .structure import Prior, Structure
 
 LOG_FLOOR, SIMULATED_FLOOR = 1e-4, 1e-7
@@ -29,9 +28,6 @@ LEAST_SHARE = 0.5
 FEW = 1000
 """Rows from which on the second fit's spread is no more scaled by its held-out errors."""
 
-SETTLED = 0.2
-"""Share of a posterior sd that the last step of a log's member moves at most."""
-
 STUDENT = 6.0
 """Degrees of freedom of the noise of a log."""
 
@@ -42,8 +38,6 @@ class BodyFit:
 
     body: Body
     held_out: Array  # (n, m), residuals of contiguous blocks predicted from the others
-    row_weight: Array  # (n,), weight of each row, 1 or more for a common row, near 0 for an outlier
-    info: tuple[Tried, ...]  # the gate's members with their held-out errors
     notes: tuple[str, ...]  # what the rows cannot tell
     turned: Array | None = None  # (n,), held-out errors of orientation, where they were measured
 
@@ -76,7 +70,7 @@ def fit_structure(
         sub_q, sub_z = q[rows], z[rows]
     passed = max(
         (
-            _through_gate(start, start.structure.members(), chain, sub_q, sub_z, nu, floor)
+            pass_gate(start, chain, sub_q, sub_z, nu, floor)
             for start in best_starts(template, q, z, chain)
         ),
         key=lambda each: each.fit.evidence,
@@ -88,53 +82,7 @@ def fit_structure(
         body = replace(body, second=_second(passed, chain, sub_q, sub_z, floor))
     # Where the other blocks determine nothing, they predict their mean.
     residual = np.where(np.isfinite(held.residual), held.residual, z - z.mean(axis=0))
-    return BodyFit(body, residual, whole.weight[:, 0].copy(), passed.tried, tuple(notes))
-
-
-@dataclass(frozen=True, eq=False)
-class Known:
-    """A member that was fitted: a start for richer ones."""
-
-    groups: set[str]
-    evidence: float
-    beta: Array
-
-
-def _through_gate(
-    start: Start,
-    members: tuple[tuple[str, tuple[str, ...]], ...],
-    chain: tuple[str, ...],
-    q: Array,
-    z: Array,
-    nu: float,
-    floor: Array,
-) -> Passed:
-    """The member that passes the gate from this start."""
-    gaussian = not np.isfinite(nu)
-    first = Known(set(), -np.inf, start.beta)
-    known: list[Known] = []
-
-    def fit(free: tuple[str, ...]) -> Fit:
-        within = [each for each in known if each.groups <= set(free)]
-        starts = [max(within, key=lambda each: each.evidence)] if within else [first]
-        if gaussian and len(within) > 1:
-            starts.append(within[0])  # what passed may have bent the arm to mend the sensor
-        run = partial(maximise, start.structure, q, z, nu=nu, floor=floor)
-        prior, steps = start.structure.prior(free), 20 if gaussian else 10
-        tolerance = 1e-3 if gaussian else SETTLED
-        tries = [
-            run(each.beta, prior, tolerance=tolerance, steps=steps)
-            for each in dict.fromkeys(starts)
-        ]
-        made = max(tries, key=lambda each: each.evidence)
-        if set(chain) <= set(free):  # a start for what is richer
-            known.append(Known(set(free), made.evidence, made.beta))
-        return made
-
-    def enough(made: Fit) -> bool:
-        return gaussian and bool((made.noise <= 1.5 * floor).all())
-
-    return choose_member(members, fit, enough)
+    return BodyFit(body, residual, tuple(notes))
 
 
 def _over_all_rows(passed: Passed, q: Array, z: Array, floor: Array) -> Fit:
@@ -155,14 +103,13 @@ def _over_all_rows(passed: Passed, q: Array, z: Array, floor: Array) -> Fit:
 def _body(fit: Fit, held: HeldOut, member: str, simulated: bool) -> Body:
     """The belief of a fit."""
     structure = fit.structure
-    packed = pack(fit.covariance)
     return Body(
         structure,
         fit.beta,
         fit.active,
-        unpack(packed, len(fit.active)),
+        as_kept(fit.covariance),
         fit.noise,
-        held.kappa(),
+        max(1.0, held.ratio()),
         held.tau(fit.noise, structure.blocks),
         np.zeros(structure.outputs),
         fit.nu,
@@ -171,7 +118,6 @@ def _body(fit: Fit, held: HeldOut, member: str, simulated: bool) -> Body:
         len(fit.residual),
         simulated,
         member,
-        packed=packed,
     )
 
 
@@ -205,5 +151,5 @@ def _second(
     # Few rows of an arm in space tell how large its curves are altogether, if not where.
     few = len(q) < FEW and fit.structure.kind == "spatial"
     share = np.clip(leave_blocks_out(made).ratio(), LEAST_SHARE, 1.0) if few else 1.0
-    packed = pack(float(share) ** 2 * made.covariance)
-    return Second(made.beta, made.active, unpack(packed, len(made.active)), made.noise, packed)
+    root = as_kept(float(share) ** 2 * made.covariance)
+    return Second(made.beta, made.active, root, made.noise)

@@ -113,12 +113,15 @@ def planar_prior(structure: PlanarStructure, free: Sequence[str]) -> Prior:
     lay, nominal = structure.layout, structure.nominal
     found = GrowingPrior(planar_neutral(structure))
     sd, extent = found.sd, structure.extent
+    reach = 1.0 if structure.scaled else extent  # of the chain, in its own units
+    if nominal is not None:
+        reach = max(float(np.sum(nominal.lengths)) * structure.slide, 1e-12)
     flat = {
         "view.rotation": 100.0,
         "view.scale": 100.0,
         "view.shift": FREE * extent,
         "view.shear": 1.0,
-        "view.tilt": 1.0 / chain_reach(structure),
+        "view.tilt": 1.0 / reach,
         "lens": 0.5,
     }
     for group in free:
@@ -172,13 +175,6 @@ def planar_neutral(structure: PlanarStructure) -> Array:
 def anchored(structure: PlanarStructure) -> bool:
     """Whether the first length is the unit of the chain: a scaled view, no geometry, no slide."""
     return structure.scaled and structure.nominal is None and not structure.layout.sliding
-
-
-def chain_reach(structure: PlanarStructure) -> float:
-    """Size of the chain in its own units, for the prior of a tilt."""
-    if structure.nominal is not None:
-        return max(float(np.sum(structure.nominal.lengths)) * structure.slide, 1e-12)
-    return 1.0 if structure.scaled else structure.extent
 
 
 def frame_groups(structure: SpatialStructure) -> tuple[str, ...]:

@@ -15,6 +15,7 @@ import numpy as np
 
 from ..arm.rotations import cross_matrix, quaternion_of
 from ..common.arrays import Array
+from ..errors import LogError
 from .belief import Body, Second
 from .structure import Indices
 
@@ -24,6 +25,10 @@ TELLING = 0.8
 SENSOR = ("view.rotation", "view.shift", "view.scale", "lens")
 """Groups of parameters that are the sensor's."""
 
+UNSURE = 0.1
+"""A camera whose distance is less sure than this share of it was shown too little."""
+
+_DRAWN = 400  # poses that tell how far the tip can move along the view
 _ALIKE = 0.05  # a gauge is one where parameters move the tip as it does, but for this share
 _POSES = 60
 
@@ -61,7 +66,8 @@ class SensorPose:
         covariance, told = np.zeros((7, 7)), np.zeros((7, 7))
         covariance[np.ix_(held, held)] = told[np.ix_(held, held)] = body.covariance[place]
         if structure.view != "base":
-            told[np.ix_(held, held)] = without_gauge(structure, body, not structure.camera)[place]
+            root = without_gauge(structure, body, not structure.camera)
+            told[np.ix_(held, held)] = (root @ root.T)[place]
         # position = -R' t / s, and R turned by d on its left moves it by R' (d x t) / s
         slope = -np.hstack([back @ cross_matrix(sensor.shift), back]) / sensor.scale
         slope = np.hstack([slope, -position[:, None]])
@@ -108,7 +114,8 @@ class SensorPose:
             f"quaternion ({quaternion})"
         ]
         if what == "camera":
-            lines.append(f"  it looks along {_direction(self.rotation[:, 2])} of the base")
+            ahead = ", ".join(f"{value + 0.0:.3f}" for value in self.rotation[:, 2])
+            lines.append(f"  it looks along ({ahead}) of the base")
         if self.told_sd.max() < TELLING * self.position_sd.max():
             size = "the arm's size, " if what == "camera" else ""
             lines.append(
@@ -123,12 +130,44 @@ class SensorPose:
         return lines
 
 
-def _direction(vector: Array) -> str:
-    return "(" + ", ".join(f"{value + 0.0:.3f}" for value in vector) + ")"
+def doubtful_depth(body: Body, q: Array, lower: Array, upper: Array) -> list[str]:
+    """Say where pictures hardly tell a camera's distance, and which poses would.
+
+    q : (n, dof), joint values of the pictures
+    lower, upper : (dof,), joint ranges
+    Raises LogError if the arm is behind the camera.
+    """
+    structure: Any = body.structure
+    camera = SensorPose.of(body)
+    if camera is None:
+        return []
+
+    def depths(q: Array) -> Array:
+        ahead: Array = (structure.pose(q, body.beta)[0] - camera.position) @ camera.rotation[:, 2]
+        return ahead
+
+    seen = depths(q)
+    if seen.mean() <= 0:
+        raise LogError(
+            "the fit places the arm behind the camera: check that each row's joints and pixels "
+            "belong together"
+        )
+    if 1.96 * camera.depth_sd <= UNSURE * seen.mean():
+        return []
+    drawn = np.random.default_rng(0).uniform(lower, upper, (_DRAWN, len(lower)))
+    can = depths(drawn)
+    moving = np.abs([np.polyfit(column, can, 1)[0] for column in drawn.T]) * (upper - lower)
+    names = [structure.joint_names[k] for k in np.argsort(-moving)[:2]]
+    return [
+        f"the pixels hardly determine the distance of the camera: {seen.mean():.2f} m, 95 % within "
+        f"{1.96 * camera.depth_sd:.2g} m. The tip moved {np.ptp(seen):.2g} m along the view "
+        f"where {np.ptp(can):.2g} m are possible: add poses nearer to the camera and further "
+        f"from it (turn {' and '.join(names)}), or give a calibrated `lens`"
+    ]
 
 
 def without_gauge(structure: Any, belief: Body | Second, size: bool) -> Array:
-    """Covariance (k, k) of a belief's parameters without motions of the tip that no reading tells.
+    """Root (k, r) of a belief's covariance without motions of the tip that no reading tells.
 
     Of all parameters that readings cannot tell apart, those nearest to the belief's stand for them:
     a change of datum (Baarda 1981, S-transformation). Without `size` an error of all lengths by
@@ -145,8 +184,7 @@ def without_gauge(structure: Any, belief: Body | Second, size: bool) -> Array:
     ways = np.linalg.lstsq(columns, wanted, rcond=1e-9)[0]
     left = np.linalg.norm(columns @ ways - wanted, axis=0) / np.linalg.norm(wanted, axis=0)
     ways, _ = np.linalg.qr(ways[:, left < _ALIKE])
-    root = belief.root - (belief.root @ ways) @ ways.T
-    return np.asarray(root @ root.T)
+    return np.asarray(belief.root - (belief.root @ ways) @ ways.T)
 
 
 def sensor_of(structure: Any) -> Indices:

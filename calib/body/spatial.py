@@ -8,7 +8,7 @@ under gravity, and an error curve per joint.
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, fields, replace
+from dataclasses import dataclass, replace
 from functools import cached_property
 from typing import Any
 
@@ -25,40 +25,6 @@ from .spatial_slopes import by_joints, by_parameters
 from .spatial_view import Placed, View, compose, look
 from .structure import Indices, Structure
 from .words import spatial_words
-
-_CHAIN_ARRAYS = ("axes", "points", "tip", "rotation", "coupling", "bias", "masses", "centres")
-
-
-@dataclass(frozen=True, eq=False)
-class Loads:
-    """Torques of gravity as shares of the largest that the first joint could carry."""
-
-    chain: SpatialChain  # where nothing is known of its masses, there are no loads
-    gravity: tuple[float, float, float]  # (3,) [m/s2], in the root frame
-
-    @cached_property
-    def torque(self) -> float:
-        """Largest torque [N m] of the first joint: that of the arm stretched."""
-        away = np.linalg.norm(self.chain.centres - self.chain.points[0], axis=1)
-        return max(float(self.chain.masses @ away * np.linalg.norm(self.gravity)), 1e-12)
-
-    def shares(self, q: Array) -> Array:
-        """Loads (m, n) of the chain's joints at joint values (n, dof)."""
-        # a fit asks for the same rows again, and they do not depend on its parameters
-        last = self._memory.get("rows")
-        if last is None or last[0] is not q:
-            loads = self.chain.torques(q, np.asarray(self.gravity)).T / self.torque
-            last = self._memory["rows"] = (q, np.ascontiguousarray(loads))
-        return last[1]
-
-    def slopes(self, q: Array) -> Array:
-        """Derivatives (m, dof, n) of the loads by the joint values."""
-        slopes = self.chain.torque_slopes(q, np.asarray(self.gravity)) / self.torque
-        return np.moveaxis(slopes, 0, 2)
-
-    @cached_property
-    def _memory(self) -> dict[str, tuple[Array, Array]]:
-        return {}
 
 
 @dataclass(frozen=True, eq=False)
@@ -116,9 +82,31 @@ class SpatialStructure(Structure):
         return {"position": "m" if self.camera else self.unit}
 
     @cached_property
-    def loads(self) -> Loads:
-        """Torques of gravity on its joints."""
-        return Loads(self.chain, self.gravity)
+    def torque(self) -> float:
+        """Largest torque [N m] of gravity on the first joint: that of the arm stretched."""
+        away = np.linalg.norm(self.chain.centres - self.chain.points[0], axis=1)
+        return max(float(self.chain.masses @ away * np.linalg.norm(self.gravity)), 1e-12)
+
+    def loads(self, q: Array) -> Array:
+        """Torques (m, n) of gravity on the chain's joints, as shares of the largest.
+
+        Where nothing is known of its masses, there are none.
+        """
+        # a fit asks for the same rows again, and they do not depend on its parameters
+        last = self._memory.get("loads")
+        if last is None or last[0] is not q:
+            loads = self.chain.torques(q, np.asarray(self.gravity)).T / self.torque
+            last = self._memory["loads"] = (q, np.ascontiguousarray(loads))
+        return last[1]
+
+    def load_slopes(self, q: Array) -> Array:
+        """Derivatives (m, dof, n) of the loads by the joint values."""
+        slopes = self.chain.torque_slopes(q, np.asarray(self.gravity)) / self.torque
+        return np.moveaxis(slopes, 0, 2)
+
+    @cached_property
+    def _memory(self) -> dict[str, tuple[Array, Array]]:
+        return {}
 
     def neutral(self) -> Array:
         """Parameters (d,) of the nominal arm in a sensor frame at its root."""
@@ -172,18 +160,6 @@ class SpatialStructure(Structure):
 
         return starts(self, q, z)
 
-    def header(self) -> dict[str, Any]:
-        """JSON-ready description from which `rebuild_structure` makes the structure again."""
-        own = {f.name: getattr(self, f.name) for f in fields(self)}
-        kept = {k: list(v) if isinstance(v, tuple) else v for k, v in own.items()}
-        del kept["chain"], kept["few"]
-        kept["turning"] = kept.pop("revolute")
-        return {"kind": self.kind, "chain_revolute": list(self.chain.revolute), **kept}
-
-    def arrays(self) -> dict[str, Array]:
-        """Arrays of the chain that the header refers to."""
-        return {name: np.asarray(getattr(self.chain, name)) for name in _CHAIN_ARRAYS}
-
     def with_view(self, view: str, **changes: Any) -> SpatialStructure:
         """Return the structure with another view."""
         return replace(self, view=view, **changes)
@@ -205,7 +181,7 @@ class SpatialStructure(Structure):
         values = self.chain.coupling @ own + self.chain.bias[:, None]
         elastic = beta[self.groups["elastic"]]
         if elastic.any():
-            values = values + elastic[:, None] * self.loads.shares(q)
+            values = values + elastic[:, None] * self.loads(q)
         return np.asarray(values)
 
     def deviations(self, beta: Array) -> Deviations:

@@ -44,7 +44,7 @@ class SpatialRow:
         self._bias = chain.bias
         elastic = beta[groups["elastic"]]
         # Pinocchio's generalised gravity is the torque that holds the arm: the load's negative
-        self._torque = structure.loads.torque
+        self._torque = structure.torque
         self._bending = -elastic / self._torque if elastic.any() else None
         loads = _model(chain, placements(chain), structure.gravity)
         self._own = _Own(_model(chain, moved), loads)
@@ -72,7 +72,7 @@ class SpatialRow:
         return np.array(own.places), np.array(own.rotations), np.array(own.tip())
 
     def shares(self, q: Sequence[float]) -> Array:
-        """Loads (m,) of the nominal chain's joints, as `Loads.shares`."""
+        """Loads (m,) of the nominal chain's joints, as `SpatialStructure.loads`."""
         own = self._own
         return np.asarray(own.load(own.loads, own.weighed, self._nominal(q)) / -self._torque)
 

@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING, Any
+from collections.abc import Callable
+from typing import TYPE_CHECKING
 
 import numpy as np
 
@@ -25,41 +26,41 @@ def by_parameters(
     """Outputs (n, m) and their derivative by some parameters (k,)."""
     motion, view = structure.seen(q, beta)
     n, outputs = view.values.shape
-    groups, layout = structure.groups, structure.layout
-    place = np.full(structure.size, -1)
+    groups, layout, chain = structure.groups, structure.layout, structure.chain
+    place, wanted = np.full((2, structure.size), -1)
     place[active] = np.arange(len(active))
     curves = [groups[f"curve.{k}"] for k in range(structure.dof)]
-    bare = ~np.isin(active, np.concatenate(curves))
-    columns = _Columns(n, outputs, structure.size, active[bare])
-    waved: list[Waves] = []
-    for axis in range(3):
-        columns.put(groups["view.rotation"][axis], lambda a=axis: view.turned(a))
-        columns.put(groups["view.shift"][axis], lambda a=axis: view.shifted(a))
-        columns.put(groups["tool"][axis], lambda a=axis: view.push(motion.flange[:, a], _STILL))
-        columns.put(
-            groups["tool.rotation"][axis],
-            lambda a=axis: view.push(np.zeros_like(motion.position), motion.rotation[:, a]),
-        )
-        for i in range(structure.chain.joints):
-            columns.put(
-                layout.shifts[i, axis],
-                lambda i=i, a=axis: view.push(motion.frames[i][:, a], _STILL),
-            )
-            columns.put(layout.turns[i, axis], lambda i=i, a=axis: view.push(*motion.turn(i, a)))
-    columns.put(groups["view.scale"][0], view.scaled)
-    if structure.camera and columns.any(groups["lens"]):
-        lens = view.refocused()
-        for k, index in enumerate(groups["lens"]):
-            columns.put(index, lambda k=k: lens[:, k])
+    bare = np.flatnonzero(~np.isin(active, np.concatenate(curves)))
+    wanted[active[bare]] = np.arange(len(bare))
+    out = np.zeros((n, outputs, len(bare)))
+
+    def put(indices: Indices, columns: Callable[[], Array]) -> None:
+        """Set the columns (..., outputs, n) of parameters, if one of them is asked for."""
+        stands = wanted[indices.ravel()]
+        if (stands >= 0).any():
+            found = columns().reshape(len(stands), outputs, n)
+            out[:, :, stands[stands >= 0]] = found[stands >= 0].transpose(2, 1, 0)
+
+    put(groups["view.rotation"], view.turned)
+    put(groups["view.shift"], view.shifted)
+    put(groups["view.scale"], view.scaled)
+    if structure.camera:
+        put(groups["lens"], view.refocused)
+    put(groups["tool"], lambda: view.push(_axes(motion.flange), _STILL))
+    put(
+        groups["tool.rotation"],
+        lambda: view.push(np.zeros((3, *motion.position.shape)), _axes(motion.rotation)),
+    )
+    put(layout.shifts, lambda: view.push(_axes(np.stack(motion.frames[:-1])), _STILL))
+    put(layout.turns, lambda: view.push(*motion.turns()))
     chained = _chained(structure, motion, view)
-    loads = structure.loads.shares(q) if columns.any(groups["elastic"]) else np.zeros((0, len(q)))
-    for i, index in enumerate(groups["elastic"]):
-        columns.put(index, lambda i=i: chained[i] * loads[i])
-    for k in range(structure.dof):
-        own = np.tensordot(structure.chain.coupling[:, k], chained, axes=1)
-        columns.put(groups["offset"][k], lambda own=own: own)
-        columns.put(groups["gain"][k], lambda own=own, k=k: own * q[:, k])
-        stands = place[curves[k]]
+    put(groups["elastic"], lambda: chained * structure.loads(q)[:, None])
+    led = np.tensordot(chain.coupling.T, chained, axes=1)
+    put(groups["offset"], lambda: led)
+    put(groups["gain"], lambda: led * q.T[:, None])
+    waved: list[Waves] = []
+    for k, curve in enumerate(curves):
+        stands = place[curve]
         if not (stands >= 0).any():
             continue
         chosen, waves = np.flatnonzero(stands >= 0), powers(q[:, k])
@@ -67,25 +68,26 @@ def by_parameters(
         gaps = np.flatnonzero(np.diff(stands[chosen]) != 1) + 1
         for run in np.split(chosen, gaps):  # of harmonics in a row, mostly all of them
             at = slice(int(stands[run[0]]), int(stands[run[-1]]) + 1)
-            waved.append(Waves(at, np.ascontiguousarray(own.T), factors[:, run]))
-    return view.values, Derivative(columns.out, np.flatnonzero(bare), tuple(waved))
+            waved.append(Waves(at, np.ascontiguousarray(led[k].T), factors[:, run]))
+    return view.values, Derivative(out, bare, tuple(waved))
+
+
+def _axes(rotation: Array) -> Array:
+    """Axes (..., 3, 3, n) of frames (..., 3, 3, n): their columns first."""
+    return np.swapaxes(rotation, -3, -2)
 
 
 def by_joints(structure: SpatialStructure, q: Array, beta: Array) -> tuple[Array, Array]:
     """Outputs (n, m) and their derivative (n, m, dof) by the joint values."""
     motion, view = structure.seen(q, beta)
     chained = _chained(structure, motion, view)
-    out = np.empty((len(q), structure.outputs, structure.dof))
+    led = np.tensordot(structure.chain.coupling.T, chained, axes=1)
     elastic = beta[structure.groups["elastic"]]
-    bent = None
-    if elastic.any():
-        bent = elastic[:, None, None] * structure.loads.slopes(q)
-    for k in range(structure.dof):
-        rate = beta[structure.groups["gain"][k]] + np.zeros(len(q))
+    bent = elastic[:, None, None] * structure.load_slopes(q) if elastic.any() else None
+    out = np.empty((len(q), structure.outputs, structure.dof))
+    for k, gain in enumerate(beta[structure.groups["gain"]]):
         curve = structure.groups[f"curve.{k}"]
-        if len(curve):
-            rate = rate + curve_slope(q[:, k], beta[curve])
-        moved = np.tensordot(structure.chain.coupling[:, k], chained, axes=1) * rate
+        moved = led[k] * (gain + (curve_slope(q[:, k], beta[curve]) if len(curve) else 0.0))
         if bent is not None:
             moved = moved + np.einsum("imn,in->mn", chained, bent[:, k])
         out[:, :, k] = moved.T
@@ -96,22 +98,3 @@ def _chained(structure: SpatialStructure, motion: Motion, view: View) -> Array:
     """How outputs move with each joint of the chain: (m, outputs, n)."""
     turning = structure.chain.revolute
     return np.stack([view.push(*motion.joint(i, turns)) for i, turns in enumerate(turning)])
-
-
-class _Columns:
-    """Derivatives that are asked for, each computed only where it is wanted."""
-
-    def __init__(self, n: int, outputs: int, size: int, wanted: Indices) -> None:
-        self.out = np.zeros((n, outputs, len(wanted)))
-        self._place = np.full(size, -1)
-        self._place[wanted] = np.arange(len(wanted))
-
-    def any(self, indices: Indices) -> bool:
-        """Whether one of some parameters is asked for."""
-        return bool((self._place[indices] >= 0).any())
-
-    def put(self, index: int, column: Any) -> None:
-        """Set the column (outputs, n) of a parameter, if it is asked for."""
-        place = self._place[index]
-        if place >= 0:
-            self.out[:, :, place] = column().T

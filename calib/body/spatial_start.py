@@ -33,6 +33,8 @@ FEW = 45
 OTHER = 0.3
 #: A median distance beyond this share of the rows' spread is no calibration error.
 MISFIT = 0.1
+#: Another frame explains positions where its misfit is below this share of a rigid one's.
+CLEAR = 0.3
 #: Tools, as shares of the reach, from which tool and frame are fitted by turns, and how often.
 TOOL, TURNS = 0.1, 8
 
@@ -98,30 +100,31 @@ def _refuse_misfit(structure: SpatialStructure, q: Array, z: Array, beta: Array)
     if left < MISFIT * size and tool < 2 * structure.chain.reach:
         return
     points = structure.metre * structure.pose(q, structure.neutral())[0]
-    misfitting, left = left, np.inf
-    for what, sign in (("same", 1.0), ("scale", 1.0), ("mirror", -1.0)):
+
+    def rest(sign: float, scaled: bool) -> tuple[float, float]:
+        """Median distance from the nominal arm in the best frame, and its scale."""
         seen = z[:, :3] * (sign, 1.0, 1.0)
         turn, shift, scale = similarity(points, seen)
-        if what != "scale":
+        if not scaled:
             scale, shift = 1.0, seen.mean(axis=0) - turn @ points.mean(axis=0)
-        rest = float(np.median(np.linalg.norm(seen - scale * points @ turn.T - shift, axis=1)))
-        if what == "same":
-            left = rest
-        if what == "same" or rest > 0.3 * left:
-            continue
-        if what == "mirror":
-            raise LogError(
-                "the positions are those of a mirrored arm: one of the axes x, y, z has the wrong "
-                "sign, or two are swapped; change one of them (columns of the log)"
-            )
+        miss = seen - scale * points @ turn.T - shift
+        return float(np.median(np.linalg.norm(miss, axis=1))), scale
+
+    same, (far, scale) = rest(1.0, False)[0], rest(1.0, True)
+    if far <= CLEAR * same:
         raise LogError(
             f"the positions are about {scale:.4g} times those of the robot: state their unit, or "
             "use view='similarity'"
         )
-    if misfitting > OTHER * size:
+    if rest(-1.0, False)[0] <= CLEAR * same:
+        raise LogError(
+            "the positions are those of a mirrored arm: one of the axes x, y, z has the wrong "
+            "sign, or two are swapped; change one of them (columns of the log)"
+        )
+    if left > OTHER * size:
         raise LogError(
             f"the robot does not explain the positions: in the best frame half of the rows are "
-            f"more than {misfitting:.3g} off, of {size:.3g} that they spread; check the order of "
+            f"more than {left:.3g} off, of {size:.3g} that they spread; check the order of "
             "the joints, degrees, and whether it is this robot"
         )
 

@@ -10,7 +10,6 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from ..arm.motion import cross
 from ..arm.rotations import exponential, logarithm
 from ..common.arrays import Array
 from .views import SPATIAL
@@ -41,43 +40,43 @@ class View:
     slope: Array | None  # (2, 3, n), derivative of pixels by the point
 
     def push(self, velocity: Array, angular: Array) -> Array:
-        """How outputs (outputs, n) move when the tip moves in the arm's root frame.
+        """How outputs (..., outputs, n) move when the tip moves in the arm's root frame.
 
-        `velocity` (3, n) [m] and `angular` (3, n) [rad] are those of the tip.
+        `velocity` (..., 3, n) [m] and `angular` (..., 3, n) [rad] are those of the tip.
         """
         rotation = self.sensor.rotation
         return self.seen(self.sensor.scale * (rotation @ velocity), rotation @ angular)
 
-    def turned(self, axis: int) -> Array:
-        """How outputs (outputs, n) move when the sensor's frame turns about its own axis."""
-        about = np.eye(3)[:, axis, None]
-        return self.seen(cross(about, self._arm), about)
+    def turned(self) -> Array:
+        """How outputs (3, outputs, n) move when the sensor's frame turns about its own axes."""
+        about = np.eye(3)[:, :, None]
+        return self.seen(np.cross(about, self._arm, axis=-2), about)
 
-    def shifted(self, axis: int) -> Array:
-        """How outputs (outputs, n) move when the sensor's frame is shifted."""
-        return self.seen(np.repeat(np.eye(3)[:, axis, None], self.point.shape[1], axis=1))
+    def shifted(self) -> Array:
+        """How outputs (3, outputs, n) move when the sensor's frame is shifted."""
+        return self.seen(np.repeat(np.eye(3)[:, :, None], self.point.shape[1], axis=2))
 
     def scaled(self) -> Array:
         """How outputs (outputs, n) move when the logarithm of the scale does."""
         return self.seen(self._arm)
 
     def refocused(self) -> Array:
-        """Derivative (2, 4, n) of pixels by focal length, centre and k1."""
+        """Derivative (4, 2, n) of pixels by focal length, centre and k1."""
         f, _, _, k1 = self.sensor.lens
         ideal = self.point[:2] / self.point[2]
         slope, ratio, by_k1 = SPATIAL[self.sensor.kind].bend(float(k1), (ideal**2).sum(axis=0))
-        out = np.zeros((2, 4, ideal.shape[1]))
-        out[:, 0] = ideal * (1 + slope * ratio)
-        out[0, 1] = out[1, 2] = 1.0
-        out[:, 3] = f * ideal * by_k1
+        out = np.zeros((4, *ideal.shape))
+        out[0] = ideal * (1 + slope * ratio)
+        out[1, 0] = out[2, 1] = 1.0
+        out[3] = f * ideal * by_k1
         return out
 
     def seen(self, moved: Array, turned: Array | float = 0.0) -> Array:
-        """How outputs move when the point moves (3, n) and turns (3, n) in the sensor's frame."""
+        """How outputs move when the point moves and turns (..., 3, n) in the sensor's frame."""
         if self.slope is not None:
-            return np.asarray((self.slope * moved[None]).sum(axis=1))
+            return np.asarray((self.slope * moved[..., None, :, :]).sum(axis=-2))
         if self.sensor.kind == "pose":
-            return np.concatenate([moved, np.broadcast_to(turned, moved.shape)])
+            return np.concatenate([moved, np.broadcast_to(turned, moved.shape)], axis=-2)
         return moved
 
     @property

@@ -11,7 +11,7 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from functools import cached_property
-from typing import TYPE_CHECKING, Any, ClassVar, NamedTuple
+from typing import TYPE_CHECKING, ClassVar, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -191,11 +191,3 @@ class Structure:
     def words(self, beta: Array, sd: Array) -> tuple[str, ...]:
         """Lines that say the parameters in words; `sd` (d,) is zero where nothing was fitted."""
         raise NotImplementedError
-
-    def header(self) -> dict[str, Any]:
-        """JSON-ready description from which `rebuild_structure` makes the structure again."""
-        raise NotImplementedError
-
-    def arrays(self) -> dict[str, Array]:
-        """Arrays that the header refers to; empty where the header is enough."""
-        return {}

@@ -66,7 +66,9 @@ def _alike(q: Array, names: Sequence[str], moving: list[int]) -> list[str]:
     notes: list[str] = []
     kept: list[int] = []
     for j in moving:
-        twin = next((i for i in kept if _copies(q[:, i], q[:, j])), None)
+        largest = 1e-9 + float(np.abs(q[:, kept]).max(initial=0.0))  # but for rounding
+        same = (i for i in kept if float(np.abs(q[:, i] - q[:, j]).max()) <= 1e-9 * largest)
+        twin = next(same, None)
         if twin is None:
             kept.append(j)
         else:
@@ -85,11 +87,6 @@ def _alike(q: Array, names: Sequence[str], moving: list[int]) -> list[str]:
     elif len(q) >= AREA_ROWS and _is_path(scaled):
         notes.append("the joints move along a path, not over an area: beside it the bound is wide")
     return notes
-
-
-def _copies(a: Array, b: Array) -> bool:
-    """Whether two columns differ by no more than rounding."""
-    return float(np.abs(a - b).max()) <= 1e-9 * (1e-9 + float(np.abs(a).max()))
 
 
 def _is_path(scaled: Array) -> bool:

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from dataclasses import replace
-from typing import TYPE_CHECKING
 
 import numpy as np
 
@@ -16,26 +15,21 @@ from ..common.parallel import one_blas_thread
 from ..common.rows import thinned
 from ..errors import OptionError
 from ..model.model import Model
+from ..samples.samples import Samples
 from ..training.evaluate import figures
 from ..training.learn import Progress
 from .adapt_online import adapt_online
-from .adaptation import Adaptation, finished, measured_share
+from .adaptation import Adaptation, finished
 from .cause import KEPT, Cause
-from .causes import find_causes
+from .causes import find_causes, frame_between
 from .comparison import UNEXPLAINED, Comparison, compare
-from .drawing import fit_from_drawing
-from .explain import Explanation, weighed
+from .explain import Explanation, likely, weighed
 from .members import CREEP, NOTHING
 from .orientation import turned_tool, with_orientations
 from .own_residual import OwnResidual, own_residual
-from .parameter_causes import frame_between
 from .rebuilding import doubts, elsewhere, rebuilt
 from .rows import UPDATED_ROWS
-from .update import settled, updated
-
-if TYPE_CHECKING:
-    from ..samples.samples import Samples
-
+from .update import fit_from_drawing, gain_of, updated
 
 _CLEAR = 0.95  # of the held-out error that a change may leave at most
 _REFINED = 0.85  # the same where nothing changed and rows are only added
@@ -51,7 +45,6 @@ def adapt(
     *,
     method: str = "few-shot",
     cause: str | None = None,
-    seed: int | None = None,
     progress: Progress | None = None,
 ) -> Adaptation:
     """Re-calibrate a model; it is left as it was.
@@ -67,8 +60,6 @@ def adapt(
         (eq. 10 to 12), which needs thousands.
     cause : {"sensor", "joints"}, optional
         What is known about the change.
-    seed : int, optional
-        Kept for callers of the first release; nothing is drawn.
     progress : callable, optional
         Called with the share of the work done, the stage and the current error.
 
@@ -83,62 +74,65 @@ def adapt(
     LogError
         If the log is not of this arm or too short.
     """
-    del seed
     if method not in METHODS:
         raise OptionError(f"method {method!r} is unknown, choose one of {', '.join(METHODS)}")
+    report = progress or (lambda *_: None)
     with one_blas_thread():
         found = compare(model, log, cause)
-        if method == "online":
-            return adapt_online(found, progress or (lambda *_: None))
-        return _few_shot(found, log, progress or (lambda *_: None))
+        return adapt_online(found, report) if method == "online" else _few_shot(found, log, report)
 
 
 def _few_shot(found: Comparison, log: Samples, report: Progress) -> Adaptation:
-    model, reference = found.model, found.reference
+    """Explain the log, update the body by it, and judge by rows that were held out."""
+    model = found.model
     report(0.0, "members", float("nan"))
     changed = found.changed and found.explained
-    chosen = found.likely if changed else _unchanged(found)
+    chosen = likely(found.explanations) if changed else _unchanged(found)
+    best = chosen[0][1]
     report(0.5, "update", float("nan"))
     rows = found.log.some(UPDATED_ROWS)
-    body, held = updated(reference, chosen, found.log, found.probes)
-    residual = rows.z - body.predict(rows.q)
-    own = own_residual(rows.q, residual, held, rows.weight, lengths_of(body, rows.q))
+    moved, held = updated(found.reference, chosen, found.log, found.probes)
+    residual, lengths = rows.z - moved.predict(rows.q), lengths_of(moved, rows.q)
+    own = own_residual(rows.q, residual, held, rows.weight, lengths)
     after = np.linalg.norm(held, axis=1)
     if own is not None:
-        after = after.copy()
         after[own.rows] = own.held_out
-    some = thinned(len(found.q), UPDATED_ROWS)
-    kept = found.kept[some]
-    predicted = model.predictor.value(model.motor.scale.to_unit(found.q))
-    before = np.linalg.norm(found.x - predicted, axis=1)[some][kept]
-    after = after[kept]
-    moved = body
+    some = thinned(len(found.q), UPDATED_ROWS)[rows.kept]
+    before, after = found.missed[some], after[rows.kept]
     fit = fit_from_drawing(found, float(after.mean())) if found.explained else None
+    body = moved
     if fit is not None:
-        place = np.cumsum(found.kept) - 1  # of each row among those that were fitted
+        place = np.cumsum(found.log.kept) - 1  # of each row among those that were fitted
         body, own = fit.body, None
-        after = np.linalg.norm(fit.held_out, axis=1)[place[some][kept]]
-    explained = found.explained or _followed(found, own)
+        after = np.linalg.norm(fit.held_out, axis=1)[place[some]]
+    explained = found.explained
+    if model.body is None and own is not None:  # a smooth residual may follow what no member does
+        explained |= float(np.median(own.held_out)) < UNEXPLAINED * found.spread
     improved = explained and _improves(found, body, own, changed, before, after)
     causes, unsettled = find_causes(found, changed or not found.explained or found.unexpected)
     _, bent, untold = turned_tool(found, log)
     if bent and not improved:  # the tool alone
         body, own, after = found.belief, None, before
     if log.orientation is not None and not untold and (improved or bent):
-        body = with_orientations(body, log.q, log.orientation, bool(bent))
+        q = model.about.joints_of(log)
+        body = with_orientations(body, q, log.orientation, bool(bent))
     notes = (*_notes(found, body, causes, unsettled, improved), *untold)
     improved = improved or bool(bent)
+    known = "no single change explains the log" if found.unexpected else "nothing changed"
+    correction = _called(best) if changed else f"{known}, rows added"
+    if own is not None:
+        correction += ", and a smooth residual near the rows"
     made = Adaptation(
         model,
         improved,
-        int(np.count_nonzero(found.kept)),
+        int(np.count_nonzero(found.log.kept)),
         found.outliers,
         figures(before),
         figures(after),
-        _named(found, chosen[0][1], own, changed),
+        correction,
         tuple(c for c in (*causes, *bent) if c.cause != "noise"),
-        _left(found, chosen[0][1]) if changed else ("the arm and the sensor",),
-        measured_share(model, found.q),
+        _left(found, best) if changed else ("the arm and the sensor",),
+        found.coverage,
         notes,
         found.spans,
     )
@@ -158,17 +152,9 @@ def _few_shot(found: Comparison, log: Samples, report: Progress) -> Adaptation:
         return replace(made, improved=False, notes=(*made.notes, told))
     if not found.spans:
         made = replace(made, notes=(*made.notes, elsewhere(found, made, fresh)))
-    frame = frame_between(found, moved.beta) if chosen[0][1].member.framed else None
+    frame = frame_between(found, moved.beta) if best.member.framed else None
     report(1.0, "done", float(after.mean()))
     return replace(made, model=finished(found, made, fresh, after, "few-shot", frame))
-
-
-def _followed(found: Comparison, own: OwnResidual | None) -> bool:
-    """Whether the log of a model without a body is followed by a smooth residual at least."""
-    if found.model.body is not None or own is None:
-        return False
-    spread = np.linalg.norm(found.x - np.median(found.x, axis=0), axis=1)
-    return float(np.median(own.held_out)) < UNEXPLAINED * float(np.median(spread))
 
 
 def _unchanged(found: Comparison) -> list[tuple[float, Explanation]]:
@@ -177,7 +163,7 @@ def _unchanged(found: Comparison) -> list[tuple[float, Explanation]]:
     # mounting made an error 1.2 times as large elsewhere. A drawing has no waves to start from.
     simulated = found.belief.simulated
     some = [e for e in found.explanations if not e.margin and (simulated or e.waves <= CREEP)]
-    return weighed(some) if some else found.likely
+    return weighed(some) if some else likely(found.explanations)
 
 
 def _improves(
@@ -189,30 +175,23 @@ def _improves(
     after: Array,
 ) -> bool:
     """Whether the update is worth taking."""
-    ratio, sure = settled(before, after)
+    ratio, sure = gain_of(before, after)
     if changed:
         return ratio < _CLEAR
     if ratio > _REFINED or sure < _SURE:
         return False
     if own is not None and found.model.body is None:
         return True
-    bound = float(replace(found.belief, second=None).bound(found.q).mean())
-    if float(before.mean()) > bound:  # rows that the old belief had not thought possible
-        return sure > _SURER
-    return _expected(found, body) < _UNSURE * _expected(found, found.belief)
-
-
-def _expected(found: Comparison, body: Body) -> float:
-    """Root mean square error [unit] that a belief expects of itself over the learned range."""
-    spread = np.trace(body.spread(found.probes), axis1=1, axis2=2).mean() * body.kappa**2
-    own = found.belief.tau**2 + found.belief.noise**2
-    return float(np.sqrt(spread + own.sum()))
-
-
-def _named(found: Comparison, best: Explanation, own: OwnResidual | None, changed: bool) -> str:
-    known = "no single change explains the log" if found.unexpected else "nothing changed"
-    name = _called(best) if changed else f"{known}, rows added"
-    return name if own is None else f"{name}, and a smooth residual near the rows"
+    old = found.belief
+    if float(before.mean()) > float(replace(old, second=None).bound(found.q).mean()):
+        return sure > _SURER  # rows that the old belief had not thought possible
+    # root mean square error [unit] that each belief expects of itself over the learned range
+    own_part = (old.tau**2 + old.noise**2).sum()
+    new_error, old_error = (
+        np.trace(b.spread(found.probes), axis1=1, axis2=2).mean() * b.kappa**2 + own_part
+        for b in (body, old)
+    )
+    return bool(np.sqrt(new_error) < _UNSURE * np.sqrt(old_error))
 
 
 def _called(e: Explanation) -> str:
@@ -237,18 +216,17 @@ def _notes(
     unsettled: tuple[str, ...],
     improved: bool,
 ) -> list[str]:
-    notes = [*found.rows.notes, *found.outlier_notes()]
     # what nobody may miss: another unit, a mirror, a joint that turns round or not at all
-    notes += [c.words for c in causes if c.cause.split(":")[0] in _LOUD]
-    notes += unsettled
+    loud = [c.words for c in causes if c.cause.split(":")[0] in _LOUD]
+    notes = [*found.notes, *loud, *unsettled]
     if not found.explained:
         notes.append(found.why_not())
-    elif improved:
-        best = found.likely[0][1]
+    elif improved and found.changed:
+        best, *others = (e for _, e in likely(found.explanations))
         # a richer member that frees the same and more is no other cause
-        others = [e for _, e in found.likely if not set(best.member.groups) <= {*e.member.groups}]
+        others = [e for e in others if not set(best.member.groups) <= {*e.member.groups}]
         names = list(dict.fromkeys(_called(e) for e in (best, *others)))
-        if found.changed and len(names) > 1:
+        if len(names) > 1:
             rivals = " or ".join(f"({name.replace(', ', ' + ')})" for name in names)
             notes.append(
                 f"more than one change explains the log: {rivals}; three more poses tell which, "
@@ -260,11 +238,11 @@ def _notes(
 def _poses(found: Comparison, body: Body) -> str:
     """Three poses that tell most of what the members disagree about, in words."""
     about = found.model.about
-    unsettled = []
+    poses = []
     for q in found.probes[most_telling(body, found.probes, 3, found.q)]:
         parts = [
             f"{name} {np.degrees(v):.0f} deg" if turns else f"{name} {v:.3f} m"
             for name, v, turns in zip(about.joint_names, q, about.revolute, strict=True)
         ]
-        unsettled.append(", ".join(parts))
-    return "; ".join(unsettled)
+        poses.append(", ".join(parts))
+    return "; ".join(poses)

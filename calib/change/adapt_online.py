@@ -10,7 +10,7 @@ from ..maps.model_selection import better, blocks
 from ..maps.node_bounds import learn_bounds
 from ..training.evaluate import figures
 from ..training.learn import Progress
-from .adaptation import Adaptation, finished, measured_share
+from .adaptation import Adaptation, finished
 from .causes import find_causes
 from .comparison import Comparison
 from .follow import BLOCK, HORIZON, OnlineAdapter
@@ -18,8 +18,8 @@ from .follow import BLOCK, HORIZON, OnlineAdapter
 
 def adapt_online(found: Comparison, report: Progress) -> Adaptation:
     """Show a log to the online rule, again and again where it is short."""
-    model, kept = found.model, found.kept
-    u, q, x = found.rows.u[kept], found.q[kept], found.x[kept]
+    model, kept = found.model, found.log.kept
+    u, q, x = found.u[kept], found.q[kept], found.x[kept]
     # every tenth block is kept apart to judge by
     held = np.concatenate(blocks(len(u), max(10, len(u) // BLOCK))[4::10])
     learned = np.setdiff1d(np.arange(len(u)), held)
@@ -30,10 +30,10 @@ def adapt_online(found: Comparison, report: Progress) -> Adaptation:
         shown += len(learned)
         report(0.9 * min(1.0, shown / HORIZON), "online", step.error)
     fresh = adapter.model()
-    before = np.linalg.norm(x[held] - model.predictor.value(u[held]), axis=1)
+    before = found.missed[kept][held]
     after = np.linalg.norm(x[held] - fresh.predictor.value(u[held]), axis=1)
     known = np.isfinite(fresh.expected_error(q[held]))
-    notes = [*found.rows.notes, *found.outlier_notes()]
+    notes = found.notes
     if shown > len(learned):
         notes.append(f"{len(learned)} samples were shown {shown // len(learned)} times")
     causes, unsettled = find_causes(found, found.changed or not found.explained)
@@ -47,7 +47,7 @@ def adapt_online(found: Comparison, report: Progress) -> Adaptation:
         "maps and Hebbian links trained online",
         tuple(c for c in causes if c.cause != "noise"),
         (),
-        measured_share(model, found.q),
+        found.coverage,
         (*notes, *unsettled),
     )
     if not made.improved:

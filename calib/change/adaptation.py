@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, field, replace
-from itertools import combinations
 from typing import Any
 
 import numpy as np
@@ -18,7 +17,6 @@ from ..training.evaluate import evaluate_residuals, summarise
 from .cause import Cause
 from .comparison import Comparison
 
-_CELLS = 5  # along each joint, for the share of the range that a log measured
 _BASELINE = 6000  # imagined samples that tell what is usual after an adaptation
 _EVALUATED = 500  # rows that the readouts are evaluated on
 
@@ -120,22 +118,8 @@ def finished(
         fresh,
         about=about,
         baseline=baseline,
-        rows=Rows.of(found.q[found.kept], found.x[found.kept]),
+        rows=Rows.of(found.q[found.log.kept], found.x[found.log.kept]),
         history=(*old.history, event),
         # a camera that was moved sees another picture
         photo=old.photo if method == "few-shot" and frame is None else None,
     )
-
-
-def measured_share(model: Model, q: Array) -> float:
-    """Share of the learned range, in cells of a fifth of each joint's range, that rows visit.
-
-    Six joints have 15,625 cells, which no log visits: of more than three joints it is the mean
-    over all pairs of joints.
-    """
-    u = np.clip(model.motor.scale.to_unit(q), 0.0, 1.0 - 1e-12)
-    cells = (u * _CELLS).astype(int)
-    dof = u.shape[1]
-    some = combinations(range(dof), 2) if dof > 3 else [tuple(range(dof))]
-    shares = [len(np.unique(cells[:, ix], axis=0)) / _CELLS ** len(ix) for ix in some]
-    return float(np.mean(shares))

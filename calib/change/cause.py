@@ -2,8 +2,11 @@
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass
 from typing import Any
+
+from ..body.structure import Label
 
 AS_ONE = {
     "view.scale": "the sensor's scale changed",
@@ -39,10 +42,34 @@ class Cause:
     # ``"mirror"``, ``"sign:JOINT"``, ``"lost:JOINT"``, ``"noise"`` or ``"unknown"``
     cause: str
     group: str  # group of parameters: ``"view.rotation"``, ``"offset"``, ``"length"``,
-    value: float | None  # size of the change, None where no number tells it
-    interval: tuple[float, float] | None  # 95 % interval of the value
-    unit: str  # unit of the value
     words: str  # the same in words
+    value: float | None = None  # size of the change, None where no number tells it
+    interval: tuple[float, float] | None = None  # 95 % interval of the value
+    unit: str = ""  # unit of the value
+
+    @staticmethod
+    def measured(name: str, group: str, words: str, value: float, half: float, unit: str) -> Cause:
+        """A cause with half the width of its 95 % interval."""
+        return Cause(name, group, words, value, (value - half, value + half), unit)
+
+    @staticmethod
+    def of_parameter(label: Label, old: float, change: float, sd: float) -> Cause:
+        """A cause that one parameter tells: its old value, its change and that one's sd."""
+        value, half = float(change), 1.96 * float(sd)
+        joint, unit = label.joint or "", label.unit
+        if unit == "rad":
+            words = f"{joint} is off by {math.degrees(value):+.3g} ± {math.degrees(half):.2g} deg"
+        elif label.group == "length":
+            size = f"{100 * abs(value / old) if old else math.nan:.3g} %"
+            if unit == "m":
+                size += f" ({1e3 * abs(value):.3g} ± {1e3 * half:.2g} mm)"
+            words = f"the link of {joint} is {size} {'longer' if value > 0 else 'shorter'}"
+        elif label.group == "gain":
+            words = f"{joint} moves {100 * value:+.3g} ± {100 * half:.2g} % further than it says"
+        else:
+            words = f"{label.name} changed by {value:.4g} ± {half:.2g} {unit}"
+        name = f"{label.group}:{joint}" if joint else label.group
+        return Cause.measured(name, label.group, words, value, half, unit)
 
     def to_json(self) -> dict[str, Any]:
         """Plain data."""

@@ -4,22 +4,20 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass, field
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 
 from ..common.arrays import Array
 from ..common.parallel import one_blas_thread
 from ..maps.map import Map, search_tree
+from ..model.model import Model
+from ..samples.samples import Samples
 from .cause import Cause
 from .causes import find_causes
 from .comparison import Comparison, compare
 from .group_tests import FALSE_ALARM, GroupTest, fired
 from .orientation import turned_tool
-
-if TYPE_CHECKING:
-    from ..model.model import Model
-    from ..samples.samples import Samples
 
 _SIGMAS = 4.0  # of the maps' distortions, skewed as they are
 _MOST = 1000  # rows that distortions are measured on
@@ -154,62 +152,52 @@ def check(
     """
     with one_blas_thread():
         found = compare(model, log, cause)
-        return _drift(found, log, tolerance)
-
-
-def _drift(found: Comparison, log: Samples, tolerance: float | None) -> Drift:
-    tested = found.tested
-    score = found.score
-    causes, unsettled = find_causes(found, score > 1.0)
-    turned, bent, untold = turned_tool(found, log)
-    score = max(score, turned)
-    drifted: bool | None = score > 1.0
-    if not drifted and tolerance is not None and tested.smallest > tolerance:
-        drifted = None
-    notes = [*found.rows.notes, *found.outlier_notes(), *unsettled, *untold]
-    far = found.beyond[0]
-    if far > 1.0 and tested.score <= 1.0 and not found.reference.new and found.explained:
-        told = (
-            f"half of the rows are {far:.2g} times their expected error or more from the "
-            "prediction, where 1 of 20 should be beyond it"
+        tested = found.tested
+        causes, unsettled = find_causes(found, found.score > 1.0)
+        turned, bent, untold = turned_tool(found, log)
+        score = max(found.score, turned)
+        drifted: bool | None = score > 1.0
+        if not drifted and tolerance is not None and tested.smallest > tolerance:
+            drifted = None
+        notes = [*found.notes, *unsettled, *untold]
+        far = found.beyond[0]
+        if far > 1.0 and tested.score <= 1.0 and not found.reference.new and found.explained:
+            noisier = "" if drifted else ": a noisier sensor, or an error that no cause describes"
+            notes.append(
+                f"half of the rows are {far:.2g} times their expected error or more from the "
+                f"prediction, where 1 of 20 should be beyond it{noisier}"
+            )
+        return Drift(
+            drifted,
+            len(found.q),
+            found.outliers,
+            score,
+            tested.groups,
+            tested.smallest,
+            tolerance,
+            _distortions(found),
+            tested.noise,
+            tested.usual,
+            (*causes, *bent),
+            tuple(notes),
         )
-        noisier = "" if drifted else ": a noisier sensor, or an error that no cause describes"
-        notes.append(told + noisier)
-    return Drift(
-        drifted,
-        len(found.q),
-        found.outliers,
-        score,
-        tested.groups,
-        tested.smallest,
-        tolerance,
-        distortions(found),
-        tested.noise,
-        tested.usual,
-        (*causes, *bent),
-        tuple(notes),
-    )
 
 
-def distortions(found: Comparison) -> dict[str, Signal]:
+def _distortions(found: Comparison) -> dict[str, Signal]:
     """How the rows lie on the maps (eq. 9), beside what is expected there."""
-    model = found.model
-    baseline = model.baseline
-    if baseline is None:
-        return {}
+    model, baseline = found.model, found.model.baseline
+    assert baseline is not None  # noqa: S101 - checked by the comparison
     some = slice(None, None, max(1, math.ceil(len(found.q) / _MOST)))
-    q, x = found.q[some], found.x[some]
-    u = model.motor.scale.to_unit(q)
-    predicted = model.predictor.value(u)
+    u, x, predicted = found.u[some], found.x[some], found.predicted[some]
     noise = max(found.tested.noise, baseline.noise)
     leak = float(np.sum((noise / model.sensory.scale.span) ** 2))
-    gap = float(np.sqrt(np.mean(np.sum((x - predicted) ** 2, axis=1))))
-    usual = np.nan_to_num(model.expected_error(q), nan=0.0)
+    gap = float(np.sqrt(np.mean(found.missed[some] ** 2)))
+    usual = np.nan_to_num(model.expected_error(found.q[some]), nan=0.0)
     sensory, seen = model.sensory, model.sensory.scale.to_unit(x)
     return {
         "motor": _zeta(model.motor, baseline.motor, baseline.spread[0], u, 0.0),
         "sensory": _zeta(sensory, baseline.sensory, baseline.spread[1], seen, leak),
-        "reverse": _reverse(model, predicted, x, noise),
+        "reverse": _reverse(sensory, predicted, x, noise),
         "links": Signal(gap, float(np.sqrt(np.mean(usual**2)))),
     }
 
@@ -224,9 +212,8 @@ def _zeta(network: Map, expected: Array, spread: float, points: Array, leak: flo
     return Signal(float(np.mean(distance**2)), float(usual.mean()) + chance + leak)
 
 
-def _reverse(model: Model, predicted: Array, x: Array, noise: float) -> Signal:
+def _reverse(sensory: Map, predicted: Array, x: Array, noise: float) -> Signal:
     """Distance of the nodes that joints predict to those that positions visit."""
-    sensory = model.sensory
     winners = sensory.units[sensory.nearest(sensory.scale.to_unit(predicted))[1][:, 0]]
 
     def away(points: Array) -> float:

@@ -8,44 +8,35 @@ once, when it is first asked for.
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from functools import cached_property
-from typing import TYPE_CHECKING
+from itertools import combinations
 
 import numpy as np
-from numpy.typing import NDArray
 
 from ..body.belief import Body
 from ..common.arrays import Array
 from ..errors import ModelError
-from .explain import Explanation, changed, explain, likely, unusual
+from ..model.model import Model
+from ..samples.samples import Samples
+from .explain import Explanation, changed, explain, unusual
 from .group_tests import FALSE_ALARM, Tested, group_tests
 from .members import as_built
 from .reference import Reference, carried_offset, kept_reference, reference_of
 from .rows import Log, weighted
-from .sanity import Comparable, comparable, lag_of
+from .sanity import comparable, lag_of
 from .seen import seen_body
 
-if TYPE_CHECKING:
-    from ..model.model import Model
-    from ..samples.samples import Samples
-
-PROBES = 120
-"""Joints all over the learned range at which predictions are compared."""
-
-_WIDE = 0.5  # least spread of rows in any direction, over that of the learned range
-
-_SHARED_ERRORS = 2.0  # times a bound of 95 %: five standard deviations, so no chance at all
-
-_CHECK = "check that joints and positions of a row belong together and are of this arm"
-
-_SQUARED = 1e100  # positions beyond overflow where they are squared
-
-_FEW = 0.05  # share of rows that may contradict all others where the rest is as near as told
-
+_PROBES = 120  # joints all over the learned range at which predictions are compared
 UNEXPLAINED = 0.1
 """Share of the positions' spread: a log that is further off from every member is explained by
 none."""
+
+_WIDE = 0.5  # least spread of rows in any direction, over that of the learned range
+_CELLS = 5  # along each joint, for the share of the range that a log measured
+_SHARED_ERRORS = 2.0  # times a bound of 95 %: five standard deviations, so no chance at all
+_SQUARED = 1e100  # positions beyond overflow where they are squared
+_FEW = 0.05  # share of rows that may contradict all others where the rest is as near as told
 
 
 @dataclass(frozen=True, eq=False)
@@ -53,20 +44,26 @@ class Comparison:
     """A log beside a model."""
 
     model: Model
-    rows: Comparable  # rows of the log that the model can be compared with
-    # (n, dof), (n, m), their joints [rad or m] and positions [unit]
+    # (n, dof), (n, dof), (n, m), joints in the unit box and in [rad or m], and positions [unit]
+    u: Array
     q: Array
     x: Array
-    offset: Array  # (n, m), what maps add to the body there [unit]
+    said: tuple[str, ...]  # what the user should be told of the rows
+    predicted: Array  # (n, m) [unit], positions that the model predicts
     body: Body  # the belief of the model; without a body, that of its sensor's view alone
     cause: str | None  # {"sensor", "joints"} or None, what the user knows about the change
     unit: str  # unit of the log's positions
     shared: float = 0.0  # [unit], standard deviation that all of them share
 
+    @cached_property
+    def offset(self) -> Array:
+        """What maps add to the body at the rows, (n, m) [unit]."""
+        return self.predicted - self.body.predict(self.q)
+
     @property
-    def z(self) -> Array:
-        """Positions (n, m) without what maps add to the body [unit]."""
-        return self.x - self.offset
+    def missed(self) -> Array:
+        """Distance of the rows from their prediction, (n,) [unit]."""
+        return np.asarray(np.linalg.norm(self.x - self.predicted, axis=1))
 
     @property
     def unit_seen(self) -> str:
@@ -82,37 +79,27 @@ class Comparison:
     @cached_property
     def reference(self) -> Reference:
         """That belief in the frame of the log."""
-        return reference_of(self.belief, self.q, self.z, self.unit)
+        return reference_of(self.belief, self.q, self.x - self.offset, self.unit)
 
     @cached_property
-    def _weighted(self) -> tuple[Log, Array, NDArray[np.bool_]]:
-        log, beta, kept = weighted(self.reference, self.q, self.x - self.moved_offset, self.cause)
+    def log(self) -> Log:
+        """Rows with robust weights."""
         # the model's own log shares as much
-        return replace(log, shared=float(np.sqrt(2.0)) * self.shared), beta, kept
+        shared = float(np.sqrt(2.0)) * self.shared
+        return weighted(self.reference, self.q, self.x - self.moved_offset, self.cause, shared)
 
     @cached_property
     def moved_offset(self) -> Array:
         """What maps add to the body, in the frame of the log, (n, m)."""
-        if not self.reference.new:
+        to = self.reference
+        if not to.new:
             return self.offset
-        return carried_offset(
-            self.body, self.reference.body, self.reference.beta, self.q, self.offset
-        )
-
-    @property
-    def log(self) -> Log:
-        """Rows with robust weights."""
-        return self._weighted[0]
-
-    @property
-    def kept(self) -> NDArray[np.bool_]:
-        """Rows (n,) that do not contradict all others."""
-        return self._weighted[2]
+        return carried_offset(self.body, to.body, to.beta, self.q, self.offset)
 
     @property
     def outliers(self) -> int:
         """Rows that contradict all others."""
-        return int(np.count_nonzero(~self.kept))
+        return int(np.count_nonzero(~self.log.kept))
 
     @cached_property
     def spans(self) -> bool:
@@ -124,25 +111,37 @@ class Comparison:
         # along each axis the variance of uniform rows is 1 / 12
         return bool(np.linalg.eigvalsh(np.atleast_2d(spread))[0] > _WIDE**2 / 12.0)
 
+    @property
+    def coverage(self) -> float:
+        """Share of the learned range, in cells of a fifth of each joint's range, that rows visit.
+
+        Six joints have 15,625 cells, which no log visits: of more than three joints it is the mean
+        over all pairs of joints.
+        """
+        u = np.clip(self.model.motor.scale.to_unit(self.q), 0.0, 1.0 - 1e-12)
+        cells, dof = (u * _CELLS).astype(int), u.shape[1]
+        some = combinations(range(dof), 2) if dof > 3 else [tuple(range(dof))]
+        shares = [len(np.unique(cells[:, ix], axis=0)) / _CELLS ** len(ix) for ix in some]
+        return float(np.mean(shares))
+
     @cached_property
     def probes(self) -> Array:
         """Joints (p, dof) all over the learned range."""
         about = self.model.about
-        u = np.random.default_rng(0).random((PROBES, len(about.joint_names)))
+        u = np.random.default_rng(0).random((_PROBES, len(about.joint_names)))
         return np.asarray(about.lower + u * (about.upper - about.lower))
 
     @cached_property
     def tested(self) -> Tested:
         """Tests of single groups against the belief as the model holds it."""
         held = self.reference if self.reference.new else kept_reference(self.body)
-        body = self.reference.body if self.reference.new else self.body
-        return group_tests(body, held, self.log, self.probes)
+        return group_tests(held, self.log, self.probes)
 
     @cached_property
     def _told(self) -> Array:
         """95 % bound [unit] on each kept row, as the model tells it; infinite where it does not."""
         told = np.nan_to_num(self.model.expected_error(self.q), nan=np.inf)
-        return np.maximum(told, self.belief.bound(self.q))[self.kept]
+        return np.maximum(told, self.belief.bound(self.q))[self.log.kept]
 
     @cached_property
     def beyond(self) -> tuple[float, float]:
@@ -153,8 +152,8 @@ class Comparison:
         """
         from scipy.special import chdtri
 
-        gap = np.linalg.norm(self.z - self.body.predict(self.q), axis=1)[self.kept]
-        radius = float(chdtri(self.z.shape[1], 0.05))  # squared, of 95 % in units of a deviation
+        gap = self.missed[self.log.kept]
+        radius = float(chdtri(self.x.shape[1], 0.05))  # squared, of 95 % in units of a deviation
         told = np.sqrt(self._told**2 + radius * self.log.shared**2)
         if self.model.body is None:  # a corner's rows share the errors of a few nodes
             told *= _SHARED_ERRORS
@@ -178,12 +177,14 @@ class Comparison:
     @cached_property
     def explanations(self) -> tuple[Explanation, ...]:
         """Members with their evidence, best first; of a log that shows no change, that of none."""
-        return self._explained(calm=False) if self._suspect else self._calm
+        if not self._suspect:
+            return self._calm
+        return explain(self.reference, self.log, self.cause)
 
     @cached_property
     def _calm(self) -> tuple[Explanation, ...]:
         """Explanations by no change."""
-        return self._explained(calm=True)
+        return explain(self.reference, self.log, self.cause, calm=True)
 
     @property
     def _waves(self) -> float:
@@ -195,9 +196,6 @@ class Comparison:
         if self.model.body is None:
             return 0.0
         return unusual(self._calm) / -math.log(FALSE_ALARM)
-
-    def _explained(self, calm: bool) -> tuple[Explanation, ...]:
-        return explain(self.reference, self.log, self._weighted[1], self.cause, calm)
 
     @cached_property
     def score(self) -> float:
@@ -224,17 +222,20 @@ class Comparison:
         """
         return self.reference.new or (self.score > 1.0 and changed(self.explanations))
 
-    @property
-    def likely(self) -> list[tuple[float, Explanation]]:
-        """The members that count, with their weights."""
-        return likely(self.explanations)
+    @cached_property
+    def spread(self) -> float:
+        """Typical distance of positions from their middle [unit]."""
+        return float(np.median(np.linalg.norm(self.x - np.median(self.x, axis=0), axis=1)))
 
     @cached_property
+    def _left(self) -> float:
+        """Typical distance of the rows from the best member [unit]."""
+        return float(np.median(np.linalg.norm(self.explanations[0].residual, axis=1)))
+
+    @property
     def misfit(self) -> float:
         """Typical distance of the rows from the best member, over the spread of positions."""
-        left = np.linalg.norm(self.explanations[0].residual, axis=1)
-        spread = np.linalg.norm(self.x - np.median(self.x, axis=0), axis=1)
-        return float(np.median(left) / max(float(np.median(spread)), 1e-300))
+        return self._left / max(self.spread, 1e-300)
 
     @property
     def explained(self) -> bool:
@@ -244,10 +245,9 @@ class Comparison:
         """
         if self.misfit < UNEXPLAINED:
             return True
-        left = float(np.median(np.linalg.norm(self.explanations[0].residual, axis=1)))
-        told = float(np.median(self._told))
         # rows that lag or whose joints are exchanged come near too, but for those at each jump
-        return left < told < np.inf and self.outliers <= _FEW * len(self.q)
+        few = self.outliers <= _FEW * len(self.q)
+        return self._left < float(np.median(self._told)) < np.inf and few
 
     def why_not(self) -> str:
         """One line on a log that no member explains."""
@@ -255,16 +255,18 @@ class Comparison:
             f"nothing explains the log: its positions are {100 * self.misfit:.0f} % of their "
             "spread away from any change of the arm or the sensor"
         )
-        return f"{told}; {self._late or _CHECK}"
+        check = "check that joints and positions of a row belong together and are of this arm"
+        return f"{told}; {self._late or check}"
 
-    def outlier_notes(self) -> list[str]:
-        """What is said of rows that contradict all others."""
+    @property
+    def notes(self) -> list[str]:
+        """What the user should be told of the rows, those that contradict all others included."""
         if not self.outliers:
-            return []
+            return list(self.said)
         rows = "1 row contradicts" if self.outliers == 1 else f"{self.outliers} rows contradict"
         many = self.outliers > _FEW * len(self.q)
         late = f"; {self._late}" if many and self.explained and self._late else ""
-        return [f"{rows} all others: left out{late}"]
+        return [*self.said, f"{rows} all others: left out{late}"]
 
     @cached_property
     def _late(self) -> str:
@@ -290,11 +292,10 @@ def compare(model: Model, log: Samples, cause: str | None = None) -> Comparison:
         raise ModelError(
             "the model has an older format without a posterior of its body: train it again"
         )
-    rows = comparable(model, log)
-    q = model.motor.scale.from_unit(rows.u)
+    u, x, notes = comparable(model, log)
+    q = model.motor.scale.from_unit(u)
     body = seen_body(model) if model.body is None else model.body
-    predicted = body.predict(q)
-    offset = model.predictor.value(rows.u) - predicted
-    if not (np.abs(predicted) + np.abs(offset) < _SQUARED).all():  # as in a forged file
+    predicted = model.predictor.value(u)
+    if not (np.abs([predicted, body.predict(q)]) < _SQUARED).all():  # as in a forged file
         raise ModelError("the model predicts no finite positions for this log: train it again")
-    return Comparison(model, rows, q, rows.x, offset, body, cause, log.unit, log.shared)
+    return Comparison(model, u, q, x, notes, predicted, body, cause, log.unit, log.shared)

@@ -20,7 +20,7 @@ from ..common.arrays import Array
 from .members import ANYWHERE, CREEP, NOTHING, Member, anywhere, drift, freedom, members_of
 from .reference import Reference
 from .rows import EXPLAINED_ROWS, Log
-from .whitening import Spectrum, scaled, spectrum
+from .whitening import Spectrum, spectrum
 
 MARGIN = 5.0
 """Nats by which a change must be better than none.  A body that was only simulated has never seen
@@ -58,7 +58,7 @@ class Explanation:
     sd: Array  # (d,), standard deviations by which they were free to change
     evidence: float  # logarithm of the tempered evidence [nats]
     fit: float  # the same without what its freedom costs, which no narrower member exceeds [nats]
-    noise: float  # noise of the log, in the sizes of `whitening.scaled`
+    noise: float  # noise of the log, in `Reference.sizes`
     temper: float  # rows that count for one
     residual: Array  # (n, m) [unit], measured less predicted outputs of the rows that were compared
     margin: float  # [nats], by which it must be better than no change
@@ -70,18 +70,17 @@ class Explanation:
 
 
 def explain(
-    reference: Reference, log: Log, robust: Array, cause: str | None = None, calm: bool = False
+    reference: Reference, log: Log, cause: str | None = None, calm: bool = False
 ) -> tuple[Explanation, ...]:
     """All members with their evidence, best first.
 
     reference : the old belief in the frame of the log
     log : its rows; `z` less what maps add to the body
-    robust : (d,), parameters of a robust fit of the richest member, where that one starts
     cause : {"sensor", "joints"}, what is known about the change
     calm : whether nothing changed: only the sizes of the log's own residual are then compared
     """
-    search = _Search(reference, log.some(EXPLAINED_ROWS), robust, cause)
-    return tuple(sorted(search.run(calm), key=lambda e: -e.evidence))
+    search = _Search(reference, log.some(EXPLAINED_ROWS), cause, calm)
+    return tuple(sorted(search.run(), key=lambda e: -e.evidence))
 
 
 @dataclass(frozen=True)
@@ -96,38 +95,28 @@ class _Point:
 class _Search:
     """The members of one log; what they share is computed once."""
 
-    def __init__(self, reference: Reference, log: Log, robust: Array, cause: str | None) -> None:
-        body = reference.body
-        self.reference, self.log, self.robust, self.cause = reference, log, robust, cause
+    def __init__(self, reference: Reference, log: Log, cause: str | None, calm: bool) -> None:
+        self.reference, self.log, self.cause = reference, log, cause
         self.structure = reference.structure
-        members = members_of(body.structure, cause)
+        members = (NOTHING,) if calm else members_of(reference.structure, cause)
         self.richest = members[-1]
-        self.members = [m for m in members if m.framed or not reference.new]
-        self.simulated = body.simulated
-        self.floor = scaled(body).floor
-        self.temper = max(body.kappa, 1.0) ** 2
+        self.members = [m for m in members if m.framed or calm or not reference.new]
+        self.temper = max(reference.body.kappa, 1.0) ** 2
         self.points: dict[Member, _Point] = {}
         self.best = -np.inf
 
-    def run(self, calm: bool) -> list[Explanation]:
+    def run(self) -> list[Explanation]:
         """Each size of the log's own residual with all members that can still matter."""
         found: list[Explanation] = []
         leader: tuple[Explanation, Factor] | None = None
-        reference, log = self.reference, self.log
+        reference = self.reference
         for own in OWN:
-            space = spectrum(
-                reference.body, reference.beta, log.q, log.weight, drift(reference.body, own[1]),
-                own[0], reference.forgotten, log.shared,
-            )  # fmt: skip
+            space = spectrum(reference, self.log, drift(reference.body, own[1]), own[0])
             if own == OWN[0]:
-                first, _ = self._fit(NOTHING if calm else self.richest, space, own)
+                first, _ = self._fit(self.richest, space, own)
                 rest = space.rest(space.turn(first.residual), first.noise)
                 self.temper = max(self.temper, autocorrelation_time(rest))
-                if not calm:
-                    self._start(space, first.noise)
-            if calm:
-                found.append(self._fit(NOTHING, space, own)[0])
-                continue
+                self._start(space, first.noise)
             # The richest member first: none that frees less fits better, whatever its prior.
             rich = self._fit(self.richest, space, own)
             hopeless = rich[0].fit < self.best - _HOPELESS
@@ -190,11 +179,11 @@ class _Search:
         sd, free, origin = self._free(member)
         point = self.points.get(member)
         if point is None:
-            start = self.robust if member == self.richest else origin
+            start = self.log.robust if member == self.richest else origin
             point = self._linearised(np.where(sd > 0, start, origin), free, sd)
         beta, residual = point.beta, point.residual
         y, j = space.turn(residual), space.turn_columns(point.x)
-        noise = space.noise(y, self.floor)
+        noise = space.noise(y)
         tried = own != OWN[0] and member != self.richest
         for _ in range(_STEPS if len(free) else 0):
             precision = 1.0 / ((space.values + noise**2) * self.temper)
@@ -225,7 +214,7 @@ class _Search:
             else:
                 break
             beta, residual, y = moved, residual_new, y_new
-            noise = space.noise(y, self.floor)
+            noise = space.noise(y)
             if before - after < _NOTHING_LEFT:
                 break
             point = self._linearised(beta, free, sd)
@@ -237,7 +226,8 @@ class _Search:
         likelihood = -0.5 * float(np.log(total).sum() + (y**2 / total).sum()) / self.temper
         fit = likelihood - 0.5 * float(away @ away)
         evidence = fit - 0.5 * factor.log_determinant()
-        free_of_charge = member == NOTHING and (own in OWN[:_USUAL] or self.simulated)
+        simulated = self.reference.body.simulated
+        free_of_charge = member == NOTHING and (own in OWN[:_USUAL] or simulated)
         made = Explanation(
             member, *own, origin, beta, np.zeros(len(beta)), sd, evidence, fit, noise, self.temper,
             residual, 0.0 if free_of_charge else MARGIN,

@@ -9,7 +9,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterator
-from typing import TYPE_CHECKING, Any, Literal
+from typing import Any, Literal
 
 import numpy as np
 from numpy.typing import NDArray
@@ -19,14 +19,12 @@ from ..errors import OptionError
 from ..maps import dsom
 from ..maps.density import Visit, gain_of, kind_of
 from ..maps.lattice import Lattice
-from ..maps.links import oja, sparse_links
+from ..maps.links import oja, without_weak
 from ..maps.map import Map
 from ..maps.online import present
+from ..model.model import Model
 from .settled import settled_model
 from .watch import Step, Watch, matching_sigma
-
-if TYPE_CHECKING:
-    from ..model.model import Model
 
 HORIZON = 10_000
 """Samples over which a re-formed map settles: half of what training takes."""
@@ -118,9 +116,17 @@ class OnlineAdapter:
             self._reset()
             if not self._force:  # this block may have begun before the change
                 kept = slice(0)
-        if self._since < 0:
-            return self._step(expected, 0.0, 0.0, 0.0)
-        for name, network, points in (("motor", motor, u), ("sensory", sensory, v)):
+        sigma, eta, beta = (0.0, 0.0, 0.0) if self._since < 0 else self._learn(u, v, kept)
+        mean = self._watch.mean
+        return Step(
+            self._seen, mean["motor"], mean["sensory"], expected, mean["error"], sigma, eta, beta,
+            self.adapting, self._changes,
+        )  # fmt: skip
+
+    def _learn(self, u: Array, v: Array, kept: slice) -> tuple[float, float, float]:
+        """Form maps and links by samples; sigma, eta and beta of the last one."""
+        for name, network, points in (("motor", self._map("motor"), u),
+                                      ("sensory", self._map("sensory"), v)):  # fmt: skip
             self._form(name, network, points)
         wiring = self._model.association.wiring
         t = np.minimum(self._since + np.arange(len(u)), self._horizon)
@@ -135,12 +141,11 @@ class OnlineAdapter:
         self._idle += float(eta * beta @ (b**2).sum(axis=1)) / b.shape[1]
         self._idle[b.any(axis=0)] = 0.0
         self._since += len(u)
-        scale = self._model.sensory.scale
         self._q.append(self._model.motor.scale.from_unit(u)[kept])
-        self._x.append(scale.from_unit(v)[kept])
+        self._x.append(self._model.sensory.scale.from_unit(v)[kept])
         while sum(map(len, self._x)) - len(self._x[0]) >= _KEPT:
             del self._q[0], self._x[0]
-        return self._step(expected, self._sigma("sensory", t[-1:])[0], eta[-1], beta[-1])
+        return float(self._sigma("sensory", t[-1:])[0]), float(eta[-1]), float(beta[-1])
 
     def model(self, links: Literal["rest", "rule"] = "rest") -> Model:
         """The model as it stands, with local models of the latest samples.
@@ -155,7 +160,7 @@ class OnlineAdapter:
             return self._model
         found = None
         if links == "rule":
-            found = sparse_links((self._links * np.exp(-self._idle)[:, None]).T)
+            found = without_weak((self._links * np.exp(-self._idle)[:, None]).T)
         maps = self._map("motor"), self._map("sensory")
         return settled_model(
             self._model, *maps, np.concatenate(self._q), np.concatenate(self._x), found
@@ -218,24 +223,17 @@ class OnlineAdapter:
             gain, kind = gain_of(rule), kind_of(rule)
         except OptionError:  # a function that the model file could not keep
             gain, kind = gain_of("vdsom"), "som"
+        weights = self._weights[name] = self._weights[name].copy()
         if kind == "dsom":  # its rate and radius follow the distance, not time
-            self._weights[name] = weights = self._weights[name].copy()
             dsom.present(weights, network.lattice, points)
             return
-        weights = self._weights[name]
         if gain is not None:
             distance, winner = network.nearest(points)
-            visit = Visit(float(share[-1]), winner[:, 0], distance[:, 0], weights, network.lattice)
-            rate = rate * gain(visit)
-        self._weights[name] = weights = weights.copy()
+            before = network.units
+            rate = rate * gain(
+                Visit(float(share[-1]), winner[:, 0], distance[:, 0], before, network.lattice)
+            )
         present(weights, network.lattice, points, self._sigma(name, t), rate)
-
-    def _step(self, expected: float, sigma: float, eta: float, beta: float) -> Step:
-        mean = self._watch.mean
-        return Step(
-            self._seen, mean["motor"], mean["sensory"], expected, mean["error"], float(sigma),
-            float(eta), float(beta), self.adapting, self._changes,
-        )  # fmt: skip
 
 
 def check_followable(model: Model) -> None:

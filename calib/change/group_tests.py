@@ -15,11 +15,11 @@ import numpy as np
 from ..body.belief import Body
 from ..body.structure import Indices
 from ..common.arrays import Array
-from .members import FRAME, TESTED, drift, parts_of
+from .members import FRAME, TESTED, drift
 from .reference import Reference
 from .rows import TESTED_ROWS, Log
 from .seen import design_effect
-from .whitening import scaled, spectrum
+from .whitening import spectrum
 
 FALSE_ALARM = 1e-3
 """Share of undisturbed logs for which any group fires."""
@@ -49,11 +49,6 @@ class GroupTest:
         """Statistic over threshold."""
         return self.statistic / self.threshold
 
-    @property
-    def penalised(self) -> float:
-        """What ranks groups of different sizes."""
-        return self.statistic - 3.0 * self.freedom
-
 
 @dataclass(frozen=True)
 class Tested:
@@ -76,7 +71,9 @@ class Tested:
 
 def fired(groups: Iterable[GroupTest]) -> tuple[GroupTest, ...]:
     """Groups above their threshold, the most telling first."""
-    return tuple(sorted((g for g in groups if g.score > 1.0), key=lambda g: -g.penalised))
+    above = (g for g in groups if g.score > 1.0)
+    # a larger group explains more by chance alone
+    return tuple(sorted(above, key=lambda g: 3.0 * g.freedom - g.statistic))
 
 
 def groups_of(body: Body) -> dict[str, Indices]:
@@ -95,61 +92,55 @@ def groups_of(body: Body) -> dict[str, Indices]:
         found["sensor tilt"] = joined("view.tilt", "view.shear", "view.scale", *FRAME)
     if "lens" in known and len(known["lens"]):
         found["lens"] = np.concatenate([known["lens"][:1], frame])
-    joints: dict[str, list[int]] = {}
+    own: dict[str, list[int]] = {}
     for group in TESTED:
-        for index in (k for _, ix in parts_of(structure, group) for k in ix):
+        for index in known.get(group, ()):
             joint = structure.label(int(index)).joint
-            joints.setdefault(f"{group}:{joint}" if joint else group, []).append(int(index))
-    for name, own in joints.items():
-        found[name] = np.array(own, dtype=np.intp)
-        found[f"{name} and sensor"] = np.concatenate([found[name], frame])
+            own.setdefault(f"{group}:{joint}" if joint else group, []).append(int(index))
     if len(known.get("elastic", ())):  # a payload bends all joints at once
-        found["elastic"] = joined("elastic")
-        found["elastic and sensor"] = joined("elastic", *FRAME)
+        own["elastic"] = known["elastic"].tolist()
+    for name, indices in own.items():
+        found[name] = np.array(indices, dtype=np.intp)
+        found[f"{name} and sensor"] = np.concatenate([found[name], frame])
     found["geometry"] = joined("offset", "length", "gain", "elastic", *FRAME)
     return {k: np.asarray(ix, dtype=np.intp) for k, ix in found.items() if len(ix)}
 
 
-def group_tests(body: Body, reference: Reference, log: Log, probes: Array) -> Tested:
+def group_tests(reference: Reference, log: Log, probes: Array) -> Tested:
     """Test every group.
 
-    body : the belief as the model knows it
-    reference : where it is linearised; its own structure where that is not the log's
+    reference : the belief as the model knows it, in the frame of the log where that is new
     log : rows; `z` less what maps add to the body
     probes : (p, dof), joints all over the learned range
     """
     from scipy.special import chdtri, chndtrinc, fdtri
 
     log = log.some(TESTED_ROWS)
-    structure = reference.structure
+    body, structure = reference.body, reference.structure
     groups = groups_of(body)
     every = np.unique(np.concatenate(list(groups.values())))
     predicted, x = structure.linearise(log.q, reference.beta, every)
-    space = spectrum(
-        body, reference.beta, log.q, log.weight, drift(body), max(body.kappa, 1.0),
-        reference.forgotten, log.shared,
-    )  # fmt: skip
+    usual = max(body.kappa, 1.0)
+    space = spectrum(reference, log, drift(body), usual)
     y = space.turn(structure.residual(log.z, predicted))
-    columns = space.turn_columns(x)
-    columns = columns / (np.linalg.norm(columns, axis=0) + 1e-300)
-    left = y.copy()
-    noise = max(body.kappa, 1.0)
-    floor = scaled(body).floor
+    derivative = space.turn_columns(x)
+    columns = derivative / (np.linalg.norm(derivative, axis=0) + 1e-300)
+    left, noise = y.copy(), usual
     for _ in range(3):
         precision = 1.0 / (space.values + noise**2)
         root = np.sqrt(precision)
         basis = np.linalg.qr(columns * root[:, None])[0]
         left = (root * y - basis @ (basis.T @ (root * y))) / root
         free = np.sqrt(len(y) / max(len(y) - basis.shape[1], 1))
-        noise = max(body.kappa, free * space.noise(left, floor), 1.0)
-    known = noise <= 1.05 * max(body.kappa, 1.0)
+        noise = max(free * space.noise(left), usual)
+    known = noise <= 1.05 * usual
     precision = 1.0 / (space.values + noise**2 * np.sqrt(max(body.autocorrelation, 1.0)))
     _, moves = structure.linearise(probes, reference.beta, every)
     places = structure.blocks[0]
     moves = np.sqrt((moves[:, :places] ** 2).sum(axis=1).mean(axis=0))
-    derivative = space.turn_columns(x)
     # maps' errors are alike near each other: a statistic is so many times that of noise
-    unsure = design_effect(structure, log.q, noise * float(scaled(body).size[0]))
+    unit, level = float(reference.sizes[0]), FALSE_ALARM / len(groups)
+    unsure = design_effect(structure, log.q, noise * unit)
     found = []
     for name, indices in groups.items():
         if name.startswith("elastic"):  # of a joint about a vertical axis no load is felt
@@ -165,7 +156,6 @@ def group_tests(body: Body, reference: Reference, log: Log, probes: Array) -> Te
         score = u[:, kept].T @ (y * np.sqrt(precision))
         p = int(kept.sum())
         statistic = float((score**2).sum())
-        level = FALSE_ALARM / len(groups)
         if known:
             threshold = float(chdtri(p, level))
         else:
@@ -179,7 +169,6 @@ def group_tests(body: Body, reference: Reference, log: Log, probes: Array) -> Te
         found.append(
             GroupTest(name, indices, statistic, threshold, p, estimate, deviation, float(smallest))
         )
-    unit = float(scaled(body).size[0])
     # what the weights of a Student distribution leave out
     scale = float(np.median(np.linalg.norm(space.rest(left, noise) / space.root[:, None], axis=1)))
     spread = scale / np.sqrt(2.0 * np.log(2.0)) if places == 2 else scale / 1.54

@@ -4,19 +4,15 @@ from __future__ import annotations
 
 import math
 from dataclasses import replace
-from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
 from ..common.arrays import Array
 from ..model.baseline import learn_baseline
+from ..model.model import Model
 from ..training.evaluate import figures
 from .follow import BLOCK, OnlineAdapter
 from .watch import Step
-
-if TYPE_CHECKING:
-    from ..model.about import About
-    from ..model.model import Model
 
 SETTLED = 100
 """Samples that a state must have lasted to be kept as a schema."""
@@ -36,18 +32,20 @@ class Learning:
 
     def __init__(self, base: Model, name: str, horizon: int) -> None:
         self.name = name
-        self.samples = 0
         self.step: Step | None = None
         # from now on it rests on what a sensor reads
         self._base = replace(base, about=replace(base.about, bound_of="sensor reading"))
         self._adapter = OnlineAdapter(self._base, horizon, force=True)
-        self._horizon = horizon
-        self._u: list[Array] = []
-        self._x: list[Array] = []
-        self._fed = 0
-        self._next = _FIRST
+        self._horizon, self._next, self._fed = horizon, _FIRST, 0
+        self._u = np.zeros((0, base.motor.units.shape[1]))
+        self._x = np.zeros((0, base.sensory.units.shape[1]))
         self._made: Model | None = None
-        self._judged: list[Array] = []  # distances to samples before they were learned
+        self._judged = np.zeros(0)  # distances to samples before they were learned
+
+    @property
+    def samples(self) -> int:
+        """Samples so far."""
+        return len(self._u)
 
     @property
     def known(self) -> bool:
@@ -61,62 +59,44 @@ class Learning:
 
     def take(self, u: Array, x: Array) -> Model | None:
         """Take samples (n, dof) and (n, m); a new model where it is time for one."""
-        self._u.append(u)
-        self._x.append(x)
-        self.samples += len(u)
+        self._u, self._x = np.concatenate([self._u, u]), np.concatenate([self._x, x])
         if self._made is not None:
-            predicted = self._made.predictor.value(u)
-            self._judged.append(np.linalg.norm(x - predicted, axis=1))
-        block = _FIRST if not self._fed else BLOCK
-        last = self.samples >= self._horizon
-        if self.samples - self._fed >= block or last:
-            self._feed()
-        if self.samples >= self._next or last:
-            self._next = math.ceil(_GROWTH * self.samples)
-            self._feed()
-            return self._make(last)
-        return None
-
-    def _feed(self) -> None:
-        if self._fed < self.samples:
-            u, x = np.concatenate(self._u), np.concatenate(self._x)
-            fresh = slice(self._fed - self.samples, None)
-            q = self._base.motor.scale.from_unit(u[fresh])
-            self.step = self._adapter.feed(q, x[fresh])
-            self._fed = self.samples
-
-    def _make(self, last: bool) -> Model:
-        """The model of the samples so far, and the errors that were made on the way."""
-        made = self._adapter.model()
-        u, x = np.concatenate(self._u), np.concatenate(self._x)
-        noise = np.linalg.norm(x - made.predictor.value(u), axis=1)
+            miss = np.linalg.norm(x - self._made.predictor.value(u), axis=1)
+            self._judged = np.concatenate([self._judged, miss])[-_JUDGED:]
+        n, block = self.samples, BLOCK if self._fed else _FIRST
+        last = n >= self._horizon
+        due = n >= self._next or last
+        if n > self._fed and (due or n - self._fed >= block):
+            q = self._base.motor.scale.from_unit(self._u[self._fed :])
+            self.step = self._adapter.feed(q, self._x[self._fed :])
+            self._fed = n
+        if not due:
+            return None
+        self._next = math.ceil(_GROWTH * n)
+        made, base = self._adapter.model(), self._base
+        noise = np.linalg.norm(self._x - made.predictor.value(self._u), axis=1)
         # what it did not know when it met it; the first model has met nothing
-        errors = np.concatenate(self._judged)[-_JUDGED:] if self._judged else noise
-        self._made = replace(
-            made,
-            about=self._told(errors),
-            baseline=learn_baseline(made.association, u, x, noise),
-            schema=self.name,
-            history=(*self._base.history, self._event(errors)) if last else self._base.history,
-            seconds={},
-        )
-        return self._made
-
-    def _event(self, errors: Array) -> dict[str, Any]:
-        after = figures(errors) if len(errors) else {}
-        return {
+        after = figures(self._judged if len(self._judged) else noise)
+        told = dict(base.about.errors)
+        if "local" in told:
+            told["local"] = {
+                **told["local"],
+                "forward": {**told["local"]["forward"], "distance": after},
+            }
+        event = {
             "event": "followed",
             "method": "online",
             "schema": self.name,
-            "samples": self.samples,
+            "samples": n,
             "after": {name: value for name, value in after.items() if name != "p99"},
             "frame": None,
         }
-
-    def _told(self, errors: Array) -> About:
-        """Facts with the errors of a model that was followed."""
-        about, found = self._base.about, dict(self._base.about.errors)
-        if len(errors) and "local" in found:
-            forward = {**found["local"]["forward"], "distance": figures(errors)}
-            found["local"] = {**found["local"], "forward": forward}
-        return about.measured(samples=self.samples, errors=found)
+        self._made = replace(
+            made,
+            about=base.about.measured(samples=n, errors=told),
+            baseline=learn_baseline(made.association, self._u, self._x, noise),
+            schema=self.name,
+            history=(*base.history, event) if last else base.history,
+            seconds={},
+        )
+        return self._made

@@ -6,11 +6,15 @@ structure's parameters, so that planar and spatial arms share this table.
 
 from __future__ import annotations
 
+from collections.abc import Iterable
 from dataclasses import dataclass, replace
+from typing import NamedTuple
 
 import numpy as np
+from numpy.typing import NDArray
 
 from ..body.belief import Body
+from ..body.covariance import root_of
 from ..body.priors import SHIFT, TURN
 from ..body.spatial import SpatialStructure
 from ..body.structure import Indices, Structure
@@ -21,37 +25,36 @@ from ..errors import OptionError
 FRAME = ("view.rotation", "view.shift")
 """Groups that move when the sensor is put elsewhere; always freed together."""
 
-_FREE = {
-    "view.rotation": 0.05,  # [rad], about the frame that fits the log best
-    "view.shift": 0.05,  # of the extents
-    "view.scale": 0.3,
-    "view.shear": 0.1,
-    "view.tilt": 0.3,  # of the chain's size
-    "lens": 0.2,
-    "offset": np.radians(5.0),
-    "length": 0.15,  # of the mean length
-    "gain": 0.03,
-    "elastic": 0.02,
-    "tool": 0.1,  # [m]; its prior in space is that of an unknown tool, far wider
-    "tool.rotation": 0.3,
-}
-"""Prior sd of a group that is freed; what is not listed is 5 times its prior of a robot."""
 
-_DRIFT = {
-    "offset": np.radians(0.02),
-    "length": 1e-4,
-    "gain": 1e-4,
-    "elastic": 2e-5,
-    "tool": 1e-4,
-    "tool.rotation": np.radians(0.02),
+class _Sizes(NamedTuple):
+    """Standard deviations of a group's parameters."""
+
+    freed: float  # of one that has changed
+    creep: float = 0.0  # between two logs of an arm that has not
+    built: float = 0.0  # of an arm as it was built, from its drawing
+
+
+_SIZES = {
+    "view.rotation": _Sizes(0.05),  # [rad], about the frame that fits the log best
+    "view.shift": _Sizes(0.05),  # of the extents
+    "view.scale": _Sizes(0.3),
+    "view.shear": _Sizes(0.1),
+    "view.tilt": _Sizes(0.3),  # of the chain's size
+    "lens": _Sizes(0.2),
+    "offset": _Sizes(np.radians(5.0), np.radians(0.02), np.radians(0.1)),
+    "length": _Sizes(0.15, 1e-4, 1e-3),  # of the mean length; as built [m]
+    "gain": _Sizes(0.03, 1e-4, 1e-3),
+    "elastic": _Sizes(0.02, 2e-5, 1e-4),
+    "tool": _Sizes(0.1, 1e-4, 1e-3),  # [m]; its prior in space is that of an unknown tool
+    "tool.rotation": _Sizes(0.3, np.radians(0.02), np.radians(0.1)),
 }
-"""Sd by which everything may creep between two logs; curves creep by 10 urad."""
+_OTHER = _Sizes(5.0, 0.1, 1.0)
+"""The same of groups that are not listed, over their prior of a robot."""
 
 ANYWHERE = 20.0
 """Sizes of a freed frame, a radian and an extent, beyond which it is not looked for."""
 
-_CURVE_FREE, _OTHER_FREE, _OTHER_DRIFT = 0.3, 5.0, 0.1
-
+_CURVE = 0.3  # of a joint's curve that is freed or as built, over its prior
 _SMALL = 0.1  # of the sizes above: a second prior of members with elasticity
 
 CREEP = 0.01
@@ -154,11 +157,8 @@ def _indices(structure: Structure, group: str) -> Indices:
 
 def freedom(body: Body, member: Member, cause: str | None = None) -> Array:
     """Standard deviation (d,) by which the freed parameters may have changed."""
-    sd = np.zeros(body.structure.size)
-    for group in member.groups:
-        ix = _indices(body.structure, group)
-        share = 1.0 if group in FRAME else member.share
-        sd[ix] = share * _size(body, group, ix, _FREE, _CURVE_FREE, _OTHER_FREE)
+    sd = _deviations(body, member.groups, "freed", _CURVE)
+    sd *= np.where(_of(body.structure, FRAME), 1.0, member.share)
     _keep_gauge(body, sd, cause)
     return sd
 
@@ -168,8 +168,7 @@ def anywhere(structure: Structure, forgotten: Indices) -> Indices:
 
     A narrow one about that fit would count the rows twice; `ANYWHERE` times its sd is none.
     """
-    frame = [ix for name, ix in structure.groups.items() if name in FRAME]
-    return np.intersect1d(np.concatenate(frame), forgotten) if frame else forgotten[:0]
+    return np.intersect1d(np.flatnonzero(_of(structure, FRAME)), forgotten)
 
 
 def drift(body: Body, waves: float = CREEP) -> Array:
@@ -178,33 +177,53 @@ def drift(body: Body, waves: float = CREEP) -> Array:
     The curves of the joints by `waves` times their prior's; beyond `CREEP` those too that the
     belief leaves out.
     """
-    sd = np.zeros(body.structure.size)
-    for group, ix in body.structure.groups.items():
-        if not (group.startswith("view.") or group == "lens"):
-            sd[ix] = _size(body, group, ix, _DRIFT, waves, _OTHER_DRIFT)
+    structure = body.structure
+    sd = _deviations(body, _of_arm(structure), "creep", waves)
     _keep_gauge(body, sd, None)
     known = np.isin(np.arange(len(sd)), body.active)
     if waves > CREEP:
-        known[_indices(body.structure, "curve")] = True
+        known |= _of(structure, ("curve",))
     return np.where(known, sd, 0.0)
 
 
-def _size(
-    body: Body, group: str, ix: Indices, table: dict[str, float], curve: float, other: float
+def _of_arm(structure: Structure) -> list[str]:
+    """Groups of the arm's own parameters."""
+    return [g for g in structure.groups if not (g.startswith("view.") or g == "lens")]
+
+
+def _of(structure: Structure, groups: Iterable[str]) -> NDArray[np.bool_]:
+    """Which parameters (d,) are of some groups."""
+    parts = [ix for group in groups for _, ix in parts_of(structure, group)]
+    return np.isin(np.arange(structure.size), np.concatenate([np.zeros(0, int), *parts]))
+
+
+def _deviations(
+    body: Body, groups: Iterable[str], kind: str, curve: float, metre: float | None = None
 ) -> Array:
-    """Sd of the parameters `ix` of one group."""
-    structure = body.structure
-    size = table.get(group)
-    if size is not None:
-        if group == "view.shift":
-            size = size * float(structure.extents[0])
-        elif group == "view.tilt":
-            size = size / _chain_size(body)
-        elif group == "length":
-            size = size * _mean_length(body)
-        return np.full(len(ix), size)
-    share = curve if group.startswith("curve") else other
-    return share * _usual(structure, group, ix)
+    """Standard deviation (d,) of the parameters of some groups, 0 elsewhere.
+
+    kind : a column of `_Sizes`
+    curve : that of the joints' curves, over their prior's
+    metre : [unit], what lengths are told in; their mean where not given
+    """
+    structure, sd = body.structure, np.zeros(body.structure.size)
+    for group in groups:
+        size = getattr(_SIZES.get(group, _OTHER), kind)
+        for name, ix in parts_of(structure, group):
+            if group not in _SIZES:
+                share = curve if name.startswith("curve") else size
+                sd[ix] = share * _usual(structure, name, ix)
+                continue
+            sd[ix] = size
+            if group == "view.shift":
+                sd[ix] *= float(structure.extents[0])
+            elif group == "view.tilt":
+                # a forged file may hold links of no length, and a chain no such group
+                total = float(np.abs(body.beta[_indices(structure, "length")]).sum())
+                sd[ix] /= total or float(structure.extents[0])
+            elif group == "length":
+                sd[ix] *= metre or _mean_length(body)
+    return sd
 
 
 def _usual(structure: Structure, group: str, ix: Indices) -> Array:
@@ -224,13 +243,6 @@ def _mean_length(body: Body) -> float:
     return float(np.abs(body.beta[_indices(body.structure, "length")]).mean())
 
 
-def _chain_size(body: Body) -> float:
-    """Sum of the lengths; for a chain without such a group the extents."""
-    ix = _indices(body.structure, "length")
-    # a forged file may hold links of no length
-    return float(np.abs(body.beta[ix]).sum()) or float(body.structure.extents[0])
-
-
 def _keep_gauge(body: Body, sd: Array, cause: str | None) -> None:
     """Hold what a free frame already says: the first joint's offset, the first length."""
     active = np.isin(np.arange(len(sd)), body.active)
@@ -242,11 +254,6 @@ def _keep_gauge(body: Body, sd: Array, cause: str | None) -> None:
         sd[length[0]] = 0.0
 
 
-_BUILT = {"length": 1e-3, "offset": np.radians(0.1), "gain": 1e-3, "elastic": 1e-4}
-_BUILT |= {"tool": 1e-3, "tool.rotation": np.radians(0.1)}
-"""How far an arm as built is from its drawing; lengths in m."""
-
-
 def as_built(body: Body) -> Body:
     """The belief that `check` and `adapt` start from.
 
@@ -256,18 +263,10 @@ def as_built(body: Body) -> Body:
     if not body.simulated:
         return body
     structure = body.structure
-    sd = np.zeros(structure.size)
     metre = float(getattr(structure, "metre", 1.0))
     if structure.view not in ("rigid", "base", "pose"):
         metre = _mean_length(body) / 0.3
-    for group, ix in structure.groups.items():
-        if group.startswith("view.") or group == "lens":
-            continue
-        if group in _BUILT:
-            sd[ix] = _BUILT[group] * (metre if group == "length" else 1.0)
-        else:
-            share = _CURVE_FREE if group.startswith("curve") else 1.0
-            sd[ix] = share * _usual(structure, group, ix)
+    sd = _deviations(body, _of_arm(structure), "built", _CURVE, metre)
     _keep_gauge(body, sd, None)
     if isinstance(structure, SpatialStructure):  # the first origin's place is the frame's own
         sd[np.concatenate([structure.layout.shifts[0], structure.layout.turns[0]])] = 0.0
@@ -276,4 +275,4 @@ def as_built(body: Body) -> Body:
     active = np.union1d(np.flatnonzero(sd), body.active)
     covariance = np.diag(sd[active] ** 2)
     covariance[np.ix_(*2 * (np.searchsorted(active, body.active),))] += body.covariance
-    return replace(body, active=active, covariance=covariance, second=None, packed=None)
+    return replace(body, active=active, root=root_of(covariance), second=None)

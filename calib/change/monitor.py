@@ -3,29 +3,22 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Callable, Sequence
 from operator import mul
-from typing import TYPE_CHECKING, Any, NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 
 from ..common.arrays import Array
 from ..errors import ModelError, QueryError
+from ..maps.map import Map
 from ..maps.node_cells import NodeCells
+from ..model.model import Model
 from .group_tests import groups_of
 from .seen import seen_body
 
-if TYPE_CHECKING:
-    from collections.abc import Sequence
-
-    from ..maps.map import Map
-    from ..model.model import Model
-
-WINDOW = 200.0
-"""Samples that the monitor remembers: older ones fade by a factor of e."""
-
-FALSE_ALARM = 1e-6
-"""Share of the samples of an undisturbed stream that raise an alarm, nominally."""
-
+_WINDOW = 200.0  # samples that the monitor remembers: older ones fade by a factor of e
+_FALSE_ALARM = 1e-6  # share of the samples of a calm stream that raise an alarm, nominally
 _COLLINEAR = 1e-3  # directions that are so much weaker than the strongest are left out
 _DIRECTIONS = 8  # strongest displacements that are watched: a few microseconds each
 _GRAIN = 1e-6  # share of the extent below which nothing counts as drift
@@ -74,7 +67,7 @@ class Monitor:
     False
     """
 
-    def __init__(self, model: Model, window: float = WINDOW) -> None:
+    def __init__(self, model: Model, window: float = _WINDOW) -> None:
         from scipy.linalg.lapack import dposv
         from scipy.special import chdtri
 
@@ -87,7 +80,7 @@ class Monitor:
         self._lower, self._span = scale.lower.tolist(), scale.span.tolist()
         self._turning = np.flatnonzero(scale.periodic).tolist()
         self._origin, self._size = sensory.scale.lower.tolist(), sensory.scale.span.tolist()
-        self._motor, self._sensory = _Search(motor), _Search(sensory)
+        self._next_joints, self._next_position = _search(motor), _search(sensory)
         self._expected = baseline.sensory
         self._reach = 3.0 * motor.spacing
         self._visited = model.visited
@@ -107,7 +100,7 @@ class Monitor:
         self._spread = baseline.spread[1]
         self._noise = max(baseline.noise, self._floor)
         self._leak = float((sensory.scale.span**-2.0).sum() / baseline.sensory.mean())
-        self._quantile = float(chdtri(p, FALSE_ALARM))
+        self._quantile = float(chdtri(p, _FALSE_ALARM))
         self._samples = 0
         self._state = State(0, False, 0.0, 0.0, 0.0, 0.0, ())
 
@@ -122,7 +115,7 @@ class Monitor:
             u[k] %= 1.0
         if not math.isfinite(sum(u) + sum(v)):
             return self._state
-        distance, node = self._motor.nearest(u)
+        distance, node = self._next_joints(u)
         if distance > self._reach or not self._visited[node]:
             return self._state
         known = self._nodes[node].tolist()
@@ -145,7 +138,7 @@ class Monitor:
         if size > limit:
             row[:, -1] *= limit / size
             most = _DOUBTED
-        away, winner = self._sensory.nearest(v)
+        away, winner = self._next_position(v)
         fade = self._fade  # means over a window that forgets, in constant memory
         self._moments *= fade
         self._moments += row.T @ row
@@ -188,19 +181,21 @@ class Monitor:
         )
 
 
-class _Search:
-    """The nearest node of a map: by cells where they know, by the search tree elsewhere."""
+def _search(network: Map) -> Callable[[Sequence[float]], tuple[float, int]]:
+    """What tells the distance and the number of the node next to a point (d,) of the unit box.
 
-    def __init__(self, network: Map) -> None:
-        self._cells, self._tree = NodeCells.of(network, 0), network.tree
+    By cells where they know, by the search tree elsewhere.
+    """
+    cells, tree = NodeCells.of(network, 0), network.tree
 
-    def nearest(self, v: Sequence[float]) -> tuple[float, int]:
-        """Distance and number of the node that is nearest to a point (d,) of the unit box."""
-        found = None if self._cells is None else self._cells.nearest(v)
-        if found is not None:
-            return found
-        distance, node = self._tree.query(v)
-        return float(distance), int(node)
+    def nearest(v: Sequence[float]) -> tuple[float, int]:
+        found = None if cells is None else cells.nearest(v)
+        if found is None:
+            distance, node = tree.query(v)
+            found = float(distance), int(node)
+        return found
+
+    return nearest
 
 
 def _unit(values: Any, lower: list[float], span: list[float], what: str) -> list[float]:

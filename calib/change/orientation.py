@@ -6,25 +6,23 @@ Positions of a tool that is bent about its own tip stay as they were; only orien
 from __future__ import annotations
 
 from dataclasses import replace
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 from scipy.special import chdtri
 
 from ..arm.rotations import exponential, logarithm, matrix_of
 from ..body.belief import Body
-from ..body.covariance import autocorrelation_time
+from ..body.covariance import autocorrelation_time, root_of
 from ..body.normal import Factor
 from ..body.poses import knows_orientation
 from ..common.arrays import Array
 from ..common.rows import thinned
+from ..samples.samples import Samples
 from .cause import Cause
+from .comparison import Comparison
 from .group_tests import FALSE_ALARM
 from .rows import UPDATED_ROWS
-
-if TYPE_CHECKING:
-    from ..samples.samples import Samples
-    from .comparison import Comparison
 
 _STEPS, _NU = 8, 6.0
 
@@ -43,7 +41,8 @@ def turned_tool(found: Comparison, log: Samples) -> tuple[float, tuple[Cause, ..
     changed = found.changed and found.explained
     structure: Any = found.reference.structure if changed else found.body.structure
     beta = found.explanations[0].beta if changed else found.body.beta
-    predicted = exponential(structure.with_view("pose").predict(log.q, beta)[:, 3:])
+    q = found.model.about.joints_of(log)
+    predicted = exponential(structure.with_view("pose").predict(q, beta)[:, 3:])
     back = np.swapaxes(predicted, 1, 2)
     turns = logarithm(back @ matrix_of(log.orientation))
     # seen = exp(x) predicted exp(y): a sensor turned by x, which only a change frees, a tool by y
@@ -70,7 +69,7 @@ def turned_tool(found: Comparison, log: Samples) -> tuple[float, tuple[Cause, ..
         return score, (), []
     half = 1.96 * float(np.sqrt(tool @ covariance @ tool)) / size
     words = f"the tool is turned by {np.degrees(size):.3g} deg (its orientation, not its position)"
-    cause = Cause("tool", "tool.rotation", size, (size - half, size + half), "rad", words)
+    cause = Cause.measured("tool", "tool.rotation", words, size, half, "rad")
     return score, (cause,), []
 
 
@@ -107,4 +106,4 @@ def with_orientations(body: Body, q: Array, quaternions: Array, bent: bool) -> B
         delta[body.active] = factor.solve(np.einsum("nij,ni,n->j", x, left, each) - known @ moved)
         beta, moved = structure.retract(beta, delta), moved + delta[body.active]
     # the bound inflates by kappa what is kept here without it
-    return replace(body, beta=beta, covariance=factor.inverse() / body.kappa**2, packed=None)
+    return replace(body, beta=beta, root=root_of(factor.inverse()) / body.kappa)

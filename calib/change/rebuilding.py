@@ -23,9 +23,10 @@ from ..common.wording import for_people
 from ..maps import local_models
 from ..maps.association import Association
 from ..maps.linear_models import LinearModels, from_shifts, to_shifts
-from ..maps.local_models import NO_MODELS, LocalModels
+from ..maps.local_models import NO_MODELS
 from ..maps.map import Map
 from ..maps.predictor import BodyInBox, Both, Predictor, Smooth
+from ..model.alignment import Alignment
 from ..model.model import Model
 from .adaptation import Adaptation
 from .comparison import Comparison
@@ -61,29 +62,23 @@ def rebuilt(found: Comparison, body: Body, own: OwnResidual | None, *, anew: boo
         return predicted if own is None else predicted + own.value(q)
 
     fresh = carry(model, body if model.body is not None else None, value)
-    nodes = scale.from_unit(np.clip(fresh.motor.units, 0.0, 1.0))
-    bounds = [body.bound(nodes, noise=noise) for noise in (True, False)]
-    if own is not None and model.body is not None:  # away from the rows nobody knows it
-        bounds = [np.hypot(bound, RADIUS_95 * own.deviation(nodes)) for bound in bounds]
-    if model.body is None:
-        growth = np.zeros(len(nodes)) if own is None else _growth(found, fresh, own, nodes)
-        noise = RADIUS_95 * float(body.noise[0])
-        bounds = [np.hypot(model.bounds, growth), np.hypot(model.model_bounds, growth)]
-        bounds[0] = np.maximum(bounds[0], noise)
+    u = np.clip(fresh.motor.units, 0.0, 1.0)
+    nodes = scale.from_unit(u)
+    if model.body is not None:
+        bounds = [body.bound(nodes, noise=noise) for noise in (True, False)]
+        if own is not None:  # away from the rows nobody knows it
+            bounds = [np.hypot(bound, RADIUS_95 * own.deviation(nodes)) for bound in bounds]
+    else:
+        growth = np.zeros(len(nodes))
+        if own is not None:  # where no view explains the log alone, the old one may be right there
+            change = np.linalg.norm(fresh.predictor.value(u) - model.predictor.value(u), axis=1)
+            far = 1.0 - kernel(nodes, own.q, own.lengths).max(axis=1)
+            growth = np.hypot(RADIUS_95 * own.deviation(nodes), far * change)
+        bounds = [np.hypot(bound, growth) for bound in (model.bounds, model.model_bounds)]
+        bounds[0] = np.maximum(bounds[0], RADIUS_95 * float(body.noise[0]))
     winners = fresh.motor.nearest(scale.to_unit(found.q))[1][:, 0]
     visited = model.visited | (np.bincount(winners, minlength=fresh.motor.size) > 0)
     return replace(fresh, bounds=bounds[0], model_bounds=bounds[1], visited=visited)
-
-
-def _growth(found: Comparison, fresh: Model, own: OwnResidual, nodes: Array) -> Array:
-    """What a model without a body does not know away from the rows, (nodes,) [unit].
-
-    Where no view explains the log alone, the old prediction may be right there as well.
-    """
-    u = np.clip(fresh.motor.units, 0.0, 1.0)
-    change = np.linalg.norm(fresh.predictor.value(u) - found.model.predictor.value(u), axis=1)
-    near = kernel(nodes, own.q, own.lengths).max(axis=1)
-    return np.asarray(np.hypot(RADIUS_95 * own.deviation(nodes), (1.0 - near) * change))
 
 
 def doubts(found: Comparison, fresh: Model, *, real: bool) -> tuple[Model, str] | None:
@@ -96,11 +91,11 @@ def doubts(found: Comparison, fresh: Model, *, real: bool) -> tuple[Model, str] 
     real : whether the rows were measured, not simulated
     """
     model = found.model
-    q, x = found.q[found.kept], found.x[found.kept]
-    missed = np.linalg.norm(x - model.predictor.value(model.motor.scale.to_unit(q)), axis=1)
-    bound = model.expected_error(q)
+    missed = found.missed[found.log.kept]
+    bound = model.expected_error(found.q[found.log.kept])
     # Noise alone is no error of the model: then rows miss evenly, and nothing explains them better.
-    noise = not found.changed and float(np.quantile(missed, 0.95)) < _TAIL * np.median(missed)
+    tail = float(np.quantile(missed, 0.95))
+    noise = not found.changed and tail < _TAIL * float(np.median(missed))
     # The bound of an exact simulation says nothing of a real arm.
     noise &= not (real and found.body.simulated)
     beyond = not noise and np.mean(missed > bound) > _MOST
@@ -108,7 +103,7 @@ def doubts(found: Comparison, fresh: Model, *, real: bool) -> tuple[Model, str] 
         return None
     u = np.clip(model.motor.units, 0.0, 1.0)
     apart = np.linalg.norm(fresh.predictor.value(u) - model.predictor.value(u), axis=1)
-    apart = np.maximum(apart + fresh.model_bounds, np.quantile(missed, 0.95))
+    apart = np.maximum(apart + fresh.model_bounds, tail)
     wider = replace(
         model,
         bounds=np.maximum(model.bounds, apart),
@@ -148,22 +143,20 @@ def carry(model: Model, body: Body | None, value: Value) -> Model:
     Returns Model, with old bounds and facts; its maps, Hebbian links and local models follow the
     prediction.
     """
-    motor = model.motor
-    rng = np.random.default_rng(0)
-    drawn = rng.random((_PER_NODE * motor.size, motor.units.shape[1]))
-    u = np.concatenate([np.clip(motor.units, 0.0, 1.0), drawn])
-    wanted = value(u)
+    motor, old = model.motor, model.association
+    nodes = np.clip(motor.units, 0.0, 1.0)
     linear = body is None and isinstance(model.predictor.smooth, LinearModels)
     if linear:
         predictor = Predictor(motor, LinearModels.following(motor, value), NO_MODELS)
     else:
-        smooth = _smooth(model, body, u, wanted)
-        predictor = Predictor(motor, smooth, _models(model, smooth, u, wanted))
-    sensory = _moved(model, predictor)
-    old = model.association
-    association = Association(
-        motor, sensory, model.links, old.wiring, old.motor_means, _means(old, sensory)
-    )
+        drawn = np.random.default_rng(0).random((_PER_NODE * motor.size, nodes.shape[1]))
+        u = np.concatenate([nodes, drawn])
+        predictor = _refitted(model, body, u, value(u))
+    sensory = _moved(model, model.predictor.value(nodes), predictor.value(nodes))
+    means = old.sensory_means
+    if means is not None:  # as many spacings from the nodes as before
+        means = from_shifts(sensory, to_shifts(old.sensory, means).astype(float))
+    association = Association(motor, sensory, model.links, old.wiring, old.motor_means, means)
     if linear:  # the moved nodes and the links say it from now on
         predictor = Predictor(motor, association.linear, NO_MODELS)
     return replace(
@@ -171,59 +164,39 @@ def carry(model: Model, body: Body | None, value: Value) -> Model:
     )
 
 
-def _means(old: Association, sensory: Map) -> Array | None:
-    """Mean activity positions of the moved nodes: as many spacings from them as before."""
-    if old.sensory_means is None:
-        return None
-    return from_shifts(sensory, to_shifts(old.sensory, old.sensory_means).astype(float))
-
-
-def _smooth(model: Model, body: Body | None, u: Array, wanted: Array) -> Smooth:
-    """The smooth part: the body, and a trend of the old kind for what it leaves over."""
-    old = model.predictor.smooth
-    trend = old.second if isinstance(old, Both) else old
-    if body is None:
-        assert isinstance(trend, Trend)  # noqa: S101 - without a body there is a trend alone
-        return Trend(trend.basis, solve(trend.basis.values(u), wanted))
-    inside = BodyInBox(body, model.motor.scale)
-    if not isinstance(old, Both) or not isinstance(trend, Trend):
-        return inside
-    return Both(inside, Trend(trend.basis, solve(trend.basis.values(u), wanted - inside.value(u))))
-
-
-def _models(model: Model, smooth: Smooth, u: Array, wanted: Array) -> LocalModels:
-    """Local models of what the smooth part leaves over of the new prediction."""
+def _refitted(model: Model, body: Body | None, u: Array, wanted: Array) -> Predictor:
+    """A body or trend of the old kind, and local models of what it leaves over of a prediction."""
+    old, motor = model.predictor, model.motor
+    trend = old.smooth.second if isinstance(old.smooth, Both) else old.smooth
+    smooth: Smooth | None = None if body is None else BodyInBox(body, motor.scale)
+    if isinstance(trend, Trend) and (smooth is None or isinstance(old.smooth, Both)):
+        left = wanted if smooth is None else wanted - smooth.value(u)
+        around = Trend(trend.basis, solve(trend.basis.values(u), left))
+        smooth = around if smooth is None else Both(smooth, around)
+    assert smooth is not None  # noqa: S101 - without a body there is a trend
     residual = wanted - smooth.value(u)
     extent = float(np.linalg.norm(np.ptp(wanted, axis=0)))
     if float(np.abs(residual).max()) < _NOTHING * extent:
-        return NO_MODELS
-    old = model.predictor.models
-    degree, motor = max(old.degree, _DEGREE), model.motor
-    samples = max(_SAMPLES, 2 * len(exponents(motor.units.shape[1], degree)))
-    return local_models.fit(
+        return Predictor(motor, smooth, NO_MODELS)
+    degree = max(old.models.degree, _DEGREE)
+    samples = max(_SAMPLES, 2 * len(exponents(u.shape[1], degree)))
+    models = local_models.fit(
         motor.units, u, residual, motor.scale, degree, samples, spacings=motor.spacings
     )
+    return Predictor(motor, smooth, models)
 
 
-def _moved(model: Model, predictor: Predictor) -> Map:
-    """The sensory map, each node moved by the mean of the motor nodes that it is linked with."""
-    old, motor = model.sensory, model.motor
-    u = np.clip(motor.units, 0.0, 1.0)
-    before, after = model.predictor.value(u), predictor.value(u)
-    links = model.links
+def _moved(model: Model, before: Array, after: Array) -> Map:
+    """The sensory map, each node moved by the mean of the motor nodes that it is linked with.
+
+    before, after : (motor nodes, m) [unit], what was and what is predicted at the motor nodes
+    """
+    old, links = model.sensory, model.links
     total = np.asarray(links.sum(axis=0)).ravel()
-    safe = np.maximum(total, 1e-300)
-    here = np.asarray(links.T @ before) / safe[:, None]
-    there = np.asarray(links.T @ after) / safe[:, None]
+    here, there = (links.T @ x / np.maximum(total, 1e-300)[:, None] for x in (before, after))
     # an affine map of the means, so that what a node differs from its partners is mapped too
-    known = total > 0
-    affine = np.linalg.lstsq(_with_one(before), after, rcond=None)[0]
-    moved = _with_one(old.weights) @ affine
-    moved[known] += (there - _with_one(here) @ affine)[known]
+    frame, known = Alignment.between(before, after), total > 0
+    moved = frame.apply(old.weights)
+    moved[known] += (there - frame.apply(here))[known]
     scale = Scale.of_data(np.concatenate([moved, after]))
     return Map(scale.to_unit(moved), old.lattice, scale, old.history)
-
-
-def _with_one(x: Array) -> Array:
-    """Rows (n, m) with a column of ones."""
-    return np.concatenate([x, np.ones((len(x), 1))], axis=1)

@@ -25,6 +25,7 @@ _FAR = 0.05  # misfit, of the extents, from which another frame is looked for
 _BETTER = 0.5  # misfit by which a mirror, another sense or a locked joint must be better
 _SCALES = (0.5, 2.0)  # beyond these the positions are in another unit
 _ROWS = 200
+_LEAST = 1e-4  # noise, and residual of a log, that are always allowed, of the extents
 _EXACT = 1e-6  # misfit, of the extents, that is none
 _LOCKED_STEP = 0.1  # between the angles that are tried for a joint that is held [rad]
 
@@ -48,6 +49,16 @@ class Reference:
     def structure(self) -> Structure:
         """Structure of the log."""
         return self.body.structure
+
+    @property
+    def sizes(self) -> Array:
+        """What residuals of each output are divided by, (m,) [unit]: the noise that is expected."""
+        return np.maximum(self.body.noise, _LEAST * np.asarray(self.structure.extents))
+
+    @property
+    def own_sd(self) -> Array:
+        """Standard deviation (m,) [unit] of the residual that a log may have of its own."""
+        return np.maximum(self.body.tau, _LEAST * np.asarray(self.structure.extents))
 
 
 def kept_reference(body: Body) -> Reference:
@@ -84,29 +95,32 @@ def reference_of(body: Body, q: Array, z: Array, unit: str | None = None) -> Ref
             tries.append((max(error, _EXACT * extent) / _BETTER**free, change, start, held, ratio))
     _, change, start, locked, ratio = min(tries, key=lambda t: t[0])
     other = not _SCALES[0] < ratio < _SCALES[1]
+    factor = ratio if other else 1.0
     structure = _replaced(body.structure, change)
-    if other:
-        structure = _rescaled(structure, ratio, z, unit)
+    if other:  # in the log's own unit
+        known = unit not in (None, getattr(structure, "unit", None))
+        told: dict[str, Any] = {
+            "extent": ratio * getattr(structure, "extent", 1.0),
+            "centre": tuple(z.mean(axis=0).tolist()),
+            "unit": unit if known else "sensor",
+        }
+        structure = _replaced(structure, told)
     beta = _framed(structure, start, q, z, ratio if other else None)
     new = bool(change) or bool(locked) or other
-    groups = structure.groups
-    view = [ix for name, ix in groups.items() if name.startswith("view.") or name == "lens"]
-    factor = ratio if other else 1.0
+    signs, old = change.get("signs", ()), getattr(body.structure, "signs", ())
+    turned = tuple(k for k, (now, was) in enumerate(zip(signs, old, strict=False)) if now != was)
+    view = [ix for g, ix in structure.groups.items() if g.startswith("view.") or g == "lens"]
     moved = replace(
         body, structure=structure, noise=body.noise * factor, tau=body.tau * factor,
         residual=body.residual * factor,
     )  # fmt: skip
-    signs = change.get("signs")
-    old = getattr(body.structure, "signs", ())
-    turned = tuple(k for k, s in enumerate(signs) if s != old[k]) if signs else ()
     forgotten = np.concatenate(view).astype(np.intp) if new else _moving(structure)
     return Reference(moved, beta, new, "mirror" in change, turned, locked, factor, forgotten)
 
 
 def _moving(structure: Structure) -> Indices:
     """Parameters of a sensor that was moved."""
-    moving = [ix for name, ix in structure.groups.items() if name in FRAME]
-    return np.concatenate(moving).astype(np.intp)
+    return np.concatenate([structure.groups[g] for g in FRAME]).astype(np.intp)
 
 
 def _camera_moved(body: Body, q: Array, z: Array) -> Array:
@@ -118,10 +132,9 @@ def _camera_moved(body: Body, q: Array, z: Array) -> Array:
     lens = tuple(body.beta[groups["lens"]].tolist())
     known = replace(structure, lens=lens, lens_sd=(0.0, 0.0, 0.0, 0.0))
     beta = body.beta.copy()
-    place = np.concatenate([groups["view.rotation"], groups["view.shift"]])
-    beta[place] = frame(known, q, z, body.beta)[place]
-    free = place.astype(np.intp)
-    careful = np.arange(len(free)) < len(groups["view.rotation"])
+    free = _moving(structure)
+    beta[free] = frame(known, q, z, body.beta)[free]
+    careful = np.isin(free, groups["view.rotation"])
     tries = [_aligned(structure, each, q, z, free, careful) for each in (body.beta, beta)]
     return min(tries, key=lambda t: t[0])[1]
 
@@ -160,21 +173,10 @@ def _fields(structure: Structure) -> set[str]:
 
 
 def _replaced(structure: Structure, change: dict[str, Any]) -> Structure:
+    """The structure with other values of those fields that it has."""
+    own = {name: value for name, value in change.items() if name in _fields(structure)}
     # a copy would compute again what a structure keeps of itself
-    return replace(structure, **change) if change else structure  # type: ignore[type-var]
-
-
-def _rescaled(structure: Structure, ratio: float, z: Array, unit: str | None) -> Structure:
-    """The structure in the log's own unit."""
-    names = _fields(structure)
-    change: dict[str, Any] = {}
-    if "extent" in names:
-        change["extent"] = ratio * structure.extent  # type: ignore[attr-defined]
-    if "centre" in names:
-        change["centre"] = tuple(z.mean(axis=0).tolist())
-    if "unit" in names:
-        change["unit"] = unit if unit not in (None, structure.unit) else "sensor"
-    return _replaced(structure, change)
+    return replace(structure, **own) if own else structure  # type: ignore[type-var]
 
 
 def rigid_misfit(p: Array, z: Array, scaled: bool) -> tuple[float, float, Array]:
@@ -210,9 +212,8 @@ def _framed(structure: Structure, beta: Array, q: Array, z: Array, ratio: float 
     if ratio is not None:
         beta[scale] += np.log(ratio)
     places = structure.blocks[0]
-    matrix = rigid_misfit(structure.predict(q, beta)[:, :places], z[:, :places], ratio is not None)[
-        2
-    ]
+    seen = structure.predict(q, beta)[:, :places]
+    _, _, matrix = rigid_misfit(seen, z[:, :places], ratio is not None)
     angle = np.arctan2(matrix[1:2, 0], matrix[0, 0]) if len(turn) == 1 else logarithm(matrix)
     tries: list[tuple[float, Array]] = []
     for start in (np.zeros(len(turn)), angle):

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -11,13 +11,10 @@ from ..common.arrays import Array
 from ..common.rows import thinned
 from .members import drift, freedom, members_of
 from .reference import Reference
-from .whitening import scaled
 
 _STUDENT = 6.0
 _STEPS = 12
-ROBUST_ROWS = 400
-"""Rows of the robust fit that finds outliers: linear in them, and enough for every parameter."""
-
+_ROBUST_ROWS = 400  # of the robust fit that finds outliers: enough for every parameter
 EXPLAINED_ROWS = 200
 """Rows that members are compared on: the cube of outputs times rows for each size of residual."""
 
@@ -30,8 +27,7 @@ RESIDUAL_ROWS = 400
 UPDATED_ROWS = 600
 """Rows that an update takes: linear in them."""
 
-OUTLIER = 5.0
-"""Noises from which a row contradicts all others."""
+_OUTLIER = 5.0  # noises from which a row contradicts all others
 
 
 @dataclass(frozen=True)
@@ -41,27 +37,28 @@ class Log:
     # (n, dof), (n, m), joints [rad or m] and outputs, without what maps add to the body [unit]
     q: Array
     z: Array
-    weight: Array  # (n,)
+    weight: Array  # (n,), Student weights about a fit of the richest member
+    kept: NDArray[np.bool_]  # (n,), rows that do not contradict all others
+    robust: Array  # (d,), parameters of that fit
     # [unit], standard deviation that all rows share, such as that of a board that was found again
     shared: float = 0.0
 
     def some(self, most: int) -> Log:
         """At most so many rows, evenly spread."""
         rows = thinned(len(self.q), most)
-        return Log(self.q[rows], self.z[rows], self.weight[rows], self.shared)
+        weight, kept = self.weight[rows], self.kept[rows]
+        return replace(self, q=self.q[rows], z=self.z[rows], weight=weight, kept=kept)
 
 
 def weighted(
-    reference: Reference, q: Array, z: Array, cause: str | None = None
-) -> tuple[Log, Array, NDArray[np.bool_]]:
+    reference: Reference, q: Array, z: Array, cause: str | None = None, shared: float = 0.0
+) -> Log:
     """A log with robust weights.
 
     reference : the old belief in the frame of the log
     q, z : (n, dof), (n, m), all rows
     cause : {"sensor", "joints"}, what is known about the change
-    Returns log : with Student weights about a fit of the richest member
-    Returns beta : (d,), the parameters of that fit
-    Returns kept : (n,), rows that do not contradict all others
+    shared : [unit], standard deviation that all rows share
     """
     body, structure = reference.body, reference.structure
     richest = members_of(structure, cause)[-1]
@@ -69,8 +66,8 @@ def weighted(
     free = np.flatnonzero(sd > 0)
     beta = reference.beta.copy()
     moved = np.zeros(len(free))
-    size = scaled(body).size
-    rows = thinned(len(q), ROBUST_ROWS)
+    size = reference.sizes
+    rows = thinned(len(q), _ROBUST_ROWS)
     noise = 1.0
     for _ in range(_STEPS):
         predicted, x = structure.linearise(q[rows], beta, free)
@@ -89,8 +86,8 @@ def weighted(
             break
     r = structure.residual(z, structure.predict(q, beta)) / size
     weight, noise = _student(r)
-    kept = np.sqrt((r**2).sum(axis=1)) <= OUTLIER * np.sqrt(r.shape[1]) * noise
-    return Log(q, z, weight), beta, kept
+    kept = np.sqrt((r**2).sum(axis=1)) <= _OUTLIER * np.sqrt(r.shape[1]) * noise
+    return Log(q, z, weight, kept, beta, shared)
 
 
 def _student(r: Array) -> tuple[Array, float]:

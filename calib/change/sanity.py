@@ -7,8 +7,6 @@ come some rows after their joints where nothing else explains a log.
 from __future__ import annotations
 
 import itertools
-from dataclasses import dataclass
-from typing import TYPE_CHECKING
 
 import numpy as np
 from numpy.typing import NDArray
@@ -17,91 +15,73 @@ from ..common.arrays import Array
 from ..common.robust import robust_solve
 from ..common.rows import thinned
 from ..errors import LogError
-from ..samples.joint_values import beyond
+from ..model.model import Model
+from ..samples.samples import Samples
 from .reference import Reference, rigid_misfit
 
-if TYPE_CHECKING:
-    from ..model.model import Model
-    from ..samples.samples import Samples
-
-LEAST_ROWS = 10
-"""Fewest different rows that a judgement or a correction can rest on."""
-
+_LEAST_ROWS = 10  # fewest different rows that a judgement or a correction can rest on
 _SWAPPED = 0.2  # residual by which exchanged columns must fit better
 _CORNER = 0.5  # share of a joint's range below which it is said how little was covered
 
-MOST = 30
-"""Rows by which positions are moved against the joints, either way."""
-
+_MOST_LAG = 30  # rows by which positions are moved against the joints, either way
 _BETTER = 0.5
 _MOST_ROWS = 0.8  # of the rows, which have to come nearer; the others may be wrong detections
 _SMOOTH = 0.3  # steps of the joints over their spread, above which rows are no path
 
 
-@dataclass(frozen=True, eq=False)
-class Comparable:
-    """The rows of a log that a model can be compared with."""
+def comparable(model: Model, log: Samples) -> tuple[Array, Array, tuple[str, ...]]:
+    """Find the rows that a model can be compared with.
 
-    # (n, dof), (n, 2), joints in the unit box and positions, repeated rows once
-    u: Array
-    x: Array
-    notes: tuple[str, ...]  # what the user should be told
-
-
-def comparable(model: Model, log: Samples) -> Comparable:
-    """Find the rows that can be compared.
-
+    Returns u, x : (n, dof), (n, m), joints in the unit box and positions, repeated rows once
+    Returns notes : what the user should be told
     Raises LogError if the log is of another arm, too short, or looks as if its columns were
     exchanged or in degrees.
     """
-    about = model.about
-    if sorted(log.joint_names) != sorted(about.joint_names):
-        raise LogError(
-            f"the log's joints are {', '.join(log.joint_names)}, the model's are "
-            f"{', '.join(about.joint_names)}: give a log of the same arm"
-        )
-    log_q = log.q[:, [log.joint_names.index(name) for name in about.joint_names]]
+    log_q = model.about.joints_of(log)
     table = np.hstack([log_q, log.x])
     first = np.sort(np.unique(table, axis=0, return_index=True)[1])
     notes = []
     if len(first) < len(table):
         notes.append(f"{len(table) - len(first)} repeated rows count once")
-    if len(first) < LEAST_ROWS:
+    if len(first) < _LEAST_ROWS:
         raise LogError(
-            f"the log has {len(first)} different rows, expected at least {LEAST_ROWS}: measure "
+            f"the log has {len(first)} different rows, expected at least {_LEAST_ROWS}: measure "
             "more poses, spread over the joints' ranges"
         )
     q, x = log_q[first], log.x[first]
     u = model.motor.scale.to_unit(q)
     known = np.isfinite(model.expected_error(q))
     _check_degrees(model, q, known)
-    if np.count_nonzero(known) < LEAST_ROWS:
+    if np.count_nonzero(known) < _LEAST_ROWS:
+        why = model.outside(q[~known][0])
         raise LogError(
             f"{np.count_nonzero(known)} of the log's {len(first)} different rows lie within "
-            f"what the model has learned, expected at least {LEAST_ROWS}: {_range_of(model, q)}"
+            f"what the model has learned, expected at least {_LEAST_ROWS}: {why}"
         )
     left_out = int(np.count_nonzero(~known))
     if left_out:
         notes.append(f"{left_out} rows outside of what the model has learned are left out")
     u, x, q = u[known], x[known], q[known]
     _check_swapped(model, q, x)
-    notes += _coverage(model, u)
-    return Comparable(u, x, tuple(notes))
+    for name, width in zip(model.about.joint_names, np.ptp(u, axis=0).tolist(), strict=True):
+        if width < _CORNER:
+            notes.append(
+                f"the log covers {100 * width:.0f} % of the learned range of {name}: the result "
+                "says little about the rest"
+            )
+    return u, x, tuple(notes)
 
 
 def _check_degrees(model: Model, q: Array, known: NDArray[np.bool_]) -> None:
-    if np.mean(known) > 0.5:
-        return
+    """Refuse a log whose rows, most of them unknown, fit with turning joints in another unit."""
     turning = np.array(model.about.revolute)
-    for factor, remedy in (
-        (np.pi / 180, "give `degrees=True`"),
-        (180 / np.pi, "leave out `degrees`"),
+    if np.mean(known) > 0.5 or not turning.any():
+        return
+    for factor, other, remedy in (
+        (np.pi / 180, "degrees", "give `degrees=True`"),
+        (180 / np.pi, "radians read as degrees", "leave out `degrees`"),
     ):
-        if not turning.any():
-            return
-        fits = np.isfinite(model.expected_error(np.where(turning, q * factor, q)))
-        if fits.mean() > 0.9:
-            other = "degrees" if factor < 1 else "radians read as degrees"
+        if np.isfinite(model.expected_error(np.where(turning, q * factor, q))).mean() > 0.9:
             raise LogError(f"the log's joint values look like {other}: {remedy}")
 
 
@@ -134,31 +114,6 @@ def _check_swapped(model: Model, q: Array, x: Array) -> None:
             )
 
 
-def _coverage(model: Model, u: Array) -> list[str]:
-    notes = []
-    for name, low, high in zip(
-        model.about.joint_names, u.min(axis=0).tolist(), u.max(axis=0).tolist(), strict=True
-    ):
-        if high - low < _CORNER:
-            notes.append(
-                f"the log covers {100 * (high - low):.0f} % of the learned range of {name}: "
-                "the result says little about the rest"
-            )
-    return notes
-
-
-def _range_of(model: Model, q: Array) -> str:
-    for k, name in enumerate(model.about.joint_names):
-        low, high = float(model.about.lower[k]), float(model.about.upper[k])
-        if q[:, k].min() < low or q[:, k].max() > high:
-            sign = "; with the opposite sign it fits" if beyond(-q[:, k], low, high) == 0.0 else ""
-            return (
-                f"{name} goes {q[:, k].min():.4g} to {q[:, k].max():.4g}, learned was "
-                f"{low:.4g} to {high:.4g}{sign}"
-            )
-    return "no sample of the training was near them"
-
-
 def lag_of(reference: Reference, q: Array, z: Array) -> int:
     """Rows by which positions follow the joints; 0 where no shift halves the misfit.
 
@@ -166,7 +121,7 @@ def lag_of(reference: Reference, q: Array, z: Array) -> int:
     q, z : (n, dof), (n, m), rows in the order in which they were measured
     """
     n = len(q)
-    most = min(MOST, n // 4)
+    most = min(_MOST_LAG, n // 4)
     if float(np.median(np.abs(np.diff(q, axis=0)))) > _SMOOTH * float(np.median(np.ptp(q, axis=0))):
         return 0
     places = reference.structure.blocks[0]

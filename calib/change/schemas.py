@@ -11,20 +11,17 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
-from typing import TYPE_CHECKING
 
 import numpy as np
 
 from ..common.arrays import Array
-from ..errors import LogError, OptionError
+from ..errors import OptionError
 from ..maps.association import Association
+from ..model.model import Model
 from ..model.schemas import Schema, check_name
+from ..samples.samples import Samples
 
-if TYPE_CHECKING:
-    from ..model.model import Model
-    from ..samples.samples import Samples
-
-MOST = 4
+MOST_SCHEMAS = 4
 """Schemas that a follower keeps, the present one among them."""
 
 OUTSIDE = 1.5
@@ -32,10 +29,12 @@ OUTSIDE = 1.5
 
 For normal errors one in 800; it leaves room for bounds that are too narrow by half."""
 
+IMAGINED = 20_000
+"""Samples that a model imagines to learn its links from."""
+
 _CHANCE = 0.05  # share of samples that may contradict the schema that is right
 _UNLIKELY = 1e-3  # a schema fits unless so many contradictions are that improbable
 _FREEDOM = 6.0  # of the Student distribution that compares schemas
-_IMAGINED = 20_000  # samples from which links are learned
 
 
 @dataclass(frozen=True)
@@ -115,25 +114,16 @@ def keep(model: Model, other: Model, name: str, *, most: int | None = None) -> M
     >>> recognise(both, log.take(slice(30))).words
     "schema 'tool on' fits"
     """
-    if other.about.joint_names != model.about.joint_names:
+    mine, its = model.about, other.about
+    alike = mine.joint_names == its.joint_names and mine.unit == its.unit
+    for a, b in ((model.motor, other.motor), (model.sensory, other.sensory)):
+        alike = alike and a.lattice.shape == b.lattice.shape and np.array_equal(a.edges, b.edges)
+    first, second = ([m.motor.scale.lower, m.motor.scale.span] for m in (model, other))
+    if not alike or not np.allclose(first, second):
         raise OptionError(
-            f"schema {name!r} is of an arm with the joints {', '.join(other.about.joint_names)}, "
-            f"the model's are {', '.join(model.about.joint_names)}: keep states of one arm"
+            f"schema {name!r} has other joints, joint ranges, units or maps than the model: adapt "
+            "the model, or train both alike"
         )
-    if not np.allclose(other.motor.scale.lower, model.motor.scale.lower) or not np.allclose(
-        other.motor.scale.span, model.motor.scale.span
-    ):
-        raise OptionError(f"schema {name!r} was learned over other joint ranges than the model")
-    if other.about.unit != model.about.unit:
-        raise OptionError(
-            f"schema {name!r} has positions in {other.about.unit}, the model in {model.about.unit}"
-        )
-    for mine, its in ((model.motor, other.motor), (model.sensory, other.sensory)):
-        if mine.lattice.shape != its.lattice.shape or not np.array_equal(mine.edges, its.edges):
-            raise OptionError(
-                f"schema {name!r} has maps of another size or kind than the model: adapt the "
-                "model, or train both alike"
-            )
     check_name(name)
     if name == model.schema:
         raise OptionError(f"schema {name!r} is the model's present one: give another name")
@@ -178,10 +168,17 @@ def recall(model: Model, name: str) -> Model:
 
 def in_state(model: Model, schema: Schema) -> Model:
     """The model in the state of a schema, with the schemas that it keeps."""
+    motor, sensory = schema.predictor.motor, schema.sensory
+    u = np.random.default_rng(model.about.seed).random((IMAGINED, len(motor.scale.span)))
+    u = u[schema.visited[motor.nearest(u)[1][:, 0]]]
+    if not len(u):  # hardly anything was visited
+        u = np.clip(motor.units[schema.visited], 0.0, 1.0)
+    v = sensory.scale.to_unit(schema.predictor.value(u))
     return replace(
         model,
         about=replace(model.about, bound_of=schema.bound_of, samples=schema.samples),
-        association=_linked(model, schema),
+        # links at rest for what the schema says
+        association=Association.learn(motor, u, sensory, v, model.association.wiring),
         predictor=schema.predictor,
         body=schema.body,
         bounds=schema.bounds,
@@ -190,19 +187,6 @@ def in_state(model: Model, schema: Schema) -> Model:
         baseline=schema.baseline,
         schema=schema.name,
     )
-
-
-def _linked(model: Model, schema: Schema) -> Association:
-    """Maps of a schema and the links between them, at rest for what it says."""
-    motor, sensory = schema.predictor.motor, schema.sensory
-    rng = np.random.default_rng(model.about.seed)
-    u = rng.random((_IMAGINED, len(motor.scale.span)))
-    u = u[schema.visited[motor.nearest(u)[1][:, 0]]]
-    if not len(u):  # hardly anything was visited
-        u = np.clip(motor.units[schema.visited], 0.0, 1.0)
-    wiring = model.association.wiring
-    v = sensory.scale.to_unit(schema.predictor.value(u))
-    return Association.learn(motor, u, sensory, v, wiring)
 
 
 def recognise(model: Model, log: Samples) -> Recognition:
@@ -219,20 +203,18 @@ def recognise(model: Model, log: Samples) -> Recognition:
     log : Samples
         Rows of the same arm.
     """
-    if log.joint_names != model.about.joint_names:
-        raise LogError(
-            f"the log's joints are {', '.join(log.joint_names)}, the model's are "
-            f"{', '.join(model.about.joint_names)}: give a log of the same arm"
-        )
-    name, fits = compare(schemas_of(model), model.motor.scale.to_unit(log.q), log.x)
+    u = model.motor.scale.to_unit(model.about.joints_of(log))
+    name, fits = fits_of(schemas_of(model), u, log.x)
     return Recognition(name, name == model.schema, len(log), fits)
 
 
-def compare(schemas: Sequence[Schema], u: Array, x: Array) -> tuple[str | None, tuple[Fit, ...]]:
+def fits_of(schemas: Sequence[Schema], u: Array, x: Array) -> tuple[str | None, tuple[Fit, ...]]:
     """The schema that fits best, None where each is contradicted, and how each fits.
 
     u, x : (n, dof), (n, 2), joints in the unit box and measured positions
     """
+    from scipy.special import bdtrc
+
     found = []
     for schema in schemas:
         ratio, distance, bound = schema.contradictions(u, x)
@@ -245,16 +227,9 @@ def compare(schemas: Sequence[Schema], u: Array, x: Array) -> tuple[str | None, 
         sigma, k = bound[seen] / schema.radius, x.shape[1]
         # Student's, so that one wrong detection does not decide
         density = -k * np.log(sigma) - (_FREEDOM + k) / 2 * np.log1p(square / _FREEDOM)
-        fits = _may_be_chance(int(outside.sum()), len(outside))
+        count = int(outside.sum())
+        fits = not count or float(bdtrc(count - 1, len(outside), _CHANCE)) >= _UNLIKELY
         sizes = float(outside.mean()), float(np.median(distance[seen])), float(density.mean())
         found.append(Fit(schema.name, fits, *sizes))
     found.sort(key=lambda f: -f.likelihood)
-    best = next((f for f in found if f.fits), None)
-    return None if best is None else best.name, tuple(found)
-
-
-def _may_be_chance(outside: int, n: int) -> bool:
-    """Whether so many of `n` rows may contradict the schema that is right."""
-    from scipy.special import bdtrc
-
-    return outside == 0 or float(bdtrc(outside - 1, n, _CHANCE)) >= _UNLIKELY
+    return next((f.name for f in found if f.fits), None), tuple(found)

@@ -9,7 +9,7 @@ from __future__ import annotations
 from collections.abc import Mapping
 from dataclasses import dataclass, field
 from types import MappingProxyType
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -21,9 +21,7 @@ from ..body.planar import PlanarStructure
 from ..body.structure import Indices, Structure
 from ..common.arrays import Array
 from ..maps.map import search_tree
-
-if TYPE_CHECKING:
-    from ..model.model import Model
+from ..model.model import Model
 
 _VIEW = ("view.", "lens")
 _ALIKE = 3.0  # spacings of nodes within which the errors of maps have one sign

@@ -13,6 +13,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 from numpy.typing import NDArray
 
+from ..body.belief import Body
 from ..body.fitting import fit_structure
 from ..common.arrays import Array
 from ..errors import CalibError
@@ -22,19 +23,18 @@ from ..maps.map import Map
 from ..maps.model_selection import Candidate, blocks, of_body, of_trends, select
 from ..maps.predictor import Predictor
 from ..model.measured import Rows
-from ..training.log_bounds import node_bounds
+from ..model.model import Model
+from ..training.held_out import node_bounds
+from ..training.smooth import NO_ARM
+from .schemas import IMAGINED
 
 if TYPE_CHECKING:
     from scipy.sparse import csr_array
 
-    from ..body.belief import Body
-    from ..model.model import Model
 
 _ROWS = 3000  # rows that a body is refitted to: more would tell it hardly more
-_NO_ARM = 0.02  # share of the extent: a body that is further off is compared with trends
 _NOISE_FLOOR = 1.5  # so is that of a simulation beyond so many times the usual noise
 _FEW_ROWS = 1000  # fewer have no links of their own
-_IMAGINED = 20_000  # samples from which links are learned
 
 
 def settled_model(
@@ -51,7 +51,10 @@ def settled_model(
     # a short stream may have been shown again and again
     first = np.sort(np.unique(np.hstack([q, x]), axis=0, return_index=True)[1])
     u, x = motor.scale.to_unit(q[first]), x[first]
-    fitted = refit(model, motor, u, x)
+    fitted = _with_body(model, motor, u, x)
+    if fitted is None:
+        selected = select(motor, u, of_trends(motor.scale, model.about.revolute, u, x))
+        fitted = _Refit(selected.predictor, None, selected.rows, selected.errors, u, x)
     wiring = model.association.wiring
     if links is not None:
         association = Association(motor, sensory, links, wiring)
@@ -59,7 +62,7 @@ def settled_model(
         v = sensory.scale.to_unit(fitted.v)
         association = Association.learn(motor, fitted.u, sensory, v, wiring)
     if model.default_readout == "linear":  # maps and links, without anything else
-        fitted = _alone(fitted, association, u, x)
+        fitted = _alone(association, u, x)
     made = replace(
         model,
         association=association,
@@ -68,32 +71,14 @@ def settled_model(
         visited=np.bincount(motor.nearest(u)[1][:, 0], minlength=motor.size) > 0,
         rows=Rows.of(motor.scale.from_unit(u), x) if model.rows is not None else None,
     )
-    has_models = fitted.predictor.models.degree >= 0
-    reading, position = node_bounds(made, u, fitted.rows, fitted.errors, has_models=has_models)
+    reading, position = node_bounds(made, u, fitted.rows, fitted.errors)
     true = model.about.bound_of == "true position"
     return replace(made, bounds=position if true else reading, model_bounds=position)
 
 
-def _alone(fitted: Refit, association: Association, u: Array, x: Array) -> Refit:
-    """The readout ``linear`` in place of what was fitted, and its errors on unseen blocks."""
-    motor, sensory, wiring = association.motor, association.sensory, association.wiring
-    folds = blocks(len(u))
-    errors, rows = [], []
-    for half in (0, 1):
-        held = np.concatenate(folds[half::2])
-        seen = np.concatenate(folds[1 - half :: 2])
-        other = Association.learn(motor, u[seen], sensory, sensory.scale.to_unit(x[seen]), wiring)
-        errors.append(np.linalg.norm(other.linear.value(u[held]) - x[held], axis=1))
-        rows.append(held)
-    predictor = Predictor(motor, association.linear, NO_MODELS)
-    return replace(
-        fitted, predictor=predictor, rows=np.concatenate(rows), errors=np.concatenate(errors)
-    )
-
-
 @dataclass(frozen=True, eq=False)
-class Refit:
-    """What was learned."""
+class _Refit:
+    """What rows say of the way from joints to positions."""
 
     predictor: Predictor  # smooth part and local models
     body: Body | None  # the body under the local models, if there is one
@@ -104,29 +89,29 @@ class Refit:
     v: Array
 
 
-def refit(model: Model, motor: Map, u: Array, x: Array) -> Refit:
-    """Learn from rows what leads from joints to positions.
+def _alone(association: Association, u: Array, x: Array) -> _Refit:
+    """The readout ``linear`` and its errors on unseen blocks."""
+    motor, sensory, wiring = association.motor, association.sensory, association.wiring
+    folds = blocks(len(u))
+    errors, rows = [], []
+    for half in (0, 1):
+        held = np.concatenate(folds[half::2])
+        seen = np.concatenate(folds[1 - half :: 2])
+        other = Association.learn(motor, u[seen], sensory, sensory.scale.to_unit(x[seen]), wiring)
+        errors.append(np.linalg.norm(other.linear.value(u[held]) - x[held], axis=1))
+        rows.append(held)
+    predictor = Predictor(motor, association.linear, NO_MODELS)
+    return _Refit(predictor, None, np.concatenate(rows), np.concatenate(errors), u, x)
 
-    model : whose arm it is, as it was before the change
-    motor : nodes that carry the local models
-    u, x : (n, dof), (n, m), joints in the unit box and positions, ten rows or more
-    """
-    if model.body is not None:
-        found = _with_body(model, motor, u, x)
-        if found is not None:
-            return found
-    selected = select(motor, u, of_trends(motor.scale, model.about.revolute, u, x))
-    return Refit(selected.predictor, None, selected.rows, selected.errors, u, x)
 
-
-def _with_body(model: Model, motor: Map, u: Array, x: Array) -> Refit | None:
-    """A body of the rows, None where none can be fitted to them."""
-    assert model.body is not None  # noqa: S101
-    scale, about = motor.scale, model.about
+def _with_body(model: Model, motor: Map, u: Array, x: Array) -> _Refit | None:
+    """A body of the rows (n, dof, unit box) and (n, m), None where none can be fitted to them."""
+    if model.body is None:
+        return None
+    scale, about, simulated = motor.scale, model.about, model.body.simulated
     every = -(-len(u) // _ROWS)
     seen = u, x
     u, x = u[::every], x[::every]
-    simulated = model.body.simulated
     try:
         fit = fit_structure(
             model.body.structure, scale.from_unit(u), x, simulated=simulated, seed=about.seed
@@ -135,7 +120,7 @@ def _with_body(model: Model, motor: Map, u: Array, x: Array) -> Refit | None:
         return None
     candidates: list[Candidate] = [of_body(fit, scale, u, x)]
     extent = float(np.linalg.norm(np.ptp(x, axis=0)))
-    usual = _NO_ARM * extent
+    usual = NO_ARM * extent
     if simulated:  # an exact lens or gear is smooth: a trend follows it
         noise = model.baseline.noise if model.baseline is not None else 0.0
         usual = _NOISE_FLOOR * noise + 1e-6 * extent
@@ -143,7 +128,7 @@ def _with_body(model: Model, motor: Map, u: Array, x: Array) -> Refit | None:
         candidates += of_trends(scale, about.revolute, u, x, candidates[0])
     selected = select(motor, u, candidates)
     if len(seen[0]) < _FEW_ROWS:  # too few for links of their own
-        drawn = np.random.default_rng(about.seed).random((_IMAGINED, u.shape[1]))
+        drawn = np.random.default_rng(about.seed).random((IMAGINED, u.shape[1]))
         seen = drawn, selected.predictor.value(drawn)
     kept = np.arange(0, len(u) * every, every)[selected.rows]
-    return Refit(selected.predictor, fit.body, kept, selected.errors, *seen)
+    return _Refit(selected.predictor, fit.body, kept, selected.errors, *seen)

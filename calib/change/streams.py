@@ -10,22 +10,20 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass, replace
-from typing import TYPE_CHECKING
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from ..common.arrays import Array
 from ..common.parallel import one_blas_thread
+from ..common.rows import checked_rows
 from ..errors import OptionError
+from ..model.model import Model
 from ..model.schemas import Schema
 from .follow import HORIZON, check_followable
 from .learning import SETTLED, Learning
-from .schemas import MOST, OUTSIDE, compare, in_state
+from .schemas import MOST_SCHEMAS, OUTSIDE, fits_of, in_state
 from .watch import Step
-
-if TYPE_CHECKING:
-    from ..model.model import Model
 
 _WINDOW = 20  # latest samples that tell whether the present schema still fits
 _AGAINST = 13  # of them that contradict it: at a share of 10 % once in 10^8 windows
@@ -103,7 +101,7 @@ class Follower:
     ('schema 2', False, ['schema 1'])
     """
 
-    def __init__(self, model: Model, *, most: int = MOST, horizon: int = HORIZON) -> None:
+    def __init__(self, model: Model, *, most: int = MOST_SCHEMAS, horizon: int = HORIZON) -> None:
         if most < 1:
             raise OptionError(f"most {most}: expected one or more schemas")
         if horizon < SETTLED:
@@ -133,23 +131,19 @@ class Follower:
 
     def update(self, q: ArrayLike, x: ArrayLike) -> Followed:
         """Take the next samples, (n, dof) or (dof,) and (n, 2) or (2,), and learn from them."""
-        rows = np.atleast_2d(np.asarray(q, dtype=float))
-        points = np.atleast_2d(np.asarray(x, dtype=float))
-        names = self._present.about.joint_names
-        width = self._present.sensory.units.shape[1]
-        if rows.shape[1] != len(names) or points.shape != (len(rows), width) or not len(rows):
+        present = self._present
+        rows, _ = checked_rows(q, present.about.joint_names, "joint values")
+        points, _ = checked_rows(x, present.axes, "positions")
+        if len(rows) != len(points) or not len(rows):
             raise OptionError(
-                f"samples of shapes {rows.shape} and {points.shape}: expected (n, {len(names)}) "
-                f"and (n, {width}) with one or more rows"
+                f"{len(rows)} rows of joints and {len(points)} positions: expected as many, one or "
+                "more"
             )
-        if not (np.isfinite(rows).all() and np.isfinite(points).all()):
-            raise OptionError("a sample is not finite: leave out rows without a detection")
-        u = self._present.motor.scale.to_unit(rows)
+        u = present.motor.scale.to_unit(rows)
         errors, changed, recalled = [], False, False
         with one_blas_thread():
             for k in range(0, len(u), _STEP):
-                part = slice(k, k + _STEP)
-                distance, new, known = self._look(u[part], points[part])
+                distance, new, known = self._look(u[k : k + _STEP], points[k : k + _STEP])
                 errors.append(distance)
                 changed |= new
                 recalled |= known
@@ -165,15 +159,19 @@ class Follower:
         against = np.nan_to_num(ratio, nan=0.0) > OUTSIDE
         self._seen += len(u)
         self._since += len(u) if self._since else 0
-        self._u = np.concatenate([self._u, u])[-2 * _WINDOW :]
-        self._x = np.concatenate([self._x, x])[-2 * _WINDOW :]
-        self._against = np.concatenate([self._against, against])[-2 * _WINDOW :]
+        recent = slice(-2 * _WINDOW, None)
+        self._u, self._x = (
+            np.concatenate([self._u, u])[recent],
+            np.concatenate([self._x, x])[recent],
+        )
+        self._against = np.concatenate([self._against, against])[recent]
         if self._learning is not None:
             self._learn(u, x)
         # while a new state has no model yet, the old one's contradictions are no news
         waiting = self._learning is not None and not self._learning.known
         if not waiting and int(self._against[-_WINDOW:].sum()) >= _AGAINST:
-            start = _change_point(self._against)
+            # the first that contradicts: the sum of +1 and -2 from there on is largest
+            start = int(np.argmax(np.where(self._against, 1, -2)[::-1].cumsum()[::-1]))
             u, x = self._u[start:], self._x[start:]
             self._since = len(u)
             return distance, True, self._recalled(u, x) or self._begin(u, x)
@@ -192,7 +190,7 @@ class Follower:
         u, x = self._u[-_WINDOW:], self._x[-_WINDOW:]
         if len(u) < _RECALL:
             return False
-        name, fits = compare([self._state, *self._kept], u, x)
+        name, fits = fits_of([self._state, *self._kept], u, x)
         told = {fit.name: fit.likelihood * len(u) for fit in fits}
         own = self._state.name
         return name not in (None, own) and told[str(name)] > told[own] + _NATS
@@ -201,7 +199,7 @@ class Follower:
         """Make the kept schema that fits the samples the present one, if one does."""
         if not self._kept or len(u) < _RECALL:
             return False
-        name, _ = compare(self._kept, u[-_WINDOW:], x[-_WINDOW:])
+        name, _ = fits_of(self._kept, u[-_WINDOW:], x[-_WINDOW:])
         if name is None:
             return False
         schema = next(s for s in self._kept if s.name == name)
@@ -249,9 +247,3 @@ class Follower:
     def _forget(self) -> None:
         """Samples so far say nothing of the state that is the present one now."""
         self._u, self._x, self._against = self._u[:0], self._x[:0], self._against[:0]
-
-
-def _change_point(against: NDArray[np.bool_]) -> int:
-    """First of the samples that contradict: the sum of +1 and -2 from there on is largest."""
-    score = np.where(against, 1, -2)[::-1].cumsum()[::-1]
-    return int(np.argmax(score))

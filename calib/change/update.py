@@ -13,17 +13,22 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from ..body.belief import Body, Second
-from ..body.covariance import radius_95
+from ..body.covariance import radius_95, root_of
+from ..body.fitting import fit_body
 from ..body.likeness import kernel, lengths_of
+from ..body.nominal import nominal_of
 from ..body.normal import Factor
+from ..body.posterior import BodyFit
 from ..body.structure import Indices
 from ..common.arrays import Array
 from ..common.rows import thinned
+from ..common.scale import METRES
+from ..errors import CalibError
+from .comparison import Comparison
 from .explain import Explanation
 from .members import ANYWHERE, anywhere, drift
 from .reference import Reference
 from .rows import UPDATED_ROWS, Log
-from .whitening import nuisance_sd, scaled
 
 _NODES = 60  # places of the log's own residual
 _BLOCKS = 5
@@ -31,6 +36,7 @@ _ENOUGH = 30  # rows that tell a quantile
 _OUTLIER = 2.5  # 95 % radii from which a row is an outlier
 _STEPS = 3
 _CLEAN = 0.01  # of the residual that a log is allowed: half of its rows are nearer than that
+_BETTER = 0.95  # share of the update's held-out error that a fit from a drawing has to reach
 
 
 @dataclass(frozen=True)
@@ -56,7 +62,7 @@ def updated(
     """
     old = reference.body
     log = log.some(UPDATED_ROWS)
-    parts = [(w, _posterior(old, reference, e, log)) for w, e in chosen]
+    parts = [(w, _posterior(reference, e, log)) for w, e in chosen]
     active = np.unique(np.concatenate([p.active for _, p in parts]))
     best = parts[0][1].beta
     held = np.sum([w * p.held_out for w, p in parts], axis=0)
@@ -66,23 +72,22 @@ def updated(
         covariance[np.ix_(place, place)] += weight * part.covariance
         away = (part.beta - best)[active]
         covariance += weight * np.outer(away, away)
-    beta = _averaged(old, [(w, p.beta) for w, p in parts], active, covariance, probes)
-    own = np.sqrt(sum(w * e.factor**2 for w, e in chosen)) * nuisance_sd(old)
-    noise = np.sqrt(sum(w * e.noise**2 for w, e in chosen)) * scaled(old).size
+    beta = _averaged(reference, [(w, p.beta) for w, p in parts], active, covariance, probes)
+    own = np.sqrt(sum(w * e.factor**2 for w, e in chosen)) * reference.own_sd
+    noise = np.sqrt(sum(w * e.noise**2 for w, e in chosen)) * reference.sizes
     noise = _readings(old, noise, held)
     second = None
     if old.second is not None:
-        second = _second(old, old.second, reference, chosen[0][1], log, noise)
+        second = _second(old.second, reference, chosen[0][1], log, noise)
     body = replace(
         old,
         beta=beta,
         active=active,
         # the bound inflates by kappa what is kept here without it
-        covariance=covariance / old.kappa**2,
+        root=root_of(covariance) / old.kappa,
         noise=noise,
         residual=np.maximum(old.residual, own),
         second=second,
-        packed=None,
     )
     return body, held
 
@@ -105,7 +110,11 @@ def _readings(old: Body, noise: Array, held: Array) -> Array:
 
 
 def _averaged(
-    old: Body, parts: list[tuple[float, Array]], active: Indices, covariance: Array, probes: Array
+    reference: Reference,
+    parts: list[tuple[float, Array]],
+    active: Indices,
+    covariance: Array,
+    probes: Array,
 ) -> Array:
     """Parameters whose predictions are the average of those of the parts.
 
@@ -115,12 +124,11 @@ def _averaged(
     beta = parts[0][1]
     if len(parts) == 1 or not len(active):
         return beta
-    structure = old.structure
+    structure, size = reference.structure, reference.sizes
     here, x = structure.linearise(probes, beta, active)
     gap = np.sum(
         [w * structure.residual(structure.predict(probes, b), here) for w, b in parts], axis=0
     )
-    size = scaled(old).size
     flat = (x / size[:, None]).reshape(-1, len(active))
     total = flat @ covariance @ flat.T
     total[np.diag_indices(len(total))] += 1e-2
@@ -129,9 +137,9 @@ def _averaged(
     return np.asarray(structure.retract(beta, full))
 
 
-def _posterior(old: Body, reference: Reference, e: Explanation, log: Log) -> Posterior:
+def _posterior(reference: Reference, e: Explanation, log: Log) -> Posterior:
     """Gauss-Newton steps of all parameters from where the explanation ended."""
-    structure = old.structure
+    old, structure = reference.body, reference.structure
     creep = drift(old, e.waves)
     loose = np.sqrt(e.sd**2 + creep**2)
     if e.member.framed:
@@ -149,7 +157,7 @@ def _posterior(old: Body, reference: Reference, e: Explanation, log: Log) -> Pos
     information = Factor(prior).inverse()
     beta, moved = e.beta.copy(), (e.beta - e.origin)[active]
     for share in (1.0, _CLEAN, _CLEAN**2):
-        rows = _Rows(old, replace(e, factor=share * e.factor, noise=share * e.noise), log)
+        rows = _Rows(reference, replace(e, factor=share * e.factor, noise=share * e.noise), log)
         for step in range(_STEPS + 1):
             predicted, x = structure.linearise(log.q, beta, active)
             residual = structure.residual(log.z, predicted)
@@ -166,7 +174,7 @@ def _posterior(old: Body, reference: Reference, e: Explanation, log: Log) -> Pos
             found = Factor(gram).inverse()[: len(active), : len(active)]
         held = rows.held_out(gram, x, residual, pull)
         # rows that are far more exact than was allowed for: the prior must not hold them back
-        if np.median(np.abs(held / (e.factor * nuisance_sd(old)))) > share * _CLEAN:
+        if np.median(np.abs(held / (e.factor * reference.own_sd))) > share * _CLEAN:
             break
     return Posterior(beta, active, found, held)
 
@@ -174,18 +182,17 @@ def _posterior(old: Body, reference: Reference, e: Explanation, log: Log) -> Pos
 class _Rows:
     """Whitened rows: derivatives by the parameters beside those by the log's own residual."""
 
-    def __init__(self, old: Body, e: Explanation, log: Log) -> None:
-        size = scaled(old).size
+    def __init__(self, reference: Reference, e: Explanation, log: Log) -> None:
         nodes = log.q[thinned(len(log.q), _NODES)]
-        lengths = lengths_of(old, log.q)
+        lengths = lengths_of(reference.body, log.q)
         alike = kernel(nodes, nodes, lengths)
         alike[np.diag_indices(len(nodes))] += 1e-6
         factor = np.linalg.cholesky(alike)
         features = np.linalg.solve(factor, kernel(nodes, log.q, lengths)).T
-        own = e.factor * nuisance_sd(old)
+        own = e.factor * reference.own_sd
         # what the nodes do not follow of the process counts as noise (FITC, Snelson 2006)
         left = np.maximum(1.0 - (features**2).sum(axis=1), 0.0)
-        variance = (e.noise * size) ** 2 / log.weight[:, None] + left[:, None] * own**2
+        variance = (e.noise * reference.sizes) ** 2 / log.weight[:, None] + left[:, None] * own**2
         self.root = 1.0 / np.sqrt(variance * e.temper)  # (n, m)
         self.features, self.own, self.temper = features, own, e.temper
 
@@ -218,29 +225,27 @@ class _Rows:
         return out
 
 
-def _second(
-    old: Body, second: Second, reference: Reference, e: Explanation, log: Log, noise: Array
-) -> Second:
+def _second(second: Second, reference: Reference, e: Explanation, log: Log, noise: Array) -> Second:
     """The second belief, after the same log under the best explanation."""
+    old = reference.body
     apart = second.beta - old.beta
     other = replace(
-        old, beta=second.beta, active=second.active, covariance=second.covariance, kappa=1.0,
+        old, beta=second.beta, active=second.active, root=second.root, kappa=1.0,
         second=None,
     )  # fmt: skip
     place = replace(reference, body=other, beta=reference.beta + apart)
     start = replace(e, origin=e.origin + apart, beta=e.beta + apart)
-    found = _posterior(other, place, start, log)
+    found = _posterior(place, start, log)
     return replace(
         second,
         beta=found.beta,
         active=found.active,
-        covariance=found.covariance,
+        root=root_of(found.covariance),
         noise=np.maximum(noise, second.noise),
-        packed=None,
     )
 
 
-def settled(before: Array, after: Array) -> tuple[float, float]:
+def gain_of(before: Array, after: Array) -> tuple[float, float]:
     """How much held-out rows gained: mean ratio of errors, and gain over its standard error.
 
     before, after : (n,) [unit], distances of the same rows from the old prediction, and from the
@@ -250,3 +255,33 @@ def settled(before: Array, after: Array) -> tuple[float, float]:
     error = float(np.std(gain, ddof=1)) / np.sqrt(len(gain))
     ratio = float(after.mean() / max(float(before.mean()), 1e-300))
     return ratio, float(np.mean(gain)) / max(error, 1e-300)
+
+
+def fit_from_drawing(found: Comparison, after: float) -> BodyFit | None:
+    """The body of the rows with a simulated model's geometry as prior, where it serves better.
+
+    A model that was trained in simulation knows the arm as it was drawn.  Its update moves the
+    parameters that the log asks for; a fit with the drawing as prior also learns how far arms of
+    this kind are from their drawings.
+
+    found : the log beside the model
+    after : [unit], mean held-out error of the update, which the fit has to beat
+    Returns BodyFit or None, none for a model of a log, an arm in space, rows of a line or a corner,
+    or a fit that is no better.
+    """
+    body, reference, about = found.model.body, found.reference, found.model.about
+    if body is None or not body.simulated or body.structure.outputs != 2:
+        return None
+    if about.unit not in METRES or reference.turned or reference.locked or not found.spans:
+        return None
+    kept, known = found.log.kept, (about.lower, about.upper, about.revolute)
+    try:
+        fit = fit_body(
+            found.q[kept], found.x[kept], joint_names=about.joint_names, revolute=about.revolute,
+            nominal=nominal_of(body.predict, *known), unit=about.unit, lower=about.lower,
+            upper=about.upper,
+        )  # fmt: skip
+    except CalibError:  # joints out of the plane, or rows that place no arm
+        return None
+    error = float(np.linalg.norm(fit.held_out, axis=1).mean())
+    return fit if error < _BETTER * after else None

@@ -8,19 +8,14 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass
-from typing import TYPE_CHECKING
 
 import numpy as np
 
 from ..common.arrays import Array
 from ..maps.map import Map, search_tree
+from ..model.model import Model
 
-if TYPE_CHECKING:
-    from ..model.model import Model
-
-WINDOW = 200.0
-"""Samples that a running mean remembers."""
-
+_WINDOW = 200.0  # samples that a running mean remembers
 _FIRED = 4.0  # standard deviations of a running mean that are no chance
 _SETTLED = 1.2  # a re-formed map has settled within this factor of a trained one
 _JUMP = 3.0  # an error that rises by this factor while the maps re-form: another change
@@ -85,7 +80,7 @@ class Watch:
         """
         model = self._model
         self._seen += len(u)
-        share = min(1.0, len(u) / WINDOW)
+        share = min(1.0, len(u) / _WINDOW)
         distance, winner = (part[:, 0] for part in sensory.nearest(v))
         self.block = {
             "motor": float(np.mean(motor.nearest(u)[0] ** 2)),
@@ -96,7 +91,7 @@ class Watch:
             self.mean[name] = (1 - share) * self.mean.get(name, value) + share * value
         if model.baseline is None:
             return math.inf
-        chance = _FIRED * math.sqrt(model.baseline.spread[1] / WINDOW)
+        chance = _FIRED * math.sqrt(model.baseline.spread[1] / _WINDOW)
         # distances scale with the lattice: a larger arm's nodes stand further apart
         size = (sensory.spacing / model.sensory.spacing) ** 2 * (_SETTLED if reformed else 1.0)
         expected = float(model.baseline.sensory[winner].mean()) * size * (1.0 + chance)
@@ -108,7 +103,7 @@ class Watch:
         errors = self._model.about.errors
         trained = errors["activity"]["forward"]["distance"]["mean"] if errors else math.inf
         usual = max(trained, self.usual.get("error", 0.0))
-        return self._seen >= WINDOW / 2 and (
+        return self._seen >= _WINDOW / 2 and (
             self.mean["sensory"] > expected or self.mean["error"] > 2.0 * (usual + self._noise)
         )
 

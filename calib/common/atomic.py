@@ -19,6 +19,16 @@ if sys.platform != "win32":
     import fcntl
 
 _LEFTOVER = re.compile(r"\.calib-[0-9a-f]{16}\.tmp")
+_DENIED = "permission denied; choose another place with -o or change its permissions"
+_FULL = "the disk is full; make room or choose another place"
+_REASONS = {
+    errno.EISDIR: "it is a folder; name a file in it",
+    errno.EACCES: _DENIED,
+    errno.EPERM: _DENIED,
+    errno.ENOSPC: _FULL,
+    errno.EDQUOT: _FULL,
+    errno.EFBIG: "it is larger than files may be here (ulimit -f); raise the limit",
+}
 
 
 def atomic_write(path: str | os.PathLike[str], data: bytes | Callable[[BinaryIO], object]) -> None:
@@ -81,21 +91,21 @@ def _target(path: str | os.PathLike[str]) -> tuple[Path, int | None]:
     except FileNotFoundError:
         mode = None
     if mode is not None and stat.S_ISDIR(mode):
-        raise IsADirectoryError(errno.EISDIR, "a folder")
+        raise OSError(errno.EISDIR, "a folder")
     if mode is not None and not os.access(path, os.W_OK):
-        raise PermissionError(errno.EACCES, "write-protected")
+        raise OSError(errno.EACCES, "write-protected")
     if mode is not None and not stat.S_ISREG(mode):
         return Path(path), mode  # /dev/stdout may be a pipe, which has no other name
     target = Path(os.path.realpath(path))
     if not target.parent.is_dir():
-        raise FileNotFoundError(errno.ENOENT, "no such folder")
+        raise OSError(errno.ENOENT, "no such folder")
     if not os.access(target.parent, os.W_OK):
-        raise PermissionError(errno.EACCES, "its folder is write-protected")
+        raise OSError(errno.EACCES, "its folder is write-protected")
     return target, mode
 
 
 def _replace(target: Path, mode: int | None, data: bytes | Callable[[BinaryIO], object]) -> None:
-    temporary, handle, lock = _create(target.parent, private=mode is not None)
+    temporary, handle = _create(target.parent, private=mode is not None)
     try:
         with os.fdopen(handle, "wb") as file:
             if mode is not None:
@@ -103,46 +113,36 @@ def _replace(target: Path, mode: int | None, data: bytes | Callable[[BinaryIO], 
             _fill(file, data)
             file.flush()
             os.fsync(file.fileno())
-        os.replace(temporary, target)  # noqa: PTH105
+            if sys.platform == "win32":  # it renames no open file
+                file.close()
+            os.replace(temporary, target)  # noqa: PTH105
     except BaseException:  # Ctrl-C too must leave nothing behind
         with suppress(OSError):
             temporary.unlink()
         raise
-    finally:
-        if lock is not None:
-            os.close(lock)
-    _sync_folder(target.parent)
+    with suppress(OSError):  # the new name survives a power cut, where the system can do so
+        folder = os.open(target.parent, os.O_RDONLY)
+        try:
+            os.fsync(folder)
+        finally:
+            os.close(folder)
 
 
-def _create(folder: Path, *, private: bool) -> tuple[Path, int, int | None]:
+def _create(folder: Path, *, private: bool) -> tuple[Path, int]:
     """Make a temporary file, at first for nobody else if what it replaces may be private.
 
-    Its lock, which the kernel drops with the process, tells others that it is in use. It is
-    held by a handle of its own: the file is closed before it is renamed, as Windows wants.
+    Its lock, which ends with the file or the process, tells others that it is in use.
     """
     flags = os.O_CREAT | os.O_EXCL | os.O_WRONLY | getattr(os, "O_BINARY", 0)
     while True:
         temporary = folder / f".calib-{secrets.token_hex(8)}.tmp"
         handle = os.open(temporary, flags, 0o600 if private else 0o666)  # less the umask
-        lock = _lock(handle)
+        if sys.platform != "win32":
+            with suppress(OSError):
+                fcntl.flock(handle, fcntl.LOCK_EX)
         if temporary.exists():
-            return temporary, handle, lock
+            return temporary, handle
         os.close(handle)  # another one took it for a leftover before it was locked
-        if lock is not None:
-            os.close(lock)
-
-
-def _lock(handle: int) -> int | None:
-    """Lock a file until the handle that is returned is closed; None where there are no locks."""
-    if sys.platform == "win32":
-        return None
-    try:
-        lock = os.dup(handle)
-    except OSError:
-        return None
-    with suppress(OSError):
-        fcntl.flock(lock, fcntl.LOCK_EX)
-    return lock
 
 
 def _sweep(folder: Path) -> None:
@@ -151,20 +151,12 @@ def _sweep(folder: Path) -> None:
         return
     with suppress(OSError):
         for name in os.listdir(folder):  # noqa: PTH208
-            if _LEFTOVER.fullmatch(name):
-                _remove_leftover(folder / name)
-
-
-def _remove_leftover(path: Path) -> None:
-    if sys.platform == "win32" or not stat.S_ISREG(path.lstat().st_mode):
-        return
-    with suppress(OSError):
-        handle = os.open(path, os.O_RDWR | os.O_NOFOLLOW)
-        try:
-            fcntl.flock(handle, fcntl.LOCK_EX | fcntl.LOCK_NB)
-            path.unlink()
-        finally:
-            os.close(handle)
+            path = folder / name
+            if not _LEFTOVER.fullmatch(name) or not stat.S_ISREG(path.lstat().st_mode):
+                continue
+            with suppress(OSError), path.open("rb+") as file:
+                fcntl.flock(file, fcntl.LOCK_EX | fcntl.LOCK_NB)
+                path.unlink()
 
 
 def _fill(file: BinaryIO, data: bytes | Callable[[BinaryIO], object]) -> None:
@@ -174,26 +166,9 @@ def _fill(file: BinaryIO, data: bytes | Callable[[BinaryIO], object]) -> None:
         file.write(data)
 
 
-def _sync_folder(folder: Path) -> None:
-    """Make the new name survive a power cut, where the system can do so."""
-    with suppress(OSError):
-        handle = os.open(folder, os.O_RDONLY)
-        try:
-            os.fsync(handle)
-        finally:
-            os.close(handle)
-
-
 def _reason(path: str | os.PathLike[str], error: OSError) -> str:
-    if isinstance(error, IsADirectoryError):
-        return "it is a folder; name a file in it"
-    if isinstance(error, FileNotFoundError):
+    if error.errno == errno.ENOENT:
         folder = Path(os.path.realpath(path) if Path(path).is_symlink() else path).parent
         return f"there is no folder {str(folder)!r}; make it first"
-    if isinstance(error, PermissionError):
-        return "permission denied; choose another place with -o or change its permissions"
-    if error.errno in (errno.ENOSPC, errno.EDQUOT):
-        return "the disk is full; make room or choose another place"
-    if error.errno == errno.EFBIG:
-        return "it is larger than files may be here (ulimit -f); raise the limit"
-    return f"{error.strerror or error}; choose another name or place"
+    other = f"{error.strerror or error}; choose another name or place"
+    return _REASONS.get(error.errno or 0, other)

@@ -12,7 +12,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from ..errors import CalibError, QueryError
+from ..errors import CalibError, OptionError, QueryError
 from .arrays import Array
 from .wording import listed, quoted, suggestion
 
@@ -73,6 +73,22 @@ def checked_rows(values: Any, names: Sequence[str], what: str) -> tuple[Array, b
         where = "" if single else f" in row {row}"
         raise QueryError(f"{what}{where}: {rows[row].tolist()} is not finite, expected numbers")
     return rows, single
+
+
+def each_joint(name: str, value: Any, joints: Sequence[str], *, zero: bool = True) -> Array:
+    """Return a number (dof,) for each joint, from one for all or one each: `zero` or more."""
+    try:
+        numbers = np.broadcast_to(np.asarray(value, dtype=float), (len(joints),)).copy()
+    except (TypeError, ValueError):
+        numbers = np.full(len(joints), np.nan)
+    if not ((numbers >= 0.0) if zero else (numbers > 0.0)).all():  # NaN is neither
+        raise OptionError(
+            f"{name} {value!r}: expected a number {'of zero or more' if zero else 'above zero'}, "
+            f"or one for each of {', '.join(joints)} [rad or m]",
+            parameter=name,
+            value=value,
+        )
+    return numbers
 
 
 def column_names(values: Any) -> list[Any]:

@@ -10,7 +10,7 @@ import numpy as np
 
 from ..arm.rotations import logarithm
 from ..common.arrays import Array
-from .pose import Evaluate, Joints
+from .pose import Evaluate, Joints, taken
 
 STEPS = 60
 #: A position is reached within this share of the arm's length.
@@ -74,11 +74,8 @@ def position_near(
         close = away <= TOLERANCE * length
         better = (away < distance) | (close & (price <= cost))
         settled = close & (np.abs(trial - q).max(axis=1) < 1e-10)
-        q = np.where(better[:, None], trial, q)
-        p = np.where(better[:, None], there[0], p)
-        r = np.where(better[:, None, None], there[1], r)
-        jacobian = np.where(better[:, None, None], there[2], jacobian)
-        distance, cost = np.where(better, away, distance), np.where(better, price, cost)
+        new, old = (trial, *there, away, price), (q, p, r, jacobian, distance, cost)
+        q, p, r, jacobian, distance, cost = taken(better, new, old)
         share = np.where(better, np.minimum(1.0, 2 * share), share / 3)
         if (settled | (share < 1e-9)).all():
             break

@@ -55,30 +55,28 @@ class Newton:
         gap = x - value
         distance = _length(gap)
         met, rounding = tolerance * self.extent, max(tolerance, 1e-12) * self.extent
-        rows = np.flatnonzero(distance > met)
-        best_u, best_distance = u, distance.copy()
-        if len(rows) < len(distance):
-            u, x, gap, distance, slope = (part[..., rows] for part in (u, x, gap, distance, slope))
-        else:
-            u = u.copy()
+        rows, going = np.arange(len(distance)), distance > met
+        found, left = u.copy(), distance.copy()
         # nearly Gauss-Newton at first: a start is within a node's spacing of its answer
         damping = np.full(len(rows), 1e-9)
         for _ in range(_STEPS):
+            if not going.all():
+                rows, damping = rows[going], damping[going]
+                u, x, gap, distance, slope = (
+                    part[..., going] for part in (u, x, gap, distance, slope)
+                )
             if not len(rows):
                 break
             trial = self._clip(u + self._step(u, slope, gap, damping))
             value, trial_slope = self._evaluate(trial)
             trial_gap = x - value
             now = _length(trial_gap)
-            if now.max() <= met:
-                u, distance = trial, now
-                break
             moved = np.abs(trial - u).max(axis=0)
             better = now < distance
             stalled = (distance - now < 1e-9 * distance) & (better | (distance < rounding))
-            if better.all():
+            if better.all():  # most steps are: nothing has to be chosen row by row
                 u, gap, distance, slope = trial, trial_gap, now, trial_slope
-                damping *= 1 / 30
+                damping = damping / 30
             else:
                 u = np.where(better, trial, u)
                 gap = np.where(better, trial_gap, gap)
@@ -86,37 +84,15 @@ class Newton:
                 slope = np.where(better, trial_slope, slope)
                 damping = np.where(better, damping / 30, np.maximum(damping * 30, 1e-6))
             damping = np.maximum(damping, 1e-12)
-            done = stalled | (distance < met) | (moved < 1e-15) | (damping > 1e3)
-            if done.all():
-                break
-            if done.any():
-                best_u[:, rows[done]], best_distance[rows[done]] = u[:, done], distance[done]
-                keep = np.flatnonzero(~done)
-                rows, damping = rows[keep], damping[keep]
-                u, x, gap, distance, slope = (
-                    part[..., keep] for part in (u, x, gap, distance, slope)
-                )
-        if len(rows) == len(best_distance):
-            return u.T, distance
-        best_u[:, rows], best_distance[rows] = u, distance
-        return best_u.T, best_distance
+            found[:, rows], left[rows] = u, distance
+            going = ~(stalled | (distance < met) | (moved < 1e-15) | (damping > 1e3))
+        return found.T, left
 
     def _step(self, u: Array, slope: Array, gap: Array, damping: Array) -> Array:
         """J' (J J' + damping)^-1 gap, with the joints that may move, (dof, n)."""
-        if len(gap) != 2:
-            push = np.einsum("dmn,mn->dn", slope, gap)
-            slope = self._masked(u, slope, push)
-            return damped_solution(slope, gap, damping)
-        push = slope[:, 0] * gap[0] + slope[:, 1] * gap[1]
-        slope = self._masked(u, slope, push)
-        a, b = slope[:, 0], slope[:, 1]
-        aa, bb, ab = _dot(a, a), _dot(b, b), _dot(a, b)
-        extra = damping * (aa + bb)
-        aa, bb = aa + extra, bb + extra
-        det = np.maximum(aa * bb - ab * ab, 1e-300)
-        # the inverse of a 2x2 matrix in place of LAPACK, whose calls cost more than the numbers
-        first, second = (bb * gap[0] - ab * gap[1]) / det, (aa * gap[1] - ab * gap[0]) / det
-        return np.asarray(a * first + b * second)
+        stuck = self._outward(u, np.einsum("dmn,mn->dn", slope, gap))
+        free = np.where(stuck[:, None], 0.0, slope) if stuck.any() else slope
+        return damped_solution(free, gap, damping)
 
     def settle(
         self, u: Array, x: Array, near: Array, longest: float = _LONGEST
@@ -196,11 +172,6 @@ class Newton:
                 inside[k] = u[k] % 1.0
         return inside
 
-    def _masked(self, u: Array, slope: Array, push: Array) -> Array:
-        """Jacobians (dof, m, n) without the joints that would be pushed over a limit."""
-        stuck = self._outward(u, push)
-        return np.where(stuck[:, None], 0.0, slope) if stuck.any() else slope
-
     def _outward(self, u: Array, push: Array, slack: float = 0.0) -> NDArray[np.bool_]:
         """Which joints stand at a limit and are pushed over it, (dof, n)."""
         stuck = (u <= slack) & (push < 0.0) | (u >= 1.0 - slack) & (push > 0.0)
@@ -215,7 +186,8 @@ class Newton:
     def _evaluate(self, u: Array) -> tuple[Array, Array]:
         """Position (m, n) and Jacobian (dof, m, n) at the points `u` (dof, n)."""
         value, slope = self.predictor.value_and_slope(u.T)
-        return value.T, slope.transpose(2, 1, 0)
+        # rows next to each other in memory: einsum is ten times slower on a transposed view
+        return value.T, np.ascontiguousarray(slope.transpose(2, 1, 0))
 
 
 def damped_solution(slope: Array, gap: Array, damping: Array) -> Array:
@@ -223,29 +195,19 @@ def damped_solution(slope: Array, gap: Array, damping: Array) -> Array:
 
     The damping (n,) is a share of each Jacobian's sum of squares.
     """
-    power = np.einsum("din,djn->nij", slope, slope)
-    diagonal = np.einsum("nii->ni", power)
-    diagonal += np.maximum(damping * diagonal.sum(axis=1), 1e-300)[:, None]
-    return np.asarray(np.einsum("dmn,nm->dn", slope, solved(power, gap.T)))
-
-
-def solved(power: Array, gap: Array) -> Array:
-    """Solutions (n, m) of positive definite systems (n, m, m); the least squares if singular."""
-    try:
-        return np.asarray(np.linalg.solve(power, gap[..., None])[..., 0])
-    except np.linalg.LinAlgError:
-        return np.asarray(np.einsum("nij,nj->ni", np.linalg.pinv(power, hermitian=True), gap))
+    power = np.einsum("din,djn->ijn", slope, slope)
+    diagonal = np.einsum("iin->in", power)
+    diagonal += np.maximum(damping * diagonal.sum(axis=0), 1e-300)
+    if len(gap) == 2:
+        # the inverse of a 2x2 matrix in place of LAPACK, whose calls cost more than the numbers
+        (aa, ab), (_, bb) = power
+        det = np.maximum(aa * bb - ab * ab, 1e-300)
+        first, second = (bb * gap[0] - ab * gap[1]) / det, (aa * gap[1] - ab * gap[0]) / det
+        return np.asarray(slope[:, 0] * first + slope[:, 1] * second)
+    force = np.linalg.solve(power.transpose(2, 0, 1), gap.T[..., None])[..., 0]
+    return np.asarray(np.einsum("dmn,nm->dn", slope, force))
 
 
 def _length(gap: Array) -> Array:
     """Length of each column of `gap` (m, n)."""
-    if len(gap) == 2:
-        return np.asarray(np.sqrt(gap[0] * gap[0] + gap[1] * gap[1]))
-    return np.asarray(np.sqrt((gap * gap).sum(axis=0)))
-
-
-def _dot(a: Array, b: Array) -> Array:
-    """Sum over the joints of products, (n,)."""
-    if len(a) == 2:
-        return np.asarray(a[0] * b[0] + a[1] * b[1])
-    return np.asarray((a * b).sum(axis=0))
+    return np.asarray(np.sqrt(np.einsum("mn,mn->n", gap, gap)))

@@ -7,7 +7,7 @@ suggests where others may be: a joint half a turn on, or bent the other way.
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from itertools import permutations
 
@@ -107,10 +107,8 @@ def reach_poses(
         trial = q + step
         e_new, jacobian_new, size_new = misfit(trial)
         better = size_new < size
-        q = np.where(better[:, None], trial, q)
-        e = np.where(better[:, None], e_new, e)
-        jacobian = np.where(better[:, None, None], jacobian_new, jacobian)
-        size = np.where(better, size_new, size)
+        new = trial, e_new, jacobian_new, size_new
+        q, e, jacobian, size = taken(better, new, (q, e, jacobian, size))
         damping = np.where(better, np.maximum(damping / 10, 1e-15), np.minimum(damping * 10, 1e3))
         out[rows], distance[rows] = q, size
         going = (size > 1e-3 * TOLERANCE * length) & (damping < 1e3)
@@ -119,6 +117,12 @@ def reach_poses(
         rows, q, e, size, damping = rows[going], q[going], e[going], size[going], damping[going]
         jacobian = jacobian[going]
     return out, distance
+
+
+def taken(better: NDArray[np.bool_], new: Sequence[Array], old: Sequence[Array]) -> list[Array]:
+    """Rows of new arrays (n, ...) where they are better (n,), else of the old ones."""
+    pairs = zip(new, old, strict=True)
+    return [np.where(better.reshape(-1, *[1] * (a.ndim - 1)), a, b) for a, b in pairs]
 
 
 def pose_branches(

@@ -97,7 +97,7 @@ class Solver:
         size = np.sqrt((slope * slope).sum(axis=1)).prod(axis=1)
         sine = np.abs(np.linalg.det(slope)) / np.maximum(size, 1e-300)
         room = np.minimum(_BESIDE * sine, _SHORT)
-        step = np.einsum("ndm,nm->nd", damped_inverse(slope, 0.0), x - value)
+        step = np.einsum("ndm,nm->nd", damped_inverse(slope, 1e-12), x - value)
         rows = np.flatnonzero(np.abs(step).max(axis=1) < room)
         found, left = self.newton.refine(near[rows], x[rows])
         gap = np.abs(self.scale.difference(found, near[rows])).max(axis=1)

@@ -207,19 +207,10 @@ def damped_inverse(slope: Array, share: float) -> Array:
 
     The damping is a share of the sum of squares of each Jacobian.
     """
-    if slope.shape[1] != 2:
-        power = np.einsum("nid,njd->nij", slope, slope)
-        diagonal = np.einsum("nii->ni", power)
-        diagonal += np.maximum(share * diagonal.sum(axis=1, keepdims=True), 1e-300)
-        return np.asarray(np.einsum("nid,nij->ndj", slope, np.linalg.inv(power)))
-    a, b = slope[:, 0], slope[:, 1]
-    aa, bb, ab = ((v * w).sum(axis=1) for v, w in ((a, a), (b, b), (a, b)))
-    extra = share * (aa + bb)
-    aa, bb = aa + extra, bb + extra
-    det = np.maximum(aa * bb - ab * ab, 1e-300)
-    first = (a * bb[:, None] - b * ab[:, None]) / det[:, None]
-    second = (b * aa[:, None] - a * ab[:, None]) / det[:, None]
-    return np.stack([first, second], axis=2)
+    power = np.einsum("nid,njd->nij", slope, slope)
+    diagonal = np.einsum("nii->ni", power)
+    diagonal += np.maximum(share * diagonal.sum(axis=1, keepdims=True), 1e-300)
+    return np.asarray(np.einsum("nid,nij->ndj", slope, np.linalg.inv(power)))
 
 
 def twins(newton: Newton, u: Array, spacing: float = 0.0) -> tuple[Index, Array]:

@@ -170,28 +170,17 @@ class Association:
 
         A motor node without links has that of the nearest one with some.
         """
-        links = cast("Compressed", self.linked)
-        order = np.lexsort((links.indices, -links.data, links.rows))
-        counts = np.diff(links.indptr)
-        result = np.zeros(len(counts), dtype=np.intp)
-        full, empty = np.flatnonzero(counts > 0), np.flatnonzero(counts == 0)
-        result[full] = links.indices[order[links.indptr[full]]]
-        if len(empty):
-            result[empty] = result[_nearest_of(self.motor, empty, full)]
-        return result
+        source = _linked(self.motor, np.diff(self.linked.indptr))
+        return np.asarray(self.links.argmax(axis=1)).ravel()[source]
 
     @cached_property
     def partners(self) -> Compressed:
-        """Links by sensory node, (sensory nodes, motor nodes); none is without a partner."""
+        """Links by sensory node, (sensory nodes, motor nodes).
+
+        An unlinked node has the links of the nearest linked one.
+        """
         links = cast("Compressed", self.linked).transposed()
-        counts = np.diff(links.indptr)
-        if (counts > 0).all():
-            return links
-        # an unlinked node borrows the links of the nearest linked one
-        linked = np.flatnonzero(counts > 0)
-        source = np.arange(len(counts))
-        source[counts == 0] = _nearest_of(self.sensory, np.flatnonzero(counts == 0), linked)
-        return links.take(source)
+        return links.take(_linked(self.sensory, np.diff(links.indptr)))
 
     @cached_property
     def clusters(self) -> Clusters:
@@ -253,6 +242,11 @@ def _close_nodes(network: Map) -> tuple[Index, Index]:
     return np.append(0, np.cumsum(counts)), two[apart]
 
 
-def _nearest_of(own: Map, which: Index, among: Index) -> Index:
-    """Node of `among` that is nearest to each node of `which`."""
-    return np.asarray(among[nearest_points(own.units[among], own.scale, own.units[which])[1][:, 0]])
+def _linked(own: Map, counts: Index) -> Index:
+    """Each node of a map, or the nearest linked one in place of a node with no links."""
+    source, linked = np.arange(len(counts)), np.flatnonzero(counts > 0)
+    empty = np.flatnonzero(counts == 0)
+    if len(empty):
+        found = nearest_points(own.units[linked], own.scale, own.units[empty])[1]
+        source[empty] = linked[found[:, 0]]
+    return source

@@ -9,9 +9,9 @@ from numpy.typing import NDArray
 
 from ..common.arrays import Array
 from .density import Gain, Visit
-from .epoch import Epoch, nearest, topographic_error
+from .epoch import Epoch, topographic_error
 from .fields import Neighbourhood, kernel
-from .map import search_tree
+from .map import nearest, search_tree
 from .neighbourhood import moved
 from .schedule import Stage
 from .start import unfold
@@ -47,6 +47,7 @@ def learn(
             weights = epoch.weights
             yield epoch
         stages = stages[len(coarsest) :]
+    per_node = len(u) / stages[-1].lattice.size
     for stage in stages:
         if stage.lattice != lattice:
             weights = lattice.resample(weights, stage.lattice)
@@ -56,35 +57,26 @@ def learn(
         back = np.argsort(rows)  # a gain sees samples in the log's order, not in that of places
         known, wrong = (None if a is None else a[rows[back]] for a in (partners, residual))
         for k, sigma in enumerate(stage.sigma):
-            tree = search_tree(weights)
-            distance, winner = nearest(tree, some)  # eq. 1
-            g = None
+            tree, share = search_tree(weights), (k + 1) / len(stage.sigma)
+            distances, index = nearest(tree, some)  # eq. 1
+            distance, winner = distances[:, 0], index[:, 0]
+            g = np.ones(len(some))
             if gain is not None and stage.progress is not None:
                 first, last = stage.progress
-                t = first + (last - first) * (k + 1) / len(stage.sigma)
-                share = len(u) / stages[-1].lattice.size
-                seen = Visit(
-                    t,
-                    winner[back],
-                    distance[back],
-                    weights,
-                    lattice,
-                    known,
-                    wrong,
-                    stage.grown,
-                    share,
-                )
-                g = np.empty(len(some))
-                g[back] = gain(seen)
+                t, by, far = first + (last - first) * share, winner[back], distance[back]
+                visit = Visit(t, by, far, weights, lattice, known, wrong, stage.grown, per_node)
+                g[back] = gain(visit)
             topographic = topographic_error(some, tree, lattice)
-            sums = _sums(some, winner, g, lattice.size)
+            # of each node: sum of the samples that it won, and their weight
+            columns = [*(g * c for c in some.T), g]
+            won = [np.bincount(winner, c, lattice.size) for c in columns]
+            sums = np.stack(won, axis=1, dtype=float)
             h = None
             if neighbourhood is not None:
-                h = kernel(neighbourhood, lattice, float(sigma), (k + 1) / len(stage.sigma))
+                h = kernel(neighbourhood, lattice, float(sigma), share)
             weights = moved(weights, sums, lattice, float(sigma), stage.step, h)
-            yield Epoch(
-                weights, lattice, float(sigma), float(distance.mean()), topographic, len(some)
-            )
+            error = float(distance.mean())
+            yield Epoch(weights, lattice, float(sigma), error, topographic, len(some))
 
 
 def _by_place(u: Array) -> NDArray[np.intp]:
@@ -104,10 +96,3 @@ def _some(u: Array, n: int, rng: np.random.Generator) -> NDArray[np.intp] | slic
     if n >= len(u):
         return slice(None)
     return np.sort(rng.choice(len(u), n, replace=False, shuffle=False))
-
-
-def _sums(u: Array, winner: NDArray[np.intp], gain: Array | None, nodes: int) -> Array:
-    """Sum of the samples and number of samples per node, (nodes, d + 1)."""
-    columns = [c if gain is None else gain * c for c in u.T]
-    columns.append(np.ones(len(u)) if gain is None else gain)
-    return np.stack([np.bincount(winner, c, minlength=nodes) for c in columns], axis=1)

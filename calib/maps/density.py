@@ -128,11 +128,10 @@ def transformation(visit: Visit, strength: float = 1.0) -> Array:
 
 def _local_distances(visit: Visit) -> Array:
     """Sum over the lattice neighbours i of |w_j - w_i|^2, for each node j."""
-    a, b = visit.lattice.edges().T
-    square = np.sum((visit.weights[a] - visit.weights[b]) ** 2, axis=1)
-    n = visit.lattice.size
-    total: Array = np.bincount(a, square, n) + np.bincount(b, square, n).astype(float)
-    return total
+    edges = visit.lattice.edges().T
+    square = np.sum((visit.weights[edges[0]] - visit.weights[edges[1]]) ** 2, axis=1)
+    total = np.bincount(edges.ravel(), np.tile(square, 2), visit.lattice.size)
+    return np.asarray(total, dtype=float)
 
 
 def density(visit: Visit, strength: float = 1.0) -> Array:

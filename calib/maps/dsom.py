@@ -13,9 +13,9 @@ from collections.abc import Iterator
 import numpy as np
 
 from ..common.arrays import Array
-from .epoch import Epoch, topographic_error
+from .epoch import Epoch
 from .lattice import Lattice
-from .map import search_tree
+from .neighbourhood import around
 
 ELASTICITY = 3.0
 """How far a sample's pull reaches: 1 to 3 in the source."""
@@ -23,19 +23,15 @@ ELASTICITY = 3.0
 RATE = 0.1
 """Learning rate epsilon of the source."""
 
-_REACH = 4.0  # neighbourhood beyond so many sigma is left out
-
 
 def learn(u: Array, lattice: Lattice, epochs: int, rng: np.random.Generator) -> Iterator[Epoch]:
     """Train a map that starts in the middle, see :func:`calib.maps.online.learn`."""
     # from one place it unfolds; scattered nodes are close to every sample and stay put
     weights = 0.5 + 0.01 * (rng.random((lattice.size, u.shape[1])) - 0.5)
     for _ in range(epochs):
-        distances = present(weights, lattice, u[rng.permutation(len(u))])
-        error = float(np.mean(distances))
-        sigma = _radius(lattice, error, u.shape[1], ELASTICITY)
-        topographic = topographic_error(u, search_tree(weights), lattice)
-        yield Epoch(weights, lattice, sigma, error, topographic, len(u))
+        error = float(np.mean(present(weights, lattice, u[rng.permutation(len(u))])))
+        sigma = max(_widths(lattice, error, u.shape[1], ELASTICITY))
+        yield Epoch.of(u, weights, lattice, sigma, error)
 
 
 def present(
@@ -62,24 +58,15 @@ def present(
     grid = weights.reshape(*lattice.shape, -1)
     square = np.einsum("ij,ij->i", weights, weights)  # kept up to date below
     squares = square.reshape(lattice.shape)
-    axes = [np.arange(n, dtype=float) for n in lattice.shape]
     distances = []
     for x in samples:
-        score = square - 2.0 * (weights @ x)
-        winner = int(score.argmin())
+        winner = int((square - 2.0 * (weights @ x)).argmin())
         gap = x - weights[winner]
         distance = float(np.sqrt(gap @ gap))
         distances.append(distance)
         if distance == 0.0:
             continue  # the source: h is zero where the winner stands on the sample
-        sigma = _radius(lattice, distance, dim, elasticity)
-        reach = int(_REACH * sigma) + 1
-        place = np.unravel_index(winner, lattice.shape)
-        window = tuple(slice(max(0, int(p) - reach), int(p) + reach + 1) for p in place)
-        h = np.array(rate)
-        for axis, p, part in zip(axes, place, window, strict=True):
-            wide = sigma * (len(axis) - 1) / (max(lattice.shape) - 1)
-            h = np.multiply.outer(h, np.exp((axis[part] - p) ** 2 / (-2.0 * wide * wide)))
+        window, h = around(lattice, winner, rate, _widths(lattice, distance, dim, elasticity))
         near = grid[window]
         away = x - near
         own = np.sqrt(np.einsum("...i,...i->...", away, away)) / diagonal
@@ -88,6 +75,7 @@ def present(
     return distances
 
 
-def _radius(lattice: Lattice, distance: float, dim: int, elasticity: float) -> float:
-    """Sigma [nodes of the longest axis] of the neighbourhood at a distance to the winner."""
-    return elasticity * distance * (max(lattice.shape) - 1) / math.sqrt(2.0 * dim)
+def _widths(lattice: Lattice, distance: float, dim: int, elasticity: float) -> tuple[float, ...]:
+    """Sigma along each axis [nodes] at a distance to the winner, of a lattice of unit sides."""
+    wide = elasticity * distance / math.sqrt(2.0 * dim)
+    return tuple(wide * (n - 1) for n in lattice.shape)

@@ -1,4 +1,4 @@
-"""Epochs: what every network tells while it trains, and the search for winners."""
+"""Epochs: what every network tells while it trains."""
 
 from __future__ import annotations
 
@@ -6,16 +6,14 @@ from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
 import numpy as np
-from numpy.typing import NDArray
 
 from ..common.arrays import Array
 from .graph import Graph
 from .lattice import Lattice
+from .map import nearest, search_tree
 
 if TYPE_CHECKING:
     from scipy.spatial import cKDTree
-
-_MANY = 4000
 
 
 @dataclass(frozen=True, eq=False)
@@ -29,15 +27,19 @@ class Epoch:
     topographic: float  # share of samples whose two nearest nodes are not joined
     shown: int  # samples of this pass
 
+    @staticmethod
+    def of(u: Array, weights: Array, lattice: Lattice | Graph, sigma: float, error: float) -> Epoch:
+        """The state after a pass over all samples `u` (n, d)."""
+        topographic = topographic_error(u, search_tree(weights), lattice)
+        return Epoch(weights, lattice, sigma, error, topographic, len(u))
 
-def nearest(tree: cKDTree, u: Array, k: int | list[int] = 1) -> tuple[Array, NDArray[np.intp]]:
-    """Distance and index of the nearest node (or nodes) of each sample (eq. 1)."""
-    # for a few samples threads take longer to start than to search
-    distance, index = tree.query(u, k=k, workers=-1 if len(u) > _MANY else 1)
-    return np.asarray(distance), np.asarray(index, dtype=np.intp)
+    @property
+    def row(self) -> tuple[int, float, float, float]:
+        """What a map remembers of it, columns as :data:`calib.maps.map.HISTORY`."""
+        return len(self.weights), self.sigma, self.error, self.topographic
 
 
 def topographic_error(u: Array, tree: cKDTree, lattice: Lattice | Graph) -> float:
     """Topographic error on some 500 of the samples `u`."""
-    index = nearest(tree, u[:: max(1, len(u) // 500)], [1, 2])[1]
+    index = nearest(tree, u[:: max(1, len(u) // 500)], 2)[1]
     return float(np.mean(~lattice.adjacent(index[:, 0], index[:, 1])))

@@ -93,9 +93,9 @@ def kernel(neighbourhood: Neighbourhood, lattice: Lattice, sigma: float, progres
 
 def lattice_steps(lattice: Lattice) -> tuple[Array, NDArray[np.intp]]:
     """All steps that two nodes can be apart: their lengths, and the steps by axis."""
-    axes = [np.arange(1 - n, n) for n in lattice.shape]
-    steps = np.stack(np.meshgrid(*axes, indexing="ij"), axis=-1)
-    return np.sqrt((steps**2).sum(axis=-1).astype(float)), steps
+    most = np.array(lattice.shape) - 1
+    steps = np.moveaxis(np.indices(tuple(2 * most + 1)), 0, -1) - most
+    return np.linalg.norm(steps, axis=-1), steps
 
 
 def checked_h(neighbourhood: Neighbourhood, around: Surroundings) -> Array:

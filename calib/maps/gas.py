@@ -15,9 +15,9 @@ from numpy.typing import NDArray
 
 from ..common.arrays import Array
 from .density import Gain, Visit
-from .epoch import Epoch, nearest
+from .epoch import Epoch
 from .graph import Graph
-from .map import search_tree
+from .map import nearest, search_tree
 from .schedule import exponential
 
 EPOCHS = 8
@@ -39,7 +39,7 @@ def learn(
     k = min(_NEAREST, nodes)
     columns = np.column_stack([u, np.ones(len(u))])
     for epoch, reach in enumerate(exponential(*_RANGE, epochs)):
-        distance, index = nearest(search_tree(weights), u, list(range(1, k + 1)))
+        distance, index = nearest(search_tree(weights), u, k)
         pull = np.exp(-np.arange(k) / reach)
         share = np.ones(len(u))
         if gain is not None:
@@ -52,7 +52,7 @@ def learn(
                 met[:, c] += pull[rank] * np.bincount(index[:, rank], share * column, nodes)
         known = met[:, -1] > 0.0
         weights = np.where(known[:, None], met[:, :-1] / np.maximum(met[:, -1:], 1e-300), weights)
-        index = nearest(search_tree(weights), u, [1, 2])[1]
+        index = nearest(search_tree(weights), u, 2)[1]
         yield Epoch(weights, joined(index, nodes), 0.0, float(distance[:, 0].mean()), 0.0, len(u))
 
 

@@ -12,7 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ..common.arrays import Array
-from .map import Map, search_tree
+from .map import Map, nearest_points
 
 _MOST = 200  # rows around a node that tell where a defect ends
 _FEWEST = 30  # of them at least, also beyond its cell
@@ -41,8 +41,7 @@ def find_gates(
     Returns a and b of each node's factor, see :func:`opening`; 0 and 1 where it is open everywhere.
     """
     dof = u.shape[1]
-    near, at = np.arange(1, min(_MOST, len(u)) + 1), motor.scale.wrapped(motor.units)
-    distance, index = map(np.asarray, search_tree(u, motor.scale).query(at, k=near, workers=-1))
+    distance, index = nearest_points(u, motor.scale, motor.units, _MOST)
     used = distance <= _WIDE * motor.spacings[:, None]
     used[:, :_FEWEST] = True
     wrong = used & ~calm[index]

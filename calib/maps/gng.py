@@ -20,9 +20,9 @@ import numpy as np
 
 from ..common.arrays import Array, Index
 from .density import Gain, Visit
-from .epoch import Epoch, nearest, topographic_error
+from .epoch import Epoch, topographic_error
 from .graph import Graph
-from .map import search_tree
+from .map import nearest, search_tree
 
 _GROWING = 0.6  # share of the samples during which nodes are inserted
 _BLOCK = 512
@@ -125,7 +125,7 @@ def present(
 
     Returns float, sum of the samples' distances to their winners.
     """
-    distance, index = nearest(search_tree(gas.weights), samples, [1, 2])
+    distance, index = nearest(search_tree(gas.weights), samples, 2)
     n, first, second = len(gas.weights), index[:, 0], index[:, 1]
     square = distance[:, 0] ** 2
     if gain is not None:

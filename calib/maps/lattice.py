@@ -46,8 +46,7 @@ class Lattice:
 
     def positions(self) -> Array:
         """Lattice position r of each node, (size, dim) [nodes] (eq. 3)."""
-        axes = np.meshgrid(*(np.arange(n, dtype=float) for n in self.shape), indexing="ij")
-        return np.stack([a.ravel() for a in axes], axis=1)
+        return np.indices(self.shape, dtype=float).reshape(self.dim, -1).T
 
     def neighbours(self) -> Array:
         """Fraction of the lattice neighbours that each node has, (size,), 1 inside.
@@ -74,13 +73,8 @@ class Lattice:
 
     def adjacent(self, i: NDArray[np.intp], j: NDArray[np.intp]) -> NDArray[np.bool_]:
         """Whether nodes `i` and `j` are neighbours, diagonal ones included, (n,)."""
-        steps = [
-            np.abs(a - b)
-            for a, b in zip(
-                np.unravel_index(i, self.shape), np.unravel_index(j, self.shape), strict=True
-            )
-        ]
-        return np.asarray(np.max(steps, axis=0) <= 1)
+        steps = np.subtract(np.unravel_index(i, self.shape), np.unravel_index(j, self.shape))
+        return np.asarray(np.abs(steps).max(axis=0) <= 1)
 
     def resample(self, weights: Array, finer: Lattice) -> Array:
         """Multilinear interpolation of `weights` (size, d) onto another lattice.

@@ -17,8 +17,8 @@ from numpy.typing import NDArray
 
 from ..common.arrays import Array, Index
 from ..common.frozen import ReadOnly
-from .local_models import blend_size
-from .map import Map, search_tree
+from .local_models import blend, blend_and_slopes, blend_size
+from .map import Map, nearest_points
 
 if TYPE_CHECKING:
     from scipy.sparse import csr_array
@@ -133,12 +133,13 @@ class LinearModels(ReadOnly):
 
     def value(self, u: Array) -> Array:
         """Positions (n, o) at the points `u` (n, d) of the unit box."""
-        index, weight, _ = smooth_blend(self.motor, u, slope=False)
+        index, weight = blend(self.motor, u, 2 * blend_size(u.shape[1]))
         return self._said(u, index, weight)[0]
 
     def value_and_slope(self, u: Array) -> tuple[Array, Array]:
         """Positions (n, o) and their derivatives by the unit coordinates (n, o, d)."""
-        index, weight, tilt = smooth_blend(self.motor, u, slope=True)
+        m = 2 * blend_size(u.shape[1])
+        index, weight, tilt = blend_and_slopes(self.motor, u, m, slope=True)
         value, each = self._said(u, index, weight)
         slope = np.einsum("nm,nmdo->nod", weight, self.slopes[index])
         return value, slope + np.einsum("nmd,nmo->nod", tilt, each)
@@ -165,8 +166,8 @@ class LinearModels(ReadOnly):
         known = (strength > 0.0) & (weight.sum(axis=1) > 0.0)
         lost, linked = np.flatnonzero(~known), np.flatnonzero(known)
         if len(lost) and len(linked):  # a node without links: the nearest model goes on
-            tree = search_tree(motor.units[linked], motor.scale)
-            source = linked[tree.query(motor.scale.wrapped(motor.units[lost]))[1]]
+            at, among = motor.units[lost], motor.units[linked]
+            source = linked[nearest_points(among, motor.scale, at)[1][:, 0]]
             gap = motor.scale.difference(motor.units[lost], motor.units[source])
             slope[lost] = slope[source]
             value[lost] = value[source] + np.einsum("nd,ndo->no", gap, slope[source])
@@ -177,29 +178,3 @@ class LinearModels(ReadOnly):
         gap = self.motor.scale.difference(u[:, None], self.motor.units[index])
         each = self.values[index] + np.einsum("nmd,nmdo->nmo", gap, self.slopes[index])
         return np.einsum("nm,nmo->no", weight, each), each
-
-
-def smooth_blend(motor: Map, u: Array, *, slope: bool) -> tuple[Index, Array, Array]:
-    """Nodes that speak for each point, their weights (n, m), and the slopes of these (n, m, d).
-
-    A weight falls to zero where its node leaves the nearest ones, so that what is blended
-    is continuous, and so is its derivative inside of each cell.
-    """
-    m = min(2 * blend_size(u.shape[1]), motor.size - 1)
-    distance, index = motor.nearest(u, m + 1)
-    limit = np.maximum(distance[:, -1:] ** 2, 1e-300)
-    ratio = distance[:, :-1] ** 2 / limit
-    raw = (1.0 - ratio) ** 2
-    total = raw.sum(axis=1, keepdims=True)
-    even = total <= 0.0  # all at the same distance
-    total = np.where(even, 1.0, total)
-    weight = np.where(even, 1.0 / m, raw / total)
-    if not slope:
-        return index[:, :-1], weight, np.empty(0)
-    # ratio_k = d_k^2 / d_last^2, in which both distances move with the point; then the quotient
-    # rule for raw_k / total
-    gap = motor.scale.difference(u[:, None], motor.units[index])
-    tilt = 2.0 * (gap[:, :-1] - ratio[..., None] * gap[:, -1:]) / limit[..., None]
-    tilt *= np.where(even, 0.0, -2.0 * (1.0 - ratio))[..., None]
-    tilt = (tilt - weight[..., None] * tilt.sum(axis=1, keepdims=True)) / total[..., None]
-    return index[:, :-1], weight, tilt

@@ -46,10 +46,6 @@ class Wiring:
     # :data:`calib.maps.fields.LinkRule`; a model file keeps the links, not the rule.
     rule: LinkRule | None = None
 
-    def to_json(self) -> dict[str, bool | float]:
-        """Plain data for a model file."""
-        return {"local": self.local, "mutual": self.mutual, "bandwidth": self.bandwidth}
-
     def activity(self, network: Map, u: Array) -> csr_array:
         """Activity a_j of the nodes nearest to each row of `u` (n, d), in the unit box (eq. 6).
 
@@ -111,12 +107,12 @@ class Wiring:
             from .fields import Pairs, checked_links
 
             together.data = checked_links(self.rule, Pairs(together.data, motor, sensory, samples))
-            return _without_weak(together)
+            return without_weak(together)
         scale = _settled(np.asarray(square[1]), beta)[together.indices]
         if self.mutual:
             scale = np.sqrt(scale * _settled(np.asarray(square[0]), beta)[rows])
         together.data *= scale
-        return _without_weak(together)
+        return without_weak(together)
 
 
 WIRINGS = {
@@ -130,42 +126,27 @@ WIRINGS = {
 
 def wiring_of(links: str | LinkRule) -> Wiring:
     """The wiring of a name, or the default's activities with a rule of the user's own."""
-    if isinstance(links, str):
-        check_wiring(links)
-        return WIRINGS[links]
-    return Wiring(rule=links)
+    if not isinstance(links, str):
+        return Wiring(rule=links)
+    if links not in WIRINGS:
+        raise OptionError(f"links {links!r} are unknown, choose one of {', '.join(WIRINGS)}")
+    return WIRINGS[links]
 
 
-def check_wiring(name: str | LinkRule) -> None:
-    """Refuse an unknown wiring."""
-    if isinstance(name, str) and name not in WIRINGS:
-        raise OptionError(f"links {name!r} are unknown, choose one of {', '.join(WIRINGS)}")
-
-
-def sparse_links(links: Array) -> csr_array:
-    """Dense links (motor nodes, sensory nodes) that :func:`oja` has made, without weak ones."""
+def without_weak(links: csr_array | Array) -> csr_array:
+    """Links (motor nodes, sensory nodes), sparse or dense, that count for one of their nodes."""
     from scipy.sparse import csr_array
 
-    return _without_weak(csr_array(links))
-
-
-def _without_weak(links: csr_array) -> csr_array:
-    """Links that count for one of their two nodes."""
-    from scipy.sparse import csr_array
-
+    links = csr_array(links)
+    row_max, column_max = (links.max(axis=axis).toarray().ravel() for axis in (1, 0))
     rows = np.repeat(np.arange(links.shape[0]), np.diff(links.indptr))
-    # of a row without links it gives a number of the next one, which no link asks for
-    row_max = np.maximum.reduceat(
-        np.append(links.data, 0.0), np.minimum(links.indptr[:-1], links.nnz)
-    )
-    column_max = np.zeros(links.shape[1])
-    np.maximum.at(column_max, links.indices, links.data)
-    keep = links.data >= _WEAK * np.minimum(row_max[rows], column_max[links.indices])
-    keep &= links.data > _NOTHING * links.data.max(initial=0.0)
-    kept = csr_array((links.data[keep], (rows[keep], links.indices[keep])), shape=links.shape)
-    kept.sort_indices()
-    kept.data = kept.data.astype(np.float32).astype(float)  # as a model file keeps them
-    return kept
+    weak = links.data < _WEAK * np.minimum(row_max[rows], column_max[links.indices])
+    weak |= links.data <= _NOTHING * links.data.max(initial=0.0)
+    links.data[weak] = 0.0
+    links.eliminate_zeros()
+    links.sort_indices()
+    links.data = links.data.astype(np.float32).astype(float)  # as a model file keeps them
+    return links
 
 
 def _settled(square: Array, beta: float) -> Array:

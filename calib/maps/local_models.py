@@ -2,18 +2,17 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
 from ..body.basis import exponents
-from ..common.arrays import Array
+from ..common.arrays import Array, Index
 from ..common.frozen import ReadOnly
 from ..common.scale import Scale
 from .gates import opening
-from .map import Map, search_tree
+from .map import Map, nearest_points
 
 MOST_DEGREE = 5
 """Largest degree of a local model."""
@@ -52,12 +51,6 @@ class LocalModels(ReadOnly):
     # (nodes, dof + 1), the half-space in which each node speaks, see :mod:`calib.maps.gates`
     gates: Array | None = None
 
-    def degrees(self, dof: int) -> NDArray[np.intp]:
-        """Degree of each node's own model, (nodes,), -1 for none."""
-        total = exponents(dof, max(self.degree, 0)).sum(axis=1)
-        used = (self.coefficients != 0.0).any(axis=2)
-        return np.asarray(np.where(used, total, -1).max(axis=1), dtype=np.intp)
-
 
 NO_MODELS = LocalModels(-1, 0, np.zeros(0), np.zeros((0, 0, 2)))
 
@@ -88,23 +81,6 @@ def _monomial_slopes(z: Array, degree: int) -> Array:
     return slopes
 
 
-@dataclass(frozen=True)
-class Neighbourhood:
-    """Samples around each node, nearest first, and the distance of the first left out."""
-
-    index: NDArray[np.intp] = field(repr=False)
-    distance: Array = field(repr=False)
-
-    @staticmethod
-    def of(nodes: Array, samples: Array, scale: Scale, k: int) -> Neighbourhood:
-        """The `k` + 1 samples nearest to each node, all in the unit box."""
-        k = min(k + 1, len(samples))
-        distance, index = search_tree(samples, scale).query(
-            scale.wrapped(nodes), k=np.arange(1, k + 1), workers=-1
-        )
-        return Neighbourhood(np.asarray(index, dtype=np.intp), np.asarray(distance))
-
-
 def fit(
     nodes: Array,
     u: Array,
@@ -112,7 +88,7 @@ def fit(
     scale: Scale,
     degree: int,
     samples: int,
-    around: Neighbourhood | None = None,
+    around: tuple[Array, Index] | None = None,
     spacings: Array | None = None,
 ) -> LocalModels:
     """Kernel-weighted least squares around each node.
@@ -122,7 +98,8 @@ def fit(
         positions
     scale : knows the periodic coordinates
     degree, samples : degree of the polynomials and number of samples that each is fitted to
-    around : samples around each node, where they are known already
+    around : distances and numbers of the samples around each node, nearest first, one more than
+        `samples`, where they are known already
     spacings : (nodes,), the nodes' spacings.  A node whose samples do not carry a polynomial of
         this degree then has one of a lower degree: what is fitted to rows on a line, in clusters or
         on one side multiplies their noise beside them.  The variance of its answers is asked half a
@@ -133,9 +110,9 @@ def fit(
     The weight of a sample at the distance d is (1 - (d / radius)^2)^2, which ends smoothly.
     Moments of activity and position are what a Hebbian covariance rule would learn.
     """
-    around = around or Neighbourhood.of(nodes, u, scale, samples)
-    samples = min(samples, around.index.shape[1] - 1)
-    radius = np.maximum(around.distance[:, samples], 1e-12)
+    distance, near = around or nearest_points(u, scale, nodes, samples + 1)
+    samples = min(samples, near.shape[1] - 1)
+    radius = np.maximum(distance[:, samples], 1e-12)
     outputs = residual.shape[1]
     coefficients = np.zeros((len(nodes), len(exponents(nodes.shape[1], degree)), outputs))
     left = np.arange(len(nodes))
@@ -145,9 +122,9 @@ def fit(
         shaky = []
         for first in range(0, len(left), step):
             part = left[first : first + step]
-            index, r = around.index[part, :samples], radius[part, None]
+            index, r = near[part, :samples], radius[part, None]
             z = scale.difference(u[index], nodes[part, None]) / r[..., None]
-            kernel = (1.0 - (around.distance[part, :samples] / r) ** 2) ** 2
+            kernel = (1.0 - (distance[part, :samples] / r) ** 2) ** 2
             features = monomials(z, lower)
             weighted = np.swapaxes(features * kernel[..., None], 1, 2)
             moments = weighted @ features
@@ -177,21 +154,39 @@ def _ring(nodes: Array, spacings: Array, scale: Scale) -> Array:
     return np.where(scale.periodic, at, np.clip(at, 0.0, 1.0)) - nodes[:, None]
 
 
-def blend(motor: Map, u: Array, m: int) -> tuple[NDArray[np.intp], Array]:
+def blend(motor: Map, u: Array, m: int) -> tuple[Index, Array]:
     """Nodes whose models speak for each point and their weights, both (n, m).
 
     A weight falls smoothly to zero where its node leaves the nearest `m`, so that the
-    blended prediction has no steps.
+    blended prediction has no steps, and its derivative none inside of each cell.
     """
+    index, weight, _ = blend_and_slopes(motor, u, m, slope=False)
+    return index, weight
+
+
+def blend_and_slopes(motor: Map, u: Array, m: int, *, slope: bool) -> tuple[Index, Array, Array]:
+    """What :func:`blend` gives, and the weights' derivatives (n, m, d) if asked for."""
     m = min(m, motor.size - 1)
     distance, index = motor.nearest(u, m + 1)
-    weight = (1.0 - (distance[:, :-1] / np.maximum(distance[:, -1:], 1e-300)) ** 2) ** 2
-    total = weight.sum(axis=1, keepdims=True)
-    weight = np.where(total > 0, weight / np.where(total > 0, total, 1.0), 1.0 / m)
-    return index[:, :-1], weight
+    last = np.maximum(distance[:, -1:], 1e-300)
+    ratio = (distance[:, :-1] / last) ** 2
+    raw = (1.0 - ratio) ** 2
+    total = raw.sum(axis=1, keepdims=True)
+    even = total <= 0.0  # all at the same distance
+    total = np.where(even, 1.0, total)
+    weight = np.where(even, 1.0 / m, raw / total)
+    if not slope:
+        return index[:, :-1], weight, np.empty(0)
+    # ratio_k = d_k^2 / d_last^2, in which both distances move with the point; then the quotient
+    # rule for raw_k / total
+    gap = motor.scale.difference(u[:, None], motor.units[index])
+    tilt = 2.0 * (gap[:, :-1] - ratio[..., None] * gap[:, -1:]) / (last * last)[..., None]
+    tilt *= np.where(even, 0.0, -2.0 * (1.0 - ratio))[..., None]
+    tilt = (tilt - weight[..., None] * tilt.sum(axis=1, keepdims=True)) / total[..., None]
+    return index[:, :-1], weight, tilt
 
 
-def speaking(motor: Map, u: Array) -> tuple[NDArray[np.intp], Array, Array]:
+def speaking(motor: Map, u: Array) -> tuple[Index, Array, Array]:
     """Nodes that speak for each point, their weights (n, m), and the offsets (n, m, d) from them.
 
     A node's say ends between once and twice the reach of its lattice cell (0.7 of its
@@ -217,11 +212,11 @@ def near_rows(motor: Map, u: Array) -> Array:
 
     It falls to zero between once and twice the node's spacing, or twice the rows' own.
     """
-    k = min(_CLOSE_ROWS, len(u))
-    tree = search_tree(u, motor.scale)
     some = u[:: max(1, len(u) // 1000)]
-    own = np.asarray(tree.query(some, k=[k])[0]).ravel()
-    distance = np.asarray(tree.query(motor.scale.wrapped(motor.units), k=[k])[0]).ravel()
+    own, distance = (
+        nearest_points(u, motor.scale, places, _CLOSE_ROWS)[0][:, -1]
+        for places in (some, motor.units)
+    )
     return _fade(distance / np.maximum(motor.spacings, 2.0 * float(np.median(own))))
 
 
@@ -243,7 +238,7 @@ def heard(share: Array | float, silent: float = SILENT) -> Any:
     return t * t * (3.0 - 2.0 * t) / floor(share, silent)
 
 
-def contributions(models: LocalModels, index: NDArray[np.intp], gap: Array) -> Array:
+def contributions(models: LocalModels, index: Index, gap: Array) -> Array:
     """What the models of the nodes `index` (n, m) say at the offsets `gap` (n, m, d), (n, m, o)."""
     z = gap / models.radius[index][..., None]
     coefficients = models.coefficients[index]
@@ -265,13 +260,12 @@ def predict(
         gap = motor.scale.difference(u[:, None], motor.units[index])
     if models.gates is not None:
         weight = weight * opening(models.gates[index], gap)
-    radius = models.radius[index]
-    z = gap / radius[..., None]
-    c = models.coefficients[index] * weight[..., None, None]
-    value = np.einsum("nmt,nmto->no", monomials(z, models.degree), c)
+    value = np.einsum("nm,nmo->no", weight, contributions(models, index, gap))
     if not slope:
         return value, None
     # of the polynomials alone: what the weights add is small where neighbours agree, and a
     # Newton step that is a little off is corrected by the next
-    slopes = _monomial_slopes(z, models.degree) / radius[..., None]
-    return value, np.einsum("dnmt,nmto->nod", slopes, c)
+    radius = models.radius[index][..., None]
+    slopes = _monomial_slopes(gap / radius, models.degree) / radius
+    spoken = models.coefficients[index] * weight[..., None, None]
+    return value, np.einsum("dnmt,nmto->nod", slopes, spoken)

@@ -8,9 +8,8 @@ from functools import cached_property
 from typing import TYPE_CHECKING
 
 import numpy as np
-from numpy.typing import NDArray
 
-from ..common.arrays import Array
+from ..common.arrays import Array, Index
 from ..common.frozen import freeze, frozen
 from ..common.scale import Scale
 from .graph import Graph
@@ -23,6 +22,7 @@ HISTORY = ("nodes", "sigma", "quantization_error", "topographic_error")
 """Columns of a map's history: one row per epoch, errors in the unit box."""
 
 _FEW = 2_000_000  # distances that take a tenth of the time of SciPy's import
+_MANY = 4_000  # places whose search is shared among threads
 
 
 @dataclass(frozen=True)
@@ -55,37 +55,38 @@ class Map:
         return search_tree(self.units, self.scale)
 
     @cached_property
-    def edges(self) -> NDArray[np.intp]:
+    def edges(self) -> Index:
         """Pairs of joined nodes, (m, 2)."""
         return frozen(self.lattice.edges())
 
     @cached_property
-    def spacing(self) -> float:
-        """Mean distance of joined nodes in the unit box: the unit of every radius."""
+    def _lengths(self) -> Array:
+        """Distance of the two nodes of each edge in the unit box, (m,)."""
         a, b = self.edges.T
         gap = self.scale.difference(self.units[a], self.units[b])
-        return float(np.linalg.norm(gap, axis=1).mean())
+        return np.asarray(np.linalg.norm(gap, axis=1))
+
+    @cached_property
+    def spacing(self) -> float:
+        """Mean distance of joined nodes in the unit box: the unit of every radius."""
+        return float(self._lengths.mean())
 
     @cached_property
     def spacings(self) -> Array:
         """Mean distance of each node to those it is joined to, (nodes,), in the unit box."""
-        a, b = self.edges.T
-        gap = np.linalg.norm(self.scale.difference(self.units[a], self.units[b]), axis=1)
-        n = self.size
-        total = np.bincount(a, gap, n) + np.bincount(b, gap, n)
-        count = np.bincount(a, minlength=n) + np.bincount(b, minlength=n)
-        own = total / np.maximum(count, 1)
+        ends = self.edges.T.ravel()
+        total = np.bincount(ends, np.tile(self._lengths, 2), self.size)
+        own = total / np.maximum(np.bincount(ends, minlength=self.size), 1)
         # a node on top of its neighbours, or joined to none, has the spacing of the map
         return frozen(np.where(own > 1e-6 * self.spacing, own, max(self.spacing, 1e-300)))
 
-    def nearest(self, u: Array, k: int = 1) -> tuple[Array, NDArray[np.intp]]:
+    def nearest(self, u: Array, k: int = 1) -> tuple[Array, Index]:
         """Distances and indices, (n, k), of the `k` nodes nearest to `u` in the unit box."""
         if _few(len(u) * self.size):
             return nearest_points(self.units, self.scale, u, k)
-        distance, index = self.tree.query(u, k=np.arange(1, k + 1))
-        return np.asarray(distance), np.asarray(index, dtype=np.intp)
+        return nearest(self.tree, u, k)
 
-    def winners(self, x: Array) -> NDArray[np.intp]:
+    def winners(self, x: Array) -> Index:
         """Best matching node of each row of `x` (n, d), in the space's own units (eq. 1)."""
         return self.nearest(self.scale.to_unit(np.atleast_2d(x)))[1][:, 0]
 
@@ -102,13 +103,14 @@ class Map:
         return float(np.mean(~self.lattice.adjacent(index[:, 0], index[:, 1])))
 
 
-def nearest_points(
-    points: Array, scale: Scale, u: Array, k: int = 1
-) -> tuple[Array, NDArray[np.intp]]:
-    """Distances and indices, (n, k), of the `k` points of the unit box nearest to each place."""
+def nearest_points(points: Array, scale: Scale, u: Array, k: int = 1) -> tuple[Array, Index]:
+    """Distances and indices, (n, k), of the `k` points of the unit box nearest to each place.
+
+    Of fewer than `k` points all are found.
+    """
+    k = min(k, len(points))
     if not _few(len(u) * len(points)):
-        distance, index = search_tree(points, scale).query(u, k=np.arange(1, k + 1))
-        return np.asarray(distance), np.asarray(index, dtype=np.intp)
+        return nearest(search_tree(points, scale), scale.wrapped(u), k)
     square = np.zeros((len(u), len(points)))
     for axis in range(u.shape[1]):
         gap = u[:, axis, None] - points[:, axis]
@@ -117,6 +119,13 @@ def nearest_points(
         square += gap * gap
     index = np.argpartition(square, np.arange(k), axis=1)[:, :k]
     return np.sqrt(np.take_along_axis(square, index, axis=1)), index
+
+
+def nearest(tree: cKDTree, u: Array, k: int = 1) -> tuple[Array, Index]:
+    """Distances and indices, (n, k), of the `k` points of a tree nearest to each place (eq. 1)."""
+    # for a few places threads take longer to start than to search
+    distance, index = tree.query(u, np.arange(1, k + 1), workers=-1 if len(u) > _MANY else 1)
+    return np.asarray(distance), np.asarray(index, dtype=np.intp)
 
 
 def _few(distances: int) -> bool:

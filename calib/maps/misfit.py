@@ -6,7 +6,7 @@ import numpy as np
 
 from ..common.arrays import Array
 from ..common.scale import Scale
-from .map import search_tree
+from .map import nearest_points
 
 _AROUND = 30  # rows whose residuals are averaged
 _CHANCE = 4.0  # standard errors by which a mean square must exceed the common one
@@ -37,14 +37,14 @@ def misfit(scale: Scale, u: Array, held: Array, extent: float, at: Array) -> Arr
     if k < _FEWEST or square.mean() <= 2.0 * floor:
         return None
     some = slice(None, None, -(-len(u) // _MANY))
-    tree, square = search_tree(u[some], scale), square[some]
+    seen, square = u[some], square[some]
 
     def around(points: Array) -> Array:
-        index = np.asarray(tree.query(points, k=k, workers=-1)[1])
+        index = nearest_points(seen, scale, points, k)[1]
         # without the largest: an outlier is no misfit
         return np.asarray(np.sort(square[index], axis=1)[:, : k - k // 5].mean(axis=1))
 
-    own = around(u[some])
+    own = around(seen)
     noise = float(np.median(own))
     # a mean of o k squares of noise is noise (1 +- sqrt(2 / (o k)))
     chance = _CHANCE * np.sqrt(2.0 / (held.shape[1] * k))

@@ -10,15 +10,13 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
 from ..body.basis import exponents
 from ..body.posterior import BodyFit
 from ..body.trend_choice import choose_trends
-from ..common.arrays import Array
+from ..common.arrays import Array, Index
 from ..common.scale import Scale
 from . import local_models as local
-from .local_models import NO_MODELS
 from .map import Map
 from .misfit import misfit
 from .node_choice import NodeChoice, Shape, fit_each, held_out
@@ -58,7 +56,7 @@ class Selected:
     """A predictor and what cross-validation found of it."""
 
     predictor: Predictor  # fitted to all samples
-    rows: NDArray[np.intp]  # (m,), rows that were held out in turn
+    rows: Index  # (m,), rows that were held out in turn
     # (m, outputs), their positions less the predictions of predictors that had not seen them
     residual: Array
 
@@ -68,7 +66,7 @@ class Selected:
         return np.asarray(np.linalg.norm(self.residual, axis=1))
 
 
-def blocks(n: int, folds: int = FOLDS) -> list[NDArray[np.intp]]:
+def blocks(n: int, folds: int = FOLDS) -> list[Index]:
     """Contiguous blocks of the rows 0 ... n - 1."""
     return np.array_split(np.arange(n), min(folds, n))
 
@@ -117,30 +115,23 @@ def select(motor: Map, u: Array, candidates: Sequence[Candidate]) -> Selected:
     candidates : smooth parts, the simplest first
     """
     folds = blocks(len(u))
-    best: tuple[Candidate, _Chosen] | None = None
+    best: tuple[Candidate, _Chosen, Array] | None = None
     for candidate in candidates:
         if candidate.rival < 1.0 and best is not None:
             smooth = np.linalg.norm(best[0].held_out[best[1].rows], axis=1)
-            if np.linalg.norm(best[1].residual, axis=1).mean() > _MENDED * smooth.mean():
+            if best[2].mean() > _MENDED * smooth.mean():
                 continue
         chosen = _compare(motor, u, folds, candidate)
         errors = np.linalg.norm(chosen.residual, axis=1)
         if best is None or outdoes(
-            errors,
-            candidate.rival * np.linalg.norm(best[1].residual, axis=1),
-            candidate.smooth.terms - best[0].smooth.terms,
+            errors, candidate.rival * best[2], candidate.smooth.terms - best[0].smooth.terms
         ):
-            best = (candidate, chosen)
+            best = (candidate, chosen, errors)
     assert best is not None  # noqa: S101
-    candidate, chosen = best
-    models = NO_MODELS
-    if chosen.nodes is not None:
-        models = chosen.nodes.models(motor, u, candidate.residual, chosen.shapes, chosen.shape)
-    elif chosen.shape is not None:
-        every = np.zeros(motor.size, dtype=np.intp)
-        models = fit_each(motor, u, candidate.residual, [chosen.shape], every)
-    predictor = Predictor(motor, candidate.smooth, models)
-    return Selected(predictor, chosen.rows, chosen.residual)
+    candidate, chosen, _ = best
+    shapes, nodes = chosen.shapes, chosen.nodes
+    models = fit_each(motor, u, candidate.residual, shapes, nodes, chosen.gates)
+    return Selected(Predictor(motor, candidate.smooth, models), chosen.rows, chosen.residual)
 
 
 def outdoes(errors: Array, simpler: Array, extra: int) -> bool:
@@ -160,16 +151,16 @@ def better(errors: Array, others: Array, least: float = 0.0) -> bool:
 
 @dataclass(frozen=True, eq=False)
 class _Chosen:
-    """Shape of the local models, None for none; what nodes chose for themselves, if any."""
+    """Local models that serve a smooth part best, and what remained of rows while held out."""
 
-    shape: Shape | None
-    nodes: NodeChoice | None
-    rows: NDArray[np.intp]
+    rows: Index
     residual: Array
-    shapes: Sequence[Shape] = ()
+    shapes: Sequence[Shape]
+    nodes: Index  # (nodes,), which of the shapes each node has, -1 for none
+    gates: Array | None = None
 
 
-def _compare(motor: Map, u: Array, folds: list[NDArray[np.intp]], candidate: Candidate) -> _Chosen:
+def _compare(motor: Map, u: Array, folds: list[Index], candidate: Candidate) -> _Chosen:
     """Best (degree, samples) of the local models, None for no correction at all.
 
     Each fold is held out in turn (a few of them where samples abound); only the nodes that
@@ -189,24 +180,23 @@ def _compare(motor: Map, u: Array, folds: list[NDArray[np.intp]], candidate: Can
     extent = float(np.linalg.norm(np.ptp(x, axis=0)))
     least = _ROUNDING * extent
     if errors.mean() <= least or not shapes:  # nothing is left to mend
-        return _Chosen(None, None, rows, best)
+        return _Chosen(rows, best, shapes, np.full(motor.size, -1))
     around = misfit(motor.scale, u, candidate.held_out, extent, u)
     wrong = np.zeros(len(u), dtype=bool) if around is None else around > 0.0
     index, weight, gap = local.speaking(motor, u[rows])
-    unseen, blocks_used = [candidate.unseen[fold] for fold in use], [folds[fold] for fold in use]
-    nodes = np.arange(motor.size)
-    said = held_out(motor, nodes, u, unseen, blocks_used, rows, index, gap, shapes)[1:]
-    plain = best
-    choice: Shape | None = None
+    unseen, used = [candidate.unseen[fold] for fold in use], [folds[fold] for fold in use]
+    every = np.arange(motor.size)
+    predicted = held_out(motor, every, u, unseen, used, rows, index, gap, shapes)[1:]
+    smooth, common = best, -1
     calm = ~wrong[rows]
     if np.count_nonzero(calm) < _CALM * len(rows):
         calm[:] = True  # no part of the samples is calm
-    for c, each in zip(shapes, said, strict=True):
-        tried = plain - np.einsum("nm,nmo->no", weight, each)
+    for k, each in enumerate(predicted):
+        tried = smooth - np.einsum("nm,nmo->no", weight, each)
         tried_errors = np.linalg.norm(tried, axis=1)
         if better(tried_errors[calm], errors[calm], least):
-            choice, best, errors = c, tried, tried_errors
+            common, best, errors = k, tried, tried_errors
     if not wrong.any():
-        return _Chosen(choice, None, rows, best)
-    own = NodeChoice.of(motor, u, candidate.unseen, folds, wrong, shapes, choice)
-    return _Chosen(choice, own, rows, own.remaining(rows, best), shapes)
+        return _Chosen(rows, best, shapes, np.full(motor.size, common))
+    own = NodeChoice.of(motor, u, candidate.unseen, folds, wrong, shapes, common)
+    return _Chosen(rows, own.remaining(rows, best), shapes, own.shape, own.gates)

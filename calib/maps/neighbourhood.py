@@ -1,4 +1,4 @@
-"""The neighbourhood of eq. 3 on a whole lattice at once, and how nodes follow it."""
+"""The neighbourhood of eq. 3 around one winner or on a whole lattice, and how nodes follow it."""
 
 from __future__ import annotations
 
@@ -11,32 +11,41 @@ REACH = 4.0
 """The neighbourhood is cut beyond so many sigma, where it is below exp(-8)."""
 
 
+def around(
+    lattice: Lattice, winner: int, rate: float, widths: tuple[float, ...]
+) -> tuple[tuple[slice, ...], Array]:
+    """The nodes around a winner, and a rate times h at each of them (eq. 3).
+
+    widths : (dim,) [nodes], sigma along each axis
+    """
+    reach = int(REACH * max(widths)) + 1
+    window, h = [], np.array(rate)
+    places = np.unravel_index(winner, lattice.shape)
+    for n, place, width in zip(lattice.shape, map(int, places), widths, strict=True):
+        part = slice(max(0, place - reach), min(n, place + reach + 1))
+        steps = np.arange(part.start - place, part.stop - place)
+        h = np.multiply.outer(h, np.exp(steps**2 / (-2.0 * width * width)))
+        window.append(part)
+    return tuple(window), h
+
+
 def spread(sums: Array, lattice: Lattice, sigma: float) -> Array:
     """Sum over all nodes i of h_ji times the rows of `sums` (eq. 3), (size, ...).
 
-    A Gaussian along one lattice axis after the other.  The rows of an axis are taken in
-    blocks, each a product with the same matrix, so that the cost grows with sigma but not
-    with the square of the axis.
+    A Gaussian along one lattice axis after the other.
 
     sums : (size, ...), a row per node
     lattice : where the nodes stand
     sigma : [nodes], neighbourhood radius
     """
+    from scipy.ndimage import correlate1d
+
     grid = sums.reshape(*lattice.shape, -1)
     for axis, n in enumerate(lattice.shape):
         reach = min(int(REACH * sigma) + 1, n - 1)
-        block = min(n, max(2 * reach, 16))
-        apart = np.arange(block)[:, None] - np.arange(-reach, block + reach)
-        h = np.where(np.abs(apart) <= reach, np.exp(apart**2 / (-2.0 * sigma * sigma)), 0.0)
-        rows = np.moveaxis(grid, axis, 0)
-        blocks = -(-n // block)
-        padded = np.zeros((blocks * block + 2 * reach, sums.size // n))
-        padded[reach : reach + n] = rows.reshape(n, -1)
-        out = np.concatenate([h @ padded[k : k + block + 2 * reach] for k in range(0, n, block)])[
-            :n
-        ]
-        grid = np.moveaxis(out.reshape(rows.shape), 0, axis)
-    return grid.reshape(sums.shape)
+        h = np.exp(np.arange(-reach, reach + 1) ** 2 / (-2.0 * sigma * sigma))
+        grid = correlate1d(grid, h, axis, mode="constant")
+    return np.asarray(grid.reshape(sums.shape))
 
 
 def spread_by(sums: Array, lattice: Lattice, h: Array) -> Array:
@@ -47,15 +56,10 @@ def spread_by(sums: Array, lattice: Lattice, h: Array) -> Array:
     h : (2 n - 1, ...), the neighbourhood at all steps along each axis, see
         :func:`calib.maps.fields.kernel`
     """
-    grid = sums.reshape(*lattice.shape, -1)
-    axes = tuple(range(lattice.dim))
-    # so long that the circular convolution of an FFT wraps nothing around
-    full = [3 * n - 2 for n in lattice.shape]
-    both = np.fft.rfftn(grid, full, axes) * np.fft.rfftn(h, full, axes)[..., None]
-    out = np.fft.irfftn(both, full, axes)
-    for axis, n in enumerate(lattice.shape):
-        out = np.take(out, np.arange(n - 1, 2 * n - 1), axis)
-    return np.asarray(out.reshape(sums.shape))
+    from scipy.signal import fftconvolve
+
+    grid, axes = sums.reshape(*lattice.shape, -1), tuple(range(lattice.dim))
+    return np.asarray(fftconvolve(grid, h[..., None], "same", axes).reshape(sums.shape))
 
 
 def moved(

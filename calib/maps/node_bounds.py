@@ -7,7 +7,7 @@ from numpy.typing import NDArray
 
 from ..common.arrays import Array
 from .local_models import blend, blend_size
-from .map import Map, search_tree
+from .map import Map, nearest_points
 
 COVERAGE = 0.95
 _AROUND = 50  # held-out errors that tell the scale around a node
@@ -35,9 +35,8 @@ def learn_bounds(motor: Map, u: Array, errors: Array, doubt: Array | None = None
     floor = max(1e-9 * float(errors.max(initial=0.0)), 1e-15)
     if doubt is None:
         k = max(1, min(_AROUND, len(u) // 2))
-        where = np.clip(motor.units, 0.0, 1.0)
-        _, index = search_tree(u, motor.scale).query(where, k=np.arange(1, k + 1), workers=-1)
-        doubt = errors[np.asarray(index, dtype=np.intp)].mean(axis=1)
+        index = nearest_points(u, motor.scale, np.clip(motor.units, 0.0, 1.0), k)[1]
+        doubt = errors[index].mean(axis=1)
     border, edge = near_border(motor, u), near_border(motor, motor.units)
     groups = [(edge == near, border == near) for near in (False, True)]
     if min(np.count_nonzero(rows) for _, rows in groups) < _ENOUGH:

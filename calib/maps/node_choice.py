@@ -9,16 +9,17 @@ have what serves the calm rows.
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, field
 
 import numpy as np
 from numpy.typing import NDArray
 
+from ..body.basis import exponents
 from ..common.arrays import Array, Index
 from . import local_models as local
 from .gates import find_gates, opening
-from .local_models import LocalModels, Neighbourhood
-from .map import Map, nearest_points, search_tree
+from .local_models import LocalModels
+from .map import Map, nearest_points
 
 Shape = tuple[int, int]
 """Degree of a local model and the number of samples that it is fitted to."""
@@ -40,9 +41,8 @@ _HARM = 30.0  # weight of a calm row: what mends a defect must not spoil what is
 class NodeChoice:
     """What the nodes that speak where the smooth part is wrong have chosen."""
 
-    nodes: Index  # (k,), these nodes
-    shape: Index  # (k,), which of the shapes each has, -1 for none
-    rows: Index  # (m,), rows that they speak for
+    shape: Index  # (nodes,), which of the shapes each node has, -1 for none
+    rows: Index  # (m,), rows that those speak for which chose for themselves
     # (m, o) [unit], what remained of these rows while they were held out
     residual: Array = field(repr=False)
     gates: Array | None = field(repr=False)  # of all nodes, see :mod:`calib.maps.gates`
@@ -55,7 +55,7 @@ class NodeChoice:
         folds: Sequence[Index],
         wrong: NDArray[np.bool_],
         shapes: Sequence[Shape],
-        common: Shape | None,
+        common: int,
     ) -> NodeChoice:
         """Let the nodes choose.
 
@@ -64,10 +64,11 @@ class NodeChoice:
             not seen its rows
         folds : sequence of int arrays, contiguous blocks of rows
         wrong : (n,), rows where the smooth part is wrong
-        common : what serves the calm rows: nodes that are not sure of a better one have it
+        common : which of the shapes serves the calm rows, -1 for none: nodes that are not sure of
+            a better one have it
         """
         index, weight, gap = local.speaking(motor, u)
-        nodes = np.unique(index[wrong]) if common is None else np.arange(motor.size)
+        nodes = np.unique(index[wrong]) if common < 0 else np.arange(motor.size)
         place = np.full(motor.size, -1)
         place[nodes] = np.arange(len(nodes))
         rows = np.flatnonzero((place[index] >= 0).any(axis=1))
@@ -85,15 +86,16 @@ class NodeChoice:
             predicted *= opening(gates[nodes[index]], gap)[..., None]
         target = np.concatenate([known[rows], usually])
         calm = np.concatenate([calm[rows], np.ones(len(beside), dtype=bool)])
-        usual = -1 if common is None else list(shapes).index(common)
         square, quiet = square[rows], calm[: len(rows)]
         noise = max(float(np.mean(square[quiet]) if quiet.any() else np.median(square)), 1e-300)
         chosen, remains = _settled(
-            owner, target, predicted, index, weight, calm, noise, mostly, usual
+            owner, target, predicted, index, weight, calm, noise, mostly, common
         )
         # what is reported are the rows as they were measured
         remains = remains[: len(rows)] + held[rows] - known[rows]
-        return NodeChoice(nodes, chosen, rows, remains, gates)
+        shape = np.full(motor.size, common)
+        shape[nodes] = chosen
+        return NodeChoice(shape, rows, remains, gates)
 
     def remaining(self, rows: Index, otherwise: Array) -> Array:
         """What remained of some rows (k, o); `otherwise` where none of these nodes speaks."""
@@ -101,17 +103,14 @@ class NodeChoice:
         mine = self.rows[place] == rows
         return np.where(mine[:, None], self.residual[place], otherwise)
 
-    def models(
-        self, motor: Map, u: Array, residual: Array, shapes: Sequence[Shape], common: Shape | None
-    ) -> LocalModels:
-        """Local models of all nodes, fitted to all rows; `common` is the others' shape."""
-        choice = np.full(motor.size, -1 if common is None else list(shapes).index(common))
-        choice[self.nodes] = self.shape
-        return replace(fit_each(motor, u, residual, shapes, choice), gates=self.gates)
-
 
 def fit_each(
-    motor: Map, u: Array, residual: Array, shapes: Sequence[Shape], choice: Index
+    motor: Map,
+    u: Array,
+    residual: Array,
+    shapes: Sequence[Shape],
+    choice: Index,
+    gates: Array | None = None,
 ) -> LocalModels:
     """Local models of each node's own shape, (nodes,) indices into `shapes`, -1 for none.
 
@@ -119,13 +118,11 @@ def fit_each(
     from all rows has none.
     Coefficients are those of the largest degree; a node of a lower one has zeros.
     """
-    from ..body.basis import exponents
-
     used = [shapes[k] for k in np.unique(choice[choice >= 0])]
     if not used:
         return local.NO_MODELS
-    degree, dof = max(d for d, _ in used), u.shape[1]
-    terms = len(exponents(dof, degree))
+    degree = max(d for d, _ in used)
+    terms = len(exponents(u.shape[1], degree))
     coefficients = np.zeros((motor.size, terms, residual.shape[1]))
     radius = np.full(motor.size, motor.spacing)
     for k, (own, samples) in enumerate(shapes):
@@ -136,7 +133,8 @@ def fit_each(
             coefficients[nodes, : found.coefficients.shape[1]] = found.coefficients
             radius[nodes] = found.radius
     coefficients *= local.near_rows(motor, u)[:, None, None]
-    return LocalModels(degree, max(k for _, k in used), radius, coefficients)
+    most = max(samples for _, samples in used)
+    return LocalModels(degree, most, radius, coefficients, gates=gates)
 
 
 def held_out(
@@ -159,7 +157,7 @@ def held_out(
         speak, place = np.unique(index[held], return_inverse=True)
         at, spacings = motor.units[nodes[speak]], motor.spacings[nodes[speak]]
         others = np.setdiff1d(np.arange(len(u)), fold, assume_unique=True)
-        around = Neighbourhood.of(at, u[others], motor.scale, most)
+        around = nearest_points(u[others], motor.scale, at, most + 1)
         for k, (degree, samples) in enumerate(shapes):
             models = local.fit(
                 at, u[others], left[others], motor.scale, degree, samples, around, spacings
@@ -177,8 +175,7 @@ def _mostly(
     of_wrong = np.bincount(index.ravel(), (weight * wrong[:, None]).ravel(), motor.size)
     mostly = np.asarray(of_wrong > 0.5 * of_node)
     alone = np.flatnonzero(of_node == 0.0)
-    at = motor.scale.wrapped(motor.units[alone])
-    mostly[alone] = wrong[nearest_points(u, motor.scale, at)[1][:, 0]]
+    mostly[alone] = wrong[nearest_points(u, motor.scale, motor.units[alone])[1][:, 0]]
     return mostly
 
 
@@ -196,8 +193,7 @@ def _calm(
         unit box, and the mean of the calm rows around
     Returns known : (n, o), residuals of all rows, zero where nothing but noise is known of them
     """
-    tree = search_tree(u, motor.scale)
-    near = np.asarray(tree.query(u, k=np.arange(1, min(_BESIDE, len(u)) + 1), workers=-1)[1])
+    near = nearest_points(u, motor.scale, u, _BESIDE)[1]
     if wrong.all():
         return ~wrong, near[:0, 0], u[:0], held[:0], held
     square = np.einsum("no,no->n", held, held)

@@ -17,15 +17,14 @@ from ..common.arrays import Array
 from ..common.parallel import one_blas_thread
 from ..common.scale import Scale
 from ..errors import OptionError
-from . import online
 from .association import Association
-from .density import Gain, Visit
-from .epoch import Epoch, topographic_error
+from .density import Gain
+from .epoch import Epoch
 from .fields import Neighbourhood
 from .lattice import Lattice
-from .links import Wiring, oja, sparse_links
-from .map import Map, search_tree
-from .schedule import exponential
+from .links import Wiring, oja, without_weak
+from .map import Map, nearest, search_tree
+from .online import Learner
 
 CURVE = ("samples", "sigma", "zeta_motor", "zeta_sensory", "error")
 """Columns of a curve: samples shown, radius [nodes], distortions (eq. 9, unit box), and the
@@ -75,10 +74,9 @@ def develop(
 ) -> Pair:
     """Let two maps and their links develop together, one sample at a time (eq. 1 to 6).
 
-    Parameters that are not here are those of :func:`calib.maps.online.learn`.
-
     q, x : (n, d), (n, k), paired samples
-    wiring : how nodes are active (eq. 6).
+    wiring : how nodes are active (eq. 6)
+    The other parameters are those of :func:`calib.maps.online.learn`.
     """
     if lattice.size**2 > _LARGEST:
         raise OptionError(
@@ -87,18 +85,19 @@ def develop(
         )
     scales = (Scale.of_data(q), Scale.of_data(x))
     points = [scale.to_unit(rows) for scale, rows in zip(scales, (q, x), strict=True)]
-    weights = [rng.random((lattice.size, p.shape[1])) for p in points]
+    starts = [rng.random((lattice.size, p.shape[1])) for p in points]
+    learners = [
+        Learner(weights, lattice, gain, sigma, epochs * len(q), neighbourhood, grown)
+        for weights in starts
+    ]
     links: Any = np.zeros((lattice.size, lattice.size), dtype=np.float32)
-    steps = epochs * len(q)
-    radius = exponential(*sigma, steps)
-    alpha = online.ALPHA * radius / sigma[0]  # eq. 4
-    history: tuple[list[Epoch], list[Epoch]] = ([], [])
-    curve, done = [], 0
+    history: list[list[Epoch]] = [[], []]
+    curve = []
 
     def maps() -> tuple[Map, Map]:
         motor, sensory = (
-            Map(w, lattice, s, _history(h))
-            for w, s, h in zip(weights, scales, history, strict=True)
+            Map(learner.weights, lattice, scale, np.array([e.row for e in told]).reshape(-1, 4))
+            for learner, scale, told in zip(learners, scales, history, strict=True)
         )
         return motor, sensory
 
@@ -108,53 +107,25 @@ def develop(
             zeta = np.zeros(2)
             for first in range(0, len(order), _CHUNK):
                 rows = order[first : first + _CHUNK]
-                now = np.arange(done, done + len(rows))
-                done += len(rows)
-                motor, sensory = maps()
-                error = _error(motor, sensory, links, wiring, points, rows, x)
+                error = _error(*maps(), links, wiring, points, rows, x)
                 found = []
-                for k in (0, 1):
-                    distance, winner = online.winners(weights[k], points[k][rows])
+                for k, learner in enumerate(learners):
+                    distance, _ = nearest(search_tree(learner.weights), points[k][rows])
                     found.append(float(np.mean(distance**2)))
                     zeta[k] += distance.sum()
-                    rate = alpha[now]
-                    if gain is not None:
-                        visit = Visit(
-                            done / steps, winner, distance, weights[k], lattice, grown=grown
-                        )
-                        rate = rate * gain(visit)
-                    weights[k] = weights[k].copy()
-                    online.present(
-                        weights[k],
-                        lattice,
-                        points[k][rows],
-                        radius[now],
-                        rate,
-                        neighbourhood,
-                        now / steps,
-                    )
-                curve.append((done, radius[now[-1]], *found, error))
-                motor, sensory = maps()
-                a, b = (
+                    learner.show(points[k][rows])
+                curve.append((learner.done, learner.radius, *found, error))
+                active = (
                     wiring.activity(net, p[rows]).toarray()
-                    for net, p in zip((motor, sensory), points, strict=True)
+                    for net, p in zip(maps(), points, strict=True)
                 )
-                for a_motor, a_sensory in zip(a, b, strict=True):
+                for a_motor, a_sensory in zip(*active, strict=True):
                     oja(links, a_motor, a_sensory, ETA)  # eq. 5
-            for k in (0, 1):
-                topographic = topographic_error(points[k], search_tree(weights[k]), lattice)
-                history[k].append(
-                    Epoch(
-                        weights[k], lattice, radius[done - 1], zeta[k] / len(q), topographic, len(q)
-                    )
-                )
+            for told, learner, p, total in zip(history, learners, points, zeta, strict=True):
+                error = float(total / len(q))
+                told.append(Epoch.of(p, learner.weights, lattice, learner.radius, error))
         motor, sensory = maps()
-        return Pair(Association(motor, sensory, sparse_links(links), wiring), np.array(curve))
-
-
-def _history(epochs: list[Epoch]) -> Array:
-    rows = [(len(e.weights), e.sigma, e.error, e.topographic) for e in epochs]
-    return np.array(rows).reshape(-1, 4)
+        return Pair(Association(motor, sensory, without_weak(links), wiring), np.array(curve))
 
 
 def _error(

@@ -87,6 +87,14 @@ class Predictor:
     smooth: Smooth  # the smooth part: the body, or what stands for it
     models: LocalModels  # what the smooth part leaves over, around each node
 
+    @property
+    def body(self) -> Body | None:
+        """The kinematic model in the smooth part, if there is one."""
+        smooth = self.smooth
+        while isinstance(smooth, Both):
+            smooth = smooth.first
+        return smooth.body if isinstance(smooth, BodyInBox) else None
+
     def value(self, u: Array) -> Array:
         """Positions (n, m) at the points `u` (n, d) of the unit box."""
         return self._evaluate(u, slope=False)[0]

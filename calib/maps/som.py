@@ -19,7 +19,7 @@ from .density import Gain, gain_of, kind_of
 from .epoch import Epoch
 from .fields import LinkRule, Neighbourhood, checked_gain
 from .lattice import Lattice
-from .links import check_wiring, wiring_of
+from .links import wiring_of
 from .map import Map
 from .online import present as present
 from .schedule import Stage, coarse_to_fine, growing, total_work
@@ -93,7 +93,7 @@ class SOM:
     error: float | None = None
 
     def __post_init__(self) -> None:
-        check_wiring(self.links)
+        wiring_of(self.links)
         kind = kind_of(self.map)
         whole = isinstance(self.size, (tuple, list)) and self.size
         if not whole or not all(isinstance(n, (int, np.integer)) for n in self.size):
@@ -167,16 +167,16 @@ class SOM:
         gain = self._gain()
         scale = scale or Scale.of_data(x)
         u = scale.to_unit(x)
-        history, done, work = [], 0, self._work(len(u))
+        epochs, work = self._training(u, gain, partners, residual)
+        history, done = [], 0
         # small products of matrices: threads would only wait for each other
         with one_blas_thread():
-            for epoch in self._epochs(u, gain, partners, residual):
+            for epoch in epochs:
                 done += epoch.shown
-                history.append((len(epoch.weights), epoch.sigma, epoch.error, epoch.topographic))
-                weights, lattice = epoch.weights, epoch.lattice
+                history.append(epoch.row)
                 if progress is not None:
                     progress(min(1.0, done / work), epoch.error)
-        return Map(weights, lattice, scale, np.array(history))
+        return Map(epoch.weights, epoch.lattice, scale, np.array(history))
 
     def fit_pair(self, q: Array, x: Array) -> Pair:
         """Train two maps of this kind on paired samples, and the links between them.
@@ -239,6 +239,10 @@ class SOM:
     def _online_sigma(self, lattice: Lattice) -> tuple[float, float]:
         return self.sigma or (max(lattice.shape) / 2, 0.5 if self.map == "som" else 1.5)
 
+    def _passes(self) -> int:
+        """Passes over the samples of the rules that do not go from coarse to fine."""
+        return self.epochs or {"gas": 8, "gng": 10}.get(kind_of(self.map), 5)
+
     def _stages(self) -> list[Stage]:
         # a neighbourhood of the user's own trains the full lattice alone
         epochs = self.epochs or (None if self.neighbourhood is None else 20)
@@ -246,39 +250,25 @@ class SOM:
             return growing(Lattice(self.size), epochs, self.sigma)
         return coarse_to_fine(Lattice(self.size), epochs, self.sigma, varying=self.map != "som")
 
-    def _passes(self) -> int:
-        """Passes over the samples of the rules that see one sample at a time."""
-        return self.epochs or {"som": 5, "dsom": 5, "gng": 10}[kind_of(self.map)]
-
-    def _work(self, n: int) -> int:
-        """Samples that are shown in all."""
-        kind = kind_of(self.map)
-        if kind in untrained.KINDS:
-            return n
-        if kind == "gas":
-            return n * (self.epochs or gas.EPOCHS)
-        if kind == "som" and self.rule == "batch":
-            return total_work(self._stages(), n)
-        shown = gng.samples_shown(n, Lattice(self.size).size) if kind == "gng" else n
-        return shown * self._passes()
-
-    def _epochs(
+    def _training(
         self, u: Array, gain: Gain | None, partners: Array | None, residual: Array | None
-    ) -> Iterator[Epoch]:
+    ) -> tuple[Iterator[Epoch], int]:
+        """The epochs that train, and how many samples they show in all."""
         rng = np.random.default_rng(self.seed)
-        kind, lattice = kind_of(self.map), Lattice(self.size)
+        kind, lattice, n, passes = kind_of(self.map), Lattice(self.size), len(u), self._passes()
         if kind in untrained.KINDS:
-            return untrained.place(kind, u, lattice, rng)
+            return untrained.place(kind, u, lattice, rng), n
         if kind == "gas":
-            return gas.learn(u, lattice.size, gain, self.epochs or gas.EPOCHS, rng)
+            return gas.learn(u, lattice.size, gain, passes, rng), n * passes
         if kind == "gng":
-            return gng.learn(u, lattice.size, gain, self._passes(), rng, self.error)
+            shown = gng.samples_shown(n, lattice.size)
+            return gng.learn(u, lattice.size, gain, passes, rng, self.error), shown * passes
         if kind == "dsom":
-            return dsom.learn(u, lattice, self._passes(), rng)
+            return dsom.learn(u, lattice, passes, rng), n * passes
+        own = self.neighbourhood
         if self.rule == "online":
-            sigma = self._online_sigma(lattice)
-            passes, grown = self._passes(), self.sigma is None
-            return online.learn(
-                u, lattice, gain, passes, sigma, rng, self.neighbourhood, grown=grown
-            )
-        return batch.learn(u, self._stages(), gain, rng, partners, residual, self.neighbourhood)
+            sigma, grown = self._online_sigma(lattice), self.sigma is None
+            epochs = online.learn(u, lattice, gain, passes, sigma, rng, own, grown=grown)
+            return epochs, n * passes
+        stages = self._stages()
+        return batch.learn(u, stages, gain, rng, partners, residual, own), total_work(stages, n)

@@ -11,10 +11,10 @@ from collections.abc import Iterator
 import numpy as np
 
 from ..common.arrays import Array
-from .epoch import Epoch, nearest, topographic_error
+from .epoch import Epoch
 from .graph import Graph
 from .lattice import Lattice
-from .map import search_tree
+from .map import nearest, search_tree
 
 KINDS = ("grid", "random", "rows")
 """Names in ``map=``."""
@@ -44,15 +44,14 @@ def place(kind: str, u: Array, lattice: Lattice, rng: np.random.Generator) -> It
             drawn = rng.choice(len(u), lattice.size, replace=len(u) < lattice.size)
             weights = u[drawn] + _JITTER * rng.standard_normal((lattice.size, u.shape[1]))
         joined = neighbours(weights)
-    tree = search_tree(weights)
-    error = float(nearest(tree, u)[0].mean())
-    yield Epoch(weights, joined, 0.0, error, topographic_error(u, tree, joined), len(u))
+    error = float(nearest(search_tree(weights), u)[0].mean())
+    yield Epoch.of(u, weights, joined, 0.0, error)
 
 
 def neighbours(weights: Array, k: int = _JOINED) -> Graph:
     """The graph that joins each node (nodes, d) to its `k` nearest."""
     n = len(weights)
     k = min(k, n - 1)
-    near = nearest(search_tree(weights), weights, list(range(2, k + 2)))[1]
+    near = nearest(search_tree(weights), weights, k + 1)[1][:, 1:]
     pairs = np.stack([np.repeat(np.arange(n), k), near.ravel()], axis=1)
     return Graph(n, np.unique(np.sort(pairs, axis=1), axis=0))

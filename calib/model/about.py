@@ -12,6 +12,8 @@ import numpy as np
 from ..common.arrays import Array
 from ..common.checks import finite, numbers, of_type, texts
 from ..common.frozen import ReadOnly
+from ..errors import LogError
+from ..samples.samples import Samples
 
 _TYPES: dict[type, tuple[str, ...]] = {
     str: ("robot", "tip", "unit", "bound_of", "source", "urdf"),
@@ -71,6 +73,18 @@ class About(ReadOnly):
         """The same facts but for these, of a model that now rests on what a sensor read."""
         told: dict[str, Any] = {"source": "log", "bound_of": "sensor reading", "simulation": None}
         return replace(self, **told, taught=False, **facts)
+
+    def joints_of(self, log: Samples) -> Array:
+        """Joint values (n, dof) of a log in the order of the model's joints.
+
+        Raises LogError if the log is of other joints.
+        """
+        if sorted(log.joint_names) != sorted(self.joint_names):
+            raise LogError(
+                f"the log's joints are {', '.join(log.joint_names)}, the model's are "
+                f"{', '.join(self.joint_names)}: give a log of the same arm"
+            )
+        return log.q[:, [log.joint_names.index(name) for name in self.joint_names]]
 
     def to_json(self) -> dict[str, Any]:
         """Plain data, as it is stored in a model file."""

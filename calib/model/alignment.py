@@ -8,6 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from ..common.arrays import Array
+from ..common.wording import for_people
 
 
 @dataclass(frozen=True)
@@ -68,7 +69,7 @@ class Alignment:
         elif self.mirrored:
             parts.append("mirrored")
         parts.append(f"turned {math.degrees(self.angle):.3g} deg" if not self.swapped else "")
-        factor, name = (1e3, "mm") if unit == "m" else (1.0, unit)
+        factor, name = for_people(unit)
         parts.append(f"scaled {self.scale:.5g}")
         parts.append(f"shifted {factor * self.shift[0]:.4g}, {factor * self.shift[1]:.4g} {name}")
         return ", ".join(p for p in parts if p)

@@ -17,9 +17,7 @@ from ..maps.association import check_readout
 if TYPE_CHECKING:
     from .model import Model
 
-REACHED = 1e-9
-"""Share of the workspace's extent that always counts as reached."""
-
+_REACHED = 1e-9  # share of the workspace's extent that always counts as reached
 _SURE = 1e-2  # of the extent: a larger expected error does not make a target reachable
 _IN_SIGHT = 1e6  # extents of the workspace
 _LONGEST = 0.1  # of the joints' range: no step of a servo is longer
@@ -61,12 +59,7 @@ def solve(model: Model, x: Array, near: Array, readout: str) -> Answer:
     """Answer the targets `x` (n, 2) with the solutions closest to `near` (n, dof, unit box)."""
     check_readout(readout)
     u = unit_joints(model, x, near, (readout,))[readout]
-    if readout == "local":
-        return answer(model, u, x, None)
-    if readout == "body":
-        return answer(model, u, x, model.smooth().value(u))
-    seen = model.association.forward(u, readout)
-    return answer(model, u, x, model.sensory.scale.from_unit(seen))
+    return answer(model, u, x, model.predicted(u, readout))
 
 
 def unit_joints(model: Model, x: Array, near: Array, readouts: Sequence[str]) -> dict[str, Array]:
@@ -89,7 +82,7 @@ def joints(model: Model, x: Array, near: Array, *, nearest: bool) -> Array:
     x = in_sight(model, x)
     u, distance = model.solver.solve(x, near)
     q = model.motor.scale.from_unit(u)
-    far = np.flatnonzero(distance > REACHED * model.solver.extent)
+    far = np.flatnonzero(distance > _REACHED * model.solver.extent)
     if len(far) and not nearest:
         # only the expected error can still call these reachable
         beyond = distance[far] > within_reach(model, model.bound_at(u[far]))
@@ -100,7 +93,7 @@ def joints(model: Model, x: Array, near: Array, *, nearest: bool) -> Array:
 def solve_all(model: Model, x: Array) -> list[Answer]:
     """Every distinct solution of each target, see :meth:`calib.Model.solve_all`."""
     target, u, _ = model.solver.solve_all(in_sight(model, x))
-    every = answer(model, u, x[target], None)
+    every = answer(model, u, x[target])
     edges = np.searchsorted(target, np.arange(len(x) + 1)).tolist()
     return [every.take(slice(a, b)) for a, b in itertools.pairwise(edges)]
 
@@ -117,7 +110,7 @@ def in_sight(model: Model, x: Array) -> Array:
     return np.where(far, x / np.where(far, furthest, 1.0) * limit, x) if far.any() else x
 
 
-def answer(model: Model, u: Array, x: Array, position: Array | None) -> Answer:
+def answer(model: Model, u: Array, x: Array, position: Array | None = None) -> Answer:
     """Describe joints `u` (n, dof) of the unit box that answer the targets `x` (n, 2)."""
     if position is None:
         position = model.predictor.value(u)
@@ -136,7 +129,7 @@ def answer(model: Model, u: Array, x: Array, position: Array | None) -> Answer:
 def within_reach(model: Model, bound: Array) -> Array:
     """Distance (n,) to a target at which it counts as reached [unit]."""
     extent = model.solver.extent
-    return np.maximum(np.minimum(bound, _SURE * extent), REACHED * extent)
+    return np.maximum(np.minimum(bound, _SURE * extent), _REACHED * extent)
 
 
 def forward_bounds(

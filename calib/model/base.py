@@ -27,14 +27,13 @@ def in_base(body: Body, *, size: bool = True) -> Body | None:
 
     def alone(belief: Body | Second) -> dict[str, Any]:
         free = structure.view != "base"
-        covariance = without_gauge(structure, belief, size) if free else belief.covariance
+        root = without_gauge(structure, belief, size) if free else belief.root
         kept = ~np.isin(belief.active, sensor_of(structure))
         return {
             "beta": without_sensor(structure, belief.beta)[1],
             "active": belief.active[kept],
-            "covariance": covariance[np.ix_(kept, kept)],
+            "root": root[kept],
             "noise": np.zeros(3),
-            "packed": None,
         }
 
     base, none, second = without_sensor(structure, body.beta)[0], np.zeros(3), body.second
@@ -56,6 +55,6 @@ def drawn(model: Model) -> Body | None:
     if not isinstance(arm, SpatialArm):
         return None
     structure, none = structure_of(arm, "base"), np.zeros(3)
-    active, covariance = structure.groups["tool"], np.zeros((3, 3))
-    return Body(structure, structure.neutral(), active, covariance, none, 1.0, none, none,
+    active, root = structure.groups["tool"], np.zeros((3, 3))
+    return Body(structure, structure.neutral(), active, root, none, 1.0, none, none,
                 np.inf, 1.0, simulated=True)  # fmt: skip

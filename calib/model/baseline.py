@@ -2,9 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
 from dataclasses import dataclass
-from typing import Any
 
 import numpy as np
 
@@ -27,16 +25,6 @@ class Baseline(ReadOnly):
     spread: tuple[float, float]
     # [unit], standard deviation per axis of measured less predicted position in training
     noise: float
-
-    def to_json(self) -> dict[str, Any]:
-        """Plain data for a model file, but for the arrays."""
-        return {"spread": list(self.spread), "noise": self.noise}
-
-    @classmethod
-    def from_json(cls, data: Mapping[str, Any], motor: Array, sensory: Array) -> Baseline:
-        """Rebuild what `to_json` returned."""
-        first, second = (float(s) for s in data["spread"])
-        return cls(motor, sensory, (first, second), float(data["noise"]))
 
 
 def learn_baseline(association: Association, u: Array, x: Array, errors: Array) -> Baseline:

@@ -19,7 +19,7 @@ from ..errors import ModelError
 _LARGEST = 3_000_000  # bytes
 _START = b"\xff\xd8\xff"  # of a JPEG
 
-MOST = 5_000
+MOST_ROWS = 5_000
 """Rows that are kept of a longer log, evenly spread over it."""
 
 
@@ -68,5 +68,5 @@ class Rows(ReadOnly):
     @staticmethod
     def of(q: Array, x: Array) -> Rows:
         """At most 5,000 of the rows of a log, evenly spread over it."""
-        every = -(-len(q) // MOST)
+        every = -(-len(q) // MOST_ROWS)
         return Rows(q[::every].copy(), x[::every].copy())

@@ -126,16 +126,9 @@ class Model(Parts, Doors):
         side = self._sides(approach, len(q))
         if side is not None and self.approach is not None:
             q = self.approach.effective(q, side)
-        u = self.motor.scale.to_unit(q)
         x = np.full((len(q), len(self.axes)), np.nan)
         if inside.any():
-            u = u[inside]
-            if readout == "local":
-                x[inside] = self.predictor.value(u)
-            elif readout == "body":
-                x[inside] = self.smooth().value(u)
-            else:
-                x[inside] = self.sensory.scale.from_unit(self.association.forward(u, readout))
+            x[inside] = self.predicted(self.motor.scale.to_unit(q[inside]), readout)
         return x[0] if single else x
 
     def inverse(
@@ -173,7 +166,7 @@ class Model(Parts, Doors):
             rows, single = checked_rows(x, self.axes, "positions")
             q = answers.joints(self, rows, answers.anchor(self, near, len(rows)), nearest=nearest)
             return q[0] if single else q
-        answer = self.solve(x, near, readout if readout != "local" else None)
+        answer = self.solve(x, near, readout)
         q = answer.q if nearest else np.where(answer.reachable[:, None], answer.q, np.nan)
         return q[0] if np.ndim(x) == 1 else q
 

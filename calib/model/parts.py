@@ -19,10 +19,10 @@ from ..maps.association import Association, check_readout
 from ..maps.linear_models import LinearModels
 from ..maps.local_models import NO_MODELS
 from ..maps.map import Map
-from ..maps.predictor import BodyInBox, Predictor, Smooth
+from ..maps.predictor import BodyInBox, Predictor
 from .measured import Rows
 from .single import Single
-from .trust import KNOWN, MOST_SHARE, STEEP, BetweenNodes, Trust
+from .trust import KNOWN, MOST_SHARE, STEEP, Trust
 
 if TYPE_CHECKING:
     from scipy.sparse import csr_array
@@ -105,7 +105,7 @@ class Parts:
     @cached_property
     def body_solver(self) -> Solver:
         """Solver of the inverse direction of the body alone."""
-        return Solver(self.association, Predictor(self.motor, self.smooth(), NO_MODELS))
+        return Solver(self.association, self._body_alone)
 
     @cached_property
     def trust(self) -> Trust:
@@ -115,8 +115,7 @@ class Parts:
         if self.body is None and self.baseline is not None and "body" in self.about.options:
             known = np.where(self.visited, KNOWN * np.sqrt(self.baseline.motor), -1.0)
         most, growth = MOST_SHARE * self.reach, STEEP * self.solver.extent
-        between = None if self.body is None else BetweenNodes(self.body, self.motor)
-        return Trust(self.motor, self.model_bounds, most, known, growth, between)
+        return Trust(self.motor, self.model_bounds, most, known, growth, self.body)
 
     @cached_property
     def reach(self) -> float:
@@ -143,11 +142,20 @@ class Parts:
         smooth = self.body is not None and self.predictor.models.degree >= 0
         return ("local", *(("body",) if smooth else ()), *MAP_READOUTS)
 
-    def smooth(self) -> Smooth:
-        """The body alone, without local models."""
+    @property
+    def _body_alone(self) -> Predictor:
+        """The body without local models."""
         if self.body is None:
             raise OptionError("readout 'body': the model has no body, choose another readout")
-        return BodyInBox(self.body, self.motor.scale)
+        return Predictor(self.motor, BodyInBox(self.body, self.motor.scale), NO_MODELS)
+
+    def predicted(self, u: Array, readout: str) -> Array:
+        """Positions (n, m) that a readout answers at points (n, dof) of the unit box [unit]."""
+        if readout == "local":
+            return self.predictor.value(u)
+        if readout == "body":
+            return self._body_alone.value(u)
+        return self.sensory.scale.from_unit(self.association.forward(u, readout))
 
     def _readout(self, name: str | None) -> str:
         """The readout that answers; ``local`` where the predictor does."""

@@ -68,7 +68,7 @@ def follow_path(
     x, waypoint = _lines(corners, float(step))
     first = None if start is None else answers.anchor(model, start, 1)[0]
     track = follow(model.solver, answers.in_sight(model, x), first)
-    answered = answers.answer(model, track.u, x, None)
+    answered = answers.answer(model, track.u, x)
     jumps = np.array(track.jumps, dtype=np.intp)
     return Path(x, *answered, waypoint, jumps)
 

@@ -24,6 +24,7 @@ if TYPE_CHECKING:
     from .model import Model
 
 _BESIDE = 0.1  # rad: joints no further from `near` than this are on its branch
+_PARTS = ("q", "position", "rotation", "away", "turned")  # of `Reached`, a row for each answer
 _CLEAR = 0.3  # share of the least singular value that joints may move by beside `near`
 
 
@@ -75,7 +76,14 @@ def solve_poses(
     r = None  # free
     if quaternion is not None:
         turns, _ = checked_rows(quaternion, QUATERNION, "quaternions")
-        r = matrix_of(_units(turns))
+        length = np.linalg.norm(turns, axis=1)
+        if (np.abs(length - 1.0) > ROUNDING).any():  # files round to a few digits
+            row = int(np.argmax(np.abs(length - 1.0)))
+            raise QueryError(
+                f"the quaternion of row {row + 1} has length {length[row]:.4g}: expected length "
+                "1, in the order qx, qy, qz, qw"
+            )
+        r = matrix_of(turns / length[:, None])
         if len(r) != n:
             raise QueryError(f"{len(r)} quaternions for {n} positions: expected as many")
     anchor, _ = checked_rows(space.joints.middle if near is None else near, names, "near")
@@ -90,26 +98,13 @@ def solve_poses(
     return described(space, found, frame)
 
 
-def _units(quaternions: Array) -> Array:
-    """Quaternions (n, 4) of length 1; files round to a few digits."""
-    length = np.linalg.norm(quaternions, axis=1)
-    if (np.abs(length - 1.0) > ROUNDING).any():
-        row = int(np.argmax(np.abs(length - 1.0)))
-        raise QueryError(
-            f"the quaternion of row {row + 1} has length {length[row]:.4g}: expected length 1, in "
-            "the order qx, qy, qz, qw"
-        )
-    return np.asarray(quaternions / length[:, None])
-
-
 def described(space: Space, found: list[Reached], frame: str) -> PoseAnswers:
     """Answers of the arm, one list for each target, in a frame and with their bounds."""
     target = np.repeat(np.arange(len(found)), [len(each.q) for each in found])
     q = np.empty((0, len(space.model.about.joint_names)))
     none = Reached(q, *space.evaluate(q)[:2], np.empty(0), np.empty(0), False)
     q, position, rotation, away, turned = (
-        np.concatenate([getattr(each, name) for each in (none, *found)])
-        for name in ("q", "position", "rotation", "away", "turned")
+        np.concatenate([getattr(each, name) for each in (none, *found)]) for name in _PARTS
     )
     reachable = np.array([each.reachable for each in found], dtype=bool)[target]
     scale = 1.0
@@ -160,13 +155,11 @@ def _found(
         elif r is None:
             out.append(space.reach_position(p[i], anchor[i].tolist(), keep=keep))
         else:
-            turn = quaternion_of(r[i : i + 1])[0]
-            each = space.reach_pose(p[i], turn, anchor[i].tolist(), branches[i])
+            each = space.reach_pose(p[i], r[i], anchor[i].tolist(), branches[i])
             out.append(each if every and each.reachable else first_of(each))
     return out
 
 
-def first_of(found: Reached, count: int = 1) -> Reached:
-    """The preferred answers alone."""
-    names = ("q", "position", "rotation", "away", "turned")
-    return replace(found, **{name: getattr(found, name)[:count] for name in names})
+def first_of(found: Reached) -> Reached:
+    """The preferred answer alone."""
+    return replace(found, **{name: getattr(found, name)[:1] for name in _PARTS})

@@ -16,7 +16,7 @@ from ..common.arrays import Array
 from ..errors import OptionError
 from ..maps.map import Map
 from ..maps.node_bounds import blend_nodes
-from ..maps.predictor import BodyInBox, Both, Predictor
+from ..maps.predictor import Predictor
 from .baseline import Baseline
 from .trust import Trust
 
@@ -97,10 +97,7 @@ class Schema:
     @property
     def body(self) -> Body | None:
         """The kinematic model under the maps, if there is one."""
-        smooth = self.predictor.smooth
-        while isinstance(smooth, Both):
-            smooth = smooth.first
-        return smooth.body if isinstance(smooth, BodyInBox) else None
+        return self.predictor.body
 
     def contradictions(self, u: Array, x: Array) -> tuple[Array, Array, Array]:
         """How far positions `x` (n, m) are from what the schema says of joints `u` (n, dof).

@@ -21,7 +21,7 @@ from ..inverse.one_row import FURTHEST, nearest, two_joints
 from ..maps.node_cells import NodeCells
 from ..maps.node_models import NodeModels
 from ..maps.predictor import BodyInBox
-from .trust import MOST_BLENDED
+from .trust import MOST_BLENDED, ROUNDED
 
 if TYPE_CHECKING:  # what only arms in space need is imported when one asks
     from ..body.spatial_bound_row import SpatialBoundRow
@@ -29,7 +29,6 @@ if TYPE_CHECKING:  # what only arms in space need is imported when one asks
     from .model import Model
 
 _FEW = 20  # queries that take less than the cells take to make
-_SLACK = 1e-9  # as `Trust` has it
 
 
 class Single:
@@ -49,7 +48,7 @@ class Single:
         self._turning: list[int] = np.flatnonzero(scale.periodic).tolist()
         ranges = list(zip(self._lower, self._span, strict=True))
         limits = [
-            (-math.inf, math.inf) if turns else (low - _SLACK * span, low + (1.0 + _SLACK) * span)
+            (-math.inf, math.inf) if turns else (low - ROUNDED * span, low + (1.0 + ROUNDED) * span)
             for (low, span), turns in zip(ranges, scale.periodic, strict=True)
         ]
         self._least, self._most = ([limit[k] for limit in limits] for k in (0, 1))

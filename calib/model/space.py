@@ -14,7 +14,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from ..arm.rotations import exponential, logarithm, matrix_of, quaternion_of
+from ..arm.rotations import exponential, logarithm, quaternion_of
 from ..body.belief import Body
 from ..body.spatial_view import look
 from ..body.views import is_camera
@@ -30,8 +30,7 @@ from .base import drawn, in_base
 if TYPE_CHECKING:
     from .model import Model
 
-#: A turn of the tool beside a motion of the joints, for `keep`.
-KEEP = 10.0
+_KEEP = 10.0  # a turn of the tool beside a motion of the joints
 #: A pose or a position counts as reached within this share of the arm's length.
 REACHED = 1e-6
 _STARTS = 64
@@ -143,17 +142,19 @@ class Space:
     def reach_pose(
         self,
         position: ArrayLike,
-        quaternion: ArrayLike,
+        rotation: Array,
         near: Sequence[float] | None = None,
         branches: Array | None = None,
     ) -> Reached:
         """Joint values for a pose in the base frame: every branch, that nearest to `near` first.
 
+        position, rotation : (3,) [m], (3, 3)
+
         Where none reaches it, the one that comes nearest; an arm of more than six joints has
         infinitely many, of which the nearest to `near` stands first.  `branches` (b, dof) are
         those of the pose where they are known.
         """
-        p, r = np.asarray(position, dtype=float), matrix_of(np.asarray(quaternion, dtype=float))
+        p, r = np.asarray(position, dtype=float), rotation
         anchor = self.joints.middle if near is None else np.asarray(near, dtype=float)
         found = branches
         if found is None:
@@ -218,7 +219,7 @@ class Space:
         n = len(starts)
         return position_near(
             self.evaluate, np.tile(p, (n, 1)), starts, self.joints, self.length,
-            keep=KEEP if keep else 0.0,
+            keep=_KEEP if keep else 0.0,
         )  # fmt: skip
 
     def _slide_home(self, q: Array, p: Array, anchor: Array, keep: bool) -> tuple[Array, Array]:

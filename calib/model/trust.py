@@ -36,32 +36,6 @@ ROUNDED = 1e-9
 
 
 @dataclass(frozen=True, eq=False)
-class BetweenNodes:
-    """The body's posterior where the nodes' bounds are too wide to be blended.
-
-    Beside a joint that hardly moved the posterior widens within less than a node's spacing,
-    so that a bound blended from the nodes would refuse the measured rows themselves.
-    """
-
-    body: Body
-    motor: Map  # motor map
-
-    def bound(self, u: Array, bounds: Array, *, noise: bool) -> Array:
-        """Bounds (n,) [unit] at points of the unit box (n, dof).
-
-        u : (n, dof)
-        bounds : (nodes,) [unit], bounds of the nodes.  What held-out rows added there to the
-            posterior is added here in the same proportion.
-        noise : whether the noise of a single reading counts
-        """
-        scale = self.motor.scale
-        own = self.body.bound(scale.from_unit(np.clip(self.motor.units, 0.0, 1.0)), noise=noise)
-        more = np.maximum(bounds / np.maximum(own, np.finfo(float).tiny), 1.0)
-        there = self.body.bound(scale.from_unit(u), noise=noise)
-        return np.asarray(there * blend_nodes(self.motor, more, u))
-
-
-@dataclass(frozen=True, eq=False)
 class Trust:
     """Where answers are given."""
 
@@ -73,7 +47,7 @@ class Trust:
     # wherever its node is among the nearest, as that of a body does.
     known: Array | None = None
     growth: float = 0.0  # [unit], what the position may change by over the unit box
-    between: BetweenNodes | None = None  # asked where the nodes' bounds give no answer
+    body: Body | None = None  # its posterior is asked where the nodes' bounds give no answer
 
     def in_range(self, u: Array) -> NDArray[np.bool_]:
         """Which coordinates (n, dof) of the unit box are within the joints' range."""
@@ -94,8 +68,15 @@ class Trust:
         """
         blended = blend_nodes(self.motor, bounds, u)
         wide = blended > self.most
-        if self.between is not None and wide.any():
-            there = self.between.bound(u[wide], bounds, noise=noise)
+        if self.body is not None and wide.any():
+            # Beside a joint that hardly moved the posterior widens within less than a node's
+            # spacing: a blended bound would refuse the measured rows themselves.  What held-out
+            # rows added at the nodes to the posterior is added here in the same proportion.
+            scale, known = self.motor.scale, np.clip(self.motor.units, 0.0, 1.0)
+            own = self.body.bound(scale.from_unit(known), noise=noise)
+            more = np.maximum(bounds / np.maximum(own, np.finfo(float).tiny), 1.0)
+            there = self.body.bound(scale.from_unit(u[wide]), noise=noise)
+            there = there * blend_nodes(self.motor, more, u[wide])
             blended[wide] = np.minimum(blended[wide], there)
         if self.known is None:
             return blended

@@ -8,14 +8,14 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import NDArray
 
-from ..common.checks import finite, of_type
-from ..errors import OptionError
+from ..common.checks import LARGEST, of_type
 from ..maps.linear_models import LinearModels
 from ..maps.map import Map
 from ..maps.predictor import Predictor
 from ..model.schemas import Schema, check_name
+from .checked import Tensors, given_fields, plain, refuse
 from .parts import (
-    Tensors,
+    baseline_header,
     baseline_tensors,
     build_baseline,
     build_models,
@@ -23,7 +23,6 @@ from .parts import (
     models_header,
     smooth_header,
     smooth_tensors,
-    whole,
 )
 
 if TYPE_CHECKING:
@@ -40,6 +39,9 @@ SMOOTH = "smooth."
 
 _MOST = 100
 
+_PLAIN = ("name", "bound_of", "samples", "most")
+"""Fields of a schema that stand in its description as they are."""
+
 
 def pack(schemas: Sequence[Schema]) -> tuple[list[dict[str, Any]], dict[str, NDArray[Any]]]:
     """Descriptions and tensors of the schemas that fit into :data:`BYTES`."""
@@ -52,13 +54,10 @@ def pack(schemas: Sequence[Schema]) -> tuple[list[dict[str, Any]], dict[str, NDA
         tensors |= own
         described.append(
             {
-                "name": schema.name,
-                "bound_of": schema.bound_of,
-                "samples": schema.samples,
-                "most": schema.most,
+                **plain(schema, _PLAIN),
                 "smooth": smooth_header(schema.predictor.smooth),
                 "local": models_header(schema.predictor.models),
-                "baseline": schema.baseline and schema.baseline.to_json(),
+                "baseline": baseline_header(schema.baseline),
             }
         )
     return described, tensors
@@ -94,37 +93,32 @@ def _rounded_up(bounds: NDArray[np.float64]) -> NDArray[np.float32]:
 def unpack(model: Model, described: Any, tensors: Tensors) -> tuple[Schema, ...]:
     """Rebuild what :func:`pack` returned, for the model that kept it.
 
-    Raises ValueError, KeyError, TypeError if it makes no sense: a file may come from anyone.
+    Raises CalibError, ValueError, KeyError, TypeError if it makes no sense: a file may come from
+    anyone.
     """
     states = of_type("schemas", described, list)
-    if len(states) > _MOST:
-        raise ValueError(f"{len(states)} schemas are too many")
+    refuse({f"at most {_MOST} schemas": len(states) > _MOST}, "schemas")
     found = [
-        _schema(model, of_type("schema", state, dict), tensors.under(f"{PREFIX}{k}."))
-        for k, state in enumerate(states)
+        _schema(model, state, tensors.under(f"{PREFIX}{k}.")) for k, state in enumerate(states)
     ]
     names = [model.schema, *(s.name for s in found)]
-    if len(set(names)) < len(names):
-        raise ValueError("two schemas have one name")
+    refuse({"schemas of different names": len(set(names)) < len(names)}, "schemas")
     return tuple(found)
 
 
-def _schema(model: Model, state: dict[str, Any], tensors: Tensors) -> Schema:
-    name = schema_name(state["name"])
-    if state["bound_of"] not in ("true position", "sensor reading"):
-        raise ValueError(f"schema {name!r} bounds {state['bound_of']!r}")
+def _schema(model: Model, state: Any, tensors: Tensors) -> Schema:
+    told = given_fields(Schema, state, "schema", _PLAIN)
+    schema_name(told["name"])
     nodes, dof = model.motor.units.shape
     others, width = model.sensory.units.shape
 
-    def take(what: str, *shape: int) -> NDArray[Any]:
-        return tensors.take(what, shape, "float32")
+    def take(what: str, *shape: int, least: float = -LARGEST) -> NDArray[Any]:
+        return tensors.take(what, shape, "float32", least)
 
     motor, sensory = (
         Map(take(part, *lattice.units.shape), lattice.lattice, lattice.scale, lattice.history)
         for part, lattice in (("motor", model.motor), ("sensory", model.sensory))
     )
-    if not (motor.spacing > 0.0 and sensory.spacing > 0.0):
-        raise ValueError(f"the nodes of schema {name!r} are all in one place")
 
     def linear() -> LinearModels:
         slopes = take("linear.slopes", nodes, dof, width)
@@ -135,33 +129,33 @@ def _schema(model: Model, state: dict[str, Any], tensors: Tensors) -> Schema:
         state["local"], tensors, ("radius", "local", "gates"), (nodes, dof, width),
         kind="float32", fades=True,
     )  # fmt: skip
-    bounds, model_bounds = take("bounds", nodes), take("model_bounds", nodes)
-    most = finite("most", state["most"])
     packed = tensors.take("visited", (-(-nodes // 8),), "uint8")
     visited = np.unpackbits(packed, count=nodes) > 0
-    if not visited.any() or min(bounds.min(), model_bounds.min(), most) < 0.0:
-        raise ValueError(f"schema {name!r} was visited nowhere, or a bound is negative")
+    refuse(
+        {
+            "a schema that bounds readings or positions": told["bound_of"]
+            not in ("true position", "sensor reading"),
+            "nodes that stand apart": not (motor.spacing > 0.0 and sensory.spacing > 0.0),
+            "a node that was visited": not visited.any(),
+            "bounds and samples of 0 or more": min(told["most"], told["samples"]) < 0.0,
+        },
+        "schema",
+    )
     return Schema(
-        name,
-        sensory,
-        Predictor(motor, smooth, models),
-        bounds,
-        model_bounds,
-        most,
-        visited,
-        build_baseline(state["baseline"], tensors, nodes, others),
-        state["bound_of"],
-        whole(state["samples"], 2**62),
+        sensory=sensory,
+        predictor=Predictor(motor, smooth, models),
+        bounds=take("bounds", nodes, least=0.0),
+        model_bounds=take("model_bounds", nodes, least=0.0),
+        visited=visited,
+        baseline=build_baseline(state["baseline"], tensors, nodes, others),
+        **told,
     )
 
 
 def schema_name(value: Any) -> str:
     """A schema's name from a file.
 
-    Raises ValueError if it is none.
+    Raises OptionError if it is none.
     """
-    try:
-        check_name(value)
-    except OptionError as error:
-        raise ValueError(str(error)) from None
+    check_name(value)
     return str(value)

@@ -16,12 +16,8 @@ from numpy.typing import NDArray
 from ..common.atomic import atomic_write
 from ..common.parallel import one_blas_thread
 from ..errors import CalibError, ModelError
-from ..maps.graph import Graph
-from ..maps.linear_models import to_shifts
-from ..model.schemas import FIRST
-from . import schemas
-from .parts import Tensors, baseline_tensors, models_header, smooth_header, smooth_tensors
-from .rebuild import build
+from .checked import Tensors
+from .contents import build, described
 
 if TYPE_CHECKING:
     from ..model.model import Model
@@ -62,29 +58,8 @@ def to_bytes(model: Model) -> bytes:
     from safetensors.numpy import save as pack
 
     with one_blas_thread():  # a covariance is factored on the way into the file
-        tensors = _tensors(model)
-    models = model.predictor.models
-    header: dict[str, Any] = {
-        "format": FORMAT,
-        "about": model.about.to_json(),
-        "history": list(model.history),
-        "baseline": model.baseline and model.baseline.to_json(),
-        "motor": {"lattice": list(model.motor.lattice.shape)},
-        "sensory": {"lattice": list(model.sensory.lattice.shape)},
-        "links": model.association.wiring.to_json(),
-        "smooth": smooth_header(model.predictor.smooth),
-        "local": {**models_header(models), "fades": models.fades},
-    }
-    if model.approach is not None:
-        header["approach"] = model.approach.play.tolist()
-        tensors["approach.bounds"] = model.approach.bounds
-    if model.schemas or model.schema != FIRST:
-        header["schema"] = model.schema
-        header["schemas"], kept = schemas.pack(model.schemas)
-        tensors |= kept
-    if model.photo is not None:
-        header["photo"] = list(model.photo.box)
-        tensors["photo"] = np.frombuffer(model.photo.jpeg, np.uint8)
+        header, tensors = described(model)
+    header["format"] = FORMAT
     # safetensors writes memory as it lies: a transposed array would come back as another
     tensors = {name: np.ascontiguousarray(array) for name, array in tensors.items()}
     header["sha256"] = _checksum(tensors, header)
@@ -93,45 +68,6 @@ def to_bytes(model: Model) -> bytes:
 
 def _canonical(header: Mapping[str, Any]) -> str:
     return json.dumps(header, sort_keys=True, separators=(",", ":"), ensure_ascii=False)
-
-
-def _tensors(model: Model) -> dict[str, NDArray[Any]]:
-    links, models = model.association.linked, model.predictor.models
-    tensors: dict[str, NDArray[Any]] = {
-        "links.data": links.data.astype(np.float32),
-        "links.indices": links.indices.astype(_unsigned(model.sensory.size)),
-        # of each row, not where it begins: numbers that fit into two bytes
-        "links.counts": np.diff(links.indptr).astype(_unsigned(model.sensory.size + 1)),
-        "local.radius": models.radius,
-        "local.coefficients": models.coefficients,
-        **smooth_tensors(model.predictor.smooth),
-        "bounds": model.bounds,
-        "visited": model.visited.astype(np.uint8),
-    }
-    if models.gates is not None:
-        tensors["local.gates"] = models.gates
-    if not np.array_equal(model.model_bounds, model.bounds):
-        tensors["model_bounds"] = model.model_bounds
-    for name, part, means in (
-        ("motor", model.motor, model.association.motor_means),
-        ("sensory", model.sensory, model.association.sensory_means),
-    ):
-        tensors[f"{name}.units"] = part.units
-        if means is not None:
-            tensors[f"{name}.shifts"] = to_shifts(part, means)
-        if isinstance(part.lattice, Graph):
-            tensors[f"{name}.edges"] = part.edges.astype(_unsigned(part.size))
-        tensors[f"{name}.history"] = part.history
-        tensors[f"{name}.lower"] = part.scale.lower
-        tensors[f"{name}.span"] = part.scale.span
-        tensors[f"{name}.periodic"] = part.scale.periodic.astype(np.uint8)
-    if model.rows is not None:
-        tensors["rows.q"], tensors["rows.x"] = model.rows.q, model.rows.x
-    return tensors | baseline_tensors(model.baseline)
-
-
-def _unsigned(count: int) -> type[np.unsignedinteger[Any]]:
-    return np.uint16 if count <= 1 << 16 else np.uint32
 
 
 def _checksum(tensors: Mapping[str, NDArray[Any]], header: Mapping[str, Any]) -> str:

@@ -6,13 +6,10 @@ alone), the training of the maps, their varying density.  ``docs/maps.md`` reads
 
 from __future__ import annotations
 
-import contextlib
 import itertools
-import json
 import time
 from collections.abc import Iterator
 from dataclasses import dataclass
-from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -29,7 +26,7 @@ from ..maps.local_models import NO_MODELS
 from ..maps.model_selection import select
 from ..maps.node_bounds import blend_nodes, learn_bounds
 from ..maps.predictor import Predictor
-from ..training.learn import Options, Stopwatch, both_maps, link
+from ..training.learn import Options, associate, both_maps, link
 from ..training.smooth import SmoothPart, find_smooth_part, wrong_around
 from .ablation_cases import Case, measured, simulated
 from .setting import Setting
@@ -72,45 +69,28 @@ def ablation(setting: Setting) -> Result:
     """Run the ablation.
 
     setting : its first seed is used; ``quick`` makes everything small; ``data`` is a folder with
-        ``series_a.csv`` and ``series_c.csv`` of a UR10.  Its file ``parts`` keeps each network as
-        it ends, so that a run that was stopped goes on where it was.
+        ``series_a.csv`` and ``series_c.csv`` of a UR10
     """
     sides = (6, 8) if setting.quick else _SIDES
     rows = 600 if setting.quick else _ROWS
     seed, cases = setting.seeds[0], list(_cases(setting, rows))
-    grounds: dict[int, Ground] = {}
-    kept = _kept(setting.parts)
     records: list[dict[str, Any]] = []
     total = len(cases) * len(sides) * len(NETWORKS)
     with one_blas_thread():
-        for side, (k, case), network in itertools.product(sides, enumerate(cases), NETWORKS):
+        grounds = [Ground.of(case, seed) for case in cases]
+        for side, (case, ground), network in itertools.product(
+            sides, zip(cases, grounds, strict=True), NETWORKS
+        ):
             setting.report(len(records) / total, f"{case.name}, {network} {side}x{side}")
             cell = {"case": case.name, "nodes": f"{side}x{side}", "network": network}
-            key = json.dumps([k, len(case.samples), seed, *cell.values()])
-            if key not in kept:
-                if k not in grounds:  # one body fit for all networks of a case
-                    grounds[k] = Ground.of(case, seed)
-                kept[key] = measure(case, train_on(case, grounds[k], network, side, seed))
-                if setting.parts is not None:
-                    with setting.parts.open("a") as file:
-                        file.write("\n" + json.dumps([key, kept[key]]))
-            records.append({**cell, **kept[key]})
+            found = measure(case, train_on(case, ground, network, side, seed))
+            records.append({**cell, **found})
     merged = _merged(records)
     names = dict.fromkeys(r["case"] for r in merged)
     tables = [_table(name, [r for r in merged if r["case"] == name]) for name in names]
     rows_of_all = [tuple(record.values()) for record in merged]
     tables.append(Table("ablation", "ablation, all figures", tuple(merged[0]), rows_of_all))
     return Result({"rows": merged, "quick": setting.quick}, tuple(tables))
-
-
-def _kept(parts: Path | None) -> dict[str, dict[str, float | None]]:
-    """Figures of an earlier run by their keys; a line that it did not end is left out."""
-    found = {}
-    for line in parts.read_text().splitlines() if parts is not None and parts.exists() else ():
-        with contextlib.suppress(ValueError):
-            key, figures = json.loads(line)
-            found[key] = figures
-    return found
 
 
 def _cases(setting: Setting, rows: int) -> Iterator[Case]:
@@ -142,7 +122,7 @@ class Ground:
         """Fit the body of a case."""
         samples = case.samples
         scale = Scale.of_range(samples.lower, samples.upper, samples.revolute)
-        part = find_smooth_part(samples, scale, body="auto", view="auto", seed=seed)
+        part = find_smooth_part(samples, scale, seed=seed)
         wrong = wrong_around(part, scale, samples, scale.to_unit(samples.q))
         return Ground(scale, part, wrong)
 
@@ -157,15 +137,14 @@ def train_on(case: Case, ground: Ground, network: str, side: int, seed: int) -> 
     options = Options((side,) * 2, (side,) * 2, network, "batch", None, None, seed, False)
     u = scale.to_unit(samples.q)
     started = time.perf_counter()
-    motor, sensory = both_maps(scale, u, samples.x, options, Stopwatch(), None, wrong)
+    motor, sensory = both_maps(scale, u, samples.x, options, wrong)
     seconds = time.perf_counter() - started
     pair = link(motor, sensory, u, samples.x, options)
     selected = select(motor, u[part.rows], part.candidates)
     smooth = part.candidates[0].smooth
     alone = pair
     if wrong is not None and network == "vdsom":  # without a body nothing tells where it is wrong
-        maps = both_maps(scale, u, samples.x, options, Stopwatch(), None, None)
-        alone = link(*maps, u, samples.x, options)
+        alone = associate(scale, u, samples.x, options)
     predictors = {
         "local": selected.predictor,
         "body": Predictor(motor, smooth, NO_MODELS),

@@ -13,7 +13,7 @@ from ..change.watch import Step
 from ..common.arrays import Array
 from ..training.train import train
 from .setting import NETWORKS, Setting
-from .tables import Result, Table
+from .tables import Cells, Result, Table
 
 if TYPE_CHECKING:
     from ..model.model import Model
@@ -63,21 +63,14 @@ def episode(setting: Setting, change: str) -> Episode:
             after, rule = adapter.model(), adapter.model("rule")
     q, old = setting.validation(samples, seed, 40_000)
     _, x = setting.validation(stream, seed, 40_000)
+    # the model and what it is asked for: before the change, after it, and once it has followed
+    states = {"trained": (before, old), "changed": (before, x), "adapted": (after, x)}
     errors = {
-        readout: {
-            "trained": _error(before, q, old, readout),
-            "changed": _error(before, q, x, readout),
-            "adapted": _error(after, q, x, readout),
-        }
+        readout: {state: _error(model, q, at, readout) for state, (model, at) in states.items()}
         for readout in _READOUTS
     }
-    by_rule = _error(rule, q, x, "activity")
-    errors["rule"] = {**errors["activity"], "adapted": by_rule}
-    distortion = {
-        "trained": zeta(before, old),
-        "changed": zeta(before, x),
-        "adapted": zeta(after, x),
-    }
+    errors["rule"] = {**errors["activity"], "adapted": _error(rule, q, x, "activity")}
+    distortion = {state: zeta(model, at) for state, (model, at) in states.items()}
     return Episode(before, after, tuple(steps), q, x, errors, distortion)
 
 
@@ -99,8 +92,8 @@ def adaptation(setting: Setting) -> tuple[Result, dict[str, Episode]]:
     changes = {name: f"{setting.joints[1]}.length={by}" for name, by in CHANGES.items()}
     episodes = {name: episode(setting, change) for name, change in changes.items()}
     data: dict[str, Any] = {}
-    summary: list[list[str | float | None]] = []
-    curves: list[list[str | float | None]] = []
+    summary: list[Cells] = []
+    curves: list[Cells] = []
     for name, e in episodes.items():
         noticed = [s.samples for s in e.steps if s.adapting]
         data[name] = {
@@ -111,25 +104,14 @@ def adaptation(setting: Setting) -> tuple[Result, dict[str, Episode]]:
             "samples": e.steps[-1].samples,
         }
         for state in ("trained", "changed", "adapted"):
-            cells: list[str | float | None] = [name, state, e.distortion[state]]
+            cells: Cells = [name, state, e.distortion[state]]
             for readout in (*_READOUTS, "rule"):
                 cells += [1e3 * e.errors[readout][state][k] for k in ("mean", "max")]
             summary.append(cells)
         for s in e.steps:
-            curves.append(
-                [
-                    name,
-                    s.samples,
-                    s.zeta_motor,
-                    s.zeta_sensory,
-                    s.threshold if np.isfinite(s.threshold) else None,
-                    1e3 * s.error,
-                    s.sigma,
-                    s.eta,
-                    s.beta,
-                    float(s.adapting),
-                ]
-            )
+            threshold = s.threshold if np.isfinite(s.threshold) else None
+            told = (s.samples, s.zeta_motor, s.zeta_sensory, threshold, 1e3 * s.error)
+            curves.append([name, *told, s.sigma, s.eta, s.beta, float(s.adapting)])
     header = ["change", "state", "zeta"]
     header += [f"{r} {k} [mm]" for r in (*_READOUTS, _RULE) for k in ("mean", "max")]
     columns = ["change", "samples", "zeta motor", "zeta sensory", "threshold", "error [mm]"]

@@ -13,7 +13,7 @@ from ..maps.links import WIRINGS
 from ..samples.samples import Samples
 from .search import SAME
 from .setting import NETWORKS, Setting
-from .tables import FACTORS, Result, Table, columns_of, unit_of
+from .tables import Cells, Result, Table, columns_of, error_cells, error_header
 from .trial import Row, Schedule, Trial, activity_errors, association, joined
 
 _ROWS = 20_000  # of each seed: enough to tell these apart
@@ -110,27 +110,23 @@ def directions(setting: Setting) -> Result:
     q, x = setting.validation(samples, seed)
     data: dict[str, Any] = {}
     one = association(samples, NETWORKS["vdsom"], Schedule(), setting.side, seed)
-    there, back = _one_sided(one, samples)
+    ahead, back = _one_sided(one, samples)
     found = {
         "one reciprocal set": (one, one),
-        "one set, eq. 5 from motor to sensory": (there, there),
-        "a set for each direction": (there, back),
+        "one set, eq. 5 from motor to sensory": (ahead, ahead),
+        "a set for each direction": (ahead, back),
     }
-    rows: list[list[str | float | None]] = []
     columns = ("x", "y", *setting.joints)
     spans = np.concatenate([one.sensory.scale.span, one.motor.scale.span])
     for name, (forward, inverse) in found.items():
-        errors = np.concatenate(
-            [activity_errors(forward, q, x)[:, :2], activity_errors(inverse, q, x)[:, 2:]], axis=1
-        )
-        errors = errors * spans
+        first, second = (activity_errors(pair, q, x) for pair in (forward, inverse))
+        errors = np.concatenate([first[:, :2], second[:, 2:]], axis=1) * spans
         data[name] = {
             c: {"mean": float(e.mean()), "max": float(e.max())}
             for c, e in zip(columns, errors.T, strict=True)
         }
-        cells = [data[name][c][k] * FACTORS[unit_of(c)] for c in columns for k in ("mean", "max")]
-        rows.append([name, *cells])
-    header = ["links", *(f"{c} {k} [{unit_of(c)}]" for c in columns for k in ("mean", "max"))]
+    rows: list[Cells] = [[name, *error_cells(data[name], columns)] for name in found]
+    header = ["links", *error_header(columns)]
     title = "both directions from one set of links, readout activity, one seed"
     return Result(data, (Table("directions", title, header, rows),))
 
@@ -154,12 +150,9 @@ def _table(
 ) -> Table:
     """Mean and largest error of each column, a line for each row and readout."""
     names = columns_of(next(iter(rows.values())))
-    header = ["", "readout", *(f"{c} {k} [{unit_of(c)}]" for c in names for k in ("mean", "max"))]
-    lines: list[list[str | float | None]] = []
-    for label, row in rows.items():
-        for readout in readouts:
-            cells = [
-                row[readout][c][k] * FACTORS[unit_of(c)] for c in names for k in ("mean", "max")
-            ]
-            lines.append([label, readout, *cells])
-    return Table(name, title, header, lines)
+    lines: list[Cells] = [
+        [label, readout, *error_cells(row[readout], names)]
+        for label, row in rows.items()
+        for readout in readouts
+    ]
+    return Table(name, title, ["", "readout", *error_header(names)], lines)

@@ -3,10 +3,10 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Iterable, Mapping
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, field
 from functools import cached_property
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
@@ -43,7 +43,6 @@ class Setting:
     quick: bool = False  # small lattices and few samples, to see that everything runs
     report: Report = field(default=lambda _share, _what: None)
     data: Path | None = None  # folder of real logs, for the ablation
-    parts: Path | None = None  # file in which the ablation keeps what it has measured
     robot: str = ROBOT  # a bundled robot or a URDF with two joints that turn
     # parts of the joints' ranges that are babbled [rad]
     ranges: tuple[tuple[str, tuple[float, float]], ...] = ()
@@ -65,12 +64,13 @@ class Setting:
         Raises OptionError if the robot has not two joints that turn in a plane, or a joint is
         unknown.
         """
-        say = report or (lambda _share, _what: None)
-        setting = Setting(seeds=tuple(range(seed, seed + 5)), report=say)
+        size: dict[str, Any] = {"seeds": tuple(range(seed, seed + 5))}
         if quick:
-            setting = Setting(12, (8, 12), 1500, (seed, seed + 1), quick=True, report=say)
-        setting = replace(
-            setting,
+            size = {"side": 12, "sides": (8, 12), "samples": 1500, "seeds": (seed, seed + 1)}
+        setting = Setting(
+            **size,
+            quick=quick,
+            report=report or (lambda _share, _what: None),
             robot=robot,
             ranges=tuple((ranges or {}).items()),
             lengths=tuple((lengths or {}).items()),

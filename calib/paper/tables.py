@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import io
 import math
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any
 
@@ -18,6 +18,12 @@ FACTORS = {"mm": 1000.0, "deg": 180.0 / math.pi}
 
 READOUTS = ("winner", "activity", "linear")
 
+Cells = list[str | float | None]
+"""A row of a table: words and numbers; None is an empty cell."""
+
+Columns = Mapping[str, Mapping[str, float]]
+"""{column: {"mean", "max"}} [m, rad]."""
+
 
 @dataclass(frozen=True)
 class Table:
@@ -26,7 +32,7 @@ class Table:
     name: str  # of the file
     title: str  # what it shows
     header: Sequence[str]  # names of the columns
-    rows: Sequence[Sequence[str | float | None]]  # words and numbers; None is an empty cell
+    rows: Sequence[Cells | tuple[str | float | None, ...]]
 
     def csv(self) -> str:
         """Content of a CSV file, numbers in full."""
@@ -55,34 +61,31 @@ def table1(setting: Setting) -> Result:
         trial, searched[network] = best_trial(setting, NETWORKS[network])
         best[network] = trial.row(setting)
     same = {n: Trial(m, SAME, setting.side).row(setting) for n, m in NETWORKS.items()}
+    paper = printed(TABLE1)
     setting.report(1.0, "the default varying density")
     default = Trial("vdsom", Schedule(), setting.side).row(setting)
     schedules = {n: str(found[0].schedule) for n, found in searched.items()}
     data = {
         **best,
-        "paper": printed(TABLE1),
+        "paper": paper,
         "same_schedule": {**same, "schedule": str(SAME)},
         "default": default,
         "schedules": schedules,
         "ratios": {
-            "best": ratios(best["som"], best["vdsom"]),
-            "same_schedule": ratios(same["som"], same["vdsom"]),
-            "linear": ratios(best["som"], best["vdsom"], "linear"),
-            "default_linear": ratios(best["som"], default, "linear"),
-            "paper": {
-                c: {k: getattr(v, k) / getattr(TABLE1["som"][c], k) for k in ("mean", "max")}
-                for c, v in TABLE1["vdsom"].items()
-            },
+            "best": ratios(best["som"]["activity"], best["vdsom"]["activity"]),
+            "same_schedule": ratios(same["som"]["activity"], same["vdsom"]["activity"]),
+            "linear": ratios(best["som"]["linear"], best["vdsom"]["linear"]),
+            "default_linear": ratios(best["som"]["linear"], default["linear"]),
+            "paper": ratios(paper["som"], paper["vdsom"]),
         },
         **_conditions(setting),
     }
     size = f"{setting.side}x{setting.side}"
-    lines, own = {}, not setting.printed  # another arm, small lattices: not the paper's
-    for n in ("som", "vdsom"):
-        lines[f"{n.upper()}, best: {schedules[n]}"] = (best[n], None if own else TABLE1[n])
-    for n in ("som", "vdsom"):
-        lines[f"{n.upper()}, same: {SAME}"] = (same[n], None if own else TABLE1[n])
-    lines["VDSOM, default gain"] = (default, None if own else TABLE1["vdsom"])
+    # another arm or small lattices are not the paper's
+    beside = TABLE1 if setting.printed else dict.fromkeys(TABLE1)
+    lines = {f"{n.upper()}, best: {schedules[n]}": (best[n], beside[n]) for n in NETWORKS}
+    lines |= {f"{n.upper()}, same: {SAME}": (same[n], beside[n]) for n in NETWORKS}
+    lines["VDSOM, default gain"] = (default, beside["vdsom"])
     tables = [
         comparison("table1", f"Table 1, {size} nodes, {conditions(setting)}", lines),
         _ratio_table(data["ratios"]),
@@ -107,7 +110,7 @@ def table2(setting: Setting) -> Result:
         data[f"{side}x{side}"] = row
         paper = TABLE2.get(side) if setting.printed else None
         lines[f"VDSOM {side}x{side}"] = (row, paper)
-    data |= {"paper": {f"{n}x{n}": _columns(c) for n, c in TABLE2.items()}}
+    data |= {"paper": printed({f"{n}x{n}": columns for n, columns in TABLE2.items()})}
     data |= {"schedule": str(trial.schedule), **_conditions(setting)}
     title = f"Table 2, {trial.schedule}, {conditions(setting)}"
     return Result(data, (comparison("table2", title, lines),))
@@ -124,31 +127,42 @@ def comparison(
     header = ["network", "readout", "error"]
     header += ["mean", "+-", "max", "+-", "mean % of range", "max % of range"]
     header += ["paper mean", "paper max"]
-    rows: list[list[str | float | None]] = []
+    rows: list[Cells] = []
     for label, (row, paper) in lines.items():
         for readout in READOUTS:
             for column in columns_of(row):
                 cell, unit = row[readout][column], unit_of(column)
                 factor = FACTORS[unit]
                 keys = ("mean", "mean_spread", "max", "max_spread")
-                values: list[str | float | None] = [cell[k] * factor for k in keys]
+                values: Cells = [cell[k] * factor for k in keys]
                 values += [100 * cell["mean_of_range"], 100 * cell["max_of_range"]]
                 values += list(paper[column]) if paper else [None, None]
                 rows.append([label, readout, f"{column} [{unit}]", *values])
     return Table(name, title, header, rows)
 
 
-def ratios(row: Row, other: Row, readout: str = "activity") -> dict[str, dict[str, float]]:
-    """Errors of `other` over those of `row`, per column."""
+def ratios(columns: Columns, others: Columns) -> dict[str, dict[str, float]]:
+    """Errors of `others` over those of `columns`, per column."""
     return {
-        c: {k: other[readout][c][k] / row[readout][c][k] for k in ("mean", "max")}
-        for c in columns_of(row)
+        c: {k: others[c][k] / cell[k] for k in ("mean", "max")}
+        for c, cell in columns.items()
+        if not c.endswith("_distance")
     }
 
 
 def columns_of(row: Row) -> tuple[str, ...]:
     """Columns of a row: x, y and the joints by their names."""
     return tuple(c for c in next(iter(row.values())) if not c.endswith("_distance"))
+
+
+def error_header(names: Iterable[str]) -> list[str]:
+    """Names of the mean and the largest error of each column."""
+    return [f"{c} {k} [{unit_of(c)}]" for c in names for k in ("mean", "max")]
+
+
+def error_cells(columns: Columns, names: Iterable[str]) -> list[float]:
+    """Mean and largest error of each column, in the units of the tables."""
+    return [columns[c][k] * FACTORS[unit_of(c)] for c in names for k in ("mean", "max")]
 
 
 def unit_of(column: str) -> str:
@@ -167,7 +181,7 @@ def _ratio_table(found: Mapping[str, Mapping[str, Mapping[str, float]]]) -> Tabl
     names = list(found["best"])
     header = ["VDSOM over SOM, readout activity"]
     header += [f"{c} {k}" for c in names for k in ("mean", "max")]
-    rows: list[list[str | float | None]] = []
+    rows: list[Cells] = []
     for name, columns in found.items():
         cells = [cell[k] for cell in columns.values() for k in ("mean", "max")]
         rows.append([words[name], *cells])
@@ -188,11 +202,10 @@ def _conditions(setting: Setting) -> dict[str, Any]:
 
 def printed(table: Mapping[str, Mapping[str, Printed]]) -> dict[str, Any]:
     """A table of the paper for JSON, in SI units."""
-    return {name: _columns(columns) for name, columns in table.items()}
-
-
-def _columns(columns: Mapping[str, Printed]) -> dict[str, Any]:
     return {
-        c: {"mean": p.mean / FACTORS[UNITS[c]], "max": p.max / FACTORS[UNITS[c]]}
-        for c, p in columns.items()
+        name: {
+            c: {"mean": p.mean / FACTORS[UNITS[c]], "max": p.max / FACTORS[UNITS[c]]}
+            for c, p in columns.items()
+        }
+        for name, columns in table.items()
     }

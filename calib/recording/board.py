@@ -37,27 +37,25 @@ class Board:
     dictionary: str = "5x5_100"  # the tags' dictionary
 
     def __post_init__(self) -> None:
-        if not (2 <= self.columns <= 100 and 2 <= self.rows <= 100):
-            raise OptionError(
-                f"board {self.columns}x{self.rows}: expected 2 to 100 squares each way"
-            )
-        inner = (self.columns - 1) * (self.rows - 1)
-        if inner < LEAST_CORNERS:
-            raise OptionError(
-                f"board {self.columns}x{self.rows} has {inner} inner corners, expected "
-                f"{LEAST_CORNERS} or more: such as 5x4"
-            )
-        if not 0.0 < self.marker < self.square:
-            raise OptionError(
-                f"board: tags of {1e3 * self.marker:g} mm do not fit squares of "
-                f"{1e3 * self.square:g} mm; expected COLSxROWS:SQUARE:MARKER:DICT"
-            )
-        need, known = self.columns * self.rows // 2, find_dictionary(self.dictionary)
-        if need > len(known.bytesList):
-            raise OptionError(
-                f"board {self.columns}x{self.rows} needs {need} tags, {self.dictionary} has "
-                f"{len(known.bytesList)}: take a larger dictionary"
-            )
+        name = f"board {self.columns}x{self.rows}"
+        inner, need = (self.columns - 1) * (self.rows - 1), self.columns * self.rows // 2
+        known = len(find_dictionary(self.dictionary).bytesList)
+        refusals = {
+            f"{name} has {inner} inner corners, expected {LEAST_CORNERS} or more, of at most 100 "
+            "squares each way: such as 5x4": (
+                inner < LEAST_CORNERS or max(self.columns, self.rows) > 100
+            ),
+            f"board: tags of {1e3 * self.marker:g} mm do not fit squares of "
+            f"{1e3 * self.square:g} mm; expected COLSxROWS:SQUARE:MARKER:DICT": not (
+                0.0 < self.marker < self.square
+            ),
+            f"{name} needs {need} tags, {self.dictionary} has {known}: take a larger dictionary": (
+                need > known
+            ),
+        }
+        for message, wrong in refusals.items():
+            if wrong:
+                raise OptionError(message)
 
     @classmethod
     def parse(cls, text: str) -> Board:
@@ -77,13 +75,11 @@ class Board:
         """Width and height of the print [m]."""
         return self.columns * self.square, self.rows * self.square
 
-    def opencv(self, *, legacy: bool = False) -> Any:
+    def opencv(self) -> Any:
         """Return OpenCV's board; its y runs down."""
-        made = opencv().aruco.CharucoBoard(
+        return opencv().aruco.CharucoBoard(
             (self.columns, self.rows), self.square, self.marker, find_dictionary(self.dictionary)
         )
-        made.setLegacyPattern(legacy)
-        return made
 
     def corners(self) -> Array:
         """Return the inner corners (n, 3) in the board's frame [m], by their number."""
@@ -97,10 +93,7 @@ class BoardFinder:
 
     def __init__(self, board: Board) -> None:
         self.board = board
-        aruco = opencv().aruco
-        # prints of older programs have their first tag elsewhere if the rows are even
-        patterns = (False, True) if board.rows % 2 == 0 else (False,)
-        self._detectors = [aruco.CharucoDetector(board.opencv(legacy=p)) for p in patterns]
+        self._detector = opencv().aruco.CharucoDetector(board.opencv())
 
     def find(self, grey: Picture) -> dict[int, Array]:
         """Return the corners that a picture shows: number to place (2,) [px]."""
@@ -114,15 +107,11 @@ class BoardFinder:
         return refine_corners(grey, best, self.board)
 
     def _detect(self, grey: Picture) -> dict[int, Array]:
-        best: dict[int, Array] = {}
-        for detector in self._detectors:
-            corners, numbers = detector.detectBoard(grey)[:2]
-            if numbers is not None and len(numbers) > len(best):
-                places = np.asarray(corners, float).reshape(-1, 2)
-                best = dict(zip(np.ravel(numbers).tolist(), places, strict=True))
-            if len(best) >= LEAST_CORNERS:
-                break
-        return best
+        corners, numbers = self._detector.detectBoard(grey)[:2]
+        if numbers is None:
+            return {}
+        places = np.asarray(corners, float).reshape(-1, 2)
+        return dict(zip(np.ravel(numbers).tolist(), places, strict=True))
 
 
 def parse_length(text: str, what: str = "length", *, signed: bool = False) -> float:

@@ -7,7 +7,6 @@ without one, and few milliseconds show.
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
@@ -19,17 +18,9 @@ _STEPS = 12
 _NU = 4.0  # degrees of freedom of the noise: a track has outliers
 _RATE_SD = 4e-3  # how much rates of clocks differ
 
-
-@dataclass(frozen=True)
-class Timing:
-    """Clocks as a chain would have them."""
-
-    # offset, rate: added to those that the rows were matched with; `doubt` has their standard
-    # deviations [s]
-    offset: float
-    rate: float
-    doubt: tuple[float, float]
-    error: float  # median distance of the rows from the chain [px]
+Timing = tuple[Array, Array, float]
+"""Offset [s] and rate, added to those of the rows (2,), their standard deviations (2,), and the
+median distance of the rows from the chain [px]."""
 
 
 def fit_timing(
@@ -40,7 +31,7 @@ def fit_timing(
     time, x : (n,) array [s], (n, 2) array; joints' times of the rows as far as known, and the
         track.
     joints : callable; returns joints (n, dof) at joints' times (n,).
-    Returns Timing or None; None where no chain can be fitted.
+    Returns None where no chain can be fitted.
     """
     from ..body.fitting import planar_structure
     from ..body.starts import best_starts
@@ -48,7 +39,7 @@ def fit_timing(
     q = joints(time)
     names = tuple(f"q{k}" for k in range(q.shape[1]))
     try:
-        template = planar_structure(q, x, names, revolute, None, "homography", None, "px", False)
+        template = planar_structure(x, names, revolute, None, "homography", "px", False)
         chain = dict(template.members())["chain"]
         start = best_starts(template, q, x, chain)[0]
         structure, beta = start.structure, start.beta
@@ -59,11 +50,15 @@ def fit_timing(
         plain, beta = _search(structure, prior, time, x, joints, beta, 0.0, 1e-12)
         if plain is None:
             return None
-        free, _ = _search(structure, prior, time, x, joints, beta, plain.offset, _RATE_SD)
-    # a rate that is nothing but noise would spoil both ends
-    if free is None or abs(free.rate) < 4.0 * free.doubt[1] or free.error > 0.97 * plain.error:
+        free, _ = _search(structure, prior, time, x, joints, beta, plain[0][0], _RATE_SD)
+    if free is None or not shows_rate(free[0][1], free[1][1], free[2], plain[2]):
         return plain
     return free
+
+
+def shows_rate(rate: float, sd: float, error: float, plain: float) -> bool:
+    """Whether rows show a rate, by their error with and without: noise would spoil both ends."""
+    return abs(rate) > 4.0 * sd and error < 0.97 * plain
 
 
 def _search(
@@ -115,10 +110,4 @@ def _search(
             break
     # neighbouring rows err alike: about three of them say as much as one
     spread = np.sqrt(3.0 * np.diag(np.linalg.inv(precision))[-2:])
-    timing = Timing(
-        float(clock[0]),
-        float(clock[1]),
-        (float(spread[0]), float(spread[1])),
-        float(np.median(distance)),
-    )
-    return timing, beta
+    return (clock, spread, float(np.median(distance))), beta

@@ -17,7 +17,7 @@ from ..common.parallel import one_blas_thread
 from ..common.rows import thinned
 from ..errors import LogError
 from ..samples.joint_values import joints_at
-from .chain_judge import fit_timing
+from .chain_judge import fit_timing, shows_rate
 from .track import Judge, jumps, softness
 
 _CANDIDATES = 15  # peaks of the correlation of speeds that are judged
@@ -133,15 +133,11 @@ class ClockPair:
         timing = fit_timing(when, seen, self.joints, revolute) if len(when) >= 16 else None
         if timing is None:
             return None
+        (offset, rate), sd, error = timing
         # the rate was fitted about the middle of the rows that were used
-        shift = timing.rate * (start.middle + start.offset - 0.5 * (when[0] + when[-1]))
-        return replace(
-            start,
-            offset=start.offset + timing.offset + float(shift),
-            rate=timing.rate,
-            error=timing.error,
-            doubt=self._at_ends(*timing.doubt),
-        )
+        offset += start.offset + rate * (start.middle + start.offset - 0.5 * (when[0] + when[-1]))
+        doubt = self._at_ends(*sd)
+        return replace(start, offset=float(offset), rate=float(rate), error=error, doubt=doubt)
 
     def refined(self, start: Clocks) -> Clocks:
         """Fit the offset, and the rate where the rows show one, by Gauss and Newton's method."""
@@ -160,9 +156,7 @@ class ClockPair:
                 clocks = replace(clocks, offset=clocks.offset + step[0], rate=clocks.rate + step[1])
             tried.append((clocks, float(sd[1])))
         (plain, _), (free, sd_rate) = tried
-        # a rate that is nothing but noise would spoil both ends
-        shown = abs(free.rate) > 4.0 * sd_rate and free.error < 0.97 * plain.error
-        return free if shown else plain
+        return free if shows_rate(free.rate, sd_rate, free.error, plain.error) else plain
 
     def _at_ends(self, offset: float, rate: float) -> float:
         """Return the standard deviation of the joints' time at the track's ends [s]."""
@@ -217,17 +211,15 @@ def align_clocks(
     """
     seen = np.isfinite(pixels[:, 0]) & ~jumps(pixels)
     t, x = time[seen], pixels[seen]
-    if len(t) < 20:
-        raise ClockError(f"the tag is in {len(t)} frames only: too few to match the clocks by")
+    pair = ClockPair(t, x, joint_time, q)
+    if len(t) < 20 or not (peaks := pair.peaks()):
+        raise ClockError(
+            f"the recordings are too short to match the clocks: the tag is in {len(t)} frames, "
+            "expected at least 5 s of motion"
+        )
     spread = float(np.sqrt(((x - x.mean(0)) ** 2).sum(1).mean()))
     if spread < 5.0 or np.ptp(q, axis=0).max() < 0.02:
         raise ClockError("the arm never moves, so the clocks cannot be matched; give `time_offset`")
-    pair = ClockPair(t, x, joint_time, q)
-    peaks = pair.peaks()
-    if not len(peaks):
-        raise ClockError(
-            "the recordings are too short to match the clocks: expected at least 5 s of motion"
-        )
     judged = sorted(map(pair.candidate, peaks), key=_by_error)
     apart = [c for k, c in enumerate(judged) if all(_apart(c, d) for d in judged[:k])]
     kinds = tuple(revolute) if revolute is not None else (True,) * q.shape[1]

@@ -9,12 +9,13 @@ within the squares come near it, so a window about it says little.
 from __future__ import annotations
 
 from collections.abc import Mapping
+from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
 import numpy as np
 from numpy.typing import NDArray
 
-from ..common.arrays import Array
+from ..common.arrays import Array, Mask
 from .opencv import Picture, opencv
 
 if TYPE_CHECKING:
@@ -27,6 +28,8 @@ _ENDS = 0.09  # share of a side that is left out at each end: corners are round
 _BLUR = 0.6  # [px]
 _LEAST_REACH = 1.3  # [px]; of a profile that still holds an edge
 _CLEAR = 1.3  # [px]; the blur of the tags beside an edge
+_STRAY = 3.7  # median distances of points from their edge: those further off are left out
+_STRAIGHT = (0.35, 2.0)  # rms distance and bend of a board's edge, at most [px]
 _ALONG = np.linspace(0.14, 0.82, 14)[:, None]  # of a square: near a corner edges are round
 
 
@@ -47,13 +50,14 @@ def refine_square(grey: Picture, corners: Array, cells: int = 8) -> tuple[Array,
     for _ in range(2):
         ahead = np.roll(c, -1, 0) - c
         points, _ = edge_points(part, c[:, None] + along * ahead[:, None], ahead, reach)
-        lines, rough = zip(*map(_line, points), strict=True)
-        roughness = max(rough)
-        crossed = np.cross(np.roll(lines, 1, axis=0), lines)
-        with np.errstate(divide="ignore", invalid="ignore"):
-            c = crossed[:, :2] / crossed[:, 2:]
-        if not np.isfinite(c).all():
+        fitted = [
+            _fitted(p, at, on, 1, _POINTS) for p, at, on in zip(points, c, ahead, strict=True)
+        ]
+        sides = [side for side in fitted if side is not None]
+        if len(sides) < 4:
             return corners, np.inf
+        roughness = max(side.rough for side in sides)
+        c = np.array([_cross(sides[k - 1], sides[k]) for k in range(4)])
     return c + low, roughness
 
 
@@ -103,17 +107,47 @@ def crossing(corners: Array) -> Array:
     return np.asarray(corners[0] + p[:2] / p[2])
 
 
-def _line(points: Array) -> tuple[Array, float]:
-    """Fit `n . x + c = 0` to points, far ones left out; return (n, c) and the rms distance."""
-    keep = np.ones(len(points), bool)
+@dataclass(frozen=True, eq=False)
+class _Edge:
+    """A line or parabola: `origin + s u + (a + b s + c s^2) v`."""
+
+    origin: Array  # (2,) [px]
+    u: Array  # unit vectors along the edge and across it (2,)
+    v: Array
+    terms: Array  # a, b and c (3,)
+    rough: float  # rms distance of its points [px]
+
+    def at(self, s: float) -> tuple[Array, Array]:
+        """Return the point at `s` and the tangent there."""
+        a, b, c = self.terms
+        place = self.origin + s * self.u + (a + b * s + c * s**2) * self.v
+        return place, self.u + (b + 2.0 * c * s) * self.v
+
+
+def _fitted(points: Array, origin: Array, along: Array, degree: int, asked: int) -> _Edge | None:
+    """Fit an edge to points (n, 2) near it, far ones left out; None if few of those `asked` fit."""
+    u = along / max(float(np.linalg.norm(along)), 1e-9)
+    v = np.array([-u[1], u[0]])
+    s, y = (points - origin) @ u, (points - origin) @ v
+    powers = np.vander(s, degree + 1, increasing=True)
+    keep = np.ones(len(s), bool)
     for _ in range(3):
-        middle = points[keep].mean(0)
-        normal = np.linalg.svd(points[keep] - middle, full_matrices=False)[2][1]
-        distance = np.abs((points - middle) @ normal)
-        keep = distance < max(3.7 * float(np.median(distance[keep])), 0.05)
-        if keep.sum() < 4:
-            return np.array([*normal, -normal @ middle]), np.inf
-    return np.array([*normal, -normal @ middle]), float(np.sqrt(np.mean(distance[keep] ** 2)))
+        if keep.sum() < 0.5 * asked:
+            return None
+        fit = np.linalg.lstsq(powers[keep], y[keep], rcond=None)[0]
+        miss = np.abs(y - powers @ fit)
+        keep = miss < max(_STRAY * float(np.median(miss[keep])), 0.05)
+    rough = float(np.sqrt(np.mean(miss[keep] ** 2)))
+    return _Edge(origin, u, v, np.pad(fit, (0, 2 - degree)), rough)
+
+
+def _cross(one: _Edge, other: _Edge) -> Array:
+    """Return where two edges cross (2,), by Newton's method from their origins."""
+    s = np.zeros(2)
+    for _ in range(4):
+        (p, dp), (q, dq) = one.at(s[0]), other.at(s[1])
+        s = s - np.linalg.lstsq(np.stack([dp, -dq], axis=1), p - q, rcond=None)[0]
+    return one.at(s[0])[0]
 
 
 def refine_corners(grey: Picture, corners: Mapping[int, Array], board: Board) -> dict[int, Array]:
@@ -125,13 +159,11 @@ def refine_corners(grey: Picture, corners: Mapping[int, Array], board: Board) ->
     if len(corners) < 4:
         return {}
     places = {n: np.asarray(place, float) for n, place in corners.items()}
-    refined: dict[int, Array] | None = None
+    refined: dict[int, Array] = {}
     for _ in range(2):
-        refined = _once(grey, places, board)
-        if refined is None:
-            break
+        refined = _crossings(grey, places, board)
         places |= refined
-    near = {} if refined is None else _near(refined, corners)
+    near = _near(refined, corners)
     # small squares, or tags that fill them, have no edges to speak of
     return near if len(near) >= 0.6 * len(corners) else _by_window(grey, corners)
 
@@ -141,28 +173,28 @@ def _near(refined: Mapping[int, Array], corners: Mapping[int, Array]) -> dict[in
     return {n: p for n, p in refined.items() if np.linalg.norm(p - corners[n]) < 2.5}
 
 
-def _once(grey: Picture, places: Mapping[int, Array], board: Board) -> dict[int, Array] | None:
+def _crossings(grey: Picture, places: Mapping[int, Array], board: Board) -> dict[int, Array]:
+    """Return where the edges of squares cross; none where squares are too small for edges."""
     width = board.columns - 1
-    numbers, ahead = [], []
+    grid = np.full((board.rows + 1, board.columns + 1, 2), np.nan)
     for n, place in places.items():
-        steps = []
-        for right, down in ((1, 0), (-1, 0), (0, 1), (0, -1)):
-            steps.append(_neighbour(places, n, right, down, width) - place)
-        if np.isfinite(steps).all():
-            numbers.append(n)
-            ahead.append(steps)
-    if not numbers:
+        grid[1 + n // width, 1 + n % width] = place
+    here = grid[1:-1, 1:-1]
+    shifts = ((0, -1), (0, 1), (-1, 0), (1, 0))  # the next corner to the right, left, below, above
+    ahead = np.stack([np.roll(grid, shift, (1, 0))[1:-1, 1:-1] - here for shift in shifts], axis=2)
+    # the outer corners' edges run a square beyond them, as far as on the other side
+    ahead = np.where(np.isnan(ahead), -ahead[:, :, [1, 0, 3, 2]], ahead)
+    known = np.isfinite(ahead).all(axis=(2, 3)) & np.isfinite(here).all(axis=2)
+    numbers, c, d = np.flatnonzero(known), here[known], ahead[known]  # d (corners, 4, 2)
+    if not len(numbers):
         return {}
-    c = np.array([places[n] for n in numbers])
-    d = np.array(ahead)  # (corners, 4, 2)
-    # the outer corners' edges run a square beyond them
     part, low = blurred_part(grey, (c[:, None] + d).reshape(-1, 2))
     c = c - low
     area = np.abs(d[:, 0, 0] * d[:, 2, 1] - d[:, 0, 1] * d[:, 2, 0])
     gap = 0.5 * (1.0 - board.marker / board.square) * area / np.linalg.norm(d, axis=2).max(1)
     reach = min(float(np.median(gap)) - _CLEAR, 4.0)
     if reach < _LEAST_REACH:
-        return None
+        return {}
     base = c[:, None, None] + _ALONG * d[:, :, None]
     flat = base.reshape(-1, len(_ALONG), 2)
     points, spread = edge_points(part, flat, d.reshape(-1, 2), reach)
@@ -170,64 +202,25 @@ def _once(grey: Picture, places: Mapping[int, Array], board: Board) -> dict[int,
     inside = ((base > 0.0) & (base < np.subtract(part.shape[::-1], 1))).all(-1)
     there = inside & (spread.reshape(base.shape[:3]) > 0.05)  # a flat grey has no edge
     refined = {}
-    for k, n in enumerate(numbers):
-        level = _curve(points[k, :2], there[k, :2], c[k], d[k, 0] - d[k, 1])
-        upright = _curve(points[k, 2:], there[k, 2:], c[k], d[k, 2] - d[k, 3])
+    for k, n in enumerate(numbers.tolist()):
+        level, upright = (
+            _straight(points[k, side], there[k, side], c[k], d[k, side])
+            for side in (slice(0, 2), slice(2, 4))
+        )
         if level is not None and upright is not None:
-            refined[n] = _cross(level, upright) + c[k] + low
+            refined[n] = _cross(level, upright) + low
     return refined
 
 
-def _neighbour(places: Mapping[int, Array], n: int, right: int, down: int, width: int) -> Array:
-    """Return where the next corner is, or would be by its opposite; NaN if neither is there."""
-    column = n % width
-    step = right + down * width
-    if n + step in places and 0 <= column + right < width:
-        return places[n + step]
-    if n - step in places and 0 <= column - right < width:
-        return 2.0 * places[n] - places[n - step]
-    return np.full(2, np.nan)
-
-
-def _curve(
-    points: Array, there: NDArray[np.bool_], origin: Array, along: Array
-) -> tuple[Array, Array, Array] | None:
-    """Fit `v = a + b u + c u^2` to points of an edge; None if they make no edge.
-
-    Returns u, v : (2,) array; unit vectors along the edge and across it.
-    Returns (a, b, c) : (3,) array; the parabola, about the origin.
-    """
-    u = along / np.linalg.norm(along)
-    v = np.array([-u[1], u[0]])
-    p = points[there] - origin
-    if there.sum() < 0.6 * there.size:
+def _straight(points: Array, there: Mask, corner: Array, ahead: Array) -> _Edge | None:
+    """Fit an edge of a board to its points (2, n, 2) on both sides of a corner, if it makes one."""
+    if there.mean() < 0.6:
         return None
-    s, y = p @ u, p @ v
-    terms = np.stack([np.ones_like(s), s, s**2], 1)
-    keep = np.ones(len(s), bool)
-    fit = np.zeros(3)
-    for _ in range(3):
-        fit = np.linalg.lstsq(terms[keep], y[keep], rcond=None)[0]
-        miss = np.abs(y - terms @ fit)
-        keep = miss < max(3.7 * float(np.median(miss[keep])), 0.05)
-        if keep.sum() < 0.5 * there.size:
-            return None
-    if float(np.sqrt(np.mean(miss[keep] ** 2))) > 0.35 or abs(fit[2]) * s.max() ** 2 > 2.0:
+    edge = _fitted(points[there], corner, ahead[0] - ahead[1], 2, there.size)
+    far = float(_ALONG.max() * np.linalg.norm(ahead, axis=1).max())
+    if edge is None or edge.rough > _STRAIGHT[0] or abs(edge.terms[2]) * far**2 > _STRAIGHT[1]:
         return None
-    return u, v, fit
-
-
-def _cross(one: tuple[Array, Array, Array], other: tuple[Array, Array, Array]) -> Array:
-    t = np.zeros(2)
-    for _ in range(5):
-        (p, dp), (q, dq) = (_at(curve, s) for curve, s in zip((one, other), t, strict=True))
-        t = t - np.linalg.solve(np.stack([dp, -dq], 1), p - q)
-    return _at(one, float(t[0]))[0]
-
-
-def _at(curve: tuple[Array, Array, Array], s: float) -> tuple[Array, Array]:
-    u, v, (a, b, c) = curve
-    return s * u + (a + b * s + c * s**2) * v, u + (b + 2.0 * c * s) * v
+    return edge
 
 
 def _by_window(grey: Picture, places: Mapping[int, Array]) -> dict[int, Array]:

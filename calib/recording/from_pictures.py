@@ -3,28 +3,26 @@
 from __future__ import annotations
 
 import os
-from collections import Counter
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from typing import Any
 
 import numpy as np
+from numpy.typing import NDArray
 
 from ..arm.rotations import quaternion_of
-from ..common.arrays import Array
+from ..common.arrays import Array, Mask
 from ..common.parallel import one_blas_thread
-from ..common.wording import listed
 from ..errors import LogError
-from .board import BoardFinder
+from ..samples.recorded import Recorded, told
 from .joint_table import JointTable
-from .opencv import Picture
 from .pictures import list_pictures, match_rows, read_series
 from .plane import square_pose
-from .recorded import Recorded, told
-from .reference import PlaneReference
+from .reference import PlaneReference, PositionReference
 from .setting import Setup
-from .tags import Tag, TagFinder
-from .track import TipTags, astray, check_motion, row_shift, stuck, unrelated
-from .watch import Marks, Watched
+from .sight import LOOKS, sight
+from .tags import Tag
+from .track import astray, check_motion, row_shift, stuck, unrelated
+from .watch import motion, watch
 
 
 def log_pictures(
@@ -44,84 +42,69 @@ def log_pictures(
         place while joints move, rows shifted against the pictures, and the like.
     """
     pairs, notes = match_rows(joints, list_pictures(source))
-    boards = BoardFinder(setting.board) if setting.board is not None else None
-    tips = TipTags(setting.tag)
-    rows: list[int] = []
-    tags: list[Tag] = []
-    marks: list[tuple[int, Marks]] = []
+    names = [path.name for _, path in pairs]
     damaged: list[str] = []
-    size = (0, 0)
-    sample: list[Picture] = []
-    for number, grey in read_series([path for _, path in pairs], damaged):
-        name, size = pairs[number][1].name, (grey.shape[1], grey.shape[0])
-        setting.check_size(name, size)
-        # a dozen pictures tell which tags are there, should this one not be
-        if number % max(1, len(pairs) // 12) == 0:
-            sample.append(grey)
-        found = setting.finder.find(grey)
-        if setting.layout is not None:
-            marks.append((number, setting.marks(grey, found, boards)))
-        _, tip = tips.pick(found, name)
-        if tip is not None:
-            rows.append(number)
-            tags.append(tip)
-    reasons = tips.reasons
+    series = read_series([path for _, path in pairs], damaged)
+    frames = ((number, names[number], grey) for number, grey in series)
+    seen = sight(frames, setting, "pictures", max(1, len(pairs) // LOOKS))
     notes += [f"{text}; left out" for text in damaged[:5]]
+    reasons = seen.reasons
     reasons["cut off or damaged"] = len(damaged)
-    tips.check_single(f"{len(tips.twice)} of {len(pairs)} pictures ({listed(tips.twice, 3)})")
-    if not tags:
-        raise unseen(setting, sample, f"{len(pairs)} pictures")
-    what = f"{len(tags)} pictures"
-    index = np.array([pairs[number][0] for number in rows])
-    q, pixels = joints.q[index], np.array([t.centre for t in tags])
-    if len(tags) > 1:
-        check_motion(q, pixels, setting.tag, what)
-    watched = setting.watch(marks, since)
-    notes += watched.notes
+    q, pixels = joints.q[[pairs[number][0] for number in seen.numbers]], seen.pixels
+    if len(q) > 1:
+        check_motion(q, pixels, setting.tag, f"{len(q)} pictures")
+    reference, off = watch(setting.layout, seen.marks, setting.lens, setting.tag_height)
     with one_blas_thread():
-        notes += _check_order(q, pixels, [pairs[number][1].name for number in rows])
-        good = ~stuck(q, pixels)
-        reasons["at one place while the joints move: a second tag?"] = int((~good).sum())
-        shaken = good & np.isin(rows, list(watched.off))
-        reasons["the reference is elsewhere in them: camera shaken, refocused?"] = int(shaken.sum())
-        good &= ~shaken
-        lost = astray(q[good], pixels[good])
-    reasons["far from where the joints put the tip"] = int(lost.sum())
-    good[np.flatnonzero(good)[lost]] = False
-    numbers = np.array(rows)[good]
-    kept = [tag for tag, ok in zip(tags, good, strict=True) if ok]
+        notes += _check_order(q, pixels, [names[number] for number in seen.numbers])
+        doubts: dict[str, Callable[[NDArray[np.intp]], Mask]] = {
+            "at one place while the joints move: a second tag?": lambda k: stuck(q[k], pixels[k]),
+            "the reference is elsewhere in them: camera bumped, shaken, refocused?": (
+                lambda k: np.isin(seen.numbers[k], list(off))
+            ),
+            "far from where the joints put the tip": lambda k: astray(q[k], pixels[k]),
+        }
+        rows = np.arange(len(q))
+        for why, find in doubts.items():
+            wrong = find(rows)
+            reasons[why], rows = int(wrong.sum()), rows[~wrong]
     return assemble(
         setting,
-        watched,
-        kept,
-        numbers,
+        reference,
+        [seen.tags[k] for k in rows],
+        reasons,
+        "pictures",
+        since,
         joint_names=joints.names,
-        q=q[good],
-        source={"source": "pictures", "size": list(size)},
-        pictures=tuple(pairs[number][1].name for number in numbers),
-        dropped={why: count for why, count in reasons.items() if count},
-        notes=[*notes, *told(reasons, "pictures")],
+        q=q[rows],
+        source={"source": "pictures", "size": list(seen.size)},
+        pictures=tuple(names[number] for number in seen.numbers[rows]),
+        notes=notes,
     )
 
 
 def assemble(
     setting: Setup,
-    watched: Watched,
+    reference: PositionReference,
     tags: Sequence[Tag],
-    numbers: Array,
+    reasons: Mapping[str, int],
+    what: str,
+    since: Mapping[str, Any] | None,
     **more: Any,
 ) -> Recorded:
-    """Put a log together from tags that were seen in the pictures of these numbers (n,).
+    """Put a log together from the tags of some pictures.
 
-    `more` are further fields of the log; its source is completed.
+    `reasons` say why others have none, and how many, of `what`. How far the camera moved since an
+    earlier log is told. `more` are further fields of the log; its source and notes are completed.
     """
     pixels = np.array([tag.centre for tag in tags])
-    x, scale, common = watched.positions(pixels, numbers)
-    unit, quaternion, notes = "px" if setting.layout is None else "m", None, list(more.pop("notes"))
+    x, (scale, common) = reference.positions(pixels), reference.noise(pixels)
+    unit, quaternion = "px" if setting.layout is None else "m", None
     noise = np.array([tag.noise for tag in tags]) * scale
     if setting.pose:
-        x, quaternion, unit = *_poses(setting, tags, watched.parts[-1]), "m"
+        x, quaternion, unit = *_poses(setting, tags, reference), "m"
     shared = float(np.sqrt(np.mean(common**2)))
+    moved = [] if since is None else [motion(since, reference)]
+    notes = [*more.pop("notes"), *moved, *told(reasons, what)]
     if steep := sum(tag.upright < 0.5 for tag in tags):
         notes.append(f"the tag is seen at more than 60 deg in {steep} rows: let it face the camera")
     return Recorded(
@@ -130,26 +113,12 @@ def assemble(
         noise=float(np.hypot(np.sqrt(np.mean(noise**2)), shared)),
         common=shared,
         pixels=pixels,
-        source={**more.pop("source"), **setting.about(watched)},
+        source={**more.pop("source"), **setting.about(reference)},
         quaternion=quaternion,
+        dropped={why: count for why, count in reasons.items() if count},
         notes=tuple(notes),
         **more,
     )
-
-
-def unseen(setting: Setup, greys: Sequence[Picture], what: str) -> LogError:
-    """Return the error for a tag that is in none of `what`; some pictures tell which tags are."""
-    finder, seen = TagFinder(setting.dictionary), Counter[int]()
-    for grey in greys:
-        seen.update({tag.number for tag in finder.find(grey)})
-    shown = listed([f"{number} ({times} times)" for number, times in seen.most_common()], 6)
-    instead = f"{len(greys)} of them show {shown} of {setting.dictionary}"
-    if not seen:
-        instead = (
-            f"no tag of {setting.dictionary} is in {len(greys)} of them; check that it is sharp, "
-            "has a white border and is of this dictionary"
-        )
-    return LogError(f"tag {setting.tag} is in none of {what}: {instead}")
 
 
 def _check_order(q: Array, pixels: Array, pictures: Sequence[str]) -> list[str]:
@@ -168,7 +137,9 @@ def _check_order(q: Array, pixels: Array, pictures: Sequence[str]) -> list[str]:
     return ["the joints predict the tag no better than those of other pictures: of another run?"]
 
 
-def _poses(setting: Setup, tags: Sequence[Tag], reference: object) -> tuple[Array, Array]:
+def _poses(
+    setting: Setup, tags: Sequence[Tag], reference: PositionReference
+) -> tuple[Array, Array]:
     """Return places (n, 3) [m] and quaternions (n, 4) of tags, in the reference's frame.
 
     Without a reference the frame is the camera's: x right, y down, z ahead.

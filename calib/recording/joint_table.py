@@ -53,18 +53,15 @@ def read_joints(
     taken = {time_column, picture_column}
     others = (n for n in source.header if n not in taken and n.lower() not in _OTHERS)
     names = tuple(others if joints is None else joints)
-    if not names:
-        raise LogError(f"{source.label} has no joints; columns: {listed(source.header)}")
     values = read_columns(source, names, lenient=joints is None)
     if joints is None:
-        numbers = np.atleast_1d(np.isfinite(values).any(axis=0))
-        names = tuple(n for n, ok in zip(names, numbers, strict=True) if ok)
-        values = values[:, numbers]
-        if not names:
-            raise LogError(
-                f"{source.label} has no column of numbers that could be a joint; columns: "
-                f"{listed(source.header)}"
-            )
+        numbers = np.flatnonzero(np.isfinite(values).any(axis=0))
+        names, values = tuple(names[k] for k in numbers), values[:, numbers]
+    if not names:
+        raise LogError(
+            f"{source.label} has no column of numbers that could be a joint; columns: "
+            f"{listed(source.header)}"
+        )
     time = read_columns(source, [time_column])[:, 0] if time_column else None
     pictures = _texts(source, picture_column) if picture_column else None
     good = np.isfinite(values).all(axis=1)

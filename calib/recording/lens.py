@@ -8,6 +8,7 @@ from __future__ import annotations
 import json
 import os
 from collections.abc import Mapping, Sequence
+from contextlib import suppress
 from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Any
@@ -110,8 +111,6 @@ def read_lens(path: str | os.PathLike[str]) -> Lens:
     """
     try:
         return Lens.from_json(json.loads(Path(path).read_text(encoding="utf-8")))
-    except FileNotFoundError:
-        raise LogError(f"there is no file {str(path)!r}: expected a lens or its pictures") from None
     except OSError as error:
         raise LogError(f"cannot read {str(path)!r}: {error.strerror}") from None
     except (ValueError, KeyError, TypeError):
@@ -143,17 +142,18 @@ def calibrate_lens(
     world = board.corners().astype(np.float32)
     objects = [world[sorted(c)] for c in usable]
     images = [np.array([c[k] for k in sorted(c)], np.float32).reshape(-1, 1, 2) for c in usable]
-    try:
+    lens, doubt = None, np.inf
+    with suppress(cv2.error):
         lens, doubt = _fit(objects, images, size)
-    except cv2.error:
-        raise LogError(
-            "the pictures of the board fit no lens: tilt the board this way and that between them"
-        ) from None
-    if not np.isfinite(lens.parameters).all() or doubt > 0.03 or lens.focal.max() > 50 * max(size):
+    if (
+        lens is None
+        or not np.isfinite(lens.parameters).all()
+        or doubt > 0.03
+        or lens.focal.max() > 50 * max(size)
+    ):
         raise LogError(
             f"the pictures of the board determine the focal length to {100 * doubt:.2g} % only, "
-            "3 % "
-            "expected: tilt the board this way and that between them"
+            "3 % expected: tilt the board this way and that between them"
         )
     if lens.rms <= 1.0:
         return lens, ()

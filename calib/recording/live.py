@@ -42,7 +42,9 @@ def record_live(
     """
     if folder.exists() and (not folder.is_dir() or any(folder.iterdir())):
         raise LogError(f"{str(folder)!r} is not empty: expected a new folder for the pictures")
-    capture = _opened(device)
+    capture = opencv().VideoCapture(int(device) if device.isdecimal() else device)
+    if not capture.isOpened():
+        raise LogError(f"there is no camera {device!r} that OpenCV can open: expected 0, 1, ...")
     folder.mkdir(parents=True, exist_ok=True)
     rows = csv.reader(lines, skipinitialspace=True)
     names = next(rows, [])
@@ -73,14 +75,6 @@ def record_live(
     if len(table) == 1:
         raise LogError("the joints' stream ended before its first posture: no picture was taken")
     return folder / JOINTS
-
-
-def _opened(device: str) -> Any:
-    cv2 = opencv()
-    capture = cv2.VideoCapture(int(device) if device.isdecimal() else device)
-    if not capture.isOpened():
-        raise LogError(f"there is no camera {device!r} that OpenCV can open: expected 0, 1, ...")
-    return capture
 
 
 def _newest(capture: Any, device: str) -> Any:

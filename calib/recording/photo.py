@@ -15,7 +15,6 @@ from ..common.atomic import atomic_write
 from ..common.choices import PICTURES
 from ..errors import LogError
 from ..model.measured import Photo
-from .board import BoardFinder
 from .opencv import Picture, opencv
 from .pictures import read_picture
 from .reference import PIXELS, PositionReference, read_reference
@@ -28,11 +27,7 @@ WIDEST = 1000
 _AROUND = 0.12  # of the workspace's sides, shown beyond it
 _QUALITY = 82
 # blue, green, red
-_TIP = (60, 200, 60)
-_OTHER = (210, 210, 210)
-_BOARD = (230, 90, 230)
-_PLACES = (0, 200, 255)
-_FINE = 4  # bits of a pixel's fraction
+_TIP, _OTHER, _BOARD, _PLACES = (60, 200, 60), (210, 210, 210), (230, 90, 230), (0, 200, 255)
 
 
 def take_photo(
@@ -58,11 +53,9 @@ def take_photo(
         )
     if x.shape[1] != 2:
         raise LogError("positions in space are not drawn over a photo: expected x and y")
-    reference: PositionReference = PIXELS
-    if unit != "px":
-        reference = read_reference(about)
-        if reference.unit != unit:
-            raise LogError(f"positions in {unit}: expected px, or m with a board")
+    reference = PIXELS if unit == "px" else read_reference(about)
+    if reference.unit != unit:
+        raise LogError(f"positions in {unit}: expected px, or m with a board")
     seen = reference.pixels(x)
     inside = ((seen > -0.5) & (seen < np.array(picture.shape[1::-1]) - 0.5)).all(axis=1)
     if inside.mean() < 0.25:
@@ -107,84 +100,58 @@ def _packed(picture: Picture) -> bytes:
 
 def _from_above(picture: Picture, reference: PositionReference, x: Array) -> Photo:
     """Return the plane of the positions as a camera straight above would see it."""
-    from .opencv import opencv
-
     low, high = x.min(axis=0), x.max(axis=0)
     margin = _AROUND * (high - low).max()
     low, high = low - margin, high + margin
     step = (high - low).max() / WIDEST
-    along = [np.arange(low[k] + 0.5 * step, high[k], step) for k in range(2)]
-    plane = np.stack(np.meshgrid(along[0], along[1][::-1]), axis=-1)
-    shape = plane.shape[:2]
-    seen = reference.pixels(plane.reshape(-1, 2)).reshape(*shape, 2).astype(np.float32)
+    along, up = (np.arange(low[k] + 0.5 * step, high[k], step) for k in range(2))
+    plane = np.stack(np.meshgrid(along, up[::-1]), axis=-1)
+    seen = reference.pixels(plane.reshape(-1, 2)).reshape(plane.shape).astype(np.float32)
     cv2 = opencv()
-    above = cv2.remap(
-        picture,
-        seen[..., 0],
-        seen[..., 1],
-        cv2.INTER_LINEAR,
-        borderMode=cv2.BORDER_CONSTANT,
-        borderValue=(255, 255, 255),
+    white = {"borderMode": cv2.BORDER_CONSTANT, "borderValue": (255, 255, 255)}
+    above = cv2.remap(picture, seen[..., 0], seen[..., 1], cv2.INTER_LINEAR, **white)
+    (left, right), (bottom, top) = (
+        side[[0, -1]] + [-0.5 * step, 0.5 * step] for side in (along, up)
     )
-    left, bottom = (float(side[0] - 0.5 * step) for side in along)
-    right, top = (float(side[-1] + 0.5 * step) for side in along)
-    return Photo(_packed(np.asarray(above, np.uint8)), (left, right, bottom, top))
+    box = (float(left), float(right), float(bottom), float(top))
+    return Photo(_packed(np.asarray(above, np.uint8)), box)
 
 
-def draw_seen(photo: Picture, setting: Setup, places: Array) -> Picture:
-    """Draw what a picture shows, and where the tag was in all rows of a log.
+def write_seen(path: str | os.PathLike[str], photo: Picture, setting: Setup, places: Array) -> None:
+    """Write as PNG what a photo shows, and where the tag was in all rows of a log.
 
     The photo is grey or red, green, blue; `places` (n, 2) [px] are where the tag's centre was seen.
-    The drawing (height, width, 3) is blue, green, red, as OpenCV writes it.
     """
     cv2 = opencv()
     grey = photo if photo.ndim == 2 else cv2.cvtColor(photo, cv2.COLOR_RGB2GRAY)
     canvas = cv2.cvtColor(photo, cv2.COLOR_GRAY2BGR if photo.ndim == 2 else cv2.COLOR_RGB2BGR)
     thick = max(1, round(max(canvas.shape) / 640))
-    for place in places:
-        cv2.circle(canvas, _fixed(place), 3 * thick << _FINE, _PLACES, -1, cv2.LINE_AA, _FINE)
-    named = {setting.tag, *(setting.tags_at.points if setting.tags_at is not None else ())}
+
+    def circles(places: Array, radius: int, colour: tuple[int, int, int], line: int) -> None:
+        for u, v in np.round(places).astype(int).tolist():
+            cv2.circle(canvas, (u, v), radius * thick, colour, line, cv2.LINE_AA)
+
+    circles(places, 3, _PLACES, -1)
+    wanted = {setting.tag, *(setting.tags_at.points if setting.tags_at is not None else ())}
     for tag in _all_tags(grey, setting):
-        colour = _TIP if tag.number == setting.tag else _OTHER
-        colour = _BOARD if tag.number in named - {setting.tag} else colour
-        corners = np.round(tag.corners * 2**_FINE).astype(np.int32)
-        cv2.polylines(canvas, [corners], True, colour, thick + 1, cv2.LINE_AA, _FINE)
-        words = f"{tag.number}" if tag.number in named else f"{tag.number} ignored"
-        at = tuple(int(v) for v in tag.corners.max(axis=0) + 4)
-        cv2.putText(canvas, words, at, 0, 0.55 * thick, (20, 20, 20), 4 * thick, cv2.LINE_AA)
-        cv2.putText(canvas, words, at, 0, 0.55 * thick, colour, thick, cv2.LINE_AA)
+        colour = _BOARD if tag.number in wanted else _OTHER
+        colour = _TIP if tag.number == setting.tag else colour
+        corners = np.round(tag.corners).astype(np.int32)
+        cv2.polylines(canvas, [corners], True, colour, thick + 1, cv2.LINE_AA)
+        words = f"{tag.number}" if tag.number in wanted else f"{tag.number} ignored"
+        for shade, width in (((20, 20, 20), 4 * thick), (colour, thick)):
+            at = (corners.max(axis=0) + 4).tolist()
+            cv2.putText(canvas, words, at, 0, 0.55 * thick, shade, width, cv2.LINE_AA)
         if tag.number == setting.tag:
-            cv2.drawMarker(
-                canvas,
-                tuple(np.round(tag.centre).astype(int).tolist()),
-                colour,
-                0,
-                14 * thick,
-                thick,
-            )
+            at = np.round(tag.centre).astype(int).tolist()
+            cv2.drawMarker(canvas, at, colour, 0, 14 * thick, thick)
     if setting.board is not None:
-        for corner in BoardFinder(setting.board).find(grey).values():
-            cv2.circle(
-                canvas, _fixed(corner), 4 * thick << _FINE, _BOARD, thick, cv2.LINE_AA, _FINE
-            )
-    return np.asarray(canvas, np.uint8)
-
-
-def write_seen(path: str | os.PathLike[str], photo: Picture, setting: Setup, places: Array) -> None:
-    """Write the drawing of `draw_seen` as PNG."""
-    packed = opencv().imencode(".png", draw_seen(photo, setting, places))[1]
-    atomic_write(path, packed.tobytes())
+        circles(np.array([*setting.marks(grey, ()).values()]).reshape(-1, 2), 4, _BOARD, thick)
+    atomic_write(path, cv2.imencode(".png", canvas)[1].tobytes())
 
 
 def _all_tags(grey: Picture, setting: Setup) -> list[Tag]:
     """Return the tags looked for as they were, and what else of the dictionary is there."""
     found = setting.finder.find(grey)
-    known = [tag.centre for tag in found]
-    for tag in TagFinder(setting.dictionary).find(grey):
-        if not any(np.linalg.norm(tag.centre - centre) < 0.3 * tag.side for centre in known):
-            found.append(tag)
-    return found
-
-
-def _fixed(place: Array) -> tuple[int, int]:
-    return round(float(place[0]) * 2**_FINE), round(float(place[1]) * 2**_FINE)
+    others = TagFinder(setting.dictionary).find(grey)
+    return found + [tag for tag in others if not any(tag.same(known) for known in found)]

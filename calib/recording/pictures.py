@@ -79,13 +79,9 @@ def read_picture(path: str | os.PathLike[str], *, colour: bool = False) -> Pictu
         raise UnreadableError(f"{name} is no picture") from None
     except (Image.DecompressionBombWarning, Image.DecompressionBombError):
         raise UnreadableError(f"{name} is larger than 90 million pixels") from None
-    except OSError as error:
-        cut = "truncated" in str(error) or "Truncated" in str(error)
-        raise UnreadableError(
-            f"{name} is cut off" if cut else f"{name} cannot be read: {error.strerror or error}"
-        ) from None
-    except (ValueError, SyntaxError, EOFError, MemoryError) as error:
-        raise UnreadableError(f"{name} is a damaged picture: {error}") from None
+    except (OSError, ValueError, SyntaxError, EOFError, MemoryError) as error:
+        why = "is cut off" if "truncated" in str(error).lower() else f"cannot be read: {error}"
+        raise UnreadableError(f"{name} {why}") from None
 
 
 def read_series(paths: Sequence[Path], damaged: list[str]) -> Iterator[tuple[int, Picture]]:

@@ -1,11 +1,10 @@
-"""From pixels to metres: the camera's pose over a plane, and rays cut with it."""
+"""The pose of a flat frame in the camera's, fitted to points of it and their pixels."""
 
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
 
 import numpy as np
-from numpy.typing import ArrayLike
 
 from ..arm.rotations import exponential
 from ..common.arrays import Array
@@ -94,38 +93,6 @@ def find_pose(lens: Lens, points: Array, pixels: Array) -> Pose:
     return Pose(exponential(fit.x[:3]) @ start, fit.x[3:].copy(), covariance, rms)
 
 
-def cut_plane(lens: Lens, pose: Pose, pixels: ArrayLike, height: float = 0.0) -> Array:
-    """Cut the rays of pixels (n, 2) with the plane `z = height` of a frame.
-
-    Returns (n, 2) array [m]; x and y in the frame; NaN where the ray does not meet the plane ahead.
-    """
-    flat = lens.undistort(pixels)
-    rays = np.c_[flat, np.ones(len(flat))] @ pose.rotation
-    camera = pose.camera
-    with np.errstate(divide="ignore", invalid="ignore"):
-        far = (height - camera[2]) / rays[:, 2]
-        x = camera[:2] + far[:, None] * rays[:, :2]
-    x[~(far > 0.0)] = np.nan
-    return np.asarray(x)
-
-
-def cut_noise(lens: Lens, pose: Pose, pixels: Array, height: float = 0.0) -> Array:
-    """Tell how far positions are off because pose and lens are known to their covariance.
-
-    Returns (n,) array [m]; standard deviation along each axis; all positions of a recording share
-        it.
-    """
-    base = cut_plane(lens, pose, pixels, height)
-    variance = np.zeros(len(base))
-    values, vectors = np.linalg.eigh(pose.covariance)
-    for value, vector in zip(values, vectors.T, strict=True):
-        d = vector * np.sqrt(max(float(value), 0.0))
-        if d.any():
-            moved = cut_plane(lens.moved(d[6:]), pose.moved(d[:6]), pixels, height)
-            variance += ((moved - base) ** 2).sum(1) / 2.0
-    return np.asarray(np.sqrt(variance))
-
-
 def square_pose(lens: Lens, corners: Array, size: float) -> Pose:
     """Fit the pose of a printed square of a side [m] to its corners (4, 2) [px].
 
@@ -134,30 +101,3 @@ def square_pose(lens: Lens, corners: Array, size: float) -> Pose:
     half = size / 2.0
     points = np.array([[-half, half, 0], [half, half, 0], [half, -half, 0], [-half, -half, 0]])
     return find_pose(lens, points, corners)
-
-
-def homography(pixels: Array, points: Array) -> Array:
-    """Fit the plane-to-plane map (3, 3) from pixels (n, 2) to points (n, 2), n >= 4.
-
-    Normalised direct linear transform (Hartley and Zisserman, section 4.4).  OpenCV's
-    `findHomography` rounds to single precision and answers for points on a line too.
-    """
-    maps = []
-    for values in (pixels, points):
-        middle, spread = values.mean(0), float(np.sqrt(2.0) / max(values.std(), 1e-12))
-        maps.append(np.vstack([np.c_[spread * np.eye(2), -spread * middle], [0.0, 0.0, 1.0]]))
-    one = np.ones(len(pixels))
-    p, (x, y, _) = np.c_[pixels, one] @ maps[0].T, maps[1] @ np.stack([*points.T, one])
-    none = np.zeros_like(p)
-    rows = np.block([[p, none, -x[:, None] * p], [none, p, -y[:, None] * p]])
-    values, vectors = np.linalg.svd(rows)[1:]
-    if values[7] < 1e-9 * values[0]:
-        raise LogError("three of the reference's tags lie on a line: spread them as a rectangle")
-    return np.asarray(np.linalg.inv(maps[1]) @ vectors[8].reshape(3, 3) @ maps[0])
-
-
-def apply_homography(matrix: Array, pixels: ArrayLike) -> Array:
-    """Map pixels (n, 2) by a homography (3, 3)."""
-    p = np.asarray(pixels, float)
-    mapped = np.c_[p, np.ones(len(p))] @ matrix.T
-    return np.asarray(mapped[:, :2] / mapped[:, 2:])

@@ -40,33 +40,28 @@ def print_tag(number: int, size: float, dictionary: str = DICTIONARY) -> str:
     """Return a tag as SVG whose black square has the side `size` [m]."""
     cells = tag_cells(number, dictionary)
     side = 1e3 * size
-    cell = side / len(cells)
-    border = max(_MARGIN, cell)  # a tag needs a cell of white around it
+    border = max(_MARGIN, side / len(cells))  # a tag needs a cell of white around it
     words = f"{dictionary} {number}, black square {side:g} mm"
-    body = [f'<rect x="{border:g}" y="{border:g}" width="{side:g}" height="{side:g}"/>']
-    body += _white(cells, border, border, cell)
-    return _page(side + 2 * border, side + 2 * border, body, words)
+    return _page(side + 2 * border, side + 2 * border, _tag(cells, border, border, side), words)
 
 
 def print_board(board: Board) -> str:
     """Return a board as SVG at its true size."""
     square, marker = 1e3 * board.square, 1e3 * board.marker
-    width, height = board.columns * square, board.rows * square
     made = board.opencv()
     # the tags' corners from OpenCV's board, which is what will be looked for
     lows = [1e3 * np.asarray(points)[:, :2].min(axis=0) for points in made.getObjPoints()]
     taken = {(int(low[0] // square), int(low[1] // square)) for low in lows}
-    body = []
-    for row in range(board.rows):
-        for column in range(board.columns):
-            if (column, row) not in taken:
-                x, y = _MARGIN + column * square, _MARGIN + row * square
-                body.append(f'<rect x="{x:g}" y="{y:g}" width="{square:g}" height="{square:g}"/>')
+    body = [
+        _rectangle(_MARGIN + column * square, _MARGIN + row * square, square, square)
+        for row in range(board.rows)
+        for column in range(board.columns)
+        if (column, row) not in taken
+    ]
     for number, low in zip(np.ravel(made.getIds()).tolist(), lows, strict=True):
-        cells = tag_cells(number, board.dictionary)
         x, y = low + _MARGIN
-        body.append(f'<rect x="{x:g}" y="{y:g}" width="{marker:g}" height="{marker:g}"/>')
-        body += _white(cells, x, y, marker / len(cells))
+        body += _tag(tag_cells(number, board.dictionary), x, y, marker)
+    width, height = board.columns * square, board.rows * square
     words = (
         f"{board.columns}x{board.rows}:{square:g}mm:{marker:g}mm:{board.dictionary}, squares "
         f"{square:g} mm"
@@ -74,17 +69,19 @@ def print_board(board: Board) -> str:
     return _page(width + 2 * _MARGIN, height + 2 * _MARGIN, body, words)
 
 
-def _white(cells: Cells, x: float, y: float, cell: float) -> list[str]:
-    """Return white rectangles, one for each run of white cells in a row."""
-    parts = []
+def _tag(cells: Cells, x: float, y: float, side: float) -> list[str]:
+    """Return a black square, and on it a white rectangle for each run of white cells in a row."""
+    parts, cell = [_rectangle(x, y, side, side)], side / len(cells)
     for row, line in enumerate(cells):
         edges = np.flatnonzero(np.diff(np.r_[False, line, False].astype(int)))
         for start, stop in zip(edges[::2], edges[1::2], strict=True):
-            parts.append(
-                f'<rect x="{x + start * cell:.6g}" y="{y + row * cell:.6g}" '
-                f'width="{(stop - start) * cell:.6g}" height="{cell:.6g}" fill="#fff"/>'
-            )
+            place = x + start * cell, y + row * cell, (stop - start) * cell, cell
+            parts.append(_rectangle(*place, ' fill="#fff"'))
     return parts
+
+
+def _rectangle(x: float, y: float, width: float, height: float, colour: str = "") -> str:
+    return f'<rect x="{x:.6g}" y="{y:.6g}" width="{width:.6g}" height="{height:.6g}"{colour}/>'
 
 
 def _page(width: float, height: float, body: list[str], words: str) -> str:

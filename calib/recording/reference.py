@@ -3,15 +3,16 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
+from numpy.typing import ArrayLike
 
 from ..common.arrays import Array
 from ..errors import LogError
 from .lens import Lens
-from .plane import Pose, apply_homography, cut_noise, cut_plane
+from .plane import Pose
 
 _HALF = np.array([[0.5, 0.0], [0.0, 0.5]])  # [px], steps of a finite difference
 
@@ -22,23 +23,41 @@ class PlaneReference:
 
     lens: Lens
     pose: Pose
-    height: float = 0.0
+    height: float = 0.0  # z of the tag's plane in the frame [m]
     unit: str = "m"
 
-    def positions(self, pixels: Array) -> Array:
-        """Return where the rays meet the plane."""
-        return cut_plane(self.lens, self.pose, pixels, self.height)
+    def positions(self, pixels: ArrayLike) -> Array:
+        """Return x and y (n, 2) [m] where rays of pixels (n, 2) meet the plane, else NaN."""
+        flat = self.lens.undistort(pixels)
+        rays = np.c_[flat, np.ones(len(flat))] @ self.pose.rotation
+        camera = self.pose.camera
+        with np.errstate(divide="ignore", invalid="ignore"):
+            far = (self.height - camera[2]) / rays[:, 2]
+            x = camera[:2] + far[:, None] * rays[:, :2]
+        x[~(far > 0.0)] = np.nan
+        return np.asarray(x)
 
     def pixels(self, positions: Array) -> Array:
-        """Return where points of the plane appear."""
+        """Return where points (n, 2) [m] of the plane appear."""
         points = np.c_[positions, np.full(len(positions), self.height)]
         seen = points @ self.pose.rotation.T + self.pose.shift
         with np.errstate(divide="ignore", invalid="ignore", over="ignore"):
             return self.lens.distort(seen[:, :2] / seen[:, 2:])
 
     def noise(self, pixels: Array) -> tuple[Array, Array]:
-        """Return the scale of a pixel, and what pose and lens leave open."""
-        return _scale(self, pixels), cut_noise(self.lens, self.pose, pixels, self.height)
+        """Return the scale of a pixel (n,), and what pose and lens leave open (n,) [m].
+
+        The latter is a standard deviation along each axis, which all positions of a recording
+        share.
+        """
+        base = self.positions(pixels)
+        variance = np.zeros(len(base))
+        values, vectors = np.linalg.eigh(self.pose.covariance)
+        for d in (vectors * np.sqrt(np.maximum(values, 0.0))).T:
+            if d.any():
+                moved = replace(self, lens=self.lens.moved(d[6:]), pose=self.pose.moved(d[:6]))
+                variance += ((moved.positions(pixels) - base) ** 2).sum(1) / 2.0
+        return _scale(self, pixels), np.asarray(np.sqrt(variance))
 
     def told(self) -> dict[str, Any]:
         """Return the camera's pose over the frame."""
@@ -59,13 +78,13 @@ class FlatReference:
     residual: float  # of the tags that it was fitted to (standard deviation) [unit]
     unit: str = "m"
 
-    def positions(self, pixels: Array) -> Array:
-        """Map pixels to the plane."""
-        return apply_homography(self.matrix, pixels)
+    def positions(self, pixels: ArrayLike) -> Array:
+        """Map pixels (n, 2) to the plane (n, 2)."""
+        return _mapped(self.matrix, pixels)
 
     def pixels(self, positions: Array) -> Array:
-        """Map the plane to pixels."""
-        return apply_homography(np.asarray(np.linalg.inv(self.matrix), float), positions)
+        """Map the plane (n, 2) to pixels (n, 2)."""
+        return _mapped(np.linalg.inv(self.matrix), positions)
 
     def noise(self, pixels: Array) -> tuple[Array, Array]:
         """Return the scale of a pixel, and the tags' own misfit."""
@@ -76,6 +95,13 @@ class FlatReference:
         if self.unit == "px":
             return {"kind": "pixels"}
         return {"kind": "flat", "matrix": self.matrix.tolist()}
+
+
+def _mapped(matrix: ArrayLike, places: ArrayLike) -> Array:
+    """Map places (n, 2) by a homography (3, 3)."""
+    p = np.asarray(places, float)
+    mapped = np.c_[p, np.ones(len(p))] @ np.asarray(matrix, float).T
+    return np.asarray(mapped[:, :2] / mapped[:, 2:])
 
 
 PIXELS = FlatReference(np.eye(3), 0.0, "px")
@@ -89,6 +115,28 @@ def _scale(reference: PositionReference, pixels: Array) -> Array:
     """Return the standard deviation (n,) along each axis that one pixel's makes."""
     x, y = (reference.positions(pixels + d) - reference.positions(pixels) for d in _HALF)
     return np.asarray(2.0 * np.sqrt((x**2 + y**2).sum(1) / 2.0))
+
+
+def fit_flat(pixels: Array, points: Array) -> FlatReference:
+    """Fit the plane-to-plane map from pixels (n, 2) to points (n, 2) [m], n >= 4.
+
+    Normalised direct linear transform (Hartley and Zisserman, section 4.4).  OpenCV's
+    `findHomography` rounds to single precision and answers for points on a line too.
+    """
+    maps = []
+    for values in (pixels, points):
+        middle, spread = values.mean(0), float(np.sqrt(2.0) / max(values.std(), 1e-12))
+        maps.append(np.vstack([np.c_[spread * np.eye(2), -spread * middle], [0.0, 0.0, 1.0]]))
+    one = np.ones(len(pixels))
+    p, (x, y, _) = np.c_[pixels, one] @ maps[0].T, maps[1] @ np.stack([*points.T, one])
+    none = np.zeros_like(p)
+    rows = np.block([[p, none, -x[:, None] * p], [none, p, -y[:, None] * p]])
+    values, vectors = np.linalg.svd(rows)[1:]
+    if values[7] < 1e-9 * values[0]:
+        raise LogError("three of the reference's tags lie on a line: spread them as a rectangle")
+    matrix = np.asarray(np.linalg.inv(maps[1]) @ vectors[8].reshape(3, 3) @ maps[0])
+    miss = _mapped(matrix, pixels) - points
+    return FlatReference(matrix, float(np.sqrt((miss**2).sum() / max(miss.size - 8, 1))))
 
 
 def read_reference(about: Mapping[str, Any]) -> PositionReference:

@@ -3,12 +3,11 @@
 from __future__ import annotations
 
 import os
-from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, field, replace
+from collections.abc import Sequence
+from dataclasses import dataclass, field
+from functools import cached_property
 from pathlib import Path
 from typing import Any
-
-import numpy as np
 
 from ..common.choices import DICTIONARY
 from ..errors import LogError, OptionError
@@ -16,8 +15,9 @@ from .board import Board, BoardFinder
 from .lens import Lens, calibrate_lens, read_lens
 from .opencv import Picture
 from .pictures import list_pictures, read_series
+from .reference import PositionReference
 from .tags import Tag, TagFinder
-from .watch import MarkLayout, Marks, Seen, Watched, board_layout, motion, watch
+from .watch import MarkLayout, Marks, board_layout
 
 
 @dataclass(frozen=True)
@@ -40,32 +40,30 @@ class Setup:
     finder: TagFinder = field(init=False, repr=False, compare=False)
 
     def __post_init__(self) -> None:
-        if self.board is not None and self.tags_at is not None:
-            raise OptionError("`board` and `tags_at` are both given: expected one of them")
-        if self.board is not None and self.lens is None:
-            raise OptionError(
-                "`board` is given without `lens`: positions in metres may be off by centimetres "
-                "away from the board; take 10 pictures of the board and give their folder as `lens`"
-            )
-        if not np.isfinite(self.tag_height) or abs(self.tag_height) > 10.0:
-            raise OptionError(f"`tag_height={self.tag_height:g}`: expected less than 10 m")
-        if self.tag_height and self.layout is None:
-            raise OptionError(
-                "`tag_height` is given without `board` or `tags_at`, above which it is measured"
-            )
-        if self.pose and (self.lens is None or self.tag_size is None):
-            missing = "lens" if self.lens is None else "tag_size"
-            raise OptionError(f"the tag's pose needs `{missing}`")
         at = self.tags_at.points if self.tags_at is not None else {}
-        if self.tag in at:
-            raise OptionError(f"tag {self.tag} is on the tip and in `tags_at`: expected another id")
-        if self.board is not None and self.board.dictionary.lower() == self.dictionary.lower():
-            used = self.board.columns * self.board.rows // 2
-            if self.tag < used:
-                raise OptionError(
-                    f"tag {self.tag} is printed on the board too, which has 0 to {used - 1} of "
-                    f"{self.dictionary}: take another id"
-                )
+        board, height = self.board, self.tag_height
+        printed = 0  # tags of this dictionary on the board
+        if board is not None and board.dictionary.lower() == self.dictionary.lower():
+            printed = board.columns * board.rows // 2
+        refusals = {
+            "`board` and `tags_at` are both given: expected one of them": board and self.tags_at,
+            "`board` is given without `lens`: positions in metres may be off by centimetres away "
+            "from the board; take 10 pictures of the board and give their folder as `lens`": (
+                board and self.lens is None
+            ),
+            f"`tag_height={height:g}`: expected less than 10 m": not abs(height) <= 10.0,
+            "`tag_height` is given without `board` or `tags_at`, above which it is measured": (
+                height and self.layout is None
+            ),
+            "the tag's pose needs `lens`": self.pose and self.lens is None,
+            "the tag's pose needs `tag_size`": self.pose and self.tag_size is None,
+            f"tag {self.tag} is on the tip and in `tags_at`: expected another id": self.tag in at,
+            f"tag {self.tag} is printed on the board too, which has 0 to {printed - 1} of "
+            f"{self.dictionary}: take another id": self.tag < printed,
+        }
+        for message, wrong in refusals.items():
+            if wrong:
+                raise OptionError(message)
         object.__setattr__(self, "finder", TagFinder(self.dictionary, {self.tag, *at}))
 
     @property
@@ -82,25 +80,22 @@ class Setup:
                 "calibrate again"
             )
 
-    def marks(self, grey: Picture, tags: Sequence[Tag], boards: BoardFinder | None) -> Marks:
+    @cached_property
+    def _boards(self) -> BoardFinder | None:
+        return BoardFinder(self.board) if self.board is not None else None
+
+    def marks(self, grey: Picture, tags: Sequence[Tag]) -> Marks:
         """Return what a picture shows of the reference."""
-        if boards is not None:
-            return boards.find(grey)
+        if self._boards is not None:
+            return self._boards.find(grey)
         at = self.tags_at.points if self.tags_at is not None else {}
         counts = [t.number for t in tags]
         return {t.number: t.centre for t in tags if t.number in at and counts.count(t.number) == 1}
 
-    def watch(self, seen: Seen, since: Mapping[str, Any] | None = None) -> Watched:
-        """Find the reference over a recording, and say how far it moved since an earlier log."""
-        found = watch(self.layout, seen, self.lens, self.tag_height)
-        if since is None:
-            return found
-        return replace(found, notes=(*found.notes, motion(since, found.parts[0])))
-
-    def about(self, watched: Watched) -> dict[str, Any]:
+    def about(self, reference: PositionReference) -> dict[str, Any]:
         """Return what a log tells of its source, as plain values."""
         told: dict[str, Any] = {"tag": self.tag, "dictionary": self.dictionary}
-        told["reference"] = watched.parts[-1].told()
+        told["reference"] = reference.told()
         if self.lens is not None:
             told["lens"] = self.lens.to_json()
         return told

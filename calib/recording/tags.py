@@ -41,6 +41,11 @@ class Tag:
         """Mean length of its sides [px]."""
         return float(_sides(self.corners).mean())
 
+    def same(self, other: Tag) -> bool:
+        """Whether both are one tag, found twice: their centres are within a third of a side."""
+        near = float(np.linalg.norm(self.centre - other.centre)) < 0.3 * other.side
+        return self.number == other.number and near
+
     @property
     def upright(self) -> float:
         """How far it faces the camera: about the cosine of its tilt, by its area."""
@@ -106,26 +111,16 @@ class TagFinder:
         if window is not None:
             x0, y0, x1, y1 = window
             grey, shift = np.ascontiguousarray(grey[y0:y1, x0:x1]), np.array([x0, y0], float)
-        found: list[tuple[int, Array]] = []
-        for detector in self._detectors:
-            corners, places, _ = detector.detectMarkers(grey)
-            if places is not None:
-                numbers = [self.numbers[k] for k in np.ravel(places).tolist()]
-                squares = [np.asarray(c, float).reshape(4, 2) for c in corners]
-                found += zip(numbers, squares, strict=True)
-            seen = {number for number, _ in found}
-            if seen and (len(self.numbers) > 20 or seen.issuperset(self.numbers)):
-                break
-        return self._tags(grey, found, shift)
-
-    def _tags(self, grey: Picture, found: list[tuple[int, Array]], shift: Array) -> list[Tag]:
         tags: list[Tag] = []
-        for number, corners in found:
-            tag = self._measured(grey, number, corners, shift)
-            same = [t for t in tags if t.number == number]
-            # both margins find the same tag: it is one within a third of its side
-            if not any(np.linalg.norm(t.centre - tag.centre) < 0.3 * t.side for t in same):
-                tags.append(tag)
+        for detector in self._detectors:
+            squares, places, _ = detector.detectMarkers(grey)
+            for square, k in zip(squares, () if places is None else np.ravel(places), strict=True):
+                corners = np.asarray(square, float).reshape(4, 2)
+                tag = self._measured(grey, self.numbers[k], corners, shift)
+                if not any(tag.same(other) for other in tags):
+                    tags.append(tag)
+            if tags and (len(self.numbers) > 20 or {t.number for t in tags} >= {*self.numbers}):
+                break
         return tags
 
     def _measured(self, grey: Picture, number: int, corners: Array, shift: Array) -> Tag:

@@ -6,17 +6,11 @@ closely, its pixels are linear. Blocks of neighbouring rows are held out, in clo
 
 from __future__ import annotations
 
-from collections import Counter
-from collections.abc import Sequence
-from dataclasses import dataclass, field
-from typing import Any
-
 import numpy as np
 
 from ..common.arrays import Array, Mask
 from ..common.rows import thinned
 from ..errors import LogError
-from .tags import Tag
 
 JUDGED_ROWS = 240
 """Rows that are judged at once; of more, so many are taken evenly."""
@@ -130,37 +124,6 @@ def unrelated(q: Array, x: Array) -> bool:
         return False
     own, other = (misses(joints, x).mean() for joints in (q, np.roll(q, len(q) // 2, axis=0)))
     return bool(own > 0.9 * other)
-
-
-@dataclass
-class TipTags:
-    """The tip's tag in pictures or frames, one after the other, and why it was not taken."""
-
-    number: int  # id of the tag
-    reasons: Counter[str] = field(default_factory=Counter)  # why pictures have no tag, and how many
-    # where it was there twice: names of pictures, or times [s]
-    twice: list[Any] = field(default_factory=list)
-
-    def pick(self, found: Sequence[Tag], where: object) -> tuple[Tag | None, Tag | None]:
-        """Return the tag as far as it was found, and only if it is sharp."""
-        tip = [tag for tag in found if tag.number == self.number]
-        if len(tip) > 1:
-            self.twice.append(where)
-            return None, None
-        if not tip:
-            self.reasons[f"tag {self.number} not seen"] += 1
-            return None, None
-        if not tip[0].sharp:
-            self.reasons["blurred"] += 1
-        return tip[0], tip[0] if tip[0].sharp else None
-
-    def check_single(self, where: str) -> None:
-        """Refuse a recording in which the tag was there twice."""
-        if self.twice:
-            raise LogError(
-                f"tag {self.number} is there twice in {where}: cover one, or print another id for "
-                "the tip"
-            )
 
 
 def check_motion(q: Array, pixels: Array, tag: int, what: str) -> None:

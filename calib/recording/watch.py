@@ -1,7 +1,7 @@
-"""The reference over a recording: marks at known places, found anew, and whether they moved.
+"""The reference of a recording: marks at known places, found anew, and whether they moved.
 
-A camera that was bumped changes where the board appears and leaves positions on it as they
-were, up to the uncertainty of finding it again, which is told too.
+A camera that was bumped between recordings changes where the board appears and leaves positions on
+it as they were, up to the uncertainty of finding it again, which is told too.
 """
 
 from __future__ import annotations
@@ -19,13 +19,13 @@ from ..errors import LogError, OptionError
 from ..samples.columns import open_source, read_columns
 from .board import LEAST_CORNERS, Board
 from .lens import Lens
-from .plane import apply_homography, find_pose, homography
-from .reference import PIXELS, FlatReference, PlaneReference, PositionReference, read_reference
+from .plane import find_pose
+from .reference import PIXELS, PlaneReference, PositionReference, fit_flat, read_reference
 
 Marks = Mapping[int, Array]
 Seen = Sequence[tuple[int, Marks]]
 
-_MOVED = 0.7  # [px]; marks further off than this show that the camera was bumped
+_MOVED = 0.7  # [px]; marks further off than this are elsewhere
 _STRETCH = 1.5e-3  # growth of the marks about the picture's middle that a new focus is told by
 _RADIAL = (0.05, 0.1)  # share of the motion and [px] that such growth leaves at most
 _CLEAR = 3.0  # standard deviations that a motion between recordings must have
@@ -45,10 +45,7 @@ class MarkLayout:
         flat = np.array([self.points[n] for n in numbers])
         pixels = np.array([seen[n] for n in numbers])
         if lens is None:
-            matrix = homography(pixels, flat)
-            miss = apply_homography(matrix, pixels) - flat
-            free = max(miss.size - 8, 1)
-            return FlatReference(matrix, float(np.sqrt((miss**2).sum() / free)))
+            return fit_flat(pixels, flat)
         return PlaneReference(lens, find_pose(lens, np.c_[flat, 0.0 * flat[:, 0]], pixels), height)
 
 
@@ -64,101 +61,57 @@ def read_layout(path: str | os.PathLike[str]) -> MarkLayout:
     """
     source = open_source(path)
     rows = read_columns(source, ["tag", "x", "y"])
-    if not np.isfinite(rows).all() or (rows[:, 0] % 1 != 0).any() or (rows[:, 0] < 0).any():
-        raise LogError(f"{source.label}: expected whole ids under 'tag' and metres under 'x', 'y'")
-    points = {int(row[0]): row[1:] for row in rows}
-    if len(points) < 4 or len(points) < len(rows):
+    numbers = rows[:, 0]
+    whole = np.isfinite(rows).all() and (numbers % 1 == 0).all() and (numbers >= 0).all()
+    if not whole or len(rows) < 4 or len(set(numbers)) < len(rows):
         raise LogError(
-            f"{source.label} has {len(rows)} rows of {len(points)} tags, expected four tags or "
-            "more, each once, around the workspace"
+            f"{source.label} has {len(rows)} rows: expected four tags or more around the "
+            "workspace, each once, with a whole id under 'tag' and metres under 'x' and 'y'"
         )
+    points = {int(row[0]): row[1:] for row in rows}
     if np.abs(rows[:, 1:]).max() > 20.0:
         raise LogError(f"{source.label}: a tag is {np.abs(rows[:, 1:]).max():g} m off; in mm?")
     return MarkLayout("the frame of tags", points, 4)
 
 
-@dataclass(frozen=True, eq=False)
-class Watched:
-    """The reference over a recording, which may have been bumped on the way."""
-
-    starts: tuple[int, ...]  # first picture of each part
-    parts: tuple[PositionReference, ...]  # the reference of each
-    notes: tuple[str, ...] = ()  # what moved
-    # pictures whose marks are elsewhere than the reference of their part
-    off: frozenset[int] = frozenset()
-
-    def positions(self, pixels: Array, numbers: Array) -> tuple[Array, Array, Array]:
-        """Return positions (n, 2), noise of a pixel (n,) and shared noise (n,) [unit].
-
-        Of pixels (n, 2) that were seen in the pictures of these numbers (n,).
-        """
-        x = np.empty_like(pixels)
-        scale, common = np.empty(len(pixels)), np.empty(len(pixels))
-        which = np.searchsorted(self.starts, numbers, side="right") - 1
-        for k, part in enumerate(self.parts):
-            rows = np.maximum(which, 0) == k
-            if rows.any():
-                x[rows] = part.positions(pixels[rows])
-                scale[rows], common[rows] = part.noise(pixels[rows])
-        return x, scale, common
-
-
-def watch(layout: MarkLayout | None, seen: Seen, lens: Lens | None, height: float = 0.0) -> Watched:
-    """Find the reference in a recording, and whether it moved within it.
+def watch(
+    layout: MarkLayout | None, seen: Seen, lens: Lens | None, height: float = 0.0
+) -> tuple[PositionReference, frozenset[int]]:
+    """Find the reference in a recording, and the pictures in which it is elsewhere.
 
     Without a layout positions are pixels; without a lens a homography is fitted. `seen` has numbers
     of pictures, in order, and what they show; `height` [m] is of the tag's plane over the layout's.
+
+    Raises LogError if the reference is not there, or elsewhere in many pictures.
     """
     if layout is None:
-        return Watched((0,), (PIXELS,))
+        return PIXELS, frozenset()
     if lens is None and height:
         raise OptionError(
             f"`tag_height={height:g}` needs `lens`: rays are cut with the tag's plane"
         )
-    most = max((len(marks) for _, marks in seen), default=0)
-    if most < layout.least:
+    # a hand in the picture hides some marks
+    looked = {number: marks for number, marks in seen if len(marks) >= layout.least}
+    if not looked:
+        most = max((len(marks) for _, marks in seen), default=0)
         raise LogError(
             f"{layout.what} is too small, hidden or not there: at most {most} found in a "
             f"picture, {layout.least} expected"
         )
-    groups: list[list[tuple[int, Marks]]] = [[]]
-    doubtful: list[tuple[int, Marks]] = []
-    for number, marks in seen:
-        if len(marks) < layout.least:
-            continue
-        if not groups[-1] or _shift(_middle(groups[-1]), marks) < _MOVED:
-            groups[-1].append((number, marks))
-            doubtful = []
-            continue
-        doubtful.append((number, marks))  # a hand in the picture is gone in the next
-        if len(doubtful) >= 2 and _shift(doubtful[0][1], marks) < _MOVED:
-            groups.append(doubtful)
-            doubtful = []
-    looked = [(number, marks) for number, marks in seen if len(marks) >= layout.least]
-    _check_focus(layout, looked, lens)
-    middles = [_middle(group) for group in groups]
-    parts = tuple(layout.reference(middle, lens, height) for middle in middles)
-    notes = [
-        f"the reference moved by {_shift(before, after):.1f} px about picture {group[0][0] + 1}: "
-        "the camera or what lies on the desk was bumped; it was found again from there on"
-        for before, after, group in zip(middles, middles[1:], groups[1:], strict=False)
-    ]
-    starts = tuple(group[0][0] if k else 0 for k, group in enumerate(groups))
-    own = np.searchsorted(starts, [number for number, _ in looked], side="right") - 1
-    off = frozenset(
-        number
-        for k, (number, marks) in zip(own, looked, strict=True)
-        if _shift(middles[k], marks) > _MOVED
-    )
+    _check_focus(layout, [*looked.values()], lens)
+    middle = _middle([*looked.values()])
+    off = frozenset(n for n, marks in looked.items() if _shift(middle, marks) > _MOVED)
     if len(off) > 0.3 * len(looked):
         raise LogError(
-            f"{layout.what} is elsewhere in {len(off)} of {len(looked)} pictures: is the camera "
-            "loose, or does it refocus? fix it and switch its autofocus off"
+            f"{layout.what} is elsewhere in {len(off)} of {len(looked)} pictures: was the camera "
+            "bumped, is it loose, or does it refocus? fix it and switch its autofocus off, or make "
+            "a log of each part"
         )
-    return Watched(starts, parts, tuple(notes), off)
+    kept = _middle([marks for number, marks in looked.items() if number not in off])
+    return layout.reference(kept, lens, height), off
 
 
-def _check_focus(layout: MarkLayout, looked: Seen, lens: Lens | None) -> None:
+def _check_focus(layout: MarkLayout, looked: Sequence[Marks], lens: Lens | None) -> None:
     """Refuse pictures between which the focal length changes: marks grow about the middle.
 
     A camera that was bumped moves them otherwise.  Its pose would take most of a new focal length,
@@ -166,9 +119,7 @@ def _check_focus(layout: MarkLayout, looked: Seen, lens: Lens | None) -> None:
     """
     if lens is None:
         return
-    flat = [
-        dict(zip(marks, lens.undistort(list(marks.values())), strict=True)) for _, marks in looked
-    ]
+    flat = [dict(zip(m, lens.undistort(list(m.values())), strict=True)) for m in looked]
     growth = []
     for now in flat:
         both = [k for k in now if k in flat[0]]
@@ -212,9 +163,9 @@ def motion(about: Mapping[str, Any], now: PositionReference) -> str:
     return f"since the earlier recording the camera moved {told}"
 
 
-def _middle(group: Seen) -> dict[int, Array]:
-    numbers = sorted({n for _, marks in group for n in marks})
-    return {n: np.median([m[n] for _, m in group if n in m], axis=0) for n in numbers}
+def _middle(group: Sequence[Marks]) -> dict[int, Array]:
+    numbers = sorted({n for marks in group for n in marks})
+    return {n: np.median([m[n] for m in group if n in m], axis=0) for n in numbers}
 
 
 def _shift(one: Marks, other: Marks) -> float:

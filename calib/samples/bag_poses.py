@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterable, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 from operator import attrgetter
 from typing import Any
 
@@ -34,37 +34,15 @@ class Poses:
     quaternion: Array | None
 
 
-@dataclass
-class _Edge:
-    """The transforms from one frame to its child."""
-
-    parent: str
-    time: list[float] = field(default_factory=list)
-    rows: list[tuple[float, ...]] = field(default_factory=list)
-
-    @property
-    def still(self) -> bool:
-        """Whether it is the same in every message."""
-        rows = np.array(self.rows)
-        # q and -q are one orientation
-        rows[rows[:, 3:] @ rows[0, 3:] < 0, 3:] *= -1
-        return bool(np.abs(rows - rows[0]).max() < _SAME)
-
-
 def stamped_poses(messages: Iterable[tuple[float, Any]], kind: str, topic: str) -> Poses:
     """Read stamped points, poses or transforms; orientations that never turn are left out."""
     where, turn = POSITIONS[kind]
-    times, places, turns = [], [], []
-    for time, message in messages:
-        point = attrgetter(where)(message)
-        times.append(time)
-        places.append((point.x, point.y, point.z))
-        if turn is not None:
-            q = attrgetter(turn)(message)
-            turns.append((q.x, q.y, q.z, q.w))
-    if not times:
+    rows = [(time, attrgetter(where)(m), turn and attrgetter(turn)(m)) for time, m in messages]
+    if not rows:
         raise LogError(f"topic {topic!r} has no messages")
-    return Poses(np.array(times), np.array(places, dtype=float), _turning(turns))
+    times = np.array([time for time, *_ in rows])
+    places = np.array([(p.x, p.y, p.z) for _, p, _ in rows], dtype=float)
+    return Poses(times, places, _turning([(q.x, q.y, q.z, q.w) for *_, q in rows if q]))
 
 
 def tf_poses(messages: Iterable[tuple[float, Any]], frames: Sequence[str] | None) -> Poses:
@@ -72,18 +50,19 @@ def tf_poses(messages: Iterable[tuple[float, Any]], frames: Sequence[str] | None
 
     frames : the sensor's frame and what it sees; found if only one transform moves
     """
-    edges: dict[str, _Edge] = {}
+    parents: dict[str, str] = {}
+    moves: dict[str, list[tuple[float, ...]]] = {}  # by child: time, translation, quaternion
     for received, message in messages:
         for each in message.transforms:
-            stamp = each.header.stamp
+            child, stamp = each.child_frame_id, each.header.stamp
             seconds = stamp.sec + 1e-9 * stamp.nanosec
-            edge = edges.setdefault(each.child_frame_id, _Edge(each.header.frame_id))
-            if edge.parent == each.header.frame_id:
+            if parents.setdefault(child, each.header.frame_id) == each.header.frame_id:
                 x, q = each.transform.translation, each.transform.rotation
-                edge.time.append(seconds if seconds > 0 else received)
-                edge.rows.append((x.x, x.y, x.z, q.x, q.y, q.z, q.w))
-    moving = [child for child, edge in edges.items() if not edge.still]
-    shown = listed(f"{edges[child].parent},{child}" for child in sorted(moving)) or "none"
+                time = seconds if seconds > 0 else received
+                moves.setdefault(child, []).append((time, x.x, x.y, x.z, q.x, q.y, q.z, q.w))
+    edges = {child: np.array(rows) for child, rows in moves.items()}
+    moving = [child for child, rows in edges.items() if _moves(rows[:, 1:])]
+    shown = listed(f"{parents[child]},{child}" for child in sorted(moving)) or "none"
     if frames is None:
         if len(moving) != 1:
             raise LogError(
@@ -91,7 +70,7 @@ def tf_poses(messages: Iterable[tuple[float, Any]], frames: Sequence[str] | None
                 hint="name the sensor's frame and the tip's as `frames`",
                 parameter="frames",
             )
-        frames = edges[moving[0]].parent, moving[0]
+        frames = parents[moving[0]], moving[0]
     parent, child = frames
     path: list[str] = []
     at = child
@@ -99,21 +78,28 @@ def tf_poses(messages: Iterable[tuple[float, Any]], frames: Sequence[str] | None
         if at not in edges or at in path:
             raise LogError(f"tf has no way from {parent!r} to {child!r}; moving: {shown}")
         path.append(at)
-        at = edges[at].parent
+        at = parents[at]
     measured = [frame for frame in path if frame in moving]
     if len(measured) != 1:
         raise LogError(
             f"{len(measured)} transforms move between {parent!r} and {child!r}, expected the one "
             f"that was measured; moving: {shown}"
         )
-    times = np.array(edges[measured[0]].time)
     place, turn = np.zeros((1, 3)), np.eye(3)[None]
     for frame in path:  # from the child up: x_parent = R x + t
-        rows = np.array(edges[frame].rows)[: None if frame in measured else 1]
-        matrices = matrix_of(rows[:, 3:])
-        place = (matrices @ place[:, :, None])[:, :, 0] + rows[:, :3]
+        rows = edges[frame][: None if frame in measured else 1]
+        matrices = matrix_of(rows[:, 4:])
+        place = (matrices @ place[:, :, None])[:, :, 0] + rows[:, 1:4]
         turn = matrices @ turn
-    return Poses(times, place, _turning(quaternion_of(turn)))
+    return Poses(edges[measured[0]][:, 0], place, _turning(quaternion_of(turn)))
+
+
+def _moves(rows: Array) -> bool:
+    """Whether transforms (n, 7), translations and quaternions, differ from each other."""
+    # q and -q are one orientation
+    sign = np.where(rows[:, 3:] @ rows[0, 3:] < 0, -1.0, 1.0)[:, None]
+    same = np.hstack([rows[:, :3], sign * rows[:, 3:]])
+    return bool(np.abs(same - rows[0]).max() >= _SAME)
 
 
 def _turning(quaternions: Any) -> Array | None:

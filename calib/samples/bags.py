@@ -8,38 +8,20 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Mapping, Sequence
 from contextlib import contextmanager
-from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
 from ..common.arrays import Array
-from ..common.wording import listed, suggestion
-from ..errors import LogError, OptionError
+from ..common.wording import listed
+from ..errors import LogError
 from .bag_poses import POSITIONS, TF, Poses, stamped_poses, tf_poses
-from .joint_values import covered, joints_at
+from .joint_values import MAX_GAP, check_limits, covered, joint_speed, joints_at
+from .recorded import Recorded, told
 
 JOINT_STATE = "sensor_msgs/msg/JointState"
-MAX_GAP = 0.1
-"""Joint states further apart than this are not interpolated between [s]."""
-
 _INSTALL = "reading bags needs rosbags: pip install 'calib-arm[ros]'"
-
-
-@dataclass(frozen=True, eq=False)
-class Recording:
-    """A bag as a table."""
-
-    joint_names: tuple[str, ...]
-    # (n, joints) [rad or m], joint values at the times of the positions, in the order of the joint
-    # states
-    q: Array
-    x: Array  # (n, 3) [m], positions as recorded
-    time: Array  # (n,) [s], times of the positions, since the first
-    notes: tuple[str, ...]  # what was left out, and why
-    # (n, 4), orientations as qx, qy, qz, qw, where they were published
-    quaternion: Array | None = None
 
 
 def read_bag(
@@ -52,7 +34,7 @@ def read_bag(
     still: float | None = None,
     time_offset: float = 0.0,
     frames: Sequence[str] | None = None,
-) -> Recording:
+) -> Recorded:
     """Read joint states and positions, or poses, of the tip from a recording.
 
     path : a ROS 1 ``.bag``, a ROS 2 bag (its folder), or an ``.mcap`` or ``.db3`` file
@@ -64,10 +46,7 @@ def read_bag(
     frames : of tf: the sensor's frame and the tip's, or what is fixed to it
     Raises LogError if rosbags is missing, the file is no recording, or a topic is not in it.
     """
-    if max_gap <= 0:
-        raise OptionError(f"max gap {max_gap:g} s: expected more than zero")
-    if still is not None and still <= 0:
-        raise OptionError(f"still {still:g}: expected a speed above zero [rad/s or m/s]")
+    check_limits(max_gap, still)
     with _reader(Path(path)) as reader:
         topics = {c.topic: c.msgtype for c in reader.connections}
         source = _topic(topics, joints_topic, (JOINT_STATE,), "joints_topic", "JointState")
@@ -128,15 +107,10 @@ def _topic(
             hint=f"name one as `{parameter}`",
             parameter=parameter,
         )
-    if chosen not in topics:
-        raise LogError(
-            f"the recording has no topic {chosen!r}: {suggestion(chosen, sorted(topics))}; its "
-            f"topics: {shown}"
-        )
     if chosen not in fitting:
+        is_one = f"is a {topics[chosen].rpartition('/')[2]}" if chosen in topics else "is not there"
         raise LogError(
-            f"topic {chosen!r} is a {topics[chosen].rpartition('/')[2]}, expected {kind}; its "
-            f"topics: {shown}"
+            f"topic {chosen!r} {is_one}, expected {kind}; the recording's topics: {shown}"
         )
     return chosen
 
@@ -181,34 +155,22 @@ def _aligned(
     time_offset: float,
     max_gap: float,
     still: float | None,
-) -> Recording:
+) -> Recorded:
     """Interpolate the joints to the times of the positions and leave out what is doubtful."""
     good = np.isfinite(values).all(axis=1)
     times, first = np.unique(times[good], return_index=True)  # in order, each time once
     values = values[good][first]
-    order = np.argsort(poses.time, kind="stable")
-    stamps, x = poses.time[order] + time_offset, poses.x[order]
-    turns = None if poses.quaternion is None else poses.quaternion[order]
-    notes: list[str] = []
     if len(times) < 2:
         raise LogError("the recording has fewer than two joint states: nothing to interpolate")
-    inside, close, after = covered(stamps, times, max_gap)
-    usable, finite = inside & close, np.isfinite(x).all(axis=1)
-    q = joints_at(stamps, times, values)
+    order = np.argsort(poses.time, kind="stable")
+    stamps, x = poses.time[order] + time_offset, poses.x[order]
+    doubts = covered(stamps, times, max_gap) | {"not finite": ~np.isfinite(x).all(axis=1)}
     if still is not None:
-        speed = np.abs(np.diff(values, axis=0)).max(axis=1) / np.diff(times)
-        moving = usable & (speed[after - 1] > still)
-        usable &= ~moving
-        if moving.any():
-            notes.append(f"{moving.sum()} positions dropped: a joint moved faster than {still:g}")
-    for rows, why in (
-        (~inside, "outside of the times of the joint states"),
-        (inside & ~close, f"joint states more than {max_gap:g} s apart"),
-        (~finite, "not finite"),
-    ):
-        if rows.any():
-            notes.append(f"{np.count_nonzero(rows)} positions dropped: {why}")
-    usable &= finite
+        fast = joint_speed(stamps, times, values) > still
+        doubts[f"a joint moved faster than {still:g}"] = fast & ~np.any([*doubts.values()], axis=0)
+    usable = ~np.any([*doubts.values()], axis=0)
+    dropped = {why: int(rows.sum()) for why, rows in doubts.items() if rows.any()}
+    notes = told(dropped, "positions")
     if not usable.any():
         raise LogError(
             f"no position is left ({'; '.join(notes)})",
@@ -216,5 +178,13 @@ def _aligned(
             parameter="max_gap",
             value=max_gap,
         )
-    stamps, turns = stamps[usable], None if turns is None else turns[usable]
-    return Recording(names, q[usable], x[usable], stamps - stamps[0], tuple(notes), turns)
+    stamps = stamps[usable]
+    return Recorded(
+        names,
+        joints_at(stamps, times, values),
+        x[usable],
+        quaternion=None if poses.quaternion is None else poses.quaternion[order][usable],
+        time=stamps - stamps[0],
+        dropped=dropped,
+        notes=tuple(notes),
+    )

@@ -20,7 +20,7 @@ from ..common.wording import clipped, listed, printable, quoted
 from ..errors import LogError
 from .csv_rows import CsvFile, open_csv
 from .parquet import ParquetFile, open_parquet
-from .places import Place, find_place
+from .places import NumberColumns, Place, find_place
 
 if TYPE_CHECKING:
     import polars as pl
@@ -90,7 +90,12 @@ def read_batches(source: Source, names: Sequence[str], *, lenient: bool = False)
     Raises LogError if a column is missing or there twice, or a value is no number.
     """
     places = [_place(source, name) for name in names]
-    return source.file.batches(places, lenient=lenient)
+    columns = NumberColumns(source.label, places, lenient)
+    lengths: dict[str, int] = {}
+    first = 1
+    for frame in source.file.frames(list(dict.fromkeys(p.column for p in places)), lenient):
+        yield columns.read(frame, first, lengths)
+        first += frame.height
 
 
 def read_columns(source: Source, names: Sequence[str], *, lenient: bool = False) -> Array:
@@ -99,9 +104,12 @@ def read_columns(source: Source, names: Sequence[str], *, lenient: bool = False)
     return np.concatenate(batches) if batches else np.empty((0, len(names)))
 
 
-def read_texts(source: Source, names: Sequence[str]) -> dict[str, pl.Series]:
+def read_texts(source: Source, names: Sequence[str]) -> pl.DataFrame:
     """Read some columns as they are: text from CSV, whatever type from Parquet."""
-    return source.file.texts(names) if names else {}
+    import polars as pl
+
+    frames = list(source.file.frames(names)) if names else []
+    return pl.concat(frames) if frames else pl.DataFrame(schema=dict.fromkeys(names, pl.String))
 
 
 def _place(source: Source, name: str) -> Place:

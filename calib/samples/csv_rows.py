@@ -1,6 +1,6 @@
-"""CSV files: their rows in batches, as numbers or as they are.
+"""CSV files: their rows in batches, as text.
 
-Polars makes numbers of the cells; how rows are split is decided here: versions of Polars differ in
+How rows are split is decided here: versions of Polars differ in
 what they make of short rows, blank lines and stray quotes.
 """
 
@@ -15,12 +15,7 @@ from itertools import chain, islice
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-import numpy as np
-
-from ..common.arrays import Array
-from ..common.wording import quoted
 from ..errors import LogError
-from .places import Place, numbers_of
 
 if TYPE_CHECKING:
     import polars as pl
@@ -46,48 +41,32 @@ class CsvFile:
     skip: int  # lines up to the end of the header, the `comments` above it included
     comments: tuple[str, ...]
 
-    def batches(self, places: Sequence[Place], *, lenient: bool) -> Iterator[Array]:
-        """Yield (n, len(places)) arrays, NaN where a value is missing; blank lines are no rows."""
-        for place in places:
-            if place.element is not None:
-                raise LogError(
-                    f"{self.label} is CSV, which has no lists: there is a column "
-                    f"{quoted(place.column)} but none {quoted(place.name)}; lists are read from "
-                    "Parquet"
-                )
-        return self._batches([place.name for place in places], lenient)
+    def frames(self, names: Sequence[str], lenient: bool | None = None) -> Iterator[pl.DataFrame]:
+        """Yield columns of some rows at a time, as text; blank lines are no rows.
 
-    def texts(self, names: Sequence[str]) -> dict[str, pl.Series]:
-        """Read columns as they are, as text."""
+        A row with more fields than the header is refused, where `lenient` its cells are empty; None
+        takes them as they are.
+        """
         import polars as pl
 
-        index, found = [self.header.index(name) for name in names], list(self._rows())
-        rows = pl.concat(found) if found else pl.Series([], dtype=pl.List(pl.String))
-        cells = [rows.list.get(i, null_on_oob=True).fill_null("") for i in index]
-        return {name: column.alias(name) for name, column in zip(names, cells, strict=True)}
-
-    def about(self) -> str:
-        """Return what the comments say of all rows, as JSON."""
-        return next((comment[len(COMMENT) :] for comment in self.comments), "{}")
-
-    def _batches(self, names: Sequence[str], lenient: bool) -> Iterator[Array]:
         width, first = len(self.header), 1
         for rows in self._rows():
             # empty cells beyond the header are no fields
-            surplus = (rows.list.slice(width).list.join("").str.strip_chars() != "").to_numpy()
-            if surplus.any() and not lenient:
-                k = int(np.argmax(surplus))
+            surplus = rows.list.slice(width).list.join("").str.strip_chars() != ""
+            if lenient is False and surplus.any():
+                k = surplus.arg_true()[0]
                 raise LogError(
                     f"{self.label}, row {first + k} has {len(rows[k])} fields under a header of "
                     f"{width}: write decimals with a point and quote text that holds a comma"
                 )
-            values = np.empty((len(rows), len(names)))
-            for k, name in enumerate(names):
-                cells = rows.list.get(self.header.index(name), null_on_oob=True)
-                values[:, k] = numbers_of(cells, self.label, name, first, lenient=lenient)
-            values[surplus] = np.nan
-            yield values
+            cells = [rows.list.get(self.header.index(n), null_on_oob=True).alias(n) for n in names]
+            frame = pl.DataFrame(cells).with_columns(pl.col(pl.String).fill_null(""))
+            yield frame.with_columns(pl.when(~surplus).then(pl.all())) if lenient else frame
             first += len(rows)
+
+    def about(self) -> str:
+        """Return what the comments say of all rows, as JSON."""
+        return next((comment[len(COMMENT) :] for comment in self.comments), "{}")
 
     def _rows(self) -> Iterator[pl.Series]:
         """Yield the fields of some rows at a time, as lists of text."""

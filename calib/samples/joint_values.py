@@ -8,20 +8,27 @@ from __future__ import annotations
 from collections.abc import Sequence
 
 import numpy as np
-from numpy.typing import NDArray
 
 from ..common.arrays import Array, Mask
 from ..common.scale import TURN
 from ..common.wording import unit_of_joint
-from ..errors import CalibError, LogError
+from ..errors import CalibError, LogError, OptionError
 
-_SLACK = 0.05  # share of a range by which values may leave it
+MAX_GAP = 0.1
+"""Joints further apart than this are not interpolated between [s]."""
+
+SETTLE = 0.04
+"""Time before and after, over which a joint's speed is taken: encoders count in steps [s]."""
+
+SLACK = 0.05
+"""Share of a range by which values may leave it: limits are rounded, and arms differ."""
+
 _MOST_TURNS = 4.0  # further from zero a joint value is in degrees, or not reset for long
 
 
 def in_degrees(values: Array, low: float, high: float) -> bool:
     """Whether values (n,) leave a range [rad] but lie within it once taken as degrees."""
-    return beyond(values, low, high) > _SLACK and beyond(np.deg2rad(values), low, high) <= _SLACK
+    return beyond(values, low, high) > SLACK and beyond(np.deg2rad(values), low, high) <= SLACK
 
 
 def beyond(values: Array, low: float, high: float) -> float:
@@ -123,13 +130,26 @@ def joints_at(when: Array, time: Array, q: Array) -> Array:
     return np.stack([np.interp(when, time, column) for column in q.T], axis=1)
 
 
-def covered(when: Array, time: Array, max_gap: float) -> tuple[Mask, Mask, NDArray[np.intp]]:
-    """Tell which times (n,) lie between joints that are close enough to interpolate.
+def joint_speed(when: Array, time: Array, q: Array) -> Array:
+    """Return the fastest joint's speed about each time (n,) [rad/s or m/s]; see `joints_at`."""
+    low, high = (joints_at(when + shift, time, q) for shift in (-SETTLE, SETTLE))
+    return np.asarray(np.abs(high - low).max(axis=1) / (2.0 * SETTLE))
 
-    Returns inside, close : (n,), whether a time lies within the recording, and between joints at
-        most `max_gap` [s] apart
-    Returns after : (n,), the joints next after each time
+
+def check_limits(max_gap: float, still: float | None) -> None:
+    """Refuse limits of `covered` and of the joints' speed that leave nothing."""
+    if not max_gap > 0:
+        raise OptionError(f"`max_gap={max_gap:g}`: expected more than zero [s]")
+    if still is not None and not still > 0:
+        raise OptionError(f"`still={still:g}`: expected a speed above zero [rad/s or m/s]")
+
+
+def covered(when: Array, time: Array, max_gap: float) -> dict[str, Mask]:
+    """Tell which times (n,) lie between no joints that are close enough to interpolate, and why.
+
+    Joints have times (m,), and are close at most `max_gap` [s] apart.
     """
     after = np.clip(np.searchsorted(time, when), 1, len(time) - 1)
-    inside = (when >= time[0]) & (when <= time[-1])
-    return inside, time[after] - time[after - 1] <= max_gap, after
+    outside = (when < time[0]) | (when > time[-1])
+    far = ~outside & (time[after] - time[after - 1] > max_gap)
+    return {"outside of the joints' times": outside, f"joints more than {max_gap:g} s apart": far}

@@ -38,28 +38,25 @@ def locked_from_log(
     found = [name for name in names if used[name] != name or find_place(source.header, name)]
     if not found:
         return {}, ()
-    reservoirs = [Reservoir(HELD_ROWS, extremes=1) for _ in found]
+    reservoirs = {name: Reservoir(HELD_ROWS, extremes=1) for name in found}
     first = 1
     for batch in read_batches(source, [used[name] for name in found]):
-        numbers = np.arange(first, first + len(batch))
+        for reservoir, column in zip(reservoirs.values(), batch.T, strict=True):
+            rows = np.flatnonzero(np.isfinite(column))
+            reservoir.add(column[rows, None], first + rows)
         first += len(batch)
-        for reservoir, column in zip(reservoirs, batch.T, strict=True):
-            there = np.isfinite(column)
-            reservoir.add(column[there, None], numbers[there])
     values, notes = {}, []
-    for name, reservoir in zip(found, reservoirs, strict=True):
+    for name, reservoir in reservoirs.items():
         recorded, numbers = reservoir.rows()
-        recorded = recorded.ravel()
-        if not len(recorded):
+        if not len(numbers):
             continue
         turns = name not in prismatic
-        if turns and degrees:
-            recorded = np.deg2rad(recorded)
-        values[name] = float(np.median(recorded))
-        off = np.abs(recorded - values[name])
-        moved, away = float(off.max()), float(np.mean(off > _STANDS[turns]))
+        stood = np.deg2rad(recorded.ravel()) if turns and degrees else recorded.ravel()
+        values[name] = float(np.median(stood))
+        off = np.abs(stood - values[name])
+        moved = float(off.max())
         shown = f"{math.degrees(moved):.3g} deg" if turns else f"{1e3 * moved:.3g} mm"
-        if away > _SOME:
+        if np.mean(off > _STANDS[turns]) > _SOME:
             raise LogError(
                 f"{source.label}: {name} is locked but moved by up to {shown} (row "
                 f"{numbers[np.argmax(off)]})",

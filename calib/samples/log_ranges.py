@@ -3,190 +3,177 @@
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
 
-from ..common.arrays import Array
+from ..common.arrays import Array, Mask
 from ..common.scale import TURN
 from ..common.wording import unit_of_joint
 from ..errors import LogError, OptionError
-from .joint_values import beyond, in_degrees, many_turns
+from .joint_values import SLACK, beyond, in_degrees, many_turns
 
 Range = tuple[float, float]
+UNKNOWN: Range = (-math.inf, math.inf)
 
-_SLACK = 0.05  # share of a range by which a log may leave it: limits are rounded, arms differ
 _ROUNDED = 1e-4  # share of a range that is not worth a word
 _SMALL_GAP = 0.1  # [rad]; data without a larger gap fill the circle
 _LARGE_GAP = 0.5  # [rad]; a gap that shows where the joint cannot go
 
 
 @dataclass(frozen=True)
-class JointColumn:
-    """The values of one joint in a log, and what is known about it."""
+class LoggedJoint:
+    """One joint of a log, and what is known of its range."""
 
-    # what messages call the log, and the joint's name
-    label: str
-    joint: str
-    values: Array  # (n,) [rad or m], what was recorded
+    label: str  # what messages call the log
+    name: str
     revolute: bool
-    # [rad or m], the arm's range of this joint, where there is an arm; the range that the user
-    # asked for, which goes before it: all values lie in it, see `ChosenRange`
-    limits: Range | None = None
-    chosen: Range | None = None
+    limits: Range = UNKNOWN  # the arm's range of this joint, where there is an arm [rad or m]
     degrees: bool = False  # whether the log and the messages are in degrees
-    # (n,), numbers of the rows in the file, where some were left out
-    rows: NDArray[np.intp] | None = None
+    chosen: bool = False  # whether the user asked for `limits`: other rows are left out
 
-    def settle(self) -> tuple[Array, Range, list[str]]:
-        """Return the values, wrapped where needed, the joint's range, and notes."""
-        if self.chosen is not None:
-            return self._within_chosen(self.chosen)
-        if self.limits is None:
-            return self._within_data()
+    def with_range(self, asked: Range) -> LoggedJoint:
+        """Return the joint with the range that the user asks for.
+
+        Raises OptionError if it is no range.
+        """
+        low, high = (float(value) for value in asked)
+        wrong, hint = "", None
+        if not (math.isfinite(low) and math.isfinite(high) and low < high):
+            wrong = ": expected low:high with low below high"
+        elif self.revolute and high - low > TURN + 1e-4:
+            wrong, hint = " is more than one turn", "if these are degrees, give `degrees=True`"
+        if wrong:
+            message = f"range {self.name}={low:g}:{high:g}{wrong}"
+            raise OptionError(message, hint=hint, parameter="ranges", value=(low, high))
+        return replace(self, limits=(low, high), chosen=True)
+
+    def holds(self, values: Array) -> Mask:
+        """Whether each value (n,) lies in the chosen range, once wrapped, (n,)."""
+        low, high = self.limits
+        wrapped = self._wrapped(values)
+        edge = _ROUNDED * (high - low)
+        return np.asarray((wrapped >= low - edge) & (wrapped <= high + edge))
+
+    def settle(self, values: Array, rows: NDArray[np.intp]) -> tuple[Array, Range, list[str]]:
+        """Return values (n,) [rad or m], wrapped where needed, the joint's range, and notes.
+
+        rows : (n,), their numbers in the file
+        """
+        if self.chosen:
+            wrapped = self._wrapped(values)
+            return (
+                np.clip(wrapped, *self.limits),
+                self.limits,
+                self._moved(values, wrapped, self.limits),
+            )
+        if self.limits == UNKNOWN:
+            return self._within_data(values)
         if self.revolute and self.limits[1] - self.limits[0] >= TURN - 1e-9:
-            return self._within_turn(self.limits)
-        return self._within_limits(self.limits)
+            return self._within_turn(values)
+        return self._within_limits(values, rows)
 
-    @property
-    def _extremes(self) -> Range:
-        return float(self.values.min()), float(self.values.max())
+    def show(self, limits: Range) -> str:
+        """Return a range in the unit of the log."""
+        factor, unit = unit_of_joint(self.revolute, self.degrees)
+        return f"{factor * limits[0]:.4g}..{factor * limits[1]:.4g} {unit}"
 
-    def _within_chosen(self, chosen: Range) -> tuple[Array, Range, list[str]]:
-        low, high = chosen
-        values = wrap(self.values, low, high) if self.revolute else self.values
-        return np.clip(values, low, high), (low, high), self._wrapped_note(values, chosen)
+    def _wrapped(self, values: Array) -> Array:
+        return wrap(values, *self.limits) if self.revolute else values
 
-    def _within_data(self) -> tuple[Array, Range, list[str]]:
-        low, high = self._extremes
-        if self.revolute:
-            self._refuse_many_turns()
+    def _within_data(self, values: Array) -> tuple[Array, Range, list[str]]:
+        low, high = _extremes(values)
+        self._refuse_many_turns(values)
         if not self.revolute or high - low < TURN - 0.2:
-            return self.values, (low, high), []
-        values, turn, gap = one_turn(self.values)
+            return values, (low, high), []
+        wrapped, turn, gap = one_turn(values)
         if high - low <= TURN and gap < _LARGE_GAP:
-            return self.values, (low, high), []
+            return values, (low, high), []
         if gap >= _SMALL_GAP:
-            turn = float(values.min()), float(values.max())
-        return values, turn, self._wrapped_note(values, turn)
+            turn = _extremes(wrapped)
+        return wrapped, turn, self._moved(values, wrapped, turn)
 
-    def _within_turn(self, limits: Range) -> tuple[Array, Range, list[str]]:
-        low, high = self._extremes
+    def _within_turn(self, values: Array) -> tuple[Array, Range, list[str]]:
+        limits, (low, high) = self.limits, _extremes(values)
         if limits[0] - 1e-9 <= low and high <= limits[1] + 1e-9:
-            return np.clip(self.values, *limits), limits, []
-        self._refuse_many_turns()
+            return np.clip(values, *limits), limits, []
+        self._refuse_many_turns(values)
         if high - low < TURN - 1e-9:
             middle = (low + high) / 2.0
             turn = middle - math.pi, middle + math.pi
-            return self.values, turn, [f"{self.joint}: range {self._show(turn)}, as in the log"]
-        values, turn, _ = one_turn(self.values)
-        return values, turn, self._wrapped_note(values, turn)
+            return values, turn, [f"{self.name}: range {self.show(turn)}, as in the log"]
+        wrapped, turn, _ = one_turn(values)
+        return wrapped, turn, self._moved(values, wrapped, turn)
 
-    def _within_limits(self, limits: Range) -> tuple[Array, Range, list[str]]:
-        values, notes = self.values, []
-        if self.revolute and np.ptp(values) <= TURN + 1e-9 and beyond(values, *limits) > _SLACK:
-            wrapped = wrap(values, *limits)
-            if beyond(wrapped, *limits) <= _SLACK:
-                notes += self._wrapped_note(wrapped, limits)
+    def _within_limits(
+        self, values: Array, rows: NDArray[np.intp]
+    ) -> tuple[Array, Range, list[str]]:
+        limits, notes = self.limits, []
+        if self.revolute and np.ptp(values) <= TURN + 1e-9 and beyond(values, *limits) > SLACK:
+            wrapped = self._wrapped(values)
+            if beyond(wrapped, *limits) <= SLACK:
+                notes += self._moved(values, wrapped, self.limits)
                 values = wrapped
         excess = beyond(values, *limits)
-        if excess > _SLACK:
-            raise self._outside(limits)
-        low, high = min(limits[0], float(values.min())), max(limits[1], float(values.max()))
+        if excess > SLACK:
+            raise self._outside(values, rows)
+        low, high = _extremes(values)
+        widened = min(limits[0], low), max(limits[1], high)
         if excess > _ROUNDED:
             notes.append(
-                f"{self.joint}: the log goes beyond the limits {self._show(limits)}; "
-                f"range widened to {self._show((low, high))}"
+                f"{self.name}: the log goes beyond the limits {self.show(limits)}; "
+                f"range widened to {self.show(widened)}"
             )
-        return values, (low, high), notes
+        return values, widened, notes
 
-    def _outside(self, limits: Range) -> LogError:
-        row = int(np.argmax(np.maximum(limits[0] - self.values, self.values - limits[1])))
-        number = row + 1 if self.rows is None else self.rows[row]
+    def _outside(self, values: Array, rows: NDArray[np.intp]) -> LogError:
+        low, high = self.limits
+        row = int(np.argmax(np.maximum(low - values, values - high)))
         factor, unit = unit_of_joint(self.revolute, self.degrees)
-        message = (
-            f"{self.label}, row {number}: {self.joint} is {factor * self.values[row]:g} {unit}, "
-            f"outside of its limits {self._show(limits)}"
-        )
         # small angles of another column look like degrees too
-        far = float(np.abs(self.values).max()) > TURN
-        if self.revolute and not self.degrees and far and in_degrees(self.values, *limits):
-            hint = "as degrees the log fits: give `degrees=True`"
-            return LogError(message, hint=hint, parameter="degrees", value=self.degrees)
-        hint = f"if the joint really goes there, give `ranges={{{self.joint!r}: (LOW, HIGH)}}`"
-        if beyond(-self.values, *limits) <= _SLACK:
+        far = self.revolute and not self.degrees and float(np.abs(values).max()) > TURN
+        parameter = "ranges"
+        if far and in_degrees(values, low, high):
+            hint, parameter = "as degrees the log fits: give `degrees=True`", "degrees"
+        elif beyond(-values, low, high) <= SLACK:
             hint = "with the opposite sign it fits: change the sign of its column"
         else:
-            hint = f"check that the column is of this joint and in its unit; {hint}"
-        return LogError(message, hint=hint, parameter="ranges", value=float(self.values[row]))
+            hint = (
+                "check that the column is of this joint and in its unit; if the joint really goes "
+                f"there, give `ranges={{{self.name!r}: (LOW, HIGH)}}`"
+            )
+        return LogError(
+            f"{self.label}, row {rows[row]}: {self.name} is {factor * values[row]:g} {unit}, "
+            f"outside of its limits {self.show(self.limits)}",
+            hint=hint,
+            parameter=parameter,
+            value=self.degrees if parameter == "degrees" else float(values[row]),
+        )
 
-    def _refuse_many_turns(self) -> None:
-        if not many_turns(self.values):
+    def _refuse_many_turns(self, values: Array) -> None:
+        if not (self.revolute and many_turns(values)):
             return
-        low, high = self._extremes
-        turns = (high - low) / TURN
+        low, high = _extremes(values)
         turn = "(-180, 180)" if self.degrees else "(-3.14159, 3.14159)"
         remedy = "" if self.degrees else "if the log is in degrees, give `degrees=True`; "
         raise LogError(
-            f"{self.label}: {self.joint} goes {self._show((low, high))}, {turns:.1f} turns",
-            hint=f"{remedy}to wrap it into one turn, give `ranges={{{self.joint!r}: {turn}}}`",
+            f"{self.label}: {self.name} goes {self.show((low, high))}, "
+            f"{(high - low) / TURN:.1f} turns",
+            hint=f"{remedy}to wrap it into one turn, give `ranges={{{self.name!r}: {turn}}}`",
             parameter="ranges" if self.degrees else "degrees",
             value=(low, high),
         )
 
-    def _wrapped_note(self, values: Array, turn: Range) -> list[str]:
-        moved = int(np.count_nonzero(np.abs(values - self.values) > 1.0))
-        if not moved:
-            return []
-        return [f"{self.joint}: {moved} values wrapped by whole turns into {self._show(turn)}"]
-
-    def _show(self, limits: Range) -> str:
-        return _shown(limits, self.revolute, self.degrees)
+    def _moved(self, values: Array, wrapped: Array, turn: Range) -> list[str]:
+        """Say how many values were wrapped."""
+        moved = int(np.count_nonzero(np.abs(wrapped - values) > 1.0))
+        told = f"{self.name}: {moved} values wrapped by whole turns into {self.show(turn)}"
+        return [told] if moved else []
 
 
-@dataclass
-class ChosenRange:
-    """A joint's range that the user chose, and how many values of a log were `outside` so far.
-
-    See `JointColumn` for the attributes that both have.
-    """
-
-    label: str
-    joint: str
-    limits: Range
-    revolute: bool
-    degrees: bool = False
-    outside: int = 0
-
-    def __post_init__(self) -> None:
-        self.limits = _checked(self.joint, self.limits, self.revolute)
-        self._inside = False
-        self._extremes = math.inf, -math.inf
-
-    def holds(self, values: Array) -> NDArray[np.bool_]:
-        """Whether each value (n,) lies in the range, once wrapped, (n,)."""
-        low, high = self.limits
-        wrapped = wrap(values, low, high) if self.revolute else values
-        edge = _ROUNDED * (high - low)
-        away = (wrapped < low - edge) | (wrapped > high + edge)
-        self.outside += int(np.count_nonzero(away))
-        self._inside |= not away.all()
-        least, most = self._extremes
-        self._extremes = float(values.min(initial=least)), float(values.max(initial=most))
-        return np.asarray(~away)
-
-    def notes(self) -> list[str]:
-        """Say how many rows were left out; it is an error if all were."""
-        shown = _shown(self.limits, self.revolute, self.degrees)
-        if not self._inside:
-            raise LogError(
-                f"{self.label}: no value of {self.joint!r} lies in the range {shown}; the log "
-                f"has {_shown(self._extremes, self.revolute, self.degrees)}"
-            )
-        if not self.outside:
-            return []
-        return [f"{self.outside} rows dropped: {self.joint} outside of the range {shown}"]
+def _extremes(values: Array) -> Range:
+    return float(values.min()), float(values.max())
 
 
 def one_turn(angles: Array) -> tuple[Array, Range, float]:
@@ -223,21 +210,3 @@ def wrap(values: Array, low: float, high: float) -> Array:
     moved = np.where(moved - high > TURN / 2.0 - (high - low) / 2.0, moved - TURN, moved)
     moved = np.where(high - low >= TURN - 1e-9, np.clip(moved, low, high), moved)
     return np.where((values < low) | (values > high), moved, values)
-
-
-def _shown(limits: Range, revolute: bool, degrees: bool) -> str:
-    factor, unit = unit_of_joint(revolute, degrees)
-    return f"{factor * limits[0]:.4g}..{factor * limits[1]:.4g} {unit}"
-
-
-def _checked(joint: str, chosen: Range, revolute: bool) -> Range:
-    low, high = (float(value) for value in chosen)
-    wrong, hint = "", None
-    if not (math.isfinite(low) and math.isfinite(high) and low < high):
-        wrong = ": expected low:high with low below high"
-    elif revolute and high - low > TURN + 1e-4:
-        wrong, hint = " is more than one turn", "if these are degrees, give `degrees=True`"
-    if wrong:
-        message = f"range {joint}={low:g}:{high:g}{wrong}"
-        raise OptionError(message, hint=hint, parameter="ranges", value=(low, high))
-    return low, high

@@ -16,8 +16,8 @@ from ..common.wording import vector
 from ..errors import LogError, OptionError
 from .camera import camera_of
 from .columns import Source, open_source
-from .log_ranges import ChosenRange, JointColumn, Range
-from .measured_rows import HELD_ROWS, MeasuredRows, Reservoir
+from .log_ranges import UNKNOWN, LoggedJoint, Range
+from .measured_rows import HELD_ROWS, Reservoir, measured_rows
 from .places import find_place
 from .plausibility import check_against_robot, check_flat
 from .roles import (
@@ -119,53 +119,36 @@ def read_log(
     unit = unit or unit_of(about)
     roles = find_roles(source, arm, joints, columns)
     names, axes = roles.joints, roles.axes
-    if arm is not None and arm.outputs > len(axes) and unit != "px":  # a camera sees two
+    wanted = arm.outputs if arm is not None and outputs is None else outputs
+    if len(axes) < (wanted or 2) and not (outputs is None and unit == "px"):  # a camera sees two
         raise LogError(
-            f"{source.label} has x and y alone; {arm.name} moves in space, so that x, y and z "
-            "have to be measured",
+            f"{source.label} has x and y alone, expected x, y and z of an arm in space",
             hint="for a planar part of the arm name its joints, or give `planar=True`",
             parameter="planar",
         )
-    if outputs is not None and outputs > len(axes):
-        raise LogError(f"{source.label} has x and y alone, expected x, y and z of an arm in space")
-    revolute = _revolute(arm, names, prismatic)
-    chosen = {
-        k: ChosenRange(source.label, name, (ranges or {})[name], revolute[k], degrees)
-        for k, name in enumerate(names)
-        if name in (ranges or {})
-    }
-    turning = [k for k, turns in enumerate(revolute) if turns and degrees]
-    measured = MeasuredRows(source, roles.columns, turning, chosen)
-    values, rows, notes = measured.held(Reservoir(most, extremes=len(names), seed=seed))
+    known = _joints(source.label, arm, names, prismatic, degrees, ranges or {})
+    reservoir = Reservoir(most, extremes=len(names), seed=seed)
+    measured = measured_rows(source, roles.columns, known, reservoir)
+    values, notes = measured.values, list(measured.notes)
     _check_values(source, values, names, axes)
-    q = np.ascontiguousarray(values[:, : len(names)])
+    revolute = tuple(joint.revolute for joint in known)
+    in_degrees = degrees and any(revolute)
     # values of a few degrees at most are doubted
-    if degrees and any(revolute) and np.abs(q[:, list(revolute)]).max() <= math.radians(TURN):
+    if in_degrees and np.abs(values[:, np.flatnonzero(revolute)]).max() <= math.radians(TURN):
         notes.append("no joint goes beyond 6.3 degrees; if the log is in rad, leave out `degrees`")
-    lower, upper = np.empty(len(names)), np.empty(len(names))
-    for k, joint in enumerate(names):
-        column = JointColumn(
-            label=source.label,
-            joint=joint,
-            values=q[:, k],
-            revolute=revolute[k],
-            limits=(float(arm.lower[k]), float(arm.upper[k])) if arm else None,
-            chosen=chosen[k].limits if k in chosen else None,
-            degrees=degrees,
-            rows=rows,
-        )
-        q[:, k], (lower[k], upper[k]), more = column.settle()
-        notes += more
+    settled = [joint.settle(values[:, k], measured.numbers) for k, joint in enumerate(known)]
+    q = np.stack([column for column, *_ in settled], axis=1)
+    lower, upper = np.array([limits for _, limits, _ in settled]).T
+    notes += [note for *_, more in settled for note in more]
     x = np.ascontiguousarray(values[:, len(names) : len(names) + len(axes)])
     orientation = _orientation(values[:, len(names) + len(axes) :], roles.turns, degrees, source)
     plane = rms = None
-    in_space = len(axes) == 3 and (_in_space(x, arm) if outputs is None else outputs == 3)
-    if len(axes) == 3 and not in_space:
+    if len(axes) == 3 and wanted != 3 and (wanted is not None or _flat(x)):
         from ..arm.plane import fit_plane
 
         plane, rms = fit_plane(x)
         if arm is not None:
-            check_flat(source.label, x, plane.distances(x), unit, rows)
+            check_flat(source.label, x, plane.distances(x), unit, measured.numbers)
         x = plane.project(x)
         notes.append(
             f"plane fitted to x, y, z: x along {vector(plane.x)}, y along {vector(plane.y)}, "
@@ -189,14 +172,14 @@ def read_log(
         upper=upper,
         revolute=revolute,
         unit=unit,
-        dropped=measured.total - measured.usable,
+        dropped=measured.dropped,
         arm=replace(arm, lower=lower, upper=upper) if arm else None,
         notes=tuple(notes),
         plane=plane,
         out_of_plane_rms=rms,
         orientation=None if plane is not None else orientation,
         columns=columns,
-        degrees=degrees and any(revolute),
+        degrees=in_degrees,
         camera=camera,
         source=about,
     )
@@ -221,12 +204,10 @@ def write_log(samples: Samples, path: str | os.PathLike[str]) -> None:
     write_table(path, columns)
 
 
-def _in_space(x: Array, arm: Arm | None) -> bool:
-    """Whether positions (n, 3) are those of an arm in space, not of one in a tilted plane."""
-    if arm is not None:
-        return arm.outputs == 3
+def _flat(x: Array) -> bool:
+    """Whether positions (n, 3) lie in a tilted plane, as those of an arm that is not in space."""
     spread = np.linalg.svd(x - x.mean(axis=0), compute_uv=False)
-    return len(spread) == 3 and bool(spread[2] > _THICK * spread[0])
+    return len(spread) < 3 or bool(spread[2] <= _THICK * spread[0])
 
 
 def _orientation(
@@ -240,17 +221,29 @@ def _orientation(
     return from_angles(np.deg2rad(values) if degrees else values)
 
 
-def _revolute(arm: Arm | None, names: Sequence[str], prismatic: Sequence[str]) -> tuple[bool, ...]:
-    if arm is not None:
-        return tuple(arm.revolute)
-    for name in prismatic:
+def _joints(
+    label: str,
+    arm: Arm | None,
+    names: Sequence[str],
+    prismatic: Sequence[str],
+    degrees: bool,
+    ranges: Mapping[str, Range],
+) -> list[LoggedJoint]:
+    """What is known of the joints, of the arm where there is one."""
+    for name in prismatic if arm is None else ():
         if name not in names:
             raise OptionError(
                 f"{name!r} is named as sliding but is not a joint; joints: {', '.join(names)}",
                 parameter="prismatic",
                 value=name,
             )
-    return tuple(name not in prismatic for name in names)
+    joints = []
+    for k, name in enumerate(names):
+        turns = arm.revolute[k] if arm is not None else name not in prismatic
+        limits = (float(arm.lower[k]), float(arm.upper[k])) if arm is not None else UNKNOWN
+        joint = LoggedJoint(label, name, turns, limits, degrees)
+        joints.append(joint.with_range(ranges[name]) if name in ranges else joint)
+    return joints
 
 
 def _check_values(source: Source, values: Array, names: Sequence[str], axes: Sequence[str]) -> None:

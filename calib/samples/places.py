@@ -17,6 +17,8 @@ if TYPE_CHECKING:
 _ELEMENT = re.compile(r"(.+)\[(.*)\]", re.DOTALL)
 _INDEX = re.compile(r"0|[1-9][0-9]{0,8}")
 
+MISSING = ("", "na", "n/a", "nan", "null", "none", "-", "?")
+
 
 @dataclass(frozen=True)
 class Place:
@@ -55,9 +57,6 @@ def find_place(header: Sequence[str], name: str) -> Place | None:
     return Place(name, match[1], int(match[2]))
 
 
-MISSING = ("", "na", "n/a", "nan", "null", "none", "-", "?")
-
-
 def parse_cell(text: str, where: str, *, lenient: bool = False) -> float:
     """Read one number, NaN for an empty cell and for the usual words for a missing value.
 
@@ -80,20 +79,75 @@ def parse_cell(text: str, where: str, *, lenient: bool = False) -> float:
     raise LogError(f"{where}: {shown} is not a number; {remedy}")
 
 
-def numbers_of(
-    cells: pl.Series, label: str, name: str, first: int, *, lenient: bool = False
-) -> Array:
-    """Read a column of texts as numbers (n,), cell by cell where Polars knows none.
+@dataclass(frozen=True)
+class NumberColumns:
+    """Reads the numbers of some places of a file, some rows at a time."""
 
-    Errors say `label`, the column's `name` and a row, of which the `first` is the number of the
-    first cell; see `parse_cell`.
-    """
-    import polars as pl
+    label: str  # what errors call the file
+    places: Sequence[Place]
+    lenient: bool = False  # whether text that is no number is NaN
 
-    cells = cells.str.strip_chars()
-    numbers = cells.cast(pl.Float64, strict=False)
-    values = numbers.fill_null(float("nan")).to_numpy(writable=True)
-    for row in (numbers.is_null() & (cells.fill_null("") != "")).arg_true():
-        where = f"{label}, row {first + row}, column {name!r}"
-        values[row] = parse_cell(cells[row], where, lenient=lenient)
-    return values
+    def read(self, frame: pl.DataFrame, first: int, lengths: dict[str, int]) -> Array:
+        """Numbers (n, places) of the file's next rows, of which the first has a number.
+
+        NaN where a value, or a whole list, is missing. `lengths` of the columns of lists are kept
+        from frame to frame: which element is which could not be told of lists of several.
+        """
+        import numpy as np
+
+        values = np.empty((frame.height, len(self.places)))
+        for k, place in enumerate(self.places):
+            column = frame[place.column]
+            if place.element is not None:
+                column = self._elements(column, place, place.element, first, lengths)
+            values[:, k] = self._numbers(column, place, first)
+        return values
+
+    def _elements(
+        self, column: pl.Series, place: Place, element: int, first: int, lengths: dict[str, int]
+    ) -> pl.Series:
+        import polars as pl
+
+        where = f"column {place.column!r}"
+        if column.dtype == pl.Null:
+            return column
+        if not isinstance(column.dtype, pl.List):
+            raise LogError(
+                f"{self.label}, {where} holds {column.dtype}, expected lists, as in Parquet files"
+            )
+        found = column.list.len()
+        there = column.is_not_null().arg_true()
+        if len(there):
+            length = lengths.setdefault(place.column, found[there[0]])
+            for row in there.filter(found[there] != length):
+                raise LogError(
+                    f"{self.label}, row {first + row}, {where}: a list of {found[row]} after "
+                    f"lists of {length}; which element is which cannot be told"
+                )
+        if element >= lengths.get(place.column, element + 1):
+            raise LogError(
+                f"{self.label}, {where} holds lists of {lengths[place.column]}, counted from 0: "
+                f"there is no {place.name!r}"
+            )
+        return column.list.get(element, null_on_oob=True)
+
+    def _numbers(self, column: pl.Series, place: Place, first: int) -> Array:
+        """Numbers (n,) of a column, text by text where Polars knows none."""
+        import polars as pl
+
+        if column.dtype == pl.String:
+            cells = column.str.strip_chars()
+            numbers = cells.cast(pl.Float64, strict=False)
+            values = numbers.fill_null(float("nan")).to_numpy(writable=True)
+            for row in (numbers.is_null() & (cells.fill_null("") != "")).arg_true():
+                where = f"{self.label}, row {first + row}, column {place.name!r}"
+                values[row] = parse_cell(cells[row], where, lenient=self.lenient)
+            return values
+        if not (column.dtype.is_numeric() or column.dtype == pl.Null):
+            lists = place.element is None and isinstance(column.dtype, pl.List)
+            remedy = f"; name one element, such as {place.name}[0]" if lists else ""
+            raise LogError(
+                f"{self.label}, column {place.name!r} holds {column.dtype}, expected numbers"
+                f"{remedy}"
+            )
+        return column.cast(pl.Float64).fill_null(float("nan")).to_numpy()

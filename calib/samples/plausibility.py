@@ -61,22 +61,21 @@ def check_against_robot(
     nominal = arm.forward(some)
     if nominal.shape != seen.shape or not np.isfinite(nominal).all():
         return []
-    _check_size(label, nominal, seen, unit)
-    extent = _size(seen)
-    own = misfit(nominal, seen)
+    if unit == "m":
+        _check_size(label, _size(seen) / max(_size(nominal), 1e-300))
+    extent, own = _size(seen), misfit(nominal, seen)
     notes = []
     if own > _SMALL * extent:
         _check_order(label, arm, some, seen, own, names, any_order=own > _GOOD * extent)
         notes += _check_signs(label, arm, some, seen, names)
-    own = max(own, 1e-12 * extent)
-    flipped = nominal * np.where(np.arange(nominal.shape[1]) == 0, -1.0, 1.0)
-    if unit == "m" and not fitted_plane and misfit(flipped, seen) < _CLEAR * own:
+    flipped = nominal * np.array([-1.0, 1.0, 1.0])[: nominal.shape[1]]
+    mirrored = misfit(flipped, seen) < _CLEAR * max(own, 1e-12 * extent)
+    if mirrored and unit == "m" and not fitted_plane:
         notes.append(
             f"{label}: the positions are mirrored, compared with the robot: the sensor's axes are "
             "left-handed, or one of them is reversed"
         )
-    lag = lag_of(arm, q, x)
-    if lag:
+    if lag := lag_of(arm, q, x):
         side = "follow" if lag > 0 else "precede"
         rows_apart = "1 row" if abs(lag) == 1 else f"{abs(lag)} rows"
         notes.append(
@@ -90,7 +89,7 @@ def misfit(a: Array, b: Array) -> float:
     """Root mean square distance of `b` (n, m) from `a` (n, m), turned, shifted and scaled."""
     # no reflection: a mirrored sensor is to be seen as a misfit
     turn, shift, scale = similarity(a, b)
-    return float(np.sqrt(np.mean(np.sum((b - scale * a @ turn.T - shift) ** 2, axis=1))))
+    return _rms(b - scale * a @ turn.T - shift)
 
 
 def unit_of_ratio(ratio: float) -> str:
@@ -151,26 +150,28 @@ def check_flat(label: str, x: Array, distance: Array, unit: str, rows: NDArray[n
     )
 
 
+def _rms(rows: Array) -> float:
+    return float(np.sqrt(np.mean(np.sum(rows**2, axis=1))))
+
+
 def _size(x: Array) -> float:
     """Root mean square distance of rows (n, m) from their middle."""
-    return float(np.sqrt(np.mean(np.sum((x - x.mean(axis=0)) ** 2, axis=1))))
+    return _rms(x - x.mean(axis=0))
 
 
-def _check_size(label: str, nominal: Array, seen: Array, unit: str) -> None:
-    if unit != "m":
-        return
-    ratio = _size(seen) / max(_size(nominal), 1e-300)
-    if _SIZE[0] < ratio < _SIZE[1]:
-        return
-    shown = (
-        f"{label}: the positions extend over {ratio:.4g} times what the robot's links allow for "
-        "these joint values, if they are in m"
-    )
+def _check_size(label: str, ratio: float) -> None:
+    """Refuse positions that extend over a multiple of what they should, if that is a unit's."""
     name = unit_of_ratio(ratio)
-    if name or ratio > _PIXELS:
-        hint = f"if they are in {name}, give `unit={name!r}`"
-        other = "for pixels give `unit='px'`, for another unit its name"
-        raise LogError(shown, hint=hint if name else other, parameter="unit", value="m")
+    if _SIZE[0] < ratio < _SIZE[1] or not (name or ratio > _PIXELS):
+        return
+    other = "for pixels give `unit='px'`, for another unit its name"
+    raise LogError(
+        f"{label}: the positions extend over {ratio:.4g} times what the robot's links allow for "
+        "these joint values, if they are in m",
+        hint=f"if they are in {name}, give `unit={name!r}`" if name else other,
+        parameter="unit",
+        value="m",
+    )
 
 
 def _check_order(
@@ -184,8 +185,9 @@ def _check_order(
         for order in itertools.permutations(range(q.shape[1]))
         if any_order or sum(k != j for k, j in enumerate(order)) == 2
     ]
-    best = min(orders, key=lambda order: misfit(arm.forward(q[:, list(order)]), x))
-    if misfit(arm.forward(q[:, list(best)]), x) < _CLEAR * own:
+    found = {order: misfit(arm.forward(q[:, list(order)]), x) for order in orders}
+    best = min(orders, key=lambda order: found[order])
+    if found[best] < _CLEAR * own:
         pairs = {names[k]: names[j] for k, j in enumerate(best) if k != j}
         raise LogError(
             f"{label}: the log fits the robot only if columns of joints are exchanged",
@@ -207,8 +209,7 @@ def _with_tool(arm: Arm, q: Array, x: Array) -> float:
     features = np.hstack([place, turn[:, i] * turn[:, j]])
     if len(q) < 3 * features.shape[1]:
         return misfit(place, x)
-    gap = x - features @ np.linalg.lstsq(features, x, rcond=None)[0]
-    return float(np.sqrt(np.mean(np.sum(gap**2, axis=1))))
+    return _rms(x - features @ np.linalg.lstsq(features, x, rcond=None)[0])
 
 
 def _check_signs(label: str, arm: Arm, q: Array, x: Array, names: Sequence[str]) -> list[str]:
@@ -219,17 +220,20 @@ def _check_signs(label: str, arm: Arm, q: Array, x: Array, names: Sequence[str])
     joints = range(q.shape[1])
     own = _with_tool(arm, q, x)
     for some in [(k,) for k in joints] + list(itertools.combinations(joints, 2)):
-        turned = q.copy()
-        turned[:, some] *= -1.0
-        if _with_tool(arm, turned, x) < _CLEAR * own and len(some) < len(joints):
-            reversed_ones = " and ".join(names[k] for k in some)
-            told = f"{label}: the log fits the robot only if {reversed_ones} counts the other way"
-            if arm.outputs == 2:
-                return [f"{told}; the model learns it so"]
-            raise LogError(
-                told,
-                hint="its encoder or servo is reversed: change the sign of its column",
-                parameter="joints",
-                value=[names[k] for k in some],
-            )
+        sign = np.where(np.isin(joints, some), -1.0, 1.0)
+        if len(some) == len(joints) or _with_tool(arm, sign * q, x) >= _CLEAR * own:
+            continue
+        reversed_ones = [names[k] for k in some]
+        told = (
+            f"{label}: the log fits the robot only if {' and '.join(reversed_ones)} counts the "
+            "other way"
+        )
+        if arm.outputs == 2:
+            return [f"{told}; the model learns it so"]
+        raise LogError(
+            told,
+            hint="its encoder or servo is reversed: change the sign of its column",
+            parameter="joints",
+            value=reversed_ones,
+        )
     return []

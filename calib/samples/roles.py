@@ -75,16 +75,16 @@ def _orientation(
     if arm is not None and arm.outputs < 3:
         return ()
     for parts in (QUATERNION, ANGLES):
-        there = [part for part in parts if part in mapping or part in source.header]
+        lacking = [part for part in parts if part not in mapping and part not in source.header]
+        asked = [part for part in parts if part in mapping]
         if set(parts) & set(names):
             continue
-        if len(there) == len(parts):
+        if not lacking:
             return parts
-        asked = [part for part in parts if part in mapping]
         if asked:
-            lacking = ", ".join(part for part in parts if part not in there)
             raise OptionError(
-                f"columns name {', '.join(asked)} of an orientation, and {lacking} is missing",
+                f"columns name {', '.join(asked)} of an orientation, and {', '.join(lacking)} is "
+                "missing",
                 hint="name all of them with `columns`",
                 parameter="columns",
                 value=asked[0],

@@ -124,7 +124,7 @@ class Samples:
     @property
     def axes(self) -> tuple[str, ...]:
         """Names of a position's coordinates: x and y, and z in space."""
-        return ("x", "y", "z")[: self.x.shape[1]]
+        return ("x", "y", "z") if self.x.shape[1:] == (3,) else ("x", "y")
 
     @property
     def shared(self) -> float:
@@ -145,18 +145,15 @@ class Samples:
         return replace(self, q=self.q[rows], x=self.x[rows], orientation=turned)
 
     def _check_shapes(self) -> None:
-        dof = len(self.joint_names)
+        dof, n = len(self.joint_names), len(self.q) if self.q.ndim else 0
         if dof == 0 or len(set(self.joint_names)) != dof:
             raise LogError(
                 f"samples need one or more joints of different names, not {self.joint_names}"
             )
-        n = self.q.shape[0] if self.q.ndim else 0
-        for name, shape in {
-            "q": (n, dof),
-            "x": (n, self.x.shape[1] if self.x.ndim == 2 and self.x.shape[1] == 3 else 2),
-            "lower": (dof,),
-            "upper": (dof,),
-        }.items():
+        shapes = {"q": (n, dof), "x": (n, len(self.axes)), "lower": (dof,), "upper": (dof,)}
+        if self.orientation is not None:
+            shapes["orientation"] = (n, 4)  # qx, qy, qz, qw
+        for name, shape in shapes.items():
             got = getattr(self, name).shape
             if got != shape:
                 raise LogError(
@@ -166,23 +163,19 @@ class Samples:
             raise LogError(f"revolute has {len(self.revolute)} entries for {dof} joints")
         if n == 0:
             raise LogError("no rows: samples need at least one")
-        if self.orientation is not None and self.orientation.shape != (n, 4):
-            raise LogError(
-                f"orientation has shape {self.orientation.shape}, expected ({n}, 4): qx, qy, qz, qw"
-            )
 
     def _check_values(self) -> None:
         for name in ("q", "x"):
             values = getattr(self, name)
-            known = np.abs(values) < LARGEST
+            known = (np.abs(values) < LARGEST).all(axis=1)
             if not known.all():
-                row = int(np.argmin(known.all(axis=1)))
+                row = int(np.argmin(known))
                 raise LogError(
                     f"{name} of row {row + 1} is {values[row].tolist()}: leave out rows whose "
                     f"values are missing, not finite or beyond {LARGEST:g}"
                 )
         for joint, lo, hi in zip(self.joint_names, self.lower, self.upper, strict=True):
-            if not (np.isfinite(lo) and np.isfinite(hi) and lo < hi):
+            if not -np.inf < lo < hi < np.inf:
                 raise LogError(f"joint {joint!r} has the range {lo:g}:{hi:g}, expected low:high")
 
 

@@ -57,10 +57,9 @@ class Simulation:
 
     def __post_init__(self) -> None:
         noise = self.noise
-        if isinstance(noise, bool) or not isinstance(noise, (int, float, np.number)):
-            raise OptionError(f"noise is {noise!r}, expected a number of metres, zero or more")
-        if not 0.0 <= float(noise) < LARGEST:
-            raise OptionError(f"noise is {noise:g}, expected zero or more, below {LARGEST:g} [m]")
+        number = isinstance(noise, (int, float, np.number)) and not isinstance(noise, bool)
+        if not number or not 0.0 <= float(noise) < LARGEST:
+            raise OptionError(f"noise is {noise!r}, expected zero or more, below {LARGEST:g} [m]")
         object.__setattr__(self, "noise", float(noise))
         object.__setattr__(self, "changes", parse_changes(self.changes))
         for change in self.changes:
@@ -77,7 +76,7 @@ class Simulation:
                 length *= self.arm.link_lengths[change.joint]
             arm = arm.with_link_length(change.joint, length)
         for change in self._of("tip", "offset"):
-            arm = arm.with_tip_offset(*change.values)  # type: ignore[attr-defined]
+            arm = arm.with_tip_offset(*change.values)
         return arm
 
     def draw(self, n: int, rng: Generator) -> Array:

@@ -94,7 +94,7 @@ def read_batch(
         tuple(names),
         invalid,
         source.header,
-        read_texts(source, others),
+        read_texts(source, others).to_dict(),
         tuple(name for name in rest if name not in others),
     )
 
@@ -129,12 +129,8 @@ def write_table(
     """
     import polars as pl
 
-    frame = pl.DataFrame(
-        {
-            name: values if isinstance(values, pl.Series) else np.asarray(values)
-            for name, values in columns.items()
-        }
-    )
+    series = {k: v if isinstance(v, pl.Series) else np.asarray(v) for k, v in columns.items()}
+    frame = pl.DataFrame(series)
     if os.fspath(path) == "-":
         text = _comment(about) + _csv(frame)
         if sys.stdout.isatty():  # a column may have a name that a terminal would obey

@@ -44,23 +44,19 @@ class Backend:
             return
         import joblib
 
-        # threads share this process, whose limit its caller sets
-        limit = {"inner_max_num_threads": 1} if self.name == "loky" else {}
-        with _cluster(self), joblib.parallel_config(self.name, n_jobs=self.jobs, **limit):
+        own: dict[str, Any] = {}  # what processes of our own need
+        limit: dict[str, Any] = {}  # threads share this process, whose limit its caller sets
+        if self.name == "loky":
+            own = {"initializer": _end_with, "initargs": (os.getpid(),)}
+            limit = {"inner_max_num_threads": 1}
+        with _surroundings(self), joblib.parallel_config(self.name, n_jobs=self.jobs, **limit):
             # one task at a time: they are long. Arrays are sent, not mapped: a process that is
             # killed leaves no file behind. Ray's hands out nothing before the end
             when = "list" if self.name == "ray" else "generator_unordered"
-            made = {"initializer": _end_with, "initargs": (os.getpid(),)}
-            pool = joblib.Parallel(
-                return_as=when,
-                batch_size=1,
-                max_nbytes=None,
-                **(made if self.name == "loky" else {}),
-            )
-            with _shielded() if self.name == "loky" else nullcontext():  # the workers start here
-                results = pool(
-                    joblib.delayed(_called)(work, k, task) for k, task in enumerate(tasks)
-                )
+            pool = joblib.Parallel(return_as=when, batch_size=1, max_nbytes=None, **own)
+            calls = (joblib.delayed(_called)(work, k, task) for k, task in enumerate(tasks))
+            with _shielded() if own else nullcontext():  # the workers start here
+                results = pool(calls)
             yield from results
 
 
@@ -100,7 +96,7 @@ def _cores() -> int:
     return int(joblib.cpu_count())
 
 
-def _cluster(backend: Backend) -> AbstractContextManager[Any]:
+def _surroundings(backend: Backend) -> AbstractContextManager[Any]:
     if backend.name == "loky":
         return _quiet_tracker()
     if backend.name == "dask":
@@ -140,13 +136,12 @@ def _quiet_tracker() -> Iterator[None]:
     """Keep the process that tidies up after Ctrl-C, which loky starts, from telling of it."""
     before = os.environ.get("PYTHONWARNINGS")
     quiet = "ignore:resource_tracker:UserWarning"
-    os.environ["PYTHONWARNINGS"] = f"{before},{quiet}" if before else quiet
+    os.environ["PYTHONWARNINGS"] = ",".join(filter(None, (before, quiet)))
     try:
         yield
     finally:
-        if before is None:
-            del os.environ["PYTHONWARNINGS"]
-        else:
+        os.environ.pop("PYTHONWARNINGS")
+        if before is not None:
             os.environ["PYTHONWARNINGS"] = before
 
 
@@ -154,23 +149,16 @@ def _quiet_tracker() -> Iterator[None]:
 def _dask(jobs: int) -> Iterator[None]:
     """Connect to the cluster that the user has, else make one on this machine."""
     import dask
-    from distributed import Client, LocalCluster, get_client
+    from distributed import Client, get_client
 
     try:
         get_client()
     except ValueError:  # there is none yet
-        pass
-    else:
-        yield
-        return
-    address = dask.config.get("scheduler-address", None)
-    if address:
-        with Client(address):
+        own = {"n_workers": jobs if jobs > 0 else _cores(), "threads_per_worker": 1}
+        found = dask.config.get("scheduler-address", None)
+        with Client() if found else Client(**own, dashboard_address=None):
             yield
-        return
-    workers = jobs if jobs > 0 else _cores()
-    cluster = LocalCluster(n_workers=workers, threads_per_worker=1, dashboard_address=None)
-    with cluster, Client(cluster):
+    else:
         yield
 
 

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from dataclasses import replace
-from typing import TYPE_CHECKING
 
 import numpy as np
 
@@ -11,13 +10,11 @@ from ..body.approach import Approach, learn_play
 from ..common.arrays import Array
 from ..common.scale import Scale
 from ..maps.node_bounds import learn_bounds
+from ..model.model import Model
 from ..samples.joint_values import directions
 from ..samples.samples import Samples
+from ..samples.simulation import Simulation
 from .smooth import SmoothPart
-
-if TYPE_CHECKING:
-    from ..model.model import Model
-    from ..samples.simulation import Simulation
 
 _ROWS = 5_000  # rows that play is learned from
 _TREND = 7  # degree of what a joint's value tells of its direction
@@ -44,14 +41,12 @@ def play_of(samples: Samples, scale: Scale, part: SmoothPart) -> Array | None:
     side = directions(samples.q)[rows]
     # a joint near its upper limit mostly came from below: a curve of the joint has taken
     # that part of the play already
-    surprise = np.stack([_without_trend(s, v) for s, v in zip(side.T, u.T, strict=True)], axis=1)
+    surprise = np.empty_like(side)
+    for k, v in enumerate(u.T):
+        powers = np.polynomial.chebyshev.chebvander(2.0 * np.clip(v, 0.0, 1.0) - 1.0, _TREND)
+        trend = np.linalg.lstsq(powers, side[:, k], rcond=None)[0]
+        surprise[:, k] = side[:, k] - powers @ trend
     return learn_play(residual[sound], (slope / scale.span)[sound], surprise[sound])
-
-
-def _without_trend(side: Array, u: Array) -> Array:
-    """Directions (n,) less what the joint's own value (n,) in the unit box tells of them."""
-    powers = np.polynomial.chebyshev.chebvander(2.0 * np.clip(u, 0.0, 1.0) - 1.0, _TREND)
-    return np.asarray(side - powers @ np.linalg.lstsq(powers, side, rcond=None)[0])
 
 
 def corrected(samples: Samples, play: Array) -> Samples:

@@ -2,22 +2,20 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
-from dataclasses import dataclass, replace
-from typing import TYPE_CHECKING, Any
+from collections.abc import Callable
+from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 
 from ..body.poses import knows_orientation
 from ..common.arrays import Array
 from ..common.parallel import side_by_side
-from ..errors import LogError, OptionError
+from ..errors import LogError
 from ..model.answers import unit_joints
-
-if TYPE_CHECKING:
-    from ..model.model import Model
-    from ..samples.samples import Samples
-    from ..samples.simulation import Simulation
+from ..model.model import Model
+from ..samples.samples import Samples
+from ..samples.simulation import Simulation
 
 _SAMPLES = 10_000
 _STREAM = 4  # the same as in training: the tables agree
@@ -45,15 +43,6 @@ class Residuals:
         """Distance between predicted and true position, (n,) per readout."""
         return {r: np.linalg.norm(e, axis=1) for r, e in self.forward.items()}
 
-    @staticmethod
-    def of(model: Model, q: Array, x: Array, readouts: Sequence[str]) -> Residuals:
-        """Forward residuals."""
-        known = model.trust.covers(model.motor.scale.to_unit(q))
-        q, x = q[known], x[known]
-        left_out = int(np.count_nonzero(~known))
-        forward = _forward(model, q, x, readouts)
-        return Residuals(q, x, forward, {}, {}, model.about.joint_names, left_out)
-
 
 def evaluate_residuals(
     model: Model, q: Array, x: Array, truth: Callable[[Array], Array] | None
@@ -64,38 +53,26 @@ def evaluate_residuals(
     without it (a log) the learned map tells how far the answered joints lead from the recorded
     ones.
     """
-    known = Residuals.of(model, q, x, ())
-    q, x = known.q, known.x
+    scale, readouts = model.motor.scale, model.readouts
+    known = model.trust.covers(scale.to_unit(q))
+    q, x = q[known], x[known]
     if not len(q):
         raise LogError("no row of the log lies within what the model has learned: measure others")
-    forward, (inverse, distance) = side_by_side(
-        lambda: _forward(model, q, x, model.readouts), lambda: _inverse(model, q, x, truth)
-    )
-    return replace(known, forward=forward, inverse=inverse, distance=distance)
-
-
-def _forward(model: Model, q: Array, x: Array, readouts: Sequence[str]) -> dict[str, Array]:
-    """Predicted less true position, by readout."""
-    return {r: model.forward(q, r) - x if len(q) else np.empty_like(x) for r in readouts}
-
-
-def _inverse(
-    model: Model, q: Array, x: Array, truth: Callable[[Array], Array] | None
-) -> tuple[dict[str, Array], dict[str, Array]]:
-    """Answered less true joints, and how far the answers lead from the target, by readout."""
-    inverse: dict[str, Array] = {}
-    distance: dict[str, Array] = {}
-    scale = model.motor.scale
     own = scale.to_unit(q)
     # the answers' bounds, of which `Model.solve` takes most of the time, are not asked for
-    near = model.solver.clip(own)
-    found = unit_joints(model, x, near, model.readouts) if len(q) else {}
+    forward, found = side_by_side(
+        lambda: {r: model.forward(q, r) - x for r in readouts},
+        lambda: unit_joints(model, x, model.solver.clip(own), readouts),
+    )
+    inverse: dict[str, Array] = {}
+    distance: dict[str, Array] = {}
     for readout, u in found.items():
         answered = scale.from_unit(u)
         inverse[readout] = scale.difference(u, own) * scale.span
         there = model.forward(answered) - model.forward(q) if truth is None else truth(answered) - x
         distance[readout] = np.linalg.norm(there, axis=1)
-    return inverse, distance
+    left_out = int(np.count_nonzero(~known))
+    return Residuals(q, x, forward, inverse, distance, model.about.joint_names, left_out)
 
 
 def summarise(residuals: Residuals, turned: Array | None = None) -> dict[str, Any]:
@@ -105,21 +82,15 @@ def summarise(residuals: Residuals, turned: Array | None = None) -> dict[str, An
     """
     table: dict[str, Any] = {}
     for readout, gap in residuals.forward.items():
-        table[readout] = {
-            "forward": {
-                **{axis: figures(gap[:, k]) for k, axis in enumerate("xyz"[: gap.shape[1]])},
-                "distance": figures(np.linalg.norm(gap, axis=1)),
-            },
-            "inverse": {
-                **{
-                    name: figures(residuals.inverse[readout][:, k])
-                    for k, name in enumerate(residuals.joint_names)
-                },
-                "distance": figures(residuals.distance[readout]),
-            },
-        }
+        axes = "xyz"[: gap.shape[1]]
+        forward = {axis: figures(part) for axis, part in zip(axes, gap.T, strict=True)}
+        forward["distance"] = figures(np.linalg.norm(gap, axis=1))
         if turned is not None and readout in ("local", "body"):
-            table[readout]["forward"]["orientation"] = figures(turned)
+            forward["orientation"] = figures(turned)
+        joints = zip(residuals.joint_names, residuals.inverse[readout].T, strict=True)
+        inverse = {name: figures(part) for name, part in joints}
+        inverse["distance"] = figures(residuals.distance[readout])
+        table[readout] = {"forward": forward, "inverse": inverse}
     return table
 
 
@@ -173,28 +144,19 @@ def evaluate(model: Model, samples: Samples | None = None) -> Evaluation:
 
     Raises
     ------
-    OptionError
+    LogError
         If the joints of `samples` are not those of the model.
     """
-    about = model.about
     if samples is not None:
-        if samples.joint_names != about.joint_names:
-            raise OptionError(
-                f"the log's joints are {', '.join(samples.joint_names)}, the model's are "
-                f"{', '.join(about.joint_names)}: give a log of the same arm"
-            )
-        residuals = evaluate_residuals(model, samples.q, samples.x, None)
-        errors = summarise(residuals, _turned(model, samples))
-        return Evaluation(errors, len(residuals.q), residuals.left_out, "measured rows of the log")
-    simulation = simulation_of(model)
+        residuals = evaluate_residuals(model, model.about.joints_of(samples), samples.x, None)
+        errors, source = summarise(residuals, _turned(model, samples)), "measured rows of the log"
+        return Evaluation(errors, len(residuals.q), residuals.left_out, source)
+    simulation, about = simulation_of(model), model.about
     if simulation is None:
-        return Evaluation(
-            dict(about.errors), about.tested, about.left_out, "rows held out in contiguous blocks"
-        )
-    residuals = fresh_residuals(model, simulation)
-    return Evaluation(
-        summarise(residuals), len(residuals.q), residuals.left_out, "fresh exact samples"
-    )
+        source = "rows held out in contiguous blocks"
+        return Evaluation(dict(about.errors), about.tested, about.left_out, source)
+    residuals, source = fresh_residuals(model, simulation), "fresh exact samples"
+    return Evaluation(summarise(residuals), len(residuals.q), residuals.left_out, source)
 
 
 def _turned(model: Model, samples: Samples) -> Array | None:
@@ -205,9 +167,10 @@ def _turned(model: Model, samples: Samples) -> Array | None:
     from ..model.space import Space
 
     space = Space.of(model)
-    predicted = space.to_sensor(*space.evaluate(samples.q)[:2])[1]
+    q = model.about.joints_of(samples)
+    predicted = space.to_sensor(*space.evaluate(q)[:2])[1]
     left = matrix_of(samples.orientation) @ np.swapaxes(predicted, 1, 2)
-    known = np.isfinite(model.forward(samples.q)).all(axis=1)
+    known = np.isfinite(model.forward(q)).all(axis=1)
     return np.asarray(np.linalg.norm(logarithm(left[known]), axis=1))
 
 
@@ -231,9 +194,7 @@ def simulation_of(model: Model) -> Simulation | None:
     from ..arm.loading import arm_from_urdf
     from ..samples.simulation import Simulation
 
-    ranges = {
-        name: (float(low), float(high))
-        for name, low, high in zip(about.joint_names, about.lower, about.upper, strict=True)
-    }
+    limits = zip(about.lower.tolist(), about.upper.tolist(), strict=True)
+    ranges = dict(zip(about.joint_names, limits, strict=True))
     arm = arm_from_urdf(about.urdf, about.joint_names, about.tip, lock=about.locked, ranges=ranges)
     return Simulation.from_json(arm, about.simulation)

@@ -10,10 +10,10 @@ from __future__ import annotations
 
 from collections.abc import Iterable, Mapping
 from dataclasses import replace
-from typing import TYPE_CHECKING
 
 import numpy as np
 
+from ..arm.arm import Arm
 from ..common.arrays import Array
 from ..common.parallel import one_blas_thread
 from ..common.scale import Scale
@@ -26,12 +26,7 @@ from ..samples.babbling import babble
 from ..samples.changes import Change
 from ..samples.samples import Samples
 
-if TYPE_CHECKING:
-    from ..arm.arm import Arm
-
-ROUNDS = 8
-"""Times that the maps are learned anew and targets are picked."""
-
+_ROUNDS = 8  # times that the maps are learned anew and targets are picked
 _FIRST = 0.3  # share of the samples that is babbled at random, to have a map at all
 _GOALS = 0.6  # share of each further round that goes where errors are; the rest at random
 _PER_NODE = 6  # samples for each node of the maps on the way
@@ -79,7 +74,7 @@ def goal_babble(
     scale = Scale.of_range(begun.lower, begun.upper, begun.revolute)
     q = begun.q
     x = begun.x
-    edges = np.linspace(first, n, ROUNDS + 1).astype(int)
+    edges = np.linspace(first, n, _ROUNDS + 1).astype(int)
     with one_blas_thread():
         for size in np.diff(edges):
             u = next_joints(scale, q, x, int(size), goals)
@@ -94,9 +89,11 @@ def next_joints(scale: Scale, q: Array, x: Array, n: int, rng: np.random.Generat
     """Joints (n, dof) of the unit box to measure next, after `q` (m, dof) and `x` (m, k)."""
     u = scale.to_unit(q)
     dof = u.shape[1]
-    side = int(np.clip((len(u) / _PER_NODE) ** (1 / 2), 4, _LARGEST))
-    size = (side, side)
-    pair = _maps(scale, u, x, size, rng)
+    side, seen = int(np.clip((len(u) / _PER_NODE) ** (1 / 2), 4, _LARGEST)), Scale.of_data(x)
+    seeds = np.random.SeedSequence(int(rng.integers(2**31))).spawn(2)
+    nodes = SOM((side, side), "som", seed=seeds[0]).fit(scale.from_unit(u), scale=scale)
+    places = SOM((side, side), "som", seed=seeds[1]).fit(x, scale=seen)
+    pair = Association.learn(nodes, u, places, seen.to_unit(x), WIRINGS["reciprocal"])
     error = _own_error(pair, scale, u, x, rng)
     by_error = round(_GOALS * n)
     # targets beside the positions where errors are largest, more often the larger they are
@@ -111,16 +108,6 @@ def next_joints(scale: Scale, q: Array, x: Array, n: int, rng: np.random.Generat
     everywhere = rng.random((n - by_error, dof))
     found = np.concatenate([goals, everywhere])[rng.permutation(n)]
     return np.where(scale.periodic, found % 1.0, np.clip(found, 0.0, 1.0))
-
-
-def _maps(
-    scale: Scale, u: Array, x: Array, size: tuple[int, ...], rng: np.random.Generator
-) -> Association:
-    seen = Scale.of_data(x)
-    seeds = np.random.SeedSequence(int(rng.integers(2**31))).spawn(2)
-    motor = SOM(size, "som", seed=seeds[0]).fit(scale.from_unit(u), scale=scale)
-    sensory = SOM(size, "som", seed=seeds[1]).fit(x, scale=seen)
-    return Association.learn(motor, u, sensory, seen.to_unit(x), WIRINGS["reciprocal"])
 
 
 def _own_error(

@@ -1,20 +1,20 @@
-"""Errors of a log's model on contiguous blocks of rows that it has not seen."""
+"""Held out: errors of a log's model on blocks of rows that it has not seen, and its bounds."""
 
 from __future__ import annotations
 
 import numpy as np
 from numpy.typing import NDArray
 
+from ..body.covariance import RADIUS_95
 from ..common.arrays import Array
 from ..common.choices import MAP_READOUTS
-from ..common.scale import Scale
-from ..maps.association import Association
 from ..maps.model_selection import Selected
+from ..maps.node_bounds import learn_bounds
 from ..model.model import Model
 from ..samples.samples import Samples
 from .evaluate import Residuals
-from .learn import Options, Stopwatch, both_maps, link
-from .smooth import SmoothPart, with_imagined, wrong_around
+from .learn import Options, associate
+from .smooth import SmoothPart, to_learn
 
 _TESTED = 5_000  # rows that errors are measured on; more would tell no more
 _HALVES = 2  # the maps' readouts are tested on blocks that the other half did not show
@@ -35,23 +35,30 @@ def held_out_residuals(
     options : how the maps learn
     """
     forward: dict[str, Array] = {}
-    if selected is None:
-        rows = tested_rows(part)
-    else:
+    rows = tested_rows(part)
+    if selected is not None:
         every = max(1, len(selected.rows) // _TESTED)
         rows = selected.rows[::every]
         forward["local"] = -selected.residual[::every]
-    q, x = samples.q[part.rows][rows], samples.x[part.rows][rows]
     if part.fit is not None and "body" in model.readouts:
         forward["body"] = -part.fit.held_out[rows]
-    inverse: dict[str, Array] = {}
-    distance: dict[str, Array] = {}
+    q, x = samples.q[part.rows][rows], samples.x[part.rows][rows]
+    scale, predict, clip = model.motor.scale, model.predictor.value, model.solver.clip
+    u = scale.to_unit(q)
+    here, near = predict(u), clip(u)
+    inverse = {r: np.empty_like(q) for r in (*forward, *MAP_READOUTS)}
+    distance = {r: np.empty(len(q)) for r in inverse}
+
+    def judge(readout: str, rows: NDArray[np.intp], answer: Array) -> None:
+        """Note by how much answers miss the joints, and where the learned map leads from them."""
+        inverse[readout][rows] = scale.difference(answer, u[rows]) * scale.span
+        distance[readout][rows] = np.linalg.norm(predict(answer) - here[rows], axis=1)
+
     for readout, error in list(forward.items()):
-        inverse[readout], distance[readout] = _answered(model, q, error)
-    for readout in MAP_READOUTS:
-        forward[readout], inverse[readout] = np.empty_like(x), np.empty_like(q)
-        distance[readout] = np.empty(len(q))
-    scale = model.motor.scale
+        # a target that a held-out prediction misses is answered by joints that the map leads there
+        answer = model.solve(here - error, scale.from_unit(near))
+        judge(readout, np.arange(len(q)), scale.to_unit(answer.q))
+    forward |= {r: np.empty_like(x) for r in MAP_READOUTS}
     folds = np.array_split(np.arange(len(samples)), 2 * _HALVES * 5)
     for half in range(_HALVES):
         unseen = np.concatenate(folds[half::_HALVES])
@@ -59,17 +66,14 @@ def held_out_residuals(
         if not len(chosen):
             continue
         seen = np.setdiff1d(np.arange(len(samples)), unseen, assume_unique=True)
-        pair = _maps_of(scale, samples, part, seen, options)
-        u = scale.to_unit(q[chosen])
-        here, near = model.predictor.value(u), model.solver.clip(u)
-        answers = pair.inverses(pair.sensory.scale.to_unit(x[chosen]), near, MAP_READOUTS)
+        seen_u, seen_x, wrong = to_learn(samples, scale, part, options, seen)
+        pair = associate(scale, seen_u, seen_x, options, wrong)
+        box = pair.sensory.scale
+        answers = pair.inverses(box.to_unit(x[chosen]), near[chosen], MAP_READOUTS)
         for readout in MAP_READOUTS:
-            predicted = pair.sensory.scale.from_unit(pair.forward(u, readout))
+            predicted = box.from_unit(pair.forward(u[chosen], readout))
             forward[readout][chosen] = predicted - x[chosen]
-            answer = model.solver.clip(answers[readout])
-            inverse[readout][chosen] = scale.difference(answer, u) * scale.span
-            moved = model.predictor.value(answer) - here
-            distance[readout][chosen] = np.linalg.norm(moved, axis=1)
+            judge(readout, chosen, clip(answers[readout]))
     return Residuals(q, x, forward, inverse, distance, samples.joint_names, 0)
 
 
@@ -85,25 +89,31 @@ def turned_of(part: SmoothPart) -> Array | None:
     return part.fit.turned[tested_rows(part)]
 
 
-def _answered(model: Model, q: Array, error: Array) -> tuple[Array, Array]:
-    """Joint errors (n, dof) and displacements (n,) of answers to targets that are off.
+def node_bounds(
+    model: Model, u: Array, rows: NDArray[np.intp], errors: Array
+) -> tuple[Array, Array]:
+    """Bounds (nodes,) of a log's model on what the sensor reads and on the true position.
 
-    A target that a held-out prediction misses by `error` is answered by the joints that the
-    learned map leads there; the displacement is from where it leads from the true joints.
+    With a body they are its posterior's: they grow with the distance from the rows by
+    themselves.  Without one nothing is known beyond the rows, so the bound grows with the
+    distance as fast as the position can change.
+
+    Of a model whose bounds are still to be learned, of rows `u` (n, dof, unit box); `rows` (k,) of
+    them were held out with `errors` (k,) [unit].
     """
-    scale = model.motor.scale
-    u = scale.to_unit(q)
-    here = model.predictor.value(u)
-    answer = model.solve(here - error, scale.from_unit(model.solver.clip(u)))
-    gap = scale.difference(scale.to_unit(answer.q), u) * scale.span
-    there = model.predictor.value(scale.to_unit(answer.q))
-    return gap, np.linalg.norm(there - here, axis=1)
-
-
-def _maps_of(
-    scale: Scale, samples: Samples, part: SmoothPart, seen: NDArray[np.intp], options: Options
-) -> Association:
-    """Maps and links that have learned from some of the rows."""
-    u, x = with_imagined(scale.to_unit(samples.q[seen]), samples.x[seen], part, options)
-    wrong = wrong_around(part, scale, samples, u)
-    return link(*both_maps(scale, u, x, options, Stopwatch(), None, wrong), u, x, options)
+    motor = model.motor
+    nodes = np.clip(motor.units, 0.0, 1.0)
+    if model.body is None:
+        learned = learn_bounds(motor, u[rows], errors)
+        return learned, learned  # they hold beside the rows, see `calib.model.trust`
+    q = motor.scale.from_unit(nodes)
+    reading = model.body.bound(q, noise=True)
+    position = model.body.bound(q, noise=False)
+    if model.predictor.models.degree >= 0:
+        # where held-out rows are further off than the body says, as in a local defect
+        learned = learn_bounds(motor, u[rows], errors)
+        noise = RADIUS_95 * float(np.sqrt(np.mean(model.body.noise[:2] ** 2)))
+        own = np.sqrt(np.maximum(learned**2 - noise**2, 0.0))
+        position = np.where(learned > reading, np.maximum(position, own), position)
+        reading = np.maximum(reading, learned)
+    return reading, position

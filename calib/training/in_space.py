@@ -9,8 +9,10 @@ from numpy.typing import NDArray
 
 from ..arm.arm import SpatialArm
 from ..arm.rotations import logarithm, matrix_of
-from ..body.poses import positions_of, refuse_misfit
+from ..body.misfit import refuse_pixels, refuse_turns
+from ..body.poses import positions_of
 from ..body.posterior import BodyFit, fit_structure
+from ..body.sensor import doubtful_depth
 from ..body.spatial import structure_of
 from ..body.spatial_random import unknown_structure
 from ..body.telling import warnings_of
@@ -19,7 +21,7 @@ from ..common.scale import METRES
 from ..errors import OptionError
 from ..samples.samples import Samples
 
-VIEWS = ("auto", "base", "rigid", "similarity")
+_VIEWS = ("auto", "base", "rigid", "similarity")
 
 
 def sees_from_anywhere(samples: Samples, view: str) -> bool:
@@ -56,18 +58,17 @@ def fit_in_space(samples: Samples, rows: NDArray[np.intp], view: str, seed: int)
     notes = warnings_of(q, samples.joint_names, samples.revolute, x, samples.lower, samples.upper)
     arm, camera = samples.arm, samples.camera
     if camera is not None and isinstance(arm, SpatialArm) and x.shape[1] == 2:
-        from ..body.camera import told_by
-
         kind = "pinhole" if view == "auto" else view
         template = structure_of(
             arm, kind, unit="px", extent=extent, lens=camera.lens, lens_sd=camera.lens_sd
         )
         fit = fit_structure(template, q, x, seed=seed, notes=notes)
-        doubts = told_by(fit, q, x, samples.lower, samples.upper)
+        refuse_pixels(fit, q, x)
+        doubts = doubtful_depth(fit.body, q, samples.lower, samples.upper)
         return replace(fit, notes=(*fit.notes, *doubts))
-    if view not in VIEWS:
+    if view not in _VIEWS:
         raise OptionError(
-            f"view {view!r} is for planar arms; for x, y, z expected one of {', '.join(VIEWS)}",
+            f"view {view!r} is for planar arms; for x, y, z expected one of {', '.join(_VIEWS)}",
             parameter="view",
             value=view,
         )
@@ -78,7 +79,7 @@ def fit_in_space(samples: Samples, rows: NDArray[np.intp], view: str, seed: int)
         template = structure_of(arm, kind, unit=samples.unit, metre=metre, extent=extent)
         if samples.orientation is not None and kind == "rigid":
             turns = samples.orientation[rows]
-            refuse_misfit(template, q, x, turns)
+            refuse_turns(template, q, x, turns)
             poses = np.hstack([x, logarithm(matrix_of(turns))])
             found = fit_structure(template.with_view("pose"), q, poses, seed=seed, notes=notes)
             return positions_of(found)

@@ -2,11 +2,9 @@
 
 from __future__ import annotations
 
-import time
-from collections.abc import Callable, Iterator
-from contextlib import contextmanager
-from dataclasses import asdict, dataclass, field
-from typing import TYPE_CHECKING, Any
+from collections.abc import Callable
+from dataclasses import asdict, dataclass
+from typing import Any
 
 from numpy.random import SeedSequence
 
@@ -18,15 +16,13 @@ from ..maps.association import Association
 from ..maps.density import Gain, kind_of
 from ..maps.fields import LinkRule
 from ..maps.links import wiring_of
+from ..maps.map import Map
 from ..maps.som import SOM
-
-if TYPE_CHECKING:
-    from ..maps.map import Map
 
 Progress = Callable[[float, str, float], None]
 """Called with the share of the work done, the stage, and the current error (or NaN)."""
 
-STREAMS = {"motor": 0, "sensory": 1, "imagined": 2, "bounds": 3, "evaluation": 4, "adapt": 5}
+STREAMS = {"motor": 0, "sensory": 1, "imagined": 2, "bounds": 3, "evaluation": 4}
 """Independent random streams of one seed."""
 
 UNFOLD = "give a larger `size`, more `epochs` or samples, or `rule='batch'`"
@@ -67,33 +63,11 @@ class Options:
         return SeedSequence(self.seed, spawn_key=(STREAMS[name],))
 
 
-@dataclass
-class Stopwatch:
-    """How long the stages of some work took."""
-
-    seconds: dict[str, float] = field(default_factory=dict)  # time spent in each stage so far [s]
-
-    @contextmanager
-    def __call__(self, stage: str) -> Iterator[None]:
-        """Time a stage: ``with watch("links"): ...``."""
-        start = time.perf_counter()
-        yield
-        self.seconds[stage] = self.seconds.get(stage, 0.0) + time.perf_counter() - start
-
-
 def associate(
-    scale: Scale,
-    u: Array,
-    x: Array,
-    options: Options,
-    *,
-    watch: Stopwatch | None = None,
-    progress: Progress | None = None,
+    scale: Scale, u: Array, x: Array, options: Options, residual: Array | None = None
 ) -> Association:
-    """Learn both maps and the links between them: the paper's part; see :func:`learn`."""
-    motor, sensory = both_maps(scale, u, x, options, watch or Stopwatch(), progress)
-    with (watch or Stopwatch())("links"):
-        return link(motor, sensory, u, x, options)
+    """Learn both maps and the links between them: the paper's part; see :func:`both_maps`."""
+    return link(*both_maps(scale, u, x, options, residual), u, x, options)
 
 
 def both_maps(
@@ -101,9 +75,8 @@ def both_maps(
     u: Array,
     x: Array,
     options: Options,
-    watch: Stopwatch,
-    progress: Progress | None,
     residual: Array | None = None,
+    progress: Progress | None = None,
 ) -> tuple[Map, Map]:
     """Motor and sensory map, at the same time where they learn from many samples at once.
 
@@ -116,20 +89,19 @@ def both_maps(
     def fit(name: str, size: tuple[int, ...], points: Array, box: Scale, partners: Array) -> Map:
         def tell(done: float, error: float) -> None:
             if progress is not None and name == "sensory":
-                progress(0.7 * done, "maps", error)
+                progress(done, "maps", error)
 
         som = SOM(
             size, options.map, options.rule, options.epochs, options.sigma, options.stream(name)
         )
         return som.fit(points, scale=box, progress=tell, partners=partners, residual=residual)
 
-    with watch("maps"):
-        # steps of a few samples hold the interpreter's lock: two threads would fight for it
-        together = options.rule == "batch" and kind_of(options.map) == "som"
-        maps = (side_by_side if together else in_turn)(
-            lambda: fit("motor", options.motor_size, scale.from_unit(u), scale, v),
-            lambda: fit("sensory", options.sensory_size, x, seen, u),
-        )
+    # steps of a few samples hold the interpreter's lock: two threads would fight for it
+    together = options.rule == "batch" and kind_of(options.map) == "som"
+    maps = (side_by_side if together else in_turn)(
+        lambda: fit("motor", options.motor_size, scale.from_unit(u), scale, v),
+        lambda: fit("sensory", options.sensory_size, x, seen, u),
+    )
     for name, found in zip(("motor", "sensory"), maps, strict=True):
         if not found.spacing > _COLLAPSED:
             raise OptionError(f"the {name} map did not unfold: its nodes collapsed", hint=UNFOLD)

@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field
-
 import numpy as np
 from numpy.typing import NDArray
 
@@ -27,31 +25,7 @@ _PER_TERM = (5, 10)  # rows for each function of a rigid chain, of the others
 _CHUNK = 50_000  # rows whose functions are held at once
 
 
-@dataclass(frozen=True, eq=False)
-class Screening:
-    """Which rows of a log can be believed: `kept` (n,) is False for a gross outlier."""
-
-    kept: NDArray[np.bool_] = field(repr=False)
-
-    @property
-    def left_out(self) -> int:
-        """Number of outliers."""
-        return int(np.count_nonzero(~self.kept))
-
-    def notes(self) -> list[str]:
-        """What the user should be told."""
-        if not self.left_out:
-            return []
-        wrong = "1 row of" if self.left_out == 1 else f"{self.left_out:,} of"
-        verb = (
-            "contradicts its neighbours and was"
-            if self.left_out == 1
-            else ("contradict their neighbours and were")
-        )
-        return [f"{wrong} {len(self.kept):,} rows {verb} left out, of learning and of the errors"]
-
-
-def screen(samples: Samples) -> Screening:
+def screen(samples: Samples) -> tuple[NDArray[np.bool_], list[str]]:
     """Find the rows whose position is grossly wrong.
 
     A row is left out if it is far from a robust fit of smooth functions of the joints, by
@@ -61,49 +35,49 @@ def screen(samples: Samples) -> Screening:
 
     samples : a log. Where the rows are too few to fit all that a chain of rigid links can do (45
         for two joints, 135 for three) nothing is left out.
+    Returns kept : (n,), False for a gross outlier
+    Returns notes : what the user should be told
     """
     scale = Scale.of_range(samples.lower, samples.upper, samples.revolute)
     u, x = scale.to_unit(samples.q), samples.x
-    everything = Screening(np.ones(len(u), dtype=bool))
+    kept = np.ones(len(u), dtype=bool)
     residual = _residual(scale, samples.revolute, u, x)
     if residual is None:
-        return everything
+        return kept, []
     size = np.linalg.norm(residual, axis=1)
-    limit = gross(size, x)
+    low, high = np.quantile(x, (0.05, 0.95), axis=0)
+    limit = max(
+        _GROSS * float(np.median(size)),
+        _SPREAD * float(np.quantile(size, 0.7)),
+        _FLOOR * float(np.linalg.norm(high - low)),
+    )
     suspects = np.flatnonzero(size > limit)
     if not len(suspects):
-        return everything
+        return kept, []
     around = min(_AROUND, len(u) - 1)
     tree = search_tree(u, scale)
     some = np.linspace(0, len(u) - 1, min(len(u), _FITTED)).astype(np.intp)
     usual = float(np.median(tree.query(u[some], k=[around + 1])[0]))
     reach, near = tree.query(u[suspects], k=np.arange(1, around + 2))
     close = np.asarray(reach)[:, -1] <= _NEAR * usual
-    suspects, near = suspects[close], np.asarray(near)[close]
+    suspects, near = suspects[close], np.asarray(near, dtype=np.intp)[close]
     if not len(suspects):
-        return everything
-    others = residual[np.asarray(near, dtype=np.intp)]
+        return kept, []
+    others = residual[near]
     # a row is no neighbour of its own, wherever ties have put it
     others[near == suspects[:, None]] = np.nan
     middle = np.nanmedian(others, axis=1)
     scatter = np.nanmedian(np.linalg.norm(others - middle[:, None], axis=2), axis=1)
     away = np.linalg.norm(residual[suspects] - middle, axis=1)
     wrong = suspects[away > np.maximum(limit, _APART * scatter)]
-    if len(wrong) > _MOST * len(u):
-        return everything
-    kept = everything.kept.copy()
+    if not 0 < len(wrong) <= _MOST * len(u):
+        return kept, []
     kept[wrong] = False
-    return Screening(kept)
-
-
-def gross(errors: Array, x: Array) -> float:
-    """Distance beyond which a row is suspect, given the errors (n,) at positions `x` (n, 2)."""
-    low, high = np.quantile(x, (0.05, 0.95), axis=0)
-    return max(
-        _GROSS * float(np.median(errors)),
-        _SPREAD * float(np.quantile(errors, 0.7)),
-        _FLOOR * float(np.linalg.norm(high - low)),
-    )
+    one = len(wrong) == 1
+    count = "1 row of" if one else f"{len(wrong):,} of"
+    verb = "contradicts its neighbours and was" if one else "contradict their neighbours and were"
+    told = f"{count} {len(kept):,} rows {verb} left out, of learning and of the errors"
+    return kept, [told]
 
 
 def _residual(scale: Scale, turning: tuple[bool, ...], u: Array, x: Array) -> Array | None:
@@ -111,22 +85,17 @@ def _residual(scale: Scale, turning: tuple[bool, ...], u: Array, x: Array) -> Ar
     rows = np.arange(len(u))
     if len(u) > _FITTED:
         rows = np.sort(np.random.default_rng(0).choice(len(u), _FITTED, replace=False))
-    best: Array | None = None
-    for basis in _bases(scale, turning, len(rows)):
+
+    def left_over(basis: Basis) -> Array:
         coefficients = robust_solve(basis.values(u[rows]), x[rows])
-        residual = np.concatenate(
-            [
-                x[first : first + _CHUNK] - basis.values(u[first : first + _CHUNK]) @ coefficients
-                for first in range(0, len(u), _CHUNK)
-            ]
-        )
-        if best is None or _middle(residual) < _middle(best):
-            best = residual
-    return best
+        parts = [slice(first, first + _CHUNK) for first in range(0, len(u), _CHUNK)]
+        return np.concatenate([x[p] - basis.values(u[p]) @ coefficients for p in parts])
 
-
-def _middle(residual: Array) -> float:
-    return float(np.median(np.linalg.norm(residual, axis=1)))
+    return min(
+        map(left_over, _bases(scale, turning, len(rows))),
+        key=lambda residual: float(np.median(np.linalg.norm(residual, axis=1))),
+        default=None,
+    )
 
 
 def _bases(scale: Scale, turning: tuple[bool, ...], rows: int) -> list[Basis]:

@@ -13,9 +13,7 @@ from ..samples.samples import Samples
 
 Size = int | Sequence[int] | None
 
-SIDE = 70
-"""Nodes along each axis of a plane lattice, as in the paper's best table."""
-
+_SIDE = 70  # nodes along each axis of a plane lattice, as in the paper's best table
 _ROWS_PER_NODE = 5
 _LEAST_SIDE = {True: 20, False: 4}  # the links have to propose starts for every branch
 
@@ -34,47 +32,39 @@ def lattice_sizes(
     Raises OptionError if a size is no lattice.
     """
     notes: list[str] = []
-    dof, least = samples.dof, _LEAST_SIDE[imagined]
-    given = _checked(size, "size")
-    if given is None and motor_size is None and sensory_size is None:
-        rows = len(samples)
-        side = SIDE
-        if samples.simulation is None:
-            side = min(SIDE, max(least, round(math.sqrt(rows / _ROWS_PER_NODE))))
-            notes.append(
-                f"lattices of {side}x{side} nodes for {rows:,} rows, `size` chooses others"
-            )
+    given, motor, sensory = (
+        _checked(value, name)
+        for value, name in ((size, "size"), (motor_size, "motor_size"),
+                            (sensory_size, "sensory_size"))
+    )  # fmt: skip
+    if given is None and motor is None and sensory is None and samples.simulation is None:
+        rows, least = len(samples), _LEAST_SIDE[imagined]
+        side = min(_SIDE, max(least, round(math.sqrt(rows / _ROWS_PER_NODE))))
+        notes.append(f"lattices of {side}x{side} nodes for {rows:,} rows, `size` chooses others")
         given = (side, side)
-    fallback = given or (SIDE, SIDE)
-    motor = _checked(motor_size, "motor_size")
-    sensory = _checked(sensory_size, "sensory_size")
-    if motor is None:
-        motor = fallback
-        if len(motor) == 2 and dof in (1, 3):
-            # the same number of nodes in a lattice of the joints' dimension
-            motor = (max(2, round(math.prod(motor) ** (1 / dof))),) * dof
-        elif len(motor) > dof:
+    given = given or (_SIDE, _SIDE)
+    if motor is None:  # as many nodes in a lattice of the joints' dimension
+        cubic = len(given) == 2 and samples.dof in (1, 3)
+        motor = _of_dimension(samples.dof, given) if cubic else given
+    if sensory is None:  # as many nodes in a lattice of the space
+        plane = given if len(given) == 2 else (_SIDE, _SIDE)
+        sensory = _of_dimension(3, plane) if samples.x.shape[1] == 3 else plane
+    axes = {"motor": (motor, samples.dof, "joint"),
+            "sensory": (sensory, samples.x.shape[1], "coordinate")}  # fmt: skip
+    for name, (shape, most, each) in axes.items():
+        if len(shape) > most:
+            given_size = "x".join(map(str, shape))
             raise OptionError(
-                f"size {'x'.join(map(str, motor))} has {len(motor)} axes for {dof} joints",
-                hint="give `motor_size`",
-                parameter="motor_size",
+                f"{name} size {given_size}: expected at most {most} numbers, one per {each}",
+                hint=f"give `{name}_size`",
+                parameter=f"{name}_size",
             )
-    if sensory is None:
-        sensory = fallback if len(fallback) == 2 else (SIDE, SIDE)
-        if samples.x.shape[1] == 3:  # the same number of nodes in a lattice of the space
-            sensory = (max(2, round(math.prod(sensory) ** (1 / 3))),) * 3
-    if len(sensory) > samples.x.shape[1]:
-        raise OptionError(
-            f"sensory size {'x'.join(map(str, sensory))}: positions have {samples.x.shape[1]} "
-            "coordinates, give as many numbers such as 70x70"
-        )
-    if len(motor) > dof:
-        raise OptionError(
-            f"motor size {'x'.join(map(str, motor))}: expected at most {dof} numbers, one per joint"
-        )
-    Lattice(motor)
-    Lattice(sensory)
     return motor, sensory, notes
+
+
+def _of_dimension(dim: int, nodes: tuple[int, ...]) -> tuple[int, ...]:
+    """A lattice of so many axes with as many nodes as another one."""
+    return (max(2, round(math.prod(nodes) ** (1 / dim))),) * dim
 
 
 def _checked(size: Size, name: str) -> tuple[int, ...] | None:

@@ -7,31 +7,33 @@ varying density may need to know where it is wrong.
 from __future__ import annotations
 
 import math
+from contextlib import suppress
 from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
 
 from ..body.fitting import fit_body
-from ..body.nominal import Nominal, nominal_of
+from ..body.nominal import nominal_of
 from ..body.posterior import BodyFit
 from ..common.arrays import Array
 from ..common.scale import Scale
 from ..errors import OptionError
 from ..maps.misfit import misfit
 from ..maps.model_selection import Candidate, of_body, of_trends
-from ..maps.predictor import BodyInBox, Both, Predictor
 from ..samples.samples import Samples
 from .in_space import fit_in_space, sees_from_anywhere
 from .learn import Options
 
-LEARNED_ROWS = 50_000
-"""Rows of a log that the smooth part and the local models rest on."""
+Rows = slice | NDArray[np.intp]
 
+NO_ARM = 0.02
+"""Share of the extent: a body that is further off is compared with trends."""
+
+_LEARNED_ROWS = 50_000  # rows of a log that the smooth part and the local models rest on
 _RAYLEIGH = {2: 1.2533, 3: 1.5958}  # mean length of a Gaussian vector of standard deviation 1
 _NOISE_FLOOR = 1.2  # a held-out error within this factor of the noise leaves nothing to mend
 _EXACT = 3e-8  # share of the extent that is nothing to mend in a simulation without noise
-_NO_ARM = 0.02  # share of the extent: a body that is further off is compared with trends
 _EXACT_LOG = 1e-6  # share of the extent below which a log leaves nothing to mend
 _MUCH_BETTER = 0.2  # of a body's error: what a trend around it has to reach
 _ROWS_PER_CELL, _FILLED = 10, 0.5  # rows that fill so much of the joints' box are no path
@@ -51,7 +53,7 @@ class SmoothPart:
 
 
 def find_smooth_part(
-    samples: Samples, scale: Scale, *, body: str, view: str, seed: int
+    samples: Samples, scale: Scale, *, body: str = "auto", view: str = "auto", seed: int
 ) -> SmoothPart:
     """Fit the body of the samples, and trends where the body does not explain them.
 
@@ -61,7 +63,7 @@ def find_smooth_part(
     view : what the sensor measures, see :func:`calib.body.fitting.fit_body`
     seed : chooses rows where there are many
     """
-    every = -(-len(samples) // LEARNED_ROWS)
+    every = -(-len(samples) // _LEARNED_ROWS)
     rows = np.arange(0, len(samples), every)
     q, x = samples.q[rows], samples.x[rows]
     u = scale.to_unit(q)
@@ -83,22 +85,19 @@ def find_smooth_part(
         # an exact lens or gear is smooth: a trend of what the body leaves over follows it
         trends = of_trends(scale, turning, u, x)
         return SmoothPart((under, *trends, *of_trends(scale, turning, u, x, under)), fit, rows)
-    if error <= _NO_ARM * extent:
-        if view == "auto" and error > _EXACT_LOG * extent and _fills_box(u):
-            # no chain, but smooth, such as a lens of high order: a trend around the body or alone
-            around = of_trends(scale, turning, u, x, under)
-            alone = of_trends(scale, turning, u, x)
-            best = min((*around, *alone), key=_held_out_error)
-            if _held_out_error(best) < _MUCH_BETTER * error:
-                return SmoothPart((best,), fit if any(best is c for c in around) else None, rows)
-            rivals = (replace(trend, rival=_MUCH_BETTER) for trend in alone)
-            return SmoothPart((under, *rivals), fit, rows)
-        return SmoothPart((under,), fit, rows)
-    better = tuple(
-        trend
-        for trend in of_trends(scale, turning, u, x)
-        if _held_out_error(trend) < _FAR_BETTER * error
-    )
+    if error <= NO_ARM * extent:
+        if view != "auto" or error <= _EXACT_LOG * extent or not _fills_box(u):
+            return SmoothPart((under,), fit, rows)
+        # no chain, but smooth, such as a lens of high order: a trend around the body or alone
+        around = of_trends(scale, turning, u, x, under)
+        alone = of_trends(scale, turning, u, x)
+        best = min((*around, *alone), key=_held_out_error)
+        if _held_out_error(best) < _MUCH_BETTER * error:
+            return SmoothPart((best,), fit if any(best is c for c in around) else None, rows)
+        rivals = (replace(trend, rival=_MUCH_BETTER) for trend in alone)
+        return SmoothPart((under, *rivals), fit, rows)
+    trends = of_trends(scale, turning, u, x)
+    better = tuple(trend for trend in trends if _held_out_error(trend) < _FAR_BETTER * error)
     kind = "planar arm" if x.shape[1] == 2 and samples.arm is None else "arm"
     space = ", and whether the arm moves in space (then give its URDF)" if kind != "arm" else ""
     unlike = (
@@ -120,75 +119,54 @@ def _fills_box(u: Array) -> bool:
 
 
 def _planar(samples: Samples, q: Array, x: Array, view: str, seed: int) -> BodyFit:
-    """Fit the body of a planar arm to rows (n, dof) and (n, 2)."""
+    """Fit the body of a planar arm to rows (n, dof) and (n, 2), a log's with its URDF as prior."""
     simulated = samples.simulation is not None
-    nominal = None if simulated else nominal_geometry(samples)
+    arm, known = samples.arm, (samples.lower, samples.upper, samples.revolute)
+    nominal = None
+    if arm is not None and not simulated:
+        # a joint out of the plane has no prior: the rows have to tell
+        with suppress(OptionError):
+            nominal = nominal_of(arm.forward, *known)
     if view == "base" and nominal is None:
         raise OptionError(
             "view 'base' needs a measured log and the planar robot that it is of: give both, or "
             "another view"
         )
     return fit_body(
-        q,
-        x,
-        joint_names=samples.joint_names,
-        revolute=samples.revolute,
-        nominal=nominal,
-        view=view,
-        unit=samples.unit,
-        simulated=simulated,
-        lower=samples.lower,
-        upper=samples.upper,
-        seed=seed,
-    )
+        q, x, joint_names=samples.joint_names, revolute=samples.revolute, nominal=nominal,
+        view=view, unit=samples.unit, simulated=simulated, lower=samples.lower,
+        upper=samples.upper, seed=seed,
+    )  # fmt: skip
 
 
 def wrong_around(part: SmoothPart, scale: Scale, samples: Samples, u: Array) -> Array | None:
-    """How wrong the preferred smooth part is around points `u` (k, dof), None within noise.
-
-    Returns (k,).
-    """
+    """How wrong (k,) the preferred smooth part is around points `u` (k, dof), None within noise."""
     if not part.candidates:
         return None
-    candidate = part.candidates[0]
-    x = samples.x[part.rows]
-    extent = float(np.linalg.norm(np.ptp(x, axis=0)))
-    return misfit(scale, scale.to_unit(samples.q[part.rows]), candidate.held_out, extent, u)
+    rows, held_out = part.rows, part.candidates[0].held_out
+    extent = float(np.linalg.norm(np.ptp(samples.x[rows], axis=0)))
+    return misfit(scale, scale.to_unit(samples.q[rows]), held_out, extent, u)
 
 
-def with_imagined(u: Array, x: Array, part: SmoothPart, options: Options) -> tuple[Array, Array]:
-    """Rows and imagined samples (k, dof), (k, m) that the maps learn from, joints in the unit box.
+def to_learn(
+    samples: Samples, scale: Scale, part: SmoothPart, options: Options, rows: Rows = slice(None)
+) -> tuple[Array, Array, Array | None]:
+    """What the maps learn from: some rows of the samples, and what the body of `part` imagines.
 
-    The body of `part` imagines them, five for each motor node.
+    Returns u, x : (k, dof), (k, m), joints in the unit box and positions; five imagined ones for
+        each motor node
+    Returns wrong : (k,), how wrong the smooth part is there, None within noise
     """
-    if not options.taught or part.fit is None:
-        return u, x
-    every = -(-len(u) // LEARNED_ROWS)
-    rng = np.random.default_rng(options.stream("imagined"))
-    drawn = rng.random((_IMAGINED * math.prod(options.motor_size), u.shape[1]))
-    seen = part.candidates[0].smooth.value(drawn)
-    return np.concatenate([u[::every], drawn]), np.concatenate([x[::every], seen])
-
-
-def nominal_geometry(samples: Samples) -> Nominal | None:
-    """The URDF's geometry as a prior, None without an arm whose joints are all in the plane."""
-    arm = samples.arm
-    if arm is None:
-        return None
-    try:
-        return nominal_of(arm.forward, samples.lower, samples.upper, samples.revolute)
-    except OptionError:  # a joint out of the plane: the rows have to tell
-        return None
+    u, x = scale.to_unit(samples.q[rows]), samples.x[rows]
+    if options.taught and part.fit is not None:
+        every = -(-len(u) // _LEARNED_ROWS)
+        rng = np.random.default_rng(options.stream("imagined"))
+        drawn = rng.random((_IMAGINED * math.prod(options.motor_size), u.shape[1]))
+        seen = part.candidates[0].smooth.value(drawn)
+        u, x = np.concatenate([u[::every], drawn]), np.concatenate([x[::every], seen])
+    return u, x, wrong_around(part, scale, samples, u)
 
 
 def _held_out_error(candidate: Candidate) -> float:
     """Mean distance of held-out rows to their predictions."""
     return float(np.linalg.norm(candidate.held_out, axis=1).mean())
-
-
-def uses_body(predictor: Predictor) -> bool:
-    """Whether a body stands under a predictor's local models."""
-    smooth = predictor.smooth
-    return isinstance(smooth, BodyInBox) or (
-        isinstance(smooth, Both) and isinstance(smooth.first, BodyInBox)
-    )

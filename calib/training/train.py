@@ -4,11 +4,10 @@ from __future__ import annotations
 
 import math
 import time
-from dataclasses import dataclass, replace
-from typing import TYPE_CHECKING
+from collections.abc import Callable
+from dataclasses import replace
 
 import numpy as np
-from numpy.typing import NDArray
 
 from ..common.arrays import Array
 from ..common.choices import BODIES, VIEWS
@@ -17,32 +16,27 @@ from ..common.scale import Scale
 from ..errors import LogError, OptionError
 from ..maps.density import Gain
 from ..maps.fields import LinkRule
-from ..maps.links import check_wiring
+from ..maps.links import wiring_of
 from ..maps.local_models import NO_MODELS
 from ..maps.model_selection import select
 from ..maps.node_bounds import learn_bounds, near_border
 from ..maps.predictor import Predictor
-from ..model.baseline import Baseline, learn_baseline
+from ..model.about import About
+from ..model.baseline import learn_baseline
 from ..model.measured import Rows
 from ..model.model import Model
 from ..samples.samples import Samples
-from .about import about_of
+from ..samples.simulation import Simulation
 from .approach import corrected, play_of, play_words, simulated_approach, widened
-from .evaluate import Residuals, fresh_residuals, summarise
-from .held_out import held_out_residuals, tested_rows, turned_of
-from .learn import UNFOLD, Options, Progress, Stopwatch, both_maps, link
-from .log_bounds import node_bounds
+from .evaluate import fresh_residuals, summarise
+from .held_out import held_out_residuals, node_bounds, tested_rows, turned_of
+from .learn import UNFOLD, Options, Progress, both_maps, link
 from .map_choice import LATTICE, with_chosen_map
 from .screening import screen
 from .sizes import Size, lattice_sizes
-from .smooth import SmoothPart, find_smooth_part, uses_body, with_imagined, wrong_around
+from .smooth import find_smooth_part, to_learn
 
-if TYPE_CHECKING:
-    from ..samples.simulation import Simulation
-
-LEAST_ROWS = 10
-"""Fewest rows that anything can be learned and checked from."""
-
+_LEAST_ROWS = 10  # fewest rows that anything can be learned and checked from
 _BOUND_SAMPLES = 12_000
 _ROUNDING = 4e-15  # share of the extent: what an answer in double precision is sure of at best
 _TESTED = 20_000  # rows of a log that errors are measured on; more would tell no more
@@ -124,12 +118,12 @@ def train(
         raise LogError(f"samples {samples!r:.40}: expected what `calib.read_log` returns")
     if isinstance(seed, bool) or not isinstance(seed, (int, np.integer)) or seed < 0:
         raise OptionError(f"seed {seed!r}: expected a whole number, 0 or more")
-    if len(samples) < LEAST_ROWS:
+    if len(samples) < _LEAST_ROWS:
         raise LogError(
             f"{len(samples)} sample{'s are' if len(samples) != 1 else ' is'} too few to learn from:"
-            f" give at least {LEAST_ROWS}"
+            f" give at least {_LEAST_ROWS}"
         )
-    check_wiring(links)
+    wiring_of(links)
     if body not in BODIES:
         raise OptionError(f"body {body!r}: expected one of {', '.join(BODIES)}")
     if view not in VIEWS:
@@ -137,10 +131,8 @@ def train(
     screened: list[str] = []
     if samples.simulation is None:
         with one_blas_thread():
-            screening = screen(samples)
-        screened = screening.notes()
-        if screening.left_out:
-            samples = samples.take(screening.kept)
+            kept, screened = screen(samples)
+        samples = samples if kept.all() else samples.take(kept)
     motor, sensory, notes = lattice_sizes(
         samples, size, motor_size, sensory_size, imagined=body != "none"
     )
@@ -154,147 +146,153 @@ def train(
         if map is None:
             options, told = with_chosen_map(samples, options)
             notes += told
-        return _Trainer(samples, options, screened + notes, progress or (lambda *_: None)).run()
+        return _learned(samples, options, screened + notes, progress or (lambda *_: None))
 
 
-def on_limits(samples: Samples, q: Array, rng: np.random.Generator) -> Array:
-    """Joint values `q` (n, dof) with one joint of each row moved onto one of its limits.
-
-    Inverse answers often stand there, where a map is least certain.
-    """
-    moved, rows = q.copy(), np.arange(len(q))
-    joint = rng.integers(q.shape[1], size=len(q))
-    upper = rng.random(len(q)) < 0.5
-    moved[rows, joint] = np.where(upper, samples.upper[joint], samples.lower[joint])
-    return moved
-
-
-@dataclass
-class _Trainer:
-    """One training: the steps in the order of the data flow, with their times."""
-
-    samples: Samples
-    options: Options
-    notes: list[str]
-    progress: Progress
-
-    def run(self) -> Model:
-        started = time.perf_counter()
-        self.watch = Stopwatch()
-        samples, options = self.samples, self.options
-        scale = Scale.of_range(samples.lower, samples.upper, samples.revolute)
-        self.progress(0.0, "body", float("nan"))
-        with self.watch("body"):
-            part = find_smooth_part(
-                samples, scale, body=options.body, view=options.view, seed=options.seed
-            )
-            play = play_of(samples, scale, part)
-            if play is not None:  # where the joints stood, rather than what they read
-                samples = self.samples = corrected(samples, play)
-                part = find_smooth_part(
-                    samples, scale, body=options.body, view=options.view, seed=options.seed
-                )
-                self.notes.append(play_words(samples, play))
-        if part.fit is not None:
-            self.notes += part.fit.notes
-        self.notes += part.notes
-        u = scale.to_unit(samples.q)
-        seen_u, seen_x = with_imagined(u, samples.x, part, options)
-        motor, sensory = both_maps(
-            scale,
-            seen_u,
-            seen_x,
-            options,
-            self.watch,
-            lambda done, stage, error: self.progress(0.1 + 0.6 * done, stage, error),
-            wrong_around(part, scale, samples, seen_u),
+def _learned(samples: Samples, options: Options, notes: list[str], progress: Progress) -> Model:
+    """The steps of a training in the order of the data flow."""
+    begin, seconds = _stages(progress)
+    begin(0.0, "body")
+    scale = Scale.of_range(samples.lower, samples.upper, samples.revolute)
+    body, view, seed = options.body, options.view, options.seed
+    part = find_smooth_part(samples, scale, body=body, view=view, seed=seed)
+    play = play_of(samples, scale, part)
+    if play is not None:  # where the joints stood, rather than what they read
+        samples = corrected(samples, play)
+        part = find_smooth_part(samples, scale, body=body, view=view, seed=seed)
+        notes.append(play_words(samples, play))
+    notes += [*(part.fit.notes if part.fit is not None else ()), *part.notes]
+    begin(0.1, "maps")
+    seen_u, seen_x, wrong = to_learn(samples, scale, part, options)
+    motor, sensory = both_maps(
+        scale,
+        seen_u,
+        seen_x,
+        options,
+        wrong,
+        lambda done, stage, error: progress(0.1 + 0.6 * done, stage, error),
+    )
+    begin(0.7, "Hebbian links and local models")
+    u = scale.to_unit(samples.q)
+    selected, association = side_by_side(
+        lambda: select(motor, u[part.rows], part.candidates) if part.candidates else None,
+        lambda: link(motor, sensory, seen_u, seen_x, options),
+    )
+    linear = Predictor(motor, association.linear, NO_MODELS)
+    predictor = linear if selected is None else selected.predictor
+    begin(0.8, "evaluation")
+    visited = np.bincount(motor.nearest(u)[1][:, 0], minlength=motor.size) > 0
+    about = _about(samples, options, options.taught and part.fit is not None)
+    empty = np.zeros(motor.size)
+    model = Model(about, association, predictor, empty, empty, visited, predictor.body)
+    simulation = samples.simulation
+    if simulation is not None:
+        (bounds, fresh_u, fresh_x), tested = side_by_side(
+            lambda: _simulated_bounds(model, samples, simulation, options),
+            lambda: fresh_residuals(model, simulation),
         )
-        self.progress(0.7, "Hebbian links and local models", float("nan"))
-        with self.watch("Hebbian links and local models"):
-            selected, association = side_by_side(
-                lambda: select(motor, u[part.rows], part.candidates) if part.candidates else None,
-                lambda: link(motor, sensory, seen_u, seen_x, options),
-            )
-        linear = Predictor(motor, association.linear, NO_MODELS)
-        predictor = linear if selected is None else selected.predictor
-        visited = np.bincount(motor.nearest(u)[1][:, 0], minlength=motor.size) > 0
-        body = part.fit.body if part.fit is not None and uses_body(predictor) else None
-        empty = np.zeros(motor.size)
-        taught = options.taught and part.fit is not None
-        about = about_of(samples, options, taught)
-        model = Model(about, association, predictor, empty, empty, visited, body)
-        self.progress(0.8, "evaluation", float("nan"))
-        with self.watch("evaluation"):
-            simulation = samples.simulation
-            if simulation is not None:
-                (model, baseline), tested = side_by_side(
-                    lambda: self._simulated_bounds(model, simulation),
-                    lambda: fresh_residuals(model, simulation),
-                )
-            else:
-                tested = held_out_residuals(model, samples, part, selected, options)
-                if selected is not None:
-                    held = selected.rows, selected.errors
-                else:
-                    held = tested_rows(part), tested.errors[model.default_readout]
-                model, baseline = self._log_bounds(model, part, *held)
-            if play is not None:
-                model = self._for_directions(model, play)
-        self.watch.seconds["total"] = time.perf_counter() - started
-        about = replace(
-            model.about,
-            errors=summarise(tested, turned_of(part)),
-            tested=len(tested.q),
-            left_out=tested.left_out,
-            notes=tuple(self.notes),
-        )
-        self.progress(1.0, "done", float("nan"))
-        rows = Rows.of(samples.q, samples.x) if samples.simulation is None else None
-        return replace(model, about=about, baseline=baseline, rows=rows, seconds=self.watch.seconds)
-
-    def _simulated_bounds(self, model: Model, simulation: Simulation) -> tuple[Model, Baseline]:
-        """Bounds and baseline from exact samples that are neither learned nor tested."""
-        scale = model.motor.scale
-        rng = np.random.default_rng(self.options.stream("bounds"))
-        q = simulation.draw(_BOUND_SAMPLES, rng)
-        held = Residuals.of(model, q, simulation.true(q, rng), readouts=(model.default_readout,))
-        u, miss = scale.to_unit(held.q), held.errors[model.default_readout]
-        near = np.count_nonzero(near_border(model.motor, u))
-        known, q = u, on_limits(self.samples, q[: near // 20], rng)
-        if len(q):
-            limits = Residuals.of(
-                model, q, simulation.true(q, rng), readouts=(model.default_readout,)
-            )
-            known = np.concatenate([u, scale.to_unit(limits.q)])
-            miss = np.concatenate([miss, limits.errors[model.default_readout]])
-        if not len(known):
-            raise OptionError("no test sample is near the motor map's nodes", hint=UNFOLD)
-        bounds = learn_bounds(model.motor, known, miss)
-        bounds = np.maximum(bounds, _ROUNDING * model.solver.extent)
-        return replace(model, bounds=bounds, model_bounds=bounds), self._baseline(model, u, held.x)
-
-    def _for_directions(self, model: Model, play: Array) -> Model:
-        """The model with bounds for a known and an unknown direction of approach."""
-        simulation = self.samples.simulation
-        if simulation is None:
-            return widened(model, play)
-        rng = np.random.default_rng(self.options.stream("bounds"))
+        model = replace(model, bounds=bounds, model_bounds=bounds)
+    else:
+        tested = held_out_residuals(model, samples, part, selected, options)
+        rows, errors = tested_rows(part), tested.errors[model.default_readout]
+        if selected is not None:
+            rows, errors = selected.rows, selected.errors
+        bounds, positions = node_bounds(model, u[part.rows], rows, errors)
+        model = replace(model, bounds=bounds, model_bounds=positions)
+        fresh_u, fresh_x = u[part.rows][rows], samples.x[part.rows][rows]
+    some = slice(None, None, max(1, len(samples) // _TESTED))
+    miss = np.linalg.norm(predictor.value(u[some]) - samples.x[some], axis=1)
+    baseline = learn_baseline(association, fresh_u, fresh_x, miss)
+    if play is not None and simulation is not None:
+        rng = np.random.default_rng(options.stream("bounds"))
         approach = simulated_approach(model, simulation, play, rng, _BOUND_SAMPLES)
-        return replace(model, approach=approach)
+        model = replace(model, approach=approach)
+    elif play is not None:
+        model = widened(model, play)
+    begin(1.0, "done")
+    about = replace(
+        about,
+        errors=summarise(tested, turned_of(part)),
+        tested=len(tested.q),
+        left_out=tested.left_out,
+        notes=tuple(notes),
+    )
+    kept = Rows.of(samples.q, samples.x) if simulation is None else None
+    seconds["total"] = sum(seconds.values())
+    return replace(model, about=about, baseline=baseline, rows=kept, seconds=seconds)
 
-    def _log_bounds(
-        self, model: Model, part: SmoothPart, rows: NDArray[np.intp], errors: Array
-    ) -> tuple[Model, Baseline]:
-        """Bounds of a log's model: the body's, or held-out errors that grow away from rows."""
-        u = model.motor.scale.to_unit(self.samples.q[part.rows])
-        has_models = model.predictor.models.degree >= 0
-        bounds, model_bounds = node_bounds(model, u, rows, errors, has_models=has_models)
-        baseline = self._baseline(model, u[rows], self.samples.x[part.rows][rows])
-        return replace(model, bounds=bounds, model_bounds=model_bounds), baseline
 
-    def _baseline(self, model: Model, u: Array, x: Array) -> Baseline:
-        """What the distortions of the undisturbed arm look like."""
-        some = slice(None, None, max(1, len(self.samples) // _TESTED))
-        predicted = model.predictor.value(model.motor.scale.to_unit(self.samples.q[some]))
-        error = np.linalg.norm(predicted - self.samples.x[some], axis=1)
-        return learn_baseline(model.association, u, x, error)
+def _stages(progress: Progress) -> tuple[Callable[[float, str], None], dict[str, float]]:
+    """What to call as a stage begins, and the time that each stage took [s]."""
+    seconds: dict[str, float] = {}
+    now: list[tuple[str, float]] = []
+
+    def begin(share: float, stage: str) -> None:
+        if now:
+            seconds[now[-1][0]] = time.perf_counter() - now[-1][1]
+        now.append((stage, time.perf_counter()))
+        progress(share, stage, float("nan"))
+
+    return begin, seconds
+
+
+def _about(samples: Samples, options: Options, taught: bool) -> About:
+    """What is known before anything is learned; errors and notes are added later."""
+    arm, simulation = samples.arm, samples.simulation
+    plane = samples.plane or getattr(arm, "plane", None)
+    axes = ("origin", "x", "y")
+    return About(
+        robot=arm.name if arm is not None else "",
+        tip=arm.tip if arm is not None else "",
+        joint_names=samples.joint_names,
+        revolute=samples.revolute,
+        lower=samples.lower,
+        upper=samples.upper,
+        locked=dict(arm.locked) if arm is not None else {},
+        plane=None if plane is None else {k: getattr(plane, k).tolist() for k in axes},
+        unit=samples.unit,
+        bound_of="true position" if simulation is not None else "sensor reading",
+        source="simulation" if simulation is not None else "log",
+        taught=taught,
+        samples=len(samples),
+        seed=options.seed,
+        options=options.to_json(),
+        simulation=simulation.to_json() if simulation is not None else None,
+        urdf=arm.urdf if arm is not None else "",
+        columns=samples.columns,
+        degrees=samples.degrees,
+        picture=samples.camera.size if samples.camera is not None else None,
+    )
+
+
+def _simulated_bounds(
+    model: Model, samples: Samples, simulation: Simulation, options: Options
+) -> tuple[Array, Array, Array]:
+    """Bounds (nodes,) from exact samples that are neither learned nor tested, and these samples.
+
+    Inverse answers often stand on a limit, where a map is least certain: some samples do too.
+    """
+    scale, readout = model.motor.scale, model.default_readout
+    rng = np.random.default_rng(options.stream("bounds"))
+
+    def measured(q: Array) -> tuple[Array, Array, Array]:
+        u, x = scale.to_unit(q), simulation.true(q, rng)
+        inside = model.trust.covers(u)
+        miss = np.linalg.norm(model.forward(q[inside], readout) - x[inside], axis=1)
+        return u[inside], x[inside], miss
+
+    q = simulation.draw(_BOUND_SAMPLES, rng)
+    u, x, miss = measured(q)
+    limits = q[: np.count_nonzero(near_border(model.motor, u)) // 20].copy()
+    known = u
+    if len(limits):
+        joint = rng.integers(q.shape[1], size=len(limits))
+        upper = rng.random(len(limits)) < 0.5
+        there = np.where(upper, samples.upper[joint], samples.lower[joint])
+        limits[np.arange(len(limits)), joint] = there
+        more, _, more_miss = measured(limits)
+        known, miss = np.concatenate([u, more]), np.concatenate([miss, more_miss])
+    if not len(known):
+        raise OptionError("no test sample is near the motor map's nodes", hint=UNFOLD)
+    bounds = learn_bounds(model.motor, known, miss)
+    return np.maximum(bounds, _ROUNDING * model.solver.extent), u, x

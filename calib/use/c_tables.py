@@ -131,7 +131,7 @@ def spatial(
     chain, sensor = structure.chain, structure.sensor(beta)
     weighed = chain.masses if len(chain.masses) else np.zeros(chain.joints)
     middle = chain.centres - chain.points if len(chain.masses) else np.zeros((chain.joints, 3))
-    gravity = np.asarray(structure.gravity) / structure.loads.torque
+    gravity = np.asarray(structure.gravity) / structure.torque
     rows = "CALIB_CHAIN"
     tables = (
         f"\nenum {{ CALIB_CHAIN = {chain.joints} }};\n"

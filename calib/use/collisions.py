@@ -7,6 +7,7 @@ from __future__ import annotations
 
 import xml.etree.ElementTree as ET
 from collections.abc import Mapping, Sequence
+from itertools import combinations
 from typing import Any
 
 import numpy as np
@@ -41,26 +42,25 @@ def hits_itself(
     model, bodies = _bodies(urdf)
     if bodies is None:
         return None
-    bodies.addAllCollisionPairs()
-    data = model.createData()
-    rows = [_configuration(pin, model, joint_names, locked, values) for values in q]
-    results, often = pin.GeometryData(bodies), np.zeros(len(bodies.collisionPairs))
-    for at in rows[:_TRIED]:  # all pairs here, the first that meets is enough later
+    joints = [body.parentJoint for body in bodies.geometryObjects]
+    pairs = [
+        (i, k)
+        for (i, a), (k, b) in combinations(enumerate(joints), 2)
+        if a != b and model.parents[a] != b and model.parents[b] != a
+    ]
+    for pair in pairs:
+        bodies.addCollisionPair(pin.CollisionPair(*pair))
+    data, results = model.createData(), pin.GeometryData(bodies)
+    met = np.zeros((len(q), len(pairs)), dtype=bool)
+    for row, values in zip(met, q, strict=True):
+        at = _configuration(pin, model, joint_names, locked, values)
         pin.computeCollisions(model, data, bodies, results, at, False)
-        often += [found.isCollision() for found in results.collisionResults]
-    pairs = [(pair.first, pair.second) for pair in bodies.collisionPairs]
-    moved = [tuple(bodies.geometryObjects[k].parentJoint for k in pair) for pair in pairs]
-    built = {m for m, n in zip(moved, often, strict=True) if n >= _ALWAYS * len(rows[:_TRIED])}
-    bodies.removeAllCollisionPairs()
-    for pair, (a, b) in zip(pairs, moved, strict=True):
-        joined = a == b or model.parents[a] == b or model.parents[b] == a
-        if not joined and (a, b) not in built:
-            bodies.addCollisionPair(pin.CollisionPair(*pair))
-    if not len(bodies.collisionPairs):
-        return None
-    results = pin.GeometryData(bodies)  # anew: it holds the pairs there were when it was made
-    hits = [pin.computeCollisions(model, data, bodies, results, at, True) for at in rows]
-    return np.array(hits, dtype=bool)
+        row[:] = [found.isCollision() for found in results.collisionResults]
+    moved = [(joints[i], joints[k]) for i, k in pairs]
+    often = met[:_TRIED].mean(axis=0) >= _ALWAYS
+    built = {pair for pair, always in zip(moved, often, strict=True) if always}
+    compared = [k for k, pair in enumerate(moved) if pair not in built]
+    return np.asarray(met[:, compared].any(axis=1)) if compared else None
 
 
 def hides_its_tip(

@@ -11,9 +11,9 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from ..common.arrays import Array
-from ..common.rows import checked_rows
+from ..common.rows import checked_rows, each_joint
 from ..common.scale import TURN
-from ..errors import OptionError, QueryError
+from ..errors import QueryError
 from ..model.answers import Answer
 from ..model.model import Model
 from ..samples.joint_values import check_joint_values
@@ -145,8 +145,10 @@ def correct(
         rows, about.joint_names, about.lower, about.upper, about.revolute, error=QueryError
     )
     nominal = wanted(model, view, cause)
-    usual = limit is None
-    limits = usual_limit(model, view, cause) if usual else _checked(limit, rows.shape[1])
+    if limit is None:
+        limits = usual_limit(model, view, cause)
+    else:
+        limits = each_joint("limit", limit, about.joint_names, zero=False)
     target, answer, found = _solved(model, nominal, rows, limits)
     change = found - rows
     exceeded = answer.reachable & (np.abs(change) > limits).any(axis=1)
@@ -263,14 +265,3 @@ def _solved(
     turning = np.array(about.revolute)
     found[:, turning] += TURN * np.round((q - found)[:, turning] / TURN)
     return target, answer, found
-
-
-def _checked(limit: ArrayLike | None, dof: int) -> Array:
-    limits = np.asarray(limit, dtype=float)
-    if limits.shape not in ((), (dof,)) or not (limits > 0.0).all():  # NaN is not above zero
-        raise OptionError(
-            f"limit {limit!r}: expected a number above zero, or {dof} of them [rad or m]",
-            parameter="limit",
-            value=limit,
-        )
-    return np.broadcast_to(limits, (dof,)).copy()

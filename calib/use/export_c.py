@@ -24,7 +24,7 @@ from ..model.trust import MOST_BLENDED
 from . import c_bound, c_tables
 from .c_tables import DOF, REAL, array, filled, integers, number, source
 from .correct import usual_limit
-from .nominal import nominal_in_space, nominal_in_view
+from .nominal import nominal_in_plane, nominal_in_space
 
 _NAME = re.compile(r"[A-Za-z_][A-Za-z0-9_]{0,40}")
 _CALM = 1e-9  # damping of a Newton step, as a share of the Jacobian's power
@@ -144,7 +144,7 @@ class _Writer:
         """By how much (nodes,) the header differs from the model at the nodes [unit]."""
         model = self.model
         u = np.clip(model.motor.units, 0.0, 1.0)
-        held = model.smooth().value(u)
+        held = model.predicted(u, "body")
         if self._local:
             held = held + predict(model.predictor.models, model.motor, u)[0]
         return np.asarray(np.linalg.norm(model.predictor.value(u) - held, axis=1))
@@ -231,7 +231,7 @@ class _Writer:
             + array(REAL, "calib_radius", [nodes], models.radius, one)
             + array(REAL, "calib_says", [nodes], reach_of(model.motor), one)
             + array(REAL, "calib_local_terms", [nodes, str(flat.shape[1])], flat, one)
-            + integers("calib_talks", nodes, models.degrees(model.motor.units.shape[1]) >= 0)
+            + integers("calib_talks", nodes, [bool(c.any()) for c in models.coefficients])
             + integers("calib_parent", count, parent)
             + integers("calib_along", count, along)
             + integers("calib_power", str(terms.size), terms.ravel())
@@ -241,12 +241,12 @@ class _Writer:
     def _nominal_in_plane(self, structure: PlanarStructure) -> str:
         """Table of the nominal arm, "" where the model knows no URDF."""
         try:
-            nominal = nominal_in_view(self.model)
+            nominal, beta = nominal_in_plane(self.model)
         except OptionError:
             return ""
-        if nominal.structure.signs != structure.signs:
+        if nominal.signs != structure.signs:
             return ""  # a reversed joint: the wiring has to be mended first
-        return c_tables.planar_arm("calib_nominal", structure, nominal.beta, self.single)
+        return c_tables.planar_arm("calib_nominal", structure, beta, self.single)
 
 
 def _bytes(tables: str) -> int:

@@ -15,7 +15,7 @@ from ..common.choices import CAUSES, LOG_FRAMES
 from ..errors import OptionError
 from ..model.alignment import Alignment
 from ..model.model import Model
-from .nominal import nominal_arm, nominal_in_view, visited_joints
+from .nominal import nominal_arm, nominal_in_plane, visited_joints
 from .planar_geometry import fit_in_plane
 from .spatial_geometry import SpatialGeometry, fit_spatial
 
@@ -90,7 +90,8 @@ def fit_geometry(
         if free and cause == "joints" and model.history and model.body is not None:
             # the sensor stayed where it was before the adaptations; fitted again, its frame would
             # take what they found of the first joint
-            seen = nominal_in_view(model).predict(q)
+            structure, beta = nominal_in_plane(model)
+            seen = structure.predict(q, beta)
             for moved in reversed(frames(model)):
                 seen = moved.inverse().apply(seen)
             x = Alignment.between(arm.forward(q), seen).inverse().apply(x)

@@ -7,18 +7,15 @@ therefore in the arm and never in the sensor's frame.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
-from functools import cache, cached_property, partial
-from typing import Generic, TypeVar
+from functools import cached_property
 
 import numpy as np
 
 from ..arm.arm import PlanarArm, SpatialArm
 from ..arm.rotations import exponential, logarithm
-from ..body.nominal import Nominal, nominal_of
+from ..body.nominal import nominal_of
 from ..body.planar import PlanarStructure
-from ..body.planar_row import PlanarRow
 from ..body.priors import planar_neutral
 from ..body.spatial import SpatialStructure
 from ..body.spatial_row import SpatialRow
@@ -28,50 +25,28 @@ from ..inverse.one_row import to_pose
 from ..inverse.pose import reach_poses
 from ..model.model import Model
 
-S = TypeVar("S", PlanarStructure, SpatialStructure)
 
+def nominal_in_plane(model: Model, *, based: bool = False) -> tuple[PlanarStructure, Array]:
+    """Structure and parameters (d,) of the nominal arm of a model with a planar body.
 
-@dataclass(frozen=True, eq=False)
-class NominalArm(Generic[S]):
-    """The URDF's arm as the sensor would see it."""
+    Behind the sensor that the body knows, or, where `based`, in the robot's root frame.
 
-    structure: S  # signs of a planar one are the URDF's
-    beta: Array  # (d,), view of the body, geometry of the URDF
-
-    def predict(self, q: Array) -> Array:
-        """Positions (n, m) [unit] of the nominal arm at joint values (n, dof)."""
-        return self.structure.predict(q, self.beta)
-
-    def compiled(self) -> Callable[[Sequence[float]], Sequence[float]]:
-        """The same for one row in plain floats."""
-        structure = self.structure
-        if isinstance(structure, PlanarStructure):
-            return PlanarRow.of(structure, self.beta).predict
-        row = cache(partial(SpatialRow, structure, self.beta))  # costly, and few ask for it
-        return lambda q: row().predict(q)
-
-
-def nominal_in_base(model: Model) -> NominalArm[PlanarStructure]:
-    """The nominal arm of a model whose positions are in the robot's root frame.
-
-    Raises OptionError as `nominal_in_view`.
+    Raises OptionError if the model has no planar body, or knows no URDF.
     """
-    structure, nominal = _planar(model)
-    own = replace(structure, view="base", nominal=nominal, signs=nominal.signs)
-    return NominalArm(replace(own, mirror=nominal.mirror), planar_neutral(own))
-
-
-def nominal_in_view(model: Model) -> NominalArm[PlanarStructure]:
-    """The nominal arm of a model with a body, behind the sensor that the body knows.
-
-    Raises OptionError if the model has no body, or knows no URDF.
-    """
-    structure, nominal = _planar(model)
-    structure = replace(structure, nominal=nominal, signs=nominal.signs)
+    body = model.body
+    if body is None or not isinstance(body.structure, PlanarStructure):
+        raise OptionError("the model has no planar body, so its sensor's frame is not known")
+    nominal, about = body.structure.nominal, model.about
+    if nominal is None:
+        forward = nominal_arm(model).forward
+        nominal = nominal_of(forward, about.lower, about.upper, about.revolute)
+    structure = replace(body.structure, nominal=nominal, signs=nominal.signs)
+    if based:
+        structure = replace(structure, view="base", mirror=nominal.mirror)
+        return structure, planar_neutral(structure)
     beta, view = planar_neutral(structure), slice(structure.layout.length[0])
-    assert model.body is not None  # noqa: S101
-    beta[view] = model.body.beta[view]  # the sensor's own parameters come first
-    return NominalArm(structure, beta)
+    beta[view] = body.beta[view]  # the sensor's own parameters come first
+    return structure, beta
 
 
 def nominal_in_space(structure: SpatialStructure, beta: Array) -> Array:
@@ -81,19 +56,6 @@ def nominal_in_space(structure: SpatialStructure, beta: Array) -> Array:
         if group.startswith(("view.", "tool", "lens")):
             nominal[indices] = beta[indices]
     return nominal
-
-
-def _planar(model: Model) -> tuple[PlanarStructure, Nominal]:
-    """Structure of the planar body, and the URDF's geometry."""
-    body = model.body
-    if body is None or not isinstance(body.structure, PlanarStructure):
-        raise OptionError("the model has no planar body, so its sensor's frame is not known")
-    nominal = body.structure.nominal
-    if nominal is None:
-        about = model.about
-        forward = nominal_arm(model).forward
-        nominal = nominal_of(forward, about.lower, about.upper, about.revolute)
-    return body.structure, nominal
 
 
 def moves_in_space(model: Model) -> bool:

@@ -158,9 +158,7 @@ def plan(
     rng = np.random.default_rng(seed)
     taken = _taken(space, measured)
     choose, how, beside = _choice(source, space)
-    first = np.clip(0.0, space.lower, space.upper)
-    if start is not None:
-        first = space.joints(start, "start")
+    first = space.start(start)
     # not `to_unit`: the upper end of a whole turn is not its lower end to a cable
     begin = (first - space.scale.lower) / space.scale.span
     points, safe = apart(source, space, candidates(space, rng))
@@ -188,13 +186,13 @@ def plan(
     return Plan(
         space.joint_names,
         q,
-        space.position(q),
+        source.forward(q),
         None if isinstance(source, Arm) else source.expected_error(q),
         start=way[0],
         travel=moves.sum(axis=0),
         length=float((moves / space.scale.span).max(axis=1).sum()),
         random_length=float(np.mean(others)),
-        unit=space.unit,
+        unit="m" if isinstance(source, Arm) else source.about.unit,
         why=(f"{n} poses, {how}; {ends} of them at an end of a joint's range",),
         notes=tuple(notes),
     )
@@ -227,7 +225,7 @@ def _most_telling(space: Space, tell: Choose, points: Array, n: int, taken: Arra
 def _taken(space: Space, measured: Samples | None) -> Array:
     """Joints (k, dof) of measured rows in units of the joints' ranges."""
     if measured is None:
-        return np.zeros((0, space.dof))
+        return np.zeros((0, len(space.joint_names)))
     if sorted(measured.joint_names) != sorted(space.joint_names):
         raise OptionError(
             f"the measured rows have the joints {', '.join(measured.joint_names)}, expected "

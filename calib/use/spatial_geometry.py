@@ -6,6 +6,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
+from functools import cached_property
 from typing import Any
 
 import numpy as np
@@ -22,7 +23,6 @@ from ..body.spatial_start import frame
 from ..body.structure import Prior
 from ..common.arrays import Array
 from ..common.scale import METRES
-from .urdf import Moved
 
 _NU = 6.0  # degrees of freedom of the residuals: a few rows may be grossly wrong
 _FLOOR = 1e-7  # of the extent: a residual below is rounding
@@ -55,29 +55,29 @@ class SpatialGeometry:
         """Unit of `residual`, `before` and `reach`."""
         return self.structure.unit if self.structure.camera else "m"
 
-    @property
+    @cached_property
     def places(self) -> tuple[str, ...]:
         """Joints whose origins are fitted, mimic joints included, as the URDF names them."""
         path = parse_urdf(self.arm.urdf).path(self.arm.tip)
         return tuple(j.name for j in path if j.movable and j.name not in self.arm.locked)
 
-    def origins(self) -> dict[str, Moved]:
-        """What is written of each joint."""
-        layout, chain = self.structure.layout, self.structure.chain
-        values = chain.coupling @ self.beta[self.structure.groups["offset"]]
-        parts = (self.beta[layout.shifts], self.beta[layout.turns], values.tolist())
-        return {
-            name: Moved(*part)
-            for name, part in zip(self.places, zip(*parts, strict=True), strict=True)
-        }
+    def moved(self, joint: str) -> tuple[Array, Array, float]:
+        """How far a joint's origin is from where the URDF has it, with all joints at zero.
 
-    def tip(self) -> Moved:
-        """What is written of the tip: a shift in the root's axes and a turn in its own."""
-        if not self.move_tip:
-            return Moved()
-        groups = self.structure.groups
+        As a shift (3,) [m] and a rotation vector (3,) [rad] in the root link's axes, and what the
+        joint's own motion is [rad or m]: its offset. Zeros of a joint that is not fitted.
+        """
+        if joint not in self.places:
+            return np.zeros(3), np.zeros(3), 0.0
+        k, layout = self.places.index(joint), self.structure.layout
+        value = self.structure.chain.coupling[k] @ self.beta[self.structure.groups["offset"]]
+        return self.beta[layout.shifts[k]], self.beta[layout.turns[k]], float(value)
+
+    def tip(self) -> tuple[Array, Array]:
+        """What is written of the tip: a shift (3,) [m] in the root's axes, a turn in its own."""
+        groups, written = self.structure.groups, float(self.move_tip)
         shift = self.structure.chain.rotation @ self.beta[groups["tool"]]
-        return Moved(shift, self.beta[groups["tool.rotation"]])
+        return written * shift, written * self.beta[groups["tool.rotation"]]
 
     def to_json(self) -> dict[str, Any]:
         """Plain data; intervals are half widths of 95 %."""

@@ -7,9 +7,7 @@ from __future__ import annotations
 
 import re
 import warnings
-from dataclasses import dataclass, field
 from typing import TYPE_CHECKING
-from xml.parsers import expat
 
 import numpy as np
 
@@ -27,6 +25,13 @@ MOST_UNEXPLAINED = 0.01
 """Share of the arm's reach that a geometry may leave unexplained."""
 
 _TINY = 1e-12  # [m or rad]; a smaller change is rounding
+
+# tags of well-formed XML; what a comment, an instruction or a quoted attribute holds is none
+_TAGS = re.compile(
+    r"<!--.*?-->|<!\[CDATA\[.*?\]\]>|<\?.*?\?>"
+    r"|<(?P<end>/?)(?P<name>[^\s/>]+)(?P<more>(?:[^\"'>]|\"[^\"]*\"|'[^']*')*)>",
+    re.DOTALL,
+)
 
 
 def corrected_urdf(geometry: SpatialGeometry) -> str:
@@ -48,10 +53,11 @@ def corrected_urdf(geometry: SpatialGeometry) -> str:
             hint="check the joints, the tip and the unit of the log; a log in the robot's root "
             "frame needs `view='base'`, one in a sensor's frame must not have it",
         )
-    arm, moved, tip = geometry.arm, geometry.origins(), geometry.tip()
+    arm, (tip_shift, tip_turn) = geometry.arm, geometry.tip()
     joints = parse_urdf(arm.urdf).path(arm.tip)
     last = joints[-1]
-    if last.name in moved and (tip.turn.any() or (tip.shift.any() and last.kind != "prismatic")):
+    turns = tip_turn.any() or (tip_shift.any() and last.kind != "prismatic")
+    if last.name in geometry.places and turns:
         raise RobotError(
             f"the tip {arm.tip!r} is the origin of joint {last.name!r}: it has no link of its "
             "own that could be corrected",
@@ -61,17 +67,17 @@ def corrected_urdf(geometry: SpatialGeometry) -> str:
         )
     rotation, changes = np.eye(3), dict[str, dict[str, Array]]()
     for joint in joints:
-        own = moved.get(joint.name, Moved())
+        shift, turn, value = geometry.moved(joint.name)
         origin, lock = _origin(joint), _motion(joint, arm.locked.get(joint.name, 0.0))
         new = origin.copy()  # moved about itself, by what is known in the root's axes
-        new[:3, :3] = exponential(rotation.T @ own.turn) @ origin[:3, :3]
-        new[:3, 3] += rotation.T @ (own.shift + tip.shift * (joint is last))
-        new = new @ _motion(joint, own.value)
-        if joint is last and tip.turn.any():
-            turn = np.eye(4)
-            turn[:3, :3] = exponential(tip.turn)
+        new[:3, :3] = exponential(rotation.T @ turn) @ origin[:3, :3]
+        new[:3, 3] += rotation.T @ (shift + tip_shift * (joint is last))
+        new = new @ _motion(joint, value)
+        if joint is last and tip_turn.any():
+            own = np.eye(4)
+            own[:3, :3] = exponential(tip_turn)
             # the tip's own turn comes behind the joint's locked motion, which stays in the URDF
-            new = new @ lock @ turn @ np.linalg.inv(lock)
+            new = new @ lock @ own @ np.linalg.inv(lock)
         changes[joint.name] = _changed(joint, new)
         rotation = rotation @ origin[:3, :3] @ lock[:3, :3]
     return edited(arm.urdf, {name: change for name, change in changes.items() if change})
@@ -82,71 +88,32 @@ def edited(text: str, origins: dict[str, dict[str, Array]]) -> str:
 
     origins : by joint the new "xyz" [m] and "rpy" [rad], either of them or both
     """
-    data = text.encode()
-    edits = []
-    for place in _joint_places(data):
-        values = origins.get(place.name)
-        if values:
-            tag = data[place.start : place.end].decode()
-            edits.append((place.start, place.end, _rewritten(tag, values, place.new)))
-    for start, end, tag in sorted(edits, reverse=True):
-        data = data[:start] + tag.encode() + data[end:]
-    return data.decode()
-
-
-@dataclass(frozen=True)
-class _Place:
-    """Where the start tag of a joint's origin stands, or where one may be put."""
-
-    name: str
-    start: int
-    end: int
-    new: bool
-
-
-def _joint_places(data: bytes) -> list[_Place]:
-    """Find the origins of all joints by a parser that knows comments from elements."""
-    parser = expat.ParserCreate("utf-8")
+    names = (joint.name for joint in parse_urdf(text).joints)
+    places: dict[str, tuple[int, int]] = {}  # of each joint's origin, or where one may be put
     path: list[str] = []
-    opened: list[tuple[str, int, int]] = []  # joints: name and the ends of their start tags
-    found: dict[str, _Place] = {}
-
-    def start(tag: str, attributes: dict[str, str]) -> None:
-        path.append(tag)
-        at = parser.CurrentByteIndex
+    name = ""
+    for tag in filter(lambda found: found["name"], _TAGS.finditer(text)):
+        if tag["end"]:
+            path.pop()
+            continue
+        path.append(tag["name"])
         if path == ["robot", "joint"]:
-            opened.append((attributes.get("name", ""), at, _end_of_tag(data, at)))
-        elif path == ["robot", "joint", "origin"]:
-            name = opened[-1][0]
-            found.setdefault(name, _Place(name, at, _end_of_tag(data, at), new=False))
-
-    def end(_tag: str) -> None:
-        path.pop()
-
-    parser.StartElementHandler, parser.EndElementHandler = start, end
-    parser.Parse(data, True)
-    for name, _, after in opened:
-        found.setdefault(name, _Place(name, after, after, new=True))
-    return list(found.values())
+            name = next(names)
+            places[name] = tag.end(), tag.end()
+        elif path == ["robot", "joint", "origin"] and places[name][0] == places[name][1]:
+            places[name] = tag.span()
+        if tag["more"].endswith("/"):
+            path.pop()
+    for name, (start, end) in reversed(places.items()):
+        if origins.get(name):
+            text = text[:start] + _rewritten(text[start:end], origins[name]) + text[end:]
+    return text
 
 
-def _end_of_tag(data: bytes, start: int) -> int:
-    """Return the place behind a start tag; a quoted attribute may hold its end sign."""
-    quote = 0
-    for at in range(start, len(data)):
-        sign = data[at]
-        if quote:
-            quote = 0 if sign == quote else quote
-        elif sign in b"\"'":
-            quote = sign
-        elif sign == ord(">"):
-            return at + 1
-    return len(data)
-
-
-def _rewritten(tag: str, values: dict[str, Array], missing: bool) -> str:
+def _rewritten(tag: str, values: dict[str, Array]) -> str:
+    """Start tag of an origin with other values; a new element where there was none."""
     written = {key: " ".join(repr(v + 0.0) for v in new.tolist()) for key, new in values.items()}
-    if missing:
+    if not tag:
         inside = " ".join(f'{key}="{value}"' for key, value in written.items())
         return f"<origin {inside}/>"
     for key, value in written.items():
@@ -216,13 +183,3 @@ def check_output(path: str, nominal: str) -> None:
             parameter="output",
             value=path,
         )
-
-
-@dataclass(frozen=True, eq=False)
-class Moved:
-    """How far an origin is from where the URDF has it, seen with all joints at zero."""
-
-    shift: Array = field(default_factory=lambda: np.zeros(3))  # (3,) [m], in the root link's axes
-    # (3,) [rad], rotation vector in the same axes
-    turn: Array = field(default_factory=lambda: np.zeros(3))
-    value: float = 0.0  # [rad or m], what the joint's own motion is at zero: its offset

@@ -11,6 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ..body.planar import PlanarStructure
+from ..body.planar_row import PlanarRow
 from ..body.spatial import SpatialStructure, structure_of
 from ..body.spatial_row import SpatialRow
 from ..body.views import is_camera
@@ -22,14 +23,11 @@ from ..model.model import Model
 from ..model.space import REACHED, Space
 from .geometry import fit_geometry, frame_is_free, frames, is_simulated
 from .nominal import (
-    NominalArm,
     NominalPose,
-    S,
     moves_in_space,
     nominal_arm,
-    nominal_in_base,
+    nominal_in_plane,
     nominal_in_space,
-    nominal_in_view,
 )
 from .planar_geometry import Geometry
 
@@ -73,16 +71,14 @@ def wanted(model: Model, view: str, cause: str) -> Wanted:
 
 
 def _found(model: Model, view: str, cause: str) -> Wanted:
-    free = frame_is_free(model, view)
-    planar = model.body is not None and isinstance(model.body.structure, PlanarStructure)
-    moved = tuple(frames(model, cause))
-    if planar and free:
-        # the body knows the sensor's frame as it is after all adaptations; if the sensor stayed,
-        # what they found of its frame is the arm's
-        back = tuple(f.inverse() for f in reversed(frames(model))) if cause == "joints" else ()
-        return _of(nominal_in_view(model), back, free)
-    if planar:
-        return _of(nominal_in_base(model), moved, free)
+    free, moved = frame_is_free(model, view), tuple(frames(model, cause))
+    if model.body is not None and isinstance(model.body.structure, PlanarStructure):
+        if free:
+            # the body knows the sensor's frame as it is after all adaptations; if the sensor
+            # stayed, what they found of its frame is the arm's
+            back = tuple(frame.inverse() for frame in reversed(frames(model)))
+            moved = back if cause == "joints" else ()
+        return _of(*nominal_in_plane(model, based=not free), moved, free)
     if moves_in_space(model):
         return _in_space(model, view, cause, free)
     geometry = fit_geometry(model, view=view, cause=cause) if free else None
@@ -98,8 +94,7 @@ def _in_space(model: Model, view: str, cause: str, free: bool) -> Wanted:
     if is_simulated(model):
         arm = nominal_arm(model)
         structure = structure_of(arm, "base")
-        drawn = NominalArm(structure, structure.neutral())
-        return replace(_of(drawn, moved, free), forward=arm.forward)
+        return replace(_of(structure, structure.neutral(), moved, free), forward=arm.forward)
     if (
         body is not None
         and isinstance(own, SpatialStructure)
@@ -112,7 +107,7 @@ def _in_space(model: Model, view: str, cause: str, free: bool) -> Wanted:
         geometry = fit_geometry(model, view=view, cause=cause)
         structure = geometry.structure
         beta = nominal_in_space(structure, geometry.beta)
-    found = _of(NominalArm(structure, beta), moved, free)
+    found = _of(structure, beta, moved, free)
     if pose is not None:
         return replace(found, pose=pose, near_one=pose.one)
     if body is None or not is_camera(body.structure.view):
@@ -147,5 +142,17 @@ def _near(
     return near, one
 
 
-def _of(arm: NominalArm[S], moved: tuple[Alignment, ...], free: bool) -> Wanted:
-    return Wanted(arm.predict, moved, free, None if moved else arm.compiled())
+def _of(
+    structure: PlanarStructure | SpatialStructure,
+    beta: Array,
+    moved: tuple[Alignment, ...],
+    free: bool,
+) -> Wanted:
+    """The arm of some parameters (d,), and in plain floats where no frame moved."""
+    single: Callable[[Sequence[float]], Sequence[float]] | None = None
+    if isinstance(structure, PlanarStructure):
+        single = PlanarRow.of(structure, beta).predict
+    else:
+        row = cache(partial(SpatialRow, structure, beta))  # costly, and few ask for it
+        single = lambda q: row().predict(q)  # noqa: E731
+    return Wanted(lambda q: structure.predict(q, beta), moved, free, None if moved else single)

@@ -74,7 +74,7 @@ def log(
     """
     bags: dict[str, Any] = {"joints_topic": joints_topic, "tip_topic": tip_topic, "frames": frames}
     shared: dict[str, Any] = {"joints": joints, "max_gap": max_gap, "still": still}
-    notes, about = Notes(), dict[str, Any]()
+    notes = Notes()
     if shooting.given() or is_picture(bag):
         from calib.common.atomic import check_writable
 
@@ -85,27 +85,21 @@ def log(
             check_writable(output)
         shared |= {"degrees": degrees, "prismatic": prismatic or (), "time_offset": time_offset}
         made = record(bag, output, shooting, **shared, notes=notes)
-        made.write(output)
-        names, unit, about = made.joint_names, made.unit, made.about()
-        factor, shown = for_people(unit)
-        columns, kinds = made.columns(), f"[rad, {unit}], noise {factor * made.noise:.2g} {shown}"
+        factor, shown = for_people(made.unit)
+        kinds = f"[rad, {made.unit}], noise {factor * made.noise:.2g} {shown}"
     else:
         from calib.samples.bags import read_bag
-        from calib.samples.roles import log_columns
-        from calib.samples.tables import write_table
 
         if frames is not None and len(frames) != 2:
             raise BadOption("--frames names two frames: expected SENSOR,TIP")
         offset = 0.0 if time_offset == "auto" else float(time_offset)
-        read = read_bag(bag, **bags, **shared, time_offset=offset)
-        notes.say(read.notes)
-        columns = log_columns(read.joint_names, read.q, read.x, read.quaternion)
-        columns |= {"time": read.time}
-        write_table(output, columns)
-        names, unit, kinds = read.joint_names, "m", "[rad, m, s]"
-    n = len(columns["x"])
+        made = read_bag(bag, **bags, **shared, time_offset=offset)
+        notes.say(made.notes)
+        kinds = "[rad, m, s]"
+    made.write(output)
+    names = made.joint_names
     units = {name: "m" if name in (prismatic or ()) else "rad" for name in names}
-    document = {"log": output, "joints": names, "samples": n, **about}
-    document["units"] = {"joints": units, "positions": unit, "time": "s"}
-    line = f"{n} rows of {', '.join(columns)} {kinds}"
+    document = {"log": output, "joints": names, "samples": len(made), **made.about()}
+    document["units"] = {"joints": units, "positions": made.unit, "time": "s"}
+    line = f"{len(made)} rows of {', '.join(made.columns())} {kinds}"
     conclude(output, line, (), document if as_json else None)

@@ -75,8 +75,7 @@ def reproduce(
         setting = Setting.of(
             seed, quick=quick, report=report, robot=arm, ranges=typed, lengths=dict(lengths or ())
         )
-        logs = None if data is None else Path(data)
-        setting = replace(setting, data=logs, parts=folder / "ablation_parts.jsonl")
+        setting = replace(setting, data=None if data is None else Path(data))
         drawn = tuple(dict.fromkeys(formats or ("png",)))
         # the figures bring the adaptation along
         names = [name for name in SUBJECTS if name != "adaptation"] if what == "all" else [what]

@@ -1,52 +1,34 @@
 
-/* out = M (x, y). */
-static inline void calib_mapped(const calib_real M[4], calib_real x, calib_real y,
-                                calib_real *out) {
-  out[0] = M[0] * x + M[1] * y;
-  out[1] = M[2] * x + M[3] * y;
-}
-
 /* Derivatives of the position: by the geometry, and by the joints' own angles. */
 static inline void calib_derivatives(const calib_real q[CALIB_DOF],
                                      calib_real geometry[CALIB_GEOMETRY][3],
                                      calib_real own[CALIB_DOF][3]) {
-  const calib_real *m = calib_view, k = calib_lens[0], size = calib_lens[5];
-  calib_real at[CALIB_DOF + 1][5], x[CALIB_OUT], V[4], L[4], y[2], u[2], sx, sy, w, r2;
-  calib_real after_x = 0, after_y = 0;
+  const calib_real size = calib_lens[5], unit[4] = {1, 0, 0, 1};
+  calib_real at[CALIB_DOF + 1][5], x[CALIB_OUT], V[4], L[4], lens[4], y[2], u[2], w;
+  calib_real after_x = 0, after_y = 0, *tip = at[CALIB_DOF];
   int i, j, o, e = @elastic@;
   calib_body(calib_beta, @curves@, q, x, 0, at);
-  sx = at[CALIB_DOF][0];
-  sy = at[CALIB_DOF][1];
-  w = 1 + m[6] * sx + m[7] * sy;
+  calib_shown(tip, x, y, u, V, L);
+  w = 1 + calib_view[6] * tip[0] + calib_view[7] * tip[1];
+  for (i = 0; i < 4; ++i) lens[i] = L[i];
+  calib_slope(lens, unit);
+  calib_slope(L, V);
   for (o = 0; o < 2; ++o) {
-    y[o] = (m[2 * o] * sx + m[2 * o + 1] * sy) / w;
-    u[o] = (y[o] + m[4 + o] - calib_lens[3 + o]) / size - calib_lens[1 + o];
-    for (i = 0; i < 2; ++i) V[2 * o + i] = (m[2 * o + i] - y[o] * m[6 + i]) / w;
+    geometry[8][o] = size * (u[0] * u[0] + u[1] * u[1]) * u[o];
+    for (i = 0; i < 2; ++i) geometry[9 + i][o] = size * (unit[2 * o + i] - lens[2 * o + i]);
   }
-  r2 = u[0] * u[0] + u[1] * u[1];
-  for (i = 0; i < 4; ++i) L[i] = 2 * u[i / 2] * u[i % 2] + (i % 3 ? 0 : r2);
-  for (o = 0; o < 2; ++o) {
-    geometry[8][o] = size * r2 * u[o];
-    for (i = 0; i < 2; ++i) geometry[9 + i][o] = -size * k * L[2 * o + i];
-  }
-  for (i = 0; i < 4; ++i) L[i] = k * L[i] + (i % 3 ? 0 : 1);
   geometry[0][0] = -y[1];
   geometry[0][1] = y[0];
   for (o = 0; o < 2; ++o) {
     geometry[1][o] = y[o];
     for (i = 0; i < 2; ++i) {
       const calib_real *shear = calib_shears + 4 * i + 2 * o;
-      geometry[2 + i][o] = (shear[0] * sx + shear[1] * sy) / w;
+      geometry[2 + i][o] = (shear[0] * tip[0] + shear[1] * tip[1]) / w;
       geometry[4 + i][o] = i == o;
-      geometry[6 + i][o] = -y[o] * (i ? sy : sx) / w;
+      geometry[6 + i][o] = -y[o] * tip[i] / w;
     }
   }
-  for (i = 0; i < 8; ++i) calib_mapped(L, geometry[i][0], geometry[i][1], geometry[i]);
-  for (o = 0; o < 2; ++o) { /* the derivative by the tip is L V */
-    const calib_real a = L[2 * o], b = L[2 * o + 1];
-    L[2 * o] = a * V[0] + b * V[2];
-    L[2 * o + 1] = a * V[1] + b * V[3];
-  }
+  for (i = 0; i < 8; ++i) calib_mapped(lens, geometry[i][0], geometry[i][1], geometry[i]);
   for (i = CALIB_DOF - 1; i >= 0; --i) {
     const calib_real *c = at[i];
     const calib_real value = calib_sign[i] * q[i];

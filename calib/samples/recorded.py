@@ -1,4 +1,4 @@
-"""A log made of pictures or a video: rows, unit, noise, and what was left out."""
+"""A log that was made of a bag, pictures or a video: its rows, and what was left out and why."""
 
 from __future__ import annotations
 
@@ -7,27 +7,29 @@ from collections.abc import Mapping
 from dataclasses import dataclass, field
 from typing import Any
 
+import numpy as np
+
 from ..common.arrays import Array
-from ..samples.roles import log_columns
-from ..samples.tables import write_table
+from .roles import log_columns
+from .tables import write_table
 
 
 @dataclass(frozen=True, eq=False)
 class Recorded:
-    """Joints and what a camera saw with them."""
+    """Joints and what a sensor saw with them."""
 
     joint_names: tuple[str, ...]
     q: Array  # values of the joints named in `joint_names` (n, joints) [rad or m]
-    x: Array  # the tag's centre, in "m", or in "px" without a reference (n, 2) or (n, 3) [unit]
-    unit: str
-    # noise, common: standard deviation of a row along each axis, and the part of it that all rows
-    # share: how well the reference was found [unit]
-    noise: float
-    pixels: Array  # where the tag was seen (n, 2) [px]
+    x: Array  # positions, of a camera the tag's centre (n, 2) or (n, 3) [unit]
+    unit: str = "m"  # "px" for pixels
+    # of pictures and videos the standard deviation of a row along each axis, and the part of it
+    # that all rows share: how well the reference was found [unit]
+    noise: float = 0.0
     common: float = 0.0
-    # what it was made of, as plain values: `Recorded.write` keeps it with the log
+    pixels: Array = field(default_factory=lambda: np.empty((0, 2)))  # of the tag (n, 2) [px]
+    # what pictures were made of, as plain values: `Recorded.write` keeps it with the log
     source: Mapping[str, Any] = field(default_factory=dict)
-    quaternion: Array | None = None  # orientation of the tag, x, y, z, w (n, 4)
+    quaternion: Array | None = None  # orientation, x, y, z, w (n, 4)
     # times since the first row; of pictures their names in `pictures` instead (n,) [s]
     time: Array | None = None
     pictures: tuple[str, ...] | None = None
@@ -38,7 +40,9 @@ class Recorded:
         return len(self.q)
 
     def about(self) -> dict[str, Any]:
-        """Return what stands above the columns: unit, noise and source."""
+        """Return what stands above the columns of pictures: unit, noise and source."""
+        if not self.source:
+            return {}
         return {
             "unit": self.unit,
             "noise": self.noise,

@@ -1,0 +1,131 @@
+"""The tag on the tip and the reference, through pictures or the frames of a video.
+
+Use it for what both have in common: each is searched, and why the tag was not taken is counted.
+"""
+
+from __future__ import annotations
+
+from collections import Counter
+from collections.abc import Iterable
+from dataclasses import dataclass
+
+import numpy as np
+
+from ..common.arrays import Array
+from ..common.wording import listed
+from ..errors import LogError
+from .opencv import Picture
+from .setting import Setup
+from .tags import Tag, TagFinder
+from .watch import Marks
+
+LOOKS = 12
+"""Looks at the reference over a video, and pictures that are kept, about."""
+
+_WHOLE = 30  # frames between searches of the whole picture: a window misses a second tag
+
+
+@dataclass(frozen=True, eq=False)
+class Sightings:
+    """What pictures show."""
+
+    numbers: Array  # pictures in which the tag is sharp (n,)
+    tags: tuple[Tag, ...]  # the tag in each of them
+    marks: tuple[tuple[int, Marks], ...]  # what some pictures show of the reference, by number
+    reasons: Counter[str]  # why pictures have no tag, and how many
+    size: tuple[int, int]  # width and height of the pictures [px]
+
+    @property
+    def pixels(self) -> Array:
+        """Places of the tag's centre (n, 2) [px]."""
+        return np.array([tag.centre for tag in self.tags])
+
+
+def sight(
+    frames: Iterable[tuple[int, str, Picture]],
+    setting: Setup,
+    what: str,
+    every: int,
+    *,
+    video: bool = False,
+) -> Sightings:
+    """Find the tag of a setting, and the reference, in pictures with their numbers and names.
+
+    what : str; what messages call the pictures
+    every : int; one of so many is kept, to tell which tags are there should this one not be
+    video : bool; whether the tag is tracked, within a window where it was just seen, and the
+        reference looked for in one of `every` frames
+    Raises LogError if the tag is there twice, or nowhere.
+    """
+    found: dict[int, Tag] = {}
+    marks: list[tuple[int, Marks]] = []
+    sample: list[Picture] = []
+    twice: list[str] = []
+    reasons: Counter[str] = Counter()
+    before: Tag | None = None
+    speed, size, count = np.zeros(2), (0, 0), 0
+    for number, name, grey in frames:
+        if not count:
+            size = (grey.shape[1], grey.shape[0])
+            setting.check_size(name, size)
+        count += 1
+        sampled = number % every == 0
+        look = setting.layout is not None and (sampled or not video)
+        window = None
+        if video and before is not None and number % _WHOLE and (setting.board or not look):
+            window = _window(before, speed, grey.shape)
+        tags = setting.finder.find(grey, window)
+        if window is not None and not any(tag.number == setting.tag for tag in tags):
+            tags = setting.finder.find(grey)
+        if look:
+            marks.append((number, setting.marks(grey, tags)))
+        if sampled and len(sample) < LOOKS:
+            sample.append(grey)
+        tips = [tag for tag in tags if tag.number == setting.tag]
+        now = tips[0] if len(tips) == 1 else None
+        # without a tag in both frames nothing is known of its speed
+        speed = now.centre - before.centre if now is not None and before is not None else 0 * speed
+        before = now
+        if len(tips) > 1:
+            twice.append(name)
+        elif now is None:
+            reasons[f"tag {setting.tag} not seen"] += 1
+        elif not now.sharp:
+            reasons["blurred"] += 1
+        else:
+            found[number] = now
+    if twice:
+        raise LogError(
+            f"tag {setting.tag} is there twice in {len(twice)} of {count} {what} "
+            f"({listed(twice, 3)}): cover one, or print another id for the tip"
+        )
+    if not found:
+        raise LogError(
+            f"tag {setting.tag} is in none of {count} {what}: {_instead(setting, sample)}"
+        )
+    numbers = np.array(list(found))
+    return Sightings(numbers, tuple(found.values()), tuple(marks), reasons, size)
+
+
+def _instead(setting: Setup, sample: list[Picture]) -> str:
+    """Say which tags some pictures show."""
+    finder, seen = TagFinder(setting.dictionary), Counter[int]()
+    for grey in sample:
+        seen.update({tag.number for tag in finder.find(grey)})
+    if not seen:
+        return (
+            f"no tag of {setting.dictionary} is in {len(sample)} of them; check that it is sharp, "
+            "has a white border and is of this dictionary"
+        )
+    shown = listed([f"{number} ({times} times)" for number, times in seen.most_common()], 6)
+    return f"{len(sample)} of them show {shown} of {setting.dictionary}"
+
+
+def _window(tag: Tag, speed: Array, shape: tuple[int, ...]) -> tuple[int, int, int, int] | None:
+    """Return where the tag may be in the next frame [px]; None if that is most of it."""
+    half = 1.3 * tag.side + 2.0 * np.abs(speed) + 24.0
+    low = np.maximum(np.floor(tag.centre + speed - half), 0).astype(int)
+    high = np.minimum(np.ceil(tag.centre + speed + half), shape[1::-1]).astype(int)
+    if (high - low < 16).any() or np.prod((high - low) / shape[1::-1]) > 0.6:
+        return None
+    return int(low[0]), int(low[1]), int(high[0]), int(high[1])
