@@ -19,7 +19,7 @@ from typer.core import TyperGroup
 from calib.common.wording import one_line
 from calib.errors import CalibError
 
-from .on_demand import COMMANDS, load_command, plainly_read
+from .on_demand import COMMANDS, load_command
 from .output import NO, note, show_json, silence, tell
 from .process import received
 from .translation import as_typed, option_of
@@ -71,10 +71,6 @@ class CalibGroup(TyperGroup):
         if standalone_mode:
             sys.exit(code)
         return code
-
-    def get_params(self, ctx: Any) -> list[Any]:
-        """Return the options before a command."""
-        return plainly_read(super().get_params(ctx))
 
     def get_command(self, ctx: Any, cmd_name: str) -> Any:  # noqa: ARG002
         """Import a command when it is asked for."""
@@ -128,46 +124,41 @@ class ErrorReport:
 
 def describe_error(error: Exception) -> ErrorReport:
     """Return how an error is told, whatever ended a command."""
+    kind, code = type(error).__name__, 1
+    # Ctrl-C may be behind an error, as when it comes while Python makes a class
+    behind: BaseException | None = error
+    while behind is not None and not isinstance(behind, KeyboardInterrupt):
+        behind = behind.__cause__
     if isinstance(error, CalibError):
         hint = None if error.hint is None else as_typed(error.hint)
-        option = option_of(error.parameter)
-        kind = type(error).__name__
         # clocks that no offset brings together are an answer about the recording
         code = NO if kind == "ClockError" else 1
+        option = option_of(error.parameter)
         return ErrorReport(kind, as_typed(error.message), code, hint, option, error.value)
-    text, code = _text_and_code(error)
-    kind = "UsageError" if code == USAGE else type(error).__name__
+    if isinstance(error, typer.Abort) or behind is not None or received() is not None:
+        text, code = "interrupted", received() or INTERRUPTED
+    elif hasattr(error, "format_message"):  # an error of usage, told by Typer
+        context = getattr(error, "ctx", None)
+        help_line = f" (see {context.command_path} --help)" if context else ""
+        text = error.format_message().rstrip(".") + help_line
+        code = int(getattr(error, "exit_code", USAGE))
+        kind = "UsageError" if code == USAGE else kind
+    elif isinstance(error, OSError):
+        text = f"{f'{error.filename}: ' if error.filename else ''}{error.strerror or error}"
+    elif isinstance(error, ImportError):
+        text = f"{error}; install calib-arm again, with all that it requires"
+    else:
+        told = f"internal error, {kind}: {error}; {_TRACEBACK}=1 shows where, please report it"
+        # NumPy has a MemoryError of its own
+        text = next((known for kinds, known in _LIMITS if isinstance(error, kinds)), told)
     option, value = getattr(error, "option", None), getattr(error, "value", None)
     return ErrorReport(kind, text, code, option=option, value=value)
 
 
-def _text_and_code(error: Exception) -> tuple[str, int]:
-    if isinstance(error, typer.Abort) or _was_interrupted(error):
-        return "interrupted", received() or INTERRUPTED
-    if hasattr(error, "format_message"):  # an error of usage, told by Typer
-        context = getattr(error, "ctx", None)
-        help_line = f" (see {context.command_path} --help)" if context else ""
-        return error.format_message().rstrip(".") + help_line, int(getattr(error, "exit_code", 2))
-    if isinstance(error, MemoryError):
-        return "not enough memory; use a smaller --size or fewer --samples", 1
-    if isinstance(error, RecursionError):
-        return "the input is nested too deeply; simplify it", 1
-    if isinstance(error, OSError):
-        where = f"{error.filename}: " if error.filename else ""
-        return f"{where}{error.strerror or error}", 1
-    if isinstance(error, ImportError):
-        return f"{error}; install calib-arm again, with all that it requires", 1
-    kind = type(error).__name__
-    return f"internal error, {kind}: {error}; {_TRACEBACK}=1 shows where, please report it", 1
-
-
-def _was_interrupted(error: BaseException | None) -> bool:
-    """Whether Ctrl-C is behind an error, as when it comes while Python makes a class."""
-    if received() is not None:
-        return True
-    while error is not None and not isinstance(error, KeyboardInterrupt):
-        error = error.__cause__
-    return error is not None
+_LIMITS = (
+    (MemoryError, "not enough memory; use a smaller --size or fewer --samples"),
+    (RecursionError, "the input is nested too deeply; simplify it"),
+)
 
 
 def _reader_left() -> int:

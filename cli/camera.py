@@ -6,7 +6,7 @@ import sys
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import TYPE_CHECKING, ClassVar
+from typing import TYPE_CHECKING, Any, ClassVar
 
 from calib.common.choices import DICTIONARY, PICTURES, VIDEOS
 
@@ -114,9 +114,9 @@ def is_picture(path: str) -> bool:
 
 
 @expects("a number of seconds, or auto")
-def offset_or_auto(text: str) -> str:
-    """Read a number of seconds, or `auto`."""
-    return "auto" if text.strip() == "auto" else repr(finite_number(text))
+def offset_or_auto(text: str) -> float | None:
+    """Read a number of seconds, or `auto`, which is None."""
+    return None if text.strip() == "auto" else finite_number(text)
 
 
 def record(
@@ -127,7 +127,7 @@ def record(
     joints: Sequence[str] | None,
     degrees: bool,
     prismatic: Sequence[str],
-    time_offset: str,
+    time_offset: float | None,
     still: float | None,
     max_gap: float,
     notes: Notes,
@@ -137,6 +137,7 @@ def record(
     from calib.recording.from_video import log_video
     from calib.recording.joint_table import read_joints
     from calib.recording.photo import read_photo, write_seen
+    from calib.recording.pictures import list_pictures
     from calib.samples.tables import read_about
 
     setting, file = shooting.setting(output, notes), str(shooting.joints_file)
@@ -149,24 +150,18 @@ def record(
     earlier = read_about(shooting.since) if shooting.since is not None else None
     if Path(source).is_file() and Path(source).suffix.lower() not in PICTURES:
         turns = tuple(name not in prismatic for name in table.names)
-        offset = None if time_offset == "auto" else float(time_offset)
-        made = log_video(
-            source,
-            table,
-            setting,
-            time_offset=offset,
-            still=still,
-            max_gap=max_gap,
-            revolute=turns,
-            since=earlier,
-        )
+        ways: dict[str, Any] = {"time_offset": time_offset, "still": still, "max_gap": max_gap}
+        made = log_video(source, table, setting, **ways, revolute=turns, since=earlier)
     else:
-        if still is not None or time_offset != "auto":
+        if still is not None or time_offset is not None:
             raise BadOption("--still and --time-offset are for videos and bags, not for pictures")
         made = log_pictures(source, table, setting, since=earlier)
     notes.say(made.notes)
     # named in the log, so that train can draw the map over it
-    path = _middle_picture(source, made)
+    path = Path(source)
+    if made.pictures is not None:
+        named = {each.name: each for each in list_pictures(source)}
+        path = named[made.pictures[len(made) // 2]]
     folder = Path(output).resolve().parent
     if output != "-" and path.resolve().is_relative_to(folder):
         name = path.resolve().relative_to(folder).as_posix()  # train finds it there
@@ -174,12 +169,3 @@ def record(
     if shooting.picture is not None:
         write_seen(shooting.picture, read_photo(path), setting, made.pixels)
     return made
-
-
-def _middle_picture(source: str, made: Recorded) -> Path:
-    from calib.recording.pictures import list_pictures
-
-    if made.pictures is None:
-        return Path(source)
-    named = {path.name: path for path in list_pictures(source)}
-    return named[made.pictures[len(made) // 2]]

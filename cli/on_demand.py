@@ -2,12 +2,12 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
-from functools import cache, partial
+from functools import cache
 from importlib import import_module
 from typing import Any
 
 import typer
+import typer.core
 from typer.main import get_command
 
 COMMANDS = {
@@ -44,34 +44,24 @@ def load_command(name: str) -> Any:
     command: Any = get_command(app)
     # a command of several is named after its function, if at all
     command.name = name
-    for each in (command, *getattr(command, "commands", {}).values()):
-        each.get_params = partial(_params, each.get_params)
     return command
 
 
-def _params(usual: Callable[[Any], list[Any]], context: Any) -> list[Any]:
-    return plainly_read(usual(context))
-
-
-def plainly_read(parameters: list[Any]) -> list[Any]:
-    """Let parameters read text by their own readers.
-
-    Typer would import Pydantic for it, which takes a tenth of a second of each command.
-    """
-    for parameter in parameters:
-        parameter._runtime_param = _Plain()  # Typer has no public way
-    return parameters
-
-
 class _Plain:
-    """Values from what was typed, in the place of Typer's adapter of Pydantic."""
+    """Values from what was typed, in the place of Typer's adapter of Pydantic.
+
+    That is imported otherwise, which takes a tenth of a second of each command.
+    """
+
+    def __init__(self, descriptor: Any) -> None:
+        self._read = descriptor.parameter_info.parser or str
 
     def coerce(self, value: Any, param: Any, ctx: Any) -> Any:  # noqa: ARG002
         """Read texts; a flag, and a default that is no text, are values already."""
-        many = param.multiple or param.nargs == -1
-        if value is None:
-            return () if many else None
-        read = param.type_descriptor.parameter_info.parser or str
-        if many:
-            return [read(text) for text in value]
-        return read(value) if isinstance(value, str) else value
+        if param.multiple or param.nargs == -1:
+            return [self._read(text) for text in value or ()]
+        return self._read(value) if isinstance(value, str) else value
+
+
+# Typer has no public way; of 0.26, which reads plainly itself, it is no name
+typer.core.build_runtime_param = _Plain  # type: ignore[attr-defined, assignment]

@@ -39,34 +39,27 @@ class TextTable:
     left: int = 1  # how many columns, from the left, hold words rather than numbers
     foot: str = ""  # what its terms mean, in one line below it
 
-    def __post_init__(self) -> None:
-        """Write out control characters, which names from a file may hold."""
-        object.__setattr__(self, "header", [printable(name) for name in self.header])
-        object.__setattr__(self, "rows", [[printable(cell) for cell in row] for row in self.rows])
-        object.__setattr__(self, "title", printable(self.title))
-
     def lines(self) -> list[str]:
         """Return the table as plain text, its columns aligned."""
-        cells = [list(self.header), *map(list, self.rows)]
-        widths = [max(len(row[k]) for row in cells) for k in range(len(self.header))]
-        lines = [self.title] if self.title else []
+        # names from a file may hold control characters
+        cells = [[printable(cell) for cell in row] for row in (self.header, *self.rows)]
+        widths = [max(map(len, column)) for column in zip(*cells, strict=True)]
+        lines = [printable(self.title)] if self.title else []
         for row in cells:
             padded = [
                 cell.ljust(width) if k < self.left else cell.rjust(width)
                 for k, (cell, width) in enumerate(zip(row, widths, strict=True))
             ]
             lines.append("  ".join(padded).rstrip())
-        return lines + textwrap.wrap(self.foot, _WIDTH)
+        return lines
 
     def records(self) -> list[str]:
         """Return the table for a narrow terminal: a line for each cell, a blank line for a row."""
         lines = [self.title] if self.title else []
         for row in self.rows:
-            lines += [
-                f"{name}: {cell}".strip(": ") for name, cell in zip(self.header, row, strict=True)
-            ]
-            lines.append("")
-        return lines[:-1] + textwrap.wrap(self.foot, _WIDTH)
+            pairs = zip(self.header, row, strict=True)
+            lines += [*(f"{name}: {cell}".strip(": ") for name, cell in pairs), ""]
+        return list(map(printable, lines[:-1]))
 
 
 _MEANINGS = (
@@ -108,11 +101,9 @@ def show(table: TextTable) -> None:
     """Print a table; on a terminal that is too narrow for it a line for each cell."""
     # not with Rich: it would be imported, which takes longer than most queries
     lines = table.lines()
-    # the foot is wrapped already, however narrow the terminal is
-    widest = max(map(len, replace(table, foot="").lines()))
-    if sys.stdout.isatty() and widest > shutil.get_terminal_size().columns:
+    if sys.stdout.isatty() and max(map(len, lines)) > shutil.get_terminal_size().columns:
         lines = table.records()
-    print("\n".join(lines))
+    print("\n".join([*lines, *textwrap.wrap(table.foot, _WIDTH)]))
 
 
 def show_facts(facts: Mapping[str, str]) -> None:

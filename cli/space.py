@@ -65,12 +65,6 @@ def up_to_scale(model: Model, q: ArrayLike) -> dict[str, Array]:
     return {UP_TO_SCALE: space.bound(q, size=False)} if space.camera else {}
 
 
-def say_unseen(model: Model, target: ArrayLike) -> None:
-    """Say so where a camera's picture does not show a point (3,) [m] of the base frame."""
-    if not Space.of(model).sees(target).all():
-        note("the camera's picture does not show the target")
-
-
 def say_size(bound: float) -> None:
     """Say what of a bound [m] in the base frame of a camera is the arm's size."""
     if np.isfinite(bound):

@@ -6,19 +6,13 @@ from collections.abc import Mapping
 from typing import TYPE_CHECKING, Any
 
 from calib.common.choices import READOUTS
-from calib.common.wording import for_people
-from calib.show.facts import quantities
+from calib.show.facts import STATISTICS, Errors, shown_errors
 
 from .output import TextTable, explained, number
 from .units import units_of
 
 if TYPE_CHECKING:
     from calib import Model
-
-Errors = Mapping[str, Mapping[str, Mapping[str, Mapping[str, float]]]]
-
-STATISTICS = ("mean", "p99", "max")
-_NONE = dict.fromkeys(STATISTICS)  # of what a readout does not answer
 
 
 def summary(
@@ -85,13 +79,11 @@ def view_of(model: Model) -> dict[str, Any]:
 def error_table(model: Model, errors: Errors, title: str) -> TextTable:
     """Return all errors, a line for each readout, direction and quantity."""
     rows = []
-    for readout in _ordered(errors):
+    for readout in (readout for readout in READOUTS if readout in errors):
         labels = [readout, ""]
-        for direction, name, si in quantities(model.about, errors[readout]):
-            factor, unit = for_people(si)
+        for direction, name, unit, found in shown_errors(model.about, {readout: errors[readout]}):
             shown = "" if direction == labels[1] else direction
-            values = [_scaled(errors[readout][direction][name], k, factor) for k in STATISTICS]
-            rows.append([labels[0], shown, name, unit, *values])
+            rows.append([labels[0], shown, name, unit, *map(number, found[readout].values())])
             labels = ["", direction]
     header = ["readout", "direction", "error of", "unit", *STATISTICS]
     return explained(TextTable(header, rows, title, left=4))
@@ -99,25 +91,12 @@ def error_table(model: Model, errors: Errors, title: str) -> TextTable:
 
 def compact_table(model: Model, errors: Errors, title: str) -> TextTable:
     """Return mean errors, a line for each quantity; of the best readout the greatest too."""
-    best, *others = _ordered(errors)
+    best, *others = (readout for readout in READOUTS if readout in errors)
     rows = []
-    for direction, name, si in quantities(model.about, errors[best]):
+    for direction, name, unit, found in shown_errors(model.about, errors):
         if direction == "forward" and name in model.axes:
             continue
-        factor, unit = for_people(si)
-        means, largest = (
-            [_scaled(errors[r][direction].get(name, _NONE), k, factor) for r in (best, *others)]
-            for k in ("mean", "max")
-        )
-        rows.append([f"{direction} {name} [{unit}]", means[0], largest[0], *means[1:]])
+        means = [number(found[r]["mean"] if r in found else None) for r in (best, *others)]
+        row = [f"{direction} {name} [{unit}]", means[0], number(found[best]["max"]), *means[1:]]
+        rows.append(row)
     return explained(TextTable(["mean, and max", best, "max", *others], rows, title))
-
-
-def _ordered(errors: Errors) -> list[str]:
-    """Return the readouts that there are, the best one first."""
-    return [readout for readout in READOUTS if readout in errors]
-
-
-def _scaled(error: Mapping[str, float | None], key: str, factor: float) -> str:
-    value = error[key]
-    return number(None if value is None else value * factor)

@@ -43,23 +43,13 @@ class Arrows:
 
 
 def magnification(away: float, width: float) -> int:
-    """How many times as long arrows are drawn: 1, 2 or 5 times a power of ten.
+    """How many times as long arrows are drawn: 1, 2 or 5 times a power of ten; 1 at least.
 
     Examples
     --------
-    >>> magnification(0.05, 1280.0), magnification(200.0, 1280.0)
-    (1000, 1)
+    >>> magnification(0.05, 1280.0), magnification(2.0, 1280.0), magnification(200.0, 1280.0)
+    (1000, 20, 1)
     """
-    return round_factor(_LONG * width / away if away > 0 else 1.0)
-
-
-def round_factor(wanted: float) -> int:
-    """Return the largest of 1, 2, 5, 10, 20, ... that is at most what is wanted; 1 at least.
-
-    Examples
-    --------
-    >>> round_factor(0.3), round_factor(49.0), round_factor(700.0)
-    (1, 20, 500)
-    """
-    power = 10 ** int(np.floor(np.log10(max(wanted, 1.0))))
-    return int(power * max(step for step in (1, 2, 5) if step * power <= max(wanted, 1.0)))
+    wanted = max(_LONG * width / away, 1.0) if away > 0 else 1.0
+    power = 10 ** int(np.floor(np.log10(wanted)))
+    return int(power * max(step for step in (1, 2, 5) if step * power <= wanted))

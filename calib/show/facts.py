@@ -2,18 +2,23 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+import math
+from collections.abc import Iterator, Mapping
 from typing import TYPE_CHECKING, Any
 
-from ..common.wording import unit_of_joint, vector
+from ..common.choices import READOUTS
+from ..common.wording import for_people, unit_of_joint, vector
 
 if TYPE_CHECKING:
     from ..arm.arm import Arm
     from ..model.about import About
     from ..model.model import Model
 
-Quantity = tuple[str, str, str]
-"""Direction, name and unit of an error."""
+STATISTICS = ("mean", "p99", "max")
+Errors = Mapping[str, Mapping[str, Mapping[str, Mapping[str, Any]]]]
+"""Statistics by readout, direction and quantity, as a model keeps them."""
+ErrorRow = dict[str, dict[str, float]]
+"""Statistics of one quantity, by readout."""
 
 
 def facts(model: Model, *, degrees: bool = True) -> dict[str, str]:
@@ -45,15 +50,22 @@ def learned_range(about: About | Arm, k: int, *, degrees: bool) -> str:
     return f"{about.lower[k] * factor:.6g} to {about.upper[k] * factor:.6g} {unit}"
 
 
-def quantities(about: About, errors: Mapping[str, Mapping[str, Any]]) -> list[Quantity]:
-    """Return direction, name and unit of each error of one readout, in their order."""
+def shown_errors(about: About, errors: Errors) -> Iterator[tuple[str, str, str, ErrorRow]]:
+    """Yield direction, name and unit of each error with its statistics in that unit, by readout.
+
+    The best readout comes first; NaN stands for what could not be measured.
+    """
+    readouts = [readout for readout in READOUTS if readout in errors]
     joints = dict(zip(about.joint_names, about.units_of_joints, strict=True))
-    units = {"forward": {"orientation": "rad"}, "inverse": joints}
-    return [
-        (direction, name, units[direction].get(name, about.unit))
-        for direction in units
-        for name in errors[direction]
-    ]
+    for direction, units in (("forward", {"orientation": "rad"}), ("inverse", joints)):
+        for name in errors[readouts[0]][direction]:
+            factor, unit = for_people(units.get(name, about.unit))
+            statistics = {
+                r: {k: math.nan if e[k] is None else factor * e[k] for k in STATISTICS}
+                for r in readouts
+                if (e := errors[r][direction].get(name)) is not None
+            }
+            yield direction, name, unit, statistics
 
 
 def size_in_words(model: Model) -> str:

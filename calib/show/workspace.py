@@ -13,8 +13,6 @@ from ..maps.map import Map
 from ..model.model import Model
 from ..samples.samples import Samples
 
-_Shape = tuple[int, int]
-
 _INSIDE = 25_000  # joint values spread over the whole range
 _EDGE = 240  # joint values along each edge of the range
 _CELLS = 120  # cells of the grid along the workspace's longer side
@@ -56,19 +54,6 @@ def drawn_edges(part: Map) -> NDArray[np.intp]:
         return edges
     gap = np.abs(part.units[edges[:, 0]] - part.units[edges[:, 1]])
     return np.asarray(edges[~((gap > 0.5) & part.scale.periodic).any(axis=1)])
-
-
-def cell_means(points: Array, values: Array, low: Array, size: Array, shape: _Shape) -> Array:
-    """Mean of values (n,) at points (n, 2) in the cells of a grid, (rows, columns); NaN if none.
-
-    Cells have a `size` (2,) and begin at `low` (2,); `shape` counts rows (y) and columns (x).
-    """
-    cell = ((points - low) / size).astype(int)
-    cell = np.minimum(cell, np.array(shape[::-1]) - 1)  # the upper border belongs to the last
-    index = cell[:, 1] * shape[1] + cell[:, 0]
-    count = np.bincount(index, minlength=shape[0] * shape[1])
-    total = np.bincount(index, values, shape[0] * shape[1])
-    return np.where(count > 0, total / np.maximum(count, 1), np.nan).reshape(shape)
 
 
 def reached_positions(model: Model) -> Array:

@@ -55,7 +55,8 @@ def check(
     log = log_for(loaded, data, reading, notes)
     drift = calib.check(loaded, log, cause=cause, tolerance=tolerance)
     notes.say(drift.notes)
-    unit_seen = "sensor" if _of_another_scale(drift) else loaded.about.unit
+    rescaled = any(cause.cause == "scale" and cause.interval is None for cause in drift.causes)
+    unit_seen = "sensor" if rescaled else loaded.about.unit
     known = calib.recognise(loaded, log) if loaded.schemas else None
     if as_json:
         show_json(
@@ -69,26 +70,20 @@ def check(
         )
     else:
         factor, name = for_people(unit_seen)
-        _show(drift, f"{model}: {drift.samples} samples of {data}", factor, name)
+        remedy = "calib adapt re-calibrates it"
+        if rescaled:
+            remedy = "check the log's unit before calib adapt, which learns the new scale"
+        if any(cause.cause == "unknown" and not cause.group for cause in drift.causes[:1]):
+            remedy = "check the log and the arm before calib adapt"
+        title = f"{model}: {drift.samples} samples of {data}"
+        _show(drift, title, factor, name, remedy)
         if known is not None:
             tell(known.words)
     if drift.drifted is not False:
         raise typer.Exit(NO)
 
 
-def _of_another_scale(drift: Drift) -> bool:
-    return any(cause.cause == "scale" and cause.interval is None for cause in drift.causes)
-
-
-def _remedy(drift: Drift) -> str:
-    if any(cause.cause == "unknown" and not cause.group for cause in drift.causes[:1]):
-        return "check the log and the arm before calib adapt"
-    if _of_another_scale(drift):
-        return "check the log's unit before calib adapt, which learns the new scale"
-    return "calib adapt re-calibrates it"
-
-
-def _show(drift: Drift, title: str, factor: float, name: str) -> None:
+def _show(drift: Drift, title: str, factor: float, name: str, remedy: str) -> None:
     """Print the most telling groups, how the rows lie on the maps, and the verdict."""
     groups = sorted(drift.groups, key=lambda g: -g.score)[:_MOST]
     rows = [
@@ -114,7 +109,7 @@ def _show(drift: Drift, title: str, factor: float, name: str) -> None:
         tell(as_typed(text))
     verdict = "still calibrated"
     if drift.drifted:
-        verdict = f"DRIFTED: {_remedy(drift)}"
+        verdict = f"DRIFTED: {remedy}"
     elif drift.drifted is None:
         verdict = "TOO COARSE: these rows could not have shown a change of the tolerated size"
     smallest = f"smallest change they show: {number(factor * drift.smallest)} {name}"

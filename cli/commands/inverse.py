@@ -163,11 +163,14 @@ def _show(
         shown = ["distance", *(["turned"] if posed else []), *bounds_shown(model, asked.frame)]
         show_answers(joints, solutions, unit, axes, shown, "" if reachable or posed else missed)
     if asked.frame == "base":
-        from ..space import say_size, say_unseen
+        from calib.model.space import Space
+
+        from ..space import say_size
 
         if UP_TO_SCALE in found:
             say_size(float(found[UP_TO_SCALE][0]))
-        say_unseen(model, asked.x)
+        if not Space.of(model).sees(asked.x).all():
+            note("the camera's picture does not show the target")
     if not reachable:
         factor, unit = for_people(unit)
         away = f"{float(found['distance'].min()) * factor:.4g} {unit}"

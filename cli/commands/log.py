@@ -46,7 +46,8 @@ from ..usage import BadOption, argument, flag, option, refuse
     ),
     time_offset=option(
         "--time-offset auto|S",
-        "Added to the times of the positions [s]; auto finds it for a video and is 0 for a bag.",
+        "Added to the times of the positions [s]; auto finds it for a video and is 0 for a bag "
+        "(default auto).",
         offset_or_auto,
     ),
     rests=flag("--rests", "For a video, take the median of each rest (the default)."),
@@ -61,7 +62,7 @@ def log(
     joints: Names | None = None,
     max_gap: float = 0.1,
     still: float | None = None,
-    time_offset: str = "auto",
+    time_offset: float | None = None,
     rests: bool = False,
     shooting: Shooting,
     degrees: bool = False,
@@ -92,8 +93,7 @@ def log(
 
         if frames is not None and len(frames) != 2:
             raise BadOption("--frames names two frames: expected SENSOR,TIP")
-        offset = 0.0 if time_offset == "auto" else float(time_offset)
-        made = read_bag(bag, **bags, **shared, time_offset=offset)
+        made = read_bag(bag, **bags, **shared, time_offset=time_offset or 0.0)
         notes.say(made.notes)
         kinds = "[rad, m, s]"
     made.write(output)

@@ -3,20 +3,17 @@
 from __future__ import annotations
 
 import math
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import typer
 
 from calib.common.wording import for_people
 
 from ..options import takes
-from ..output import NO, note
+from ..output import NO, fields, note
 from ..parsing import expects, finite_number, reals, require
 from ..units import JointFormat, meaning
 from ..usage import one_document, option
-
-if TYPE_CHECKING:
-    from calib import Path
 
 
 @expects("a length greater than zero, or inf")
@@ -67,14 +64,14 @@ def path(
     batch = read_batch(input_, loaded.axes)
     valid = np.flatnonzero(np.isfinite(batch.values).all(axis=1))
     found = loaded.path(batch.values[valid], first, step)
-    number = valid[found.waypoint] + 1
-    columns: dict[str, Any] = {"waypoint": number}
-    columns |= {axis: found.target[:, k] for k, axis in enumerate(loaded.axes)}
-    columns |= {name: found.q[:, k] * joints.typed[k] for k, name in enumerate(joints.names)}
-    columns |= {"distance": found.distance, "expected_error": found.expected_error}
-    columns["model_error"] = found.model_error
-    columns["reachable"] = found.reachable.astype(np.int64)
-    columns["jump"] = np.isin(np.arange(len(found.q)), found.jumps).astype(np.int64)
+    columns: dict[str, Any] = {
+        "waypoint": valid[found.waypoint] + 1,
+        **dict(zip(loaded.axes, found.target.T, strict=True)),
+        **dict(zip(joints.names, (found.q * joints.typed).T, strict=True)),
+        **fields(found, "distance expected_error model_error"),
+        "reachable": found.reachable.astype(np.int64),
+        "jump": np.isin(np.arange(len(found.q)), found.jumps).astype(np.int64),
+    }
     write_answers(
         columns,
         output,
@@ -88,26 +85,19 @@ def path(
         **meaning(loaded.about),
     )
     say_rows(batch.invalid, len(batch.values), "not all numbers, left out of the path")
-    _tell(found, loaded.about.unit)
-    if batch.invalid:
-        raise typer.Exit(1)
-    if len(found.jumps) or not found.reachable.all():
-        raise typer.Exit(NO)
-
-
-def _tell(found: Path, unit: str) -> None:
-    """Say where joints have to jump and where the path leaves what is attainable."""
     for row in found.jumps.tolist():
-        x, y = found.target[row].tolist()
-        note(
-            f"row {row + 1}: a jump cannot be avoided, the branch ends before "
-            f"x = {x:.6g}, y = {y:.6g}"
-        )
+        named = zip(loaded.axes, found.target[row].tolist(), strict=True)
+        where = ", ".join(f"{axis} = {value:.6g}" for axis, value in named)
+        note(f"row {row + 1}: a jump cannot be avoided, the branch ends before {where}")
     out = ~found.reachable
     if out.any():
-        factor, name = for_people(unit)
+        factor, name = for_people(loaded.about.unit)
         furthest = float(found.distance[out].max()) * factor
         note(
             f"{int(out.sum())} of {len(out)} rows are out of reach, the furthest by "
             f"{furthest:.4g} {name}: they hold attainable points close by"
         )
+    if batch.invalid:
+        raise typer.Exit(1)
+    if len(found.jumps) or out.any():
+        raise typer.Exit(NO)

@@ -60,8 +60,14 @@ def plan(
     import calib
     from calib.samples.tables import write_table
 
-    known, degrees = _load(robot, selection), selection.degrees
-    notes = Notes()
+    is_model, degrees, notes = _is_model(robot), selection.degrees, Notes()
+    known: Arm | Model
+    if is_model:
+        of_robots = {name: getattr(selection, name) for name in ("joints", "tip", "lock")}
+        refuse(of_robots, "is for ROBOT: a model has its joints and its tip already")
+        known = calib.load(robot)
+    else:
+        known = selection.load(robot)
     notes.say(getattr(known, "notes", ()))  # an arm's
     facts: Any = getattr(known, "about", known)  # what tells the joints and their ranges
     joints_typed = JointFormat(facts, degrees)
@@ -73,7 +79,7 @@ def plan(
         seed=seed,
         margin=None if margin is None else [margin / factor for factor in typed],
         # an arm was loaded with them, which it may need where it states no limits
-        ranges=in_si("--range", selection.ranges, turning, degrees) if _is_model(robot) else None,
+        ranges=in_si("--range", selection.ranges, turning, degrees) if is_model else None,
         start=joints_typed.one_each("--from", start),
         measured=None if data is None else _measured(known, data, columns, degrees, notes),
     )
@@ -103,17 +109,6 @@ def plan(
         share = 100 * found.length / found.random_length
         travel += f": {share:.0f} % of the way of a random order"
     conclude(output, line, [*found.why, travel], document if as_json else None)
-
-
-def _load(source: str, selection: Selection) -> Arm | Model:
-    """Load a robot or a model, whichever the file is."""
-    import calib
-
-    if not _is_model(source):
-        return selection.load(source)
-    of_robots = {name: getattr(selection, name) for name in ("joints", "tip", "lock")}
-    refuse(of_robots, "is for ROBOT: a model has its joints and its tip already")
-    return calib.load(source)
 
 
 def _is_model(source: str) -> bool:

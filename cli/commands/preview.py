@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import webbrowser
 from pathlib import Path
-from typing import TYPE_CHECKING
 
 from .. import parsing
 from ..measurements import Reading
@@ -12,9 +11,6 @@ from ..options import takes
 from ..output import Notes, note, tell
 from ..photo import Drawn
 from ..usage import BadOption, check_file, flag, option
-
-if TYPE_CHECKING:
-    from calib.model.model import Model
 
 
 @takes(
@@ -61,18 +57,9 @@ def preview(
         atomic_write(html, content)
         tell(f"{html}: {len(content) / 1e6:.2f} MB, open it in a browser")
         return
-    _serve(loaded, page, port, no_open=no_open, live=live)
+    from calib.show.preview.server import Live, PreviewServer
 
-
-def _serve(model: Model, page: str, port: int, *, no_open: bool, live: bool) -> None:
-    from calib.show.preview.server import PreviewServer
-
-    answer = None
-    if live:
-        from calib.show.preview.server import Live
-
-        answer = Live(model).answer
-    with PreviewServer(page, port, answer) as server:
+    with PreviewServer(page, port, Live(loaded).answer if live else None) as server:
         print(server.url, flush=True)
         note("showing the preview; Ctrl-C ends it")
         if not no_open:

@@ -88,14 +88,10 @@ def train(
     elif data is not None and not no_photo:
         model = photo_of_log(model, log, data, notes)
     model.save(path)
-    if as_json:
-        show_json(summary(model, path, model.about.errors, model.seconds))
-    else:
-        _report(model, path)
-
-
-def _report(model: Model, path: str) -> None:
     about = model.about
+    if as_json:
+        show_json(summary(model, path, about.errors, model.seconds))
+        return
     what = "fresh exact samples" if about.source == "simulation" else "held out blocks of the log"
     show(compact_table(model, about.errors, f"errors on {what}"))
     tell(

@@ -9,6 +9,7 @@ reader looks.
 from __future__ import annotations
 
 import io
+from contextlib import suppress
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -38,33 +39,20 @@ def resolve_mesh(name: str, folder: Path) -> Path:
         the folder) or ``file://PATH``
     Raises RobotError if there is no such file, or it lies elsewhere.
     """
-    if "\0" in name or not name.strip():
-        raise RobotError(f"mesh {name!r}: expected the name of a file")
-    parts = urlsplit(name)
-    path = unquote(parts.path)
+    parts, root = urlsplit(name), folder.resolve()
+    path, options = unquote(parts.path), [name]
     if parts.scheme in ("package", "model"):
-        rest = path.lstrip("/")
-        options = [Path(parts.netloc) / rest, Path(rest)]
+        options = [f"{parts.netloc}/{path.lstrip('/')}", path.lstrip("/")]
     elif parts.scheme == "file" and parts.netloc in ("", "localhost"):
-        options = [Path(path)]
-    elif parts.scheme and len(parts.scheme) > 1:  # C: is a drive
+        options = [path]
+    elif len(parts.scheme) > 1:  # C: is a drive
         raise RobotError(f"mesh {name!r}: only files are read, nothing is fetched")
-    else:
-        options = [Path(name)]
-    root = folder.resolve()
-    escaped = False
     for option in options:
-        try:
+        with suppress(OSError, RuntimeError, ValueError):  # no name of a file
             found = (root / option).resolve()
-        except (OSError, RuntimeError, ValueError):
-            continue
-        if not found.is_relative_to(root):
-            escaped = True
-        elif found.is_file():
-            return found
-    if escaped:
-        raise RobotError(f"mesh {name!r}: lies outside of {folder}, which is not allowed")
-    raise RobotError(f"mesh {name!r}: no such file in {folder}")
+            if found.is_relative_to(root) and found.is_file():
+                return found
+    raise RobotError(f"mesh {name!r}: no such file in {folder}, and nothing outside of it is read")
 
 
 def read_mesh(path: Path) -> Triangles:

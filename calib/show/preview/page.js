@@ -46,7 +46,8 @@
     const geometry = new THREE.BufferGeometry();
     const set = (name, array, width, normalized) =>
       geometry.setAttribute(name, new THREE.BufferAttribute(array, width, normalized));
-    set("position", floats(drawn.points), 3);
+    set("position", drawn.places ? new Float32Array(drawn.places) : floats(drawn.points), 3);
+    if (drawn.shades) set("color", new Float32Array(drawn.shades), 3);
     if (drawn.tints) set("color", bytes(drawn.tints), 3, true);
     if (drawn.image) set("uv", new Float32Array([0, 0, 1, 0, 1, 1, 0, 1]), 2);
     if (drawn.index) {
@@ -60,7 +61,7 @@
   function draw(drawn) {
     const [Kind, Material] = KINDS[drawn.kind] || [THREE.Mesh, THREE.MeshPhongMaterial];
     const { opacity, kind } = drawn;
-    const look = { color: drawn.colour || "#ffffff", vertexColors: Boolean(drawn.tints) };
+    const look = { color: drawn.colour || "#ffffff", vertexColors: Boolean(drawn.tints || drawn.shades) };
     if (kind === "points") look.size = drawn.size * dotted;
     // both sides: nobody guarantees how a URDF's triangles are wound
     else Object.assign(look, { side: THREE.DoubleSide, opacity, transparent: opacity < 1 });
@@ -245,16 +246,9 @@
       tints.push(r, g, b, r * fade, g * fade, b * fade);
       dots.push(...end);
     }
-    const buffer = (positions, colours) => {
-      const geometry = new THREE.BufferGeometry();
-      geometry.setAttribute("position", new THREE.Float32BufferAttribute(positions, 3));
-      if (colours) geometry.setAttribute("color", new THREE.Float32BufferAttribute(colours, 3));
-      return geometry;
-    };
-    viewer.set_object(["Hebbian links", "lines"],
-      new THREE.LineSegments(buffer(lines, tints), new THREE.LineBasicMaterial({ vertexColors: true })));
-    viewer.set_object(["Hebbian links", "nodes"],
-      new THREE.Points(buffer(dots), new THREE.PointsMaterial({ color: data.link, size: data.dot * dotted })));
+    draw({ path: "Hebbian links/lines", kind: "lines", opacity: 1, places: lines, shades: tints });
+    const { link: colour, dot: size } = data;
+    draw({ path: "Hebbian links/nodes", kind: "points", opacity: 1, places: dots, colour, size });
     data.node = node;
     viewer.set_dirty();
   }

@@ -13,7 +13,6 @@ from ...model.about import About
 from ..arrows import Arrows
 from ..error_scale import UNKNOWN, ErrorScale
 from ..workspace import (
-    cell_means,
     downwards,
     drawn_edges,
     motor_errors,
@@ -197,7 +196,9 @@ def heat(ax: Any, points: Array, errors: Array, scale: ErrorScale) -> Any:
     low, high = points.min(axis=0), points.max(axis=0)
     # a joint that never moved has a range of no width
     span = np.where(high > low, high - low, 1.0)
-    mean = cell_means(points, errors, low, span / _BINS, (_BINS, _BINS))
+    (x, y), ends = points.T, np.stack([low, low + span], axis=1)[::-1]
+    count, total = (np.histogram2d(y, x, _BINS, ends, weights=w)[0] for w in (None, errors))
+    mean = np.where(count > 0, total / np.maximum(count, 1), np.nan)
     return ax.imshow(
         np.ma.masked_invalid(scale.share(mean)),
         origin="lower",

@@ -13,7 +13,7 @@ from ...common.wording import for_people
 from ...model.about import About
 from ...paper.published import TABLE1
 from ..error_scale import length_in_words
-from ..facts import quantities
+from ..facts import shown_errors
 from .evidence import Evidence
 from .style import plain_text
 
@@ -44,13 +44,11 @@ def errors_in_html(evidence: Evidence) -> str:
     paper = TABLE1["vdsom"] if is_papers_arm(about) else {}
     header = ["mean (largest)", *readouts, *(["paper"] if paper else [])]
     rows = []
-    for direction, name, unit in quantities(about, errors[readouts[0]]):
-        factor, shown = for_people(unit)
-        row = [f"{direction}, {name} [{shown}]"]
-        for readout in readouts:
-            entry = errors[readout][direction].get(name)  # of orientations only some have it
-            digits = entry and [_digits(entry[key], factor) for key in ("mean", "max")]
-            row.append(f"{digits[0]} ({digits[1]})" if digits else "")
+    for direction, name, unit, found in shown_errors(about, errors):
+        row = [f"{direction}, {name} [{unit}]"]
+        for readout in readouts:  # of orientations only some have it
+            values = found.get(readout)
+            row.append(f"{_digits(values['mean'])} ({_digits(values['max'])})" if values else "")
         if paper:
             printed = paper.get(name)
             row.append(f"{printed.mean:g} ({printed.max:g})" if printed else "")
@@ -70,11 +68,11 @@ def is_papers_arm(about: About) -> bool:
     return about.robot == PAPER_ARM and bool(simulation) and not simulation.get("changes")
 
 
-def _digits(value: float | None, factor: float) -> str:
+def _digits(value: float) -> str:
     """Three digits of an error; what is below a millionth is rounding."""
-    if value is None or not math.isfinite(value):
+    if not math.isfinite(value):
         return "unknown"
-    return f"{value * factor:.3g}" if value * factor >= 1e-6 else "<1e-6"
+    return f"{value:.3g}" if value >= 1e-6 else "<1e-6"
 
 
 def fact_list(facts: Mapping[str, str]) -> str:
