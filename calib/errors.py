@@ -11,7 +11,7 @@ from typing import Any, TypeVar
 
 from .common.wording import one_line
 
-E = TypeVar("E", bound="CalibError")
+_E = TypeVar("_E", bound="CalibError")
 
 
 class CalibError(Exception):
@@ -58,14 +58,14 @@ class CalibError(Exception):
         fields = {"hint": self.hint, "parameter": self.parameter, "value": self.value}
         return _remade, (type(self), self.message, fields)
 
-    def within(self: E, label: str) -> E:
+    def within(self: _E, label: str) -> _E:
         """Return the same error with the place of what is wrong, such as a file, before it."""
         return type(self)(
             f"{label}: {self.message}", hint=self.hint, parameter=self.parameter, value=self.value
         )
 
 
-def _remade(kind: type[E], message: str, fields: dict[str, Any]) -> E:
+def _remade(kind: type[_E], message: str, fields: dict[str, Any]) -> _E:
     return kind(message, **fields)
 
 

@@ -14,7 +14,7 @@ from .output import TextTable, explained, fields, fixed, number
 if TYPE_CHECKING:
     from calib import Sweep, Trial
 
-DIRECTIONS = ("forward", "inverse")
+_DIRECTIONS = ("forward", "inverse")
 
 
 def failures(found: Sweep) -> list[str]:
@@ -36,7 +36,7 @@ def sweep_tables(found: Sweep, readouts: Sequence[str]) -> list[TextTable]:
     """Return a table for each readout, with a row for each combination that was trained."""
     from calib.sweeps.trials import written
 
-    parts = [told for part in found.combinations() if (told := combination(part))["errors"]]
+    parts = [told for part in found.combinations() if (told := _combination(part))["errors"]]
     if not parts:
         return []
     # options of which more than one value was tried
@@ -45,14 +45,14 @@ def sweep_tables(found: Sweep, readouts: Sequence[str]) -> list[TextTable]:
     seeds = len({row.seed for row in found.rows})
     keys = {"mean": "", "spread": "sd", "max": "max"} if seeds > 1 else {"mean": "", "max": "max"}
     header = ["source", *varied]
-    header += [shown or way for way in DIRECTIONS for shown in keys.values()]
+    header += [shown or way for way in _DIRECTIONS for shown in keys.values()]
     unit = ", ".join(dict.fromkeys(for_people(part["unit"])[1] for part in parts))
     tables = []
     for readout in readouts:
         rows = []
         for part in parts:
             factor, _ = for_people(part["unit"])
-            ways = [part["errors"][readout][way] for way in DIRECTIONS]
+            ways = [part["errors"][readout][way] for way in _DIRECTIONS]
             cells = [part["source"], *(written(part["options"].get(name)) for name in varied)]
             cells += [number(errors[key] * factor) for errors in ways for key in keys]
             rows.append([*cells, fixed(part["seconds"], 2)])
@@ -82,7 +82,7 @@ def document(found: Sweep, output: str | None) -> dict[str, Any]:
         "trainings": len(found),
         "failed": len(found.failed),
         "units": {"errors": "unit of the row", "seconds": "s"},
-        "combinations": [combination(part) for part in found.combinations()],
+        "combinations": [_combination(part) for part in found.combinations()],
         "rows": [
             fields(row, "source options seed seconds")
             # what a training that failed does not have, and the error of one that did not
@@ -92,13 +92,13 @@ def document(found: Sweep, output: str | None) -> dict[str, Any]:
     }
 
 
-def combination(part: Sequence[Trial]) -> dict[str, Any]:
+def _combination(part: Sequence[Trial]) -> dict[str, Any]:
     """Return what trainings gave that differ in their seed alone, those that failed left out."""
     # not NumPy's: what one command alone needs must not slow the others' start
     from statistics import fmean
 
     done = [row for row in part if not row.error]
-    errors = {r: {way: together(done, r, way) for way in DIRECTIONS} for r in READOUTS if done}
+    errors = {r: {way: together(done, r, way) for way in _DIRECTIONS} for r in READOUTS if done}
     return {
         "source": part[0].source,
         "options": part[0].options,

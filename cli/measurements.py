@@ -80,11 +80,11 @@ def log_of(model: Model, path: str | None, reading: Reading, notes: Notes) -> Sa
         refuse(vars(reading), "applies to a log: expected --data LOG too")
         return None
     log = log_for(model, path, reading, notes)
-    notes.say(doubt(model, log))
+    notes.say(_doubt(model, log))
     return log
 
 
-def doubt(model: Model, log: Samples) -> list[str]:
+def _doubt(model: Model, log: Samples) -> list[str]:
     """Return one line where a log is far from what a model predicts, none where it is near."""
     import numpy as np
 

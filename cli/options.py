@@ -13,7 +13,7 @@ from calib.common.choices import CAUSES, FRAMES, LOG_FRAMES, MAPS, MOTIONS, READ
 from . import parsing
 from .usage import argument, choice, flag, option
 
-Command = TypeVar("Command", bound=Callable[..., None])
+_Command = TypeVar("_Command", bound=Callable[..., None])
 
 _OF_TRAINING: dict[str, tuple[str, str, parsing.Reader[Any]]] = {
     "size": (
@@ -58,7 +58,7 @@ GRID: dict[str, Any] = {
     for name, (usage, text, read) in _OF_TRAINING.items()
 }
 
-SHARED: dict[str, Any] = {
+_SHARED: dict[str, Any] = {
     **{name: option(*row) for name, row in _OF_TRAINING.items()},
     "robot": argument("ROBOT", "A URDF file, or a bundled robot (calib robots)."),
     "model": argument("MODEL", "A model file, as written by calib train."),
@@ -156,15 +156,15 @@ OF_FRAMES: dict[str, Any] = {
 """Options of commands for which a turned sensor is not a turned arm."""
 
 
-def takes(**own: Any) -> Callable[[Command], Callable[..., None]]:
+def takes(**own: Any) -> Callable[[_Command], Callable[..., None]]:
     """Declare what a command takes: its own options, and the shared ones for other parameters.
 
     A parameter that is a dataclass stands for the options of its fields, which are typed one by one
     and given together.
     """
 
-    def declared(command: Command) -> Callable[..., None]:
-        known, taken, groups = SHARED, dict[str, Parameter](), dict[str, Any]()
+    def declared(command: _Command) -> Callable[..., None]:
+        known, taken, groups = _SHARED, dict[str, Parameter](), dict[str, Any]()
         # annotations are texts in these modules, and Typer looks at types
         for parameter in signature(command, eval_str=True).parameters.values():
             kind = parameter.annotation

@@ -8,8 +8,8 @@ from difflib import get_close_matches
 from functools import wraps
 from typing import TypeVar
 
-T = TypeVar("T")
-Reader = Callable[[str], T]
+_T = TypeVar("_T")
+Reader = Callable[[str], _T]
 
 
 class ReadingError(ValueError):
@@ -26,12 +26,12 @@ JointValue = tuple[str, float]  # a joint and a value of it [rad, m, or deg as t
 JointRange = tuple[str, float, float]  # a joint and the ends of a part of its range
 
 
-def expects(expected: str) -> Callable[[Reader[T]], Reader[T]]:
+def expects(expected: str) -> Callable[[Reader[_T]], Reader[_T]]:
     """Say what a reader expects: its plain ValueErrors become an `ReadingError` that tells it."""
 
-    def decorated(read: Reader[T]) -> Reader[T]:
+    def decorated(read: Reader[_T]) -> Reader[_T]:
         @wraps(read)
-        def told(text: str) -> T:
+        def told(text: str) -> _T:
             try:
                 return read(text)
             except ReadingError:
@@ -119,10 +119,10 @@ def kind_of_map(choices: Sequence[str]) -> Reader[str]:
     return read
 
 
-def several(read: Reader[T]) -> Reader[tuple[T, ...]]:
+def several(read: Reader[_T]) -> Reader[tuple[_T, ...]]:
     """Return a reader of values with commas between them."""
 
-    def read_all(text: str) -> tuple[T, ...]:
+    def read_all(text: str) -> tuple[_T, ...]:
         values = tuple(read(part.strip()) for part in text.split(","))
         if any(value in values[:k] for k, value in enumerate(values)):
             raise ReadingError(text, "each value once")

@@ -20,7 +20,7 @@ if TYPE_CHECKING:
     from calib.arm.arm import Arm
     from calib.samples.columns import Source
 
-SAMPLES = 20_000
+_SAMPLES = 20_000
 
 
 @dataclass(frozen=True)
@@ -166,7 +166,7 @@ def babbled_samples(
     except OptionError as error:
         raise BadOption(f"--{error}") from None
     shared: dict[str, Any] = {
-        "n": SAMPLES if babbling.samples is None else babbling.samples,
+        "n": _SAMPLES if babbling.samples is None else babbling.samples,
         "seed": seed,
         "noise": babbling.noise or 0.0,
         "changes": changes,

@@ -26,7 +26,7 @@ def summary(
         "joints": list(about.joint_names),
         "tip": about.tip or None,
         **({"plane": about.plane} if len(model.axes) == 2 else {}),
-        "view": view_of(model),
+        "view": _view_of(model),
         "map": about.options["map"],
         "rule": about.options["rule"],
         "size": {
@@ -43,7 +43,7 @@ def summary(
     }
 
 
-def view_of(model: Model) -> dict[str, Any]:
+def _view_of(model: Model) -> dict[str, Any]:
     """Return what the sensor measures as JSON: the kind of view and its fitted parameters.
 
     The kind is null where no body stands under the maps.

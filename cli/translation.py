@@ -15,7 +15,7 @@ _SAME = (
     "prismatic readout rule seed sensory_size sigma size since still tag tag_height tag_size "
     "tags_at time_offset tip tip_topic tolerance unit view weights"
 )
-OPTIONS = {name: f"--{name.replace('_', '-')}" for name in _SAME.split()} | {
+_OPTIONS = {name: f"--{name.replace('_', '-')}" for name in _SAME.split()} | {
     "changes": "--change",
     "log": "--data",
     "n": "--samples",
@@ -44,12 +44,12 @@ def as_typed(text: str) -> str:
 
 def option_of(parameter: str | None) -> str | None:
     """Return the option that sets a parameter, its own name where there is none."""
-    return None if parameter is None else OPTIONS.get(parameter, parameter)
+    return None if parameter is None else _OPTIONS.get(parameter, parameter)
 
 
 def _option(match: re.Match[str]) -> str:
     name, value = match[1], match[2]
-    option = OPTIONS.get(name)
+    option = _OPTIONS.get(name)
     if option is None:
         return match[0]
     if value is None:

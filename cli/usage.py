@@ -11,7 +11,7 @@ from calib.errors import OptionError
 
 from .parsing import Reader, ReadingError, finite_number, one_of
 
-T = TypeVar("T")
+_T = TypeVar("_T")
 
 
 class BadOption(typer.BadParameter):
@@ -113,8 +113,8 @@ def check_file(path: str) -> None:
     check_writable(path)
 
 
-def _parser(option: str, read: Reader[T]) -> Callable[[object], T]:
-    def parse(typed: object) -> T:  # a default that is no text comes here too
+def _parser(option: str, read: Reader[_T]) -> Callable[[object], _T]:
+    def parse(typed: object) -> _T:  # a default that is no text comes here too
         try:
             return read(str(typed))
         except ReadingError as error:

@@ -21,7 +21,7 @@ from .spatial_chain import SpatialChain
 
 _A = TypeVar("_A", bound="Arm")
 
-MIN_LENGTH = 1e-9
+_MIN_LENGTH = 1e-9
 """A link shorter than this [m] has no direction in which it could be lengthened."""
 
 _CACHED = 65_536  # rows whose intermediate arrays stay in the processor's cache
@@ -121,7 +121,7 @@ class Arm:
             raise OptionError(f"link length {length:g} m: expected a finite number, 0 or more")
         link, chain, own = self._links()[k], self.chain, self._own
         old = float(np.linalg.norm(link))
-        if old < MIN_LENGTH:
+        if old < _MIN_LENGTH:
             raise OptionError(
                 f"the link of joint {quoted(joint)} has no length: nothing can be stretched; "
                 "change another joint's link"
@@ -247,7 +247,7 @@ class PlanarArm(Arm):
         """Along the last link, or the plane's x axis where it has no length; left of it; normal."""
         along = self._links()[-1]
         length = float(np.linalg.norm(along))
-        along = along / length if length >= MIN_LENGTH else self.plane.x
+        along = along / length if length >= _MIN_LENGTH else self.plane.x
         return np.stack([along, np.cross(self.plane.normal, along), self.plane.normal])
 
 

@@ -22,8 +22,8 @@ from .tree import Joint, Urdf
 
 #: Joints that are chosen without being asked: at most so many, and none whose link is
 #: shorter than this share of the arm's reach.
-MOST_JOINTS = 3
-MIN_SHARE = 0.05
+_MOST_JOINTS = 3
+_MIN_SHARE = 0.05
 #: A candidate with less than this share of the best one's area is no rival to it.
 RIVAL = 0.5
 
@@ -193,7 +193,7 @@ def _planar_sets(path: list[Joint], posture: Posture) -> list[tuple[list[Joint],
 
 
 def _trim(members: list[Joint], normal: Array, tip: str, posture: Posture) -> Candidate | None:
-    """Leave out joints that hardly move the tip, and more than `MOST_JOINTS`."""
+    """Leave out joints that hardly move the tip, and more than `_MOST_JOINTS`."""
     members = list(members)
     while len(members) >= 2:
         stops = [*(posture.points[joint.name] for joint in members), posture.links[tip]]
@@ -204,8 +204,8 @@ def _trim(members: list[Joint], normal: Array, tip: str, posture: Posture) -> Ca
                 lower, upper = (0.0, 1.0) if limits_fault(joint) else full_range(joint)
                 levers[k] = max(levers[k], upper - lower)
         weakest = int(np.argmin(levers))
-        small = levers[weakest] < max(MIN_SHARE * levers.sum(), MIN_LEVER)
-        if not small and len(members) <= MOST_JOINTS:
+        small = levers[weakest] < max(_MIN_SHARE * levers.sum(), MIN_LEVER)
+        if not small and len(members) <= _MOST_JOINTS:
             # two links a, b sweep the ring pi ((a + b)^2 - (a - b)^2) = 4 pi a b
             pairs = combinations(levers, 2)
             return Candidate(tuple(members), tip, float(4 * np.pi * sum(a * b for a, b in pairs)))

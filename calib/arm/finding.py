@@ -32,7 +32,7 @@ from .posture import Posture
 from .ranges import Range, fixed_by_limits, full_range, limits_fault
 from .tree import Joint, Urdf
 
-Found = tuple[list[Joint], str, bool]
+_Found = tuple[list[Joint], str, bool]
 
 
 @dataclass(frozen=True)
@@ -47,7 +47,7 @@ class Choice:
     columns: Collection[str] | None
 
 
-def find_arm(urdf: Urdf, posture: Posture, choice: Choice) -> tuple[Found, list[str]]:
+def find_arm(urdf: Urdf, posture: Posture, choice: Choice) -> tuple[_Found, list[str]]:
     """Return active joints, tip and whether they are planar, and what to say about it.
 
     The chain that reaches furthest decides: if all of its joints move in one plane, the planar
@@ -65,15 +65,17 @@ def find_arm(urdf: Urdf, posture: Posture, choice: Choice) -> tuple[Found, list[
         excluded = excluded.union(idle)
     if choice.planar:
         return _planar(urdf, posture, choice, fixed, excluded)
-    chains = find_chains(urdf, posture, choice.tip, excluded)
+    chains = _find_chains(urdf, posture, choice.tip, excluded)
     if not chains:
-        explained = no_chain(urdf, choice.tip, choice.lock, choice.columns)
+        explained = _no_chain(urdf, choice.tip, choice.lock, choice.columns)
         raise explained or nothing_found(urdf, posture, choice.tip, choice.lock, fixed)
     first = chains[0]
     if is_planar(urdf, posture, first.joints, first.tip) or in_line(first.joints, posture):
         return _planar(urdf, posture, choice, fixed, excluded)
     # a log was measured on one of them only; in simulation the first serves
-    chosen, note = choose(chains, 1 - EQUAL, "arms of one reach", strict=choice.columns is not None)
+    chosen, note = choose(
+        chains, 1 - _EQUAL, "arms of one reach", strict=choice.columns is not None
+    )
     notes = [note] if note else []
     unlogged = [joint.name for joint in urdf.path(chosen.tip) if joint.name in idle]
     if unlogged:
@@ -102,7 +104,7 @@ def in_line(joints: Sequence[Joint], posture: Posture) -> bool:
 
 def _planar(
     urdf: Urdf, posture: Posture, choice: Choice, fixed: Collection[str], excluded: Collection[str]
-) -> tuple[Found, list[str]]:
+) -> tuple[_Found, list[str]]:
     candidates = find_candidates(urdf, posture, choice.tip, excluded)
     if not candidates:
         raise nothing_found(urdf, posture, choice.tip, choice.lock, fixed)
@@ -116,14 +118,14 @@ def _planar(
 MOST_JOINTS = 7
 #: What lies beyond a joint of a branching link is a finger if it is shorter than this share of
 #: the way from the first joint up to it.
-FINGER = 0.35
+_FINGER = 0.35
 #: Chains whose reach differs by less than this share are equals.
-EQUAL = 0.01
+_EQUAL = 0.01
 #: Last joints of these names open a hand and move no arm.
 _FINGER_NAME = re.compile(r"(gripper|finger|jaw|claw|thumb)(_(left|right|joint|\d+))*$", re.I)
 
 
-def find_chains(
+def _find_chains(
     urdf: Urdf, posture: Posture, tip: str | None, excluded: Collection[str]
 ) -> list[Candidate]:
     """Return the chains of two joints or more, the one that reaches furthest first.
@@ -147,7 +149,7 @@ def find_chains(
     ]
 
 
-def no_chain(
+def _no_chain(
     urdf: Urdf, tip: str | None, locked: Collection[str], columns: Collection[str] | None
 ) -> RobotError | None:
     """Explain that no two joints of a chain are among a log's columns, or None."""
@@ -178,7 +180,7 @@ def _arm_tip(urdf: Urdf, posture: Posture, joint: Joint) -> str:
         end = find_tip(urdf, other.parent)
         if end != tip and other not in urdf.path(end):
             before = _reach(path[:k], other.parent, posture)
-            if _reach(path[k:], tip, posture) < FINGER * before:
+            if _reach(path[k:], tip, posture) < _FINGER * before:
                 return end
     return tip
 

@@ -13,10 +13,10 @@ from .spatial_chain import SpatialChain
 from .tree import Joint, Urdf
 
 #: The active joint that a mimic joint follows, its multiplier and its offset [rad or m].
-Following = Mapping[str, tuple[str, float, float]]
+_Following = Mapping[str, tuple[str, float, float]]
 
 
-def followers(urdf: Urdf, path: Sequence[Joint], active: Sequence[Joint]) -> Following:
+def followers(urdf: Urdf, path: Sequence[Joint], active: Sequence[Joint]) -> _Following:
     """Mimic joints on the way to the tip that follow an active joint, directly or through others.
 
     Returns the active joint, the multiplier and the offset of each.
@@ -41,7 +41,7 @@ def followers(urdf: Urdf, path: Sequence[Joint], active: Sequence[Joint]) -> Fol
 def folded(
     moving: Sequence[Joint],
     active: Sequence[Joint],
-    following: Following,
+    following: _Following,
     tip: str,
     posture: Posture,
     *masses: Array,
@@ -72,7 +72,7 @@ def folded(
 _HEAVIEST = 1e5
 
 
-def link_masses(text: str) -> dict[str, tuple[float, Array]]:
+def _link_masses(text: str) -> dict[str, tuple[float, Array]]:
     """Mass [kg] and centre (3,) [m], in the link's frame, of each link that states them.
 
     What is no positive finite number is left out: the file still describes a chain.
@@ -109,7 +109,7 @@ def carried(
     """
     order = {joint.name: k for k, joint in enumerate(joints)}
     masses, moments = np.zeros(len(joints)), np.zeros((len(joints), 3))
-    for link, (mass, centre) in link_masses(text).items():
+    for link, (mass, centre) in _link_masses(text).items():
         below = [order[joint.name] for joint in urdf.path(link) if joint.name in order]
         if not below or link not in posture.links:
             continue

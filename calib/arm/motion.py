@@ -98,19 +98,19 @@ def move(chain: SpatialChain, values: Array, moved: Deviations | None = None) ->
         position = position + turned(rotation, chain.points[i] - last + moved.shifts[i])
         last = chain.points[i]
         if moved.turns[i].any():
-            rotation = times(rotation, turns[i])
+            rotation = _times(rotation, turns[i])
         axes[i] = turned(rotation, chain.axes[i])
         origins[i] = position
         after.append(rotation)
         if chain.revolute[i]:
-            rotation = rotated(rotation, chain.axes[i], values[i])
+            rotation = _rotated(rotation, chain.axes[i], values[i])
         else:
             position = position + axes[i] * values[i]
         places[i] = position
         frames.append(rotation)
-    flange = times(frames[-1], chain.rotation)
+    flange = _times(frames[-1], chain.rotation)
     position = position + turned(frames[-1], chain.tip - last) + turned(flange, moved.tool)
-    tip = times(flange, exponential(moved.tool_turn))
+    tip = _times(flange, exponential(moved.tool_turn))
     return Motion(position, tip, origins, places, tuple(frames), tuple(after), axes, flange)
 
 
@@ -129,7 +129,7 @@ def turned(rotation: Array, vector: Array) -> Array:
     return np.asarray(rotation[:, 0] * x + rotation[:, 1] * y + rotation[:, 2] * z)
 
 
-def times(rotation: Array, matrix: Array) -> Array:
+def _times(rotation: Array, matrix: Array) -> Array:
     """Multiply many rotations (3, 3, n) by one matrix (3, 3) from the right."""
     out = np.empty_like(rotation)
     for k in range(3):  # no BLAS: it would round one row otherwise than many
@@ -137,12 +137,12 @@ def times(rotation: Array, matrix: Array) -> Array:
     return out
 
 
-def rotated(rotation: Array, axis: Array, angle: Array) -> Array:
+def _rotated(rotation: Array, axis: Array, angle: Array) -> Array:
     """Multiply rotations (3, 3, n) by turns about one constant unit axis by angles (n,)."""
     k = cross_matrix(axis)
     # Rodrigues: exp = 1 + sin(v) K + (1 - cos(v)) K^2 with K^2 = a a' - 1
     cosine, swung = np.cos(angle), 1.0 - np.cos(angle)
-    out = np.sin(angle) * times(rotation, k)
+    out = np.sin(angle) * _times(rotation, k)
     out += cosine * rotation
     out += (swung * turned(rotation, axis))[:, None] * axis[:, None]
     return out

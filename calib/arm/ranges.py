@@ -11,10 +11,10 @@ from ..errors import OptionError, RobotError
 from .tree import Joint
 
 #: A sliding joint that claims to travel further than this [m] states no usable limit.
-MAX_TRAVEL = 1_000.0
+_MAX_TRAVEL = 1_000.0
 #: Limits that exceed one turn or a range that exceeds its limits by less than this are
 #: rounding (3.1416, 1.5708), and are clipped in silence.
-ROUNDING = 1e-3
+_ROUNDING = 1e-3
 
 Range = tuple[float, float]
 
@@ -35,7 +35,7 @@ def limits_fault(joint: Joint) -> str | None:
         return f"its limits are inverted ({lower:g} > {upper:g})"
     if lower == upper:
         return f"its limits leave no room ({lower:g} to {upper:g})"
-    if not joint.revolute and not upper - lower <= MAX_TRAVEL:
+    if not joint.revolute and not upper - lower <= _MAX_TRAVEL:
         return f"its limits are unusable ({lower:g} to {upper:g} m)"
     return None
 
@@ -95,13 +95,13 @@ def checked_range(name: str, chosen: Range, limits: Range, unit: str) -> Range:
         raise OptionError(
             f"{shown}: expected two finite numbers, the lower one first [{unit}]", **fields
         )
-    if lower < limits[0] - ROUNDING or upper > limits[1] + ROUNDING:
+    if lower < limits[0] - _ROUNDING or upper > limits[1] + _ROUNDING:
         raise OptionError(
             f"{shown}: outside the joint's limits {limits[0]:.6g}:{limits[1]:.6g} [{unit}]",
             **fields,
         )
-    if unit == "m" and upper - lower > MAX_TRAVEL:
-        raise OptionError(f"{shown}: expected a travel of at most {MAX_TRAVEL:g} m", **fields)
+    if unit == "m" and upper - lower > _MAX_TRAVEL:
+        raise OptionError(f"{shown}: expected a travel of at most {_MAX_TRAVEL:g} m", **fields)
     return max(lower, limits[0]), min(upper, limits[1])
 
 
@@ -115,7 +115,7 @@ def cut_to_one_turn(chosen: Range) -> tuple[Range, bool]:
         return chosen, False
     # the turn around 0 where the range holds it, else the end that is nearest to 0
     centre = min(max(0.0, lower + TURN / 2), upper - TURN / 2)
-    return (centre - TURN / 2, centre + TURN / 2), upper - lower > TURN + ROUNDING
+    return (centre - TURN / 2, centre + TURN / 2), upper - lower > TURN + _ROUNDING
 
 
 def notes_of_turns(cut: Mapping[str, Range]) -> list[str]:

@@ -19,7 +19,7 @@ from .tree import MOVABLE, Joint, Mimic, Urdf, Vector
 
 MAX_BYTES = 50_000_000
 MAX_JOINTS = 1_000  # Pinocchio recurses along the chain and overflows its stack beyond
-MAX_OFFSET = 1e6  # [m]; further out a double has no micrometres left
+_MAX_OFFSET = 1e6  # [m]; further out a double has no micrometres left
 _LONGEST_AXIS = 1e6  # Pinocchio squares it
 
 _NUMBER = re.compile(r"[+-]?(\d+\.?\d*|\.\d+)([eE][+-]?\d+)?")
@@ -157,10 +157,10 @@ def _read_joint(node: ET.Element, links: set[str], notes: list[str]) -> Joint:
     origin = node.find("origin")
     xyz = _vector(origin, "xyz", where, (0.0, 0.0, 0.0))
     rpy = _vector(origin, "rpy", where, (0.0, 0.0, 0.0))
-    if max(map(abs, xyz)) > MAX_OFFSET:
+    if max(map(abs, xyz)) > _MAX_OFFSET:
         raise RobotError(
             f"{where}: origin xyz reaches {max(map(abs, xyz)):g} m, expected at most "
-            f"{MAX_OFFSET:g} m: URDF placements are in metres"
+            f"{_MAX_OFFSET:g} m: URDF placements are in metres"
         )
     axis = (1.0, 0.0, 0.0)
     if kind != "fixed":

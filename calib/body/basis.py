@@ -13,12 +13,12 @@ from numpy.typing import NDArray
 
 from ..common.arrays import Array
 
-Exponents = NDArray[np.int_]
+_Exponents = NDArray[np.int_]
 
 _GRID = 400  # places over which harmonics are made orthogonal
 
 
-def exponents(dim: int, degree: int) -> Exponents:
+def exponents(dim: int, degree: int) -> _Exponents:
     """Exponents of all terms of total degree <= `degree`, (terms, dim), lowest first."""
     terms: list[tuple[int, ...]] = []
     for total in range(degree + 1):
@@ -53,7 +53,7 @@ class Basis:
     each: int = 0
 
     @cached_property
-    def orders(self) -> Exponents:
+    def orders(self) -> _Exponents:
         """Index of the one-dimensional function of each term and coordinate, (terms, d)."""
         rows = []
         terms = exponents(len(self.turns), self.degree)
@@ -76,7 +76,7 @@ class Basis:
         return int(np.count_nonzero(self.totals <= degree))
 
     @cached_property
-    def totals(self) -> Exponents:
+    def totals(self) -> _Exponents:
         """Total degree of each term, (terms,)."""
         harmonic = np.array(self.turns) > 0
         total = np.where(harmonic, (self.orders + 1) // 2, self.orders).sum(axis=1)

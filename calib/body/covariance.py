@@ -17,7 +17,7 @@ RADIUS_95 = 2.448
 
 _LAGS = 60  # rows that an autocorrelation is followed over
 
-Packed = NDArray[np.float32]
+_Packed = NDArray[np.float32]
 
 
 def radius_95(covariance: Array) -> Array:
@@ -71,7 +71,7 @@ def root_of(covariance: Array) -> Array:
     return np.asarray(root * deviations[:, None])
 
 
-def pack(root: Array) -> Packed:
+def pack(root: Array) -> _Packed:
     """Upper triangular root (k (k + 1) / 2,), row by row, of the covariance of a root (k, r)."""
     upper, k = root.T, len(root)
     if upper.shape != (k, k) or np.tril(upper, -1).any():
@@ -81,7 +81,7 @@ def pack(root: Array) -> Packed:
     return upper[np.triu_indices(k)].astype(np.float32)
 
 
-def unpack(packed: Packed, size: int) -> Array:
+def unpack(packed: _Packed, size: int) -> Array:
     """The lower triangular root (size, size) that was packed."""
     upper = np.zeros((size, size))
     upper[np.triu_indices(size)] = packed

@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 from ..common.arrays import Array
 
 HARMONICS = 48
-WIDTH = 20.0
+_WIDTH = 20.0
 _FLOOR = 0.003
 
 ORDERS = np.arange(1, HARMONICS + 1)
@@ -25,15 +25,15 @@ _KNOTS = 2048
 
 _PER_RADIAN = _KNOTS / (2 * math.pi)
 
-Row = tuple[float, float, float, float, float, float]
+_Row = tuple[float, float, float, float, float, float]
 
 
 def curve_shape(*more: float) -> Array:
     """Relative prior variances (96,) of the cosines, then the sines; their mean is 1.
 
-    `more` are the widths [waves a turn] of further Gaussians beside that of `WIDTH`.
+    `more` are the widths [waves a turn] of further Gaussians beside that of `_WIDTH`.
     """
-    widths = np.array([WIDTH, *more])[:, None]
+    widths = np.array([_WIDTH, *more])[:, None]
     shape = np.exp(-((ORDERS / widths) ** 2) / 2).sum(axis=0) + _FLOOR
     return np.tile(shape / shape.mean(), 2)
 
@@ -72,7 +72,7 @@ def curve_rms(coefficients: Array) -> float:
     return float(np.sqrt((coefficients**2).sum() / 2))
 
 
-def curve_table(coefficients: Array) -> list[Row] | None:
+def curve_table(coefficients: Array) -> list[_Row] | None:
     """Coefficients of a quintic for each interval of a turn, in the interval's units.
 
     They share value, slope and curvature with the curve at both ends (Hermite); None for no curve.
@@ -92,7 +92,7 @@ def curve_table(coefficients: Array) -> list[Row] | None:
     return [tuple(row) for row in rows.tolist()]
 
 
-def in_table(table: list[Row], value: float) -> float:
+def in_table(table: list[_Row], value: float) -> float:
     """The curve [rad] at one joint value."""
     u = value * _PER_RADIAN
     k = math.floor(u)
@@ -101,7 +101,7 @@ def in_table(table: list[Row], value: float) -> float:
     return c0 + u * (c1 + u * (c2 + u * (c3 + u * (c4 + u * c5))))
 
 
-def in_table_with_slope(table: list[Row], value: float) -> tuple[float, float]:
+def in_table_with_slope(table: list[_Row], value: float) -> tuple[float, float]:
     """The curve [rad] and its derivative at one joint value."""
     u = value * _PER_RADIAN
     k = math.floor(u)

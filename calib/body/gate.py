@@ -36,7 +36,7 @@ class Passed:
         return (self.fit.evidence - max(other)) / self.fit.autocorrelation if other else 0.0
 
 
-def wins(richer: Passed, simpler: Passed) -> bool:
+def _wins(richer: Passed, simpler: Passed) -> bool:
     """Whether a richer member is better in both currencies.
 
     Either its held-out score gains more than one paired standard error over the blocks and the
@@ -120,7 +120,7 @@ def pass_gate(
             continue
         tried[name] = made.evidence
         candidate = Passed(name, free, made, held, tried)
-        if best is None or wins(candidate, best):
+        if best is None or _wins(candidate, best):
             best = candidate
         if enough(made):
             break

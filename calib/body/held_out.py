@@ -19,7 +19,7 @@ _WORK = 5e5
 
 _PARTITIONS = (2, 5, 10)
 
-FEW = 20
+_FEW = 20
 """Rows that a 95 % quantile needs at least."""
 
 _OUTLIER = 0.1
@@ -58,13 +58,13 @@ class HeldOut:
         found = []
         for ratio in self.ratios.values():
             known = ratio[np.isfinite(ratio) & self.common]
-            if len(known) > FEW:
+            if len(known) > _FEW:
                 found.append(float(np.quantile(known, 0.95)))
         finest = np.where(self.common, self.ratios[max(self.ratios)], np.nan)
         single = [
             np.nanquantile(part, 0.95)
             for part in np.split(finest, self.edges[1:-1])
-            if np.isfinite(part).sum() > FEW
+            if np.isfinite(part).sum() > _FEW
         ]
         if len(single) > 1:
             found.append(float(np.mean(single) + np.std(single)))

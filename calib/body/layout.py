@@ -11,9 +11,9 @@ import numpy as np
 from .curves import HARMONICS
 from .structure import Indices, Label
 
-AXES = ("x", "y", "z")
+_AXES = ("x", "y", "z")
 
-Part = tuple[str | None, str, str]
+_Part = tuple[str | None, str, str]
 """Joint, name and unit of a parameter; ``"position"``, ``"length"`` and ``"tilt"`` stand for units
 that depend on the sensor."""
 
@@ -21,7 +21,7 @@ that depend on the sensor."""
 class Layout:
     """Indices of groups of parameters that follow each other."""
 
-    def __init__(self, parts: Mapping[str, Sequence[Part]]) -> None:
+    def __init__(self, parts: Mapping[str, Sequence[_Part]]) -> None:
         self.labels = tuple(Label(group, *part) for group, own in parts.items() for part in own)
         groups: dict[str, Indices] = {}
         start = 0
@@ -90,11 +90,13 @@ class SpatialLayout(Layout):
         frame = {"view.rotation": "rad", "view.shift": "position"}
         tool = {"tool": "m", "tool.rotation": "rad"}
         lens = {"focal": "px", "centre.u": "px", "centre.v": "px", "k1": "1"}
-        places = list(product((("shift", "m"), ("turn", "rad")), AXES))
+        places = list(product((("shift", "m"), ("turn", "rad")), _AXES))
         units = ["rad" if turns else "m" for turns in revolute]
 
-        def along_axes(groups: Mapping[str, str]) -> dict[str, list[Part]]:
-            return {g: [(None, f"{g}.{axis}", unit) for axis in AXES] for g, unit in groups.items()}
+        def along_axes(groups: Mapping[str, str]) -> dict[str, list[_Part]]:
+            return {
+                g: [(None, f"{g}.{axis}", unit) for axis in _AXES] for g, unit in groups.items()
+            }
 
         super().__init__(
             along_axes(frame)

@@ -17,9 +17,9 @@ if TYPE_CHECKING:
     from .spatial import SpatialStructure
 
 #: A median residual beyond this share of the pixels' extent is no calibration error.
-PIXELS = 0.05
+_PIXELS = 0.05
 #: A median turn [rad] beyond which orientations are not those of the joints.
-TURNS = 0.3
+_TURNS = 0.3
 
 
 def refuse_pixels(body: Body, q: Array, pixels: Array) -> None:
@@ -30,7 +30,7 @@ def refuse_pixels(body: Body, q: Array, pixels: Array) -> None:
     structure: Any = body.structure
     extent = float(np.linalg.norm(pixels - pixels.mean(axis=0), axis=1).mean())
     left = _median(pixels - body.predict(q))
-    if left < PIXELS * extent:
+    if left < _PIXELS * extent:
         return
     mirrored = pixels * (-1, 1) + (2 * structure.lens[1], 0)
     rest = _median(mirrored - structure.predict(q, frame(structure, q, mirrored)))
@@ -64,7 +64,7 @@ def refuse_turns(structure: SpatialStructure, q: Array, x: Array, quaternions: A
         return _median(logarithm(seen @ np.swapaxes(turn @ nominal @ y, 1, 2)))
 
     left = rest(quaternions)
-    if left < TURNS:
+    if left < _TURNS:
         return
     _refuse(
         left,

@@ -25,7 +25,7 @@ from .nominal import Nominal
 from .structure import Indices, Structure
 from .words import planar_words
 
-Complex = NDArray[np.complex128]
+_Complex = NDArray[np.complex128]
 
 
 @dataclass(frozen=True)
@@ -91,7 +91,7 @@ class PlanarStructure(Structure):
                 theta[:, i] += curve_value(q[:, i], beta[ix])
         return signed, sums, theta
 
-    def terms(self, signed: Array, theta: Array, beta: Array) -> tuple[Complex, Complex]:
+    def terms(self, signed: Array, theta: Array, beta: Array) -> tuple[_Complex, _Complex]:
         """Directions and terms of the chain, each (n, dof) complex."""
         lay = self.layout
         direction = np.exp(1j * np.cumsum(theta, axis=1))  # a slide's own direction is added below
@@ -103,14 +103,14 @@ class PlanarStructure(Structure):
             reach[:, ix] += signed[:, ix] * beta[lay.gain[ix]] * self.slide
         return direction, direction * reach
 
-    def moved(self, q: Array, beta: Array) -> tuple[Array, Array, Complex, Complex, Complex]:
+    def moved(self, q: Array, beta: Array) -> tuple[Array, Array, _Complex, _Complex, _Complex]:
         """Signed joint values, their sums, directions, terms, and dp / d theta; each (n, dof)."""
         signed, sums, theta = self.angles(q, beta)
         direction, terms = self.terms(signed, theta, beta)
         # a joint turns all that comes after it about its own place
         return signed, sums, direction, terms, 1j * np.cumsum(terms[:, ::-1], axis=1)[:, ::-1]
 
-    def chain(self, q: Array, beta: Array) -> Complex:
+    def chain(self, q: Array, beta: Array) -> _Complex:
         """Tip (n,) of the chain in its own frame, as complex numbers."""
         signed, _, theta = self.angles(q, beta)
         return np.asarray(self.terms(signed, theta, beta)[1].sum(axis=1))
@@ -138,7 +138,7 @@ class PlanarStructure(Structure):
         signed, sums, direction, terms, turned = self.moved(q, beta)
         z, view, out = planar_view.columns(self, terms.sum(axis=1), beta, place, len(active))
 
-        def put(ix: Indices, columns: Complex) -> None:
+        def put(ix: Indices, columns: _Complex) -> None:
             where = place[ix]
             columns, where = columns[:, where >= 0], where[where >= 0]
             for m in range(2):

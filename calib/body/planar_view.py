@@ -22,7 +22,7 @@ from .structure import Indices
 if TYPE_CHECKING:
     from .planar import PlanarStructure
 
-Complex = NDArray[np.complex128]
+_Complex = NDArray[np.complex128]
 
 
 def turned(beta: Array) -> Array:
@@ -39,31 +39,31 @@ def matrix(beta: Array, mirror: int) -> Array:
     return out
 
 
-def seen(structure: PlanarStructure, p: Complex, beta: Array) -> Array:
+def seen(structure: PlanarStructure, p: _Complex, beta: Array) -> Array:
     """Sensor positions (n, 2) of tips (n,) given as complex numbers."""
     x = np.stack([p.real, p.imag], axis=1)
     y = x @ matrix(beta, structure.mirror).T
     if beta[6] or beta[7]:
         y /= (1 + x @ beta[6:8])[:, None]
     z = y + beta[4:6]
-    return through_lens(structure, z, beta) if beta[8] else z
+    return _through_lens(structure, z, beta) if beta[8] else z
 
 
-def from_centre(structure: PlanarStructure, z: Array, beta: Array) -> Array:
+def _from_centre(structure: PlanarStructure, z: Array, beta: Array) -> Array:
     """Positions (n, 2) from the lens's centre, in its own size."""
     return np.asarray((z - structure.centre) / structure.size_of_lens - beta[9:11])
 
 
-def through_lens(structure: PlanarStructure, z: Array, beta: Array) -> Array:
+def _through_lens(structure: PlanarStructure, z: Array, beta: Array) -> Array:
     """Positions (n, 2) as the lens shows them."""
-    u = from_centre(structure, z, beta)
+    u = _from_centre(structure, z, beta)
     r2 = (u**2).sum(axis=1, keepdims=True)
     slope, ratio, _ = structure.seen_as.bend(float(beta[8]), r2)
     return np.asarray(z + structure.size_of_lens * slope * ratio * u)
 
 
 def columns(
-    structure: PlanarStructure, p: Complex, beta: Array, place: Indices, k: int
+    structure: PlanarStructure, p: _Complex, beta: Array, place: Indices, k: int
 ) -> tuple[Array, Array, Array]:
     """Positions, their derivative (n, 2, 2) by the tip, and (n, 2, k) with the view's columns.
 
@@ -95,7 +95,7 @@ def columns(
         7: -y * (x[:, 1:] / depth[:, None]),
     }
     z = y + beta[4:6]
-    u = from_centre(structure, z, beta)
+    u = _from_centre(structure, z, beta)
     r2 = (u**2).sum(axis=1)
     slope, ratio, by_k = structure.seen_as.bend(float(beta[8]), r2)
     slope = np.reshape(slope, (-1, 1, 1))
@@ -111,5 +111,5 @@ def columns(
     for axis in range(2):
         if place[9 + axis] >= 0:
             out[:, :, place[9 + axis]] = (-size * slope * grow)[:, :, axis]
-    z = through_lens(structure, z, beta) if bent else z
+    z = _through_lens(structure, z, beta) if bent else z
     return z, lens @ view if bent else view, out

@@ -20,7 +20,7 @@ if TYPE_CHECKING:
     from .planar import PlanarStructure
     from .spatial import SpatialStructure
 
-Ladder = tuple[tuple[str, tuple[str, ...]], ...]
+_Ladder = tuple[tuple[str, tuple[str, ...]], ...]
 
 FREE = 1e3
 """A prior sd of a thousand extents or radians: flat."""
@@ -82,7 +82,7 @@ class GrowingPrior:
         return Prior(self.mean, self.sd, tuple(self._hypers))
 
 
-def planar_members(structure: PlanarStructure) -> Ladder:
+def planar_members(structure: PlanarStructure) -> _Ladder:
     """Members of the gate from simple to rich: a name and the groups that it fits."""
     frame = structure.seen_as.groups
     chain = (*frame, "length", "offset", "gain")
@@ -183,7 +183,7 @@ def frame_groups(structure: SpatialStructure) -> tuple[str, ...]:
     return (*groups, "lens") if structure.camera and any(structure.lens_sd) else groups
 
 
-def spatial_members(structure: SpatialStructure) -> Ladder:
+def spatial_members(structure: SpatialStructure) -> _Ladder:
     """Members of the gate from simple to rich: a name and the groups that it fits."""
     frame = frame_groups(structure)
     chain = (*frame, "placement")

@@ -28,7 +28,7 @@ _INNER = 2
 _PROBES, _ALIKE = 30, 1.1
 """Rows whose predicted variances are compared, and by how much they may differ."""
 
-SETTLED = 3e-3
+_SETTLED = 3e-3
 """A change of the noise and of every scale by less than this share ends them earlier."""
 
 _DAMPINGS = 10.0 ** np.arange(-6, 3)
@@ -137,7 +137,7 @@ class Search:
                 ]
             before = self._levels()
             self._learn(start + delta, delta, variance, used)
-            if np.abs(self._levels() - before).max() < SETTLED:
+            if np.abs(self._levels() - before).max() < _SETTLED:
                 break
         return delta, variance
 

@@ -22,7 +22,7 @@ from .structure import Indices
 _TELLING = 0.8
 """Share of a position's spread below which it is told what is left without the gauge."""
 
-SENSOR = ("view.rotation", "view.shift", "view.scale", "lens")
+_SENSOR = ("view.rotation", "view.shift", "view.scale", "lens")
 """Groups of parameters that are the sensor's."""
 
 _UNSURE = 0.1
@@ -189,7 +189,7 @@ def without_gauge(structure: Any, belief: Body | Second, size: bool) -> Array:
 
 def sensor_of(structure: Any) -> Indices:
     """Indices of the sensor's parameters."""
-    return np.concatenate([structure.groups[name] for name in SENSOR])
+    return np.concatenate([structure.groups[name] for name in _SENSOR])
 
 
 def without_sensor(structure: Any, beta: Array) -> tuple[Any, Array]:

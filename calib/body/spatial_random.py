@@ -28,7 +28,7 @@ FIRST, _LAST, _KEPT = 40, 80, 4
 #: So many starts that end alike, to this cost, need no others.
 _AGREE, _SAME = 4, 0.5
 #: Rows that they are fitted to.
-ROWS = 150
+_ROWS = 150
 
 
 def unknown_structure(
@@ -70,7 +70,7 @@ def unknown_structure(
 
 def chains(structure: SpatialStructure, q: Array, z: Array) -> Sequence[tuple[Structure, Array]]:
     """Chains that fit rows, the best first: structures at whose origins the parameters are zero."""
-    rows = thinned(len(q), ROWS)
+    rows = thinned(len(q), _ROWS)
     q, z = q[rows], z[rows]
     rng = np.random.default_rng(0)
     free = structure.prior(("placement", "tool"))
@@ -78,7 +78,7 @@ def chains(structure: SpatialStructure, q: Array, z: Array) -> Sequence[tuple[St
     for _ in range(_STARTS):
         drawn = _drawn(structure, z, rng)
         beta, cost, _ = settle(drawn, q, z, drawn.neutral(), free, FIRST)
-        tried.append((cost, absorbed(drawn, beta)))
+        tried.append((cost, _absorbed(drawn, beta)))
         best = min(other for other, _ in tried)
         if sum(other < best + _SAME for other, _ in tried) >= _AGREE:
             break
@@ -86,12 +86,12 @@ def chains(structure: SpatialStructure, q: Array, z: Array) -> Sequence[tuple[St
     found: list[tuple[float, SpatialStructure]] = []
     for _, each in tried[:_KEPT]:
         beta, cost, _ = settle(each, q, z, each.neutral(), free, _LAST)
-        found.append((cost, absorbed(each, beta)))
+        found.append((cost, _absorbed(each, beta)))
     found.sort(key=lambda pair: pair[0])
     return [(each, each.neutral()) for _, each in found[:2]]
 
 
-def absorbed(structure: SpatialStructure, beta: Array) -> SpatialStructure:
+def _absorbed(structure: SpatialStructure, beta: Array) -> SpatialStructure:
     """Return the structure whose nominal chain is where `beta` puts origins and tip."""
     still = move(structure.chain, np.zeros((structure.chain.joints, 1)), structure.deviations(beta))
     axes = still.axes[..., 0] / np.linalg.norm(still.axes[..., 0], axis=1, keepdims=True)

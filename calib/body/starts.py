@@ -11,7 +11,7 @@ from .normal import Factor, slices, with_prior
 from .search import Search
 from .structure import Prior, Structure
 
-ROWS = 400
+_ROWS = 400
 """Rows that the runs use at most."""
 
 _KEPT = 8
@@ -19,13 +19,13 @@ _KEPT = 8
 
 _NU = 6.0
 
-SETTLED = 1e-3
+_SETTLED = 1e-3
 """Share of a parameter's own sd below which a step ends a run."""
 
 _RIVAL = 2.0
 """A rival's residuals are at most this many times the best start's."""
 
-APART = 0.05
+_APART = 0.05
 """Two starts are different arms where they differ by this share of the extents."""
 
 _ASKED = 100
@@ -55,8 +55,8 @@ def best_starts(
     free : groups that the runs fit; the gate's chain
     """
     box = q.min(axis=0), np.ptp(q, axis=0)
-    if len(q) > ROWS:
-        rows = np.sort(np.random.default_rng(0).permutation(len(q))[:ROWS])
+    if len(q) > _ROWS:
+        rows = np.sort(np.random.default_rng(0).permutation(len(q))[:_ROWS])
         q, z = q[rows], z[rows]
     found = structure.starts(q, z)
     if len(found) == 1:  # nothing to choose from: the gate goes on from here
@@ -78,7 +78,7 @@ def best_starts(
         if run.noise > _RIVAL * best.noise or not np.isfinite(run.cost):
             break
         apart = best.structure.residual(there, run.structure.predict(ask, run.beta))
-        if float(np.abs(apart / best.structure.extents).max()) > max(APART, 20 * best.noise):
+        if float(np.abs(apart / best.structure.extents).max()) > max(_APART, 20 * best.noise):
             return best, run
     return (best,)
 
@@ -101,7 +101,7 @@ def settle(
 ) -> tuple[Array, float, float]:
     """Fit some parameters by robust Levenberg-Marquardt steps from `beta`.
 
-    A step below `SETTLED` sd ends them.
+    A step below `_SETTLED` sd ends them.
 
     Returns beta : (d,)
     Returns cost : negative log posterior with Student noise, of which the scale was fitted
@@ -132,7 +132,7 @@ def settle(
             else:
                 break
             search.beta, search.r, damping = beta, r, max(damping / 10, 1e-12)
-            if float((np.abs(delta) * np.sqrt(diagonal)).max()) < SETTLED:
+            if float((np.abs(delta) * np.sqrt(diagonal)).max()) < _SETTLED:
                 break
         search.noise = _spread(search.r, structure.extents, search.blocks)
         cost = search.objective(search.beta, search.r)

@@ -13,7 +13,7 @@ from ..common.scale import TURN, Scale
 from .basis import Basis, largest_degree, largest_harmonic
 from .trend import Trend
 
-Folds = list[NDArray[np.intp]]
+_Folds = list[NDArray[np.intp]]
 
 _TERMS = (90, 300)  # most functions of two joints, of more
 _RIGID = 2200  # most functions of a chain of rigid links: seven joints that turn
@@ -39,7 +39,7 @@ class _Moments:
     folds: list[tuple[Array, Array]]
 
     @staticmethod
-    def of(basis: Basis, u: Array, x: Array, folds: Folds) -> _Moments:
+    def of(basis: Basis, u: Array, x: Array, folds: _Folds) -> _Moments:
         parts = []
         for rows in folds:
             if len(basis.orders) > _LARGE:  # four rows a term are enough
@@ -76,7 +76,7 @@ class _Moments:
     def _solved(self) -> dict[tuple[int, float, int | None], Array]:
         return {}
 
-    def errors(self, x: Array, folds: Folds) -> dict[tuple[int, float], Array]:
+    def errors(self, x: Array, folds: _Folds) -> dict[tuple[int, float], Array]:
         """Mean distance in each held-out fold for each (degree, ridge)."""
         large = len(self.basis.orders) > _LARGE
         degrees = [self.basis.degree] if large else range(1, self.basis.degree + 1)
@@ -93,7 +93,7 @@ class _Moments:
 
 
 def choose_trends(
-    scale: Scale, turning: tuple[bool, ...], u: Array, x: Array, folds: Folds
+    scale: Scale, turning: tuple[bool, ...], u: Array, x: Array, folds: _Folds
 ) -> list[TrendChoice]:
     """Fit the simplest trends that predict held-out folds as well as the best, or nearly.
 

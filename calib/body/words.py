@@ -17,7 +17,7 @@ if TYPE_CHECKING:
     from .spatial import SpatialStructure
 
 
-def tilt_angle(structure: PlanarStructure, beta: Array) -> float:
+def _tilt_angle(structure: PlanarStructure, beta: Array) -> float:
     """Angle [rad] at which a sensor looks at the plane's middle, 0 from straight above.
 
     A circle around the mean position is seen as an ellipse whose axes have the ratio of the
@@ -68,7 +68,7 @@ def planar_words(structure: PlanarStructure, beta: Array, sd: Array) -> tuple[st
         lines.append(f"elasticity {rms:.2f} mrad rms")
     if structure.seen_as.tilted:
         lines.append(
-            f"camera tilted {np.degrees(tilt_angle(structure, beta)):.0f} deg (line of sight)"
+            f"camera tilted {np.degrees(_tilt_angle(structure, beta)):.0f} deg (line of sight)"
         )
     if structure.mirror != (structure.nominal.mirror if structure.nominal else 1):
         lines.append("the sensor sees the plane mirrored")

@@ -21,11 +21,11 @@ from .members import ANYWHERE, CREEP, NOTHING, Member, anywhere, drift, freedom,
 from .reference import Reference
 from .rows import EXPLAINED_ROWS, Log, Spectrum, spectrum
 
-MARGIN = 5.0
+_MARGIN = 5.0
 """Nats by which a change must be better than none.  A body that was only simulated has never seen
 how far an arm is from it: any size of what its members leave over is as likely."""
 
-OWN = ((1.0, CREEP), (4.0, CREEP), (1.0, 0.7), (16.0, CREEP), (1.0, 4.0))
+_OWN = ((1.0, CREEP), (4.0, CREEP), (1.0, 0.7), (16.0, CREEP), (1.0, 4.0))
 """What a log may show beyond every member, of unknown size: times the usual size of the smooth
 residual, and the joints' waves over their prior.  With the least alone, waves of 2 mrad along a
 line were taken for lengths and a lens.  Each is as likely before: a prior uniform in the logarithm
@@ -65,7 +65,7 @@ class Explanation:
     @property
     def unchanged(self) -> bool:
         """Whether it says that the arm and its sensor are as they were."""
-        return self.member == NOTHING and (self.factor, self.waves) in OWN[:_USUAL]
+        return self.member == NOTHING and (self.factor, self.waves) in _OWN[:_USUAL]
 
 
 def explain(
@@ -109,9 +109,9 @@ class _Search:
         found: list[Explanation] = []
         leader: tuple[Explanation, Factor] | None = None
         reference = self.reference
-        for own in OWN:
+        for own in _OWN:
             space = spectrum(reference, self.log, drift(reference.body, own[1]), own[0])
-            if own == OWN[0]:
+            if own == _OWN[0]:
                 first, _ = self._fit(self.richest, space, own)
                 rest = space.rest(space.turn(first.residual), first.noise)
                 self.temper = max(self.temper, autocorrelation_time(rest))
@@ -183,7 +183,7 @@ class _Search:
         beta, residual = point.beta, point.residual
         y, j = space.turn(residual), space.turn_columns(point.x)
         noise = space.noise(y)
-        tried = own != OWN[0] and member != self.richest
+        tried = own != _OWN[0] and member != self.richest
         for _ in range(_STEPS if len(free) else 0):
             precision = 1.0 / ((space.values + noise**2) * self.temper)
             factor = _information(j, precision)
@@ -226,10 +226,10 @@ class _Search:
         fit = likelihood - 0.5 * float(away @ away)
         evidence = fit - 0.5 * factor.log_determinant()
         simulated = self.reference.body.simulated
-        free_of_charge = member == NOTHING and (own in OWN[:_USUAL] or simulated)
+        free_of_charge = member == NOTHING and (own in _OWN[:_USUAL] or simulated)
         made = Explanation(
             member, *own, origin, beta, np.zeros(len(beta)), sd, evidence, fit, noise, self.temper,
-            residual, 0.0 if free_of_charge else MARGIN,
+            residual, 0.0 if free_of_charge else _MARGIN,
         )  # fmt: skip
         return made, factor
 
@@ -258,7 +258,7 @@ def changed(found: tuple[Explanation, ...]) -> bool:
     """Whether something else than nothing explains the log, by the margin."""
     best = max(found, key=lambda e: e.evidence - e.margin)
     nothing = [e.evidence for e in found if e.unchanged]
-    return not nothing or best.evidence > max(nothing) + MARGIN
+    return not nothing or best.evidence > max(nothing) + _MARGIN
 
 
 def unusual(found: tuple[Explanation, ...]) -> float:

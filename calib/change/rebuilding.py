@@ -36,7 +36,7 @@ from .reference import carried_offset
 _TAIL = 3.0  # 95 % quantile over median; of Gaussian noise in the plane it is 2.1
 _MOST = 0.5  # of the rows beyond a 95 % bound: it does not hold for their arm
 
-Value = Callable[[Array], Array]
+_Value = Callable[[Array], Array]
 """Positions (n, m) at points (n, dof) of the unit box."""
 
 _PER_NODE = 5
@@ -61,7 +61,7 @@ def rebuilt(found: Comparison, body: Body, own: OwnResidual | None, *, anew: boo
         predicted = body.predict(q) + added
         return predicted if own is None else predicted + own.value(q)
 
-    fresh = carry(model, body if model.body is not None else None, value)
+    fresh = _carry(model, body if model.body is not None else None, value)
     u = np.clip(fresh.motor.units, 0.0, 1.0)
     nodes = scale.from_unit(u)
     if model.body is not None:
@@ -134,7 +134,7 @@ def elsewhere(found: Comparison, made: Adaptation, fresh: Model) -> str:
     )
 
 
-def carry(model: Model, body: Body | None, value: Value) -> Model:
+def _carry(model: Model, body: Body | None, value: _Value) -> Model:
     """The model with another prediction.
 
     model : the old model

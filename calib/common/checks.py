@@ -8,13 +8,13 @@ from typing import Any, TypeVar
 
 from ..errors import OptionError
 
-T = TypeVar("T")
+_T = TypeVar("_T")
 
 LARGEST = 1e15
 """No measure of an arm is so large, and its powers are numbers still."""
 
 
-def of_type(name: str, value: Any, kind: type[T]) -> T:
+def of_type(name: str, value: Any, kind: type[_T]) -> _T:
     """Return a value that is of a type; true and false are no numbers.
 
     Raises ValueError if it is not.

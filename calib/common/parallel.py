@@ -8,11 +8,11 @@ from concurrent.futures import Future
 from contextlib import contextmanager
 from typing import Any, TypeVar
 
-S = TypeVar("S")
-T = TypeVar("T")
+_S = TypeVar("_S")
+_T = TypeVar("_T")
 
 
-def side_by_side(aside: Callable[[], S], here: Callable[[], T]) -> tuple[S, T]:
+def side_by_side(aside: Callable[[], _S], here: Callable[[], _T]) -> tuple[_S, _T]:
     """Results of two independent tasks that run at the same time.
 
     `aside` runs in a thread, `here` in the calling one, so that only the latter may report
@@ -22,7 +22,7 @@ def side_by_side(aside: Callable[[], S], here: Callable[[], T]) -> tuple[S, T]:
 
     An error of either is raised.
     """
-    task: Future[S] = Future()
+    task: Future[_S] = Future()
 
     def run() -> None:
         try:
@@ -84,6 +84,6 @@ def _limit() -> Any:
         return threadpool_limits(1, user_api="blas")
 
 
-def in_turn(first: Callable[[], S], second: Callable[[], T]) -> tuple[S, T]:
+def in_turn(first: Callable[[], _S], second: Callable[[], _T]) -> tuple[_S, _T]:
     """Results of two tasks that run one after the other."""
     return first(), second()

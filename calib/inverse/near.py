@@ -12,9 +12,9 @@ from ..arm.rotations import logarithm
 from ..common.arrays import Array
 from .pose import Evaluate, Joints, taken
 
-STEPS = 60
+_STEPS = 60
 #: A position is reached within this share of the arm's length.
-TOLERANCE = 1e-9
+_TOLERANCE = 1e-9
 
 
 def position_near(
@@ -61,7 +61,7 @@ def position_near(
     share = np.ones(n)
     p, r, jacobian = evaluate(q)
     distance, cost = np.linalg.norm(position - p, axis=1), merit(q, r)
-    for _ in range(STEPS):
+    for _ in range(_STEPS):
         free = np.ones((n, dof))
         for _ in range(2):  # once as if there were no limits, once with what meets one held
             move = step(free)
@@ -71,7 +71,7 @@ def position_near(
         trial = np.clip(q + move, joints.lower, joints.upper)
         there = evaluate(trial)
         away, price = np.linalg.norm(position - there[0], axis=1), merit(trial, there[1])
-        close = away <= TOLERANCE * length
+        close = away <= _TOLERANCE * length
         better = (away < distance) | (close & (price <= cost))
         settled = close & (np.abs(trial - q).max(axis=1) < 1e-10)
         new, old = (trial, *there, away, price), (q, p, r, jacobian, distance, cost)

@@ -13,7 +13,7 @@ from ..common.arrays import Array, Index
 from ..common.scale import Scale
 from ..maps.predictor import Predictor
 
-ROUNDING = 1e-15
+_ROUNDING = 1e-15
 """Share of the extent below which a target is met as well as numbers allow."""
 
 CLOSE = 1e-9
@@ -36,7 +36,7 @@ class Newton:
     scale: Scale  # range of the joints; knows which of them go round
     extent: float  # diagonal of the workspace [unit]
 
-    def refine(self, u: Array, x: Array, tolerance: float = ROUNDING) -> tuple[Array, Array]:
+    def refine(self, u: Array, x: Array, tolerance: float = _ROUNDING) -> tuple[Array, Array]:
         """Joints (n, dof) nearest to targets `x` (n, m) from starts `u`, and distances (n,) left.
 
         Damped Newton steps (Levenberg-Marquardt) in the unit box. A joint at a limit that a step

@@ -25,12 +25,12 @@ _LAST = 1e-9  # of the joints' range: what follows a step that is shorter is rou
 _LAST_OF_POSE = 1e-7  # rad: what follows is its square
 _SLIDES = 25  # steps along a self-motion, each of which leaves a small share of the last
 
-Sloped = Callable[[Sequence[float]], tuple[float, float, Sequence[float], Sequence[float]]]
+_Sloped = Callable[[Sequence[float]], tuple[float, float, Sequence[float], Sequence[float]]]
 """x, y and their derivatives by two joints."""
 
 
 def two_joints(
-    sloped: Sloped,
+    sloped: _Sloped,
     target: Sequence[float],
     start: Sequence[float],
     extent: float,

@@ -23,7 +23,7 @@ Evaluate = Callable[[Array], tuple[Array, Array, Array]]
 
 #: Random starts of a round, and rounds in a row that must find nothing new.
 ROUND, QUIET = 96, 2
-ROUNDS = 12  # at most
+_ROUNDS = 12  # at most
 _MOST = 64  # branches; more are those of a redundant arm
 _SLACK = 1e-9  # [rad or m] by which a joint may be rounded beyond its range
 _TOGETHER = 50  # poses that are searched side by side
@@ -124,14 +124,14 @@ def pose_branches(
     Joints are within their ranges and reach the pose to 1e-9 of the arm's length; sorted; empty
     where nothing does. Of a redundant arm they are some of infinitely many. `starts` (n, dof) were
     active near each pose and are tried first, then starts that are drawn by `seed`, in at most
-    `ROUNDS` rounds; the search ends when two in a row find nothing new. The poses are searched side
-    by side: an evaluation of one row costs as much as one of a hundred.
+    `_ROUNDS` rounds; the search ends when two in a row find nothing new. The poses are searched
+    side by side: an evaluation of one row costs as much as one of a hundred.
     """
     searches = [
         _Search(joints, seed, None if starts is None else starts[i]) for i in range(len(position))
     ]
     open_ = list(range(len(searches)))
-    for _ in range(ROUNDS):
+    for _ in range(_ROUNDS):
         for part in (open_[i : i + _TOGETHER] for i in range(0, len(open_), _TOGETHER)):
             counts = [len(searches[i].tried) for i in part]
             target = np.repeat(part, counts)

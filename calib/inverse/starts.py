@@ -33,7 +33,7 @@ _CORNERED = 4  # most joints whose corners are tried as well
 _AHEAD = 48  # sensory nodes that a single query makes known
 _CHUNK = 512  # sensory nodes at once
 
-SINGULAR = 0.3
+_SINGULAR = 0.3
 """Sine between the motions of both joints below which a fold may be near."""
 
 _FINE = 0.1  # the same between solutions, for twins of a map whose nodes stand close
@@ -123,7 +123,7 @@ class Starts:
         self._u[nodes[row], place], self._value[nodes[row], place] = u, value
         self._inverse[nodes[row], place] = damped_inverse(slope, 1e-4)
         if slope.shape[1:] == (2, 2):
-            self._folded[nodes[row[singular(slope, SINGULAR)]]] = True
+            self._folded[nodes[row[singular(slope, _SINGULAR)]]] = True
 
     def _distinct(self, table: Array, missed: Array) -> NDArray[np.bool_]:
         """Which of the starts (n, k, dof), best first, are near their node and no repeats."""
@@ -222,7 +222,7 @@ def twins(newton: Newton, u: Array, spacing: float = 0.0) -> tuple[Index, Array]
     overlooks branches that are further apart, so that twins are looked for further away.
     """
     slope = newton.predictor.value_and_slope(u)[1]
-    share = min(max(_FINE, _COARSE * spacing), SINGULAR)
+    share = min(max(_FINE, _COARSE * spacing), _SINGULAR)
     rows = np.flatnonzero(singular(slope, share))
     if not len(rows):
         return rows, u[rows]

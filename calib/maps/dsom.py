@@ -17,10 +17,10 @@ from .epoch import Epoch
 from .lattice import Lattice
 from .neighbourhood import around
 
-ELASTICITY = 3.0
+_ELASTICITY = 3.0
 """How far a sample's pull reaches: 1 to 3 in the source."""
 
-RATE = 0.1
+_RATE = 0.1
 """Learning rate epsilon of the source."""
 
 
@@ -30,7 +30,7 @@ def learn(u: Array, lattice: Lattice, epochs: int, rng: np.random.Generator) -> 
     weights = 0.5 + 0.01 * (rng.random((lattice.size, u.shape[1])) - 0.5)
     for _ in range(epochs):
         error = float(np.mean(present(weights, lattice, u[rng.permutation(len(u))])))
-        sigma = max(_widths(lattice, error, u.shape[1], ELASTICITY))
+        sigma = max(_widths(lattice, error, u.shape[1], _ELASTICITY))
         yield Epoch.of(u, weights, lattice, sigma, error)
 
 
@@ -38,8 +38,8 @@ def present(
     weights: Array,
     lattice: Lattice,
     samples: Array,
-    elasticity: float = ELASTICITY,
-    rate: float = RATE,
+    elasticity: float = _ELASTICITY,
+    rate: float = _RATE,
 ) -> list[float]:
     """Show samples to a map one after the other, in place.
 

@@ -23,7 +23,7 @@ from .map import Map, nearest_points
 if TYPE_CHECKING:
     from scipy.sparse import csr_array
 
-RIDGE = 1e-2
+_RIDGE = 1e-2
 """Of the regressions, as a share of the mean variance of the active nodes' positions."""
 
 
@@ -93,7 +93,7 @@ def regress(place: Array, value: Array, weight: Array) -> tuple[Array, Array, Ar
     weighted = np.swapaxes(gap * share[..., None], 1, 2)
     power = weighted @ gap
     diagonal = np.einsum("ndd->nd", power)
-    diagonal += RIDGE * diagonal.mean(axis=1, keepdims=True) + 1e-300
+    diagonal += _RIDGE * diagonal.mean(axis=1, keepdims=True) + 1e-300
     return middle, mean, np.linalg.solve(power, weighted @ (value - mean[:, None]))
 
 

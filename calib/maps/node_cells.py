@@ -22,8 +22,8 @@ from .map import Map
 _PER_NODE = 4.0  # cells for each node
 _MOST_JOINTS = 3  # lists of more dimensions would hold most of the nodes
 
-Points = tuple[tuple[float, ...], ...]
-Near = tuple[list[int], list[float]]
+_Points = tuple[tuple[float, ...], ...]
+_Near = tuple[list[int], list[float]]
 
 
 @dataclass(frozen=True, eq=False)
@@ -33,7 +33,7 @@ class NodeCells:
     side: int  # cells along each axis
     count: int  # nodes that speak for a point; one more limits their weights
     # for each cell the candidates: where they are, and their numbers
-    cells: list[tuple[Points, tuple[int, ...]]] = field(repr=False)
+    cells: list[tuple[_Points, tuple[int, ...]]] = field(repr=False)
 
     @staticmethod
     def of(motor: Map, count: int | None = None) -> NodeCells | None:
@@ -68,7 +68,7 @@ class NodeCells:
         cells = [(tuple(rows[a:b]), tuple(numbers[a:b])) for a, b in itertools.pairwise([0, *ends])]
         return NodeCells(side, count, cells)
 
-    def near(self, u: Sequence[float]) -> Near:
+    def near(self, u: Sequence[float]) -> _Near:
         """Nodes that speak for a point of the unit box, and their weights, which sum to 1."""
         points, nodes = self.cells[self._place(u)]
         away = _distances(points, u)
@@ -124,7 +124,7 @@ class NodeCells:
         return mean
 
 
-def _distances(points: Points, u: Sequence[float]) -> list[float]:
+def _distances(points: _Points, u: Sequence[float]) -> list[float]:
     """Distances of points from one, in a loop of C: Python's takes twice as long.
 
     `math.dist` copies what is no tuple, each time.

@@ -14,7 +14,7 @@ from .local_models import SILENT, LocalModels, heard, reach_of
 from .map import Map
 from .node_cells import NodeCells
 
-Term = tuple[tuple[int, ...], float, float]
+_Term = tuple[tuple[int, ...], float, float]
 
 
 @dataclass(frozen=True, eq=False)
@@ -23,7 +23,7 @@ class NodeModels:
 
     cells: NodeCells  # finds the nodes that speak for a point
     # for each node its coordinates, radius and terms (exponents, x, y); only what is not zero
-    nodes: list[tuple[list[float], float, list[Term]]] = field(repr=False)
+    nodes: list[tuple[list[float], float, list[_Term]]] = field(repr=False)
     periodic: tuple[bool, ...]  # axes whose ends meet
     # how far each node speaks in full, in the unit box; None where it always does
     reach: list[float] | None = field(default=None, repr=False)

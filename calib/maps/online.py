@@ -16,7 +16,7 @@ from .map import nearest, search_tree
 from .neighbourhood import around
 from .schedule import exponential
 
-ALPHA = 0.5
+_ALPHA = 0.5
 """Learning rate at the start (eq. 4)."""
 
 _CHUNK = 512  # samples between two looks at the gain
@@ -48,7 +48,7 @@ class Learner:
         """Learn from samples (n, d) in the unit box; the distance of each to its winner."""
         now = np.arange(self.done, self.done + len(samples))
         self.done += len(samples)
-        rates = ALPHA * self.radii[now] / self.sigma[0]  # eq. 4: one time constant for both
+        rates = _ALPHA * self.radii[now] / self.sigma[0]  # eq. 4: one time constant for both
         if self.gain is not None:
             distance, winner = nearest(search_tree(self.weights), samples)
             t = self.done / self.steps

@@ -30,7 +30,7 @@ CURVE = ("samples", "sigma", "zeta_motor", "zeta_sensory", "error")
 """Columns of a curve: samples shown, radius [nodes], distortions (eq. 9, unit box), and the
 mean distance from new samples to what the readout ``activity`` says of them [unit]."""
 
-ETA = 0.13
+_ETA = 0.13
 """Learning rate of the links (eq. 5)."""
 
 _CHUNK = 250  # samples between two points of the curve
@@ -120,7 +120,7 @@ def develop(
                     for net, p in zip(maps(), points, strict=True)
                 )
                 for a_motor, a_sensory in zip(*active, strict=True):
-                    oja(links, a_motor, a_sensory, ETA)  # eq. 5
+                    oja(links, a_motor, a_sensory, _ETA)  # eq. 5
             for told, learner, p, total in zip(history, learners, points, zeta, strict=True):
                 error = float(total / len(q))
                 told.append(Epoch.of(p, learner.weights, lattice, learner.radius, error))

@@ -27,7 +27,7 @@ from .schedule import Stage, coarse_to_fine, growing, total_work
 if TYPE_CHECKING:
     from .pair import Pair
 
-Progress = Callable[[float, float], None]
+_Progress = Callable[[float, float], None]
 """Called with the share of the work done and the current quantization error."""
 
 _MOST_EPOCHS = 1_000_000
@@ -127,7 +127,7 @@ class SOM:
         x: Array,
         *,
         scale: Scale | None = None,
-        progress: Progress | None = None,
+        progress: _Progress | None = None,
         partners: Array | None = None,
         residual: Array | None = None,
     ) -> Map:

@@ -90,7 +90,7 @@ class About(ReadOnly):
         """Plain data, as it is stored in a model file."""
         data = asdict(self)
         data["lower"], data["upper"] = self.lower.tolist(), self.upper.tolist()
-        data["errors"] = known_numbers(data["errors"])
+        data["errors"] = _known_numbers(data["errors"])
         return data
 
     @classmethod
@@ -104,7 +104,7 @@ class About(ReadOnly):
         """
         known = {f.name for f in fields(cls)}
         values = {k: v for k, v in data.items() if k in known}
-        check_about(values)
+        _check_about(values)
         for name in ("joint_names", "revolute", "notes"):
             values[name] = tuple(values[name])
         for name in ("lower", "upper"):
@@ -114,16 +114,16 @@ class About(ReadOnly):
         return cls(**values)
 
 
-def known_numbers(errors: Any) -> Any:
+def _known_numbers(errors: Any) -> Any:
     """Return errors in which what could not be measured (NaN) is None, as JSON has it."""
     if isinstance(errors, Mapping):
-        return {key: known_numbers(value) for key, value in errors.items()}
+        return {key: _known_numbers(value) for key, value in errors.items()}
     if isinstance(errors, float) and not math.isfinite(errors):
         return None
     return errors
 
 
-def check_about(data: Mapping[str, Any]) -> None:
+def _check_about(data: Mapping[str, Any]) -> None:
     """Check the plain data of an `About`, which may come from a stranger's file.
 
     Raises KeyError, ValueError if something is missing or is not what it should be.

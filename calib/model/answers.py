@@ -85,7 +85,7 @@ def joints(model: Model, x: Array, near: Array, *, nearest: bool) -> Array:
     far = np.flatnonzero(distance > _REACHED * model.solver.extent)
     if len(far) and not nearest:
         # only the expected error can still call these reachable
-        beyond = distance[far] > within_reach(model, model.bound_at(u[far]))
+        beyond = distance[far] > _within_reach(model, model.bound_at(u[far]))
         q[far[beyond]] = np.nan
     return q
 
@@ -122,11 +122,11 @@ def answer(model: Model, u: Array, x: Array, position: Array | None = None) -> A
     bound = model.bound_at(known)
     same = model.model_bounds is model.bounds
     error = bound if same else model.bound_at(known, "model_bounds")
-    within = distance <= within_reach(model, bound)
+    within = distance <= _within_reach(model, bound)
     return Answer(model.motor.scale.from_unit(u), position, distance, bound, error, within)
 
 
-def within_reach(model: Model, bound: Array) -> Array:
+def _within_reach(model: Model, bound: Array) -> Array:
     """Distance (n,) to a target at which it counts as reached [unit]."""
     extent = model.solver.extent
     return np.maximum(np.minimum(bound, _SURE * extent), _REACHED * extent)

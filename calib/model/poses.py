@@ -95,10 +95,10 @@ def solve_poses(
         p, turned = space.to_base(p, same)
         r = None if r is None else turned
     found = _found(space, p, r, anchor, every, keep)
-    return described(space, found, frame)
+    return _described(space, found, frame)
 
 
-def described(space: Space, found: list[Reached], frame: str) -> PoseAnswers:
+def _described(space: Space, found: list[Reached], frame: str) -> PoseAnswers:
     """Answers of the arm, one list for each target, in a frame and with their bounds."""
     target = np.repeat(np.arange(len(found)), [len(each.q) for each in found])
     q = np.empty((0, len(space.model.about.joint_names)))
@@ -156,10 +156,10 @@ def _found(
             out.append(space.reach_position(p[i], anchor[i].tolist(), keep=keep))
         else:
             each = space.reach_pose(p[i], r[i], anchor[i].tolist(), branches[i])
-            out.append(each if every and each.reachable else first_of(each))
+            out.append(each if every and each.reachable else _first_of(each))
     return out
 
 
-def first_of(found: Reached) -> Reached:
+def _first_of(found: Reached) -> Reached:
     """The preferred answer alone."""
     return replace(found, **{name: getattr(found, name)[:1] for name in _PARTS})

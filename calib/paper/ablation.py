@@ -32,13 +32,13 @@ from .ablation_cases import Case, measured, simulated
 from .setting import Setting
 from .tables import Result, Table
 
-NETWORKS = ("vdsom", "vdsom:border", "vdsom:rho", "som", "gng", "grid", "random", "rows")
+_NETWORKS = ("vdsom", "vdsom:border", "vdsom:rho", "som", "gng", "grid", "random", "rows")
 """Networks that are compared; the last three are not trained."""
 
-CASES = ("exact", "noise", "bump", "ripple", "uneven")
+_CASES = ("exact", "noise", "bump", "ripple", "uneven")
 """Simulated cases, see :func:`calib.paper.ablation_cases.simulated`."""
 
-SERIES = {"a": "UR10 A", "c": "UR10 C"}
+_SERIES = {"a": "UR10 A", "c": "UR10 C"}
 """Real logs of a data folder, by the letter in ``series_<letter>.csv``."""
 
 _JOINTS = ("shoulder_lift_joint", "elbow_joint")
@@ -75,11 +75,11 @@ def ablation(setting: Setting) -> Result:
     rows = 600 if setting.quick else _ROWS
     seed, cases = setting.seeds[0], list(_cases(setting, rows))
     records: list[dict[str, Any]] = []
-    total = len(cases) * len(sides) * len(NETWORKS)
+    total = len(cases) * len(sides) * len(_NETWORKS)
     with one_blas_thread():
         grounds = [Ground.of(case, seed) for case in cases]
         for side, (case, ground), network in itertools.product(
-            sides, zip(cases, grounds, strict=True), NETWORKS
+            sides, zip(cases, grounds, strict=True), _NETWORKS
         ):
             setting.report(len(records) / total, f"{case.name}, {network} {side}x{side}")
             cell = {"case": case.name, "nodes": f"{side}x{side}", "network": network}
@@ -95,12 +95,12 @@ def ablation(setting: Setting) -> Result:
 
 def _cases(setting: Setting, rows: int) -> Iterator[Case]:
     tested = 500 if setting.quick else _TESTED
-    for name in CASES:
+    for name in _CASES:
         yield simulated(name, rows, tested, setting.seeds[0])
     data = setting.data
     if data is None:
         return
-    for letter, name in SERIES.items():
+    for letter, name in _SERIES.items():
         for block in (1, 3):
             case = measured(data / f"series_{letter}.csv", name, _JOINTS, block, _BLOCKS)
             if setting.quick:

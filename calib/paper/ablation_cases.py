@@ -17,14 +17,14 @@ from ..arm.arm import PlanarArm
 from ..common.arrays import Array
 from ..samples.samples import Samples
 
-Truth = Callable[[Array], Array]
-Defect = tuple[Truth, Callable[[Array], NDArray[np.bool_]]]
+_Truth = Callable[[Array], Array]
+_Defect = tuple[_Truth, Callable[[Array], NDArray[np.bool_]]]
 """Positions (n, 2) of joints (n, 2), and which of these lie in the defect."""
 
-ROBOT = "two_link_full"
+_ROBOT = "two_link_full"
 """Its elbow bends both ways, so that most targets have two branches."""
 
-NOISE = 2e-4
+_NOISE = 2e-4
 """Standard deviation per axis of the cases with a defect [m]."""
 
 _BUMP = np.radians([45.0, 80.0])  # middle of the bump in both joints
@@ -51,7 +51,7 @@ class Case:
     arm: PlanarArm | None  # the arm whose branches are counted, None where the truth is not known
 
 
-def bump(arm: PlanarArm, height: float = _HEIGHT, width: float = _WIDTH) -> Defect:
+def bump(arm: PlanarArm, height: float = _HEIGHT, width: float = _WIDTH) -> _Defect:
     """The arm with a bump [m] that depends on both joints, `width` [rad] wide; and where it is."""
 
     def away(q: Array) -> Array:
@@ -64,7 +64,7 @@ def bump(arm: PlanarArm, height: float = _HEIGHT, width: float = _WIDTH) -> Defe
     return truth, lambda q: away(q) < 2.0
 
 
-def ripple(arm: PlanarArm, amplitude: float = _RIPPLE, window: Array = _WINDOW) -> Defect:
+def ripple(arm: PlanarArm, amplitude: float = _RIPPLE, window: Array = _WINDOW) -> _Defect:
     """The arm whose elbow is off [rad], 72 cycles a turn, within a window [rad]; and where."""
     low, high = window
 
@@ -79,7 +79,7 @@ def ripple(arm: PlanarArm, amplitude: float = _RIPPLE, window: Array = _WINDOW) 
     return truth, inside
 
 
-_SHAPES: dict[str, Callable[..., Defect]] = {"bump": bump, "ripple": ripple}
+_SHAPES: dict[str, Callable[..., _Defect]] = {"bump": bump, "ripple": ripple}
 
 
 def simulated(
@@ -87,7 +87,7 @@ def simulated(
     n: int,
     tested: int,
     seed: int,
-    defect: Callable[[PlanarArm], Defect] | None = None,
+    defect: Callable[[PlanarArm], _Defect] | None = None,
     noise: float | None = None,
 ) -> Case:
     """One of the simulated cases.
@@ -101,7 +101,7 @@ def simulated(
     from ..arm.loading import load_arm
 
     defect = defect or _SHAPES.get(name)
-    arm = load_arm(ROBOT if defect is None else "two_link")
+    arm = load_arm(_ROBOT if defect is None else "two_link")
     assert isinstance(arm, PlanarArm)  # noqa: S101
     rng = np.random.default_rng(np.random.SeedSequence(seed, spawn_key=(_STREAM,)))
     span = arm.upper - arm.lower
@@ -110,13 +110,13 @@ def simulated(
         stays = rng.random(n) < _DWELL
         q[stays] = arm.lower + span * (0.1 + _CORNER * rng.random((np.count_nonzero(stays), 2)))
     fresh = arm.lower + span * rng.random((tested, 2))
-    truth: Truth = arm.forward
+    truth: _Truth = arm.forward
     wrong = np.zeros(tested, dtype=bool)
     if defect is not None:
         truth, inside = defect(arm)
         wrong = inside(fresh)
     if noise is None:
-        noise = {"exact": 0.0, "noise": 1e-3}.get(name, NOISE)
+        noise = {"exact": 0.0, "noise": 1e-3}.get(name, _NOISE)
     x = truth(q) + noise * rng.standard_normal((n, 2))
     samples = Samples(
         q, x, arm.joint_names, arm.lower, arm.upper, arm.revolute, arm=arm, plane=arm.plane

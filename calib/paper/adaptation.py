@@ -18,7 +18,7 @@ from .tables import Cells, Result, Table
 if TYPE_CHECKING:
     from ..model.model import Model
 
-CHANGES = {"lengthened": "+20%", "shortened": "-20%"}
+_CHANGES = {"lengthened": "+20%", "shortened": "-20%"}
 """A tool that is mounted and one that is removed: the paper does not say how long."""
 
 _STREAM = 91  # of the samples that come after the change
@@ -46,7 +46,7 @@ class Episode:
     distortion: dict[str, float]
 
 
-def episode(setting: Setting, change: str) -> Episode:
+def _episode(setting: Setting, change: str) -> Episode:
     """Train an arm, change it, and let the model follow a stream of samples."""
     seed = setting.seeds[0]
     # 20,000 samples, as calib train has them; as many follow the change
@@ -70,11 +70,11 @@ def episode(setting: Setting, change: str) -> Episode:
         for readout in _READOUTS
     }
     errors["rule"] = {**errors["activity"], "adapted": _error(rule, q, x, "activity")}
-    distortion = {state: zeta(model, at) for state, (model, at) in states.items()}
+    distortion = {state: _zeta(model, at) for state, (model, at) in states.items()}
     return Episode(before, after, tuple(steps), q, x, errors, distortion)
 
 
-def zeta(model: Model, x: Array) -> float:
+def _zeta(model: Model, x: Array) -> float:
     """Distortion of the sensory map (eq. 9): mean squared distance to the winner, unit box."""
     distance, _ = model.sensory.nearest(model.sensory.scale.to_unit(x))
     return float(np.mean(distance**2))
@@ -89,8 +89,8 @@ def _error(model: Model, q: Array, x: Array, readout: str) -> dict[str, float]:
 @lru_cache(maxsize=2)
 def adaptation(setting: Setting) -> tuple[Result, dict[str, Episode]]:
     """Both changes: figures, and the curves along the stream."""
-    changes = {name: f"{setting.joints[1]}.length={by}" for name, by in CHANGES.items()}
-    episodes = {name: episode(setting, change) for name, change in changes.items()}
+    changes = {name: f"{setting.joints[1]}.length={by}" for name, by in _CHANGES.items()}
+    episodes = {name: _episode(setting, change) for name, change in changes.items()}
     data: dict[str, Any] = {}
     summary: list[Cells] = []
     curves: list[Cells] = []

@@ -55,8 +55,8 @@ def lattice_figure(setting: Setting, path: Path, formats: Sequence[str] = ("png"
             (pair.sensory, x, inverse, 1e3, "mm", "inverse error [deg]", top[1]),
         )
         for ax, (net, points, error, factor, unit, label, most) in zip(row, parts, strict=True):
-            heat = node_means(net, points, error)
-            lines = draw_lattice(ax, net, heat, factor, (0.0, most))
+            heat = _node_means(net, points, error)
+            lines = _draw_lattice(ax, net, heat, factor, (0.0, most))
             names = setting.joints if unit == "deg" else ("x", "y")
             which = "motor" if unit == "deg" else "sensory"
             ax.set(
@@ -83,20 +83,20 @@ def changed_figure(
     axes = np.atleast_2d(figure.subplots(len(episodes), 3, sharex="row", sharey="row"))
     for row, (name, e) in zip(axes, episodes.items(), strict=True):
         span = float(e.before.sensory.scale.span.mean()) * 1e3
-        old, new = (distortion(model.sensory, e.x) * span for model in (e.before, e.after))
+        old, new = (_distortion(model.sensory, e.x) * span for model in (e.before, e.after))
         most = float(np.quantile(old, 0.98))
         error = np.linalg.norm(e.after.forward(e.q, "activity") - e.x, axis=1) * 1e3
         seen = np.isfinite(error)
-        heat = node_means(e.after.sensory, e.x[seen], error[seen])
+        heat = _node_means(e.after.sensory, e.x[seen], error[seen])
         panels = (
-            (e.before.sensory, node_means(e.before.sensory, e.x, old), most, "distortion [mm]"),
-            (e.after.sensory, node_means(e.after.sensory, e.x, new), most, "distortion [mm]"),
+            (e.before.sensory, _node_means(e.before.sensory, e.x, old), most, "distortion [mm]"),
+            (e.after.sensory, _node_means(e.after.sensory, e.x, new), most, "distortion [mm]"),
             (e.after.sensory, heat, float(np.nanquantile(heat, 0.99)), "forward error [mm]"),
         )
         titles = (f"link {name}, before adapting", "after adapting", "error after adapting")
         for ax, (net, values, top, label), title in zip(row, panels, titles, strict=True):
             ax.plot(*(e.x[::20] * 1e3).T, ".", color="#b8c2cb", markersize=1.2, zorder=0)
-            lines = draw_lattice(ax, net, values, 1e3, (0.0, top))
+            lines = _draw_lattice(ax, net, values, 1e3, (0.0, top))
             ax.set(title=title, xlabel="x [mm]", ylabel="y [mm]", aspect="equal")
             _bar(figure, lines, ax, label)
     _save(figure, path, formats)
@@ -155,7 +155,7 @@ def _save(figure: Any, path: Path, formats: Sequence[str] = ("png",)) -> None:
             )
 
 
-def node_means(net: Map, points: Array, values: Array) -> Array:
+def _node_means(net: Map, points: Array, values: Array) -> Array:
     """Mean value of the points that each node wins, (nodes,); NaN where it wins none."""
     winner = net.winners(points)
     count = np.bincount(winner, minlength=net.size)
@@ -163,12 +163,14 @@ def node_means(net: Map, points: Array, values: Array) -> Array:
     return np.where(count > 0, total / np.maximum(count, 1), np.nan)
 
 
-def distortion(net: Map, points: Array) -> Array:
+def _distortion(net: Map, points: Array) -> Array:
     """Distance of each point to its winner, (n,), in the unit box."""
     return net.nearest(net.scale.to_unit(points))[0][:, 0]
 
 
-def draw_lattice(ax: Any, net: Map, heat: Array, factor: float, limits: tuple[float, float]) -> Any:
+def _draw_lattice(
+    ax: Any, net: Map, heat: Array, factor: float, limits: tuple[float, float]
+) -> Any:
     """Draw the edges of a map, coloured by the mean of their nodes' values."""
     from matplotlib.collections import LineCollection
 

@@ -18,7 +18,7 @@ from ..samples.samples import Samples
 if TYPE_CHECKING:
     from ..arm.arm import PlanarArm
 
-Report = Callable[[float, str], None]
+_Report = Callable[[float, str], None]
 """Called with the share of the work that is done and what is being done."""
 
 ROBOT = "two_link"
@@ -41,7 +41,7 @@ class Setting:
     # each gives other samples, another start and other test points
     seeds: tuple[int, ...] = (0, 1, 2, 3, 4)
     quick: bool = False  # small lattices and few samples, to see that everything runs
-    report: Report = field(default=lambda _share, _what: None)
+    report: _Report = field(default=lambda _share, _what: None)
     data: Path | None = None  # folder of real logs, for the ablation
     robot: str = ROBOT  # a bundled robot or a URDF with two joints that turn
     # parts of the joints' ranges that are babbled [rad]
@@ -54,7 +54,7 @@ class Setting:
         seed: int = 0,
         *,
         quick: bool = False,
-        report: Report | None = None,
+        report: _Report | None = None,
         robot: str = ROBOT,
         ranges: Mapping[str, tuple[float, float]] | None = None,
         lengths: Mapping[str, float] | None = None,

@@ -13,15 +13,15 @@ from .search import SAME, Found, best_trial
 from .setting import NETWORKS, Setting
 from .trial import Row, Schedule, Trial
 
-FACTORS = {"mm": 1000.0, "deg": 180.0 / math.pi}
+_FACTORS = {"mm": 1000.0, "deg": 180.0 / math.pi}
 """From SI units to those of the tables."""
 
-READOUTS = ("winner", "activity", "linear")
+_READOUTS = ("winner", "activity", "linear")
 
 Cells = list[str | float | None]
 """A row of a table: words and numbers; None is an empty cell."""
 
-Columns = Mapping[str, Mapping[str, float]]
+_Columns = Mapping[str, Mapping[str, float]]
 """{column: {"mean", "max"}} [m, rad]."""
 
 
@@ -72,11 +72,11 @@ def table1(setting: Setting) -> Result:
         "default": default,
         "schedules": schedules,
         "ratios": {
-            "best": ratios(best["som"]["activity"], best["vdsom"]["activity"]),
-            "same_schedule": ratios(same["som"]["activity"], same["vdsom"]["activity"]),
-            "linear": ratios(best["som"]["linear"], best["vdsom"]["linear"]),
-            "default_linear": ratios(best["som"]["linear"], default["linear"]),
-            "paper": ratios(paper["som"], paper["vdsom"]),
+            "best": _ratios(best["som"]["activity"], best["vdsom"]["activity"]),
+            "same_schedule": _ratios(same["som"]["activity"], same["vdsom"]["activity"]),
+            "linear": _ratios(best["som"]["linear"], best["vdsom"]["linear"]),
+            "default_linear": _ratios(best["som"]["linear"], default["linear"]),
+            "paper": _ratios(paper["som"], paper["vdsom"]),
         },
         **_conditions(setting),
     }
@@ -87,7 +87,7 @@ def table1(setting: Setting) -> Result:
     lines |= {f"{n.upper()}, same: {SAME}": (same[n], beside[n]) for n in NETWORKS}
     lines["VDSOM, default gain"] = (default, beside["vdsom"])
     tables = [
-        comparison("table1", f"Table 1, {size} nodes, {conditions(setting)}", lines),
+        _comparison("table1", f"Table 1, {size} nodes, {conditions(setting)}", lines),
         _ratio_table(data["ratios"]),
         Table(
             "schedules",
@@ -113,10 +113,10 @@ def table2(setting: Setting) -> Result:
     data |= {"paper": printed({f"{n}x{n}": columns for n, columns in TABLE2.items()})}
     data |= {"schedule": str(trial.schedule), **_conditions(setting)}
     title = f"Table 2, {trial.schedule}, {conditions(setting)}"
-    return Result(data, (comparison("table2", title, lines),))
+    return Result(data, (_comparison("table2", title, lines),))
 
 
-def comparison(
+def _comparison(
     name: str, title: str, lines: Mapping[str, tuple[Row, Mapping[str, Printed] | None]]
 ) -> Table:
     """Mean and largest errors, spread over the seeds and share of the range, beside the paper's.
@@ -129,10 +129,10 @@ def comparison(
     header += ["paper mean", "paper max"]
     rows: list[Cells] = []
     for label, (row, paper) in lines.items():
-        for readout in READOUTS:
+        for readout in _READOUTS:
             for column in columns_of(row):
-                cell, unit = row[readout][column], unit_of(column)
-                factor = FACTORS[unit]
+                cell, unit = row[readout][column], _unit_of(column)
+                factor = _FACTORS[unit]
                 keys = ("mean", "mean_spread", "max", "max_spread")
                 values: Cells = [cell[k] * factor for k in keys]
                 values += [100 * cell["mean_of_range"], 100 * cell["max_of_range"]]
@@ -141,7 +141,7 @@ def comparison(
     return Table(name, title, header, rows)
 
 
-def ratios(columns: Columns, others: Columns) -> dict[str, dict[str, float]]:
+def _ratios(columns: _Columns, others: _Columns) -> dict[str, dict[str, float]]:
     """Errors of `others` over those of `columns`, per column."""
     return {
         c: {k: others[c][k] / cell[k] for k in ("mean", "max")}
@@ -157,15 +157,15 @@ def columns_of(row: Row) -> tuple[str, ...]:
 
 def error_header(names: Iterable[str]) -> list[str]:
     """Names of the mean and the largest error of each column."""
-    return [f"{c} {k} [{unit_of(c)}]" for c in names for k in ("mean", "max")]
+    return [f"{c} {k} [{_unit_of(c)}]" for c in names for k in ("mean", "max")]
 
 
-def error_cells(columns: Columns, names: Iterable[str]) -> list[float]:
+def error_cells(columns: _Columns, names: Iterable[str]) -> list[float]:
     """Mean and largest error of each column, in the units of the tables."""
-    return [columns[c][k] * FACTORS[unit_of(c)] for c in names for k in ("mean", "max")]
+    return [columns[c][k] * _FACTORS[_unit_of(c)] for c in names for k in ("mean", "max")]
 
 
-def unit_of(column: str) -> str:
+def _unit_of(column: str) -> str:
     """Unit in which a column is printed."""
     return UNITS.get(column, "deg")
 
@@ -204,7 +204,7 @@ def printed(table: Mapping[str, Mapping[str, Printed]]) -> dict[str, Any]:
     """A table of the paper for JSON, in SI units."""
     return {
         name: {
-            c: {"mean": p.mean / FACTORS[UNITS[c]], "max": p.max / FACTORS[UNITS[c]]}
+            c: {"mean": p.mean / _FACTORS[UNITS[c]], "max": p.max / _FACTORS[UNITS[c]]}
             for c, p in columns.items()
         }
         for name, columns in table.items()

@@ -89,10 +89,10 @@ class Trial:
             found.inverse[readout] = motor.difference(answer, u) * motor.span
             there = simulation.exact(motor.from_unit(answer))
             found.distance[readout] = np.linalg.norm(there - x, axis=1)
-        return {"errors": summarise(found), "ranges": ranges(samples)}
+        return {"errors": summarise(found), "ranges": _ranges(samples)}
 
 
-def ranges(samples: Samples) -> dict[str, float]:
+def _ranges(samples: Samples) -> dict[str, float]:
     """Width of each coordinate: of what the samples cover, and of the joints' limits."""
     width = np.ptp(samples.x, axis=0)
     spans = dict(zip(samples.joint_names, samples.upper - samples.lower, strict=True))

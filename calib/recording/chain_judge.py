@@ -18,14 +18,14 @@ _STEPS = 12
 _NU = 4.0  # degrees of freedom of the noise: a track has outliers
 _RATE_SD = 4e-3  # how much rates of clocks differ
 
-Timing = tuple[Array, Array, float]
+_Timing = tuple[Array, Array, float]
 """Offset [s] and rate, added to those of the rows (2,), their standard deviations (2,), and the
 median distance of the rows from the chain [px]."""
 
 
 def fit_timing(
     time: Array, x: Array, joints: Callable[[Array], Array], revolute: tuple[bool, ...]
-) -> Timing | None:
+) -> _Timing | None:
     """Fit a chain, a view, an offset of clocks and, where the track shows one, their rate.
 
     time, x : (n,) array [s], (n, 2) array; joints' times of the rows as far as known, and the
@@ -70,7 +70,7 @@ def _search(
     beta: Array,
     offset: float,
     rate_sd: float,
-) -> tuple[Timing | None, Array]:
+) -> tuple[_Timing | None, Array]:
     """Fit a chain and the clocks together; return the clocks and the chain's parameters.
 
     Gauss and Newton's method from parameters and an offset, priors as further rows.

@@ -41,7 +41,7 @@ def refine_square(grey: Picture, corners: Array, cells: int = 8) -> tuple[Array,
     Returns corners : (4, 2) array [px]; the refined corners, in the same order.
     Returns roughness : float [px]; rms distance of the worst side's points from its line.
     """
-    part, low = blurred_part(grey, corners)
+    part, low = _blurred_part(grey, corners)
     c = corners - low
     side = float(np.linalg.norm(np.roll(c, -1, 0) - c, axis=1).min())
     reach = float(np.clip(0.6 * side / cells, 1.5, 4.0))
@@ -49,7 +49,7 @@ def refine_square(grey: Picture, corners: Array, cells: int = 8) -> tuple[Array,
     roughness = 0.0
     for _ in range(2):
         ahead = np.roll(c, -1, 0) - c
-        points, _ = edge_points(part, c[:, None] + along * ahead[:, None], ahead, reach)
+        points, _ = _edge_points(part, c[:, None] + along * ahead[:, None], ahead, reach)
         fitted = [
             _fitted(p, at, on, 1, _POINTS) for p, at, on in zip(points, c, ahead, strict=True)
         ]
@@ -61,7 +61,7 @@ def refine_square(grey: Picture, corners: Array, cells: int = 8) -> tuple[Array,
     return c + low, roughness
 
 
-def blurred_part(grey: Picture, points: Array) -> tuple[NDArray[np.float32], Array]:
+def _blurred_part(grey: Picture, points: Array) -> tuple[NDArray[np.float32], Array]:
     """Return the part of a picture around points, a little blurred, and its corner [px]."""
     low = np.maximum(np.floor(points.min(0)).astype(int) - 12, 0)
     high = np.ceil(points.max(0)).astype(int) + 13
@@ -69,7 +69,7 @@ def blurred_part(grey: Picture, points: Array) -> tuple[NDArray[np.float32], Arr
     return part.astype(np.float32), low.astype(float)
 
 
-def edge_points(
+def _edge_points(
     part: NDArray[np.float32], base: Array, ahead: Array, reach: float
 ) -> tuple[Array, Array]:
     """Move points near straight edges onto them.
@@ -188,7 +188,7 @@ def _crossings(grey: Picture, places: Mapping[int, Array], board: Board) -> dict
     numbers, c, d = np.flatnonzero(known), here[known], ahead[known]  # d (corners, 4, 2)
     if not len(numbers):
         return {}
-    part, low = blurred_part(grey, (c[:, None] + d).reshape(-1, 2))
+    part, low = _blurred_part(grey, (c[:, None] + d).reshape(-1, 2))
     c = c - low
     area = np.abs(d[:, 0, 0] * d[:, 2, 1] - d[:, 0, 1] * d[:, 2, 0])
     gap = 0.5 * (1.0 - board.marker / board.square) * area / np.linalg.norm(d, axis=2).max(1)
@@ -197,7 +197,7 @@ def _crossings(grey: Picture, places: Mapping[int, Array], board: Board) -> dict
         return {}
     base = c[:, None, None] + _ALONG * d[:, :, None]
     flat = base.reshape(-1, len(_ALONG), 2)
-    points, spread = edge_points(part, flat, d.reshape(-1, 2), reach)
+    points, spread = _edge_points(part, flat, d.reshape(-1, 2), reach)
     points = points.reshape(base.shape)
     inside = ((base > 0.0) & (base < np.subtract(part.shape[::-1], 1))).all(-1)
     there = inside & (spread.reshape(base.shape[:3]) > 0.05)  # a flat grey has no edge

@@ -13,8 +13,8 @@ from ..common.wording import listed
 from ..errors import LogError
 from ..samples.columns import Source, open_source, read_columns, read_texts
 
-TIME_COLUMNS = ("time", "timestamp", "stamp", "t", "seconds", "time_s")
-PICTURE_COLUMNS = ("picture", "image", "file", "filename", "photo")
+_TIME_COLUMNS = ("time", "timestamp", "stamp", "t", "seconds", "time_s")
+_PICTURE_COLUMNS = ("picture", "image", "file", "filename", "photo")
 _OTHERS = ("x", "y", "z", "qx", "qy", "qz", "qw", "frame", "index", "episode_index")
 
 _TURNS = 4.0 * np.pi  # [rad]; joints that go beyond two turns are taken for degrees
@@ -49,7 +49,7 @@ def read_joints(
     Raises LogError if there are no joints, or they look like degrees and are not said to be.
     """
     source = open_source(path)
-    time_column, picture_column = _named(source, TIME_COLUMNS), _named(source, PICTURE_COLUMNS)
+    time_column, picture_column = _named(source, _TIME_COLUMNS), _named(source, _PICTURE_COLUMNS)
     taken = {time_column, picture_column}
     others = (n for n in source.header if n not in taken and n.lower() not in _OTHERS)
     names = tuple(others if joints is None else joints)

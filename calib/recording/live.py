@@ -17,7 +17,7 @@ from ..samples.places import parse_cell
 from .opencv import opencv
 from .setting import Setup
 
-JOINTS = "joints.csv"
+_JOINTS = "joints.csv"
 """The table of joints beside the pictures."""
 
 _HELD = 5  # frames that drivers keep: older than the line of joints, so they are thrown away
@@ -67,14 +67,14 @@ def record_live(
             atomic_write(folder / name, opencv().imencode(".png", grey)[1].tobytes())
             table.append(",".join((name, *map(repr, q))))
             # after each row: what was recorded stays, whatever ends the recording
-            atomic_write(folder / JOINTS, ("\n".join(table) + "\n").encode())
+            atomic_write(folder / _JOINTS, ("\n".join(table) + "\n").encode())
     except KeyboardInterrupt:  # the usual end: a person has seen enough
         pass
     finally:
         capture.release()
     if len(table) == 1:
         raise LogError("the joints' stream ended before its first posture: no picture was taken")
-    return folder / JOINTS
+    return folder / _JOINTS
 
 
 def _newest(capture: Any, device: str) -> Any:

@@ -25,7 +25,7 @@ class UnreadableError(LogError):
     """A picture that is damaged, cut off or none."""
 
 
-def natural(name: str) -> list[tuple[int, int | str]]:
+def _natural(name: str) -> list[tuple[int, int | str]]:
     """Return a key that sorts `img_10` after `img_9`."""
     parts = re.split(r"(\d+)", name)
     return [(0, int(p)) if p.isdigit() else (1, p.lower()) for p in parts if p]
@@ -50,7 +50,7 @@ def list_pictures(source: str | os.PathLike[str]) -> list[Path]:
     found = [p for p in found if not p.name.startswith(".")]
     if not found:
         raise LogError(f"no pictures in {text!r}: expected {', '.join(PICTURES)}")
-    return sorted(found, key=lambda p: natural(p.name))
+    return sorted(found, key=lambda p: _natural(p.name))
 
 
 def read_picture(path: str | os.PathLike[str], *, colour: bool = False) -> Picture:

@@ -16,13 +16,13 @@ from .board import Board
 from .opencv import opencv
 from .tags import find_dictionary
 
-Cells = NDArray[np.bool_]
+_Cells = NDArray[np.bool_]
 
 _MARGIN = 8.0  # [mm] of white around a pattern, beyond its own
 _FOOT = 12.0  # [mm] for the line and the words
 
 
-def tag_cells(number: int, dictionary: str = DICTIONARY) -> Cells:
+def tag_cells(number: int, dictionary: str = DICTIONARY) -> _Cells:
     """Return which cells of a tag are white, its black border included: (cells, cells).
 
     Raises OptionError if the dictionary has no such id.
@@ -69,7 +69,7 @@ def print_board(board: Board) -> str:
     return _page(width + 2 * _MARGIN, height + 2 * _MARGIN, body, words)
 
 
-def _tag(cells: Cells, x: float, y: float, side: float) -> list[str]:
+def _tag(cells: _Cells, x: float, y: float, side: float) -> list[str]:
     """Return a black square, and on it a white rectangle for each run of white cells in a row."""
     parts, cell = [_rectangle(x, y, side, side)], side / len(cells)
     for row, line in enumerate(cells):

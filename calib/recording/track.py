@@ -12,7 +12,7 @@ from ..common.arrays import Array, Mask
 from ..common.rows import thinned
 from ..errors import LogError
 
-JUDGED_ROWS = 240
+_JUDGED_ROWS = 240
 """Rows that are judged at once; of more, so many are taken evenly."""
 
 _SEARCHED = 120  # rows that each of some eighty shifts is judged by
@@ -118,7 +118,7 @@ def unrelated(q: Array, x: Array) -> bool:
     Less than ten rows for each joint may be too few to tell.  From there on six joints at 60
     random postures miss by 0.8 of what the joints of other rows do, the worst of 45 such arms.
     """
-    some = thinned(len(q), JUDGED_ROWS)
+    some = thinned(len(q), _JUDGED_ROWS)
     q, x = q[some], x[some]
     if len(q) < 10 * q.shape[1]:
         return False
@@ -171,7 +171,7 @@ def astray(q: Array, pixels: Array) -> Mask:
     """
     n = len(q)
     result = np.zeros(n, bool)
-    if not 15 <= n <= JUDGED_ROWS:
+    if not 15 <= n <= _JUDGED_ROWS:
         return result
     spread = float(np.linalg.norm(pixels.std(axis=0)))
     for _ in range(n // 10):

@@ -29,7 +29,7 @@ from .reference import (
 )
 
 Marks = Mapping[int, Array]
-Seen = Sequence[tuple[int, Marks]]
+_Seen = Sequence[tuple[int, Marks]]
 
 _MOVED = 0.7  # [px]; marks further off than this are elsewhere
 _STRETCH = 1.5e-3  # growth of the marks that a new focus is told by
@@ -80,7 +80,7 @@ def read_layout(path: str | os.PathLike[str]) -> MarkLayout:
 
 
 def watch(
-    layout: MarkLayout | None, seen: Seen, lens: Lens | None, height: float = 0.0
+    layout: MarkLayout | None, seen: _Seen, lens: Lens | None, height: float = 0.0
 ) -> tuple[PositionReference, frozenset[int]]:
     """Find the reference in a recording, and the pictures in which it is elsewhere.
 

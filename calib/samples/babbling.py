@@ -100,7 +100,7 @@ def babble(
     )
 
 
-def even_points(n: int, dof: int, rng: Generator, sequence: str) -> Array:
+def _even_points(n: int, dof: int, rng: Generator, sequence: str) -> Array:
     """Return Halton's or Sobol's sequence in the unit cube (n, dof), shifted at random."""
     from scipy.stats import qmc
 
@@ -135,7 +135,7 @@ def smooth_points(n: int, dof: int, rng: Generator) -> Array:
 
 METHODS: dict[str, Callable[[int, int, Generator], Array]] = {
     "uniform": lambda n, dof, rng: rng.random((n, dof)),
-    "halton": partial(even_points, sequence="halton"),
-    "sobol": partial(even_points, sequence="sobol"),
+    "halton": partial(_even_points, sequence="halton"),
+    "sobol": partial(_even_points, sequence="sobol"),
     "smooth": smooth_points,
 }

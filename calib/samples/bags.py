@@ -21,14 +21,14 @@ from ..errors import LogError
 from .joint_values import MAX_GAP, check_limits, covered, joint_speed, joints_at
 from .recorded import Recorded, told
 
-JOINT_STATE = "sensor_msgs/msg/JointState"
+_JOINT_STATE = "sensor_msgs/msg/JointState"
 #: Types of messages with a position, where it stands, and where the orientation does.
-POSITIONS = {
+_POSITIONS = {
     "geometry_msgs/msg/PointStamped": ("point", None),
     "geometry_msgs/msg/PoseStamped": ("pose.position", "pose.orientation"),
     "geometry_msgs/msg/TransformStamped": ("transform.translation", "transform.rotation"),
 }
-TF = "tf2_msgs/msg/TFMessage"
+_TF = "tf2_msgs/msg/TFMessage"
 #: Turns [rad] and lengths [m] below which a transform is the same.
 _SAME = 1e-9
 _INSTALL = "reading bags needs rosbags: pip install 'calib-arm[ros]'"
@@ -59,7 +59,7 @@ def read_bag(
     check_limits(max_gap, still)
     with _reader(Path(path)) as reader:
         topics = {c.topic: c.msgtype for c in reader.connections}
-        source = _topic(topics, joints_topic, (JOINT_STATE,), "joints_topic", "JointState")
+        source = _topic(topics, joints_topic, (_JOINT_STATE,), "joints_topic", "JointState")
         names, times, values = _joint_states(reader, source, joints)
         poses = _poses(reader, topics, tip_topic, frames)
     return _aligned(names, times, values, poses, time_offset, max_gap, still)
@@ -69,15 +69,15 @@ def _poses(
     reader: Any, topics: Mapping[str, str], chosen: str | None, frames: Sequence[str] | None
 ) -> Array:
     """The tip's poses: of tf where frames are named, or where nothing else is published."""
-    tf = sorted(topic for topic, kind in topics.items() if kind == TF)
-    others = [topic for topic, kind in topics.items() if kind in POSITIONS]
+    tf = sorted(topic for topic, kind in topics.items() if kind == _TF)
+    others = [topic for topic, kind in topics.items() if kind in _POSITIONS]
     if tf and (frames is not None or chosen in tf or (chosen is None and not others)):
-        return tf_poses((m for topic in tf for m in _messages(reader, topic)), frames)
+        return _tf_poses((m for topic in tf for m in _messages(reader, topic)), frames)
     if frames is not None:
         raise LogError("`frames` names frames of tf, and the recording has no tf")
     kinds = "PointStamped, PoseStamped, TransformStamped or TFMessage"
-    target = _topic(topics, chosen, tuple(POSITIONS), "tip_topic", kinds)
-    return stamped_poses(_messages(reader, target), topics[target], target)
+    target = _topic(topics, chosen, tuple(_POSITIONS), "tip_topic", kinds)
+    return _stamped_poses(_messages(reader, target), topics[target], target)
 
 
 @contextmanager
@@ -201,9 +201,9 @@ def _aligned(
     )
 
 
-def stamped_poses(messages: Iterable[tuple[float, Any]], kind: str, topic: str) -> Array:
+def _stamped_poses(messages: Iterable[tuple[float, Any]], kind: str, topic: str) -> Array:
     """Rows of stamped points, poses or transforms; see `_row`."""
-    where, turn = POSITIONS[kind]
+    where, turn = _POSITIONS[kind]
     rows = [
         _row(t, attrgetter(where)(m), attrgetter(turn)(m) if turn else None) for t, m in messages
     ]
@@ -218,7 +218,7 @@ def _row(time: float, place: Any, turn: Any) -> tuple[float, ...]:
     return time, place.x, place.y, place.z, *quaternion
 
 
-def tf_poses(messages: Iterable[tuple[float, Any]], frames: Sequence[str] | None) -> Array:
+def _tf_poses(messages: Iterable[tuple[float, Any]], frames: Sequence[str] | None) -> Array:
     """Read the one moving transform of a tf tree between two frames, still ones around it.
 
     frames : the sensor's frame and what it sees; found if only one transform moves

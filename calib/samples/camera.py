@@ -19,7 +19,15 @@ from ..common.checks import numbers
 from ..errors import LogError
 
 #: Widths and heights [px] that a camera's pictures usually have.
-SIZES = ((640, 480), (800, 600), (1280, 720), (1280, 960), (1920, 1080), (2560, 1440), (3840, 2160))
+_SIZES = (
+    (640, 480),
+    (800, 600),
+    (1280, 720),
+    (1280, 960),
+    (1920, 1080),
+    (2560, 1440),
+    (3840, 2160),
+)
 #: A lens that nobody calibrated: mean and sd of the focal length, sd of the centre [widths], of k1.
 FOCAL, FOCAL_SD, CENTRE_SD, K1_SD = 0.7, 0.24, 0.04, 0.3
 #: A calibrated lens that bends otherwise than k1 can say by more than this [px] is fitted again.
@@ -111,7 +119,7 @@ def camera_of(about: Mapping[str, Any], pixels: ArrayLike) -> Camera:
     elif isinstance(size := about.get("size"), list) and len(size) == 2:
         camera = Camera.of_size(int(size[0]), int(size[1]))
     else:
-        width, height = next((s for s in SIZES if (high < s).all()), np.ceil(high).astype(int) + 1)
+        width, height = next((s for s in _SIZES if (high < s).all()), np.ceil(high).astype(int) + 1)
         said = f"the camera's pictures are taken to be {width}x{height} px; a known lens says more"
         return Camera.of_size(max(int(width), 1), max(int(height), 1), said)
     if (low < -0.5 * np.array(camera.size)).any() or (high > 1.5 * np.array(camera.size)).any():

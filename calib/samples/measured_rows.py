@@ -13,7 +13,7 @@ from ..errors import LogError
 from .columns import Source, read_batches
 from .log_ranges import LoggedJoint
 
-Numbers = NDArray[np.intp]
+_Numbers = NDArray[np.intp]
 
 HELD_ROWS = 200_000
 """Rows of a log that are held in memory; of a longer one so many are drawn."""
@@ -42,21 +42,21 @@ class Reservoir:
     def __init__(self, most: int, extremes: int = 0, seed: int = 0) -> None:
         self.most, self.extremes = most, extremes
         self._rng = np.random.default_rng(seed)
-        self._parts: list[tuple[Array, Array, Numbers]] = []
+        self._parts: list[tuple[Array, Array, _Numbers]] = []
 
     @property
     def held(self) -> int:
         """Rows that are held now: twice `most`, the extreme ones and a batch at most."""
         return sum(len(keys) for keys, *_ in self._parts)
 
-    def add(self, values: Array, numbers: Numbers) -> None:
+    def add(self, values: Array, numbers: _Numbers) -> None:
         """Offer the next rows `values` (n, columns) and their numbers in the log (n,)."""
         if len(values):
             self._parts.append((self._rng.random(len(values)), values, numbers))
         if self.held > 2 * self.most:
             self._shrink()
 
-    def rows(self) -> tuple[Array, Numbers]:
+    def rows(self) -> tuple[Array, _Numbers]:
         """Return the rows that were kept, in the order of the log, and their numbers."""
         if not self._parts:
             return np.empty((0, 0)), np.empty(0, dtype=np.intp)
@@ -77,7 +77,7 @@ class Reservoir:
 
 def measured_rows(
     source: Source, columns: Sequence[str], joints: Sequence[LoggedJoint], reservoir: Reservoir
-) -> tuple[Array, Numbers, int, list[str]]:
+) -> tuple[Array, _Numbers, int, list[str]]:
     """Read the rows of a log that miss no value and lie in the ranges that the user chose.
 
     columns : what is read, those of the joints first

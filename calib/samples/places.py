@@ -17,7 +17,7 @@ if TYPE_CHECKING:
 _ELEMENT = re.compile(r"(.+)\[(.*)\]", re.DOTALL)
 _INDEX = re.compile(r"0|[1-9][0-9]{0,8}")
 
-MISSING = ("", "na", "n/a", "nan", "null", "none", "-", "?")
+_MISSING = ("", "na", "n/a", "nan", "null", "none", "-", "?")
 
 
 @dataclass(frozen=True)
@@ -72,7 +72,7 @@ def parse_cell(text: str, where: str, *, lenient: bool = False) -> float:
             return float(text)
     except ValueError:
         pass
-    if lenient or text.lower() in MISSING:
+    if lenient or text.lower() in _MISSING:
         return float("nan")
     shown = repr(text if len(text) <= 40 else text[:37] + "...")
     remedy = "write decimals with a point" if "," in text else "empty the cell if it is missing"

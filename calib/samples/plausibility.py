@@ -22,7 +22,7 @@ from ..errors import LogError
 if TYPE_CHECKING:
     from ..arm.arm import Arm
 
-OUT_OF_PLANE = 0.02
+_OUT_OF_PLANE = 0.02
 """Share of the extent by which positions of a planar arm may leave their plane (rms)."""
 
 _ROWS = 400  # rows that are compared
@@ -92,7 +92,7 @@ def misfit(a: Array, b: Array) -> float:
     return _rms(b - scale * a @ turn.T - shift)
 
 
-def unit_of_ratio(ratio: float) -> str:
+def _unit_of_ratio(ratio: float) -> str:
     """Return the unit of which so many are a metre, empty where none fits.
 
     Examples
@@ -105,7 +105,7 @@ def unit_of_ratio(ratio: float) -> str:
 
 def unit_hint(ratio: float) -> str:
     """Return what a log's scale against its model's says of its unit, as the end of a message."""
-    name = unit_of_ratio(ratio)
+    name = _unit_of_ratio(ratio)
     if name:
         return f"; if they are in {name}, `unit={name!r}` converts them"
     return "; if they are pixels, train a model of such a log" if ratio > _PIXELS else ""
@@ -132,16 +132,16 @@ def lag_of(arm: Arm, q: Array, x: Array) -> int:
 def check_flat(label: str, x: Array, distance: Array, unit: str, rows: NDArray[np.intp]) -> None:
     """Refuse positions (n, 3) of a planar arm whose distances (n,) from their plane are large.
 
-    Raises LogError if their root mean square is above `OUT_OF_PLANE` of the extent.
+    Raises LogError if their root mean square is above `_OUT_OF_PLANE` of the extent.
     """
     rms = float(np.sqrt(np.mean(distance**2)))
     share = rms / max(_size(x), 1e-300)
-    if share <= OUT_OF_PLANE:
+    if share <= _OUT_OF_PLANE:
         return
     worst = int(np.argmax(np.abs(distance)))
     raise LogError(
         f"{label}: x, y, z leave their plane by {rms:.4g} {unit} rms, {100 * share:.2g} % of the "
-        f"extent (at most {100 * OUT_OF_PLANE:g} %); row {rows[worst]} by "
+        f"extent (at most {100 * _OUT_OF_PLANE:g} %); row {rows[worst]} by "
         f"{abs(float(distance[worst])):.4g} {unit}",
         hint="other joints moved the tip: name all that moved in `joints`, or leave out the rows "
         "in which they did",
@@ -161,7 +161,7 @@ def _size(x: Array) -> float:
 
 def _check_size(label: str, ratio: float) -> None:
     """Refuse positions that extend over a multiple of what they should, if that is a unit's."""
-    name = unit_of_ratio(ratio)
+    name = _unit_of_ratio(ratio)
     if _SIZE[0] < ratio < _SIZE[1] or not (name or ratio > _PIXELS):
         return
     other = "for pixels give `unit='px'`, for another unit its name"

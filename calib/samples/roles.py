@@ -16,7 +16,7 @@ from .columns import Source
 if TYPE_CHECKING:
     from ..arm.arm import Arm
 
-POSITION = ("x", "y", "z")
+_POSITION = ("x", "y", "z")
 #: Columns of pixels, where a log has no x and y.
 PIXELS = {"x": "u", "y": "v"}
 
@@ -46,15 +46,15 @@ def find_roles(
     mapping = dict(columns or {})
     locked = tuple(arm.locked) if arm is not None else ()  # mapped for `locked_from_log`
     for name in mapping:
-        if name not in (*names, *POSITION, *QUATERNION, *ANGLES, *locked):
+        if name not in (*names, *_POSITION, *QUATERNION, *_ANGLES, *locked):
             raise OptionError(
                 f"columns {name}={mapping[name]}: {name!r} is neither a position nor a joint; "
-                f"choices: {', '.join((*POSITION, *names, *locked))}",
+                f"choices: {', '.join((*_POSITION, *names, *locked))}",
                 parameter="columns",
                 value=name,
             )
     has_z = "z" not in names and ("z" in mapping or "z" in source.header)
-    axes = POSITION if has_z else POSITION[:2]
+    axes = _POSITION if has_z else _POSITION[:2]
     turns = _orientation(source, arm, names, mapping) if has_z else ()
     used = tuple(mapping.get(name, name) for name in (*names, *axes, *turns))
     for column in used:
@@ -74,7 +74,7 @@ def _orientation(
     """The columns of an orientation, of an arm that moves in space or where there is no arm."""
     if arm is not None and arm.outputs < 3:
         return ()
-    for parts in (QUATERNION, ANGLES):
+    for parts in (QUATERNION, _ANGLES):
         lacking = [part for part in parts if part not in mapping and part not in source.header]
         asked = [part for part in parts if part in mapping]
         if set(parts) & set(names):
@@ -96,7 +96,7 @@ def sees_pixels(
     header: Sequence[str], columns: Mapping[str, str], joints: Sequence[str] = ()
 ) -> bool:
     """Whether positions are the columns u and v, because none is named x, y or z."""
-    others = set(POSITION) & {*header, *columns}
+    others = set(_POSITION) & {*header, *columns}
     return not others and set(PIXELS.values()) <= {*header} - {*joints}
 
 
@@ -122,7 +122,7 @@ def parse_columns(text: str) -> dict[str, str]:
 def check_names(names: Sequence[str]) -> None:
     """Refuse joints that are named twice or like a position."""
     for name in names:
-        if name in POSITION[:2]:
+        if name in _POSITION[:2]:
             raise OptionError(f"a joint named {name!r} cannot be told from the position {name!r}")
         if names.count(name) > 1:
             raise OptionError(f"joint {name!r} is given {names.count(name)} times")
@@ -138,7 +138,7 @@ def _joint_names(source: Source, arm: Arm | None, joints: Sequence[str] | None) 
     elif joints:
         names = tuple(joints)
     else:
-        others = [repr(name) for name in source.header if name not in POSITION]
+        others = [repr(name) for name in source.header if name not in _POSITION]
         raise OptionError(
             f"{source.label}: which columns are the joints, base to tip? choices: "
             f"{', '.join(others) or 'none, there are only positions'}",
@@ -150,7 +150,7 @@ def _joint_names(source: Source, arm: Arm | None, joints: Sequence[str] | None) 
 
 
 QUATERNION = ("qx", "qy", "qz", "qw")
-ANGLES = ("roll", "pitch", "yaw")
+_ANGLES = ("roll", "pitch", "yaw")
 #: A quaternion's length may differ from 1 by this much: files round to a few digits.
 ROUNDING = 0.01
 #: Roll, pitch and yaw beyond it [rad] are in another unit.
@@ -162,7 +162,7 @@ def log_columns(
 ) -> dict[str, Array]:
     """Columns of a log by name: joints, positions and the parts of an orientation, if known."""
     turns = {} if quaternion is None else dict(zip(QUATERNION, quaternion.T, strict=True))
-    positions = zip(POSITION, x.T, strict=False)
+    positions = zip(_POSITION, x.T, strict=False)
     return {**dict(zip(joints, q.T, strict=True)), **dict(positions), **turns}
 
 

@@ -17,7 +17,7 @@ if TYPE_CHECKING:
 STATISTICS = ("mean", "p99", "max")
 Errors = Mapping[str, Mapping[str, Mapping[str, Mapping[str, Any]]]]
 """Statistics by readout, direction and quantity, as a model keeps them."""
-ErrorRow = dict[str, dict[str, float]]
+_ErrorRow = dict[str, dict[str, float]]
 """Statistics of one quantity, by readout."""
 
 
@@ -50,7 +50,7 @@ def learned_range(about: About | Arm, k: int, *, degrees: bool) -> str:
     return f"{about.lower[k] * factor:.6g} to {about.upper[k] * factor:.6g} {unit}"
 
 
-def shown_errors(about: About, errors: Errors) -> Iterator[tuple[str, str, str, ErrorRow]]:
+def shown_errors(about: About, errors: Errors) -> Iterator[tuple[str, str, str, _ErrorRow]]:
     """Yield direction, name and unit of each error with its statistics in that unit, by readout.
 
     The best readout comes first; NaN stands for what could not be measured.

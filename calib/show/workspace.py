@@ -56,7 +56,7 @@ def drawn_edges(part: Map) -> NDArray[np.intp]:
     return np.asarray(edges[~((gap > 0.5) & part.scale.periodic).any(axis=1)])
 
 
-def reached_positions(model: Model) -> Array:
+def _reached_positions(model: Model) -> Array:
     """Positions (n, 2) [unit] that cover what the arm reaches, the ends of its range too."""
     dof = len(model.about.joint_names)
     side = max(2, round(_INSIDE ** (1 / dof)))
@@ -84,7 +84,7 @@ def outline(model: Model) -> Array:
     """
     from scipy.spatial import cKDTree
 
-    reached = reached_positions(model)
+    reached = _reached_positions(model)
     if len(reached) < 3:
         return np.empty((0, 2, 2))
     step = np.ptp(reached, axis=0).max() / _CELLS

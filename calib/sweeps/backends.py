@@ -17,8 +17,8 @@ from typing import Any, TypeVar
 from ..common.choices import BACKENDS
 from ..errors import OptionError
 
-S = TypeVar("S")
-T = TypeVar("T")
+_S = TypeVar("_S")
+_T = TypeVar("_T")
 
 _NEEDED = {"dask": "distributed", "ray": "ray"}
 _LOOK = 0.2  # how often a worker looks whether it is still wanted [s]
@@ -32,7 +32,7 @@ class Backend:
     jobs: int  # how many at the same time; -1 for all that a cluster offers
     note: str = ""  # what the user should be told ("" for nothing)
 
-    def run(self, work: Callable[[T], S], tasks: Sequence[T]) -> Iterator[tuple[int, S]]:
+    def run(self, work: Callable[[_T], _S], tasks: Sequence[_T]) -> Iterator[tuple[int, _S]]:
         """Yield the number and the result of each task, as they are completed.
 
         work : takes a task. It goes to other processes by its module and name.
@@ -162,7 +162,7 @@ def _dask(jobs: int) -> Iterator[None]:
         yield
 
 
-def _called(work: Callable[[T], S], k: int, task: T) -> tuple[int, S]:
+def _called(work: Callable[[_T], _S], k: int, task: _T) -> tuple[int, _S]:
     """Do one task, most often in a process of its own."""
     return k, work(task)
 

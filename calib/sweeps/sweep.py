@@ -23,22 +23,22 @@ from ..training.train import train
 from .backends import choose_backend
 from .trials import Sweep, Trial
 
-Source = str | Arm | Samples | Callable[[], Arm | Samples]
-Grid = Mapping[str, Sequence[Any]]
+_Source = str | Arm | Samples | Callable[[], Arm | Samples]
+_Grid = Mapping[str, Sequence[Any]]
 
-BABBLED = {"samples": "n", "noise": "noise", "motion": "method"}
+_BABBLED = {"samples": "n", "noise": "noise", "motion": "method"}
 """Options of the grid that belong to simulated babbling, and parameters of :func:`calib.babble`."""
 
-LEARNED = ("size", "motor_size", "sensory_size", "map", "rule", "epochs", "sigma", "links")
+_LEARNED = ("size", "motor_size", "sensory_size", "map", "rule", "epochs", "sigma", "links")
 """Options of the grid that :func:`calib.train` takes."""
 
-MOST = 10_000
+_MOST = 10_000
 """More trainings than this are more likely a slip than a wish."""
 
 
 def sweep(
-    sources: Source | Sequence[Source] | Mapping[str, Source],
-    grid: Grid | None = None,
+    sources: _Source | Sequence[_Source] | Mapping[str, _Source],
+    grid: _Grid | None = None,
     *,
     seeds: int | Sequence[int] = 1,
     jobs: int | None = None,
@@ -94,9 +94,9 @@ def sweep(
     options = _combinations(grid or {})
     drawn = _seeds(seeds)
     count = len(every) * len(options) * len(drawn)
-    if count > MOST:
+    if count > _MOST:
         raise OptionError(
-            f"{count:,} trainings: expected at most {MOST:,}, give fewer values or seeds"
+            f"{count:,} trainings: expected at most {_MOST:,}, give fewer values or seeds"
         )
     where = choose_backend(backend, jobs, count)
     report = progress or (lambda *_: None)
@@ -135,9 +135,9 @@ def _trained(task: tuple[Trial, Arm | Samples]) -> Trial:
     started = time.perf_counter()
     try:
         options = dict(row.options)
-        babbled = {name: options.pop(name) for name in BABBLED if name in options}
+        babbled = {name: options.pop(name) for name in _BABBLED if name in options}
         if isinstance(source, Arm):
-            given = {BABBLED[name]: value for name, value in babbled.items()}
+            given = {_BABBLED[name]: value for name, value in babbled.items()}
             samples = babble(source, **given, seed=row.seed)
         elif babbled:
             raise OptionError(f"{', '.join(babbled)}: for simulated babbling, not for a log")
@@ -159,12 +159,12 @@ def _told(error: Exception) -> str:
     return one_line(" ".join(f"{type(error).__name__}: {error}".split()))
 
 
-def _named(sources: Source | Iterable[Source] | Mapping[str, Source]) -> dict[str, Source]:
+def _named(sources: _Source | Iterable[_Source] | Mapping[str, _Source]) -> dict[str, _Source]:
     if isinstance(sources, Mapping):
         named = {str(name): source for name, source in sources.items()}
     else:
         several = not (isinstance(sources, str | Arm | Samples) or callable(sources))
-        each = list(cast("Iterable[Source]", sources if several else [sources]))
+        each = list(cast("Iterable[_Source]", sources if several else [sources]))
         names = [_name(source) for source in each]
         again = [names[:k].count(name) for k, name in enumerate(names)]
         names = [f"{name} ({k + 1})" if k else name for name, k in zip(names, again, strict=True)]
@@ -174,7 +174,7 @@ def _named(sources: Source | Iterable[Source] | Mapping[str, Source]) -> dict[st
     return named
 
 
-def _name(source: Source) -> str:
+def _name(source: _Source) -> str:
     if isinstance(source, str):
         return source
     if isinstance(source, Arm):
@@ -182,7 +182,7 @@ def _name(source: Source) -> str:
     return "log" if isinstance(source, Samples) else getattr(source, "__name__", "source")
 
 
-def _loaded(source: Source) -> Arm | Samples | str:
+def _loaded(source: _Source) -> Arm | Samples | str:
     """Return an arm or samples, or in words why there are none."""
     try:
         if isinstance(source, str):
@@ -192,8 +192,8 @@ def _loaded(source: Source) -> Arm | Samples | str:
         return _told(error)
 
 
-def _combinations(grid: Grid) -> list[dict[str, Any]]:
-    known = (*BABBLED, *LEARNED)
+def _combinations(grid: _Grid) -> list[dict[str, Any]]:
+    known = (*_BABBLED, *_LEARNED)
     for name, values in grid.items():
         if name not in known:
             raise OptionError(f"grid: {clipped(str(name))!r} is unknown; {suggestion(name, known)}")
@@ -201,8 +201,8 @@ def _combinations(grid: Grid) -> list[dict[str, Any]]:
             raise OptionError(f"grid: {name} {values!r}: expected a list of values")
         if not len(values):
             raise OptionError(f"grid: {name}: expected one value or more")
-    if math.prod(map(len, grid.values())) > MOST:  # before they are written out
-        raise OptionError(f"grid: more than {MOST:,} combinations, give fewer values")
+    if math.prod(map(len, grid.values())) > _MOST:  # before they are written out
+        raise OptionError(f"grid: more than {_MOST:,} combinations, give fewer values")
     return [dict(zip(grid, values, strict=True)) for values in itertools.product(*grid.values())]
 
 

@@ -22,7 +22,7 @@ from ..maps.som import SOM
 Progress = Callable[[float, str, float], None]
 """Called with the share of the work done, the stage, and the current error (or NaN)."""
 
-STREAMS = {"motor": 0, "sensory": 1, "imagined": 2, "bounds": 3, "evaluation": 4}
+_STREAMS = {"motor": 0, "sensory": 1, "imagined": 2, "bounds": 3, "evaluation": 4}
 """Independent random streams of one seed."""
 
 UNFOLD = "give a larger `size`, more `epochs` or samples, or `rule='batch'`"
@@ -60,7 +60,7 @@ class Options:
 
     def stream(self, name: str) -> SeedSequence:
         """Seed of one of the independent random streams."""
-        return SeedSequence(self.seed, spawn_key=(STREAMS[name],))
+        return SeedSequence(self.seed, spawn_key=(_STREAMS[name],))
 
 
 def associate(

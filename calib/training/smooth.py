@@ -34,7 +34,7 @@ from ..maps.model_selection import Candidate, of_body, of_trends
 from ..samples.samples import Samples
 from .learn import Options
 
-Rows = slice | NDArray[np.intp]
+_Rows = slice | NDArray[np.intp]
 
 NO_ARM = 0.02
 """Share of the extent: a body that is further off is compared with trends."""
@@ -82,8 +82,8 @@ def find_smooth_part(
         return SmoothPart((), None, rows)  # the maps and their links stand alone
     simulation = samples.simulation
     fit = (
-        fit_in_space(samples, rows, view, seed)
-        if in_space(samples, view)
+        _fit_in_space(samples, rows, view, seed)
+        if _in_space(samples, view)
         else _planar(samples, q, x, view, seed)
     )
     under = of_body(fit, scale, u, x)
@@ -159,7 +159,7 @@ def wrong_around(part: SmoothPart, scale: Scale, samples: Samples, u: Array) -> 
 
 
 def to_learn(
-    samples: Samples, scale: Scale, part: SmoothPart, options: Options, rows: Rows = slice(None)
+    samples: Samples, scale: Scale, part: SmoothPart, options: Options, rows: _Rows = slice(None)
 ) -> tuple[Array, Array, Array | None]:
     """What the maps learn from: some rows of the samples, and what the body of `part` imagines.
 
@@ -182,7 +182,7 @@ def _held_out_error(candidate: Candidate) -> float:
     return float(np.linalg.norm(candidate.held_out, axis=1).mean())
 
 
-def in_space(samples: Samples, view: str) -> bool:
+def _in_space(samples: Samples, view: str) -> bool:
     """Whether samples are of an arm in space, seen as positions or by a pinhole camera.
 
     Raises OptionError if `view` is not one of such samples.
@@ -201,7 +201,7 @@ def in_space(samples: Samples, view: str) -> bool:
     return pixels or positions
 
 
-def fit_in_space(samples: Samples, rows: NDArray[np.intp], view: str, seed: int) -> BodyFit:
+def _fit_in_space(samples: Samples, rows: NDArray[np.intp], view: str, seed: int) -> BodyFit:
     """Fit the body of an arm in space to some rows of samples.
 
     A log's URDF is the prior of its geometry; without one, and in simulation, a chain of

@@ -2,7 +2,7 @@
 
 The whole covariance of 600 parameters would take a megabyte.  Kept are the covariance of the
 geometry, of each joint's curve by itself (one function of the joint's value), and of what couples
-them the `RANK` directions that move positions most.  Python's bound has all of it: on the UR10 the
+them the `_RANK` directions that move positions most.  Python's bound has all of it: on the UR10 the
 header's is within a thirtieth of it, of a planar chain that 120 rows tell of within a tenth.  The
 nodes' bounds, blended, were off by a factor of 4, the covariance's own largest directions by half.
 """
@@ -26,7 +26,7 @@ if TYPE_CHECKING:
     from ..body.belief import Body, Second
     from ..body.structure import Structure
 
-RANK = 32
+_RANK = 32
 """Directions that are kept of what couples curves with each other and with the geometry."""
 
 
@@ -92,7 +92,7 @@ def _rank(body: Body) -> int:
     """Directions that are kept: none where no curve is uncertain."""
     active = body.active if body.second is None else body.second.active
     label = body.structure.label
-    return RANK if any(label(int(k)).group.startswith("curve") for k in active[-1:]) else 0
+    return _RANK if any(label(int(k)).group.startswith("curve") for k in active[-1:]) else 0
 
 
 def _compact(

@@ -27,33 +27,33 @@ _LEAST = 0.01  # [rad or m]; a limit below would refuse what is harmless
 _NODES = 200
 _TURNED = 1e-4  # a turn of the frame that is worth a word [rad]
 
-FREE_FRAME = (
+_FREE_FRAME = (
     "the sensor's frame is fitted to the log, so the first joint's offset is taken as zero; if "
     "the log is in the robot's root frame, give `view='base'`"
 )
 
-CAUSE_OF_NOTHING = (
+_CAUSE_OF_NOTHING = (
     "`cause='joints'` applies to what an adaptation found; this frame was fitted to the model's "
     "own log, so the first joint's offset stays zero"
 )
 
-FRAME_BEFORE = (
+_FRAME_BEFORE = (
     "the sensor's frame is taken as it was before the adaptation, where the first joint's offset "
     "was taken as zero"
 )
 
-FRAME_IN_SPACE = (
+_FRAME_IN_SPACE = (
     "of an arm in space `cause='joints'` is said to the adaptation itself: adapt with it, then the "
     "first joint's offset is corrected without it"
 )
 
-TURNED_FRAME = (
+_TURNED_FRAME = (
     "an adaptation found that the sensor's frame turned, which is not corrected; an offset of the "
     "first joint looks the same: if the sensor stayed, give `cause='joints'`"
 )
 
 
-POSITIONS = (
+_POSITIONS = (
     "positions alone are corrected; the tool's orientation follows from the smallest change of "
     "the joints"
 )
@@ -155,9 +155,9 @@ def correct(
     turned = frames(model, cause)
     notes = free_frame(model, cause) if nominal.free else ()
     if (moves_in_space(model) or nominal.near is not None) and nominal.pose is None:
-        notes = (*notes, POSITIONS)
+        notes = (*notes, _POSITIONS)
     if any(abs(frame.angle) > _TURNED for frame in turned):
-        notes = (*notes, TURNED_FRAME)
+        notes = (*notes, _TURNED_FRAME)
     return Corrected(
         found,
         target,
@@ -176,10 +176,10 @@ def correct(
 def free_frame(model: Model, cause: str) -> tuple[str, ...]:
     """Return what is assumed where the sensor's frame is fitted to the model's own log."""
     if cause == "sensor":
-        return (FREE_FRAME,)
+        return (_FREE_FRAME,)
     if not model.history:
-        return (FREE_FRAME, CAUSE_OF_NOTHING)
-    return (FRAME_IN_SPACE,) if moves_in_space(model) else (FRAME_BEFORE,)
+        return (_FREE_FRAME, _CAUSE_OF_NOTHING)
+    return (_FRAME_IN_SPACE,) if moves_in_space(model) else (_FRAME_BEFORE,)
 
 
 def correct_one(model: Model, q: ArrayLike) -> Array | None:

@@ -26,10 +26,10 @@ if TYPE_CHECKING:
     from ..model.model import Model
     from ..samples.samples import Samples
 
-Choose = Callable[[Array, int, Array], Index]
+_Choose = Callable[[Array, int, Array], Index]
 """Chooses n of some points (m, dof) beside those that are taken (k, dof), in unit ranges."""
 
-MOST_POSES = 1000
+_MOST_POSES = 1000
 """More are babbled, not planned."""
 
 _CHOICE, _CORNERS = 2500, 256  # poses that a posterior chooses from, the corners among them
@@ -153,7 +153,7 @@ def plan(
     >>> plan.q.shape, plan.length < 0.5 * plan.random_length
     ((30, 2), True)
     """
-    n, seed = whole("n", n, 1, MOST_POSES), whole("seed", seed, 0, 2**63 - 1)
+    n, seed = whole("n", n, 1, _MOST_POSES), whole("seed", seed, 0, 2**63 - 1)
     space = space_of(source, margin, ranges)
     rng = np.random.default_rng(seed)
     taken = _taken(space, measured)
@@ -210,7 +210,7 @@ def _choice(source: Arm | Model, space: PoseSpace) -> tuple[partial[Index], str,
     return partial(farthest, space.scale), "as far from each other as possible", "and from"
 
 
-def _most_telling(space: PoseSpace, tell: Choose, points: Array, n: int, taken: Array) -> Index:
+def _most_telling(space: PoseSpace, tell: _Choose, points: Array, n: int, taken: Array) -> Index:
     """Points (k, dof) in units of the joints' ranges that inform a belief most."""
     few = np.arange(len(points))
     if len(few) > _CHOICE:  # corners come first

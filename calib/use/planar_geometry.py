@@ -24,9 +24,9 @@ from ..model.alignment import Alignment
 from .spatial_geometry import SpatialGeometry, deviations, fit_prior, rms
 
 #: Prior sd of a joint's offset [rad]: servos are put on to 10 deg.
-OFFSET = np.radians(10.0)
+_OFFSET = np.radians(10.0)
 #: Nats of evidence that a wider prior of the places has to gain.
-EARNED = 5.0
+_EARNED = 5.0
 
 
 class InPlane(SpatialStructure):
@@ -120,7 +120,7 @@ def fit_in_plane(
     for wider in SCALES:
         prior = _prior(structure, arm, beta, wider, free, scaled, move_base)
         fit = fit_prior(structure, q, x, beta, prior, error)
-        if best is None or fit.evidence > best.evidence + EARNED:
+        if best is None or fit.evidence > best.evidence + _EARNED:
             best = fit
     assert best is not None  # noqa: S101
     sd = deviations(best, q)
@@ -149,7 +149,7 @@ def _prior(
     """
     groups, shifts, chain = structure.groups, structure.layout.shifts, structure.chain
     ends, sd = np.vstack([shifts[1:], groups["tool"]]), np.zeros(structure.size)
-    sd[groups["offset"]] = np.where(structure.revolute, OFFSET, SHIFT * wider)
+    sd[groups["offset"]] = np.where(structure.revolute, _OFFSET, SHIFT * wider)
     sd[ends] = SHIFT * wider
     if free:  # the first joint's offset and a turn of the frame are one
         sd[groups["offset"][0]] = 0.0

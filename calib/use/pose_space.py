@@ -20,9 +20,9 @@ from ..common.wording import quoted, suggestion
 from ..errors import OptionError
 from ..model.model import Model
 
-LARGEST_MARGIN = math.radians(1.0)
+_LARGEST_MARGIN = math.radians(1.0)
 """Default distance [rad or m] that a pose keeps from a joint's mechanical limit, ..."""
-SHARE = 0.02
+_SHARE = 0.02
 """... or this share of the joint's range, if that is less."""
 
 
@@ -95,7 +95,7 @@ def space_of(
         k = names.index(name)
         own = float(low[k]), float(high[k])
         lower[k], upper[k] = checked_range(name, chosen, own, about.units_of_joints[k])
-    kept = np.minimum(LARGEST_MARGIN, SHARE * scale.span)
+    kept = np.minimum(_LARGEST_MARGIN, _SHARE * scale.span)
     if margin is not None:
         kept = each_joint("margin", margin, names)
     for k, (least, most) in enumerate(limits):

@@ -137,7 +137,7 @@ class DrawnArm:
         return (self.urdf.root, *(joint.child for joint in self.urdf.path(self.tip)))
 
 
-GREY = "#8a929b"
+_GREY = "#8a929b"
 _SIZES = {
     "box": ("size",),
     "cylinder": ("radius", "length"),
@@ -177,7 +177,7 @@ def visuals(text: str) -> list[Visual]:
                 with suppress(ValueError, KeyError):
                     name, about = link.get("name", ""), _shape(shape, node.find("origin"))
                     mesh = shape.get("filename", ""), _numbers(shape.get("scale", "1 1 1"), 3)
-                    found.append(Visual(name, *about, *(colour or (GREY, 1.0)), *mesh))
+                    found.append(Visual(name, *about, *(colour or (_GREY, 1.0)), *mesh))
     return found
 
 

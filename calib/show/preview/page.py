@@ -37,10 +37,10 @@ def html(scene: Scene, model: Model, *, live: bool = False) -> str:
     # a name that holds a closing tag must not end the script; the page's policy lets a browser
     # load nothing that is not in it, except from its own server
     data_text = text.replace("<", "\\u003c")
-    return filled(__package__, "page.html", viewer=viewer_script(), data=data_text)
+    return filled(__package__, "page.html", viewer=_viewer_script(), data=data_text)
 
 
-def viewer_script() -> str:
+def _viewer_script() -> str:
     """Source of meshcat's viewer, as its package brings it."""
     found = find_spec("meshcat")
     if found is None or found.origin is None:

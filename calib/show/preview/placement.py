@@ -138,7 +138,7 @@ def _stated(plane: object) -> Plane:
     return Plane(np.zeros(3), np.eye(3)[0], np.eye(3)[1])
 
 
-FIELD_OF_VIEW = 35.0  # degrees, from bottom to top
+_FIELD_OF_VIEW = 35.0  # degrees, from bottom to top
 _TILT = math.radians(24.0)  # off the plane's normal, so that depth can be seen
 _MARGIN = 1.05
 _UPRIGHT = 0.75  # cosine of normal and vertical; planes above it are seen from above
@@ -174,7 +174,7 @@ class Viewpoint:
             "target": self.target.tolist(),
             "direction": self.direction.tolist(),
             "half": self.half.tolist(),
-            "fov": FIELD_OF_VIEW,
+            "fov": _FIELD_OF_VIEW,
             "margin": _MARGIN,
         }
 

@@ -15,7 +15,7 @@ from .style import DASHES, HUES, INK, new_figure
 from .tables import figure_unit
 
 
-def least(evidence: Evidence) -> float:
+def _least(evidence: Evidence) -> float:
     """Errors below this are rounding [unit]."""
     return ROUNDED_AWAY if evidence.unit == "m" else ROUNDED_AWAY * evidence.extent
 
@@ -28,7 +28,7 @@ def histogram(evidence: Evidence) -> Any:
     figure = new_figure(WIDE, 3.1)
     axes = figure.subplots(1, 2, sharey=True)
     factor, unit = figure_unit(evidence.unit)
-    floor = least(evidence)
+    floor = _least(evidence)
     for ax, found, title in (
         (axes[0], residuals.errors, "forward"),
         (axes[1], residuals.distance, "inverse"),
@@ -124,7 +124,7 @@ def bound_pairs(evidence: Evidence) -> tuple[Array, Array] | None:
     bound = evidence.model.expected_error(residuals.q)
     error = residuals.errors[evidence.model.default_readout]
     known = np.isfinite(bound) & (bound > 0)
-    if not known.any() or bound[known].max() < least(evidence):
+    if not known.any() or bound[known].max() < _least(evidence):
         return None
     return bound[known], error[known]
 

@@ -56,17 +56,17 @@ def heat_maps(evidence: Evidence, direction: str) -> Any:
         errors = found[readout]
         scale = ErrorScale.of(errors, evidence.unit, evidence.extent)
         for ax, view in zip(row, views, strict=False):
-            image = heat(ax, residuals.x[:, view] * factor, errors, scale)
+            image = _heat(ax, residuals.x[:, view] * factor, errors, scale)
             name_axes(ax, evidence, view)
         if flat:
             row[0].set_title(f"{readout}: workspace")
-            heat(row[1], residuals.q[:, :2] * name_joints(row[1], model.about), errors, scale)
+            _heat(row[1], residuals.q[:, :2] * _name_joints(row[1], model.about), errors, scale)
             row[1].set_title(f"{readout}: joint space")
-        colour_bar(figure, image, row, scale)
+        _colour_bar(figure, image, row, scale)
     return figure
 
 
-def name_joints(ax: Any, about: About) -> Array:
+def _name_joints(ax: Any, about: About) -> Array:
     """Name the axes of the first two joints; return the factors (2,) for what they show."""
     factors, names = zip(*(joint_axis(about, k) for k in (0, 1)), strict=True)
     ax.set(xlabel=names[0], ylabel=names[1])
@@ -91,7 +91,7 @@ def lattices(evidence: Evidence) -> Any:
     axes = figure.subplots(1, 2)
     errors = [motor_errors(model), sensory_errors(model)]
     scale = ErrorScale.of(np.concatenate(errors), evidence.unit, evidence.extent)
-    factors: list[Any] = [name_joints(axes[0], model.about), figure_unit(evidence.unit)[0]]
+    factors: list[Any] = [_name_joints(axes[0], model.about), figure_unit(evidence.unit)[0]]
     parts = {"motor": model.motor, "sensory": model.sensory}
     for ax, by, values, (what, part) in zip(axes, factors, errors, parts.items(), strict=True):
         points, edges = part.weights[:, :2] * by, drawn_edges(part)
@@ -99,7 +99,7 @@ def lattices(evidence: Evidence) -> Any:
         ax.autoscale()
         ax.set_title(f"{what} map, {'x'.join(map(str, part.lattice.shape))} nodes")
     name_axes(axes[1], evidence)
-    colour_bar(figure, lines, axes, scale, "expected error")
+    _colour_bar(figure, lines, axes, scale, "expected error")
     return figure
 
 
@@ -176,7 +176,7 @@ def _nodes(figure: Any, ax: Any, part: Map, values: Array, title: str, unit: str
     bar.outline.set_visible(False)
 
 
-def colour_bar(
+def _colour_bar(
     figure: Any, image: Any, axes: Any, scale: ErrorScale, label: str = "mean error"
 ) -> None:
     """Add a bar that tells what the colours mean."""
@@ -191,7 +191,7 @@ def colour_bar(
     bar.outline.set_visible(False)
 
 
-def heat(ax: Any, points: Array, errors: Array, scale: ErrorScale) -> Any:
+def _heat(ax: Any, points: Array, errors: Array, scale: ErrorScale) -> Any:
     """Mean error in the cells of a grid over points (n, 2)."""
     low, high = points.min(axis=0), points.max(axis=0)
     # a joint that never moved has a range of no width
@@ -250,5 +250,5 @@ def over_photo(evidence: Evidence) -> Any:
         dots = {"mfc": "#ffffff", "mec": "#1d2730", "mew": 0.6, "color": ARROW}
         ax.plot(*arrows.seen.T, "o", ms=3.0, label=arrows.words, zorder=5, **dots)
     figure.legend(loc="outside lower left", ncols=1)
-    colour_bar(figure, lines, [ax], scale, "expected error")
+    _colour_bar(figure, lines, [ax], scale, "expected error")
     return figure

@@ -17,10 +17,10 @@ from ..facts import shown_errors
 from .evidence import Evidence
 from .style import plain_text
 
-PAPER_ARM = "two_link"
+_PAPER_ARM = "two_link"
 
 
-def table(header: Sequence[str], rows: Iterable[Sequence[str]], words: int = 1) -> str:
+def _table(header: Sequence[str], rows: Iterable[Sequence[str]], words: int = 1) -> str:
     """Return an HTML table; the first `words` columns hold words, the others numbers."""
 
     def line(tag: str, cells: Sequence[str]) -> str:
@@ -53,7 +53,7 @@ def errors_in_html(evidence: Evidence) -> str:
             printed = paper.get(name)
             row.append(f"{printed.mean:g} ({printed.max:g})" if printed else "")
         rows.append(row)
-    return table(header, rows)
+    return _table(header, rows)
 
 
 def figure_unit(unit: str) -> tuple[float, str]:
@@ -65,7 +65,7 @@ def figure_unit(unit: str) -> tuple[float, str]:
 def is_papers_arm(about: About) -> bool:
     """Whether a model is of the arm that the paper's tables are compared with."""
     simulation = about.simulation or {}
-    return about.robot == PAPER_ARM and bool(simulation) and not simulation.get("changes")
+    return about.robot == _PAPER_ARM and bool(simulation) and not simulation.get("changes")
 
 
 def _digits(value: float) -> str:
@@ -100,7 +100,7 @@ def adaptation_table(history: Sequence[Mapping[str, Any]], unit: str) -> str:
         rows.append(cells)
     if not rows:
         return ""
-    return table(["adapted by", "rows", "before: mean (largest)", "after: mean (largest)"], rows)
+    return _table(["adapted by", "rows", "before: mean (largest)", "after: mean (largest)"], rows)
 
 
 def drift_text(drift: Drift) -> str:
@@ -114,5 +114,5 @@ def drift_text(drift: Drift) -> str:
     header = ["distortion", "value", "threshold", "value over threshold"]
     return (
         f"<p>{verdict} {drift.samples:,} rows were compared, {drift.outliers:,} outliers "
-        f"were left out.</p>{told}{table(header, rows)}"
+        f"were left out.</p>{told}{_table(header, rows)}"
     )
